@@ -54,8 +54,8 @@ setup(
     ],
     python_requires='>=3.10',
     install_requires=[
-        'setuptools', 'jinja2', 'lz4', 'matplotlib', 'numpy', 'PyYAML', 'scipy', 'tqdm',
-        'zstandard'],
+        'setuptools', 'jinja2', 'lz4', 'matplotlib', 'mcap>=1.6', 'numpy', 'PyYAML',
+        'rosbags>=0.11', 'scipy', 'tqdm', 'zstandard'],
     extras_require={
         # An apt installation of ROS 2 has these without distributions of these names.
         'ros': ['ros-jazzy-rclpy[fastrtps]', 'ros-jazzy-common-interfaces'],
@@ -72,14 +72,11 @@ setup(
         'map': ['numba', 'dask[distributed]', 'pandas>=2', 'pyarrow', 'scipy>=1.15'],
         # `ctc tune`, and `ctc compare --trials`.
         'tune': ['optuna>=5', 'scipy>=1.15'],
-        # Types that are defined in IDL, or neither in the bag nor installed.
-        'rosbags': ['rosbags>=0.11'],
         # Everything above.
-        'all': ['ctc_chattering[compile,identify,live,map,mujoco,ros,rosbags,tune,urdf]'],
-        'test': ['clarabel', 'dask[distributed]', 'example-robot-data', 'hypothesis', 'mcap>=1.6',
-                 'mujoco', 'numba', 'optuna>=5', 'pandas>=2', 'pin', 'playwright', 'polars',
-                 'pyarrow', 'pytest', 'pytest-xdist', 'rosbags>=0.11', 'scipy>=1.15',
-                 'viser>=1.1'],
+        'all': ['ctc_chattering[compile,identify,live,map,mujoco,ros,tune,urdf]'],
+        'test': ['clarabel', 'dask[distributed]', 'example-robot-data', 'hypothesis', 'mujoco',
+                 'numba', 'optuna>=5', 'pandas>=2', 'pin', 'playwright', 'polars', 'pyarrow',
+                 'pytest', 'pytest-xdist', 'scipy>=1.15', 'viser>=1.1'],
         # The site of `make docs`.
         'docs': ['furo', 'myst-parser', 'sphinx>=7.2'],
         # The plugins that ament_flake8 of jazzy has.

@@ -13,19 +13,18 @@
 # limitations under the License.
 
 """
-The messages of an MCAP file, whatever bytes of it are wrong.
+MCAP files: unpacked within limits, and what can be read of one whatever bytes of it are wrong.
 
-A record is accepted if its length is exactly that of its fields. Behind wrong bytes, the next one
-is looked for byte by byte; what a chunk contains has a checksum. Schemas and channels are taken
-from everywhere, first of all from where a checksum covers them. What has none is left out if it
-borders on wrong bytes: these may begin in it.
+`rosbags` reads bags; here is what it lacks. It unpacks as much as a file states, and reads no
+file that is damaged.
 """
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Iterator
-import hashlib
+from functools import cache
+from io import BytesIO
+from itertools import islice
 import mmap
 from pathlib import Path
 import re
@@ -33,216 +32,351 @@ import struct
 from typing import Any, NamedTuple
 import zlib
 
-from ctc_chattering.bags import mcap_records as records
-from ctc_chattering.bags.mcap_records import Channel, record_end, Schema, walk
-from ctc_chattering.bags.qos import named_policies
-from ctc_chattering.bags.writer import LIBRARY, TopicType
 from ctc_chattering.errors import CtcError
+import lz4.frame  # type: ignore[import-untyped]
+from mcap.data_stream import ReadDataStream
+from mcap.opcode import Opcode
+from mcap.reader import make_reader
+from mcap.records import Channel, Schema
+from mcap.summary import Summary
+from rosbags.typesys import get_types_from_msg
+import zstandard
 
-_IN_CHUNKS = re.compile(rb'[\x03\x04\x06\x0f](?=.{5}\0\0\0)', re.DOTALL)
-#: The same in a file without chunks, with the beginning of a serialized message.
-_OUTSIDE = re.compile(
-    rb'[\x03\x04\x0f](?=.{5}\0\0\0)|\x05(?=.{5}\0\0\0.{22}\0[\0-\x0b])', re.DOTALL)
+_MAGIC = b'\x89MCAP0\r\n'
+#: What a record begins with: kind and length.
+_RECORD = struct.Struct('<BQ')
+#: First and last time, size, checksum, and length of the compression's name of a chunk.
+_CHUNK = struct.Struct('<QQQII')
+#: Channel, number among those of its topic, log and publish time of a message.
+_MESSAGE = struct.Struct('<HIQQ')
+#: Footer, with the place and the checksum of the index, and the end of a file.
+_END = struct.Struct('<BQQQI8s')
+_DESCRIPTIONS = (Opcode.SCHEMA, Opcode.CHANNEL)
 _CHUNK_START = re.compile(rb'\x06(?=.{5}\0\0\0)', re.DOTALL)
-_COMPRESSIONS = ('', 'lz4', 'zstd')
+_DESCRIPTION_START = re.compile(rb'[\x03\x04](?=.{3}\0{5})', re.DOTALL)
+#: Bytes that are unpacked in any case, those for each packed one, and the most of all.
+_ALWAYS, _RATIO, _MOST = 1 << 25, 100, 1 << 27
 #: Latest time that a bag can have [ns].
 _LATEST = 2 ** 63 - 1
 
 
-class Found(NamedTuple):
-    """A message: topic, type, log time [ns], data; its number among those of the topic, or 0."""
-
-    topic: str
-    kind: TopicType
-    t: int
-    data: bytes
-    number: int
+class UnknownDefinition(CtcError):
+    """A file has the definition of a type that `rosbags` does not read."""
 
 
-class McapFile:
+@cache
+def is_readable(kind: str, encoding: str, definition: bytes) -> bool:
+    """Return whether `rosbags` reads a definition; those of services are not of its kinds."""
+    try:
+        if encoding == 'ros2msg':
+            get_types_from_msg(definition.decode(), kind)
+    except Exception:  # Of arbitrary text, a parser raises arbitrary exceptions.
+        return False
+    return encoding in ('ros2msg', 'ros2idl', '')
+
+
+def unpacked(data: bytes, compression: str, size: int | None = None) -> bytes:
     """
-    One file.
+    Return what is packed; with a `size` [bytes] at most one byte more than that.
+
+    Raises
+    ------
+    CtcError
+        If it is more than is allowed for as much data, or the compression is not known.
+        What unpacks raises errors of its own.
+
+    """
+    most = min(_MOST, _ALWAYS + _RATIO * len(data))
+    if size is not None and size > most:
+        raise CtcError(f'{len(data)} bytes would unpack to {size} bytes; allowed: up to {most}')
+    wanted = 1 + (most if size is None else size)
+    if compression == 'zstd':
+        with zstandard.ZstdDecompressor().stream_reader(data, read_across_frames=True) as stream:
+            found = stream.read(wanted)
+    elif compression == 'lz4':
+        found = lz4.frame.LZ4FrameDecompressor().decompress(data, max_length=wanted)
+    elif compression:
+        raise CtcError(f'unknown compression {compression!r}; allowed: zstd, lz4')
+    else:
+        found = data
+    if len(found) > most:
+        raise CtcError(f'{len(data)} bytes unpack to more than {most} bytes, which is allowed')
+    return bytes(found)
+
+
+def unpacked_file(source: Path, target: Path) -> Path:
+    """Unpack a file of zstd; return it. Raise `CtcError` if it is more than is allowed."""
+    most = _ALWAYS + _RATIO * source.stat().st_size
+    with source.open('rb') as packed, target.open('wb') as found, (
+            zstandard.ZstdDecompressor().stream_reader(packed, read_across_frames=True)) as stream:
+        while piece := stream.read(_ALWAYS):
+            if found.write(piece) and found.tell() > most:
+                raise CtcError(f'{source.name}: it unpacks to more than {most} bytes, which is '
+                               'allowed for its size')
+    return target
+
+
+class _Chunk(NamedTuple):
+    """
+    The record of a chunk.
+
+    Attributes
+    ----------
+    begin, start, end : int
+        Where the record begins, where its packed data begin, and where both end.
+    compression : str
+        What it is packed with; empty for nothing.
+    size, checksum : int
+        Size [bytes] and CRC-32 of what is packed, as it states; a checksum of 0 for none.
+
+    """
+
+    begin: int
+    start: int
+    end: int
+    compression: str
+    size: int
+    checksum: int
+
+
+def _chunk_at(data: Any, begin: int) -> _Chunk | None:
+    """Return the chunk whose record begins at a byte; None if its lengths do not fit."""
+    name = begin + _RECORD.size + _CHUNK.size
+    if name > len(data):
+        return None
+    _, length = _RECORD.unpack_from(data, begin)
+    _, _, size, checksum, letters = _CHUNK.unpack_from(data, begin + _RECORD.size)
+    start, end = name + letters + 8, begin + _RECORD.size + length
+    if letters > 4 or start > end or end > len(data) or (
+            int.from_bytes(data[start - 8:start], 'little') != end - start):
+        return None
+    compression = bytes(data[name:name + letters]).decode('ascii', 'replace')
+    return _Chunk(begin, start, end, compression, size, checksum)
+
+
+def _content(data: Any, chunk: _Chunk) -> bytes:
+    """Return the records in a chunk; raise `CtcError` if they are not what it states."""
+    found = unpacked(data[chunk.start:chunk.end], chunk.compression, chunk.size)
+    if len(found) != chunk.size:
+        raise CtcError(f'a chunk of {chunk.size} bytes has another size')
+    if chunk.checksum not in (0, zlib.crc32(found)):
+        raise CtcError('a chunk has a wrong checksum')
+    return found
+
+
+def _records(data: Any, begin: int, end: int) -> Iterator[tuple[int, int, int]]:
+    """Yield kind, begin of the content, and end of the records in a part of a file."""
+    while begin + _RECORD.size <= end:
+        kind, length = _RECORD.unpack_from(data, begin)
+        begin += _RECORD.size
+        if begin + length > end:
+            break
+        yield kind, begin, begin + length
+        begin += length
+
+
+def _goes_on(data: Any, place: int, end: int) -> bool:
+    """Return whether a record, or the end, is at a place; else wrong bytes may begin before it."""
+    kind, _, _ = next(_records(data, place, end), (0, 0, 0))
+    return place == end or 0 < kind <= Opcode.DATA_END
+
+
+def _mapped(path: Path) -> Any:
+    """Return the bytes of a file, which are read where they are used."""
+    with path.open('rb') as stream:
+        return mmap.mmap(
+            stream.fileno(), 0, access=mmap.ACCESS_READ) if path.stat().st_size else b''
+
+
+def _index(path: Path, data: Any) -> Summary | None:
+    """Return the index of a file, None without one; raise `CtcError` if it is not what it was."""
+    if len(data) < _END.size or bytes(data[-len(_MAGIC):]) != _MAGIC:
+        raise CtcError('the file is cut off')
+    footer = len(data) - _END.size
+    _, _, start, _, checksum, _ = _END.unpack_from(data, footer)
+    if checksum not in (0, zlib.crc32(data[start or footer:-12])):
+        raise CtcError('the index has a wrong checksum')
+    with path.open('rb') as stream:
+        return make_reader(stream).get_summary()
+
+
+def check(path: Path) -> None:
+    """
+    Check that the chunks of a file unpack to what they state, and that its index is of them.
+
+    Raises
+    ------
+    CtcError
+        Otherwise, or if the file is cut off. Where it is damaged, errors of any kind.
+    UnknownDefinition
+        If all is well but for a definition.
+
+    """
+    data = _mapped(path)
+    try:
+        summary, chunks = _index(path, data), set()
+        for kind, start, _ in _records(data, len(_MAGIC), len(data)):
+            if kind == Opcode.CHUNK:
+                chunk = _chunk_at(data, start - _RECORD.size)
+                if chunk is None:
+                    raise CtcError('a chunk has another length than it states')
+                _content(data, chunk)
+                chunks.add((chunk.begin, chunk.end - chunk.start, chunk.compression, chunk.size))
+        if summary and not chunks >= {
+                (x.chunk_start_offset, x.compressed_size, x.compression, x.uncompressed_size)
+                for x in summary.chunk_indexes}:
+            raise CtcError('the index has chunks that are not there')
+    except CtcError as error:
+        raise CtcError(f'{path.name}: {error}') from None
+    for x in summary.schemas.values() if summary else ():
+        if not is_readable(x.name, x.encoding, x.data):
+            raise UnknownDefinition(f'the definition of {x.name} is not one of a message')
+
+
+class Found(NamedTuple):
+    """
+    A message.
+
+    Attributes
+    ----------
+    channel, schema : Channel, Schema
+        Its topic and type.
+    t, number : int
+        Log time [ns], and number among those of the topic, if the file has these.
+    data : bytes
+        Serialized.
+
+    """
+
+    channel: Channel
+    schema: Schema
+    t: int
+    number: int
+    data: bytes
+
+
+class DamagedFile:
+    """
+    What can be read of a file: whole chunks, by their checksums, and the records in them.
+
+    Chunks are looked for byte by byte. Topics and types are taken from chunks and from the index;
+    what stands outside counts where these do not have it, and only if it does not contradict
+    itself. Without chunks, the records before the first wrong one are taken.
 
     Parameters
     ----------
     path : Path
-        Where it is.
 
     Attributes
     ----------
+    counts : dict or None
+        Number of messages by topic, as the index has it; None without it.
     lost : int
         Bytes that could not be read; complete after `messages`.
-    repeated : int
-        Chunks that stood there before; complete after `messages`.
 
     """
 
     def __init__(self, path: Path) -> None:
-        self.lost = self.repeated = 0
-        with path.open('rb') as stream:
-            self._data: Any = mmap.mmap(
-                stream.fileno(), 0, access=mmap.ACCESS_READ) if path.stat().st_size else b''
-        self._chunked = any(record_end(self._data, x.start())
-                            for x in _CHUNK_START.finditer(self._data))
-        self._records: dict[tuple[type, int], tuple[Any, bool]] = {}
-        self._topics: dict[int, tuple[str, TopicType] | None] = {}
-        self._counts: dict[int, int] | None = None
-        self._numbered = False
-        self._survey()
+        self._data, self.lost = _mapped(path), 0
+        self._sure: dict[tuple[type, int], Any] = {}
+        self._outside: dict[tuple[type, int], Any] = {}
+        try:
+            summary = _index(path, self._data)
+        except Exception:  # A damaged index may raise any exception.
+            summary = None
+        self.counts: dict[str, int] | None = None
+        if summary:
+            self._sure.update({(Schema, x): record for x, record in summary.schemas.items()})
+            self._sure.update({(Channel, x): record for x, record in summary.channels.items()})
+        if summary and summary.statistics:
+            counts = summary.statistics.channel_message_counts
+            if counts.keys() <= summary.channels.keys():
+                self.counts = {summary.channels[x].topic: count for x, count in counts.items()}
 
-    @property
-    def counts(self) -> dict[str, int] | None:
-        """Return the number of messages by topic, as the index has it; None without it."""
-        if self._counts is None:
-            return None
-        counts = Counter[str]()
-        for channel, count in self._counts.items():
-            topic = self._topic(channel)
-            if topic is None:
-                return None
-            counts[topic[0]] += count
-        return counts
-
-    def messages(self, seen: set[bytes]) -> Iterator[Found]:
-        """
-        Yield the messages in the order of the file.
-
-        Parameters
-        ----------
-        seen : set of bytes
-            Digests of the chunks met so far, which are left out; those of this file are added.
-
-        """
-        for begin, end, is_safe in self._spans():
-            if self._data[begin] == records.CHUNK:
-                yield from self._in_chunk(self._data[begin:end], is_safe, seen)
-            elif self._data[begin] == records.MESSAGE:
-                if self._chunked or not is_safe:  # In chunked files, it is of a damaged chunk.
-                    self.lost += end - begin
-                else:
-                    yield from self._message(self._data[begin + records.START.size:end])
-
-    def _spans(self) -> Iterator[tuple[int, int, bool]]:
-        """Yield begin and end of chunks, and of records outside; whether no wrong byte follows."""
-        data, place = self._data, len(records.MAGIC)
-        end = record_end(data, place)
-        while not self._is_end(place):
-            if end:
-                following = record_end(data, end)
-                yield place, end, following > 0 or self._is_end(end)
-                place, end = end, following
-            else:
-                place = self._resumed(place + 1)
-                end = record_end(data, place)
-
-    def _is_end(self, place: int) -> bool:
-        """Return whether the file ends at a place."""
-        rest: bytes = self._data[place:place + len(records.MAGIC) + 1]
-        return rest in (b'', records.MAGIC)
-
-    def _resumed(self, place: int) -> int:
-        """Return where the first record behind wrong bytes begins; the end if there is none."""
-        data = self._data
-        for match in (_IN_CHUNKS if self._chunked else _OUTSIDE).finditer(data, place):
-            end = record_end(data, match.start())
-            if end and (data[match.start()] != records.MESSAGE or record_end(data, end)):
-                return match.start()
-        return len(data)
-
-    def _survey(self) -> None:
-        """Find what says what the messages are, and how many; count the bytes between records."""
-        data, index, is_sure = self._data, False, False
-        before = min(len(records.MAGIC), len(data))
-        for begin, end, is_safe in self._spans():
-            self.lost, before, opcode = self.lost + begin - before, end, data[begin]
-            if opcode == records.HEADER:
-                self._numbered = data[begin:end].endswith(LIBRARY.encode())
-            elif opcode == records.DATA_END:
-                index, is_sure = True, _is_right(data, end)
-            elif opcode in (records.SCHEMA, records.CHANNEL) and (is_safe or is_sure):
-                self._note(data[begin:end], is_sure)
-            elif opcode == records.STATISTICS and index:
-                total, *_, found = records.fields(data, begin)
-                if sum(records.counts(found).values()) == total:
-                    self._counts = records.counts(found)
-        self.lost += 0 if self._is_end(before) else len(data) - before
-
-    def _note(self, data: bytes, is_sure: bool) -> None:
-        """Take a schema or channel; of two that contradict each other the sure one, or none."""
-        record = _description(data)
-        if record is None:
-            return
-        key = type(record), record.number
-        known, was_sure = self._records.get(key, (record, False))
-        if is_sure or not was_sure:
-            self._records[key] = (record if is_sure or known == record else None, is_sure)
-            self._topics.clear()
-
-    def _topic(self, channel: int) -> tuple[str, TopicType] | None:
-        """Return topic and type of a channel; None if they are not known."""
-        if channel not in self._topics:
-            self._topics[channel] = self._described(channel)
-        return self._topics[channel]
-
-    def _described(self, channel: int) -> tuple[str, TopicType] | None:
-        """Return topic and type of a channel from its record and the schema's."""
-        record, _ = self._records.get((Channel, channel), (None, False))
-        schema, _ = self._records.get((Schema, record.schema if record else 0), (None, False))
-        if record is None or schema is None:
-            return None
-        profiles = named_policies(record.metadata.get('offered_qos_profiles', ''))
-        return record.topic, TopicType(schema.name, schema.encoding, schema.data, {
-            **record.metadata, 'offered_qos_profiles': profiles})
-
-    def _in_chunk(self, chunk: bytes, is_safe: bool, seen: set[bytes]) -> Iterator[Found]:
-        """Yield the messages of a chunk, all or none."""
-        content = _content(chunk, is_safe)
-        digest = hashlib.sha256(content or b'').digest()
-        spans = list(walk(content)) if content else []
-        if content is None or not spans or spans[-1][1] != len(content):
-            self.lost += len(records.fields(chunk)[-1])
-            return
-        if digest in seen:
-            self.repeated += 1
-            return
-        seen.add(digest)
-        for begin, end in spans:
-            if content[begin] in (records.SCHEMA, records.CHANNEL):
-                self._note(content[begin:end], records.fields(chunk)[3] != 0)
-            elif content[begin] == records.MESSAGE:
-                yield from self._message(content[begin + records.START.size:end])
-
-    def _message(self, body: bytes) -> Iterator[Found]:
-        """Yield a message, if it has a type and a possible time."""
-        channel, number, t, _ = records.MESSAGE_START.unpack_from(body)
-        topic, data = self._topic(channel), body[records.MESSAGE_START.size:]
-        if topic is None or t > _LATEST:
-            self.lost += len(data)
+    def messages(self) -> Iterator[Found]:
+        """Yield the messages in the order of the file."""
+        data, place = self._data, len(_MAGIC)
+        for match in _CHUNK_START.finditer(data):
+            chunk = _chunk_at(data, match.start()) if match.start() >= place else None
+            content = _whole(data, chunk) if chunk else None
+            if chunk and content:
+                self._between(place, chunk.begin)
+                place = chunk.end
+                for kind, start, end in _records(content, 0, len(content)):
+                    if kind in _DESCRIPTIONS:
+                        self._note(content, start, end, chunk.checksum != 0)
+                    elif kind == Opcode.MESSAGE:
+                        yield from self._message(content, start, end)
+        end = len(data) - (len(_MAGIC) if bytes(data[-len(_MAGIC):]) == _MAGIC else 0)
+        if place > len(_MAGIC):
+            self._between(place, end)
         else:
-            yield Found(*topic, t, data, number if self._numbered else 0)
+            yield from self._without_chunks(place, end)
+
+    def _between(self, place: int, end: int) -> None:
+        """Take the descriptions between two whole chunks, and count the bytes of no record."""
+        data = self._data
+        for kind, start, stop in _records(data, place, end):
+            if kind == Opcode.CHUNK:
+                self.lost += stop - start
+            elif kind in _DESCRIPTIONS and _goes_on(data, stop, end):
+                self._note(data, start, stop)
+            place = stop
+        self.lost += end - place
+        for match in _DESCRIPTION_START.finditer(data, place, end):
+            for _, start, stop in islice(_records(data, match.start(), end), 1):
+                if _goes_on(data, stop, end):
+                    self._note(data, start, stop)
+
+    def _without_chunks(self, place: int, end: int) -> Iterator[Found]:
+        """Yield the messages of a file that has no chunks."""
+        data = self._data
+        for kind, start, stop in _records(data, place, end):
+            if not _goes_on(data, stop, end):
+                break
+            if kind in _DESCRIPTIONS:
+                self._note(data, start, stop)
+            elif kind == Opcode.MESSAGE:
+                yield from self._message(data, start, stop)
+            place = stop
+        self.lost += end - place
+
+    def _note(self, data: Any, start: int, end: int, is_sure: bool = False) -> None:
+        """Take the description of a topic or a type, if it can be read."""
+        kind = Schema if data[start - _RECORD.size] == Opcode.SCHEMA else Channel
+        stream = ReadDataStream(BytesIO(data[start:end]))
+        try:
+            record: Any = kind.read(stream)
+        except Exception:  # Of arbitrary bytes, any.
+            return
+        if stream.count != end - start:
+            return
+        if is_sure:
+            self._sure[kind, record.id] = record
+        elif self._outside.setdefault((kind, record.id), record) != record:
+            self._outside[kind, record.id] = None
+
+    def _message(self, data: Any, start: int, end: int) -> Iterator[Found]:
+        """Yield a message, if it has a type and a possible time."""
+        begin = start + _MESSAGE.size
+        number, sequence, t, _ = _MESSAGE.unpack_from(data, start) if begin <= end else (0,) * 4
+        channel = self._described(Channel, number)
+        schema = self._described(Schema, channel.schema_id) if channel else None
+        if begin > end or schema is None or t > _LATEST:
+            self.lost += end - start
+        else:
+            yield Found(channel, schema, t, sequence, bytes(data[begin:end]))
+
+    def _described(self, kind: type, number: int) -> Any:
+        """Return the description of a topic or a type; None without one."""
+        return self._sure.get((kind, number)) or self._outside.get((kind, number))
 
 
-def _description(data: bytes) -> Schema | Channel | None:
-    """Return a schema or channel; None if it cannot be read."""
+def _whole(data: Any, chunk: _Chunk) -> bytes | None:
+    """Return the records in a chunk; None if it is damaged."""
     try:
-        return (records.read_schema if data[0] == records.SCHEMA else records.read_channel)(data)
-    except (UnicodeDecodeError, struct.error):
-        return None
-
-
-def _content(chunk: bytes, is_safe: bool) -> bytes | None:
-    """Return what a chunk contains; None if it is damaged, or may be and has no checksum."""
-    try:
-        content = records.chunk_content(chunk)
-    except CtcError:
-        raise
+        content = _content(data, chunk)
     except Exception:  # A damaged chunk may raise any exception.
         return None
-    return content if is_safe or records.fields(chunk)[3] else None
-
-
-def _is_right(data: Any, start: int) -> bool:
-    """Return whether the index from `start` on has the checksum that stands at its end."""
-    end = len(data) - len(records.MAGIC) - 4
-    written = int.from_bytes(data[end:end + 4], 'little')
-    return written != 0 and start < end and zlib.crc32(data[start:end]) == written
+    ends = [end for _, _, end in _records(content, 0, len(content))]
+    return content if ends and ends[-1] == len(content) else None

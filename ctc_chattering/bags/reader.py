@@ -28,7 +28,7 @@ from typing import Any, NamedTuple
 from ctc_chattering.analysis.result import Result
 from ctc_chattering.analysis.terms import terms
 from ctc_chattering.arguments import checked
-from ctc_chattering.bags.bag_reader import BagReader
+from ctc_chattering.bags.bag import Bag
 from ctc_chattering.bags.repair import open_bag
 from ctc_chattering.bags.topics import BagTopics, nanoseconds
 from ctc_chattering.control.controller import ControllerConfig
@@ -110,7 +110,7 @@ class _StampedState(NamedTuple):
 class _RunTopics(BagTopics):
     """The topics of a bag with a run of this package."""
 
-    def __init__(self, reader: BagReader, path: Path, own: Mapping[str, object]) -> None:
+    def __init__(self, reader: Bag, path: Path, own: Mapping[str, object]) -> None:
         super().__init__(reader, path)
         self._own = own
         self._history = self.parameters('controller', ControllerConfig, own)

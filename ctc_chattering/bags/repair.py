@@ -16,17 +16,124 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from contextlib import closing
+import dataclasses
 from pathlib import Path
 import shutil
 import sys
 import tempfile
+from typing import Any
 import weakref
 
 from ctc_chattering.arguments import checked
-from ctc_chattering.bags.bag_reader import BagReader, damaged
-from ctc_chattering.bags.recovery import recover, Recovery
+from ctc_chattering.bags.bag import Bag, damaged
+from ctc_chattering.bags.mcap_file import DamagedFile, UnknownDefinition, unpacked
+from ctc_chattering.bags.writer import BagWriter, Span, TopicType
 from ctc_chattering.errors import CtcError
+from ctc_chattering.numerics.time_grid import seconds
+import yaml
+
+#: What a message that is compressed by itself begins with; no other one does.
+_ZSTD = b'\x28\xb5\x2f\xfd'
+
+
+@dataclasses.dataclass
+class Recovery:
+    """
+    What was found in a damaged bag.
+
+    Attributes
+    ----------
+    span : Span
+        Of the messages recovered.
+    lost : int
+        Bytes that could not be read: damaged chunks, the ends of truncated files, and messages
+        without a type or a valid time.
+    missing : dict
+        Number of messages by topic that were written and not recovered.
+    is_counted : bool
+        Whether metadata or index tell how many messages were written. Otherwise more may be
+        missing at the end.
+
+    """
+
+    span: Span = dataclasses.field(default_factory=Span)
+    lost: int = 0
+    missing: dict[str, int] = dataclasses.field(default_factory=dict)
+    is_counted: bool = False
+
+    def __str__(self) -> str:
+        """Return a summary on one line."""
+        count, missing = self.span.count, sum(self.missing.values())
+        duration = seconds(self.span.end - self.span.begin) if count else 0.0
+        topics = ', '.join(f'{topic} {number}' for topic, number in sorted(self.missing.items()))
+        return (f'{count} messages over {duration:.3f} s recovered, {missing} of '
+                f'{"" if self.is_counted else "at least "}{count + missing} missing'
+                + (f' ({topics})' if topics else '') + f', {self.lost} bytes unreadable')
+
+
+def recover(bag: Path, target: Path) -> Recovery:
+    """
+    Write all that can be read of a damaged bag as a new bag.
+
+    Parameters
+    ----------
+    bag : Path
+        Directory with MCAP files.
+    target : Path
+        Directory to create.
+
+    Raises
+    ------
+    CtcError
+        If there is no message left, or the new bag cannot be written.
+
+    """
+    found, recording = Recovery(), BagWriter(target)
+    written, custom = _metadata(bag)
+    numbers, indexed, is_indexed = Counter[str](), Counter[str](), True
+    try:
+        for path in sorted(bag.glob('*.mcap'), key=lambda x: (len(x.name), x.name)):
+            file = DamagedFile(path)
+            for channel, schema, t, number, data in file.messages():
+                if channel.topic not in recording.counts:
+                    recording.add_topic(channel.topic, TopicType(
+                        schema.name, schema.encoding, schema.data, channel.metadata))
+                recording.add_message(channel.topic, t, (
+                    unpacked(data, 'zstd') if data.startswith(_ZSTD) else data))
+                numbers[channel.topic] = max(numbers[channel.topic], number)
+            found.lost += file.lost
+            indexed.update(file.counts or {})
+            is_indexed &= file.counts is not None
+        found.is_counted = is_indexed or written is not None
+        found.missing = dict(
+            (numbers | indexed | (written or Counter())) - Counter(recording.counts))
+        found.span = recording.span
+        for key, value in {**custom, 'repaired': str(found)}.items():
+            recording.note(key, value)
+        recording.close()
+    except OSError as error:
+        raise CtcError(f'{error.filename or target}: {error.strerror or error}') from None
+    if not found.span.count:
+        raise CtcError(f'{bag}: no message in it can be recovered')
+    return found
+
+
+def _metadata(bag: Path) -> tuple[Counter[str] | None, dict[str, str]]:
+    """Return number of messages by topic, None if not known, and custom data, of the metadata."""
+    try:
+        tree: Any = yaml.safe_load((bag / 'metadata.yaml').read_text(encoding='utf-8'))
+        info = tree['rosbag2_bagfile_information']
+        counts = Counter[str]()
+        for topic in info['topics_with_message_count']:
+            counts[str(topic['topic_metadata']['name'])] += int(topic['message_count'])
+        custom = {str(key): str(x) for key, x in (info.get('custom_data') or {}).items()}
+        sums = {counts.total(), *(
+            [sum(int(x['message_count']) for x in info['files'])] if 'files' in info else [])}
+        return (counts if sums == {info['message_count']} else None), custom
+    except Exception:  # Of damaged metadata, anything may be wrong.
+        return None, {}
 
 
 def is_damaged(bag: Path) -> bool:
@@ -34,9 +141,9 @@ def is_damaged(bag: Path) -> bool:
     return bag.is_dir() and not (bag / 'metadata.yaml').exists() and any(bag.glob('*.mcap'))
 
 
-def open_bag(path: Path) -> BagReader:
+def open_bag(path: Path) -> Bag:
     """
-    Return an open reader of the bag at `path`.
+    Return the open bag at `path`.
 
     Raises
     ------
@@ -46,23 +153,28 @@ def open_bag(path: Path) -> BagReader:
     """
     if not path.exists():
         raise CtcError(f'{path}: no such bag')
-    scratch = None
-    place = path
-    if is_damaged(path):
-        scratch = tempfile.TemporaryDirectory()
-        place = Path(scratch.name) / 'bag'
-        print(f'{path}: not closed properly: {recover(path, place)}', file=sys.stderr)
     try:
-        reader = BagReader(path, place)
+        return _copied(path, 'not closed properly') if is_damaged(path) else Bag(path, path)
+    except UnknownDefinition as error:
+        return _copied(path, f'{error}, and is read without it')
     except CtcError as error:
-        raise CtcError(f'{path}: {error}') from None
+        if str(path) in str(error):
+            raise
+        raise damaged(path, error) from None
     except Exception as error:  # Damaged YAML or MCAP may raise any exception.
-        if any(place.glob('*.mcap')):
+        if path.is_dir() and any(path.glob('*.mcap')):
             raise damaged(path, error) from None
         raise CtcError(f'{path}: not a bag: {" ".join(str(error).split())}') from None
-    if scratch is not None:
-        weakref.finalize(reader, scratch.cleanup)
-    return reader
+
+
+def _copied(path: Path, reason: str) -> Bag:
+    """Return what can be read of the MCAP files of a bag as an open bag."""
+    scratch = tempfile.TemporaryDirectory()
+    place = Path(scratch.name) / 'bag'
+    print(f'{path}: {reason}: {recover(path, place)}', file=sys.stderr)
+    bag = Bag(path, place)
+    weakref.finalize(bag, scratch.cleanup)
+    return bag
 
 
 def is_whole(bag: Path) -> bool:

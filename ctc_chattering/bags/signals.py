@@ -21,22 +21,26 @@ the fields of known types are taken.
 
 from __future__ import annotations
 
+from array import array
 from collections.abc import Iterator, Sequence
 import dataclasses
+from functools import cache
+from operator import attrgetter
 from typing import Any, NamedTuple
 
-from ctc_chattering.bags.bag_reader import BagReader
-from ctc_chattering.bags.cdr_columns import blocks, field_names, Floats, NAMES
-from ctc_chattering.bags.storage import Connection
+from ctc_chattering.bags.bag import Bag
 from ctc_chattering.errors import CtcError, near, shortened
+from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.numerics.time_grid import NANOSECONDS
 import numpy as np
 import numpy.typing as npt
+from rosbags.interfaces import Connection
 
 JOINT_STATE, MULTI_ARRAY = 'sensor_msgs/msg/JointState', 'std_msgs/msg/Float64MultiArray'
 _TRAJECTORY_STATE = 'control_msgs/msg/JointTrajectoryControllerState'
 _FRANKA_STATE = 'franka_msgs/msg/FrankaRobotState'
-_STAMP = ('header.stamp.sec', 'header.stamp.nanosec')
+#: Fields of strings that name joints, as messages call them.
+_NAMES = ('name', 'names', 'joint_names', 'dof_names', 'label')
 #: Position, velocity and effort of the types that have joint states.
 STATE_FIELDS: dict[str, tuple[str, ...]] = {
     JOINT_STATE: ('position', 'velocity', 'effort'),
@@ -78,8 +82,7 @@ class SignalTopic(NamedTuple):
         return f'{self.name} ({self.kind}, {self.messages} messages)'
 
 
-@dataclasses.dataclass
-class Signal:
+class Signal(NamedTuple):
     """
     The values of a topic; N messages, n joints.
 
@@ -94,7 +97,7 @@ class Signal:
 
     logged: npt.NDArray[np.int64]
     stamps: npt.NDArray[np.int64]
-    values: tuple[Floats, ...]
+    values: tuple[Array, ...]
 
 
 class Signals:
@@ -103,14 +106,14 @@ class Signals:
 
     Parameters
     ----------
-    reader : BagReader
+    reader : Bag
         Open.
     path : object
         What errors say.
 
     """
 
-    def __init__(self, reader: BagReader, path: object) -> None:
+    def __init__(self, reader: Bag, path: object) -> None:
         self._reader, self._path = reader, path
 
     def topics(self, kinds: dict[str, tuple[str, ...]]) -> list[SignalTopic]:
@@ -175,14 +178,13 @@ class Signals:
 
     def names(self, topic: SignalTopic) -> tuple[tuple[str, ...], int]:
         """Return the joint names in the first message, or none, and the number of values."""
-        definitions = self._reader.definitions(topic.connections[0])
         field = topic.fields[0]
-        for _, _, data in self._reader.messages(topic.connections):
-            for block in blocks([data], topic.kind, definitions, topic.fields):
-                if field in block.numbers:
-                    return _names_of(field, block.names), block.numbers[field].shape[1]
-            known = field_names(data, topic.kind, definitions)
+        for _, message in self._messages(topic):
+            values = _numbers(message, field)
+            if values is not None:
+                return _names_of(message, field), len(values)
             if field not in STATE_FIELDS.get(topic.kind, ()) + COMMAND_FIELDS.get(topic.kind, ()):
+                known = list(_number_fields(message))
                 raise CtcError(f'{self._path}: {topic.name} has no numbers in {field}; it has in: '
                                f'{", ".join(known)}{near(field, known)}')
             break
@@ -191,8 +193,8 @@ class Signals:
     def all_names(self, topic: SignalTopic) -> list[str]:
         """Return all joint names on a topic."""
         found: set[str] = set()
-        for block in self._blocks(topic, topic.fields):
-            found.update(_names_of(topic.fields[0], block.names))
+        for _, message in self._messages(topic):
+            found.update(_names_of(message, topic.fields[0]))
         return sorted(found)
 
     def read(self, topic: SignalTopic, joints: Sequence[str]) -> Signal:
@@ -205,57 +207,93 @@ class Signals:
             If messages have some of the joints only.
 
         """
-        count, wanted = topic.messages, set(joints)
-        found = Signal(np.zeros(count, np.int64), np.zeros(count, np.int64), ())
-        kept = np.zeros(count, bool)
-        for block in self._blocks(topic, (*topic.fields, *_STAMP), found.logged):
-            names = _names_of(topic.fields[0], block.names)
-            if names and not wanted <= set(names):
-                if wanted & set(names):
-                    raise CtcError(
-                        f'{self._path}: {topic.name} has the joints {shortened(names)}; needed: '
-                        f'each of {shortened(joints)}')
+        joints = tuple(joints)
+        logged, stamps = array('q'), array('q')
+        columns = [array('d') for _ in topic.fields]
+        unknown = np.full(len(joints), np.nan)
+
+        @cache
+        def order(names: tuple[str, ...]) -> slice | list[int] | None:
+            """Return where the joints are among some names; None if they are not there."""
+            if not names or names == joints:
+                return slice(None)
+            if set(joints) <= set(names):
+                return [names.index(x) for x in joints]
+            if set(joints) & set(names):
+                raise CtcError(f'{self._path}: {topic.name} has the joints {shortened(names)}; '
+                               f'needed: each of {shortened(joints)}')
+            return None
+        for t, message in self._messages(topic):
+            names = _names_of(message, topic.fields[0])
+            rows = [_numbers(message, field) for field in topic.fields]
+            picked = order(names)
+            if rows[0] is None or picked is None:
                 continue
-            if not found.values:
-                found.values = tuple(np.full((count, len(joints)), np.nan) for _ in topic.fields)
-            order = [names.index(x) for x in joints] if names else list(range(len(joints)))
-            width = len(names) or len(joints)
-            for field, values in zip(topic.fields, found.values):
-                numbers = block.numbers.get(field)
-                if numbers is not None and numbers.shape[1] == width:
-                    values[block.place] = numbers[:, order]
-            if all(x in block.numbers for x in _STAMP):
-                sec, nanosec = (block.numbers[x][:, 0].astype(np.int64) for x in _STAMP)
-                found.stamps[block.place] = sec * NANOSECONDS + nanosec
-            kept[block.place] = True
-        if kept.all() and count:
-            return found
-        if not kept.any():
-            return Signal(found.logged[:0], found.stamps[:0],
-                          tuple(np.empty((0, len(joints))) for _ in topic.fields))
-        return Signal(found.logged[kept], found.stamps[kept],
-                      tuple(x[kept] for x in found.values))
+            width = len(names or joints)
+            for column, row in zip(columns, rows):
+                column.frombytes((
+                    unknown if row is None or len(row) != width else row[picked]).tobytes())
+            stamp = getattr(getattr(message, 'header', None), 'stamp', None)
+            stamps.append(stamp.sec * NANOSECONDS + stamp.nanosec if stamp else 0)
+            logged.append(t)
+        return Signal(np.array(logged), np.array(stamps), tuple(
+            np.array(x).reshape(-1, len(joints)) for x in columns))
 
-    def _blocks(self, topic: SignalTopic, fields: Sequence[str],
-                logged: npt.NDArray[np.int64] | None = None) -> Iterator[Any]:
-        """Yield the blocks of a topic, and note when its messages were recorded [ns]."""
-        def messages() -> Iterator[bytes]:
-            for number, (_, t, data) in enumerate(self._reader.messages(topic.connections)):
-                if logged is not None:
-                    logged[number] = t
-                yield data
-        definitions = self._reader.definitions(topic.connections[0])
-        return blocks(messages(), topic.kind, definitions, fields)
+    def _messages(self, topic: SignalTopic) -> Iterator[tuple[int, Any]]:
+        """Yield log time [ns] and message of a topic, without those that cannot be decoded."""
+        self._reader.check_type(topic.connections[0])
+        for _, t, data in self._reader.messages(topic.connections):
+            try:
+                message = self._reader.deserialize(data, topic.kind)
+            except Exception:  # Of arbitrary bytes, decoders raise arbitrary exceptions.
+                continue
+            yield t, message
 
 
-def _names_of(field: str, names: dict[str, tuple[str, ...]]) -> tuple[str, ...]:
+def _value(message: Any, path: str) -> Any:
+    """Return what is in a field, `a.b.c`; in one below a sequence, a list. None without it."""
+    try:
+        return attrgetter(path)(message)
+    except AttributeError:
+        found = [message]
+        for name in path.split('.'):
+            parts = [y for x in found for y in (x if isinstance(x, list) else [x])]
+            found = [getattr(x, name) for x in parts if hasattr(x, name)]
+        return found or None
+
+
+def _numbers(message: Any, field: str) -> Array | None:
+    """Return the numbers in a field, shape (n,); None without any."""
+    value = _value(message, field)
+    if value is None:
+        return None
+    try:
+        found = np.hstack(value) if isinstance(value, list) else np.atleast_1d(value)
+        return found.astype(float, copy=False) if len(found) else None
+    except (TypeError, ValueError):
+        return None
+
+
+def _names_of(message: Any, field: str) -> tuple[str, ...]:
     """Return the names that stand beside a field, or above it; empty for none."""
     if field == 'data':
-        return names.get('layout.dim.label', ())
+        return tuple(_value(message, 'layout.dim.label') or ())
     parent = field
     while parent:
         parent = parent.rpartition('.')[0]
-        for name in NAMES:
-            if found := names.get(f'{parent}.{name}' if parent else name):
-                return found
+        for name in _NAMES:
+            found = _value(message, f'{parent}.{name}' if parent else name)
+            if found:
+                return (found,) if isinstance(found, str) else tuple(found)
     return ()
+
+
+def _number_fields(message: Any) -> Iterator[str]:
+    """Yield the fields of a message that have numbers."""
+    for item in dataclasses.fields(message):
+        value = getattr(message, item.name)
+        first = value[0] if isinstance(value, list) and value else value
+        if dataclasses.is_dataclass(first):
+            yield from (f'{item.name}.{x}' for x in _number_fields(first))
+        elif isinstance(first, (int, float, np.ndarray)):
+            yield item.name

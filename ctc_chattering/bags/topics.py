@@ -20,7 +20,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from ctc_chattering.bags.bag_reader import BagReader
+from ctc_chattering.bags.bag import Bag
 from ctc_chattering.errors import CtcError
 from ctc_chattering.numerics.time_grid import NANOSECONDS
 from ctc_chattering.ros.topics import PARAMETERS, ROBOT_DESCRIPTION
@@ -36,14 +36,14 @@ class BagTopics:
 
     Parameters
     ----------
-    reader : BagReader
+    reader : Bag
         Open.
     path : Path
         What errors say.
 
     """
 
-    def __init__(self, reader: BagReader, path: Path) -> None:
+    def __init__(self, reader: Bag, path: Path) -> None:
         self._reader, self.path = reader, path
 
     def messages(self, name: str, option: str = '') -> Iterator[tuple[int, Any]]:
@@ -59,7 +59,7 @@ class BagTopics:
             raise CtcError(f'{self.path}: several topics: {", ".join(sorted(topics))}; name one: '
                            f'{option}')
         for connection in connections:
-            self._reader.definitions(connection)
+            self._reader.check_type(connection)
         for connection, t, data in self._reader.messages(connections) if connections else ():
             try:
                 message = self._reader.deserialize(data, connection.msgtype)

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Writing a rosbag2 bag: MCAP, with message definitions and QoS in it."""
+"""Writing a rosbag2 bag: MCAP by `mcap`, with message definitions and QoS in it."""
 
 from __future__ import annotations
 
@@ -25,18 +25,40 @@ from pathlib import Path
 import time
 from typing import Any, BinaryIO, NamedTuple
 
-from ctc_chattering.bags.definitions import installed_definition, type_hash
-from ctc_chattering.bags.mcap_writer import McapWriter
+from ctc_chattering.bags.mcap_file import is_readable
 from ctc_chattering.errors import CtcError
+from mcap.data_stream import RecordBuilder
+from mcap.records import Channel, Schema
+from mcap.writer import Writer
+from rosbags.typesys import get_typestore, Stores
 import yaml
 
 #: Age at which a file is ended and a new one begun [s]. The index of a file, about 1 kB for each
 #: chunk, is in memory until the file ends.
 _FILE_AGE = 600.0
+#: Size at which a chunk is ended [bytes]: compressing takes some times as much memory.
+_CHUNK = 1 << 18
 #: What files of this package have in their header: in these, messages are numbered.
 LIBRARY = 'ctc_chattering'
+#: What a policy may be, in the order of its numbers in bags before ROS 2 Jazzy.
+_POLICIES = {
+    'history': ('system_default', 'keep_last', 'keep_all', 'unknown'),
+    'reliability': ('system_default', 'reliable', 'best_effort', 'unknown', 'best_available'),
+    'durability': ('system_default', 'transient_local', 'volatile', 'unknown', 'best_available'),
+    'liveliness': ('system_default', 'automatic', 'manual_by_node', 'manual_by_topic', 'unknown',
+                   'best_available')}
 #: The time at which a bag without messages begins [ns].
 _NEVER = 2 ** 63 - 1
+
+
+def offered_qos(depth: int, latched: bool) -> str:
+    """Return the profile of a reliable publisher as a bag stores it, in YAML."""
+    unlimited = {'sec': 9223372036, 'nsec': 854775807}
+    return yaml.safe_dump([{
+        'history': 'keep_last', 'depth': depth, 'reliability': 'reliable',
+        'durability': 'transient_local' if latched else 'volatile', 'deadline': {**unlimited},
+        'lifespan': {**unlimited}, 'liveliness': 'automatic',
+        'liveliness_lease_duration': unlimited, 'avoid_ros_namespace_conventions': False}])
 
 
 class TopicType(NamedTuple):
@@ -49,8 +71,20 @@ class TopicType(NamedTuple):
 
     @property
     def schema(self) -> tuple[str, str, bytes]:
-        """Name, encoding and definition of the type."""
-        return self.kind, self.encoding, self.definition
+        """Name, encoding and definition of the type; both empty if readers do not know it."""
+        definition = self.encoding, self.definition
+        return (self.kind, *(definition if is_readable(self.kind, *definition) else ('', b'')))
+
+    @property
+    def profiles(self) -> list[dict[str, Any]]:
+        """Profiles of the publishers, with names of their policies; none if they are damaged."""
+        try:
+            found = yaml.safe_load(self.metadata.get('offered_qos_profiles', '')) or []
+            return [{**profile, **{
+                key: names[profile[key]] if isinstance(profile[key], int) else profile[key]
+                for key, names in _POLICIES.items()}} for profile in found]
+        except (yaml.YAMLError, LookupError, TypeError, ValueError):
+            return []
 
 
 @dataclasses.dataclass
@@ -118,6 +152,7 @@ class BagWriter:
 
     def __init__(self, path: Path, clock: Callable[[], float] = time.monotonic) -> None:
         self._clock = clock
+        self._store = get_typestore(Stores.ROS2_JAZZY)
         self._types: dict[str, TopicType] = {}
         self._custom: dict[str, str] = {}
         self._spans: dict[str, Span] = {}
@@ -156,9 +191,10 @@ class BagWriter:
 
         """
         if topic not in self._types:
+            definition, _ = self._store.generate_msgdef(kind, ros_version=2)
             self.add_topic(topic, TopicType(
-                kind, 'ros2msg', installed_definition(kind).encode(),
-                {'offered_qos_profiles': qos, 'topic_type_hash': type_hash(kind)}))
+                kind, 'ros2msg', definition.encode(),
+                {'offered_qos_profiles': qos, 'topic_type_hash': self._store.hash_rihs01(kind)}))
         self.add_message(topic, t, data)
 
     def add_topic(self, topic: str, kind: TopicType) -> None:
@@ -176,7 +212,7 @@ class BagWriter:
                 self._begin_file()
             channel = self._channels.get(topic) or self._add_channel(topic)
             number = (self.counts[topic] + 1) & 0xffffffff
-            self._writer.add_message(channel, t, data, number)
+            self._writer.add_message(channel, t, data, t, number)
         except OSError:
             self.abandon()
             raise
@@ -199,7 +235,11 @@ class BagWriter:
         if self._stream.closed:
             return
         try:
+            descriptions = self._descriptions.end()
+            self._stream.write(descriptions)
             self._writer.flush()
+            self._stream.write(descriptions)
+            self._stream.flush()
             self._sync.begin(self._stream.fileno())
             self._flushed = self._clock()
         except OSError:
@@ -235,23 +275,36 @@ class BagWriter:
         self._channels: dict[str, int] = {}
         self._schemas: dict[tuple[str, str, bytes], int] = {}
         self._begun = self._flushed = self._clock()
+        #: The first chunk with messages of a topic has its type. A damaged chunk must not take it
+        #: along: it stands outside as well, on both sides of that chunk.
+        self._descriptions: Any = RecordBuilder()
         self._stream: BinaryIO = self.file.open('xb')
-        self._writer: McapWriter = McapWriter(self._stream, LIBRARY)
+        self._writer: Any = Writer(self._stream, chunk_size=_CHUNK)
+        self._writer.start('ros2', LIBRARY)
 
     def _end_file(self) -> None:
         """Write the index of a file."""
-        self._writer.finish(
+        self._writer.add_metadata(
             'rosbag2', {'serialized_metadata': yaml.safe_dump(self._information())})
+        self._writer.finish()
+        self._stream.flush()
         self._sync.end()
         self._stream.close()
 
     def _add_channel(self, topic: str) -> int:
         """Describe a topic in the file; return its number."""
         kind = self._types[topic]
+        metadata = {**kind.metadata,
+                    'offered_qos_profiles': yaml.safe_dump(kind.profiles) if kind.profiles else ''}
         schema = self._schemas.get(kind.schema)
         if schema is None:
-            schema = self._schemas[kind.schema] = self._writer.add_schema(*kind.schema)
-        channel = self._channels[topic] = self._writer.add_channel(topic, schema, kind.metadata)
+            name, encoding, definition = kind.schema
+            schema = self._writer.register_schema(name, encoding, definition)
+            self._schemas[kind.schema] = schema
+            Schema(schema, definition, encoding, name).write(self._descriptions)
+        channel: int = self._writer.register_channel(topic, 'cdr', schema, metadata)
+        Channel(channel, topic, 'cdr', metadata, schema).write(self._descriptions)
+        self._channels[topic] = channel
         return channel
 
     def _information(self) -> dict[str, Any]:
@@ -267,7 +320,6 @@ class BagWriter:
 
 
 def _topic_metadata(topic: str, kind: TopicType) -> dict[str, Any]:
-    profiles = yaml.safe_load(kind.metadata.get('offered_qos_profiles', '')) or []
     return {'name': topic, 'type': kind.kind, 'serialization_format': 'cdr',
-            'offered_qos_profiles': profiles,
+            'offered_qos_profiles': kind.profiles,
             'type_description_hash': kind.metadata.get('topic_type_hash', '')}

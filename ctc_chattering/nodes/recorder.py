@@ -24,8 +24,7 @@ from pathlib import Path
 import time
 from typing import Any
 
-from ctc_chattering.bags.qos import offered_qos
-from ctc_chattering.bags.writer import BagWriter
+from ctc_chattering.bags.writer import BagWriter, offered_qos
 from ctc_chattering.configuration.loop_setup import Values
 from ctc_chattering.configuration.node_parameters import RecorderSettings
 from ctc_chattering.monitoring.log_clock import LogTime

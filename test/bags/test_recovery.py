@@ -26,8 +26,7 @@ import struct
 from tempfile import TemporaryDirectory
 from typing import Any
 
-from ctc_chattering.bags.recovery import recover, Recovery
-from ctc_chattering.bags.repair import open_bag, repair
+from ctc_chattering.bags.repair import open_bag, recover, Recovery, repair
 from ctc_chattering.bags.writer import BagWriter
 from ctc_chattering.errors import CtcError
 from mcap.reader import make_reader
@@ -184,23 +183,6 @@ def test_a_wrong_bit_anywhere_before_the_second_chunk(original: Original) -> Non
 
 
 @pytest.mark.parametrize('is_closed', [True, False])
-def test_a_chunk_that_stands_twice_gives_its_messages_once(
-        original: Original, is_closed: bool) -> None:
-    data = original.data if is_closed else original.data[:original.size]
-    a, b, _ = original.chunks[4]
-    for place in (b, original.chunks[7][0], len(data)):
-        found = check(original, data[:place] + data[a:b] + data[place:], original.rows,
-                      is_closed=is_closed)
-        assert (found.repeated, found.missing) == (1, {})
-        assert '1 duplicate chunks' in str(found)
-    # In place of another one, of which nothing else tells that it was there.
-    begin, end, gone = original.chunks[6]
-    found = check(original, data[:begin] + data[a:b] + data[end:],
-                  untouched(original, begin, end), is_closed=is_closed)
-    assert (found.repeated, found.missing) == (1, Counter(topic for topic, *_ in gone))
-
-
-@pytest.mark.parametrize('is_closed', [True, False])
 def test_a_chunk_that_is_cut_out_is_missed(original: Original, is_closed: bool) -> None:
     data = original.data if is_closed else original.data[:original.size]
     begin, end, gone = original.chunks[5]
@@ -244,17 +226,17 @@ def test_the_index_has_the_types_of_a_damaged_first_chunk(
 
 
 def test_noise_in_a_file_without_chunks(original: Original) -> None:
-    """Check messages that no checksum covers: those behind the noise are found again."""
+    """Check messages that no checksum covers: those before the noise are there, none is wrong."""
     whole = older(original.rows, use_chunking=False)
     for place in random.Random(6).sample(range(1000, len(whole) - 2 * NOISE), 5):
         data = bytearray(whole)
         data[place:place + NOISE] = random.Random(place).randbytes(NOISE)
         found, rows = recovered(bytes(data))
         assert found is not None
-        assert not Counter(rows) - Counter(original.rows)
-        assert len(rows) >= len(original.rows) - NOISE // 400 - 3
-        assert rows[-1] == original.rows[-1]
+        assert rows == original.rows[:len(rows)]
+        assert 0 <= place - sum(31 + len(data) for *_, data in rows) < 1500
         assert sum(found.missing.values()) == len(original.rows) - len(rows) > 0
+        assert found.lost >= NOISE
 
 
 def test_a_file_of_a_split_bag_that_is_gone_is_missed(

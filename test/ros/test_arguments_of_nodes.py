@@ -183,7 +183,7 @@ def test_nodes_of_the_loop_need_no_tools() -> None:
             '            raise ModuleNotFoundError(name, name=name)\n'
             'sys.meta_path.insert(0, Without())\n'
             'import ctc_chattering.nodes.plant, ctc_chattering.nodes.controller\n'
-            'import ctc_chattering.nodes.reference, ctc_chattering.nodes.recorder\n'
+            'import ctc_chattering.nodes.reference\n'
             'from ctc_chattering.cli import bringup, ctc\n'
             'assert bringup.main([]) == 2\n'
             'assert ctc.main(["map", "gains"]) == 2\n')

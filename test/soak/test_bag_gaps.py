@@ -19,8 +19,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from bags import state
-from ctc_chattering.bags.qos import offered_qos
-from ctc_chattering.bags.writer import BagWriter
+from ctc_chattering.bags.writer import BagWriter, offered_qos
 from ctc_chattering.numerics.time_grid import NANOSECONDS as S
 import pytest
 from soak.measurements import examine, Outage

@@ -25,9 +25,8 @@ import struct
 from typing import Any, NamedTuple
 
 from ctc_chattering.analysis.result import Result
-from ctc_chattering.bags.qos import offered_qos
 from ctc_chattering.bags.repair import open_bag
-from ctc_chattering.bags.writer import BagWriter
+from ctc_chattering.bags.writer import BagWriter, offered_qos
 from ctc_chattering.parameters import Config
 from ctc_chattering.ros.topics import DIAGNOSTICS
 from ctc_chattering.simulation.closed_loop import Run

@@ -18,9 +18,11 @@ from __future__ import annotations
 
 from contextlib import closing
 from pathlib import Path
+import struct
 
 from ctc_chattering.bags.repair import open_bag
 from ctc_chattering.errors import CtcError
+from mcap.writer import Writer as McapWriter
 from motion_bags import joint_state, write
 import numpy as np
 import pytest
@@ -49,13 +51,13 @@ def test_a_directory_and_a_single_file(tmp_path: Path, ending: str, is_file: boo
 
 
 @pytest.mark.parametrize(('ending', 'content', 'message'), [
-    ('mcap', b'', 'damaged: bag.mcap is empty; "ctc repair'),
-    ('mcap', b'hello' * 99, 'damaged: bag.mcap is cut off; "ctc repair'),
-    ('db3', b'', 'not a bag: no such table'),
-    ('db3', b'hello' * 99, 'not a bag: file is not a database'),
+    ('mcap', b'', 'damaged: bag.mcap: the file is cut off; "ctc repair'),
+    ('mcap', b'hello' * 99, 'damaged: bag.mcap: the file is cut off; "ctc repair'),
+    ('db3', b'', 'bag.db3 or database missing tables'),
+    ('db3', b'hello' * 99, 'not a bag: Cannot open database'),
     ('yaml', b'rosbag2_bagfile_information: [1, 2', r'metadata.yaml: ParserError: '),
     ('yaml', b'rosbag2_bagfile_information: {version: 10}', 'version 10; known: 1 to 9'),
-    ('yaml', b'rosbag2_bagfile_information: {version: 9}', "KeyError: 'message_count'"),
+    ('yaml', b'rosbag2_bagfile_information: {version: 9}', "KeyError: 'relative_file_paths'"),
     ('yaml', b'7', 'metadata.yaml: TypeError')])
 def test_what_cannot_be_read_is_said_in_one_line(
         tmp_path: Path, ending: str, content: bytes, message: str) -> None:
@@ -67,7 +69,32 @@ def test_what_cannot_be_read_is_said_in_one_line(
     assert len(str(error.value).splitlines()) == 1
 
 
+IDL = """module my_msgs { module msg { struct Thing {
+  std_msgs::msg::Header header; sequence<double> x; }; }; };"""
+
+
+@pytest.mark.parametrize(('encoding', 'definition'), [
+    ('ros2msg', 'std_msgs/Header header\nfloat64[] x'), ('ros2idl', IDL),
+    ('ros2idl', f'{"=" * 80}\nIDL: my_msgs/msg/Thing\n{IDL}')])
+def test_a_type_that_only_the_bag_defines(
+        tmp_path: Path, encoding: str, definition: str) -> None:
+    """Check both kinds of definitions; what they lack is known of ROS 2 Jazzy."""
+    data = struct.pack('<4siIIIIIdd', b'\0\1\0\0', 1, 2, 1, 0, 2, 0, 1.5, -2.5)
+    with (tmp_path / 'file.mcap').open('wb') as stream:
+        writer = McapWriter(stream)
+        writer.start('ros2')
+        schema = writer.register_schema('my_msgs/msg/Thing', encoding, definition.encode())
+        channel = writer.register_channel('/thing', 'cdr', schema)
+        writer.add_message(channel, 7, data, 7)
+        writer.finish()  # type: ignore[no-untyped-call]
+    with closing(open_bag(tmp_path / 'file.mcap')) as reader:
+        ((connection, t, data),) = reader.messages()
+        reader.check_type(connection)
+        found = reader.deserialize(data, connection.msgtype)
+    assert (t, found.header.stamp.sec, found.x.tolist()) == (7, 1, [1.5, -2.5])
+
+
 def test_another_kind_of_file_is_refused(tmp_path: Path) -> None:
     (tmp_path / 'notes.txt').write_text('hi')
-    with pytest.raises(CtcError, match=r"unknown storage '\.txt'; known: mcap, sqlite3"):
+    with pytest.raises(CtcError, match=r"unknown storage '\.txt'; known: \.mcap, \.db3"):
         open_bag(tmp_path / 'notes.txt')
