@@ -61,7 +61,7 @@ def bringup(arguments: Sequence[str]) -> int:
     options = make_parser().parse_args(own)
     from ctc_chattering.cli.progress import Progress
     if options.live:
-        from ctc_chattering.live.page import require_viser
+        from ctc_chattering.live import require_viser
         require_viser()
 
     over = overrides(options)

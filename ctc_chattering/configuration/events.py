@@ -70,7 +70,7 @@ def parse_events(lines: Sequence[str], configs: Mapping[str, Config]) -> tuple[E
         spec = before.parameters()[name]
         old, new = (getattr(config, spec.field) for config in (before, current[node]))
         # A file that names a large change confirms it.
-        steps = change_steps(spec, old, new, len(before.joint_names)
+        steps = change_steps(spec, old, new, len(before.as_mapping()['joint_names'])
                              ) if node == 'controller' else [new]
         result += [Event(time, node, {name: step}) for step in steps]
     return tuple(result)

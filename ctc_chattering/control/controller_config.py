@@ -78,7 +78,8 @@ class ControllerConfig(RobotConfig):
         'observer_bandwidth', 'float', 200.0,
         'Switching implicit_observer: bandwidth of the estimate, at most 0.3 / lag of the '
         'drives; .inf for one sample.',
-        unit='rad/s', minimum=0.0, exclusive=True, infinite=True, laws=('chattering',))
+        unit='rad/s', minimum=0.0, exclusive=True, infinite=True, laws=('chattering',),
+        usual=(10.0, 1e4))
     estimator_bandwidth: float = parameter(
         'estimator_bandwidth', 'float', 100.0,
         'Bandwidth of the observer, or of the Kalman filter.',

@@ -255,12 +255,13 @@ class ControlLoop:
             self._pending = None
             self.handle(Input.SILENCE)
 
-    def enable(self, on: bool) -> None:
-        """Allow torques, or end them."""
-        if self.handle(Input.ENABLE if on else Input.DISABLE):
+    def enable(self, on: bool) -> bool:
+        """Allow torques, or end them; return whether that was a change."""
+        if changed := self.handle(Input.ENABLE if on else Input.DISABLE):
             self._log.info(f'{"enabled again" if on else "disabled"} by ~/enable')
             if on:
                 self._restart_law()
+        return changed
 
     def reset(self) -> bool:
         """Go on after a trip; return whether there was one."""

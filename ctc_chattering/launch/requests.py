@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 import dataclasses
+from functools import partial
 from math import inf
 import time
 from typing import Any
@@ -70,7 +71,8 @@ class Requests:
         self._clients_by_name: dict[str, Any] = {}
         self._pending: list[_Pending] = []
 
-    def set(self, node: str, *values: Mapping[str, Any]) -> None:  # noqa: A003
+    def set(self, node: str, *values: Mapping[str, Any], done: str = 'done'  # noqa: A003
+            ) -> None:
         """Set parameters of a node; of several mappings one after the other."""
         items = [item for mapping in values for item in mapping.items()]
         request = SetParameters.Request(parameters=[
@@ -78,14 +80,14 @@ class Requests:
             .to_parameter_msg() for name, value in items])
         name, value = items[-1]
         self._ask(f'{node}: {name} = {in_field(value)}', SetParameters, f'{node}/set_parameters',
-                  request)
+                  request, partial(_outcome, done=done))
 
     def get(self, node: str, names: Sequence[str], use: Callable[[dict[str, Any]], None]) -> None:
         """Ask for parameters of a node that are declared, and call `use` with them."""
         def show(response: Any) -> tuple[bool, str]:
             use({name: parameter_value_to_python(value)
                  for name, value in zip(names, response.values)})
-            return True, 'done'
+            return True, ''  # What was not asked by a user needs no answer.
         self._ask(f'{node}: its parameters', GetParameters, f'{node}/get_parameters',
                   GetParameters.Request(names=list(names)), show)
 
@@ -118,7 +120,8 @@ class Requests:
                         outcome = it.outcome(done.result())
                 except CtcError as error:
                     outcome = False, str(error)
-                self._show(it.what, *outcome)
+                if outcome[1] or not outcome[0]:
+                    self._show(it.what, *outcome)
             elif now - it.asked > self._patience:
                 self._pending.remove(it)
                 self._show(it.what, False, f'no answer of {it.client.srv_name}')
@@ -127,9 +130,9 @@ class Requests:
                 it.futures.append(it.client.call_async(it.request))
 
 
-def _outcome(response: Any) -> tuple[bool, str]:
+def _outcome(response: Any, done: str = '') -> tuple[bool, str]:
     """Return whether what was asked was done, and the answer in words."""
     if isinstance(response, SetParameters.Response):
         reasons = [x.reason for x in response.results if not x.successful]
-        return not reasons, '; '.join(reasons) or 'done'
+        return not reasons, '; '.join(reasons) or done
     return bool(response.success), str(response.message)

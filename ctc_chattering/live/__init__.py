@@ -13,3 +13,28 @@
 # limitations under the License.
 
 """A page that shows the arm and the law, of a running graph or of bags, and exports of it."""
+
+import logging
+from typing import Any
+
+from ctc_chattering.errors import UsageError
+
+
+def require_viser() -> Any:
+    """
+    Return the library that serves the page.
+
+    Raises
+    ------
+    UsageError
+        If it is not installed; one line that says how to install it.
+
+    """
+    try:
+        import viser
+    except ImportError as error:
+        raise UsageError(f"the page needs viser ({error}): pip install 'ctc_chattering[live]', "
+                         'or pip install viser') from None
+    # A browser that goes away in the middle of a message is no error.
+    logging.getLogger('websockets').setLevel(logging.CRITICAL)
+    return viser

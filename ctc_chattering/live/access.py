@@ -16,7 +16,9 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from hmac import compare_digest
+from ipaddress import ip_address
 import re
 from secrets import token_urlsafe
 import socket
@@ -114,7 +116,9 @@ class Access:
 
 def is_local(host: str) -> bool:
     """Return whether only this machine reaches an address."""
-    return host == 'localhost' or host == '::1' or host.startswith('127.')
+    with suppress(ValueError):  # A name, that stands for any address.
+        return ip_address(host).is_loopback
+    return host == 'localhost'
 
 
 def _bracketed(host: str) -> str:

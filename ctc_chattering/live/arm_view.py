@@ -16,12 +16,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
-from typing import Any
+from collections.abc import Iterable, Sequence
+from contextlib import suppress
+from typing import Any, Literal, NamedTuple
 
-from ctc_chattering.live.framing import outermost
-from ctc_chattering.live.meshes import drawn
-from ctc_chattering.live.skeleton import quaternion, Skeleton
+from ctc_chattering.configuration.robot_description import find_file
+from ctc_chattering.live.cameras import outermost
+from ctc_chattering.live.skeleton import LONGEST, quaternion, Shape, Skeleton
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
 
@@ -31,7 +32,11 @@ ARM_COLOUR, GHOST_COLOUR = (0, 114, 178), (230, 159, 0)
 _GHOST_SCALE, _GHOST_OPACITY = 1.03, 0.6
 #: What the ghost's distance from the arm may be multiplied by, and the largest that is drawn of a
 #: joint then [rad or m].
-MAGNIFIED, _LARGEST = (1, 10, 100, 1000), 1.0
+Magnified = Literal[1, 10, 100, 1000]
+_LARGEST = 1.0
+#: What meshes are read from, and how large these files may be [bytes]; of more triangles than
+#: `_MOST` a link is drawn by its other shapes.
+_FORMATS, _SIZE, _MOST = ('.stl', '.dae', '.obj'), 50_000_000, 200_000
 
 
 class ArmView:
@@ -51,7 +56,7 @@ class ArmView:
     ----------
     skeleton : Skeleton
     magnified : int
-        What the error is multiplied by where the ghost is drawn; one of `MAGNIFIED`.
+        What the error is multiplied by where the ghost is drawn; one of `Magnified`.
 
     """
 
@@ -78,8 +83,6 @@ class ArmView:
                         f'{frame.name}/{k}', middle + scale * (vertices - middle), faces,
                         color=colour, opacity=opacity, side=side, flat_shading=False,
                         cast_shadow=False, receive_shadow=False)
-        self._label = server.scene.add_label(
-            f'/{name}/ghost/label', '', visible=False, anchor='bottom-left')
 
     def points(self, positions: Iterable[Array]) -> Array:
         """Return the outline of the arm at `positions`, each of shape (n,), shape (N, 3) [m]."""
@@ -102,44 +105,75 @@ class ArmView:
                 frame.wxyz, frame.position = quaternion(pose[:3, :3]), pose[:3, 3]
             if not self._parts[part].visible:
                 self._parts[part].visible = True
-            if part == 'ghost':
-                self._show_label(poses[:, :3, 3])
-
-    def _show_label(self, joints: Array) -> None:
-        """Say at the ghost by how much its distance from the arm is magnified, if it is."""
-        text = f'ghost: error × {self.magnified}'
-        if self._label.visible != (self.magnified != 1):
-            self._label.visible = self.magnified != 1
-        if self._label.visible:
-            self._label.position = joints[-1]
-            if self._label.text != text:
-                self._label.text = text
 
     def remove(self) -> None:
         """Take it from the scene."""
         self._root.remove()
 
 
-class View:
+class Triangles(NamedTuple):
+    """Vertices in the frame of a body, shape (V, 3) [m], and faces, shape (F, 3)."""
+
+    vertices: Array
+    faces: Any
+
+
+def drawn(skeleton: Skeleton) -> list[list[Triangles]]:
     """
-    What the page has of the picture: how the ghost is magnified, and a button for the camera.
+    Return the triangles of every body.
 
-    Parameters
-    ----------
-    gui : GuiApi
-        In the container to fill.
-    fit : callable
-        Called with viser's event of a click on "fit the view".
-
+    A body has its visual shapes; if one of their files is not found or not read, its shapes for
+    collisions; and if these are not either, its capsules. An arm without shapes has capsules.
     """
+    bare = not any(body.visual or body.collision for body in skeleton.bodies)
+    found = []
+    for body in skeleton.bodies:
+        choices = [x for x in (body.visual, body.collision) if x]
+        if choices or bare:
+            choices.append(body.capsules)
+        found.append(next((made for made in map(_all, choices) if made is not None), []))
+    return found
 
-    def __init__(self, gui: Any, fit: Callable[[Any], None]) -> None:
-        self._chosen = gui.add_dropdown('magnify the error', [f'× {k}' for k in MAGNIFIED], hint=(
-            'the ghost is drawn at q + k (q_d - q), where the error of a joint is at most '
-            f'{_LARGEST:g} rad'))
-        gui.add_button('fit the view').on_click(fit)
 
-    @property
-    def magnified(self) -> int:
-        """Return what the error is multiplied by."""
-        return int(str(self._chosen.value).removeprefix('× '))
+def _all(shapes: Sequence[Shape]) -> list[Triangles] | None:
+    """Return the triangles of all shapes; None if there is one without."""
+    made = [triangles(shape) for shape in shapes]
+    return None if None in made else [x for x in made if x is not None]
+
+
+def triangles(shape: Shape) -> Triangles | None:
+    """Return the triangles of a shape; None for a mesh that is not found or not read."""
+    mesh = None
+    with suppress(Exception):  # Of arbitrary files, readers raise arbitrary exceptions.
+        mesh = _mesh(shape)
+    if mesh is None or not 0 < len(mesh.faces) <= _MOST:
+        return None
+    vertices = np.asarray(mesh.vertices, float) @ shape.pose[:3, :3].T + shape.pose[:3, 3]
+    if not np.abs(vertices).max() < LONGEST:
+        return None
+    return Triangles(vertices, np.asarray(mesh.faces, np.int64))
+
+
+def _mesh(shape: Shape) -> Any:
+    import trimesh
+    sizes = shape.sizes
+    if shape.kind == 'mesh':
+        path = find_file(shape.file.removeprefix('file://'))
+        if path.suffix.lower() not in _FORMATS or not (
+                path.is_file() and path.stat().st_size <= _SIZE):
+            return None
+        mesh: Any = trimesh.load(path, force='mesh')
+        mesh.apply_scale(sizes)
+        return mesh
+    if shape.kind == 'box':
+        return trimesh.creation.box(sizes)
+    if shape.kind == 'cylinder':
+        return trimesh.creation.cylinder(sizes[0], sizes[1], sections=24)
+    if shape.kind == 'sphere':
+        return trimesh.creation.icosphere(2, sizes[0])
+    a, b = np.array(sizes[:3]), np.array(sizes[3:6])
+    mesh = trimesh.creation.capsule(float(np.linalg.norm(b - a)), sizes[6], count=(12, 12))
+    align: Any = trimesh.geometry.align_vectors
+    mesh.apply_transform(align((0.0, 0.0, 1.0), b - a))
+    mesh.apply_translation(a - mesh.vertices.mean(axis=0) + 0.5 * (b - a))
+    return mesh

@@ -12,36 +12,117 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The page over recorded runs: a slider of time, play, pause and speed."""
+"""Recorded runs: their page, which gets all samples once, and their export as one file."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-import math
+from pathlib import Path
 import time
 from typing import Any
 
-from ctc_chattering.analysis.markup import Markup
+from ctc_chattering.analysis.interactive_plots import coded, component, packed, PARTS, signals_of
+from ctc_chattering.analysis.markup import page as page_of
+from ctc_chattering.analysis.output import write_text
+from ctc_chattering.analysis.result import Result
 from ctc_chattering.errors import CtcError
-from ctc_chattering.live.arm_view import View
-from ctc_chattering.live.page import Page
-from ctc_chattering.live.recorded import check_comparable, Player, RecordedRun
-from ctc_chattering.live.samples import table
-from ctc_chattering.live.samples_socket import Message, word
+from ctc_chattering.live.page import Page, scripts
+from ctc_chattering.live.page_socket import Message, word
+from ctc_chattering.live.skeleton import as_json, places, Skeleton, skeleton_of, stage
+from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
 
-#: Between two pictures of the arm, and between two of the numbers [s].
-_FRAME, _NUMBERS = 1 / 30, 0.15
+#: Between two pictures of the arm [s].
+_FRAME = 1 / 30
 #: Samples of a run, evenly spaced, that the camera shows.
 _SEEN = 40
-#: What "fit the view" shows before and after now [s].
-_AROUND = 0.5
-_SPEEDS = ('0.1', '0.25', '0.5', '1', '2', '5', '10')
+#: What is taken at most for the time in which a motion settles [s].
+_SETTLED = 1.0
+#: Signals that are sent together: those that are drawn first come first.
+_TOGETHER = (('e',), ('V',), ('torque', *PARTS), ('q', 'q_d'), ('dq',), ('v',))
+#: Most samples of a run in the file; of more, every so many-th is taken.
+_MOST = 60_000
+
+
+class RecordedRun:
+    """
+    The samples of a run.
+
+    Parameters
+    ----------
+    result : Result
+        As `read_bag` returns it.
+
+    Attributes
+    ----------
+    result : Result
+    about : dict of str to Any
+        ``name`` of the bag, and ``laws``: from when on [s] which law and switching was in force.
+    skeleton : Skeleton or None
+        None for a model without a description, or with one that cannot be drawn.
+    remark : str
+        Why it cannot; else empty.
+    signals : dict of str to ndarray
+        As `signals_of` returns them.
+    begin, end : float
+        Times of the first and of the last sample [s].
+    settled : float
+        Time after which errors and torques that were large at the start are small [s].
+
+    """
+
+    def __init__(self, result: Result) -> None:
+        t = result.run.t
+        self.result = result
+        self.about: dict[str, Any] = {
+            # The name of a file may have bytes that are no text.
+            'name': (result.source or result.label).encode('utf-8', 'replace').decode(),
+            'laws': [(begin, config.law + (f', {config.switching}' if config.takes('switching')
+                                           else '')) for begin, config in result.configs]}
+        self.skeleton: Skeleton | None = None
+        self.remark = ''
+        try:
+            self.skeleton = skeleton_of(result.config, result.description)
+        except CtcError as error:
+            self.remark = f'no picture of the arm: {error}'
+        self.begin, self.end = float(t[0]), float(t[-1])
+        self.settled = self.begin + min(_SETTLED, 0.2 * (self.end - self.begin))
+        self.signals = signals_of(result)
+
+    def packed(self, r: int) -> Iterator[bytes]:
+        """Yield all samples for the plots, as those of run number `r`, in parts."""
+        for signals in _TOGETHER:
+            yield packed(
+                self.result.run.t, {name: self.signals[name] for name in signals}, run=r)
+
+    def at(self, t: float) -> tuple[Array, Array]:
+        """Return q and q_d at a time, that of the last sample before it, each of shape (n,)."""
+        run = self.result.run
+        # The slider's times are rounded to a millisecond, and a sum of steps.
+        k = max(0, int(np.searchsorted(run.t, t + 5e-7, side='right')) - 1)
+        return run.q[k], run.q_d[k]
+
+
+def check_comparable(runs: Sequence[RecordedRun]) -> None:
+    """
+    Raise unless runs can be shown side by side.
+
+    Raises
+    ------
+    CtcError
+        If they are too many, or of different joints.
+
+    """
+    names = [run.result.joint_names for run in runs]
+    if len(runs) > 2:
+        raise CtcError(f'{len(runs)} bags; one or two can be shown')
+    if len(set(names)) > 1:
+        raise CtcError('the bags have different joints: ' + '; '.join(map(', '.join, names)))
 
 
 class BagPage:
     """
-    One or two recorded runs.
+    One or two recorded runs; the browser plays them, and says which time it shows.
 
     Parameters
     ----------
@@ -57,123 +138,110 @@ class BagPage:
     """
 
     def __init__(self, page: Page, runs: Sequence[RecordedRun]) -> None:
-        if reason := check_comparable(runs):
-            raise CtcError(reason)
+        check_comparable(runs)
         self._page, self._runs = page, runs
-        self._player = Player(max(run.end for run in runs), min(run.begin for run in runs))
+        self._begin, self._end = min(run.begin for run in runs), max(run.end for run in runs)
+        self._t = self._begin
         self._arms = page.show_arms([run.skeleton for run in runs])
-        self._look()
-        gui = page.server.gui
-        with page.main:
-            begin, end = self._player.begin, self._player.end
-            self._slider = gui.add_slider(
-                'time [s]', begin, max(end, begin + 1e-3), 0.001, begin)
-            self._play = gui.add_button('play')
-            self._speed = gui.add_dropdown('speed', _SPEEDS, initial_value='1')
-            self._view = View(gui, self._fit)
-        self._shown: tuple[Any, ...] | None = None
-        self._numbered = 0.0
-        self._wanted: float | None = None
-        self._slider.on_update(self._on_slider)
-        self._play.on_click(self._on_play)
-        self._speed.on_update(self._on_speed)
-        page.samples.on('seek', self._seek)
+        self._look(False)
+        self._shown: Any = None
+        page.socket.on('seek', float, self._seek)
+        page.socket.on('fit', None, lambda _: self._look(True))
 
-    def _look(self, seconds: float = math.inf) -> None:
-        """Have cameras show the motion of so many seconds before and after now."""
-        t = self._player.t
-        drawn = []
+    def _look(self, everybody: bool) -> None:
+        """Have cameras show the motion."""
+        points = []
         for arm, run in zip(self._arms, self._runs):
             if arm is not None:
-                rows = slice(run.index(t - seconds), run.index(t + seconds) + 1)
-                rows = slice(rows.start, rows.stop, (rows.stop - rows.start) // _SEEN + 1)
-                drawn.append(arm.points((*run.result.run.q[rows], *run.result.run.q_d[rows])))
-        if drawn:
-            self._page.cameras.look(np.concatenate(drawn), len(drawn))
+                rows = slice(None, None, len(run.result.run.t) // _SEEN + 1)
+                points.append(arm.points((*run.result.run.q[rows], *run.result.run.q_d[rows])))
+        if points:
+            self._page.cameras.look(np.concatenate(points), len(points), everybody)
 
-    def _fit(self, event: Any) -> None:
-        self._look(_AROUND)
-        self._page.cameras.fit(event.client)
+    def _seek(self, t: float) -> None:
+        """Go to a time that a browser shows."""
+        self._t = min(max(self._begin, t), self._end)
 
-    def _on_slider(self, event: Any) -> None:
-        if event.client_id is not None:
-            self._wanted = float(self._slider.value)
-
-    def _seek(self, t: Any) -> None:
-        """Go to a time that was clicked in a plot, if it is one."""
-        if type(t) in (int, float) and t == t:  # Not nan.
-            self._wanted = float(min(max(self._player.begin, t), self._player.end))
-            self._slider.value = round(self._wanted, 3)
-
-    def _on_play(self, _event: Any) -> None:
-        if self._player.playing:
-            self._player.playing = False
-        else:
-            self._player.play()
-
-    def _on_speed(self, _event: Any) -> None:
-        self._player.speed = float(self._speed.value)
-
-    def update(self, elapsed: float) -> None:
-        """Go on by `elapsed` seconds and show what has changed."""
-        self._page.samples.poll(self._greeting)
+    def update(self) -> None:
+        """Show what has changed."""
+        self._page.socket.poll(self._greeting)
         self._page.cameras.follow()
-        player = self._player
-        if self._wanted is not None:
-            player.seek(self._wanted)
-            self._wanted = None
-        was_playing = player.playing
-        player.advance(elapsed)
-        label = 'pause' if player.playing else 'play'
-        if self._play.label != label:
-            self._play.label = label
-        shown = player.t, self._view.magnified
+        shown = self._t, self._page.magnified
         if shown == self._shown:
             return
-        self._show_arms(was_playing)
-        self._page.samples.tell(mark=player.t)
-        now = time.monotonic()
-        if not player.playing or now - self._numbered > _NUMBERS:
-            self._numbered = now
-            self._show_numbers()
-            self._shown = shown
-
-    def _show_arms(self, follow: bool) -> None:
+        self._shown = shown
         with self._page.server.atomic():
             for arm, run in zip(self._arms, self._runs):
                 if arm is not None:
-                    instant = run.at(self._player.t)
-                    arm.magnified = self._view.magnified
-                    arm.show(instant.q, instant.q_d)
-            if follow:
-                self._slider.value = round(self._player.t, 3)
+                    arm.magnified = self._page.magnified
+                    arm.show(*run.at(self._t))
+        self._page.socket.tell(mark=self._t)
 
     def _greeting(self) -> Iterator[Message]:
         """Yield what a new page gets: all samples."""
         first = self._runs[0].result
         yield word(show={
             'joints': first.joint_names, 'units': first.position_units,
-            'runs': [run.name for run in self._runs],
-            'options': {'signals': ('e', 'V', 'torque'), 'seek': True,
+            'runs': [run.about for run in self._runs], 'time': (self._begin, self._end),
+            'options': {'signals': ('e', 'V', 'torque'),
                         'settled': max(run.settled for run in self._runs)},
             'note': 'Drawn: every sample.'})
         for r, run in enumerate(self._runs):
             yield from run.packed(r)
-        yield word(mark=self._player.t)
-
-    def _show_numbers(self) -> None:
-        t = self._player.t
-        parts = [run.before(t, 1.0) for run in self._runs]
-        with self._page.server.atomic():
-            self._page.numbers.content = str(Markup().join(
-                table(run.result.joint_names, run.at(t), part, f'{run.name}: {run.law(t)},')
-                for run, part in zip(self._runs, parts)))
 
     def run(self, stop: Sequence[int]) -> None:
         """Serve until a signal is in `stop`."""
-        last = time.monotonic()
         while not stop:
             time.sleep(_FRAME)
-            now = time.monotonic()
-            self.update(now - last)
-            last = now
+            self.update()
+
+
+def write_export(runs: Sequence[RecordedRun], path: Path) -> int:
+    """
+    Write the page.
+
+    Parameters
+    ----------
+    runs : sequence of RecordedRun
+        One or two, of the same joints.
+    path : Path
+        File to write.
+
+    Returns
+    -------
+    int
+        Its size [bytes].
+
+    Raises
+    ------
+    CtcError
+        If the runs cannot be compared, or the file cannot be written.
+
+    """
+    check_comparable(runs)
+    text = page_of('ctc_chattering.live', 'export.html', component=component(),
+                   title=' and '.join(run.about['name'] for run in runs), data=_data(runs),
+                   scripts=scripts(('numbers.js', 'player.js', 'arm.js')))
+    write_text(path, text)
+    return len(text.encode())
+
+
+def _data(runs: Sequence[RecordedRun]) -> dict[str, Any]:
+    """Return what the scripts of the page read."""
+    reach, middle, floor = stage(run.skeleton for run in runs)
+    every = [-(-len(run.result.run.t) // _MOST) for run in runs]
+    return {
+        'joints': runs[0].result.joint_names, 'units': runs[0].result.position_units,
+        'reach': reach, 'middle': middle, 'floor': floor, 'begin': min(run.begin for run in runs),
+        'end': max(run.end for run in runs), 'settled': max(run.settled for run in runs),
+        'every': every, 'runs': [_run(*given) for given in zip(
+            runs, places(len(runs), reach), every)]}
+
+
+def _run(run: RecordedRun, place: Sequence[float], every: int) -> dict[str, Any]:
+    part = slice(None, None, every)
+    return {
+        **run.about, 'place': place,
+        'bodies': [] if run.skeleton is None else as_json(run.skeleton),
+        'packed': coded(run.result.run.t[part], {
+            name: values[part] for name, values in run.signals.items()})}

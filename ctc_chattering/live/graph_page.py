@@ -12,56 +12,57 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The page of a running graph."""
+"""The page of a running graph: plots of all its samples, the arm, light, reports, controls."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
-from functools import partial
 import os
 from pathlib import Path
-from queue import Empty, SimpleQueue
 import time
 from typing import Any
 
-from ctc_chattering.analysis.markup import fragment, Markup
+from ctc_chattering.analysis.result import position_units
 from ctc_chattering.control.controller import ControllerConfig
 from ctc_chattering.errors import CtcError
-from ctc_chattering.live.arm_view import View
+from ctc_chattering.launch.requests import Requests
+from ctc_chattering.live.arm_view import ArmView
 from ctc_chattering.live.controls import Controls
-from ctc_chattering.live.graph_arm import GraphArm
-from ctc_chattering.live.graph_commands import GraphCommands
-from ctc_chattering.live.graph_plots import GraphPlots
 from ctc_chattering.live.graph_reader import GraphReader
-from ctc_chattering.live.health import counted, light, NodeReport, SILENT
-from ctc_chattering.live.law_panel import LawPanel
+from ctc_chattering.live.health import ENDED, light, SIGNS, SILENT
 from ctc_chattering.live.page import Page
-from ctc_chattering.live.samples import table
+from ctc_chattering.live.page_socket import Message, PageSocket, word
+from ctc_chattering.live.recorder_process import RecorderProcess
+from ctc_chattering.live.skeleton import skeleton_of
+from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.ros.exit_deadline import end_after
 from ctc_chattering.ros.fastdds import use_profile
 from ctc_chattering.ros.node import Executor
 from ctc_chattering.ros.security import check_security
+import numpy as np
 import rclpy
 from rclpy.signals import SignalHandlerOptions
 
 #: Between two pictures of the arm, two of the numbers and the light, and two of the plots [s].
-_FRAME, _NUMBERS = 1 / 30, 0.2
+_FRAME, _NUMBERS, _PLOTS = 1 / 30, 0.2, 0.1
 #: Between two questions for the parameters, where they did not come by themselves [s].
 _ASK = 2.0
-#: Time for callbacks in each frame [s].
-_SERVE = 0.001
+#: Time for callbacks in each frame; to wait for a service and its answer [s].
+_SERVE, _PATIENCE = 0.001, 3.0
 #: What is left out of the tables of the nodes' reports.
 _LONG = 'histogram'
-_REPORTS = """{% for name, report in reports %}<div style="padding:2px 12px;font-size:0.8em">
-<b>{{ name }}</b>: {{ report.message }}<table class="ctc-reports" style="width:100%">
-{%- for key, value in report.values.items() if long not in key %}
-<tr><td>{{ key }}</td><td style="overflow-wrap:anywhere">{{ value }}</td></tr>
-{%- endfor %}</table></div>{% endfor %}"""
-_SUMMARY = """<div class="ctc-law">law <b>{{ law }}</b>, period {{ period }} ms</div>
-<div>{{ counts }}</div>"""
 #: How long the middleware may take to leave the graph [s]: Fast DDS hangs now and then.
 _LEAVE = 0.5
+#: Last seconds that the plots follow [s], and signals that are chosen at first.
+WINDOW = 10.0
+_SIGNALS = ('e', 'V', 'torque', 'rate')
+#: After which a motion has settled [s].
+_SETTLED = 3.0
+#: Desired positions of the last seconds that the camera shows.
+_POSES = 24
+#: Further than this out of what the camera shows, as a part of its size, the arm is shown anew.
+_OUT = 0.05
 
 
 class GraphPage:
@@ -86,22 +87,19 @@ class GraphPage:
         self._page, self._reader = page, reader
         self._executor = Executor()
         self._executor.add_node(reader)
-        self._clicks: SimpleQueue[tuple[Any, ...]] = SimpleQueue()
-        self._commands = GraphCommands(reader, bags, ros_args, self._show_answer)
-        self._controls: Controls | None = None
-        self._panel = LawPanel(self._click) if controls else None
-        if self._panel is not None:
-            page.samples.on('ask', self._panel.receive)
-        self._plots = GraphPlots(page.samples, reader)
+        self._requests = Requests(reader, self._answer, _PATIENCE)
+        self._recording = RecorderProcess(bags, ros_args, self._answer)
+        self._controls = (Controls(page.socket, reader, self._requests, self._recording)
+                          if controls else None)
+        self._plots = GraphPlots(page.socket, reader)
         self._arm = GraphArm(page, reader)
+        page.socket.on('fit', None, lambda _: self._arm.look(everybody=True))
         self._made_of: Any = None
         self._due = {'numbers': 0.0, 'parameters': 0.0}
-        with page.main:
-            self._view = View(page.server.gui, partial(self._click, 'fit'))
 
-    def _click(self, *command: Any) -> None:
-        """Have `update` carry out a word with its arguments; from any thread."""
-        self._clicks.put(command)
+    def _answer(self, what: str, done: bool, answer: str) -> None:
+        if self._controls is not None:
+            self._controls.answer(what, done, answer)
 
     def run(self, stop: Sequence[int]) -> None:
         """Serve until a signal is in `stop`."""
@@ -112,28 +110,24 @@ class GraphPage:
                 time.sleep(max(0.2 * _FRAME, begin + _FRAME - time.monotonic()))
             self.update(time.monotonic())  # How a graph has ended, with which this page ends.
         finally:
-            self._commands.recording.close()
+            self._recording.close()
             self._executor.remove_node(self._reader)
 
     def update(self, now: float) -> None:
         """Take what has come, carry out what was clicked, and show what is due."""
         self._reader.poll()
         self._reader.serve(self._executor, _SERVE)
-        while True:
-            try:
-                self._carry_out(*self._clicks.get_nowait())
-            except Empty:
-                break
-        self._commands.poll()
+        self._requests.poll()
+        self._recording.poll()
         self._make(now)
         self._plots.update(now)
-        if not self._page.watched:
+        if not self._page.socket.watched:
             return
         with self._page.server.atomic():
-            self._arm.show(self._view.magnified, now)
+            self._arm.show(now)
             self._page.cameras.follow()
-            if self._is_due('numbers', now, _NUMBERS):
-                self._show_numbers()
+        if self._is_due('numbers', now, _NUMBERS):
+            self._show_numbers()
 
     def _is_due(self, what: str, now: float, period: float) -> bool:
         if now < self._due[what]:
@@ -146,68 +140,188 @@ class GraphPage:
         config, description = self._reader.config, self._reader.description
         if config is None:
             if self._reader.incomplete and self._is_due('parameters', now, _ASK):
-                self._commands.requests.get('controller', list(ControllerConfig.parameters()),
-                                            self._take_parameters)
+                self._requests.get('controller', list(ControllerConfig.parameters()),
+                                   self._take_parameters)
             return
         made_of = config.model, config.joint_names, config.locked, description
-        if made_of == self._made_of:
-            return
-        self._made_of = made_of
-        self._arm.make(config, description, now)
-        if self._controls is not None:
-            self._controls.remove()
-        if self._panel is not None:
-            with self._page.main:
-                self._controls = Controls(
-                    self._page.server.gui, config.joint_names, self._click)
+        if made_of != self._made_of:
+            self._made_of = made_of
+            self._arm.make(config, description, now)
 
     def _take_parameters(self, values: Mapping[str, Any]) -> None:
         with suppress(CtcError):  # Of a controller that is not ours.
             self._reader.take_parameters('controller', values)
 
     def _show_numbers(self) -> None:
-        reader = self._reader
-        reports = reader.reports()
+        reader, socket = self._reader, self._page.socket
+        reports, silence = reader.reports(), reader.silence()
         horizon = reader.parameters['reference'].get('horizon')
         patience = 0.5 * horizon if isinstance(horizon, int | float) else 0.0
-        self._page.show_light(
-            light(reports, reader.silence(), reader.simulated, {'reference': SILENT + patience},
-                  time.time()), self._summary(reports))
-        instant = reader.instant()
-        if instant is not None:
-            self._page.numbers.content = str(table(
-                reader.names, instant, reader.samples(), since=reader.start))
-        self._page.reports.content = str(fragment(
-            _REPORTS, reports=sorted(reports.items()), long=_LONG))
+        found = light(reports, silence, reader.simulated, {'reference': SILENT + patience},
+                      time.time())
+        lines = list(map(_for_buttons, found.lines)) if self._controls else found.lines
+        socket.tell(
+            light={'level': found.level, 'sign': SIGNS[found.level], 'lines': lines,
+                   'law': self._law()},
+            ended=f'{SIGNS[ENDED]}. {"; ".join(lines)}' if found.level == ENDED else '',
+            reports=[(name, report.message, [
+                pair for pair in report.values.items() if _LONG not in pair[0]])
+                for name, report in sorted(reports.items())])
         if self._controls is not None:
-            self._controls.update(reader.parameters)
-        if self._panel is not None:
-            self._page.samples.tell(controls=self._panel.state(
-                reader.names, reader.parameters['controller'], self._commands.recording.shown()))
+            socket.tell(controls=self._controls.state(), answers=list(self._controls.answers))
+        # Also where nothing is new: the page counts anew.
+        socket.send(word(silent=0.0 if reader.simulated else min(silence.values(), default=0.0)))
 
-    def _summary(self, reports: Mapping[str, NodeReport]) -> Markup:
-        """Return law, switching, period, misses and refused messages."""
+    def _law(self) -> str:
+        """Return law, switching and period; the domain before they are known."""
         config = self._reader.config
         if config is None:
-            return fragment('<div>domain {{ domain }}</div>',
-                            domain=os.environ.get('ROS_DOMAIN_ID', '0'))
+            return f'domain {os.environ.get("ROS_DOMAIN_ID", "0")}'
         switching = f', {config.switching}' if config.takes('switching') else ''
-        counts = '; '.join(f'{name} {misses} misses, {refused} refused' for name, misses, refused
-                           in (counted(name, report) for name, report in reports.items()
-                               if name != 'bringup'))
-        return fragment(_SUMMARY, law=config.law + switching, counts=counts,
-                        period=f'{1e3 * config.control_period:g}')
+        return f'law {config.law}{switching}, period {1e3 * config.control_period:g} ms'
 
-    def _show_answer(self, what: str, done: bool, answer: str) -> None:
-        if self._panel is not None:
-            self._panel.answer(what, done, answer)
 
-    def _carry_out(self, what: str, *arguments: Any) -> None:
-        if what == 'fit':
-            self._arm.look()
-            self._page.cameras.fit(*(event.client for event in arguments))
-        else:
-            self._commands.carry_out(what, *arguments)
+def _for_buttons(line: str) -> str:
+    """Return a line of the light with what to press in the place of what to call."""
+    return line.replace('call ~/reset', 'press "reset and enable"').replace(
+        'call ~/enable', 'press "reset and enable"')
+
+
+class GraphPlots:
+    """
+    Sends what is new.
+
+    Parameters
+    ----------
+    samples : PageSocket
+        To the pages.
+    reader : GraphReader
+        Of the graph.
+
+    """
+
+    def __init__(self, samples: PageSocket, reader: GraphReader) -> None:
+        self._samples, self._reader = samples, reader
+        self._shown: Any = None
+        self._sent: dict[str, Any] = {}
+        self._due = 0.0
+
+    def update(self, now: float) -> None:
+        """Send the samples that have come when it is time, and all to new pages."""
+        reader, samples = self._reader, self._samples
+        about = reader.names, reader.description, self._note()
+        if about != self._shown:
+            self._shown = about
+            self._sent = {}
+            samples.send(self._show())
+        if now >= self._due:
+            self._due = now + _PLOTS
+            for message in self._news(self._sent):
+                samples.send(message)
+        samples.poll(self._greeting)
+
+    def _greeting(self) -> list[Message]:
+        # What comes next for the others must come next for the new page, too.
+        for message in self._news(self._sent):
+            self._samples.send(message)
+        return [self._show(), *self._news({})]
+
+    def _news(self, sent: dict[str, Any]) -> Iterator[bytes]:
+        """Yield the samples that were not sent, and note that they are."""
+        begin = self._reader.begin
+        for name, track in self._reader.tracks.items():
+            before, sent[name] = sent.get(name), track.mark(begin)
+            if self._samples.watched and (data := track.packed(before, begin)):
+                yield data
+
+    def _show(self) -> str:
+        names = self._reader.names
+        return word(show={
+            'joints': names, 'units': position_units(names, self._reader.description),
+            'runs': [{'name': ''}], 'options': {'window': WINDOW, 'signals': _SIGNALS},
+            'note': self._note()})
+
+    def _note(self) -> str:
+        """Return which samples there are."""
+        if not self._reader.names:
+            return 'waiting for a graph'
+        values = self._reader.parameters['controller']
+        every = values.get('state_decimation')
+        terms = ('those of its other topics' if not isinstance(every, int) else
+                 'every sample of the law' if every == 1 else
+                 f'every {every}th sample of the law (state_decimation)')
+        return f'Drawn: every message of joint_states (q, dq, effort), and {terms}.'
+
+
+class GraphArm:
+    """
+    Draws the arm of a graph, once it is known.
+
+    Parameters
+    ----------
+    page : Page
+    reader : GraphReader
+
+    """
+
+    def __init__(self, page: Page, reader: GraphReader) -> None:
+        self._page, self._reader = page, reader
+        self._view: ArmView | None = None
+        #: When the camera is to look anew: where the arm begins it may never be again.
+        self._looks: list[float] = []
+        #: Points that the camera shows.
+        self._shown: Array | None = None
+
+    def make(self, config: ControllerConfig, description: str, now: float) -> None:
+        """Draw another robot from now on."""
+        try:
+            skeleton = skeleton_of(config, description)
+        except CtcError as error:
+            skeleton = None
+            self._reader.get_logger().warning(f'no picture of the arm: {error}')
+        (self._view,) = self._page.show_arms([skeleton])
+        self._looks, self._shown = [now, now + _SETTLED], None
+
+    def show(self, now: float) -> None:
+        """Draw it where it is, and the ghost by how much its error is magnified."""
+        if self._view is None:
+            return
+        self._view.magnified = self._page.magnified
+        instant = self._reader.instant()
+        if instant is not None:
+            q, q_d = instant.q, instant.q_d
+        else:  # The controller waits, or is disabled.
+            q, q_d = self._reader.position, None
+        self._view.show(q, q_d)
+        if self._looks and q is not None and now >= self._looks[0]:
+            del self._looks[0]
+            self.look()
+        self._follow()
+
+    def look(self, everybody: bool = False) -> None:
+        """Have cameras show the arm and its desired motion, as far as it is known."""
+        poses = self._poses()
+        if self._view is not None and poses:
+            self._look_at(self._view.points(poses + self._reader.desired(_POSES)), everybody)
+
+    def _follow(self) -> None:
+        """Have cameras show more if the arm leaves what they show."""
+        if self._view is None or self._shown is None:
+            return
+        now = self._view.points(self._poses())
+        least, most = self._shown.min(axis=0), self._shown.max(axis=0)
+        if max((now - most).max(), (least - now).max()) > _OUT * (most - least).max():
+            self._look_at(np.concatenate((self._shown, now)))
+
+    def _look_at(self, points: Array, everybody: bool = False) -> None:
+        if len(points):
+            self._shown = points
+            self._page.cameras.look(points, 1, everybody)
+
+    def _poses(self) -> list[Array]:
+        """Return positions of the arm and of the ghost, where they are known."""
+        instant, q = self._reader.instant(), self._reader.position
+        return [x for x in (q, None if instant is None else instant.q_d) if x is not None]
 
 
 def run_graph_page(make_page: Callable[[], Page], stop: Sequence[int], ros_args: Sequence[str],

@@ -16,19 +16,21 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
+import dataclasses
 from functools import partial
+from itertools import islice
 import os
 import time
-from typing import Any
+from typing import Any, NamedTuple
 
-from ctc_chattering.analysis.interactive_plots import PARTS
+from ctc_chattering.analysis.interactive_plots import packed, PARTS
 from ctc_chattering.control.controller import ControllerConfig
 from ctc_chattering.errors import CtcError, refused_as, RejectedMessage
 from ctc_chattering.live.health import NodeReport
-from ctc_chattering.live.history import Track
-from ctc_chattering.live.samples import Instant, Samples
+from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.numerics.time_grid import NANOSECONDS, seconds
 from ctc_chattering.ros import topics
 from ctc_chattering.ros.joint_order import select
@@ -51,6 +53,90 @@ _KEPT = 1000
 _NODES = ('plant', 'controller', 'reference')
 #: Age of what the controller tracks, against the state, from which it is old [s].
 _ALONE = 0.25
+
+
+class Mark(NamedTuple):
+    """How far a track was sent: rows added, how many before it was cleared, and time 0 [s]."""
+
+    added: int
+    cleared: int
+    begin: float
+
+
+class Track:
+    """
+    Signals that one message has: rows of numbers with their times, the last `most` of them.
+
+    A time before the last one, as at a new start of simulated time, clears it; of rows of one time
+    the first is kept.
+
+    Parameters
+    ----------
+    most : int
+        Number of rows.
+    **signals : int
+        Number of columns of each signal, in their order.
+
+    """
+
+    def __init__(self, most: int = 10_000, **signals: int) -> None:
+        self._signals = signals
+        self._rows: deque[tuple[float, Any]] = deque(maxlen=most)
+        self._added = self._cleared = 0
+
+    def clear(self) -> None:
+        """Forget all rows."""
+        self._rows.clear()
+        self._cleared = self._added
+
+    def add(self, t: float, row: Array) -> None:
+        """Append a row at time `t` [s]."""
+        if self._rows and t <= self._rows[-1][0]:
+            if t == self._rows[-1][0]:
+                return
+            self.clear()
+        self._rows.append((t, row))
+        self._added += 1
+
+    def latest(self, count: int) -> list[Any]:
+        """Return at most so many of the rows, evenly spaced, the last one among them."""
+        rows = list(self._rows)[::-1]
+        return [row for _, row in rows[::len(rows) // count + 1]]
+
+    def mark(self, begin: float) -> Mark:
+        """Return how far `packed` reaches now, with times from `begin` on [s]."""
+        return Mark(self._added, self._cleared, begin)
+
+    def packed(self, since: Mark | None, begin: float) -> bytes:
+        """Return the rows after a mark as a message to the pages, empty without any."""
+        now, count = self.mark(begin), len(self._rows)
+        fresh = since is None or since[1:] != now[1:]
+        first = 0 if fresh or since is None else max(0, count - (now.added - since.added))
+        if first == count:
+            return b''
+        t, rows = map(np.array, zip(*islice(self._rows, first, None)))
+        ends = np.cumsum(list(self._signals.values()))
+        parts = np.split(rows, ends[:-1], axis=1)
+        return packed(t - begin, dict(zip(self._signals, parts)), run=0, fresh=fresh)
+
+
+@dataclasses.dataclass(frozen=True)
+class Instant:
+    """
+    One sample.
+
+    Attributes
+    ----------
+    t : float
+        [s].
+    q, q_d : ndarray, shape (n,)
+        Position and desired position [rad].
+
+    """
+
+    t: float
+    q: Array
+    q_d: Array
 
 
 class GraphReader(BaseNode):
@@ -192,20 +278,16 @@ class GraphReader(BaseNode):
         """Return the last position that was heard, shape (n,); None before."""
         return None if self._state is None else self._state[1]
 
+    def desired(self, count: int) -> list[Array]:
+        """Return at most so many desired positions of the last seconds, each of shape (n,)."""
+        return [row[:len(self.names)] for row in self.tracks[topics.TRACKING].latest(count)]
+
     @property
     def begin(self) -> float:
         """Return the time from which the page counts [s]."""
         if not self.start and not self._first and self._state is not None:
             self._first = self._state[0]
         return self.start or self._first
-
-    def samples(self, last: float = 1.0) -> Samples:
-        """Return the signals of the `last` seconds, at the times of the errors."""
-        t, rows = self.tracks[topics.TRACKING].read(last)
-        n = len(self.names)
-        v, torques = (_at(t, *self.tracks[x].read(last)) for x in (topics.FILTER, topics.TORQUES))
-        parts = torques[:, :-1].reshape(len(t), len(PARTS), n)
-        return Samples(t, rows[:, n:], v, parts.sum(axis=1))
 
     def _select(self, names: Sequence[str], state: StateMessage, *rows: Sequence[float]) -> Any:
         if not self.names:
@@ -298,11 +380,3 @@ class GraphReader(BaseNode):
 def _reader(kind: Any) -> Callable[[bytes], Any]:
     """Return what makes a message of its bytes."""
     return lambda data: deserialize_message(data, kind)
-
-
-def _at(t: Any, times: Any, rows: Any) -> Any:
-    """Return the last rows at or before each of `t`; nan before the first one."""
-    if not len(times):
-        return np.full((len(t), rows.shape[1]), np.nan)
-    k = np.searchsorted(times, t, side='right') - 1
-    return np.where(k[:, None] < 0, np.nan, rows[np.maximum(k, 0)])

@@ -16,19 +16,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 import dataclasses
 import math
-import re
 import time
 
 #: Levels of the light. `OK`, `WARN` and `ERROR` are those of /diagnostics.
 OK, WARN, ERROR, UNKNOWN, ENDED = range(5)
 #: Sign and word of each level: who does not see colours reads these.
-SIGNS = ('● OK', '▲ warning', '■ error', '○ no graph', '◆ the graph has ended')
-#: Colours of the levels: bluish green, orange, vermilion, grey and reddish purple, of the palette
-#: of Okabe and Ito, which people with any colour vision can distinguish.
-COLOURS = ('#009e73', '#e69f00', '#d55e00', '#808080', '#cc79a7')
+SIGNS = ('● OK', '▲ warning', '■ error', '○ waiting', '◆ the graph has ended')
 #: Silence on a topic after which it is reported, and age of a report that is too old [s].
 SILENT, STALE = 0.5, 2.5
 #: What each node publishes all the time.
@@ -76,7 +72,8 @@ def light(reports: Mapping[str, NodeReport], silence: Mapping[str, float],
     Return the light of a graph.
 
     It is `OK` only if plant, controller and reference all say so, have said so of late, and are
-    heard on their topics.
+    heard on their topics. While one of them was never heard it is `UNKNOWN`, or `ERROR` if another
+    has one.
 
     Parameters
     ----------
@@ -97,24 +94,23 @@ def light(reports: Mapping[str, NodeReport], silence: Mapping[str, float],
     if ends := _ends(reports, silence, now):
         return Light(ENDED, ends)
     found: list[tuple[int, str]] = []
-    quiet = {topic: silence.get(topic) for topic in SIGNALS.values()
-             if not silence.get(topic, float('inf')) <= (patience or {}).get(topic, SILENT)}
+    waiting = False
     for node, topic in SIGNALS.items():
-        report = reports.get(node)
+        report, silent = reports.get(node), silence.get(topic)
+        waiting = waiting or report is None or silent is None
         if report is None:
-            found.append((ERROR, f'{node}: no report'))
+            found.append((OK, f'{node}: not heard yet'))
         elif report.ended:
             found.append((ERROR, _ended(node, report, now)))
         elif report.age > STALE:
             found.append((ERROR, f'{node}: {_silent(report.age, now)}'))
         else:
             found.append((min(report.level, ERROR), f'{node}: {report.message}'))
-        if topic in quiet:
-            since = quiet[topic]
-            found.append((WARN if lockstep and since is not None else ERROR, f'{topic}: ' + (
-                'nothing heard' if since is None else _silent(since, now))))
+        if silent is not None and silent > (patience or {}).get(topic, SILENT):
+            found.append((WARN if lockstep else ERROR, f'{topic}: {_silent(silent, now)}'))
     level = max(x for x, _ in found)
-    return Light(level, tuple(text for _, text in found))
+    return Light(UNKNOWN if waiting and level < ERROR else level,
+                 tuple(text for _, text in found))
 
 
 def _ends(reports: Mapping[str, NodeReport], silence: Mapping[str, float],
@@ -146,19 +142,3 @@ def _silent(since: float, now: float) -> str:
 def _at(t: float) -> str:
     """Return a time of the clock on the wall as this machine's zone has it."""
     return time.strftime('%H:%M:%S', time.localtime(t))
-
-
-def counted(name: str, report: NodeReport) -> tuple[str, str, str]:
-    """Return a node's name, deadline misses and refused messages; `?` for what is no count."""
-    values = report.values
-    refused = [_count(value) for key, value in values.items() if key.endswith(': refused')]
-    return (name, _shown([_count(values.get('deadline misses', '0'))]), _shown(refused))
-
-
-def _count(text: str) -> int | None:
-    return int(text) if re.fullmatch('[0-9]{1,15}', text) else None
-
-
-def _shown(counts: Sequence[int | None]) -> str:
-    known = [x for x in counts if x is not None]
-    return str(sum(known)) if len(known) == len(counts) else '?'

@@ -13,103 +13,118 @@
 # limitations under the License.
 
 """
-viser's server behind a door: every request and every message of a browser is checked.
+viser's server behind checks of every request, of every handshake and of every message.
 
-At ``/`` is a page of ours, which frames what viser serves below ``/view/``; ``/samples`` is our
-WebSocket.
+At ``/`` is a page of ours, which frames the scene that viser serves below ``/view/``; ``/samples``
+is our WebSocket.
 """
 
 from __future__ import annotations
 
-from collections.abc import Awaitable, Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager, redirect_stdout, suppress
+import errno
+from functools import partial
 from http import HTTPStatus
 from http.client import HTTPConnection, HTTPException
-import inspect
 from io import StringIO
+from itertools import chain
+from math import isfinite
+from pathlib import Path
+import socket
+import tempfile
 from typing import Any
+import webbrowser
 
+from ctc_chattering.analysis.markup import fragment
 from ctc_chattering.errors import CtcError
-from ctc_chattering.live.access import Access, HEADERS, VIEW_HEADERS
-from ctc_chattering.live.client_messages import is_allowed
-from ctc_chattering.live.samples_socket import SamplesSocket
+from ctc_chattering.live.access import Access, HEADERS, is_local, VIEW_HEADERS
+from ctc_chattering.live.page_socket import PageSocket
+from msgspec import Struct
+from msgspec.msgpack import decode
+from msgspec.structs import astuple
 
+#: Where the page is by default, and how many ports after it are tried.
+HOST, PORT, _TRIED = '127.0.0.1', 8080, 50
 #: Patience of the check at the start [s].
 _PATIENCE = 10.0
 #: Where viser's page is, and our WebSocket.
 _VIEW, _SAMPLES = '/view/', '/samples'
+#: What a browser opens that must not have the address among its arguments.
+_LEADS = ('<!DOCTYPE html><meta charset="utf-8">'
+          '<meta http-equiv="refresh" content="0; url={{ url }}">')
 
 
-class _Door:
-    """What is put around viser's handlers of requests and of connections."""
+class _Front:
+    """Stands before viser's handlers of requests and of connections."""
 
-    def __init__(self, access: Access, page: str, samples: SamplesSocket) -> None:
+    def __init__(self, access: Access, page: str, samples: PageSocket) -> None:
         self._access, self._page, self._samples = access, page, samples
-        #: The page's inputs by their identifiers; none before there is a page.
-        self.widgets: Callable[[], Any] = dict
 
-    def request(self, answer: Callable[..., Any] | None) -> Callable[..., Awaitable[Any]]:
-        """Return a `process_request` that refuses, or answers as viser does."""
-        async def checked(connection: Any, request: Any) -> Any:
-            reason = self._access.refusal(
-                request.path, request.headers, connection.local_address[0])
-            view = request.path.startswith(_VIEW)
-            if reason:
-                response = connection.respond(HTTPStatus.FORBIDDEN, f'ctc live: {reason}\n')
-            elif 'Upgrade' in request.headers or view:
-                request.path = request.path.replace(_VIEW, '/', int(view))
-                response = answer(connection, request) if answer is not None else None
-                if inspect.isawaitable(response):
-                    response = await response
-            else:
-                response = self._own(connection, request)
-            if response is not None:
-                if not reason:
-                    response.headers['Set-Cookie'] = self._access.cookie
-                response.headers.update(VIEW_HEADERS if view else HEADERS)
-            return response
-        return checked
-
-    def connection(self, handle: Callable[[Any], Awaitable[None]]
-                   ) -> Callable[[Any], Awaitable[None]]:
-        """Return a handler of connections that receives messages only that are allowed."""
-        async def checked(connection: Any) -> None:
-            if _path(connection.request) == _SAMPLES:
-                await self._samples.serve(connection)
-                return
-            receive = connection.recv
-
-            async def allowed() -> Any:
-                while True:
-                    data = await receive()
-                    if self._is_allowed(data):
-                        return data
-            connection.recv = allowed
-            await handle(connection)
-        return checked
-
-    def _own(self, connection: Any, request: Any) -> Any:
-        """Return the page around viser's view; nothing else is ours."""
-        if _path(request) != '/':
-            return connection.respond(HTTPStatus.NOT_FOUND, 'ctc live: no such page\n')
-        response = connection.respond(HTTPStatus.OK, self._page)
-        del response.headers['Content-Type']
-        response.headers['Content-Type'] = 'text/html; charset=utf-8'
+    def request(self, answer: Any, connection: Any, request: Any) -> Any:
+        """Refuse a request, or answer it as viser does or with our page; None for a handshake."""
+        reason = self._access.refusal(request.path, request.headers, connection.local_address[0])
+        view = request.path.startswith(_VIEW)
+        if reason:
+            response = connection.respond(HTTPStatus.FORBIDDEN, f'ctc live: {reason}\n')
+        elif 'Upgrade' in request.headers or view:
+            request.path = request.path.replace(_VIEW, '/', int(view))
+            response = answer(connection, request)
+        elif _path(request) == '/':
+            response = connection.respond(HTTPStatus.OK, self._page)
+            del response.headers['Content-Type']
+            response.headers['Content-Type'] = 'text/html; charset=utf-8'
+        else:
+            response = connection.respond(HTTPStatus.NOT_FOUND, 'ctc live: no such page\n')
+        if response is not None:
+            if not reason:
+                response.headers['Set-Cookie'] = self._access.cookie
+            response.headers.update(VIEW_HEADERS if view else HEADERS)
         return response
 
-    def _is_allowed(self, data: Any) -> bool:
-        from msgspec.msgpack import decode
-        with suppress(Exception):  # Of arbitrary bytes.
-            return is_allowed(decode(data), self.widgets())
-        return False
+    async def connection(self, handle: Any, connection: Any) -> None:
+        """Serve a connection to us, or have viser serve one that only says where its camera is."""
+        if _path(connection.request) == _SAMPLES:
+            await self._samples.serve(connection)
+            return
+        receive = connection.recv
+
+        async def camera() -> Any:
+            while not is_camera(data := await receive()):
+                pass
+            return data
+        connection.recv = camera
+        await handle(connection)
+
+
+class CameraMessage(Struct, tag='ViewerCameraMessage', forbid_unknown_fields=True):
+    """All that a browser may say to viser: where its camera is."""
+
+    wxyz: tuple[float, float, float, float]
+    position: tuple[float, float, float]
+    look_at: tuple[float, float, float]
+    up_direction: tuple[float, float, float]
+    fov: float
+    near: float
+    far: float
+    image_height: float
+    image_width: float
+
+
+def is_camera(data: Any) -> bool:
+    """Return whether a message of a browser is a `CameraMessage` of finite numbers."""
+    with suppress(Exception):  # Of arbitrary bytes.
+        parts = astuple(decode(data, type=CameraMessage))
+        return all(map(isfinite, chain.from_iterable(
+            x if isinstance(x, tuple) else (x,) for x in parts)))
+    return False
 
 
 def _path(request: Any) -> str:
     return str(request.path.partition('?')[0])
 
 
-def serve(viser: Any, host: str, port: int, title: str, page: str = '',
-          samples: SamplesSocket | None = None) -> tuple[Any, str]:
+def serve(viser: Any, host: str, port: int, page: str, samples: PageSocket) -> tuple[Any, str]:
     """
     Start viser's server.
 
@@ -121,11 +136,9 @@ def serve(viser: Any, host: str, port: int, title: str, page: str = '',
         Address to listen on.
     port : int
         A free port.
-    title : str
-        Of viser's view.
     page : str
-        HTML of the page around it.
-    samples : SamplesSocket, optional
+        HTML of the page around its scene.
+    samples : PageSocket
         Who serves our WebSocket.
 
     Returns
@@ -140,20 +153,15 @@ def serve(viser: Any, host: str, port: int, title: str, page: str = '',
 
     """
     access = Access(host, port)
-    door = _Door(access, page, samples or SamplesSocket())
-    with _behind(door), redirect_stdout(StringIO()):  # It prints its address in a frame.
-        server = viser.ViserServer(host, port, label=title, verbose=False)
+    with _behind(_Front(access, page, samples)), redirect_stdout(StringIO()):  # It prints.
+        server = viser.ViserServer(host, port, verbose=False)
     try:
         if server.get_port() != port:
             raise CtcError(f'{host}, port {port}: taken; --port N takes another one')
         _check_closed(host, port)
-        inputs = server.gui._gui_input_handle_from_uuid
-    except (AttributeError, CtcError) as error:
+    except CtcError:
         stop(server)
-        if isinstance(error, CtcError):
-            raise
-        raise CtcError(_not_checked(str(error))) from None
-    door.widgets = lambda: inputs
+        raise
     return server, access.url
 
 
@@ -164,14 +172,14 @@ def stop(server: Any) -> None:
 
 
 @contextmanager
-def _behind(door: _Door) -> Iterator[None]:
-    """Have what viser starts meanwhile stand behind a door."""
+def _behind(front: _Front) -> Iterator[None]:
+    """Put a front before what viser starts meanwhile: it has no argument for one."""
     from websockets.asyncio import server as library
     start = library.serve
 
-    def guarded(handler: Any, *arguments: Any, **options: Any) -> Any:
-        options['process_request'] = door.request(options.get('process_request'))
-        return start(door.connection(handler), *arguments, **options)
+    def guarded(handle: Any, *arguments: Any, process_request: Any = None, **options: Any) -> Any:
+        return start(partial(front.connection, handle), *arguments,
+                     process_request=partial(front.request, process_request), **options)
     setattr(library, 'serve', guarded)  # noqa: B010
     try:
         yield
@@ -194,10 +202,64 @@ def _check_closed(host: str, port: int) -> None:
         finally:
             asked.close()
         if status != HTTPStatus.FORBIDDEN:
-            raise CtcError(_not_checked(f'status {status} without the token'))
+            import viser
+            raise CtcError(
+                f'the requests of viser {viser.__version__} cannot be checked (status {status} '
+                'without the token), and the page is not served to everyone: '
+                "pip install 'viser>=1.1,<1.2'")
 
 
-def _not_checked(what: str) -> str:
-    import viser
-    return (f'the requests of viser {viser.__version__} cannot be checked ({what}), and the page '
-            "is not served to everyone: pip install 'viser>=1.1,<1.2'")
+def free_port(host: str, port: int | None) -> int:
+    """
+    Return the port to listen on.
+
+    Raises
+    ------
+    CtcError
+        If the port asked for is taken, or none is free; with the reason.
+
+    """
+    for number in [port] if port is not None else range(PORT, PORT + _TRIED):
+        with socket.socket(socket.AF_INET6 if ':' in host else socket.AF_INET) as it:
+            it.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            try:
+                it.bind((host, number))
+                return int(it.getsockname()[1])
+            except (OSError, TypeError, ValueError) as error:  # The latter of odd names.
+                reason = getattr(error, 'strerror', None) or str(error)
+                if getattr(error, 'errno', errno.EADDRNOTAVAIL) in (
+                        errno.EADDRNOTAVAIL, socket.EAI_NONAME):
+                    break
+    raise CtcError(f'{host}, port {port or f"{PORT} to {PORT + _TRIED - 1}"}: {reason}; '
+                   '--port N takes another one')
+
+
+def warning_of(host: str) -> str:
+    """Return what it means to listen on an address; empty for this machine's own."""
+    if is_local(host):
+        return ''
+    return (f'listening on {host}: everyone who has the address with its token, which the network '
+            'carries without encryption, sees the page and, unless --read-only is given, can '
+            'change the law and stop the torques')
+
+
+@contextmanager
+def opened(url: str) -> Iterator[bool]:
+    """
+    Open an address in a browser with a window of its own; yield whether there is one.
+
+    The browser is given a file that leads to the address: other users of this machine can read
+    the arguments of its process, but not the file, which is removed at the end.
+    """
+    try:
+        browser = webbrowser.get()
+    except webbrowser.Error:
+        browser = None
+    # The browsers of this class take the terminal.
+    if browser is None or type(browser) is webbrowser.GenericBrowser:
+        yield False
+        return
+    with tempfile.TemporaryDirectory(prefix='ctc_live_') as folder:
+        page = Path(folder) / 'page.html'
+        page.write_text(str(fragment(_LEADS, url=url)), encoding='utf-8')
+        yield browser.open(page.as_uri())

@@ -178,9 +178,9 @@ class ControllerNode(LoopNode[ControllerConfig, ControllerSettings]):
 
     def _on_enable(self, request: SetBool.Request, response: SetBool.Response
                    ) -> SetBool.Response:
-        self._loop.enable(request.data)
+        word = 'enabled' if request.data else 'disabled'
         response.success = True
-        response.message = 'enabled' if request.data else 'disabled'
+        response.message = word if self._loop.enable(request.data) else f'was {word} already'
         if request.data and self._loop.mode is Mode.TRIPPED:
             response.message += ', but tripped: call ~/reset'
         return response

@@ -31,7 +31,7 @@ import sys
 import tempfile
 from typing import NamedTuple
 
-from browser import browser_page, chromium, ctc_live, view
+from browser import browser_page, chromium, ctc_live
 from real_time_loop import real_time_loop
 
 #: Reports of a second each that are not counted, at the start.
@@ -54,7 +54,8 @@ def measure(page: bool, lasts: int) -> Cost:
         if page:
             _, url = stack.enter_context(ctc_live('--port', 0))
             tab = stack.enter_context(browser_page())
-            view(tab, url).wait_for_selector('.ctc-numbers')
+            tab.goto(url)
+            tab.wait_for_selector('.ctc-numbers')
             tab.wait_for_selector('.ctc-panel')
         reports.clear()
         while min(len(reports[node]) for node in nodes) < lasts + _FIRST:

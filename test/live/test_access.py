@@ -27,10 +27,10 @@ from typing import Any
 
 from browser import browser_page, ctc_live
 from ctc_chattering.errors import CtcError
+from ctc_chattering.live import require_viser
 from ctc_chattering.live.access import Access, HEADERS, VIEW_HEADERS
-from ctc_chattering.live.page import free_port, require_viser
-from ctc_chattering.live.samples_socket import SamplesSocket
-from ctc_chattering.live.server import serve, stop
+from ctc_chattering.live.page_socket import PageSocket
+from ctc_chattering.live.server import free_port, serve, stop
 from ctc_chattering.ros.domain import own_domain
 import pytest
 from websockets import Headers
@@ -126,9 +126,8 @@ def test_every_page_has_a_token_of_its_own() -> None:
 def served() -> Iterator[str]:
     """Yield the address of a page."""
     viser = require_viser()
-    samples = SamplesSocket()
-    server, url = serve(viser, '127.0.0.1', free_port('127.0.0.1', 0), 'test',
-                        '<!doctype html><iframe src="/view/"></iframe>', samples)
+    server, url = serve(viser, '127.0.0.1', free_port('127.0.0.1', 0),
+                        '<!doctype html><iframe src="/view/"></iframe>', PageSocket())
     server.gui.add_html('content of the page')
     yield url
     stop(server)
@@ -212,7 +211,7 @@ def test_a_viser_whose_requests_cannot_be_checked_is_not_started(
     monkeypatch.setattr(viser, 'ViserServer', Other)
     port = free_port('127.0.0.1', 0)
     with pytest.raises(CtcError, match=r'cannot be checked \(status 200 without the token\)'):
-        serve(viser, '127.0.0.1', port, 'test')
+        serve(viser, '127.0.0.1', port, '', PageSocket())
     with pytest.raises(OSError, match='refused'):
         socket.create_connection(('127.0.0.1', port))
 

@@ -12,45 +12,221 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The page's own controls in a browser: one request on release, and the values in force."""
+"""What the controls of a graph show, and what the page may ask for: in a browser, and by words."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+import json
+from math import inf, nan
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
-from browser import browser_page
+from browser import answered, browser_page, unfold
+from ctc_chattering.control.controller import ControllerConfig
 import ctc_chattering.live
-from ctc_chattering.live.law_panel import LawPanel
+from ctc_chattering.live.controls import ALL, Controls, GAINS, gains_of, numbers
+from ctc_chattering.live.page_socket import PageSocket
 import pytest
 
 WEB = Path(ctc_chattering.live.__file__).parent / 'web'
+STYLE = WEB.parents[1] / 'analysis/web/plots.css'
 EVIL = '<img src=x onerror=hacked=1>'
-NAMES = (EVIL, *(f'panda_joint{i}' for i in range(2, 8)))
-PARAMETERS: dict[str, Any] = {
-    'law': 'chattering', 'switching': 'implicit_observer', 'kp': [100.0] * 7, 'kv': [50.0] * 7,
-    'lambda': 10.0, 'ka': [8.0, 8.0, 6.0, 6.0, 2.0, 2.0, 1.0]}
-RECORD = {'state': 'off', 'path': '/home/lab', 'lasts': 0}
+NAMES = ('a', 'b', 'c')
+PARAMETERS: dict[str, Any] = {'law': 'chattering', 'switching': 'sign', 'kp': [100.0, 50.0, 20.0],
+                              'kv': 50.0, 'lambda': 10, 'ka': [8.0, 4.0, 0.0],
+                              'observer_bandwidth': inf}
+PLANT: dict[str, Any] = {'pacing': 'lockstep', 'coulomb_friction': [9.9, 9.9, 9.9]}
+#: Of a kind that no gain and no name is.
+WRONG: tuple[Any, ...] = (True, '5', None, [5.0], {})
 
 
-def put(page: Any, panel: LawPanel, **parameters: Any) -> None:
-    """Have the page show a state."""
-    page.evaluate('state => update(state)', panel.state(
-        NAMES, {**PARAMETERS, **parameters}, RECORD))
+class Asked(list[tuple[Any, ...]]):
+    """What was asked of a graph and of a recorder."""
+
+    def set(self, node: str, *values: Any, done: str = 'done') -> None:  # noqa: A003
+        self.append(('set', node, *values, done))
+
+    def enable(self, on: bool) -> None:
+        self.append(('enable', on))
+
+    def reset(self) -> None:
+        self.append(('reset',))
+
+    def start(self, name: str) -> None:
+        self.append(('start', name))
+
+    def stop(self) -> None:
+        self.append(('stop',))
+
+    def shown(self) -> dict[str, Any]:
+        return {'state': 'off', 'path': '/home/lab', 'lasts': 0}
+
+
+def controls(names: Sequence[str] = NAMES, plant: Any = None, **parameters: Any
+             ) -> tuple[Controls, PageSocket, Asked]:
+    """Return the controls of a graph, the socket of a page, and what is asked for."""
+    asked = Asked()
+    reader: Any = SimpleNamespace(
+        names=tuple(names), parameters={'controller': {**PARAMETERS, **parameters},
+                                        'plant': PLANT if plant is None else plant},
+        config=ControllerConfig(), clock=1.0, instant=lambda: None)
+    socket = PageSocket()
+    return Controls(socket, reader, asked, asked), socket, asked
+
+
+def asked(*messages: Any, **parameters: Any) -> list[tuple[Any, ...]]:
+    """Return what is asked for after messages of a page."""
+    _, socket, found = controls(**parameters)
+    say(socket, *messages)
+    return found
+
+
+def say(socket: PageSocket, *messages: Any) -> None:
+    """Have a page say something."""
+    for message in messages:
+        socket.hear(json.dumps(message))
+    socket.poll(tuple)
+
+
+def gain(name: Any, joint: Any, value: Any, confirmed: Any = False) -> dict[str, Any]:
+    return {'gain': {'name': name, 'joint': joint, 'value': value, 'confirmed': confirmed}}
+
+
+def is_set(name: str, value: Any, done: str = 'done') -> list[tuple[Any, ...]]:
+    return [('set', 'controller', {name: value}, done)]
+
+
+def test_one_release_is_one_request_with_the_values_of_all_joints() -> None:
+    assert asked(gain('kp', 1, 60)) == is_set('kp', [100.0, 60.0, 20.0])
+    assert asked(gain('ka', ALL, 16.0)) == is_set('ka', [16.0, 8.0, 0.0])
+    assert asked(gain('ka', ALL, 3.0), ka=[0.0] * 3) == is_set('ka', [3.0] * 3)
+    assert asked(gain('kv', 2, 7.0)) == is_set('kv', [50.0, 50.0, 7.0])
+    assert asked(gain('lambda', ALL, 20)) == is_set('lambda', 20.0)
+    assert asked(gain('kp', 1, 50)) == is_set('kp', [100.0, 50.0, 20.0], 'was so already')
+    full = [4.0, 1.0, 0.0, 1.0, 2.0, 0.0, 0.0, 0.0, 1.0]
+    assert asked(gain('kp', ALL, 8.0), kp=full) == is_set('kp', [2.0 * x for x in full])
+    assert asked(gain('kp', 0, 8.0), kp=full) == []
+
+
+@pytest.mark.parametrize(('joint', 'value', 'large'), [
+    (1, 5000.0, False), (1, 5001.0, True), (1, 0.5, False), (1, 0.49, True), (ALL, 1e9, True)])
+def test_a_change_by_more_than_a_factor_of_100_must_be_confirmed(
+        joint: int, value: float, large: bool) -> None:
+    made, socket, found = controls()
+    say(socket, gain('kp', joint, value))
+    assert len(found) == (0 if large else 1)
+    assert [not x['done'] and 'confirmed' in x['text'] for x in made.answers] == [True] * large
+    say(socket, gain('kp', joint, value, True))
+    assert len(found) == (1 if large else 2)
+
+
+def test_limits_are_the_declared_ones_and_hold_the_values_in_force() -> None:
+    kp, kv, pole, ka = gains_of({**PARAMETERS, 'kp': [3e4, 0.5, 1.0]}, NAMES)
+    assert kp.limits == (0.5, 3e4)
+    assert kv.limits == (1.0, 1e3)
+    assert pole.limits == ka.limits == (0.1, 1e3)
+    assert [x.shown()['name'] for x in (kp, kv, pole, ka)] == list(GAINS[:4])
+    assert ka.shown()['values'] == (8.0, 4.0, 0.0)
+
+
+PUSH: dict[str, Any] = {'joint': 1, 'torque': 5, 'lasts': 0.5}
+TIME: dict[str, Any] = {'word': 'step', 'samples': 7}
+#: Requests with a value that no page of ours sends.
+ODD: dict[str, tuple[Any, ...]] = {
+    'push': ({**PUSH, 'joint': -1}, {**PUSH, 'joint': True}, {**PUSH, 'torque': nan},
+             {**PUSH, 'torque': 10 ** 400}, {**PUSH, 'lasts': '1'}, {}, None),
+    'time': ({**TIME, 'word': 'x'}, {**TIME, 'word': []}, {**TIME, 'samples': 0},
+             {**TIME, 'samples': 1.5}, {**TIME, 'samples': True}, {}, []),
+    'plant': ({'name': 'hold_at', 'value': '1'}, {'name': [], 'value': '1'}, None,
+              {'name': 'coulomb_friction', 'value': 1})}
+
+
+@pytest.mark.parametrize('message', [
+    *[gain('kp', 0, value) for value in (*WRONG, nan, inf, -inf, 10 ** 400)],
+    *[gain('kp', 0, 5.0, confirmed) for confirmed in (1, 'yes', None)],
+    *[gain('kp', joint, 5.0) for joint in (-2, 3, 0.0, True, None, '0')],
+    *[gain(name, 0, 5.0) for name in ('ki', 'error_limit', '', None, *WRONG)],
+    {'gain': {'name': 'kp', 'value': 5.0}}, {'gain': {**gain('kp', 0, 5.0)['gain'], 'node': 'x'}},
+    {'gain': None}, {'law': 'none'}, {'law': ['chattering']}, {'law': {}}, {'switching': None},
+    {'record': 5}, {'record': ['x']}, {'record': True}, {'set': 'x'}, {}, [], None, 'law',
+    {'torques': 1}, {'torques': 'on'},
+    *[{name: value} for name, values in ODD.items() for value in values]])
+def test_what_no_page_of_ours_sends_is_passed_over(message: Any) -> None:
+    assert asked(message) == []
+
+
+@pytest.mark.parametrize('value', [-1, 0, 1e10])
+def test_a_value_that_is_not_allowed_is_refused_with_the_reason(value: Any) -> None:
+    made, socket, found = controls()
+    say(socket, gain('kp', 1, value, True))
+    (answer,) = made.answers
+    assert not found
+    assert not answer['done']
+    assert 'kp: [' in answer['text']
+    assert 'a list of finite numbers >= 1e-09 and <= 1e+09' in answer['text']
+    json.dumps([made.state(), answer], allow_nan=False)
+
+
+def test_all_else_is_asked_for() -> None:
+    assert asked({'law': 'compensation'}, {'switching': 'sign'}, {'record': ''}, {'record': None},
+                 {'torques': True}, {'torques': False}) == [
+        *is_set('law', 'compensation'), *is_set('switching', 'sign', 'was so already'),
+        ('start', ''), ('stop',), ('reset',), ('enable', True), ('enable', False)]
+    fields = [{'plant': {'name': 'coulomb_friction', 'value': x}} for x in ('1, 2, 3', '5', 'x')]
+    values: tuple[Any, ...] = ([1.0, 2.0, 3.0], [5.0] * 3, 'x')
+    assert asked(*fields) == [
+        ('set', 'plant', {'coulomb_friction': value}, 'done') for value in values]
+    assert asked({'push': PUSH}) == [(
+        'set', 'plant', {'disturbance.push_duration': 0.5}, {'disturbance.push': [0.0] * 3},
+        {'disturbance.push': [0.0, 5.0, 0.0]}, 'done')]
+    assert [asked({'time': {**TIME, 'word': x}})[0][2]['hold_at'] for x in (
+        'hold', 'step', 'run')] == [1.001, 1.007, 0.0]
+
+
+def test_fields_have_numbers_for_all_joints_or_are_sent_as_they_are() -> None:
+    assert numbers('10, 12', 2) == numbers('[10.0 12]', 2) == [10.0, 12.0]
+    assert numbers('10', 2) == [10.0, 10.0]
+    assert [numbers(text, 2) for text in ('', 'x', '1, x')] == ['', 'x', '1, x']
+
+
+def test_a_gain_without_effect_has_no_slider_to_move() -> None:
+    assert asked(gain('ka', 0, 5.0), law='compensation') == []
+    (ka,) = (x for x in gains_of({**PARAMETERS, 'law': 'compensation'}, NAMES)
+             if x.spec.name == 'ka')
+    assert ka.shown()['off'] == 'the law compensation does not take it'
+    hostile = {'law': {}, 'kp': ['x'], 'kv': [nan] * 3, 'lambda': 'x', 'ka': [1.0] * 9}
+    assert gains_of(hostile, NAMES) == gains_of({}, NAMES) == []
 
 
 @pytest.mark.browser
 def test_sliders_ask_once_on_release_and_follow_the_values_in_force() -> None:
-    panel = LawPanel(lambda *_: None)
+    names = (EVIL, *(f'panda_joint{i}' for i in range(2, 8)))
+    given = {'switching': 'implicit_observer', 'kp': [100.0] * 7, 'kv': [50.0] * 7,
+             'ka': [8.0, 8.0, 6.0, 6.0, 2.0, 2.0, 1.0]}
+    scripts = ''.join(f'<script>{(WEB / name).read_text()}</script>'
+                      for name in ('controls.js', 'status.js'))
+    answers: list[Any] = []
     with browser_page() as page:
         page.set_content(
-            '<div id="c"></div><iframe></iframe><style>' + (WEB / 'controls.css').read_text()
-            + '</style><script>' + (WEB / 'controls.js').read_text()
-            + 'window.sent = []; window.update = controls(document.getElementById("c"), '
-            'x => sent.push(x), document.querySelector("iframe"));</script>')
-        put(page, panel)
+            '<div id="panel"><div id="c"></div><div id="log"></div></div><style>'
+            f'{STYLE.read_text()}{(WEB / "live.css").read_text()}</style>{scripts}<script>'
+            'window.sent = []; window.update = ctcControls(document.getElementById("c"), '
+            'x => sent.push(x)); window.log = ctcStatus(null, null, '
+            'document.getElementById("log"));</script>')
+
+        def put(**parameters: Any) -> None:
+            """Have the page show a state."""
+            made, *_ = controls(names, {'pacing': 'real_time'}, **{**given, **parameters})
+            for answer in answers:
+                made.answer(*answer)
+            page.evaluate('([state, answers]) => { update(state); log.answers(answers); }',
+                          [made.state(), list(made.answers)])
+        put()
         assert page.locator('[aria-pressed=true]').all_inner_texts() == [
             'chattering', 'implicit_observer']
+        unfold(page, 'gains')
         shown = page.get_by_label('ka as a number')
         assert shown.input_value() == '8'  # The largest of all joints.
         page.get_by_label('gains of', exact=True).select_option(label='panda_joint7')
@@ -62,29 +238,41 @@ def test_sliders_ask_once_on_release_and_follow_the_values_in_force() -> None:
         page.mouse.down()
         for part in (0.3, 0.4, 0.5):
             page.mouse.move(box['x'] + part * box['width'], box['y'] + box['height'] / 2)
-            put(page, panel, kp=[90.0 + part] * 7)  # Of others: the slider stays in the hand.
+            put(kp=[90.0 + part] * 7)  # Of others: the slider stays in the hand.
         dragged = float(shown.input_value())
         assert 8.0 < dragged < 12.0  # The middle of 0.1 to 1000, as its logarithm has it.
         assert page.evaluate('sent') == []
         page.mouse.up()
-        assert page.evaluate('sent') == [{'gain': {'name': 'ka', 'joint': 6, 'value': dragged}}]
+        assert page.evaluate('sent') == [gain('ka', 6, dragged)]
 
-        panel.answer('ka', False, EVIL)  # Refused: it goes back.
-        put(page, panel)
+        height = page.locator('#log').bounding_box()
+        answers += [('ka', False, EVIL * k) for k in range(1, 9)]  # Refused: it goes back.
+        put()
         assert shown.input_value() == '1'
-        assert EVIL in page.locator('.ctc-answers').inner_text()
-        put(page, panel, ka=[3.0] * 7)  # Changed elsewhere: it follows.
+        assert EVIL in page.locator('#log').inner_text()
+        assert page.locator('#log').bounding_box() == height
+        put(ka=[3.0] * 7)  # Changed elsewhere: it follows.
         assert shown.input_value() == '3'
         assert float(slider.input_value()) == pytest.approx(0.369, abs=1e-3)
+        for text, reason in (('x', 'x is no number'), ('', 'one number'), ('-1', 'allowed: 0 to')):
+            shown.fill(text)
+            assert shown.get_attribute('aria-invalid') == 'true'
+            assert reason in page.locator('label', has=shown).locator('.ctc-wrong').inner_text()
+            shown.press('Enter')
+        assert len(page.evaluate('sent')) == 1
+        questions = answered(page, accept=False)
+        shown.fill('301')
+        shown.press('Enter')
+        assert questions == ['ka: 3 → 301 N·m, a change by more than a factor of 100. Set it?']
+        assert shown.input_value() == '3'
         shown.fill('4.25')
+        assert shown.get_attribute('aria-invalid') == 'false'
         shown.press('Enter')
         page.get_by_role('button', name='compensation').click()
         page.get_by_role('button', name='● record').click()
-        assert page.evaluate('sent').pop(0) is not None
         assert page.evaluate('sent')[1:] == [
-            {'gain': {'name': 'ka', 'joint': 6, 'value': 4.25}}, {'law': 'compensation'},
-            {'record': ''}]
-        put(page, panel, law='compensation')
+            gain('ka', 6, 4.25), {'law': 'compensation'}, {'record': ''}]
+        put(law='compensation')
         assert slider.is_disabled()
         assert page.locator('[aria-pressed=true]').all_inner_texts() == ['compensation']
         assert page.locator('img').count() == 0
@@ -93,7 +281,7 @@ def test_sliders_ask_once_on_release_and_follow_the_values_in_force() -> None:
 AROUND = """<iframe id="v"></iframe><script>{script}
 const store = {{ read: () => JSON.parse(localStorage.c || '{{}}'),
                  write: x => localStorage.c = JSON.stringify(x) }};
-window.scene = view(document.getElementById('v'), store);</script>"""
+window.scene = ctcView(document.getElementById('v'), store);</script>"""
 CAMERA = '&initialCameraPosition=1.0,-2.500,3&initialCameraFov=0.8'
 
 
@@ -103,8 +291,8 @@ def test_the_browser_keeps_a_camera_that_was_moved_for_this_arm() -> None:
     script = (WEB / 'view.js').read_text()
     with browser_page(color_scheme='dark') as page:
         page.route('http://ctc.test/**', lambda route: route.fulfill(
-            content_type='text/html', body='<canvas></canvas>' if '/view/' in route.request.url
-            else AROUND.format(script=script)))
+            content_type='text/html', body='<head></head><canvas></canvas>'
+            if '/view/' in route.request.url else AROUND.format(script=script)))
 
         def opened(scene: str = 'two links') -> Any:
             page.goto('http://ctc.test/')

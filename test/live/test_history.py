@@ -19,36 +19,9 @@ from __future__ import annotations
 import json
 from typing import Any
 
-from ctc_chattering.live.history import History, Track
-from ctc_chattering.live.samples import rms, Samples
+from ctc_chattering.live.graph_reader import Track
 import numpy as np
 import pytest
-
-
-def test_keeps_the_window() -> None:
-    history = History(2, window=1.0, capacity=300)
-    for k in range(5000):
-        history.add(k / 100, (k, -k))
-    t, rows = history.read()
-    assert t == pytest.approx(np.arange(4899, 5000) / 100)
-    assert rows[:, 0] == pytest.approx(np.arange(4899, 5000))
-    assert rows[:, 1] == pytest.approx(-rows[:, 0])
-
-
-def test_keeps_no_more_rows_than_it_may() -> None:
-    history = History(1, window=1e9, capacity=100)
-    for k in range(12345):
-        history.add(k, (k,))
-    t, rows = history.read()
-    assert t.tolist() == rows[:, 0].tolist() == list(range(12245, 12345))
-
-
-def test_begins_again_where_time_does() -> None:
-    history = History(1)
-    for t in (5.0, 6.0, 0.0, 0.5):
-        history.add(t, (t,))
-    assert history.read()[0].tolist() == [0.0, 0.5]
-    assert History(1).read()[0].tolist() == []
 
 
 def unpacked(message: bytes) -> tuple[dict[str, Any], dict[str, list[list[float]]]]:
@@ -69,8 +42,8 @@ def test_pages_get_each_sample_once_and_all_where_time_begins_again() -> None:
     track, got = Track(q=2, e=1), []
     since = None
     for k in range(25):
-        track.add(1e9 + k / 1000, (k, 3.0 + 1e-9 * k, 1e-9 * k))
-        track.add(1e9 + k / 1000, (9.0, 9.0, 9.0))  # The same sample again.
+        track.add(1e9 + k / 1000, np.array([k, 3.0 + 1e-9 * k, 1e-9 * k]))
+        track.add(1e9 + k / 1000, np.full(3, 9.0))  # The same sample again.
         if k % 10 == 4:
             head, columns = unpacked(track.packed(since, 1e9))
             assert head['fresh'] == (k == 4)
@@ -83,16 +56,23 @@ def test_pages_get_each_sample_once_and_all_where_time_begins_again() -> None:
     assert unpacked(track.packed(since, 1e9 - 5.0))[0] == {
         'count': 25, 'columns': [['t', 0, 8], ['q', 0, 8], ['q', 1, 8], ['e', 0, 4]], 'run': 0,
         'fresh': True}
-    track.add(5.0, (1.0, 2.0, 3.0))
+    track.add(5.0, np.array([1.0, 2.0, 3.0]))
     head, columns = unpacked(track.packed(since, 0.0))
     assert head['fresh']
     assert columns == {'t': [[5.0]], 'q': [[1.0], [2.0]], 'e': [[3.0]]}
 
 
-def test_rms_is_over_the_last_second() -> None:
-    t = np.arange(3001) / 1000
-    e = np.where(t > 2.0, 3.0, 100.0)[:, None]
-    samples = Samples(t, e, e, np.zeros((3001, 1)))
-    assert rms(samples) == pytest.approx([3.0])
-    none = Samples(t[:0], e[:0], e[:0], np.zeros((0, 1)))
-    assert np.isnan(rms(none)).all()
+def test_keeps_no_more_rows_than_it_may_and_begins_again_where_time_does() -> None:
+    track = Track(most=100, q=1)
+    assert track.packed(None, 0.0) == b''
+    for k in range(12345):
+        track.add(k, np.array([float(k)]))
+    expected = list(map(float, range(12245, 12345)))
+    since = track.mark(0.0)
+    for mark in (None, since._replace(added=since.added - 500)):  # A page that missed some.
+        assert unpacked(track.packed(mark, 0.0))[1] == {'t': [expected], 'q': [expected]}
+    for t in (5.0, 6.0, 0.0, 0.5):
+        track.add(t, np.array([t]))
+    head, columns = unpacked(track.packed(since, 0.0))
+    assert head['fresh']
+    assert columns['t'] == [[0.0, 0.5]]

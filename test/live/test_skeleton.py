@@ -22,7 +22,7 @@ from ctc_chattering.configuration.robot_description import read_description
 from ctc_chattering.control.controller import ControllerConfig
 from ctc_chattering.dynamics.two_link_urdf import LENGTH, two_link_urdf
 from ctc_chattering.errors import CtcError
-from ctc_chattering.live.meshes import drawn
+from ctc_chattering.live.arm_view import drawn
 from ctc_chattering.live.skeleton import quaternion, skeleton_of, urdf_skeleton
 import numpy as np
 import pinocchio as pin

@@ -44,7 +44,7 @@ _FEW_FRAMES = """(() => {
     window.cancelAnimationFrame = clearTimeout;
 })()"""
 #: Columns of the scene, between plots and panel.
-SCENE = slice(515, 810)
+SCENE = slice(515, 850)
 
 
 def chromium() -> str | None:
@@ -106,11 +106,12 @@ def eventually(done: Callable[[], Any], what: str, page: Any) -> None:
 
 
 def scene(page: Any) -> tuple[Any, Any]:
-    """Return where the scene of a view is blue, as arms are, and orange, as ghosts."""
-    for button in page.locator('.mantine-Notification-closeButton').all():
+    """Return where the scene of a page is blue, as arms are, and orange, as ghosts."""
+    view = page.frame(url=lambda it: '/view/' in it)
+    for button in view.locator('.mantine-Notification-closeButton').all():
         button.dispatch_event('click')
-    page.wait_for_function('() => !document.querySelector(".mantine-Notification-root")')
-    image = Image.open(io.BytesIO(page.page.screenshot())).convert('RGB')
+    view.wait_for_function('() => !document.querySelector(".mantine-Notification-root")')
+    image = Image.open(io.BytesIO(page.screenshot())).convert('RGB')
     picture = np.array(image, int)[:, SCENE]
     difference = picture[..., 2] - picture[..., 0]
     return difference > 25, difference < -25
@@ -121,11 +122,20 @@ def press(page: Any, name: str) -> None:
     page.get_by_role('button', name=name, exact=True).dispatch_event('click')
 
 
-def field(page: Any, label: str) -> Any:
-    """Return the input with a label."""
-    return page.locator(
-        f'xpath=//label[normalize-space()="{label}"]/ancestor::div[contains(@class, '
-        '"mantine-Flex-root")][1]//input').last
+def unfold(page: Any, title: str) -> None:
+    """Show what is folded under a title."""
+    page.locator('summary', has_text=title).dispatch_event('click')
+
+
+def answered(page: Any, accept: bool) -> list[str]:
+    """Have questions of the page answered from now on; return the list of those that will come."""
+    questions: list[str] = []
+
+    def answer(dialog: Any) -> None:
+        questions.append(dialog.message)
+        (dialog.accept if accept else dialog.dismiss)()
+    page.on('dialog', answer)
+    return questions
 
 
 def numbers(page: Any) -> list[list[str]]:
@@ -134,12 +144,6 @@ def numbers(page: Any) -> list[list[str]]:
         '() => [...document.querySelectorAll(".ctc-numbers tr")].map('
         'row => [...row.querySelectorAll("td")].map(cell => cell.innerText))')
     return [row for row in rows if row]
-
-
-def view(page: Any, url: str) -> Any:
-    """Open a page of `ctc live`; return the frame of viser's view, which is used as pages are."""
-    page.goto(url)
-    return page.frame(url=lambda it: '/view/' in it)
 
 
 def inked(page: Any) -> list[int]:

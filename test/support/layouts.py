@@ -29,7 +29,6 @@ from typing import Any
 import xml.etree.ElementTree as ET
 
 from ctc_chattering.analysis.interactive_plots import PARTS
-from ctc_chattering.live.samples import COLOURS
 from ctc_chattering.ros.topics import FILTER, ROBOT_DESCRIPTION, TORQUES, TRACKING
 
 
@@ -112,7 +111,7 @@ def plotjuggler(joints: Sequence[str]) -> str:
 
 
 def _colours() -> list[str]:
-    return list(COLOURS) * 100
+    return ['#0072b2', '#d55e00', '#009e73', '#cc79a7', '#e69f00', '#56b4e9', '#808080'] * 100
 
 
 LAYOUTS: dict[str, Callable[[Sequence[str]], str]] = {

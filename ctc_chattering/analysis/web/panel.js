@@ -76,7 +76,7 @@ class Panel {
       axes: [{ ...axis, size: 22, space: 62, values: digits },
         { ...axis, size: LEFT, space: 20, values: (u, splits, _a, _s, step) => {
           const factor = 10 ** this.exponent, last = decimals(step / factor);
-          return splits.map(x => fixed((x - this.offset) / factor, last));
+          return splits.map(x => (this.empty ? '' : fixed((x - this.offset) / factor, last)));
         } }],
       series: [{}, { paths: () => null, points: { show: false } }],
       hooks: { draw: [() => this.draw()] } }, [[0, 1], [0, 0]], this.element);
@@ -137,10 +137,11 @@ class Panel {
         if (x > most) most = x;
       }
     }
-    if (!(least <= most)) [least, most] = [-1, 1];
+    this.empty = !(least <= most);
+    if (this.empty) [least, most] = [-1, 1];
     let margin = 0.06 * (most - least);
     if (margin <= 1e-14 * Math.max(Math.abs(least), Math.abs(most)))
-      margin = Math.abs(most) * 1e-3 || 1e-9;
+      margin = Math.abs(most) * 1e-3 || 1;
     [least, most] = [least - margin, most + margin];
     Object.assign(this, scaled(least, most));
     const factor = this.exponent ? power(this.exponent) + ' ' : '';
@@ -148,7 +149,8 @@ class Panel {
       ? ' of ' + this.plots.data.joints[this.joints[0]] : '';
     const offset = this.offset ? `, less ${Number(this.offset.toPrecision(12))}` : '';
     const text = KINDS[this.kind].title + joint + offset + ` [${factor}${this.unit}]`
-      + (KINDS[this.kind].spectrum ? ' over frequency [Hz]' : '');
+      + (KINDS[this.kind].spectrum ? ' over frequency [Hz]' : '')
+      + (this.empty ? ': no samples' : '');
     if (this.title.textContent !== text) this.title.textContent = text;
     this.u.batch(() => {
       this.u.setScale('x', { min: low, max: high });

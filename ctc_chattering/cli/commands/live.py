@@ -63,9 +63,10 @@ def run(options: argparse.Namespace) -> int:
         raise UsageError(f'--port {options.port}: allowed: 0 to 65535')
     if options.export is not None:
         return _export(options)
-    from ctc_chattering.live.browser import opened
-    from ctc_chattering.live.page import Page, require_viser, warning_of
+    from ctc_chattering.live import require_viser
     require_viser()
+    from ctc_chattering.live.page import Page
+    from ctc_chattering.live.server import opened, warning_of
     if options.bags and (options.read_only or options.ros_args):
         raise UsageError('--read-only and --ros-args are for the page of a graph, not of bags')
     if not options.bags_in.is_dir():
@@ -74,8 +75,8 @@ def run(options: argparse.Namespace) -> int:
         say(f'ctc live: {warning}')
 
     with ExitStack() as open_pages:
-        def make_page(main: str, reports: str = '') -> Page:
-            page = Page('ctc live', options.host, options.port, options.dark, main, reports)
+        def make_page() -> Page:
+            page = Page('ctc live', options.host, options.port, options.dark)
             print(f'open {page.url} in a browser; Ctrl-C stops', flush=True)
             wanted = sys.stdout.isatty() if options.open is None else options.open
             if wanted and not open_pages.enter_context(opened(page.url)) and options.open:
@@ -96,21 +97,20 @@ def _serve(options: argparse.Namespace, make_page: Callable[..., Page]) -> None:
     if options.bags:
         from ctc_chattering.live.bag_page import BagPage
         runs = _runs(options)
-        page = make_page('run')
+        page = make_page()
         try:
             BagPage(page, runs).run(stop)
         finally:
             page.close()
         return
     from ctc_chattering.live.graph_page import run_graph_page
-    run_graph_page(lambda: make_page('controls', 'reports'), stop, options.ros_args,
-                   not options.read_only, options.bags_in)
+    run_graph_page(make_page, stop, options.ros_args, not options.read_only, options.bags_in)
 
 
 def _runs(options: argparse.Namespace) -> list[Any]:
     """Return the runs of bags."""
     from ctc_chattering.bags.reader import read_bag
-    from ctc_chattering.live.recorded import RecordedRun
+    from ctc_chattering.live.bag_page import RecordedRun
     if len(options.bags) > 2:
         raise UsageError(f'{len(options.bags)} bags; one or two can be shown')
     runs = []
@@ -124,7 +124,7 @@ def _runs(options: argparse.Namespace) -> list[Any]:
 
 def _export(options: argparse.Namespace) -> int:
     """Write the page of bags into one file."""
-    from ctc_chattering.live.export import write_export
+    from ctc_chattering.live.bag_page import write_export
     if not options.bags:
         raise UsageError('--export needs a bag')
     if options.export.exists() and not options.overwrite:

@@ -1,35 +1,68 @@
-// The controls of a running graph: law, gains, recording, a picture of the view.
-// `send` takes an object for the server, `frame` is the iframe of the view; see law_panel.py.
-function controls(parent, send, frame) {
-  'use strict';
-  const element = (tag, into, name, text) => {
-    const it = document.createElement(tag);
-    if (name) it.className = name;
-    if (text !== undefined) it.textContent = text;
-    into.append(it);
-    return it;
+// The controls of a running graph: law, gains, torques, recording, plant. See controls.py.
+//
+//   const update = ctcControls(parent, send);   // send(words) asks for something
+//   update(state);                              // what `Controls.state` returns
+'use strict';
+const ctcControls = (parent, send) => {
+  const element = (tag, into, name = '', text = '') => {
+    const made = document.createElement(tag);
+    made.className = name;
+    made.textContent = text;
+    into.append(made);
+    return made;
   };
-  parent.classList.add('ctc-plots', 'ctc-controls');
-  const box = element('div', parent);  // Of a graph that may be changed.
-  box.hidden = true;
-  const row = name => {
-    const it = element('div', box, 'ctc-bar');
-    element('span', it, '', name);
-    return it;
+  const bar = (into, name) => {
+    const made = element('div', into, 'ctc-bar');
+    element('span', made, '', name);
+    return made;
+  };
+  const button = (into, text, clicked) => {
+    const made = element('button', into, '', text);
+    made.type = 'button';
+    made.onclick = clicked;
+    return made;
+  };
+  const folded = title => {
+    const details = element('details', parent);
+    element('summary', details, '', title);
+    return details;
   };
   const digits = x => String(Number(x.toPrecision(4)));
+  let state = null;
+
+  // --- fields: what they cannot be is marked at once, with the reason below
+  function field(into, label, reason) {
+    const row = element('label', into), title = element('span', row, '', label);
+    const input = element('input', row);
+    const why = element('span', row, 'ctc-wrong');
+    input.setAttribute('aria-label', label);
+    const wrong = () => {
+      const text = reason(input.value.trim());
+      input.setAttribute('aria-invalid', String(Boolean(text)));
+      why.textContent = text;
+      return text;
+    };
+    input.addEventListener('input', wrong);
+    return { row, title, input, wrong };
+  }
+  function numbersReason(text, count, least = -Infinity, most = Infinity) {
+    const words = text.replace(/[[\],]/g, ' ').split(/\s+/).filter(Boolean);
+    const values = words.map(Number);
+    if (![1, count].includes(words.length))
+      return count > 1 ? `one number, or ${count}` : 'one number';
+    const odd = values.findIndex(x => !Number.isFinite(x));
+    if (odd >= 0) return `${words[odd]} is no number`;
+    if (values.some(x => x < least || x > most)) return `allowed: ${least} to ${most}`;
+    return '';
+  }
 
   // --- law, switching: the one in force is pressed
   function choice(name) {
-    const bar = row(name), buttons = new Map();
+    const buttons = new Map(), row = bar(parent, name);
     return (value, choices) => {
-      bar.hidden = value === null;
+      row.hidden = value === null;
       for (const each of choices) {
-        if (!buttons.has(each)) {
-          const button = element('button', bar, '', each);
-          button.onclick = () => send({ [name]: each });
-          buttons.set(each, button);
-        }
+        if (!buttons.has(each)) buttons.set(each, button(row, each, () => send({ [name]: each })));
         buttons.get(each).setAttribute('aria-pressed', String(each === value));
       }
     };
@@ -37,106 +70,138 @@ function controls(parent, send, frame) {
   const law = choice('law'), switching = choice('switching');
 
   // --- gains: sliders of the logarithm, sent on release, and numbers, sent on Enter
-  const gainBar = row('gains of'), joints = element('select', gainBar);
+  const gains = folded('gains'), gainBar = bar(gains, 'of'), joints = element('select', gainBar);
   joints.setAttribute('aria-label', 'gains of');
   joints.title = 'all joints: their values keep their ratios; the largest is shown';
-  const grid = element('div', box, 'ctc-gains'), sliders = new Map();
-  let state = null;
+  const grid = element('div', gains, 'ctc-fields'), sliders = new Map();
   const chosen = () => Number(joints.value);
-  function inForce(gain) {
-    return gain.values.length > 1 && chosen() >= 0 ? gain.values[chosen()]
-      : Math.max(...gain.values);
-  }
+  const inForce = ({ values }) => (values.length > 1 && chosen() >= 0 ? values[chosen()]
+    : Math.max(...values));
   function slider(name) {
-    const label = element('label', grid), title = element('span', label);
-    const input = element('input', label), shown = element('input', label);
-    const it = { name, title, input, shown, label, asked: null, held: false };
-    input.type = 'range'; input.min = 0; input.max = 1; input.step = 'any';
+    const it = { ...field(grid, `${name} as a number`, text => numbersReason(
+      text, 1, ...it.gain.bounds)), slide: document.createElement('input') };
+    const { slide, input, wrong, title } = it;
+    Object.assign(it, { asked: null, held: false });
+    Object.assign(slide, { type: 'range', min: 0, max: 1, step: 'any' });
+    title.after(slide);
     const value = () => Number((it.gain.least
-      * (it.gain.most / it.gain.least) ** Number(input.value)).toPrecision(3));
+      * (it.gain.most / it.gain.least) ** Number(slide.value)).toPrecision(3));
     const ask = asked => {
+      const before = inForce(it.gain), ratio = asked / before;
+      const large = before > 0 && (ratio > state.largest || ratio < 1 / state.largest);
       it.held = false;
+      if (large && !confirm(`${name}: ${digits(before)} → ${digits(asked)} ${it.gain.unit}, a `
+        + `change by more than a factor of ${state.largest}. Set it?`)) return place(it);
       it.asked = { answered: state.answered, at: Date.now() };
-      send({ gain: { name, joint: it.gain.values.length > 1 ? chosen() : -1, value: asked } });
+      send({ gain: { name, joint: it.gain.values.length > 1 ? chosen() : -1, value: asked,
+        confirmed: large } });
     };
-    input.setAttribute('aria-label', name);
-    shown.setAttribute('aria-label', `${name} as a number`);
-    shown.inputMode = 'decimal';
-    input.oninput = () => { it.held = true; shown.value = digits(value()); };
-    input.onchange = () => ask(Math.min(it.gain.most, Math.max(it.gain.least, value())));
-    shown.oninput = () => { it.held = true; };
-    shown.onchange = () => {
-      if (shown.value.trim() && Number.isFinite(Number(shown.value))) ask(Number(shown.value));
-    };
-    shown.onblur = input.onblur = () => { it.held = false; place(it); };
+    slide.setAttribute('aria-label', name);
+    input.inputMode = 'decimal';
+    slide.oninput = () => { it.held = true; input.value = digits(value()); wrong(); };
+    slide.onchange = () => ask(Math.min(it.gain.most, Math.max(it.gain.least, value())));
+    input.addEventListener('input', () => { it.held = true; });
+    input.onchange = () => { if (!wrong()) ask(Number(input.value)); };
+    input.onblur = slide.onblur = () => { it.held = false; place(it); };
     sliders.set(name, it);
     return it;
   }
   // Put a slider where the value in force is, unless it is held or its answer is awaited.
   function place(it) {
-    const { gain, asked, input } = it;
-    const value = inForce(gain), each = gain.each || chosen() < 0 || gain.values.length === 1;
+    const { gain, asked, slide, input, row, title } = it, value = inForce(gain);
+    const each = gain.each || chosen() < 0 || gain.values.length === 1;
     const why = gain.off || (each ? '' : 'a full matrix: it is changed for all joints together');
-    input.disabled = it.shown.disabled = Boolean(why);
-    it.label.title = why || gain.about;
-    it.title.textContent = `${gain.name} [${gain.unit}]`;
+    slide.disabled = input.disabled = Boolean(why);
+    row.title = why || gain.about;
+    title.textContent = `${gain.name} [${gain.unit}]`;
     if (asked && (state.answered > asked.answered || Date.now() - asked.at > 5000)) it.asked = null;
     if (it.held || it.asked) return;
-    input.value = value > 0 ? Math.log(value / gain.least) / Math.log(gain.most / gain.least) : 0;
-    it.shown.value = digits(value);
+    slide.value = value > 0 ? Math.log(value / gain.least) / Math.log(gain.most / gain.least) : 0;
+    input.value = digits(value);
+    it.wrong();
   }
-  const placeAll = () => sliders.forEach(place);
-  joints.onchange = placeAll;
+  joints.onchange = () => sliders.forEach(place);
 
-  // --- recording, picture
-  const tools = row('bag'), name = element('input', tools, 'ctc-bag'), record = element(
-    'button', tools), where = element('span', tools, 'ctc-where');
-  name.placeholder = 'name by the time'; name.maxLength = 64;
+  // --- torques, recording
+  const torques = bar(parent, 'torques');
+  button(torques, 'reset and enable', () => send({ torques: true }));
+  button(torques, 'disable', () => send({ torques: false }));
+  const bag = bar(parent, 'bag'), name = element('input', bag), record = button(
+    bag, '', () => send({ record: state.record.state === 'off' ? name.value.trim() : null }));
+  const where = element('span', bag, 'ctc-where');
+  name.placeholder = 'name by the time';
+  name.maxLength = 64;
   name.setAttribute('aria-label', 'name of the bag');
-  record.onclick = () => send({ record: state.record.state === 'off' ? name.value.trim() : null });
   const LABELS = { off: '● record', starting: 'starting …', on: '■ stop recording',
     stopping: 'stopping …' };
-  const picture = element('button', element('div', parent, 'ctc-bar'), '', 'picture of the arm');
-  picture.onclick = () => frame.contentDocument.querySelector('canvas[data-engine]').toBlob(blob => {
-    const link = document.createElement('a');
-    link.href = URL.createObjectURL(blob);
-    link.download = `arm_${new Date().toISOString().slice(0, 19).replace(/:/g, '.')}.png`;
-    link.click();
-    setTimeout(() => URL.revokeObjectURL(link.href), 10000);
-  });
-  const log = element('div', box, 'ctc-answers');
-  log.setAttribute('aria-live', 'polite');
 
+  // --- plant: friction and disturbance, a push, simulated time
+  const plant = folded('friction and disturbance');
+  const plantGrid = element('div', plant, 'ctc-fields'), fields = new Map();
+  button(bar(plant, ''), 'apply changes', () => {
+    for (const [parameter, { input, wrong, shown }] of fields)
+      if (!wrong() && input.value.trim() !== shown) send({ plant: { name: parameter,
+        value: input.value.trim() } });
+  });
+  const push = folded('push'), pushGrid = element('div', push, 'ctc-fields');
+  const number = (into, label, value, ...limits) => {
+    const it = field(into, label, text => numbersReason(text, 1, ...limits));
+    it.input.value = value;
+    return it;
+  };
+  const pushBar = bar(push, 'on'), pushed = element('select', pushBar);
+  pushed.setAttribute('aria-label', 'push on');
+  const torque = number(pushGrid, 'torque [N·m]', 50);
+  const lasts = number(pushGrid, 'duration [s]', 0.2, 0, 10);
+  button(pushBar, 'push', () => {
+    if (!torque.wrong() && !lasts.wrong()) send({ push: { joint: Number(pushed.value),
+      torque: Number(torque.input.value), lasts: Number(lasts.input.value) } });
+  });
+  const time = folded('simulated time'), timeBar = bar(time, '');
+  const steps = number(element('div', time, 'ctc-fields'), 'samples a step', 1, 1, 100000);
+  const timeButtons = ['hold', 'step', 'run'].map(word => button(timeBar, word, () => {
+    if (!steps.wrong()) send({ time: { word, samples: Math.round(Number(steps.input.value)) } });
+  }));
+  const reason = element('p', time, 'ctc-where ctc-reason');
+
+  function options(select, texts, first) {
+    if (texts.join('\n') === [...select.options].map(x => x.text).join('\n')) return;
+    select.replaceChildren();
+    texts.forEach((text, i) => { element('option', select, '', text).value = first + i; });
+  }
   return now => {
     state = now;
-    box.hidden = false;
+    parent.hidden = false;
     law(state.law, state.laws.includes(state.law) || !state.law ? state.laws
       : [...state.laws, state.law]);
     switching(state.switching, state.switchings);
-    const options = ['all joints', ...state.joints];
-    if (options.join('\n') !== [...joints.options].map(x => x.text).join('\n')) {
-      joints.replaceChildren();
-      options.forEach((text, i) => { element('option', joints, '', text).value = i - 1; });
-    }
-    gainBar.hidden = !state.gains.length;
+    options(joints, ['all joints', ...state.joints], -1);
+    options(pushed, state.joints, 0);
+    gains.hidden = !state.gains.length;
     const known = new Set(state.gains.map(x => x.name));
-    for (const it of sliders.values()) it.label.hidden = !known.has(it.name);
+    for (const [gain, it] of sliders) it.row.hidden = !known.has(gain);
     for (const gain of state.gains) {
       const it = sliders.get(gain.name) || slider(gain.name);
       it.gain = gain;
+      place(it);
     }
-    state.gains.forEach(gain => place(sliders.get(gain.name)));
-    const { state: phase, path, lasts } = state.record;
+    const { state: phase, path, lasts: duration } = state.record;
     record.textContent = LABELS[phase];
     record.disabled = phase === 'starting' || phase === 'stopping';
     record.setAttribute('aria-pressed', String(phase === 'on'));
     name.disabled = phase !== 'off';
-    where.textContent = phase === 'off' ? `in ${path}` : `${path}, ${lasts} s`;
-    log.replaceChildren();
-    for (const { what, done, text, at } of state.answers) {
-      const line = element('div', log, done ? '' : 'ctc-refused', `${done ? '✓' : '✗'} ${at} `);
-      element('b', line, '', what);
-      line.append(`: ${text}`);
+    where.textContent = phase === 'off' ? `in ${path}` : `${path}, ${duration} s`;
+    plant.hidden = push.hidden = !state.plant.length;
+    for (const { name: parameter, title, value } of state.plant) {
+      if (!fields.has(parameter)) fields.set(parameter, field(
+        plantGrid, title, text => numbersReason(text, state.joints.length)));
+      const it = fields.get(parameter);
+      if (it.shown !== value) {
+        it.shown = it.input.value = value;
+        it.wrong();
+      }
     }
+    for (const it of timeButtons) it.disabled = Boolean(state.held);
+    reason.textContent = state.held;
   };
-}
+};

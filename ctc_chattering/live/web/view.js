@@ -1,7 +1,10 @@
 // The view of viser in its frame: by day or by night, with the camera that this browser had last.
 // viser takes both from its address, and prints the camera whenever it moves.
-function view(frame, store) {
-  'use strict';
+//
+//   const arms = ctcView(frame, {read, write});   // of an object that the browser keeps
+//   arms(name);   // which arms there are: a camera for others is of no use
+'use strict';
+const ctcView = (frame, store) => {
   const CAMERA = /^(&initialCamera(Position|LookAt|Up|Fov|Near|Far)=[-+.,e\d]{1,80}){1,6}$/;
   const night = matchMedia('(prefers-color-scheme: dark)');
   const dark = () => document.documentElement.dataset.theme === 'dark' || night.matches;
@@ -28,7 +31,10 @@ function view(frame, store) {
       inside.addEventListener(kind, event => {
         moved ||= event.target.tagName === 'CANVAS' || kind === 'keydown';
       }, { capture: true, passive: true });
-    fold(inside.document);
+    // Its own panel has nothing of ours.
+    const style = inside.document.createElement('style');
+    style.textContent = '.mantine-Paper-root { display: none !important; }';
+    inside.document.head.append(style);
     seldom(inside);
   });
   // Without a graphics card the view takes all of the processor: where a frame comes late, the next
@@ -50,21 +56,11 @@ function view(frame, store) {
     };
     inside.cancelAnimationFrame = id => waiting.delete(id);
   }
-  // On a narrow page viser's panel is a sheet over the arm: it begins folded.
-  function fold(page) {
-    const SHEET = '[style*="position: fixed"][style*="bottom: 0"][style*="width: 20em"]';
-    const folded = new MutationObserver(() => {
-      const handle = page.querySelector(`${SHEET} [style*="cursor: pointer"]`);
-      if (handle) { folded.disconnect(); handle.click(); }
-    });
-    folded.observe(page.body, { childList: true, subtree: true });
-  }
   night.addEventListener('change', open);
   open();
-  // What the server says of the arms: a camera for others is of no use.
   return name => {
     const before = kept();
     scene = name;
     if (before && before.scene !== name) { store.write({ camera: null }); open(); }
   };
-}
+};

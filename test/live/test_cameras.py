@@ -21,8 +21,8 @@ from math import tan
 from types import SimpleNamespace
 
 from ctc_chattering.control.controller import ControllerConfig
-from ctc_chattering.live.framing import Camera, camera_of, FIELD, is_at, outermost, roots
-from ctc_chattering.live.meshes import drawn
+from ctc_chattering.live.arm_view import drawn
+from ctc_chattering.live.cameras import Camera, camera_of, FIELD, is_at, outermost, roots
 from ctc_chattering.live.skeleton import skeleton_of, urdf_skeleton
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np

@@ -19,21 +19,24 @@ Samples are binary messages, as `analysis/interactive_plots.py` packs them, whos
 run (``run``) and whether they begin a new one (``fresh``). Words are JSON objects as text; each
 key is a subject of its own with its receiver.
 
-To the page (live/page.js):
+To the page (live/web/page.js):
 
-- ``show``: {``joints``, ``units``, ``runs``: names}, ``options`` of plots.js, ``note``: what is
-  drawn; the plots are made anew
-- ``mark``: time of the arm that is shown [s], or null
-- ``controls``: what `LawPanel.state` returns
+- ``show``: {``joints``, ``units``, ``runs``: [{``name``, ``laws``: [[time, law], ...]}, ...],
+  ``options`` of plots.js, ``time``: first and last one of bags [s], ``note``: what is drawn}; the
+  plots are made anew
+- ``mark``: time of the arm that is shown [s], of bags
+- ``silent``: for how long nothing was heard of a graph [s]; the numbers are shown anew
+- ``light``, ``reports``, ``answers``: see web/status.js
+- ``controls``: what `Controls.state` returns
 - ``scene``: which arms there are, for the camera that the browser keeps
 - ``ended``: how the graph has ended; empty while it has not
-- ``remember``: {name: value}; kept by the browser
 
 From the page:
 
-- ``ask``: what `LawPanel.receive` takes
-- ``seek``: time that was clicked [s]
-- ``remembered``: {name: value}, once, when it is opened
+- what `Controls` takes, by its subjects
+- ``seek``: time to show [s]
+- ``magnify``: what errors are multiplied by where the ghost is drawn
+- ``fit``: have the cameras show the arms
 """
 
 from __future__ import annotations
@@ -44,6 +47,9 @@ from contextlib import suppress
 import json
 from queue import Empty, SimpleQueue
 from typing import Any
+
+from msgspec import convert, MsgspecError, ValidationError
+from msgspec.json import decode
 
 Message = str | bytes
 #: Longest message from a page [characters].
@@ -77,7 +83,7 @@ class _Client:
                 await connection.send(message)
 
 
-class SamplesSocket:
+class PageSocket:
     """
     All open pages.
 
@@ -89,7 +95,7 @@ class SamplesSocket:
         self._clients: set[_Client] = set()
         self._joined: SimpleQueue[_Client] = SimpleQueue()
         self._heard: SimpleQueue[Mapping[str, Any]] = SimpleQueue()
-        self._receivers: dict[str, Callable[[Any], None]] = {}
+        self._receivers: dict[str, tuple[Any, Callable[[Any], None]]] = {}
         #: The last words of each subject.
         self._told: dict[str, str] = {}
 
@@ -110,7 +116,7 @@ class SamplesSocket:
                 if len(data) > _LONGEST:
                     await connection.close(_TOO_LONG, f'more than {_LONGEST} characters')
                     break
-                self._take(data)
+                self.hear(data)
         except ConnectionClosed:
             pass
         finally:
@@ -118,20 +124,18 @@ class SamplesSocket:
             sender.cancel()
             await asyncio.gather(sender, return_exceptions=True)
 
-    def _take(self, data: Any) -> None:
-        """Keep a message if it can be one of the page."""
-        with suppress(ValueError, RecursionError):
-            message = json.loads(data) if isinstance(data, str) else None
-            if isinstance(message, dict):
-                self._heard.put(message)
+    def hear(self, data: Message) -> None:
+        """Keep a message for `poll` if it can be one of the page."""
+        with suppress(MsgspecError, RecursionError, UnicodeError):
+            self._heard.put(decode(data if isinstance(data, str) else '', type=dict[str, Any]))
 
-    def on(self, subject: str, receive: Callable[[Any], None]) -> None:
+    def on(self, subject: str, kind: Any, receive: Callable[[Any], None]) -> None:
         """
-        Have words of a subject received, in `poll`.
+        Have words of a subject received, in `poll`, if they are of a type, as msgspec has it.
 
-        Anybody who has the token can send them: whoever receives checks type and limits.
+        Anybody who has the token can send them: whoever receives checks all that is no type.
         """
-        self._receivers[subject] = receive
+        self._receivers[subject] = kind, receive
 
     def poll(self, greeting: Callable[[], Iterable[Message]]) -> None:
         """
@@ -144,9 +148,14 @@ class SamplesSocket:
                 self._joined.get_nowait().put((*greeting(), *self._told.values()))
         with suppress(Empty):
             while True:
-                for subject, value in self._heard.get_nowait().items():
-                    if subject in self._receivers:
-                        self._receivers[subject](value)
+                heard = self._heard.get_nowait()
+                for subject in heard.keys() & self._receivers.keys():
+                    kind, receive = self._receivers[subject]
+                    try:
+                        value = convert(heard[subject], kind)
+                    except ValidationError:
+                        continue  # Of no page of ours.
+                    receive(value)
 
     def tell(self, **words: Any) -> None:
         """Send words to all pages, each by its subject, and to new ones; the same only once."""

@@ -1,0 +1,154 @@
+// Arms of capsules on a canvas, with the desired poses: export.html.
+//
+//   const draw = ctcArm(canvas, data, value);
+//
+// data = {reach, middle, floor, begin, end, runs: [{place, bodies}, ...]} as export.py writes
+// it; value(r, signal, joint, t) is a signal of run r at a time; draw(t) draws a time [s].
+'use strict';
+const ctcArm = (canvas, data, value) => {
+  // --- kinematics: matrices of 16 numbers, row by row
+  function times(a, b) {
+    const c = new Array(16).fill(0);
+    for (let i = 0; i < 4; i++)
+      for (let j = 0; j < 4; j++)
+        for (let k = 0; k < 4; k++) c[4 * i + j] += a[4 * i + k] * b[4 * k + j];
+    return c;
+  }
+  function motion(kind, [x, y, z], q) {
+    if (kind === 'prismatic') return [1, 0, 0, x * q, 0, 1, 0, y * q, 0, 0, 1, z * q, 0, 0, 0, 1];
+    const c = Math.cos(q), s = Math.sin(q), d = 1 - c;
+    return [c + x * x * d, x * y * d - z * s, x * z * d + y * s, 0,
+            y * x * d + z * s, c + y * y * d, y * z * d - x * s, 0,
+            z * x * d - y * s, z * y * d + x * s, c + z * z * d, 0, 0, 0, 0, 1];
+  }
+  function capsules(r, signal, t) {
+    const run = data.runs[r], poses = [], found = [];
+    for (const body of run.bodies) {
+      let pose = body.origin;
+      if (body.joint >= 0)
+        pose = times(pose, motion(body.kind, body.axis, value(r, signal, body.joint, t)));
+      if (body.parent >= 0) pose = times(poses[body.parent], pose);
+      poses.push(pose);
+      for (const [ax, ay, az, bx, by, bz, radius] of body.capsules) {
+        const at = (x, y, z) => [0, 1, 2].map(i => pose[4 * i] * x + pose[4 * i + 1] * y
+          + pose[4 * i + 2] * z + pose[4 * i + 3] + run.place[i]);
+        found.push([at(ax, ay, az), at(bx, by, bz), radius]);
+      }
+    }
+    return found;
+  }
+
+  // --- the view
+  const view = { azimuth: -1.35, elevation: 0.25, distance: 2 * data.reach,
+    target: [0, 0, data.middle] };
+  let now = data.begin;
+  const dot = (a, b) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+  // Right, up and towards the eye.
+  function axes() {
+    const [ca, sa] = [Math.cos(view.azimuth), Math.sin(view.azimuth)];
+    const [ce, se] = [Math.cos(view.elevation), Math.sin(view.elevation)];
+    return [[-sa, ca, 0], [-ca * se, -sa * se, ce], [ca * ce, sa * ce, se]];
+  }
+  // Show the whole motion: a point is seen if |x - middle| <= size * (distance - depth).
+  function fit() {
+    const { clientWidth: width, clientHeight: height } = canvas, at = axes(), points = [];
+    const size = [width, height].map(x => 0.41 * x / Math.min(width, height));
+    for (let k = 0; k < 40; k++)
+      data.runs.forEach((_, r) => {
+        const t = data.begin + (data.end - data.begin) * k / 39;
+        for (const [a, b] of capsules(r, 'q', t))
+          for (const x of [a, b]) points.push(at.map(axis => dot(axis, x)));
+      });
+    if (!points.length) return;
+    const most = i => Math.max(...points.map(x => x[2] + x[i] / size[i]));
+    const least = i => Math.max(...points.map(x => x[2] - x[i] / size[i]));
+    const depth = points.reduce((sum, x) => sum + x[2], 0) / points.length;
+    const middle = [0, 1].map(i => size[i] * (most(i) - least(i)) / 2).concat(depth);
+    view.target = [0, 1, 2].map(j => dot(middle, at.map(axis => axis[j])));
+    view.distance = Math.max(...[0, 1].map(i => (most(i) + least(i)) / 2)) - depth;
+  }
+  function prepared() {
+    const ratio = window.devicePixelRatio || 1;
+    const { clientWidth: width, clientHeight: height } = canvas;
+    const [wide, high] = [width, height].map(x => Math.round(x * ratio));
+    if (canvas.width !== wide || canvas.height !== high) {
+      canvas.width = wide;
+      canvas.height = high;
+    }
+    const context = canvas.getContext('2d');
+    context.setTransform(ratio, 0, 0, ratio, 0, 0);
+    context.clearRect(0, 0, width, height);
+    return [context, width, height];
+  }
+  function draw() {
+    const [context, width, height] = prepared();
+    const scale = Math.min(width, height), at = axes();
+    const seen = point => {
+      const [x, y, near] = at.map(axis => dot(axis, point.map((p, i) => p - view.target[i])));
+      const depth = view.distance - near;
+      return [width / 2 + scale * x / depth, height / 2 - scale * y / depth, depth];
+    };
+    const line = (a, b, colour, thick) => {
+      Object.assign(context, { strokeStyle: colour, lineWidth: thick, lineCap: 'round' });
+      context.beginPath();
+      context.moveTo(a[0], a[1]);
+      context.lineTo(b[0], b[1]);
+      context.stroke();
+    };
+    const grid = getComputedStyle(document.documentElement).getPropertyValue('--grid');
+    const end = 2 * data.reach, low = data.floor;
+    for (let i = -4; i <= 4; i++)
+      for (let j = -8; j < 8; j++) {  // Without what is behind the eye.
+        const [across, from, to] = [i * data.reach / 2, j * end / 8, (j + 1) * end / 8];
+        for (const ends of [[[across, from, low], [across, to, low]],
+          [[from, across, low], [to, across, low]]]) {
+          const [a, b] = ends.map(seen);
+          if (Math.min(a[2], b[2]) > 0.05 * view.distance) line(a, b, grid, 1);
+        }
+      }
+    const found = [];
+    data.runs.forEach((_, r) => {
+      for (const [signal, opacity, size] of [['q_d', 0.5, 1.35], ['q', 1, 1]])
+        for (const [a, b, radius] of capsules(r, signal, now)) {
+          const [from, to] = [seen(a), seen(b)], depth = (from[2] + to[2]) / 2;
+          found.push({ from, to, signal, opacity, thick: 2 * size * radius * scale / depth,
+            order: depth - (signal === 'q' ? 0.01 : 0) });
+        }
+    });
+    for (const { from, to, signal, opacity, thick } of found.sort((a, b) => b.order - a.order)) {
+      context.globalAlpha = opacity;
+      if (signal === 'q') line(from, to, '#00405f', thick);
+      line(from, to, signal === 'q' ? '#0072b2' : '#e69f00',
+        signal === 'q' ? 0.75 * thick : thick);
+      context.globalAlpha = 1;
+    }
+  }
+
+  // --- mouse, fingers, changes of the window
+  let from = null;
+  canvas.onpointerdown = event => {
+    from = [event.clientX, event.clientY];
+    canvas.setPointerCapture(event.pointerId);
+  };
+  canvas.onpointermove = event => {
+    if (!from) return;
+    view.azimuth -= (event.clientX - from[0]) / 150;
+    view.elevation += (event.clientY - from[1]) / 150;
+    view.elevation = Math.min(1.5, Math.max(-1.5, view.elevation));
+    from = [event.clientX, event.clientY];
+    draw();
+  };
+  canvas.onpointerup = () => { from = null; };
+  canvas.onwheel = event => {
+    event.preventDefault();
+    view.distance *= Math.exp(event.deltaY / 1000);
+    draw();
+  };
+  addEventListener('resize', draw);
+  matchMedia('(prefers-color-scheme: dark)').addEventListener('change', draw);
+  fit();
+  return t => {
+    now = t;
+    draw();
+  };
+};

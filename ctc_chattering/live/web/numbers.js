@@ -1,0 +1,88 @@
+// The numbers of all joints at a time, as a table for each run: live.html and export.html.
+//
+//   const numbers = ctcNumbers(parent, joints);
+//   numbers(runs, about, t);              // at a time [s]; runs as those of plots
+//   numbers(runs, about, null, silent);   // the last ones, after `silent` seconds without any
+//   numbers.value(run, signal, joint, t)  // a signal of a run at a time
+//
+// about = [{name, laws: [[t, law], ...]}, ...]: what a run is called, and its laws from when on;
+// a running graph has neither.
+'use strict';
+const ctcNumbers = (parent, joints) => {
+  const OLD = 0.5;  // From here on the last numbers are grey and have their age [s].
+  const COLUMNS = ['joint', 'q', 'q_d', 'error', 'RMS, 1 s', 'v', 'torque'];
+  const PARTS = ['nominal', 'compensation', 'robust'];
+  const made = (tag, into, text = '', name = '') => {
+    const element = document.createElement(tag);
+    element.textContent = text;
+    if (name) element.className = name;
+    into.append(element);
+    return element;
+  };
+  // The number of the last sample at or before a time, or of the first one.
+  function index(t, at) {
+    let low = 0, high = t.length - 1;
+    while (low < high) {
+      const middle = (low + high + 1) >> 1;
+      if (t[middle] <= at + 5e-7) low = middle; else high = middle - 1;
+    }
+    return low;
+  }
+  // A signal's value there, and the time of that sample.
+  function sample(run, signal, joint, time) {
+    if (!run.has(signal)) return { value: NaN, t: NaN };
+    const { t, at } = run.values(signal, joint), i = index(t, time);
+    return { value: t.length ? at(i) : NaN, t: t[i] };
+  }
+  // The law's torque; the one that the robot reports where the law's is old.
+  function torque(run, joint, time) {
+    if (run.has('torque')) return sample(run, 'torque', joint, time);
+    const parts = PARTS.map(part => sample(run, part, joint, time));
+    return time - parts[0].t > OLD ? sample(run, 'effort', joint, time)
+      : { value: parts.reduce((sum, part) => sum + part.value, 0), t: parts[0].t };
+  }
+  function rms(run, joint, time) {
+    if (!run.has('e')) return { value: NaN, t: NaN };
+    const { t, at } = run.values('e', joint), last = index(t, time);
+    let sum = 0, count = 0;
+    for (let i = last; i >= 0 && t[i] > t[last] - 1; i--) { sum += at(i) ** 2; count++; }
+    return { value: Math.sqrt(sum / count), t: t[last] };
+  }
+  const text = (x, written) => (Number.isFinite(x) ? written(x) : '–');
+  function cells(run, joint, time) {
+    const angle = x => x.toFixed(4), small = x => x.toExponential(2);
+    return [
+      [sample(run, 'q', joint, time), angle], [sample(run, 'q_d', joint, time), angle],
+      [sample(run, 'e', joint, time), small], [rms(run, joint, time), small],
+      [sample(run, 'v', joint, time), small], [torque(run, joint, time), x => x.toFixed(1)]];
+  }
+  const lawAt = (laws, t) => (laws.filter(([at]) => at <= t + 1e-6).pop() || laws[0])[1];
+  const show = (runs, about, t = null, silent = 0) => {
+    parent.replaceChildren();
+    runs.forEach((run, r) => {
+      const end = run.ends[1], now = t ?? end;
+      if (!Number.isFinite(end)) return;
+      const head = made('p', parent), table = made('table', parent, '', 'ctc-numbers');
+      const { name, laws } = about[r];
+      if (name) made('b', head, `${name}: ${lawAt(laws, now)}, `);
+      head.append('t = ');
+      made('span', head, now.toFixed(3), 'ctc-now');
+      head.append(' s');
+      const names = made('tr', table);
+      for (const column of COLUMNS) made('th', names, column);
+      let oldest = 0;
+      joints.forEach((joint, j) => {
+        const row = made('tr', table);
+        made('td', row, joint);
+        for (const [{ value, t: at }, written] of cells(run, j, now)) {
+          const age = t === null ? silent + end - at : 0;
+          made('td', row, text(value, written), age > OLD ? 'ctc-old' : '');
+          if (age > oldest) oldest = age;
+        }
+      });
+      if (oldest > OLD) made('span', head, `; grey: ${oldest.toFixed(1)} s old`, 'ctc-old');
+    });
+  };
+  return Object.assign(show, {
+    value: (run, signal, joint, t) => sample(run, signal, joint, t).value });
+};
