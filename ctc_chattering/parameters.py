@@ -65,7 +65,8 @@ class Parameter:
     kind : {'bool', 'int', 'float', 'str', 'float[]', 'str[]'}
         Its type.
     default : object
-        A scalar for a ``float[]`` stands for that value on every joint.
+        A scalar for a ``float[]`` stands for that value on every joint; numbers for each are
+        those of as many joints, and 0 is the default of others.
     description, unit : str
         For `ros2 param describe` and the README.
     minimum, maximum : float
@@ -149,9 +150,9 @@ class Parameter:
 
     def default_for(self, n: int) -> Any:
         """Return the default for `n` joints."""
-        if self.kind == 'float[]' and not isinstance(self.default, tuple):
-            return (float(self.default),) * n
-        return self.default
+        if self.kind != 'float[]' or (isinstance(self.default, tuple) and n == len(self.default)):
+            return self.default
+        return (0.0 if isinstance(self.default, tuple) else float(self.default),) * n
 
     def coerce(self, value: object, n: int = 0) -> Any:
         """
@@ -162,8 +163,8 @@ class Parameter:
         value : object
             Of any type.
         n : int
-            Number of joints, each of which one number is for; 0 if it is not known, and a number
-            for all is no value.
+            Number of joints, each of which one number is for, in a list or not; 0 if it is not
+            known, and a number for all is no value.
 
         Raises
         ------
@@ -173,10 +174,12 @@ class Parameter:
         """
         if not self.kind.endswith('[]'):
             return self._scalar(value, value)
+        each = self.kind == 'float[]' and self.shape in ('n', 'nn') and n > 0
         if isinstance(value, (list, tuple, array)) or (
                 isinstance(value, np.ndarray) and value.ndim == 1):
-            return tuple(self._scalar(item, value) for item in value)
-        if self.kind == 'float[]' and self.shape in ('n', 'nn') and n:
+            items = tuple(self._scalar(item, value) for item in value)
+            return items * n if each and len(items) == 1 else items
+        if each:
             return (self._scalar(value, value),) * n
         raise ParameterError(self.name, value, self.allowed)
 

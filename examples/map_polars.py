@@ -17,7 +17,8 @@
 A map with polars: where two laws fail, over friction and gain, and what the gain should be.
 
 ``python map_polars.py`` runs 24 simulations, or finds them in ``map/``, and prints the error by
-law and friction. It needs dask, pyarrow and polars: ``pip install 'ctc_chattering[map]' polars``.
+law and friction. It needs dask, pyarrow and polars: ``pip install '.[map]' polars``
+in the checkout.
 """
 
 from __future__ import annotations

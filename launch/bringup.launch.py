@@ -44,6 +44,7 @@ ARGUMENTS = {
     'params_file': 'parameter file, or the name of one of the package, such as panda; friction, '
                    "the paper's first experiment, by default",
     'law': "law, in place of the file's",
+    'gains': 'file or recommended; recommended for observer_feedback by default if law names it',
     'switching': "switching of law (6), in place of the file's",
     'control_period': "control period, in place of the file's [s]",
     'duration': "end of the experiment, in place of the file's; 0 for none [s]",

@@ -52,7 +52,6 @@ class Sample(Config):
 REFUSED: list[tuple[type[Config], str, Any, str]] = [
     (ControllerConfig, 'kP', [1.0, 1.0], 'one of joint_names, model'),
     (ControllerConfig, '', 1.0, 'one of'),
-    (ControllerConfig, 'kp', [1.0], 'got 1 values'),
     (ControllerConfig, 'kp', [1.0, 1.0, 1.0], 'n = 2, got 3 values'),
     (ControllerConfig, 'ka', [1.0] * 4, 'one per joint'),
     (ControllerConfig, 'kp', [], 'got 0 values'),

@@ -24,18 +24,20 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
-from ctc_chattering.analysis.metrics import metrics, WINDOW, within
+from ctc_chattering.analysis.metrics import metrics, rms, WINDOW, within
+from ctc_chattering.analysis.number_format import measured
 from ctc_chattering.analysis.output import write_json
 from ctc_chattering.analysis.run_attributes import RunAttributes
 from ctc_chattering.analysis.terms import RunTerms, terms
 from ctc_chattering.arguments import checked
 from ctc_chattering.configuration.loop_setup import Setup
 from ctc_chattering.control.controller import ControllerConfig
+from ctc_chattering.control.recommended_gains import LAW, recommended_gains
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.dynamics.registry import kept_model_of
 from ctc_chattering.dynamics.urdf_parser import Tree
 from ctc_chattering.errors import CtcError, ParameterError
-from ctc_chattering.monitoring.term_saturation import Saturation, TermSaturation
+from ctc_chattering.monitoring.term_saturation import Saturation, TermSaturation, WORTH_A_WORD
 from ctc_chattering.numerics.gaps import missing
 from ctc_chattering.simulation import closed_loop
 from ctc_chattering.simulation.closed_loop import Run
@@ -46,13 +48,15 @@ import numpy.typing as npt
 
 #: Time after a change in which v reaches 0 and the term may be at its bound [s].
 _REACHING = 0.5
+#: Part of the motion above which an error is large, and the least motion [rad].
+_LARGE, _LEAST_MOTION = 0.1, 1e-3
 #: Gains of one switching only.
 _OF_SWITCHING = {'boundary_layer': 'boundary_layer', 'observer_bandwidth': 'implicit_observer'}
 
 
 @checked(experiment=str, configs=Sequence, run=Run, computed=(RunTerms, type(None)),
          description=str, source=str, window=Sequence)
-@dataclasses.dataclass(frozen=True)
+@dataclasses.dataclass(frozen=True, repr=False)
 class Result(RunAttributes):
     """
     One run of one experiment: its samples, the law that ran, and its numbers.
@@ -110,6 +114,12 @@ class Result(RunAttributes):
                 for x in self.configs):
             raise ParameterError('configs', self.configs,
                                  'pairs of a time [s] and a ControllerConfig, one or more')
+
+    def __repr__(self) -> str:
+        """Return the run in a line, with its RMS errors in the window."""
+        error = metrics(self.run, self.window)['rms_error_rad']
+        return (f'<{self.label}: {len(self.run.t)} samples, RMS error {measured(error)} from '
+                f'{self.window[0]:g} to {self.window[1]:g} s>')
 
     @cached_property
     def terms(self) -> RunTerms:
@@ -239,6 +249,27 @@ class Result(RunAttributes):
         for name, found in zip(self.joint_names, self.saturation or ()):
             if found.cause:
                 yield f'{name}: {found}'
+        inside = within(self.run.t, self.window)
+        if inside.sum() > 1:
+            yield from self._large_errors(inside)
+
+    def _large_errors(self, inside: npt.NDArray[np.bool_]) -> Iterator[str]:
+        """Yield which errors are large beside the motion in the window, and why."""
+        config, tau = self.config, np.abs(np.nan_to_num(self.run.tau[inside]))
+        motion = 0.5 * np.ptp(self.run.q_d[inside], axis=0)
+        parts = rms(self.run.e[inside]) / np.where(motion < _LEAST_MOTION, np.inf, motion)
+        large = ', '.join(f'{name} ({100.0 * x:.0f} %)' for name, x in zip(
+            self.joint_names, parts) if x > _LARGE)
+        if not large:
+            return
+        limited = float((tau >= 0.999 * tau.max(axis=0)).mean(axis=0)[parts.argmax()])
+        if limited > WORTH_A_WORD:
+            why = f'the torque is at a limit in {100.0 * limited:.0f} % of the samples'
+        elif config.law == LAW and max(config.kp) < 0.25 * recommended_gains(config)['kp'][0]:
+            why = f'kp and kv are too small for {LAW}: --gains recommended'
+        else:
+            why = 'kp and kv are too small for the friction that the law leaves, or it is unstable'
+        yield f'the RMS error is above a tenth of the motion of {large}: {why}'
 
 
 @checked(setup=Setup, progress=(Callable, type(None)), truth=bool, robot=(Robot, type(None)),

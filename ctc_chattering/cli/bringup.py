@@ -23,8 +23,7 @@ import sys
 
 from ctc_chattering import __version__
 from ctc_chattering.cli.command_line import guarded, Parser
-from ctc_chattering.cli.options import add_run_options, find_file, overrides
-from ctc_chattering.configuration import parameter_file
+from ctc_chattering.cli.options import add_run_options, load_setup
 from ctc_chattering.errors import given_by_user
 from ctc_chattering.launch.graph import run_graph, Stopped
 from ctc_chattering.ros import ros_arguments
@@ -64,13 +63,9 @@ def bringup(arguments: Sequence[str]) -> int:
         from ctc_chattering.live import require_viser
         require_viser()
 
-    over = overrides(options)
-    given = {name for values in over.values() for name in values} | ros.assigned
-    file = find_file(options.params_file)
-    with given_by_user(given):
-        for node, values in ros_arguments.bringup_values(ros).items():
-            over.setdefault(node, {}).update(values)
-        plant = parameter_file.load(file, over).plant
+    with given_by_user(ros.assigned):
+        file, over, setup = load_setup(options, ros_arguments.bringup_values(ros))
+    plant = setup.plant
     with Progress(f'experiment {plant.experiment}:', plant.duration) as progress:
         try:
             run_graph(file, over, options.record, ['--ros-args', *ros.rest], progress,

@@ -28,6 +28,7 @@ from ctc_chattering.cli.command_line import guarded, Parser
 #: The subcommands with what `ctc --help` says of them; their modules are in `commands`.
 COMMANDS = {
     'simulate': 'simulate an experiment without ROS',
+    'new-robot': 'write a parameter file for the robot of a URDF',
     'compile': 'compile a law and the plant, for nodes and simulation',
     'reproduce': "run the paper's experiments over ROS and draw its figures",
     'study': 'compare the switchings over sample periods, gains and imperfections',

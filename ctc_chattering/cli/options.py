@@ -17,15 +17,17 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from importlib.util import find_spec
 import os
 from pathlib import Path
 from typing import Any
 
+from ctc_chattering.cli.command_line import say
 from ctc_chattering.configuration import parameter_file
+from ctc_chattering.configuration.loading import FROM_FILE, RECOMMENDED, with_gains
 from ctc_chattering.configuration.loop_setup import Setup
-from ctc_chattering.configuration.package_share import find_config
+from ctc_chattering.configuration.package_share import config_directory, find_config
 from ctc_chattering.control.controller import LAWS
 from ctc_chattering.control.switching import SWITCHINGS
 from ctc_chattering.errors import given_by_user, UsageError
@@ -38,21 +40,42 @@ _SECTIONS = {'law': 'controller', 'switching': 'controller', 'control_period': '
 
 def add_run_options(parser: argparse.ArgumentParser) -> None:
     """Add the options that select a run: the file, and values that override it."""
+    add_loop_options(parser)
+    parser.add_argument('--switching', metavar='X',
+                        help=f"instead of the file's: {' | '.join(SWITCHINGS)}")
+    parser.add_argument('--duration', type=float, metavar='S', help="instead of the file's [s]")
+
+
+def add_loop_options(parser: argparse.ArgumentParser) -> None:
+    """Add the file, and the options of its law and period."""
     add_params_file(parser)
-    for name, values in (('law', LAWS), ('switching', SWITCHINGS)):
-        parser.add_argument(f'--{name}', metavar='X',
-                            help=f"instead of the file's: {' | '.join(values)}")
-    for name in ('control-period', 'duration'):
-        parser.add_argument(
-            f'--{name}', type=float, metavar='S', help="instead of the file's [s]")
+    parser.add_argument('--law', metavar='X', help=f"instead of the file's: {' | '.join(LAWS)}")
+    parser.add_argument('--gains', choices=(FROM_FILE, RECOMMENDED),
+                        help="the file's, or those recommended for observer_feedback; default: "
+                             "the file's, but the recommended ones if --law chooses this law")
+    parser.add_argument('--control-period', type=float, metavar='S',
+                        help="instead of the file's [s]")
 
 
 def add_params_file(parser: argparse.ArgumentParser) -> None:
-    """Add the option that names the parameter file."""
+    """Add the argument that names the parameter file, which is an option as well."""
+    parser.set_defaults(params_file='friction')
     parser.add_argument(
-        '--params-file', default='friction', metavar='F',
+        'params_file', nargs='?', metavar='F', default=argparse.SUPPRESS,
         help='parameter file, or the name of one in the package, such as panda; default: '
              "friction, the paper's first experiment")
+    parser.add_argument('--params-file', metavar='F', default=argparse.SUPPRESS,
+                        help='the same')
+
+
+def add_urdf_options(parser: argparse.ArgumentParser, required: bool = False) -> None:
+    """Add the options of a robot that a URDF describes."""
+    parser.add_argument('--urdf', metavar='FILE', required=required,
+                        help='URDF: a path or package://NAME/PATH')
+    parser.add_argument('--joints', metavar='A,B,C',
+                        help='joints in the order of the model; default: all that move')
+    parser.add_argument('--gravity', type=float, default=9.81, metavar='G',
+                        help='acceleration of gravity [m/s²], default: 9.81')
 
 
 def add_bag(parser: argparse.ArgumentParser) -> None:
@@ -99,6 +122,12 @@ def find_file(text: str) -> Path:
     return find_config(text)
 
 
+def is_parameter_file(text: str) -> bool:
+    """Return whether `text` names a parameter file, and no bag: one of the package, or YAML."""
+    return Path(text).suffix == '.yaml' or (
+        not Path(text).exists() and (config_directory() / f'{text}.yaml').exists())
+
+
 def overrides(options: argparse.Namespace) -> dict[str, dict[str, Any]]:
     """Return the values that override the file's, as `parameter_file.load` takes them."""
     result: dict[str, dict[str, Any]] = {}
@@ -109,11 +138,23 @@ def overrides(options: argparse.Namespace) -> dict[str, dict[str, Any]]:
     return result
 
 
-def load_setup(options: argparse.Namespace) -> tuple[Path, Any, Setup]:
-    """Return the parameter file, the values that override it, and both, checked."""
+def load_setup(options: argparse.Namespace, more: Mapping[str, Any] | None = None
+               ) -> tuple[Path, Any, Setup]:
+    """
+    Return the parameter file, the values that override it, and both, checked.
+
+    Values by node in `more` override those of the options. Gains that are taken beside those of
+    the file are said in a line.
+    """
     file, over = find_file(options.params_file), overrides(options)
-    with given_by_user(name for values in over.values() for name in values):
-        return file, over, parameter_file.load(file, over)
+    for node, values in (more or {}).items():
+        over.setdefault(node, {}).update(values)
+    with given_by_user({name for values in over.values() for name in values}):
+        over, line = with_gains(file, over, getattr(options, 'gains', None))
+        setup = parameter_file.load(file, over)
+    if line:
+        say(line)
+    return file, over, setup
 
 
 def check(option: str, value: float, minimum: float, exclusive: bool = False) -> None:

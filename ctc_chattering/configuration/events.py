@@ -16,19 +16,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from operator import itemgetter
+from typing import Any
 
 from ctc_chattering.configuration.yaml_file import parse_value
+from ctc_chattering.control.recommended_gains import GainChoice, GAINS, LAW
 from ctc_chattering.controller.settings_check import change_steps
 from ctc_chattering.errors import CtcError, ParameterError
-from ctc_chattering.parameters import Config
+from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.simulation.closed_loop import Event
 
 
-def parse_events(lines: Sequence[str], configs: Mapping[str, Config]) -> tuple[Event, ...]:
+def parse_events(lines: Sequence[str], configs: Mapping[str, Any],
+                 model_torque: Callable[[], Array | None] = lambda: None) -> tuple[Event, ...]:
     """
     Return the events that `lines` describe, each "time node parameter value".
+
+    Where no line has gains, a law comes with those that `GainChoice` decides.
 
     Parameters
     ----------
@@ -36,6 +41,8 @@ def parse_events(lines: Sequence[str], configs: Mapping[str, Config]) -> tuple[E
         The value is YAML; empty lines are ignored.
     configs : mapping
         Configuration of each node that can have events, at the start of the run.
+    model_torque : callable, optional
+        Returns `model_torque` of the controller; None while it is not known.
 
     Raises
     ------
@@ -63,14 +70,23 @@ def parse_events(lines: Sequence[str], configs: Mapping[str, Config]) -> tuple[E
         except CtcError:
             raise ParameterError('events', line, 'a value in YAML, not null') from None
     events.sort(key=itemgetter(0))
-    current = dict(configs)
+    current, choice = dict(configs), GainChoice()
+    without_gains = not any(name in GAINS for _, _, name, _ in events)
     result = []
     for time, node, name, value in events:
-        before, current[node] = current[node], current[node].changed({name: value})
-        spec = before.parameters()[name]
-        old, new = (getattr(config, spec.field) for config in (before, current[node]))
-        # A file that names a large change confirms it.
-        steps = change_steps(spec, old, new, len(before.as_mapping()['joint_names'])
-                             ) if node == 'controller' else [new]
-        result += [Event(time, node, {name: step}) for step in steps]
+        before, values = current[node], {name: value}
+        if name == 'law':
+            law = before.changed(values).law
+            if law == LAW != before.law:
+                choice.torque = model_torque()
+            taken = choice.of_law(law, before)
+            values |= {x: taken[x] if without_gains else before.as_mapping()[x] for x in taken}
+        current[node] = before.changed(values)
+        wanted = {x: current[node].as_mapping()[x] for x in values}
+        if node == 'controller':  # A file that names a large change confirms it.
+            old = before.as_mapping()
+            result += [Event(time, node, {x: step}) for x, value in wanted.items()
+                       for step in change_steps(before.parameters()[x], old[x], value,
+                                                len(old['joint_names']))[:-1]]
+        result.append(Event(time, node, wanted))
     return tuple(result)

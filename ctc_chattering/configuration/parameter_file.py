@@ -34,7 +34,11 @@ from ctc_chattering.configuration.node_parameters import LOOP, NODES, parameters
 from ctc_chattering.configuration.robot_description import read_description
 from ctc_chattering.configuration.trajectory_file import read_trajectory
 from ctc_chattering.configuration.yaml_file import Dumper, read_yaml
+from ctc_chattering.control.controller_config import ControllerConfig
+from ctc_chattering.control.recommended_gains import model_torque
+from ctc_chattering.dynamics.registry import kept_model_of
 from ctc_chattering.errors import CtcError, near, UsageError
+from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.parameters import Config
 import yaml
 
@@ -78,7 +82,6 @@ def load(path: Path | None, overrides: Overrides | None = None) -> Setup:
     if values['plant'].get('use_sim_time') is True and plant.pacing == 'real_time':
         raise UsageError('use_sim_time: true contradicts real_time, the pacing of plant: it '
                          'gives the time itself, in lockstep on clock')
-    events = parse_events(bringup.events, {'plant': plant, 'controller': controller})
     resolved = {node: {name: value for config in configs[node]
                        for name, value in config.as_mapping().items()} for node in NODES}
     route = read_trajectory(Path(reference.trajectory_file), reference.joint_names
@@ -86,9 +89,19 @@ def load(path: Path | None, overrides: Overrides | None = None) -> Setup:
     descriptions = {node: read_description(config.description)
                     for node, config in zip(LOOP, (plant, controller, reference))
                     if config.described and config.description}
+
+    events = parse_events(bringup.events, {'plant': plant, 'controller': controller},
+                          lambda: known_model_torque(controller, descriptions))
     setup = Setup(plant, controller, reference, events, resolved, route, descriptions)
     check_motion(setup)
     return setup
+
+
+def known_model_torque(config: ControllerConfig, descriptions: Mapping[str, str]) -> Array | None:
+    """Return `model_torque` of the controller; None where it waits for its description."""
+    text = descriptions.get('controller', '')
+    return None if config.described and not text else model_torque(
+        config, kept_model_of(config, text))
 
 
 def dump(values: Mapping[str, Values], path: Path) -> None:

@@ -91,6 +91,8 @@ class ControlLoop:
         Whether time is simulated, as of the last state.
     reference_outages : int
         How often the reference was late.
+    tripped : str
+        Why the last trip was; empty before the first.
 
     """
 
@@ -116,7 +118,7 @@ class ControlLoop:
         self._pending: JointSample | None = None
         #: The torque sent last; None where nothing has been sent, or a last one of 0.
         self._held: Vector | None = None
-        self._tripped = ''
+        self.tripped = ''
         #: Whether a torque was ever sent: before that, gaps of the states are those of the start.
         self._begun = False
 
@@ -230,7 +232,7 @@ class ControlLoop:
 
     def _trip(self, trip: Trip) -> None:
         """Send no torque until a reset."""
-        self._tripped = trip.reason
+        self.tripped = trip.reason
         self.handle(trip.event)
         self.end_torque()
         self._log.error(f'{trip.detail}; no torque until ~/reset')
@@ -305,7 +307,7 @@ class ControlLoop:
         if self.law is not None:
             problems += self._trips.warnings()
             problems += [(1, text) for text in unsafe_settings(self.law.config)]
-        tripped = f'tripped: {self._tripped}; call ~/reset'
+        tripped = f'tripped: {self.tripped}; call ~/reset'
         wrong = {
             Mode.TRIPPED: tripped, Mode.TRIPPED_AND_DISABLED: tripped,
             Mode.NO_STATE: f'no state for {seconds(self.watchdog.silence(now)):.1f} s',

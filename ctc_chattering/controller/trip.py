@@ -113,8 +113,8 @@ class TripMonitor:
             return None
         text = f'the position error of {self._names[joint]} has grown by {grown:.2f} rad'
         return Trip(Input.ERROR_LIMIT, text, (
-            f'{text}, to {abs(e[joint]):.2f} rad; {_WATCHED} is allowed {LARGEST_GROWTH:g} rad '
-            f'unless error_limit is set; {_causes(config)}'))
+            f'{text}, to {abs(e[joint]):.2f} rad, and exceeded the limit of '
+            f'{LARGEST_GROWTH:g} rad (set error_limit to change it); {_causes(config)}'))
 
     def warnings(self) -> list[tuple[int, str]]:
         """Return level and text of what was seen since the last call."""

@@ -33,8 +33,7 @@ def require_viser() -> Any:
     try:
         import viser
     except ImportError as error:
-        raise UsageError(f"the page needs viser ({error}): pip install 'ctc_chattering[live]', "
-                         'or pip install viser') from None
+        raise UsageError(f'the page needs viser ({error}): pip install viser') from None
     # A browser that goes away in the middle of a message is no error.
     logging.getLogger('websockets').setLevel(logging.CRITICAL)
     return viser

@@ -16,11 +16,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 import time
+from typing import Any
 
 from ctc_chattering.configuration.loop_setup import Values
 from ctc_chattering.configuration.node_parameters import ControllerSettings
-from ctc_chattering.control.controller import Controller, ControllerConfig
+from ctc_chattering.control.controller import Controller, ControllerConfig, LAWS
+from ctc_chattering.control.recommended_gains import GainChoice, GAINS, model_torque
 from ctc_chattering.controller.loop import Answer, ControlLoop, JointSample
 from ctc_chattering.controller.settings_check import check_change, missing_limits
 from ctc_chattering.controller.state_machine import Mode
@@ -30,6 +33,7 @@ from ctc_chattering.nodes.control_terms import ControlTerms
 from ctc_chattering.nodes.controller_state import ControllerState
 from ctc_chattering.numerics.machine_code import HOW_TO_COMPILE
 from ctc_chattering.numerics.time_grid import seconds
+from ctc_chattering.parameters import OWN_CLASS
 from ctc_chattering.ros.joint_order import select
 from ctc_chattering.ros.loop_node import LoopNode
 from ctc_chattering.ros.messages import LATEST
@@ -66,6 +70,7 @@ class ControllerNode(LoopNode[ControllerConfig, ControllerSettings]):
         self._names = config.joint_names
         self._terms = ControlTerms(self, self._names)
         self._controller_state = ControllerState(self, self._names)
+        self._gains = GainChoice()
         writer = EffortWriter(self._names)
         self._loop = ControlLoop(
             config, settings.state_timeout, settings.reference_timeout, settings.enabled,
@@ -83,7 +88,9 @@ class ControllerNode(LoopNode[ControllerConfig, ControllerSettings]):
 
     def begin(self, description: str) -> None:
         """Make the law for a robot, and begin to listen."""
-        self._loop.law = Controller(self.config, model_of(self.config, description))
+        model = model_of(self.config, description)
+        self._loop.law = Controller(self.config, model)
+        self._gains.torque = model_torque(self.config, model)
         self._tell_if_plain(self._loop.law)
         if missing := missing_limits(self.config, self._loop.law.model.effort_limits):
             self.get_logger().warning(f'{missing}: set them to the limits of the drives')
@@ -156,6 +163,10 @@ class ControllerNode(LoopNode[ControllerConfig, ControllerSettings]):
         if answer is None:
             if not self._loop.mode.sends_torque:
                 self.statistics.pause()
+            if (self._loop.mode is Mode.TRIPPED and self._loop.simulated
+                    and 'bringup' in self.settings.wait_for and not self.done.done()):
+                self.failure = f'tripped: {self._loop.tripped}'  # Time would wait for a reset.
+                self.done.set_result(None)
             return
         self._publish_terms(answer)
         end = time.monotonic_ns()
@@ -193,9 +204,24 @@ class ControllerNode(LoopNode[ControllerConfig, ControllerSettings]):
 
     def check(self, config: ControllerConfig) -> None:
         """Refuse a law that cannot be made, and a change that is too large."""
-        check_change(self.config, config)
+        before = self.config
+        if config.law != before.law:  # Gains may come with it: `completed`.
+            values = config.as_mapping()
+            before = before.changed({name: values[name] for name in GAINS})
+        check_change(before, config)
         if self._loop.law is not None:
             self._loop.law.check(config)
+
+    def completed(self, _values: Mapping[str, Any]) -> Mapping[str, Any]:
+        """Return the gains that go with a law which is set without any; see `GainChoice`."""
+        law, named = _values.get('law'), {*_values, *self.parameter_service.names}
+        if (law not in LAWS and not OWN_CLASS.fullmatch(str(law))) or not named.isdisjoint(GAINS):
+            return {}
+        gains = self._gains.of_law(str(law), self.config)
+        if gains:
+            self.get_logger().info(f'law {law} is set without gains, and takes its own, not those '
+                                   f'of {self.config.law}')
+        return gains
 
     def on_change(self) -> None:
         """Have the law take what has been set."""

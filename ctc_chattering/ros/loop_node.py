@@ -16,6 +16,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any, cast, Generic, TypeVar
 
 from ctc_chattering.configuration.loop_setup import Values
@@ -61,7 +62,8 @@ class LoopNode(BaseNode, Generic[C, S]):
     def __init__(self, name: str, values: Values | None) -> None:
         super().__init__(name, values)
         self.parameters = NodeParameters(
-            self, NODES[name], self.on_change, lambda configs: self.check(cast(C, configs[0])))
+            self, NODES[name], self.on_change, lambda configs: self.check(cast(C, configs[0])),
+            self.completed)
         self.scheduling = RealTime(self.parameters.get(RealTimeSettings))
         self.problem = ''
 
@@ -80,6 +82,10 @@ class LoopNode(BaseNode, Generic[C, S]):
 
     def check(self, config: C) -> None:
         """Raise `CtcError` if a configuration that would be set is not allowed."""
+
+    def completed(self, _values: Mapping[str, Any]) -> Mapping[str, Any]:
+        """Return parameters that are set with others, by name."""
+        return {}
 
     def begin(self, description: str) -> None:
         """Begin with a robot; its description is empty where none is needed."""

@@ -97,6 +97,8 @@ class BaseNode(Node):
         The signals that have asked for the end.
     scheduling : RealTime or None
         Of its process, where it has parameters for that.
+    parameter_service : TolerantParameterService
+        Takes requests to set parameters.
 
     """
 
@@ -104,7 +106,7 @@ class BaseNode(Node):
         self.given = dict(values or {})
         super().__init__(name, start_parameter_services=False, parameter_overrides=[
             RosParameter(x, value=self.given[x]) for x in OF_ROS if x in self.given])
-        TolerantParameterService(self)
+        self.parameter_service = TolerantParameterService(self)
         self.done = Future()
         self.failure: str | None = None
         self.stop: Sequence[int] = ()

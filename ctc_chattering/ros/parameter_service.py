@@ -25,15 +25,18 @@ from rclpy.parameter_service import ParameterService
 class TolerantParameterService(ParameterService):
     """Takes a value of no known type for one that is not set; rclpy's raises, in our spin."""
 
+    #: Parameters that the request at hand sets, one after the other or together.
+    names: frozenset[str] = frozenset()
+
     def _set_parameters_callback(self, request: Any, response: Any) -> Any:
-        return super()._set_parameters_callback(_typed(request), response)
+        return super()._set_parameters_callback(self._typed(request), response)
 
     def _set_parameters_atomically_callback(self, request: Any, response: Any) -> Any:
-        return super()._set_parameters_atomically_callback(_typed(request), response)
+        return super()._set_parameters_atomically_callback(self._typed(request), response)
 
-
-def _typed(request: Any) -> Any:
-    for parameter in request.parameters:
-        if parameter.value.type > ParameterType.PARAMETER_STRING_ARRAY:
-            parameter.value.type = ParameterType.PARAMETER_NOT_SET
-    return request
+    def _typed(self, request: Any) -> Any:
+        self.names = frozenset(parameter.name for parameter in request.parameters)
+        for parameter in request.parameters:
+            if parameter.value.type > ParameterType.PARAMETER_STRING_ARRAY:
+                parameter.value.type = ParameterType.PARAMETER_NOT_SET
+        return request

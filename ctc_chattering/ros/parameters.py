@@ -56,6 +56,8 @@ class NodeParameters:
         Called after every accepted set.
     check : callable, optional
         Called with the configurations that a set would make; refuses it by `CtcError`.
+    completed : callable, optional
+        Called with the values of a set; returns more that are set with them.
 
     Attributes
     ----------
@@ -73,9 +75,11 @@ class NodeParameters:
 
     def __init__(self, node: BaseNode, configs: Sequence[type[Config]],
                  changed: Callable[[], None],
-                 check: Callable[[Sequence[Config]], None] = lambda _: None) -> None:
+                 check: Callable[[Sequence[Config]], None] = lambda _: None,
+                 completed: Callable[[Mapping[str, Any]], Mapping[str, Any]] = lambda _: {}
+                 ) -> None:
         self._node = node
-        self._changed, self._check = changed, check
+        self._changed, self._check, self._completed = changed, check, completed
         self._specs = {
             name: spec for config in configs for name, spec in config.parameters().items()}
         self.configs = [config.from_mapping(_of(config, node.given)) for config in configs]
@@ -112,8 +116,10 @@ class NodeParameters:
                 stamp=stamp(t), node=self._node.get_fully_qualified_name(), **{kind: changed}))
 
     def _coerce(self, parameters: list[RosParameter]) -> list[RosParameter]:
-        """Turn integers and words for numbers into numbers where such are due."""
-        return [self._coerced(parameter) for parameter in parameters]
+        """Turn integers and words for numbers into numbers where such are due, and complete."""
+        found = [self._coerced(parameter) for parameter in parameters]
+        more = self._completed({parameter.name: parameter.value for parameter in found})
+        return found + [_to_parameter(name, value) for name, value in more.items()]
 
     def _coerced(self, parameter: RosParameter) -> RosParameter:
         if not self._node.has_parameter(parameter.name):  # rclpy takes an empty name.

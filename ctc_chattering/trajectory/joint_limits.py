@@ -89,10 +89,12 @@ class DescribedLimits:
             for joint, values in zip(self.joints, zip(*rows)):
                 low, high = getattr(joint, quantity)
                 least, most = min(values), max(values)
-                beyond, value, limit = max((most - high, most, high), (low - least, least, low))
+                beyond, value, limit, side = max(
+                    (most - high, most, high, 'above its upper'),
+                    (low - least, least, low, 'below its lower'))
                 if beyond > TOLERANCE * (1.0 if quantity == 'position' else abs(limit)):
                     found.append(f'{joint.name}: {quantity} {value:.4g} {joint.unit}{per}, '
-                                 f'{beyond:.3g} beyond its limit of {limit:.4g}')
+                                 f'{beyond:.3g} {side} limit of {limit:.4g}')
         return '; '.join(found)
 
 

@@ -64,7 +64,9 @@ class ReferenceConfig(Config):
         'velocity, half as fast, with a rest after each.', choices=PROFILES,
         read_only=True)
     center: tuple[float, ...] = parameter(
-        'center', 'float[]', (pi, 0.5 * pi), 'Centre of the sinusoid.', unit='rad', shape='n')
+        'center', 'float[]', (pi, 0.5 * pi),
+        'Centre of the sinusoid; by default 0 where there are not two joints.', unit='rad',
+        shape='n')
     amplitude: tuple[float, ...] = parameter(
         'amplitude', 'float[]', 0.5, 'Amplitude of the sinusoid.', unit='rad', shape='n')
     frequency: tuple[float, ...] = parameter(

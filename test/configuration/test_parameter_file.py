@@ -21,10 +21,13 @@ from pathlib import Path
 from typing import Any
 
 from ctc_chattering.configuration import parameter_file
+from ctc_chattering.configuration.loading import load_parameters, with_gains
 from ctc_chattering.configuration.loop_setup import Setup
 from ctc_chattering.configuration.node_parameters import LOOP, NODES
+from ctc_chattering.configuration.package_share import find_config
+from ctc_chattering.control.recommended_gains import GAINS
 from ctc_chattering.dynamics.registry import model_of
-from ctc_chattering.errors import CtcError
+from ctc_chattering.errors import CtcError, UsageError
 from ctc_chattering.parameters import LARGEST, LEAST
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -139,7 +142,7 @@ def test_directory(tmp_path: Path) -> None:
     ('controller', 'lambda: "x"', "'x'", 'number'), ('controller', 'lambda: true', 'True', 'numb'),
     ('controller', 'lambda: [1.0]', '[1.0]', 'number'), ('controller', 'lambda:', 'None', 'numb'),
     ('controller', f'lambda: 1{"0" * 400}', '1000', 'number'),
-    ('controller', 'kp: x', 'x', 'list'), ('controller', 'kp: [1.0]', '[1.0]', 'n = 2'),
+    ('controller', 'kp: x', 'x', 'list'),
     ('controller', 'kp: [1, 2, 3]', '3.0]', 'n = 2'), ('controller', 'kp: [1, a]', "'a'", 'list'),
     ('controller', 'kp: [1, null]', 'None', 'list'), ('controller', 'kp: [[1], [0]]', '', 'list'),
     ('controller', 'kv: [1, 0.5, 0.4, 1]', '0.4', 'symmetric'),
@@ -151,7 +154,7 @@ def test_directory(tmp_path: Path) -> None:
     ('controller', 'effort_limit: [.nan, 1]', 'nan', 'number'),
     ('plant', 'pacing: fast', 'fast', 'lockstep'), ('plant', 'duration: -1', '-1', '>= 0'),
     ('plant', 'duration: 2024-01-01', '2024', 'number'),
-    ('plant', 'disturbance: {amplitude: [1]}', '1.0', 'n = 2'),
+    ('plant', 'disturbance: {amplitude: [1, 2, 3]}', '1.0', 'n = 2'),
     ('plant', 'disturbance.amplitude: x', 'x', 'list'), ('plant', 'experiment: 5', '5', 'string'),
     ('plant', 'initial_position: [0, 0, 0]', '[0.0, 0.0, 0.0]', 'n = 2'),
     ('/**', 'control_period: 0.0', '0.0', '>= 1e-09'),
@@ -249,6 +252,44 @@ def test_overrides(file: Path) -> None:
             'law', 'pid', 'chattering')
 
 
+def test_a_law_without_gains_takes_those_that_suit_it_and_starts_smoothly() -> None:
+    """With gains, or where the file is asked for, it takes what is there; the user is told."""
+    law: dict[str, Any] = {'law': 'observer_feedback'}
+    friction = find_config('friction')
+    over, line = with_gains(friction, {'controller': law})
+    assert over['controller'] == {
+        **law, 'kp': (1e4, 1e4), 'kv': (200.0, 200.0), 'ka': (65.3, 13.7),
+        'estimator_bandwidth': 100.0}
+    assert over['reference'] == {'start_duration': 2.0}
+    assert line == (
+        'law observer_feedback takes recommended gains: kp 10000, kv 200, ka 65.3/13.7, '
+        'estimator_bandwidth 100, and start_duration 2.0 s for a smooth start; --gains file '
+        'takes those of the file')
+    cases: list[tuple[dict[str, Any], str | None]] = [
+        (law, 'file'), ({**law, 'ka': 60.0}, None), ({}, None), ({'law': 'compensation'}, None)]
+    for values, gains in cases:
+        assert with_gains(friction, {'controller': values}, gains) == ({'controller': values}, '')
+    mine = {'controller': {**law, 'ka': 60.0}, 'reference': {'start_duration': 0.5}}
+    over, _ = with_gains(friction, mine, 'recommended')
+    assert (over['controller']['ka'], over['controller']['kp']) == (60.0, (1e4, 1e4))
+    assert over['reference'] == {'start_duration': 0.5}
+    with pytest.raises(UsageError, match='chattering has no recommended gains'):
+        with_gains(friction, {}, 'recommended')
+    assert load_parameters('friction', {'controller': law}).controller.kv == (200.0, 200.0)
+    refused(lambda: load_parameters('friction', gains='mine'), 'gains', 'mine', 'recommended')
+
+
+def test_events_take_gains_as_a_running_node_does() -> None:
+    """What a node adds to the law, the simulation must have; gains that events have stay."""
+    (_, _, there), (_, _, back) = events(
+        '1 controller law observer_feedback', '2 controller law chattering')
+    assert there.keys() - {'law'} == set(GAINS)
+    assert (there['kp'], there['ka']) == ((1e4, 1e4), (65.3, 13.7))
+    assert (back['kp'], back['ka']) == ((100.0, 100.0), (10.0, 10.0))
+    *_, (_, _, given) = events('1 controller kp 400', '1 controller law observer_feedback')
+    assert (given['kp'], given['kv'], given['ka']) == ((400.0, 400.0), (50.0, 50.0), (10.0, 10.0))
+
+
 def events(*lines: str) -> list[tuple[float, str, dict[str, Any]]]:
     setup = parameter_file.load(None, {'bringup': {'events': list(lines)}})
     return [(e.time, e.node, dict(e.values)) for e in setup.events]
@@ -273,7 +314,7 @@ def test_events() -> None:
     ('-1 controller b 2', '>= 0'), ('nan controller b 2', '>= 0'),
     ('inf controller b 2', '>= 0'),
     ('5 controller law pid', 'compensation'), ('5 controller mass 1', 'mass'),
-    ('5 controller b 0', '>= 0.001'), ('5 controller kp [1]', 'n = 2'),
+    ('5 controller b 0', '>= 0.001'), ('5 controller kp [1, 2, 3]', 'n = 2'),
     ('5 plant gravity 1', 'change'),
     ('5 controller control_period 0.1', 'change'), ('5 controller kp [1, 2', 'kp'),
     ('5 controller b null', 'b'), ('5 controller b # 2', 'b'), ('5 controller b 2024-99-99', 'b'),
@@ -338,13 +379,13 @@ reference:
     assert parameter_file.load(file).reference.model == 'urdf'
     for node, values, message in (
             ('reference', {'center': [2.7, 0.0]}, 'reference: the motion is beyond the limits of '
-             'the description: a: position 3.2 rad, 0.2 beyond its limit of 3'),
-            ('reference', {'frequency': [0.4, 0.5]}, 'b: velocity 1.571 rad/s, 0.0708 beyond'),
+             'the description: a: position 3.2 rad, 0.2 above its upper limit of 3'),
+            ('reference', {'frequency': [0.4, 0.5]}, 'b: velocity 1.571 rad/s, 0.0708 above'),
             ('reference', {'center': [1.0, 3.0]}, r'reference: start_duration 2 s: .*; b: |'
              r'b: velocity .* would do'),
             ('plant', {'initial_position': [-2.1, 0.0]}, 'the start of the plant is beyond the '
-             'limits of the description: a: position -2.1 rad, 0.1 beyond its limit of -2'),
-            ('plant', {'initial_velocity': [0.0, 2.0]}, 'b: velocity 2 rad/s, 0.5 beyond')):
+             'limits of the description: a: position -2.1 rad, 0.1 below its lower limit of -2'),
+            ('plant', {'initial_velocity': [0.0, 2.0]}, 'b: velocity 2 rad/s, 0.5 above')):
         with pytest.raises(CtcError, match=message):
             parameter_file.load(file, {node: values})
 

@@ -16,12 +16,19 @@
 
 from __future__ import annotations
 
+from ctc_chattering.control.controller_config import ControllerConfig, LAWS
 from ctc_chattering.control.recommended_gains import (
     estimator_bandwidth,
+    GainChoice,
+    GAINS,
     largest_pole,
     lateness,
+    LAW,
+    model_torque,
     POLE,
+    recommended_gains,
 )
+from ctc_chattering.dynamics.two_link import TwoLink
 import numpy as np
 import pytest
 
@@ -72,3 +79,33 @@ def test_the_pole_is_damped_behind_samples_of_delay(delay: int) -> None:
 def test_the_observer_is_faster_where_positions_are_fine() -> None:
     assert estimator_bandwidth(100.0, 1e-5) == 200.0
     assert estimator_bandwidth(100.0, 1e-4) == 100.0
+
+
+def test_ka_has_room_for_a_fifth_of_the_torque_that_the_model_takes_within_the_limits() -> None:
+    """Compare with M and G of the two-link arm, written out at its worst positions."""
+    config = ControllerConfig(ka=(10.0, 5.0), effort_limit=(1e9, 10.0))
+    arm, straight = TwoLink(9.81), [0.0, 0.0]
+    most = (np.abs(arm.gravity_torque([0.5 * np.pi, 0.0]))
+            + 20.0 * np.diagonal(arm.mass_matrix(straight)))
+    found = model_torque(config, arm)
+    assert found is not None
+    assert found == pytest.approx([most[0], 10.0], rel=0.03)
+    assert recommended_gains(config, found)['ka'] == pytest.approx(
+        [10.0 + 0.2 * most[0], 7.0], rel=0.03)
+    assert recommended_gains(config)['ka'] == (10.0, 5.0)
+
+
+def test_a_law_takes_gains_of_its_own_kind_and_gets_those_it_had_again() -> None:
+    """Go from law to law; those of one kind keep the gains, and what a user sets is not lost."""
+    choice, config = GainChoice(), ControllerConfig().changed({'kp': 300.0, 'kv': 40.0, 'ka': 7.0})
+    others = [law for law in LAWS if law != LAW]
+    assert {law for law in others if choice.of_law(law, config)} == set()
+    own = choice.of_law(LAW, config)
+    assert own == recommended_gains(config)
+    tuned = config.changed({**own, 'law': LAW, 'kp': 8100.0, 'estimator_bandwidth': 90.0})
+    assert choice.of_law(LAW, tuned) == {}
+    back = choice.of_law('integral', tuned)
+    assert back == {name: config.as_mapping()[name] for name in GAINS}
+    again = choice.of_law(LAW, tuned.changed({**back, 'law': 'integral'}))
+    assert (again['kp'], again['estimator_bandwidth']) == ((8100.0, 8100.0), 90.0)
+    assert GainChoice().of_law('chattering', tuned) == {'kp': (100.0, 100.0), 'kv': (50.0, 50.0)}

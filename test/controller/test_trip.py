@@ -137,7 +137,7 @@ def test_an_error_that_grows_trips_and_is_warned_of_before() -> None:
     found, warned = along([-1.0, -0.2, 0.6, -0.3, 1.21])
     assert found is not None and found.event is Input.ERROR_LIMIT
     assert found.reason == 'the position error of b has grown by 1.01 rad'
-    assert 'to 1.21 rad; observer_feedback is allowed 1 rad unless' in found.detail
+    assert 'to 1.21 rad, and exceeded the limit of 1 rad (set error_limit' in found.detail
     assert warned == []
     found, ((level, text),) = along([-1.0, -0.2, 0.75, -1.19])
     assert found is None and level == 1

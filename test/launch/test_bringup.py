@@ -117,6 +117,15 @@ def test_real_time_takes_its_time(tmp_path: Path) -> None:
     assert ended - begin > 1.0
 
 
+def test_a_trip_ends_lockstep_with_its_reason() -> None:
+    """Nobody could call ~/reset for a run that waits in simulated time."""
+    status, output = run_bringup('friction', '--ros-args', '-p', 'error_limit:=[0.5, 9.0]')
+    assert status == 1
+    _, end = output.split('bringup: controller ended with status 1')
+    assert 'exceed error_limit; no torque until ~/reset' in end
+    assert 'waiting for the answer' not in output
+
+
 @pytest.mark.parametrize(('arguments', 'status', 'message'), [
     (('--params-file', 'missing.yaml'), 2, 'missing.yaml: no such file'),
     (('--duration', 'nan'), 2, 'plant: duration: nan is not allowed'),

@@ -76,7 +76,7 @@ def test_says_who_can_see_the_page() -> None:
 def test_without_viser_one_line_says_what_to_install(
         monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     monkeypatch.setitem(sys.modules, 'viser', None)
-    refused(ctc('live'), 'viser', "pip install 'ctc_chattering[live]'")
+    refused(ctc('live'), 'viser', 'pip install viser')
     assert bringup(['--live']) == 2
     assert 'pip install' in capsys.readouterr().err
 

@@ -163,6 +163,23 @@ class Loop:
         Diagnostics(self.probe).until('plant', lambda r: r.message.startswith('held'), 'the hold')
 
 
+def assert_a_law_brings_its_gains(setter: Setter) -> None:
+    """Check that a law that is set without gains takes its own; with them, in any order, those."""
+    before = setter.values()
+    assert setter.all_or_nothing([('law', 'observer_feedback')]).successful
+    assert setter.values()['kp'] == [1e4, 1e4]
+    assert not setter.all_or_nothing([('law', 'magic')]).successful
+    assert setter.all_or_nothing([('law', 'chattering')]).successful
+    assert setter.values() == before
+    for node in (SetParameters, SetParametersAtomically):
+        future = setter.send(node, [
+            message('ka', [60.0, 30.0]), message('law', 'observer_feedback')])
+        setter.probe.until(future.done, f'an answer of {setter.node}')
+        assert setter.values() == {**before, 'ka': [60.0, 30.0], 'law': 'observer_feedback'}
+    assert setter.all_or_nothing([('law', 'chattering')]).successful
+    assert setter.values() == before
+
+
 def assert_loads_its_dump(setter: Setter, file: Path) -> None:
     """Write what `ros2 param dump` writes, and send what `ros2 param load` reads of it."""
     before = setter.values()
@@ -186,6 +203,7 @@ def test_a_set_is_all_or_nothing_and_a_wrong_one_leaves_the_loop_as_it_was(
         assert {name: it.get('controller', name) for name, _ in words} == {
             'effort_limit': [INF, 500.0], 'error_limit': [INF, INF], 'actuator_lag': [INF, 1e-5],
             'lambda': 10.0}
+        assert_a_law_brings_its_gains(loop.setters['controller'])
         for setter in loop.setters.values():
             assert_loads_its_dump(setter, tmp_path / 'dump.yaml')
         for node, setter in loop.setters.items():

@@ -147,7 +147,7 @@ def test_a_law_is_recommended_as_docs_say() -> None:
     ({'laws': ['chattering sign now']}, ['laws[0]', 'a law and a switching']),
     ({'laws': [3]}, ['laws[0]', '3', 'a mapping']),
     ({'laws': [{'law': 'chattering', 'gain': 3}]}, ['laws[0].gain', 'one of']),
-    ({'laws': [{'ka': [1.0]}]}, ['laws[0].ka', 'got 1 values']),
+    ({'laws': [{'ka': [1.0] * 3}]}, ['laws[0].ka', 'got 3 values']),
     ({'laws': [{'recommended': 1}]}, ['laws[0].recommended', 'a boolean']),
     ({'laws': ['chattering', 'chattering sign']}, ['laws[1]', 'give it one']),
     ({'axes': [1]}, ['axes', 'a mapping of names']),

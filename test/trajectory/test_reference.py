@@ -90,7 +90,7 @@ def test_the_trapezoid_accelerates_moves_brakes_and_rests() -> None:
 
 
 @pytest.mark.parametrize('values', [
-    {'frequency': [-1.0, 1.0]}, {'center': [0.0]}, {'amplitude': [math.inf, 0.0]},
+    {'frequency': [-1.0, 1.0]}, {'center': [0.0] * 3}, {'amplitude': [math.inf, 0.0]},
     {'phase': [math.nan, 0.0]}, {'control_period': 1.5e-9}, {'joint_names': ['a', 'a']},
     {'start_duration': -1.0}, {'start_duration': math.inf}, {'trajectory_file': 5}])
 def test_refusals(values: dict[str, object]) -> None:

@@ -254,15 +254,15 @@ def test_refusals_name_the_joint_and_by_how_much() -> None:
     state = {'a': (0.0, 0.0)}
     for limits, start, message in (
             ({'upper': 1.4}, state, 'the motion is beyond the limits of the description: '
-             'a: position 1.5 rad, 0.1 beyond its limit of 1.4'),
+             'a: position 1.5 rad, 0.1 above its upper limit of 1.4'),
             ({'velocity': 3.0}, state,
-             'the motion .* a: velocity 3.142 rad/s, 0.142 beyond its limit of 3$'),
-            ({'acceleration': 19.0}, state, 'a: acceleration 19.74 rad/s², 0.739 beyond'),
+             'the motion .* a: velocity 3.142 rad/s, 0.142 above its upper limit of 3$'),
+            ({'acceleration': 19.0}, state, 'a: acceleration 19.74 rad/s², 0.739 above'),
             ({'lower': -0.5}, {'a': (-0.6, 0.0)}, 'the start is beyond the limits of the '
-             'description: a: position -0.6 rad, 0.1 beyond its limit of -0.5'),
+             'description: a: position -0.6 rad, 0.1 below its lower limit of -0.5'),
             ({'velocity': 3.5}, {'a': (0.0, -4.0)}, 'the start .* a: velocity -4 rad/s, 0.5 b'),
             ({'velocity': 3.2}, {'a': (-3.0, 0.0)}, r'start_duration 1 s: the start is beyond .* '
-             r'a: velocity 6\.\d+ rad/s, .* beyond its limit of 3.2; \d+ s would do'),
+             r'a: velocity 6\.\d+ rad/s, .* above its upper limit of 3.2; \d+ s would do'),
             ({'lower': -0.1}, {'a': (0.0, -3.0)}, 'no other would do')):
         with pytest.raises(CtcError, match=message.replace('²', '.')):
             make_motion(config, None, start, 0, _limits(**limits))  # type: ignore[arg-type]
@@ -271,10 +271,10 @@ def test_refusals_name_the_joint_and_by_how_much() -> None:
         if fits:
             make_motion(config.changed(rest), None, state, 0, _limits(upper=upper, velocity=9.0))
             continue
-        with pytest.raises(CtcError, match=r'position 1\.5 rad, 0\.1 beyond'):
+        with pytest.raises(CtcError, match=r'position 1\.5 rad, 0\.1 above'):
             make_motion(config.changed(rest), None, state, 0, _limits(upper=upper))
     route = Route(('a',), (S, 2 * S), (((0.0,), (0.0,), ()), ((2.0,), (0.0,), ())))
-    with pytest.raises(CtcError, match=r'the motion .* a: velocity 3 rad/s, 1 beyond its limit'):
+    with pytest.raises(CtcError, match=r'the motion .* a: velocity 3 rad/s, 1 above its upper'):
         make_motion(config, route, state, 0, _limits(velocity=2.0))
 
 

@@ -20,7 +20,7 @@ import argparse
 
 from ctc_chattering.analysis.number_format import measured
 from ctc_chattering.analysis.tables import print_columns
-from ctc_chattering.cli.options import check
+from ctc_chattering.cli.options import add_urdf_options, check
 from ctc_chattering.configuration.robot_description import read_description
 from ctc_chattering.dynamics.inertia_check import inertia_faults
 from ctc_chattering.dynamics.model_check import check_dynamics
@@ -39,13 +39,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         '--model', metavar='NAME',
         help='two_link, urdf, or package.module:Name; default: urdf if --urdf is given, else '
              'two_link')
-    parser.add_argument('--urdf', metavar='FILE',
-                        help='URDF of the model urdf: a path or package://NAME/PATH')
-    parser.add_argument(
-        '--joints', metavar='A,B,C',
-        help='joints in the order of the model; default: all of the URDF, or joint1, joint2')
-    parser.add_argument('--gravity', type=float, default=9.81, metavar='G',
-                        help='acceleration of gravity [m/s²], default: 9.81')
+    add_urdf_options(parser)
     parser.add_argument('--samples', type=int, default=100, metavar='N',
                         help='number of states, default: 100')
     parser.add_argument('--seed', type=int, default=0, metavar='S',

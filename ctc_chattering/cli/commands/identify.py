@@ -129,7 +129,7 @@ def _shown(found: IdentifiedRobot, out: Path) -> int:
             print('\n'.join(paragraph(line)))
         print_page(out / PAGE)
     else:
-        print_page(out / PAGE, f'ctc simulate --params-file {out / VALUES}')
+        print_page(out / PAGE, f'ctc simulate {out / VALUES}')
     if not any(x.usable for x in found.results.verdicts):
         raise CtcError(f'no joint is usable: why, and what to record, is in {out / PAGE}')
     return 0

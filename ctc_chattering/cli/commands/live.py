@@ -24,7 +24,7 @@ import sys
 from typing import Any, TYPE_CHECKING
 
 from ctc_chattering.cli.command_line import say
-from ctc_chattering.cli.options import add_own, own
+from ctc_chattering.cli.options import add_own, is_parameter_file, own
 from ctc_chattering.errors import CtcError, UsageError
 
 if TYPE_CHECKING:
@@ -37,7 +37,9 @@ DETAILS = ('Without a bag the page shows the running graph, and its controls cha
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the options of `ctc live`."""
-    parser.add_argument('bags', nargs='*', type=Path, metavar='BAG')
+    parser.add_argument('bags', nargs='*', type=Path, metavar='BAG',
+                        help='bag, or a parameter file (panda, for example): its graph is started '
+                             'in real time, and shown')
     parser.add_argument('--export', type=Path, metavar='FILE',
                         help='write a self-contained HTML file of the bags, serve no page')
     parser.add_argument('--overwrite', action='store_true', help='replace an existing file')
@@ -61,6 +63,10 @@ def run(options: argparse.Namespace) -> int:
     """Run `ctc live`."""
     if options.port is not None and not 0 <= options.port < 65536:
         raise UsageError(f'--port {options.port}: allowed: 0 to 65535')
+    if len(options.bags) == 1 and is_parameter_file(str(options.bags[0])):
+        from ctc_chattering.cli.bringup import bringup
+        return bringup([str(options.bags[0]), '--pacing', 'real_time', '--duration', '0', '--live',
+                        *options.ros_args])
     if options.export is not None:
         return _export(options)
     from ctc_chattering.live import require_viser

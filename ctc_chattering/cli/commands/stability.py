@@ -22,9 +22,8 @@ import dataclasses
 from ctc_chattering.analysis.number_format import number_text
 from ctc_chattering.analysis.output import prepare, write_json
 from ctc_chattering.analysis.tables import print_columns, Table
-from ctc_chattering.cli.options import add_format, add_output, add_params_file, load_setup
+from ctc_chattering.cli.options import add_format, add_loop_options, add_output, load_setup
 from ctc_chattering.cli.presentation import print_page
-from ctc_chattering.control.controller import LAWS
 from ctc_chattering.errors import given_by_user
 
 DETAILS = ('For the sampled loop with constant M, without limits: by its poles for constant '
@@ -39,10 +38,7 @@ _LEAD = ('Which errors of the model, lags and delays the sampled loop tolerates,
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the options of `ctc stability`."""
-    add_params_file(parser)
-    parser.add_argument('--law', metavar='X', help=f"instead of the file's: {' | '.join(LAWS)}")
-    parser.add_argument('--control-period', type=float, metavar='S',
-                        help="instead of the file's [s]")
+    add_loop_options(parser)
     parser.add_argument('--lag', type=float, metavar='S',
                         help="true lag of all drives [s], instead of the plant's actuator_lag")
     parser.add_argument('--delay', type=int, metavar='N',

@@ -22,7 +22,14 @@ from pathlib import Path
 from typing import Any, TYPE_CHECKING
 
 from ctc_chattering.analysis.output import prepare
-from ctc_chattering.cli.options import add_format, add_jobs, add_output, check, number_of_jobs
+from ctc_chattering.cli.options import (
+    add_format,
+    add_jobs,
+    add_output,
+    check,
+    find_file,
+    number_of_jobs,
+)
 from ctc_chattering.cli.presentation import print_page
 from ctc_chattering.control.controller import LAWS
 from ctc_chattering.control.switching import SWITCHINGS
@@ -43,11 +50,11 @@ _OF_TUNE = {'law': 'law', 'switching': 'switching', 'torque_limit': 'torque_limi
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the options of `ctc tune`."""
     robot = parser.add_mutually_exclusive_group(required=True)
-    robot.add_argument('spec', nargs='?', type=Path, metavar='SPEC.yaml',
-                       help='robot, uncertainty, limits and ranges: docs/tuning.md')
-    robot.add_argument('--params-file', metavar='F',
-                       help='parameter file, or the name of one in the package, such as panda; '
-                            'with a default uncertainty')
+    robot.add_argument('file', nargs='?', metavar='F',
+                       help='parameter file, or the name of one in the package, such as panda, '
+                            'with a default uncertainty; or a spec with robot, uncertainty, '
+                            'limits and ranges: docs/tuning.md')
+    robot.add_argument('--params-file', metavar='F', help='parameter file')
     robot.add_argument('--identified', type=Path, metavar='DIR',
                        help='output of ctc identify; its intervals are the uncertainty')
     for name, values in (('law', LAWS), ('switching', SWITCHINGS)):
@@ -103,7 +110,7 @@ def run(options: argparse.Namespace) -> int:
         raise CtcError(f'no trial keeps the limits; {report.closest(tuning.trials)}; '
                        f'see {out / PAGE}')
     print()
-    print_page(out / PAGE, f'ctc simulate --params-file {out / TUNED}')
+    print_page(out / PAGE, f'ctc simulate {out / TUNED}')
     return 0
 
 
@@ -114,10 +121,15 @@ def _spec(options: argparse.Namespace) -> TuneSpec:
     from ctc_chattering.robustness.tuning.spec import parse_tune
     from ctc_chattering.robustness.tuning.tune import tune_spec
 
-    if options.spec:
-        with errors_of(options.spec):
-            return parse_tune(_given(read_yaml(options.spec), options), options.spec)
-    tree = {'params_file': options.params_file} if options.params_file else {}
+    params_file = options.params_file
+    if options.file:
+        spec = find_file(options.file)
+        tree = read_yaml(spec)
+        if 'ros__parameters' not in str(tree):
+            with errors_of(spec):
+                return parse_tune(_given(tree, options), spec)
+        params_file = options.file
+    tree = {'params_file': params_file} if params_file else {}
     return tune_spec(_given(tree, options), options.identified)
 
 

@@ -48,5 +48,5 @@ def test_an_unstable_loop_has_status_1() -> None:
 
 def test_refuses() -> None:
     refused(ctc('stability', '--law', 'chattering'), 'chattering sign is not linear')
-    refused(ctc(*LAW, '--lag', -1.0), 'actuator_lag', '-1', '>= 0')
-    refused(ctc(*LAW, '--delay', 300), 'input_delay', '300', '<= 100')
+    refused(ctc(*LAW, '--gains', 'file', '--lag', -1.0), 'actuator_lag', '-1', '>= 0')
+    refused(ctc(*LAW, '--gains', 'file', '--delay', 300), 'input_delay', '300', '<= 100')

@@ -141,7 +141,7 @@ def test_the_values_to_be_written_have_the_duration_of_the_file() -> None:
     ({'tune': 3}, {}, 'tune: 3 is not allowed'),
     ({}, {'law': 'pid'}, 'tune.law: .pid. is not allowed'),
     ({}, {'law': 'integral', 'switching': 'sign'}, 'tune.switching: .sign. is not allowed'),
-    ({}, {'torque_limit': [1.0]}, r'tune.torque_limit: \[1.0\] is not .*got 1 values'),
+    ({}, {'torque_limit': [1.0] * 3}, r'tune.torque_limit: \[1.0, .* is not .*got 3 values'),
     ({}, {'torque_limit': 0}, r'tune.torque_limit: \[0.0, 0.0\] is not allowed'),
     ({}, {'torque_rate_limit': 'high'}, 'tune.torque_rate_limit: .high. is not allowed'),
     ({}, {'search': {'kp': [1, 2]}}, 'tune.search: .kp. is not allowed; .* pole, damping'),
