@@ -22,17 +22,18 @@ The YAML file, the ROS nodes, `ctc` and the README's tables are all served from 
 from __future__ import annotations
 
 from array import array
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
 from copy import copy
 import dataclasses
+import importlib
 import inspect
 import math
 import re
 from typing import Any, ClassVar, TypeVar
 
 from ctc_chattering.arguments import check_type
-from ctc_chattering.errors import near, ParameterError
+from ctc_chattering.errors import CtcError, near, ParameterError, refused_as
 import numpy as np
 import numpy.typing as npt
 
@@ -128,7 +129,8 @@ class Parameter:
     def allowed(self) -> str:
         """Return what is allowed, in words."""
         if self.choices:
-            return ' | '.join((*self.choices, *['package.module:Name'] * self.own))
+            return ' | '.join((*(x or "''" for x in self.choices),
+                               *['package.module:Name'] * self.own))
         text = _TYPE_NAMES[self.kind]
         if self.kind in ('float', 'float[]', 'int'):
             low, high = self.bounds
@@ -318,6 +320,39 @@ class Config:
                 raise ParameterError(name, value, known[name].allowed)
             yield known[name], value
 
+    @classmethod
+    def received(cls: type[C], values: Mapping[str, object],
+                 instead: Mapping[str, object] | None = None) -> C:
+        """
+        Build the configuration from values of a bag or of another process: they name no code.
+
+        Parameters
+        ----------
+        values : mapping
+            Parameter names and values.
+        instead : mapping, optional
+            What the user gives in the place of a class that the values name, by parameter.
+
+        Raises
+        ------
+        ParameterError
+            As `from_mapping` raises it.
+        CtcError
+            For the name of a class in whose place nothing is given.
+
+        """
+        used = dict(values)
+        for name in (name for name, spec in cls.parameters().items() if spec.own):
+            value = used.get(name)
+            if isinstance(value, str) and value not in cls.parameters()[name].choices:
+                if not instead or name not in instead:
+                    raise CtcError(
+                        f'{name}: {value[:80]!r} is not used, because what was recorded or '
+                        f'received names no code; for your own give --{name} '
+                        f"package.module:Name, in Python {name}='package.module:Name'")
+                used[name] = instead[name]
+        return cls.from_mapping(used)
+
     def as_mapping(self) -> dict[str, Any]:
         """Return every parameter's value by name."""
         return {name: getattr(self, spec.field) for name, spec in self.parameters().items()}
@@ -332,6 +367,35 @@ class Config:
             made._set(spec, value, n)
         made.validate()
         return made
+
+
+def named_class(what: str, name: str, fits: Callable[[type], bool], wanted: str) -> Any:
+    """
+    Import the class ``package.module:Name``: the one place that runs code which a value names.
+
+    A user has given the name: `Config.received` lets no other one in.
+
+    Parameters
+    ----------
+    what, wanted : str
+        For errors: what is named, and what it must be.
+    name : str
+        Of the class.
+    fits : callable
+        Whether a class is of the kind that is expected.
+
+    Raises
+    ------
+    CtcError
+        If there is none, or it is not of that kind; nothing of it has been called then.
+
+    """
+    module, _, attribute = name.partition(':')
+    with refused_as(f'there is no {what} {name}'):
+        found = getattr(importlib.import_module(module), attribute)
+    if not (isinstance(found, type) and fits(found)):
+        raise CtcError(f'the {what} {name} is no {wanted}')
+    return found
 
 
 def unit_text(unit: str) -> str:

@@ -18,7 +18,7 @@ Friction of your own: a fall from rest like 1 / (1 + |dq| / v_s), in the place o
 In the parameter file, with this folder on PYTHONPATH::
 
     plant:
-      ros__parameters: {friction_model: 'own_friction:hyperbolic', coulomb_friction: [12.0, 12.0]}
+      ros__parameters: {friction_model: 'own_friction:Hyperbolic', coulomb_friction: [12.0, 12.0]}
 
 ``coulomb_friction`` is what holds a joint at rest; here a sliding joint loses up to 3 N·m of it.
 `each` calls a function of numbers joint by joint; marked, all this runs compiled as well.
@@ -48,11 +48,11 @@ class Hyperbolic(NamedTuple):
     fall: Vector
     speed: Vector
 
+    @classmethod
+    def made(cls, joint_names: Sequence[str]) -> Hyperbolic:
+        """Return the friction of a robot with these joints."""
+        return cls([3.0] * len(joint_names), [0.05] * len(joint_names))
+
     def resistance(self, velocity: Vector, _load: Vector, mode: Vector) -> Vector:
         """Return friction beyond that of the parameters; see `NoFriction.resistance`."""
         return each(fallen, velocity, mode, self.fall, self.speed)
-
-
-def hyperbolic(joint_names: Sequence[str]) -> Hyperbolic:
-    """Return the friction of a robot with these joints."""
-    return Hyperbolic([3.0] * len(joint_names), [0.05] * len(joint_names))

@@ -41,7 +41,8 @@ from ctc_chattering.bags.signals import (
     STATE_FIELDS,
 )
 from ctc_chattering.bags.topics import BagTopics
-from ctc_chattering.control.controller import ControllerConfig
+from ctc_chattering.control.controller import ControllerConfig, LAWS
+from ctc_chattering.control.switching import SWITCHINGS
 from ctc_chattering.dynamics.urdf_parser import Tree
 from ctc_chattering.errors import CtcError, near, refused_as, shortened
 from ctc_chattering.numerics.linear_algebra import Array
@@ -61,9 +62,10 @@ _LIKE_MOTION = 0.05
 _COMPARED = 20_000
 
 
-@checked(path=(str, Path), joints=Sequence, description=str, states=str, commands=str)
+@checked(path=(str, Path), joints=Sequence, description=str, states=str, commands=str, model=str)
 def read_motion(path: str | Path, joints: Sequence[str] = (), description: str = '',
-                states: str = JOINT_STATES, commands: str = COMMANDS) -> RecordedMotion:
+                states: str = JOINT_STATES, commands: str = COMMANDS, model: str = ''
+                ) -> RecordedMotion:
     """
     Return the motion that a bag of any recorder holds, for `identify`.
 
@@ -81,6 +83,8 @@ def read_motion(path: str | Path, joints: Sequence[str] = (), description: str =
         Topics of the joint states and of the commanded torques; without a slash in front, in any
         namespace. Behind a colon may be the field that has the numbers. In place of the defaults,
         the only topic that fits is taken.
+    model : str
+        As `identify` takes it, for a bag that names a class of yours.
 
     Returns
     -------
@@ -99,19 +103,23 @@ def read_motion(path: str | Path, joints: Sequence[str] = (), description: str =
         twice = next(name for name, count in Counter(joints).items() if count > 1)
         raise CtcError(f'--joints: {twice} is given more than once')
     with closing(open_bag(path)) as reader, refused_as(f'{path}: damaged'):
-        return _MotionTopics(reader, path).motion(joints, description, (states, commands))
+        return _MotionTopics(reader, path).motion(joints, description, (states, commands), model)
 
 
 class _MotionTopics(BagTopics):
     """The topics of a bag with the motion of any robot."""
 
-    def motion(self, joints: Sequence[str], description: str, topics: tuple[str, str]
+    def motion(self, joints: Sequence[str], description: str, topics: tuple[str, str], model: str
                ) -> RecordedMotion:
         """Return the motion; arguments as `read_motion` has them."""
         self._signals = Signals(self._reader, self.path)
         self._notes: list[str] = []
         self._late = (0.0, 0.0)
-        history = self.parameters('controller', ControllerConfig)
+        # What the law was is of no use here.
+        own = {'law': LAWS[0], 'switching': SWITCHINGS[0]}
+        if model or description:
+            own['model'] = model or 'urdf'
+        history = self.parameters('controller', ControllerConfig, own)
         controller = history[0][1] if history else None
         description = (description or self.description()
                        or self.description(ROBOT_DESCRIPTION))

@@ -17,7 +17,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import closing
 import dataclasses
 import itertools
@@ -49,8 +49,9 @@ import numpy as np
 _FEW = 20
 
 
-@checked(path=(str, Path))
-def read_bag(path: str | Path) -> Result:
+@checked(path=(str, Path), **dict.fromkeys(('model', 'law', 'switching'), (str, type)))
+def read_bag(path: str | Path, model: str | type = '', law: str | type = '',
+             switching: str | type = '') -> Result:
     """
     Return the run that a bag holds.
 
@@ -58,6 +59,9 @@ def read_bag(path: str | Path) -> Result:
     ----------
     path : str or Path
         Directory of a bag of this package, as ``bringup --record`` writes it.
+    model, law, switching : str or type
+        Classes of your own, or ``package.module:Name``, in the place of those that the bag names:
+        a bag alone runs no code.
 
     Returns
     -------
@@ -67,12 +71,14 @@ def read_bag(path: str | Path) -> Result:
     Raises
     ------
     CtcError
-        If there is no bag, it cannot be read, or it lacks something that a run needs.
+        If there is no bag, it cannot be read, lacks something that a run needs, or names a class
+        in whose place none is given.
 
     """
     path = Path(path)
     with closing(open_bag(path)) as reader, refused_as(f'{path}: damaged'):
-        return _RunTopics(reader, path).result()
+        return _RunTopics(reader, path, {name: value for name, value in (
+            ('model', model), ('law', law), ('switching', switching)) if value}).result()
 
 
 def find_bags(directory: Path) -> list[Path]:
@@ -104,9 +110,10 @@ class _StampedState(NamedTuple):
 class _RunTopics(BagTopics):
     """The topics of a bag with a run of this package."""
 
-    def __init__(self, reader: Bag, path: Path) -> None:
+    def __init__(self, reader: Bag, path: Path, own: Mapping[str, object]) -> None:
         super().__init__(reader, path)
-        self._history = self.parameters('controller', ControllerConfig)
+        self._own = own
+        self._history = self.parameters('controller', ControllerConfig, own)
         if not self._history:
             raise CtcError(f'{path}: not a bag of this package: no message on '
                            f'controller/{topics.PARAMETERS}')
@@ -132,7 +139,7 @@ class _RunTopics(BagTopics):
         times = np.array([seconds(state.t - start) for state in states[unknown:]])
         run = Run(times, q, dq, q_d, dq_d, ddq_d, tau, np.zeros_like(q))
         configs = [(seconds(t - start), config) for t, config in self._history]
-        plants = self.parameters('plant', PlantConfig)
+        plants = self.parameters('plant', PlantConfig, {'friction_model': '', **self._own})
         experiment = (plants[0][1].experiment if plants else '') or self.path.name
         description = self.description()
         known = self._filtered_error(start) if missing(

@@ -16,7 +16,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -67,8 +67,13 @@ class BagTopics:
                 continue
             yield t, message
 
-    def parameters(self, node: str, kind: Any) -> list[tuple[int, Any]]:
-        """Return the configurations of a node, each with the time [ns] from which it applies."""
+    def parameters(self, node: str, kind: Any, own: Mapping[str, object]
+                   ) -> list[tuple[int, Any]]:
+        """
+        Return the configurations of a node, each with the time [ns] from which it applies.
+
+        `own` stands in the place of classes that the bag names: `Config.received`.
+        """
         known = kind.parameters()
         values: dict[str, Any] = {}
         history: list[tuple[int, Any]] = []
@@ -76,7 +81,10 @@ class BagTopics:
             for item in [*message.new_parameters, *message.changed_parameters]:
                 if item.name in known and item.value.type in _FIELDS:
                     values[item.name] = getattr(item.value, _FIELDS[item.value.type])
-            config = kind.from_mapping(values)
+            try:
+                config = kind.received(values, own)
+            except CtcError as error:
+                raise CtcError(f'{self.path}: {error}') from None
             if not history or history[-1][1] != config:
                 history.append((nanoseconds(message.stamp), config))
         return history

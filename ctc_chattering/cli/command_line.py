@@ -61,7 +61,9 @@ def guarded(name: str, command: Callable[[], int]) -> int:
 
     The status is then 1, or 2 if the command line is wrong or a package is missing. Any other
     exception is a defect of this package: it becomes one line, too, and its traceback a file.
+    From Python 3.11 on, no process that it starts imports what lies in the current directory.
     """
+    os.environ.setdefault('PYTHONSAFEPATH', '1')
     try:
         return command()
     except CtcError as error:

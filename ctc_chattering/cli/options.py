@@ -84,6 +84,18 @@ def add_bag(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('bag', type=Path, metavar='BAG', help='directory of the bag')
 
 
+def add_own(parser: argparse.ArgumentParser) -> None:
+    """Add the options of classes of one's own, which a bag only names."""
+    for name in ('model', 'law', 'switching'):
+        parser.add_argument(f'--{name}', default='', metavar='X',
+                            help=f'your own {name}, package.module:Name, if a bag names one')
+
+
+def own(options: argparse.Namespace) -> dict[str, str]:
+    """Return the arguments of `read_bag` that `add_own` makes options of."""
+    return {name: getattr(options, name) for name in ('model', 'law', 'switching')}
+
+
 def add_output(parser: argparse.ArgumentParser, default: str | None = None) -> None:
     """Add the options of the directory to write into."""
     parser.add_argument(

@@ -22,6 +22,7 @@ from typing import Any
 
 from ctc_chattering.configuration.yaml_file import parse_value
 from ctc_chattering.control.recommended_gains import GainChoice, GAINS, LAW
+from ctc_chattering.controller.settings_check import change_steps
 from ctc_chattering.errors import CtcError, ParameterError
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.simulation.closed_loop import Event
@@ -81,5 +82,11 @@ def parse_events(lines: Sequence[str], configs: Mapping[str, Any],
             taken = choice.of_law(law, before)
             values |= {x: taken[x] if without_gains else before.as_mapping()[x] for x in taken}
         current[node] = before.changed(values)
-        result.append(Event(time, node, {x: current[node].as_mapping()[x] for x in values}))
+        wanted = {x: current[node].as_mapping()[x] for x in values}
+        if node == 'controller':  # A file that names a large change confirms it.
+            old = before.as_mapping()
+            result += [Event(time, node, {x: step}) for x, value in wanted.items()
+                       for step in change_steps(before.parameters()[x], old[x], value,
+                                                len(old['joint_names']))[:-1]]
+        result.append(Event(time, node, wanted))
     return tuple(result)

@@ -40,7 +40,7 @@ from ctc_chattering.dynamics.arm import Arm, arm_of
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.dynamics.registry import model_of
 from ctc_chattering.dynamics.scaled_model import Scaled
-from ctc_chattering.errors import CtcError, ParameterError
+from ctc_chattering.errors import CtcError, ParameterError, refused_as
 from ctc_chattering.numerics.linear_algebra import Array, Vector
 from ctc_chattering.numerics.machine_code import MACHINE_CODE, PLAIN_PYTHON
 from ctc_chattering.numerics.time_grid import period_ns, seconds
@@ -147,13 +147,27 @@ class Controller:
         self._period = period_ns(config.control_period)
         #: Laws that are not in force, with what they remember.
         self._others: dict[str, tuple[Law, Any]] = {}
-        self._use(config)
+        self._use(config, self._made(config))
         self.reset()
 
-    def _use(self, config: ControllerConfig) -> None:
-        self.config = config
-        self.law: Law = law_class(config.law).made(config, seconds(self._period))
+    def _made(self, config: ControllerConfig) -> Law:
+        return law_class(config.law).made(config, seconds(self._period))
+
+    def _use(self, config: ControllerConfig, law: Law) -> None:
+        self.config, self.law = config, law
         self.settings = control_settings(config, self.model.effort_limits)
+
+    def _successor(self, config: ControllerConfig) -> tuple[Law, Any]:
+        """Return the law of a configuration, with what it goes on from."""
+        law = self._made(config)
+        known = {**self._others, self.config.law: (self.law, self.law_memory)}
+        before, memory = known.get(config.law, (law, law.initial()))
+        return law, law.reconfigured(memory, before)
+
+    def check(self, config: ControllerConfig) -> None:
+        """Raise `CtcError` if the law of a configuration cannot be made, or cannot take over."""
+        with refused_as(f'the law {config.law} cannot be made'):
+            self._successor(config)
 
     @checked(config=ControllerConfig)
     def configure(self, config: ControllerConfig) -> None:
@@ -163,11 +177,12 @@ class Controller:
         The filter state ξ is preserved, so that v has no step (unless b itself changes), and
         so are integrals and estimates. `handover` says how another law takes over.
         """
-        memory, of_law, last = self.memories
-        self._others[self.config.law] = self.law, of_law
-        self._use(config)
-        before, known = self._others.pop(config.law, (self.law, self.law.initial()))
-        self.memories = memory, self.law.reconfigured(known, before), last
+        law, of_law = self._successor(config)
+        memory, of_current, last = self.memories
+        self._others[self.config.law] = self.law, of_current
+        self._others.pop(config.law, None)
+        self._use(config, law)
+        self.memories = memory, of_law, last
 
     def reset(self, bumpless: bool = False, held: Vector | None = None) -> None:
         """

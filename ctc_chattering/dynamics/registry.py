@@ -16,30 +16,26 @@
 The models that the parameter ``model`` can name.
 
 A model of your own is a class derived from `Model`, in a module that Python finds. The parameter
-names it ``package.module:Class``; it is made as ``Class(joint_names, gravity)``, with a tuple of
+names it ``package.module:Name``; it is made as ``Name(joint_names, gravity)``, with a tuple of
 names and [m/s²], and its attribute ``n`` must be the number of names. `check_dynamics`, or
-``ctc check-model --model package.module:Class``, tests it.
+``ctc check-model --model package.module:Name``, tests it.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from functools import lru_cache
-import importlib
 from math import isfinite
-import re
 from threading import get_ident
 
 from ctc_chattering.dynamics.model import Model
-from ctc_chattering.dynamics.robot_config import RobotConfig
+from ctc_chattering.dynamics.robot_config import MODELS, RobotConfig
 from ctc_chattering.dynamics.two_link import TwoLink
-from ctc_chattering.errors import CtcError, near, ParameterError, refused_as
+from ctc_chattering.errors import CtcError, ParameterError, refused_as
+from ctc_chattering.parameters import named_class
 
-#: Values of the parameter ``model``, besides classes.
-MODELS = ('two_link', 'urdf')
 #: Models that are kept.
 _KEPT = 64
-_CLASS = re.compile(r'[^\W\d]\w*(\.[^\W\d]\w*)*:[^\W\d]\w*')
 
 
 def make_model(name: str, gravity: float, joint_names: tuple[str, ...] = ('joint1', 'joint2'),
@@ -50,7 +46,7 @@ def make_model(name: str, gravity: float, joint_names: tuple[str, ...] = ('joint
     Parameters
     ----------
     name : str
-        One of `MODELS`, or ``package.module:Class``.
+        One of `MODELS`, or ``package.module:Name``, which the user has given.
     gravity : float
         Acceleration of gravity [m/s²].
     joint_names : tuple of str
@@ -125,27 +121,19 @@ def locked_positions(lines: Sequence[str]) -> dict[str, float]:
     return result
 
 
-def is_class(name: str) -> bool:
-    """Return whether `name` is of the form ``package.module:Name``."""
-    return _CLASS.fullmatch(name) is not None
-
-
 def check_model(name: str, joint_names: tuple[str, ...]) -> None:
     """Raise `ParameterError` unless `name` may be a model, for as many joints as are named."""
-    if name not in MODELS and not is_class(name):
-        raise ParameterError(
-            'model', name, ' | '.join((*MODELS, 'package.module:Class')) + near(name, MODELS))
+    RobotConfig.parameters()['model'].check(name, 0)
     if name == 'two_link' and len(joint_names) != TwoLink.n:
         raise ParameterError('joint_names', joint_names, f'{TwoLink.n} names for model {name}')
 
 
 def _own(name: str, joint_names: tuple[str, ...], gravity: float) -> Model:
     """Return an instance of a class of the user's."""
-    module, _, attribute = name.partition(':')
+    own = named_class('model', name, lambda x: issubclass(x, Model),
+                      'class derived from ctc_chattering.Model')
     with refused_as(f'the model {name} cannot be made'):
-        made = getattr(importlib.import_module(module), attribute)(joint_names, gravity)
-    if not isinstance(made, Model):
-        raise CtcError(f'the model {name} is not derived from ctc_chattering.dynamics.model.Model')
+        made: Model = own(joint_names, gravity)
     if getattr(made, 'n', None) != len(joint_names):
         raise ParameterError('joint_names', joint_names,
                              f'{getattr(made, "n", "no")} names for model {name}')

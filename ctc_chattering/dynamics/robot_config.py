@@ -20,6 +20,9 @@ import dataclasses
 
 from ctc_chattering.parameters import Config, parameter
 
+#: Values of the parameter ``model``, besides classes.
+MODELS = ('two_link', 'urdf')
+
 
 @dataclasses.dataclass(frozen=True)
 class RobotConfig(Config):
@@ -30,7 +33,7 @@ class RobotConfig(Config):
         'Joints, in the order of gains and torques.', read_only=True)
     model: str = parameter(
         'model', 'str', 'two_link',
-        'Robot model: two_link, urdf, or package.module:Class.', read_only=True)
+        'Robot model, or your own: docs/robots.md.', choices=MODELS, own=True, read_only=True)
     description: str = parameter(
         'description', 'str', '',
         'Model urdf or backend mujoco: file of the robot, a path or package://NAME/PATH; empty '

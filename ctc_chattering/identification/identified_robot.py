@@ -237,7 +237,7 @@ def identify(motions: Sequence[RecordedMotion], validation: RecordedMotion | Non
     validation : RecordedMotion, optional
         A motion that is not used for the fit, and predicted.
     model : str
-        ``two_link``, ``urdf`` or ``package.module:Class``; empty for that of the recording.
+        ``two_link``, ``urdf`` or ``package.module:Name``; empty for that of the recording.
     urdf : str
         Text of the URDF in place of that of the recording.
     gravity : float, optional

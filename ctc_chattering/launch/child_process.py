@@ -33,17 +33,21 @@ _PR_SET_PDEATHSIG = 1
 #: glibc returns freed memory from this size on [bytes], and does not raise the size after a burst.
 _TRIM_THRESHOLD = str(1 << 17)
 
+#: As ``python -m``, which would import what lies in the current directory before all else.
+_RUN = ('import sys; sys.path[:] = filter(None, sys.path); import runpy; '
+        "runpy.run_module(sys.argv.pop(1), run_name='__main__', alter_sys=True)")
+
 
 def node_command(name: str, *arguments: str) -> list[str]:
     """Return the command that runs a node, which ends when this process has ended."""
-    return [sys.executable, '-m', 'ctc_chattering.cli.node', name, '--parent', str(os.getpid()),
-            *arguments]
+    return [sys.executable, '-c', _RUN, 'ctc_chattering.cli.node', name, '--parent',
+            str(os.getpid()), *arguments]
 
 
 def page_command(*arguments: str) -> list[str]:
     """Return the command that shows the graph in the browser; it ends when this process has."""
-    return [sys.executable, '-m', 'ctc_chattering.cli.ctc', 'live', '--parent', str(os.getpid()),
-            '--open' if sys.stdout.isatty() else '--no-open', *arguments]
+    return [sys.executable, '-c', _RUN, 'ctc_chattering.cli.ctc', 'live', '--parent',
+            str(os.getpid()), '--open' if sys.stdout.isatty() else '--no-open', *arguments]
 
 
 def end_with(parent: int) -> None:

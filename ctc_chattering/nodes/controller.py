@@ -26,14 +26,15 @@ from ctc_chattering.configuration.node_parameters import ControllerSettings
 from ctc_chattering.control.controller import Controller, ControllerConfig, LAWS
 from ctc_chattering.control.recommended_gains import GainChoice, GAINS, model_torque
 from ctc_chattering.controller.loop import Answer, ControlLoop, JointSample
-from ctc_chattering.controller.settings_check import missing_limits
+from ctc_chattering.controller.settings_check import check_change, missing_limits
 from ctc_chattering.controller.state_machine import Mode
-from ctc_chattering.dynamics.registry import is_class, model_of
+from ctc_chattering.dynamics.registry import model_of
 from ctc_chattering.errors import RejectedMessage
 from ctc_chattering.nodes.control_terms import ControlTerms
 from ctc_chattering.nodes.controller_state import ControllerState
 from ctc_chattering.numerics.machine_code import HOW_TO_COMPILE
 from ctc_chattering.numerics.time_grid import seconds
+from ctc_chattering.parameters import OWN_CLASS
 from ctc_chattering.ros.joint_order import select
 from ctc_chattering.ros.loop_node import LoopNode
 from ctc_chattering.ros.messages import LATEST
@@ -221,10 +222,20 @@ class ControllerNode(LoopNode[ControllerConfig, ControllerSettings]):
         response.message = 'reset' if self._loop.reset() else 'was not tripped'
         return response
 
+    def check(self, config: ControllerConfig) -> None:
+        """Refuse a law that cannot be made, and a change that is too large."""
+        before = self.config
+        if config.law != before.law:  # Gains may come with it: `completed`.
+            values = config.as_mapping()
+            before = before.changed({name: values[name] for name in GAINS})
+        check_change(before, config)
+        if self._loop.law is not None:
+            self._loop.law.check(config)
+
     def completed(self, _values: Mapping[str, Any]) -> Mapping[str, Any]:
         """Return the gains that go with a law which is set without any; see `GainChoice`."""
         law, named = _values.get('law'), {*_values, *self.parameter_service.names}
-        if (law not in LAWS and not is_class(str(law))) or not named.isdisjoint(GAINS):
+        if (law not in LAWS and not OWN_CLASS.fullmatch(str(law))) or not named.isdisjoint(GAINS):
             return {}
         gains = self._gains.of_law(str(law), self.config)
         if gains:

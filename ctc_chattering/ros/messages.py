@@ -17,6 +17,8 @@
 from __future__ import annotations
 
 import importlib
+import os
+from pathlib import Path
 import struct
 from typing import Any
 
@@ -24,7 +26,10 @@ from builtin_interfaces.msg import Time
 from ctc_chattering.errors import CtcError
 from ctc_chattering.numerics.time_grid import NANOSECONDS, seconds
 from ctc_chattering.ros.serialization import byte_order, TIME
+import rclpy
 
+#: Where a package of ROS lists its interfaces, in each prefix.
+_INTERFACES = Path('share/ament_index/resource_index/rosidl_interfaces')
 #: Latest time that is taken from a stamp, an hour before the last possible one [ns].
 LATEST = (2 ** 31 - 3600) * NANOSECONDS
 
@@ -33,17 +38,24 @@ def message_type(kind: str) -> Any:
     """
     Return the message class called `kind`, for example ``std_msgs/msg/String``.
 
+    Bags and graphs name types: only what a package of ROS lists as its messages is imported.
+
     Raises
     ------
     CtcError
         If there is none.
 
     """
+    package, _, name = kind.partition('/msg/')
+    prefixes = [Path(rclpy.__file__).parents[4], *map(
+        Path, filter(None, os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep)))]
     try:
-        package, _, name = kind.split('/')
-        return getattr(importlib.import_module(f'{package}.msg'), name)
+        if any(f'msg/{name}.idl' in (prefix / _INTERFACES / package).read_text().split()
+               for prefix in prefixes if (prefix / _INTERFACES / package).is_file()):
+            return getattr(importlib.import_module(f'{package}.msg'), name)
     except (ImportError, AttributeError, ValueError):
-        raise CtcError(f'{kind}: this message type is not installed') from None
+        pass
+    raise CtcError(f'{kind}: this message type is not installed')
 
 
 def stamp(nanoseconds: int) -> Time:

@@ -83,11 +83,13 @@ class NodeParameters:
         self._specs = {
             name: spec for config in configs for name, spec in config.parameters().items()}
         self.configs = [config.from_mapping(_of(config, node.given)) for config in configs]
+        #: Values at the start: a class that they name may be named again.
+        self._first = {name: value for config in self.configs
+                       for name, value in config.as_mapping().items()}
         self._joints = max(len(getattr(config, 'joint_names', ())) for config in self.configs)
-        for config in self.configs:
-            for name, value in config.as_mapping().items():
-                node.declare_parameter(name, _to_parameter(name, value).value,
-                                       descriptor(self._specs[name]))
+        for name, value in self._first.items():
+            node.declare_parameter(name, _to_parameter(name, value).value,
+                                   descriptor(self._specs[name]))
         self._publisher = node.create_publisher(
             ParameterEvent, f'~/{PARAMETERS}', qos(100, latched=True))
         self._announced: dict[str, Any] = {}
@@ -139,6 +141,10 @@ class NodeParameters:
                 spec = self._specs.get(parameter.name)
                 if spec is not None and parameter.value is None:
                     raise ParameterError(spec.name, None, spec.allowed)
+                if spec is not None and spec.own and parameter.value not in (
+                        known := (*spec.choices, self._first[spec.name])):
+                    raise ParameterError(spec.name, parameter.value, ' | '.join(
+                        dict.fromkeys(known)) + '; others only at the start of the node')
                 if (parameter.name == 'use_sim_time' and parameter.value is True
                         and not self._node.count_publishers('/clock')):
                     raise ParameterError('use_sim_time', True, (

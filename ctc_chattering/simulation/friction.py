@@ -26,14 +26,23 @@ mode; `friction_model` adds one of your own.
 from __future__ import annotations
 
 from collections.abc import Sequence
-import importlib
 from math import exp, inf
 from typing import Any, NamedTuple
 
 from ctc_chattering.errors import CtcError, refused_as
 from ctc_chattering.numerics.box_qp import nearest
-from ctc_chattering.numerics.compilable import along, array, bits, each, function, least, record
+from ctc_chattering.numerics.compilable import (
+    along,
+    array,
+    bits,
+    each,
+    function,
+    least,
+    record,
+    RECORDS,
+)
 from ctc_chattering.numerics.linear_algebra import Vector
+from ctc_chattering.parameters import named_class
 
 #: A load that rounding alone lifts above Kf breaks no joint away.
 _HOLD = 1.0 + 1e-12
@@ -66,6 +75,11 @@ class NoFriction(NamedTuple):
 
     none: float = 0.0
 
+    @classmethod
+    def made(cls, _joint_names: Sequence[str]) -> NoFriction:
+        """Return the friction of a robot with these joints."""
+        return cls()
+
     def resistance(self, velocity: Vector, _load: Vector, _mode: Vector) -> Vector:
         """
         Return what friction at the velocity is beyond that of the parameters, (n,) [N·m].
@@ -90,7 +104,7 @@ class NoFriction(NamedTuple):
 
 def own_friction(name: str, joint_names: Sequence[str]) -> Any:
     """
-    Return what `name`, ``package.module:Name``, makes of the names of the joints.
+    Return what the class `name`, ``package.module:Name``, makes of the names of the joints.
 
     Raises
     ------
@@ -100,10 +114,10 @@ def own_friction(name: str, joint_names: Sequence[str]) -> Any:
     """
     if not name:
         return NoFriction()
-    module, _, attribute = name.partition(':')
-    n = len(joint_names)
+    own, n = named_class('friction_model', name, lambda x: x in RECORDS and hasattr(
+        x, 'resistance'), 'class marked by @record with a method resistance'), len(joint_names)
     with refused_as(f'the friction_model {name} cannot be made'):
-        made = getattr(importlib.import_module(module), attribute)(tuple(joint_names))
+        made = own.made(tuple(joint_names))
         at_rest = made.resistance([0.0] * n, [0.0] * n, [1.0] * n)
         if len(at_rest) != n or any(at_rest):
             raise CtcError(f'its resistance at rest is {at_rest}; allowed: {n} times 0')

@@ -20,7 +20,7 @@ import dataclasses
 from math import inf
 from typing import ClassVar
 
-from ctc_chattering.dynamics.registry import check_model, is_class, locked_positions
+from ctc_chattering.dynamics.registry import check_model, locked_positions
 from ctc_chattering.dynamics.robot_config import RobotConfig
 from ctc_chattering.errors import ParameterError
 from ctc_chattering.numerics.time_grid import period_ns, samples
@@ -70,7 +70,7 @@ class PlantConfig(RobotConfig):
         minimum=-1.0, maximum=1.0, shape='n')
     friction_model: str = parameter(
         'friction_model', 'str', '',
-        'Friction of your own, package.module:Name, backend builtin; empty for none.',
+        'Friction of your own, backend builtin; empty for none.', choices=('',), own=True,
         read_only=True)
     joint_stiffness: tuple[float, ...] = parameter(
         'joint_stiffness', 'float[]', float('inf'),
@@ -188,11 +188,9 @@ class PlantConfig(RobotConfig):
         elif any(self.stribeck_friction):
             raise ParameterError('stribeck_friction', self.stribeck_friction,
                                  f'0 with plant_backend {self.plant_backend}')
-        if self.friction_model and (self.elastic or self.plant_backend != 'builtin'
-                                    or not is_class(self.friction_model)):
-            raise ParameterError(
-                'friction_model', self.friction_model,
-                'package.module:Name, with plant_backend builtin and rigid joints')
+        if self.friction_model and (self.elastic or self.plant_backend != 'builtin'):
+            raise ParameterError('friction_model', self.friction_model,
+                                 'empty without plant_backend builtin and rigid joints')
         if self.payload and not self.described:
             raise ParameterError('payload', self.payload, '0 without a description of the robot')
         if self.sample_jitter >= 0.5 * self.control_period:

@@ -29,6 +29,7 @@ from math import ceil, cos, inf, log10, pi, sin
 from typing import ClassVar
 
 from ctc_chattering.arguments import checked, whole
+from ctc_chattering.dynamics.robot_config import MODELS
 from ctc_chattering.errors import CtcError, ParameterError
 from ctc_chattering.numerics.time_grid import NANOSECONDS, period_ns, seconds
 from ctc_chattering.parameters import Config, parameter
@@ -52,7 +53,7 @@ class ReferenceConfig(Config):
         'Joints, in the order of gains and torques.', read_only=True)
     model: str = parameter(
         'model', 'str', 'two_link',
-        'Robot model: two_link, urdf, or package.module:Class.', read_only=True)
+        'Robot model, or your own: docs/robots.md.', choices=MODELS, own=True, read_only=True)
     description: str = parameter(
         'description', 'str', '',
         'Model urdf or backend mujoco: file of the robot, a path or package://NAME/PATH; empty '

@@ -17,6 +17,8 @@
 from __future__ import annotations
 
 from pathlib import Path
+import subprocess
+import sys
 import tempfile
 
 from ctc_chattering.cli import options
@@ -51,6 +53,20 @@ WRONG = {
     'replay bag --rate 0': ['--rate'],
     'live --port 99999': ['--port', '65535'],
     'plot bag --format jpg': ['svg']}
+
+
+@pytest.mark.skipif(sys.version_info < (3, 11), reason='PYTHONSAFEPATH is newer')
+def test_processes_of_a_command_import_nothing_from_here(
+        tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Pools start their processes by ``python -c``, which looks in the current directory first."""
+    (tmp_path / 'trap.py').touch()
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.delenv('PYTHONSAFEPATH', raising=False)
+    trapped = [sys.executable, '-c', 'import trap']
+    assert subprocess.run(trapped, check=False).returncode == 0
+    assert guarded('ctc', lambda: subprocess.run(
+        trapped, check=False, stderr=subprocess.DEVNULL).returncode) == 1
+    monkeypatch.delenv('PYTHONSAFEPATH')
 
 
 @pytest.mark.parametrize('line', WRONG)

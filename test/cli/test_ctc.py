@@ -341,7 +341,7 @@ def test_check_model(tmp_path: Path) -> None:
         '        super().__init__(gravity)\n'
         '    def potential_energy(self, q):\n'
         '        return 0.0\n')
-    result = ctc_process('check-model', '--model', 'mine:Arm', cwd=tmp_path)
+    result = ctc_process('check-model', '--model', 'mine:Arm', path=tmp_path)
     assert result.returncode == 1
     assert result.stdout.count('FAILED') == 1
     assert 'G is the gradient of the potential: worst at q = ' in result.stdout
@@ -349,7 +349,7 @@ def test_check_model(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(('arguments', 'words'), [
-    (['--model', 'puma'], ['model', 'puma', 'two_link | urdf | package.module:Class']),
+    (['--model', 'puma'], ['model', 'puma', 'two_link | urdf | package.module:Name']),
     (['--model', 'urdf'], ['--urdf']), (['--urdf', 'nowhere.urdf'], ['nowhere.urdf']),
     (['--model', 'two_link', '--urdf', 'README.md'], ['--urdf', 'two_link']),
     (['--urdf', 'README.md'], ['description', 'not XML']),

@@ -303,6 +303,9 @@ def test_events() -> None:
         (1.5, 'plant', {'disturbance.amplitude': (1.0, 2.0)}),
         (5.0, 'controller', {'law': 'compensation'}), (5.0, 'controller', {'lambda': 10.0})]
     assert events() == []
+    # What is too much at once for a running controller goes there in steps.
+    assert events('1 controller lambda 1e6') == [
+        (1.0, 'controller', {'lambda': pytest.approx(x)}) for x in (464.1589, 21544.347, 1e6)]
 
 
 @pytest.mark.parametrize(('line', 'word'), [

@@ -16,11 +16,19 @@
 
 from __future__ import annotations
 
+import itertools
 from math import inf
 from typing import Any
 
 from ctc_chattering.control.controller import ControllerConfig, LAWS
-from ctc_chattering.controller.settings_check import LAG_RATIO, missing_limits, unsafe_settings
+from ctc_chattering.controller.settings_check import (
+    change_steps,
+    check_change,
+    FACTOR,
+    LAG_RATIO,
+    missing_limits,
+    unsafe_settings,
+)
 from ctc_chattering.errors import CtcError
 from laws import run, variation
 import numpy as np
@@ -94,3 +102,34 @@ def test_joints_without_a_limit_are_named() -> None:
     assert missing_limits(observer, (50.0, 50.0)) == 'torque_rate_limit is infinite for joint2'
     assert missing_limits(observer, ()) == (
         'effort_limit is infinite for joint1, joint2; torque_rate_limit is infinite for joint2')
+
+
+#: A parameter, its value in force and another one, and how many steps lead there.
+CHANGES: list[tuple[str, Any, Any, int]] = [
+    ('kp', (100.0, 100.0), (1e4, 1.0), 1), ('kp', (100.0, 100.0), (1.1e4, 100.0), 2),
+    ('kp', (100.0, 100.0), (100.0, 0.9), 2), ('kp', (100.0, 100.0), (1e9, 1e9), 4),
+    ('kp', (100.0, 5.0, 5.0, 100.0), (1e6, 2e5, 2e5, 1e6), 2), ('lambda', 10.0, 1e-3, 2),
+    ('ka', (0.0, 10.0), (1e3, 1e3), 1), ('ka', (0.0, 10.0), (1.1e3, 10.0), 2),
+    ('ka', (10.0, 10.0), (0.0, 5e-324), 162), ('friction_level', (0.0, 0.0), (100.0, 100.0), 1),
+    ('friction_level', (0.0, 0.0), (110.0, 1.0), 2), ('effort_limit', (inf, 5.0), (5.0, inf), 1),
+    ('law', 'chattering', 'compensation', 1), ('anti_windup', True, False, 1)]
+
+
+@pytest.mark.parametrize(('name', 'before', 'after', 'count'), CHANGES)
+def test_a_large_change_takes_steps(name: str, before: Any, after: Any, count: int) -> None:
+    """Each is allowed after the one before it, a jump over one is not, and they end exactly."""
+    config = ControllerConfig.from_mapping({name: before})
+    steps = change_steps(ControllerConfig.parameters()[name], before, after, 2)
+    assert (len(steps), steps[-1]) == (count, after)
+    configs = [config, *(config.changed({name: step}) for step in steps)]
+    for one, other in itertools.pairwise(configs):
+        check_change(one, other)
+    if count > 1:
+        with pytest.raises(CtcError, match=f'{name}: .*factor of at most {FACTOR:g}.*first$'):
+            check_change(config, configs[-1])
+
+
+def test_the_step_that_is_named_is_allowed() -> None:
+    config = ControllerConfig()
+    with pytest.raises(CtcError, match=r'set \[3160.0, 100.0\] first'):
+        check_change(config, config.changed({'kp': (1e5, 100.0)}))

@@ -20,7 +20,8 @@ from pathlib import Path
 import textwrap
 
 from ctc_chattering.control.controller import Controller, ControllerConfig
-from ctc_chattering.dynamics.registry import check_model, make_model, MODELS
+from ctc_chattering.dynamics.registry import check_model, make_model
+from ctc_chattering.dynamics.robot_config import MODELS
 from ctc_chattering.dynamics.two_link import TwoLink
 from ctc_chattering.dynamics.urdf_model import UrdfModel
 from ctc_chattering.errors import CtcError, ParameterError
@@ -126,16 +127,16 @@ def test_a_class(own: str) -> None:
 def test_names_that_are_none(name: str) -> None:
     for refuse in (lambda: check_model(name, ('a', 'b')), lambda: make_model(name, 9.81),
                    lambda: ControllerConfig(model=name), lambda: PlantConfig(model=name)):
-        with pytest.raises(ParameterError, match=r'two_link \| urdf \| package.module:Class'):
+        with pytest.raises(ParameterError, match=r'two_link \| urdf \| package.module:Name'):
             refuse()
 
 
 @pytest.mark.parametrize(('name', 'words'), [
-    ('nowhere.at_all:Cart', 'nowhere.at_all:Cart cannot be made: ModuleNotFoundError'),
-    ('carts.slope:Nothing', 'cannot be made: AttributeError'),
+    ('nowhere.at_all:Cart', 'no model nowhere.at_all:Cart: ModuleNotFoundError'),
+    ('carts.slope:Nothing', 'no model carts.slope:Nothing: AttributeError'),
     ('carts.slope:Broken', "cannot be made: KeyError: 'wheel'"),
     ('carts.slope:Picky', '^no carts today$'),
-    ('carts.slope:NoModel', 'not derived from ctc_chattering.dynamics.model.Model'),
+    ('carts.slope:NoModel', 'no class derived from ctc_chattering.Model'),
     ('carts.slope:Pair', 'joint_names: .* 2 names for model carts.slope:Pair')])
 @pytest.mark.usefixtures('own')
 def test_classes_that_are_none(name: str, words: str) -> None:

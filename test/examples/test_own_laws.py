@@ -73,9 +73,9 @@ def test_the_terms_by_hand() -> None:
     ({'law': 'own_law'}, ParameterError, 'package.module:Name'),
     ({'law': 'own_law:Nothing'}, CtcError, 'there is no law own_law:Nothing'),
     ({'law': 'no_module:Law'}, CtcError, 'there is no law no_module:Law'),
-    ({'law': 'own_switching:Smooth'}, CtcError, 'not marked by @law'),
-    ({'law': 'own_law:Leaky'}, CtcError, 'not marked by @law'),
-    ({'switching': 'own_law:LeakyIntegral'}, CtcError, 'not marked by @switching')])
+    ({'law': 'own_switching:Smooth'}, CtcError, 'no class marked by @law'),
+    ({'law': 'own_law:Leaky'}, CtcError, 'no class marked by @law'),
+    ({'switching': 'own_law:LeakyIntegral'}, CtcError, 'no class marked by @switching')])
 def test_what_is_none(values: dict[str, str], error: type[CtcError], words: str) -> None:
     with pytest.raises(error, match=words):
         Controller(ControllerConfig.from_mapping(values))

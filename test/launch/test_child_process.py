@@ -27,7 +27,7 @@ import sys
 from threading import Event
 from time import monotonic
 
-from ctc_chattering.launch.child_process import Child, stop
+from ctc_chattering.launch.child_process import Child, node_command, page_command, stop
 import pytest
 from stopwatch import Stopwatch
 
@@ -74,6 +74,19 @@ def gone(pid: int) -> bool:
         if state.split()[0] in 'ZX':
             return True
     return False
+
+
+@pytest.mark.parametrize('command', [
+    node_command('plant', '--help'), [*page_command('--help')]])
+def test_the_current_directory_has_no_modules(command: list[str], tmp_path: Path) -> None:
+    """A directory of bags may have a `yaml.py`; one that is named on PYTHONPATH is searched."""
+    for name in ('yaml', 'argparse', 'runpy', 'ctc_chattering'):
+        (tmp_path / f'{name}.py').write_text('raise SystemExit("trapped")')
+    result = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=True)
+    assert '--help' in result.stdout and 'trapped' not in result.stderr
+    result = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False,
+                            env={**os.environ, 'PYTHONPATH': str(tmp_path)})
+    assert 'trapped' in result.stderr
 
 
 def test_output_and_exit_report(start: Start, lines: list[str]) -> None:

@@ -27,13 +27,14 @@ from ctc_chattering.bags.reader import read_bag
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.configuration.node_parameters import NODES, parameters_of
 from ctc_chattering.controller import stamps
+from ctc_chattering.controller.settings_check import change_steps
 from ctc_chattering.parameters import LARGEST, LEAST
 from ctc_chattering.ros.topics import COMMANDS, JOINT_STATES
 from faults import Diagnostics, JOINTS
 import numpy as np
 from processes import bringup, CONFIG, PATIENCE, Probe, probe
 import pytest
-from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
+from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue, SetParametersResult
 from rcl_interfaces.srv import GetParameters, SetParameters, SetParametersAtomically
 from rclpy.parameter import Parameter as RosParameter
 from rclpy.parameter import parameter_dict_from_yaml_file, parameter_value_to_python
@@ -44,6 +45,7 @@ from std_srvs.srv import Trigger
 import yaml
 
 pytestmark = pytest.mark.ros
+EXAMPLES = Path(__file__).resolve().parents[2] / 'examples'
 #: Calls of the fuzzer by node; each sets up to six parameters.
 CALLS = {'plant': 150, 'controller': 200, 'reference': 40, 'recorder': 40}
 NAN, INF, HUGE, TINY = math.nan, math.inf, 1e308, 5e-324
@@ -61,7 +63,8 @@ WRONG: dict[str, list[tuple[str, Any]]] = {
               ('fault_damping', 'much'), ('coulomb_friction', None)],
     'controller': [('kv', [1.0, 2.0, 3.0, 1.0]), ('switching', 'magic'), ('b', INF),
                    ('state_decimation', 0), ('model', 'two_link'), ('ka', [-1.0, 1.0]),
-                   ('kp', None), ('unknown', 1)],
+                   ('kp', None), ('unknown', 1), ('law', 'trap:Law'), ('law', 'os:system'),
+                   ('switching', 'trap:Law'), ('kp', [100.0, 1.1e4]), ('lambda', 0.09)],
     'reference': [('amplitude', [NAN, 0.0]), ('horizon', 1.0), ('use_sim_time', 'yes')],
     'recorder': [('bag', 'other'), ('unknown', True), ('use_sim_time', None)]}
 
@@ -122,11 +125,11 @@ def plain(value: ParameterValue) -> Any:
 class Loop:
     """The whole graph in lockstep, and what is needed to see that it goes on."""
 
-    def __init__(self, it: Probe, bag: Path, *plant: str) -> None:
+    def __init__(self, it: Probe, bag: Path, *plant: str, controller: Sequence[str] = ()) -> None:
         self.probe = it
         self.children = {
             'plant': it.start('plant', '-p', 'pacing:=lockstep', *plant),
-            'controller': it.start('controller'), 'reference': it.start('reference'),
+            'controller': it.start('controller', *controller), 'reference': it.start('reference'),
             'recorder': it.start('recorder', '-p', f'bag:={bag}')}
         self.setters = {node: Setter(it, node) for node in self.children}
         it.until(lambda: all(x.ready() for x in self.setters.values()), 'the services')
@@ -195,10 +198,10 @@ def test_a_set_is_all_or_nothing_and_a_wrong_one_leaves_the_loop_as_it_was(
         loop = Loop(it, tmp_path / 'bag')
         loop.hold()  # Each set would have to wait for messages otherwise.
         words = [('effort_limit', '[inf, 500.0]'), ('error_limit', ['inf', '.inf']),
-                 ('ka', '[10.5, 1e-05]'), ('lambda', '1e1')]
+                 ('actuator_lag', '[.inf, 1e-05]'), ('lambda', '1e1')]
         assert loop.setters['controller'].all_or_nothing(words) == (True, '')
         assert {name: it.get('controller', name) for name, _ in words} == {
-            'effort_limit': [INF, 500.0], 'error_limit': [INF, INF], 'ka': [10.5, 1e-5],
+            'effort_limit': [INF, 500.0], 'error_limit': [INF, INF], 'actuator_lag': [INF, 1e-5],
             'lambda': 10.0}
         assert_a_law_brings_its_gains(loop.setters['controller'])
         for setter in loop.setters.values():
@@ -220,6 +223,51 @@ def test_a_set_is_all_or_nothing_and_a_wrong_one_leaves_the_loop_as_it_was(
             assert setter.all_or_nothing(VALID[node].items()) == (True, '')
             assert setter.values() == {**before, **VALID[node]} != before
         loop.goes_on()
+
+
+#: A law that cannot be made with every gain, and a module that says that it was imported.
+OWN = """
+from typing import NamedTuple
+from ctc_chattering import law
+from own_law import LeakyIntegral
+@law()
+class Law(NamedTuple):
+    own: LeakyIntegral
+    @classmethod
+    def made(cls, config, period):
+        if config.ki[0] > 500.0:
+            raise ValueError('too much')
+        return cls(LeakyIntegral.made(config, period))
+    def initial(self):
+        return self.own.initial()
+    def terms(self, memory, at):
+        return self.own.terms(memory, at)
+"""
+TRAP = "from pathlib import Path; Path(__file__).with_name('imported').touch()"
+
+
+def test_a_law_is_named_at_the_start_and_made_before_it_is_set(
+        tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What is refused leaves the motion as it was, and imports nothing."""
+    (tmp_path / 'picky.py').write_text(OWN)
+    (tmp_path / 'trap.py').write_text(TRAP)
+    monkeypatch.setenv('PYTHONPATH', f'{tmp_path}:{EXAMPLES}')
+    monkeypatch.chdir(tmp_path)
+    with probe() as it:
+        loop = Loop(it, tmp_path / 'bag', controller=('-p', 'law:=picky:Law'))
+        for name, value, words in (
+                ('law', 'trap:Law', 'only at the start'),
+                ('law', 'picky:law', 'only at the start'),
+                ('switching', 'own_switching:Smooth', 'only at the start'),
+                ('ki', [501.0, 0.0], 'the law picky:Law cannot be made: ValueError: too much')):
+            answer = it.set('controller', name, value)
+            assert not answer.successful and words in answer.reason
+        loop.goes_on()
+        for law in ('compensation', 'picky:Law'):
+            assert it.set('controller', 'law', law) == SetParametersResult(successful=True)
+            loop.goes_on()
+            assert it.get('controller', 'law') == law
+    assert not (tmp_path / 'imported').exists()
 
 
 @pytest.mark.slow
@@ -266,13 +314,22 @@ def test_a_run_under_rejected_sets_equals_the_simulation(tmp_path: Path) -> None
         assert np.array_equal(getattr(run, field), getattr(expected, field)), field
 
 
+def lead(it: Probe, name: str, wanted: Any) -> None:
+    """Set a parameter of the controller, in as many steps as that takes."""
+    spec, before = parameters_of('controller')[name], it.get('controller', name)
+    before, wanted = (tuple(x) if isinstance(x, list) else x for x in (before, wanted))
+    for value in change_steps(spec, before, wanted, len(JOINTS)):
+        assert it.set('controller', name, value).successful, (name, value)
+
+
 def test_no_gains_stop_time() -> None:
     """The largest and the least that are accepted give torques; what is beyond is refused."""
     with probe() as it:
         diagnostics = Diagnostics(it)
         children = [it.start('plant', '-p', 'pacing:=lockstep', '-p', 'hold_at:=0.01',
                              '-p', 'torque_saturation:=[30.0, 30.0]'),
-                    it.start('controller', '-p', 'input_delay:=3'), it.start('reference')]
+                    it.start('controller', '-p', 'input_delay:=3', '-p', f'ka:=[{TINY}, 10.0]'),
+                    it.start('reference')]
         diagnostics.until('plant', lambda r: r.message.startswith('held'), 'the hold')
         for value in (TINY, HUGE):
             assert 'b out of range Min: 0.001' in it.set('controller', 'b', value).reason
@@ -280,7 +337,7 @@ def test_no_gains_stop_time() -> None:
                 ('implicit', LEAST, LEAST), ('implicit_observer', LARGEST, LARGEST)]):
             for name, wanted in (('switching', switching), ('lambda', lambda_), ('b', 1e-3),
                                  ('kp', [gain, gain]), ('kv', [gain, gain]), ('ka', [TINY, gain])):
-                assert it.set('controller', name, wanted).successful, name
+                lead(it, name, wanted)
             time = f'{0.02 + 0.01 * k:g}'
             assert it.set('plant', 'hold_at', float(time)).successful
             diagnostics.until('plant', lambda r, t=time: (  # type: ignore[misc]

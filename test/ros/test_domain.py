@@ -16,11 +16,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 import os
 from pathlib import Path
+import socket
 import subprocess
 import sys
-import tempfile
 
 from ctc_chattering.errors import CtcError
 from ctc_chattering.ros.domain import DOMAINS, own_domain
@@ -29,13 +30,6 @@ import pytest
 NAMES = ('ROS_DOMAIN_ID', 'ROS_AUTOMATIC_DISCOVERY_RANGE')
 HOLD = ('import os\nfrom ctc_chattering.ros.domain import own_domain\n'
         'with own_domain() as d: print(d, os.environ["ROS_DOMAIN_ID"], flush=True); input()')
-
-
-@pytest.fixture(autouse=True)
-def own_locks(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Keep the locks away from those of runs on this host."""
-    monkeypatch.setenv('TMPDIR', str(tmp_path))
-    monkeypatch.setattr(tempfile, 'tempdir', None)
 
 
 def holder() -> subprocess.Popen[str]:
@@ -51,31 +45,46 @@ def said(process: subprocess.Popen[str]) -> int:
     return int(domain)
 
 
+def only(domains: Sequence[int], monkeypatch: pytest.MonkeyPatch) -> None:
+    """Leave these domains, which are tried in this order."""
+    monkeypatch.setattr('ctc_chattering.ros.domain.DOMAINS', domains)
+    monkeypatch.setattr('random.sample', lambda found, _: list(found))
+
+
 def test_two_processes_and_ourselves(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Check that all but two domains being held, those two are found, and then none."""
-    monkeypatch.setattr('ctc_chattering.ros.domain.DOMAINS', range(1, 4))
-    monkeypatch.setattr('random.sample', lambda domains, _: list(domains))
+    """What two others hold is passed over, and free once they end, or are killed."""
+    with own_domain() as third:
+        pass
     with holder() as first, holder() as second:
-        taken = {said(first), said(second)}
-        assert len(taken) == 2
-        assert taken <= set(DOMAINS)
+        taken = [said(first), said(second)]
+        assert len({*taken, third} & set(DOMAINS)) == 3
+        only([*taken, third], monkeypatch)
         with own_domain() as ours:
-            assert ours not in taken
-        for process in (first, second):
-            process.communicate('\n', timeout=20)
-            assert process.returncode == 0
+            assert ours == third
+            with pytest.raises(CtcError) as error, own_domain():
+                pass
+            assert len(str(error.value).splitlines()) == 1
+        first.communicate('\n', timeout=20)
+        assert first.returncode == 0
+        second.kill()
+        second.communicate(timeout=20)
+    for domain in taken:
+        only([domain], monkeypatch)
+        with own_domain() as ours:
+            assert ours == domain
 
 
-def test_all_held_then_one_freed(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Check the error when none is left, and that a killed holder frees its domain."""
-    with holder() as process:
-        domain = said(process)
-        monkeypatch.setattr('ctc_chattering.ros.domain.DOMAINS', range(domain, domain + 1))
-        with pytest.raises(CtcError) as error, own_domain():
+@pytest.mark.parametrize('port', [0, 10])
+def test_a_domain_in_which_nodes_run(port: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The first node of a domain binds these ports, with and without multicast."""
+    with own_domain() as domain:
+        pass
+    only([domain], monkeypatch)
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as node:
+        node.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        node.bind(('', 7400 + 250 * domain + port))
+        with pytest.raises(CtcError), own_domain():
             pass
-        assert len(str(error.value).splitlines()) == 1
-        process.kill()
-        process.communicate(timeout=20)
     with own_domain() as ours:
         assert ours == domain
 
@@ -92,16 +101,6 @@ def test_environment_is_put_back(before: str | None, monkeypatch: pytest.MonkeyP
         assert os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] == 'LOCALHOST'
         raise ZeroDivisionError
     assert [os.environ.get(name) for name in NAMES] == [before, before]
-
-
-def test_lock_is_freed(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Check that the only domain there is can be had again and again, not twice at once."""
-    monkeypatch.setattr('ctc_chattering.ros.domain.DOMAINS', range(5, 6))
-    for _ in range(3):
-        with own_domain() as domain:
-            assert domain == 5
-            with pytest.raises(CtcError), own_domain():
-                pass
 
 
 def test_domains_have_their_ports() -> None:

@@ -109,7 +109,7 @@ def compared(config: PlantConfig, model: Model, rng: np.random.Generator) -> tup
 @pytest.mark.parametrize(('name', 'own', 'count'), [
     ('friction', '', 150), pytest.param('panda', '', 60, marks=pytest.mark.slow),
     # Compiled once more for another class.
-    pytest.param('friction', 'own_friction:hyperbolic', 150, marks=pytest.mark.slow)])
+    pytest.param('friction', 'own_friction:Hyperbolic', 150, marks=pytest.mark.slow)])
 def test_one_step_is_the_same(name: str, own: str, count: int, monkeypatch: pytest.MonkeyPatch
                               ) -> None:
     monkeypatch.syspath_prepend(EXAMPLES)

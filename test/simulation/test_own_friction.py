@@ -16,14 +16,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 import sys
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, NamedTuple
 
 from ctc_chattering.analysis.result import simulate
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.errors import CtcError, ParameterError
+from ctc_chattering.numerics.compilable import record
 from ctc_chattering.simulation.friction import own_friction
 from ctc_chattering.simulation.plant import Plant
 from ctc_chattering.simulation.plant_config import PlantConfig
@@ -51,7 +53,7 @@ def test_the_fall_of_friction_against_scipy() -> None:
         friction = np.sign(tau) * (KF - 3.0 * np.abs(v) / (np.abs(v) + 0.05))
         return np.concatenate((v, (tau - friction) / MASSES))
 
-    own = PlantConfig(coulomb_friction=tuple(KF), friction_model='own_friction:hyperbolic')
+    own = PlantConfig(coulomb_friction=tuple(KF), friction_model='own_friction:Hyperbolic')
     plant = Plant(own, Masses(np.diag(MASSES).tolist()))
     for _ in range(500):
         plant.step(tau)
@@ -69,7 +71,7 @@ def test_the_example_compiled() -> None:
     runs = []
     for compiled in (False, True):
         setup = parameter_file.load(None, {
-            'plant': {'duration': 0.3, 'friction_model': 'own_friction:hyperbolic',
+            'plant': {'duration': 0.3, 'friction_model': 'own_friction:Hyperbolic',
                       'compiled': compiled}})
         compile_runs(setup)
         runs.append(simulate(setup).run)
@@ -91,8 +93,8 @@ def test_a_model_of_an_example() -> None:
 
 @pytest.mark.parametrize(('values', 'error'), [
     ({'friction_model': 'hyperbolic'}, ParameterError),
-    ({'friction_model': 'own_friction:hyperbolic', 'plant_backend': 'mujoco'}, ParameterError),
-    ({'friction_model': 'own_friction:hyperbolic', 'joint_stiffness': [1e4, 1e4],
+    ({'friction_model': 'own_friction:Hyperbolic', 'plant_backend': 'mujoco'}, ParameterError),
+    ({'friction_model': 'own_friction:Hyperbolic', 'joint_stiffness': [1e4, 1e4],
       'motor_inertia': [1.0, 1.0]}, ParameterError),
     ({'friction_model': 'own_friction:none'}, CtcError),
     ({'friction_model': 'nowhere:none'}, CtcError)])
@@ -105,7 +107,16 @@ def test_what_is_refused(values: dict[str, Any], error: type[Exception]) -> None
 def test_a_friction_at_rest_is_refused(at_rest: list[float], monkeypatch: pytest.MonkeyPatch
                                        ) -> None:
     """It would hold a joint, or push it, where the plant takes the parameters for what holds."""
-    made = SimpleNamespace(resistance=lambda *_: at_rest)
-    monkeypatch.setitem(sys.modules, 'wrong', SimpleNamespace(friction=lambda _: made))
+    @record
+    class Wrong(NamedTuple):
+        none: float = 0.0
+
+        @classmethod
+        def made(cls, _joint_names: Sequence[str]) -> Wrong:
+            return cls()
+
+        def resistance(self, *_: object) -> list[float]:
+            return at_rest
+    monkeypatch.setitem(sys.modules, 'wrong', SimpleNamespace(Friction=Wrong))
     with pytest.raises(CtcError, match='at rest'):
-        own_friction('wrong:friction', ('a', 'b'))
+        own_friction('wrong:Friction', ('a', 'b'))

@@ -56,6 +56,7 @@ def ctc(*arguments: object, cwd: Path = ROOT) -> Finished:
         with (pytest.MonkeyPatch.context() as patch, warnings.catch_warnings(record=True) as said,
               redirect_stdout(out), redirect_stderr(err)):
             patch.setenv('COLUMNS', '200')
+            patch.setenv('PYTHONSAFEPATH', '1')  # As the command does.
             warnings.simplefilter('ignore')
             for kind in (UserWarning, RuntimeWarning, SyntaxWarning, FutureWarning):
                 warnings.simplefilter('default', kind)

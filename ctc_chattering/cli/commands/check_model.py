@@ -35,7 +35,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the options of `ctc check-model`."""
     parser.add_argument(
         '--model', metavar='NAME',
-        help='two_link, urdf, or package.module:Class; default: urdf if --urdf is given, else '
+        help='two_link, urdf, or package.module:Name; default: urdf if --urdf is given, else '
              'two_link')
     add_urdf_options(parser)
     parser.add_argument('--samples', type=int, default=100, metavar='N',

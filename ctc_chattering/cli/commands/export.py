@@ -20,7 +20,7 @@ import argparse
 
 from ctc_chattering.analysis.export import export
 from ctc_chattering.analysis.output import prepare
-from ctc_chattering.cli.options import add_bag, add_output
+from ctc_chattering.cli.options import add_bag, add_output, add_own, own
 
 DETAILS = ('Write trajectory.npz, which also has the gains, or trajectory.csv, with names and '
            'units of the joints.')
@@ -29,6 +29,7 @@ DETAILS = ('Write trajectory.npz, which also has the gains, or trajectory.csv, w
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the options of `ctc export`."""
     add_bag(parser)
+    add_own(parser)
     parser.add_argument('--csv', action='store_true',
                         help='write trajectory.csv instead of trajectory.npz')
     add_output(parser, 'export')
@@ -38,7 +39,7 @@ def run(options: argparse.Namespace) -> int:
     """Run `ctc export`."""
     from ctc_chattering.bags.reader import read_bag
 
-    result = read_bag(options.bag)
+    result = read_bag(options.bag, **own(options))
     name = 'trajectory.csv' if options.csv else 'trajectory.npz'
     out = prepare(options.out, (name,), options.overwrite)
     export(result, out / name)

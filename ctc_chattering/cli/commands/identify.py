@@ -48,8 +48,8 @@ def add_options(parser: argparse.ArgumentParser) -> None:
                         help='bag that is not used for the fit, to validate it')
     parser.add_argument('--urdf', metavar='FILE',
                         help="URDF, a path or package://NAME/PATH, default: the bag's")
-    parser.add_argument('--model', metavar='NAME',
-                        help="two_link, urdf, or package.module:Class, default: the bag's")
+    parser.add_argument('--model', default='', metavar='NAME',
+                        help="two_link, urdf, or package.module:Name, default: the bag's")
     parser.add_argument('--joints', metavar='A,B,C',
                         help="joints in the order of the commands, default: the bag's")
     parser.add_argument('--gravity', type=float, metavar='G',
@@ -99,7 +99,7 @@ def run(options: argparse.Namespace) -> int:
     motions += [] if options.validate else [last]
     rate = _rates(options.torque_rate, len(motions[0].recording.joints))
     out = prepare(options.out, NAMES, options.overwrite)
-    found = identify(motions, last if options.validate else None, options.model or '', urdf,
+    found = identify(motions, last if options.validate else None, options.model, urdf,
                      options.gravity, options.torque or '', side, rate, **of_effort,
                      payloads=_payloads(options.payload, len(motions)))
     return _shown(write_identified(found, out, options.trials, options.seed, say, options.format,
@@ -111,7 +111,7 @@ def _motions(options: argparse.Namespace, urdf: str) -> list[RecordedMotion]:
     from ctc_chattering.bags.motion import read_motion
 
     joints = tuple(filter(None, (options.joints or '').split(',')))
-    motions = [read_motion(bag, joints, urdf, options.states, options.commands)
+    motions = [read_motion(bag, joints, urdf, options.states, options.commands, options.model)
                for bag in (*options.bags, *filter(None, [options.validate]))]
     for motion in motions:
         for note in motion.notes:

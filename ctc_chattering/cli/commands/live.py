@@ -17,14 +17,14 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from contextlib import ExitStack
 from pathlib import Path
 import sys
 from typing import Any, TYPE_CHECKING
 
 from ctc_chattering.cli.command_line import say
-from ctc_chattering.cli.options import is_parameter_file
+from ctc_chattering.cli.options import add_own, is_parameter_file, own
 from ctc_chattering.errors import CtcError, UsageError
 
 if TYPE_CHECKING:
@@ -43,6 +43,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--export', type=Path, metavar='FILE',
                         help='write a self-contained HTML file of the bags, serve no page')
     parser.add_argument('--overwrite', action='store_true', help='replace an existing file')
+    add_own(parser)
     parser.add_argument('--host', default='127.0.0.1', metavar='H',
                         help='address to listen on, default: 127.0.0.1, which other machines '
                              'cannot reach')
@@ -67,7 +68,7 @@ def run(options: argparse.Namespace) -> int:
         return bringup([str(options.bags[0]), '--pacing', 'real_time', '--duration', '0', '--live',
                         *options.ros_args])
     if options.export is not None:
-        return _export(options.bags, options.export, options.overwrite)
+        return _export(options)
     from ctc_chattering.live import require_viser
     require_viser()
     from ctc_chattering.live.page import Page
@@ -101,7 +102,7 @@ def _serve(options: argparse.Namespace, make_page: Callable[..., Page]) -> None:
         end_with(options.parent)
     if options.bags:
         from ctc_chattering.live.bag_page import BagPage
-        runs = _runs(options.bags)
+        runs = _runs(options)
         page = make_page()
         try:
             BagPage(page, runs).run(stop)
@@ -112,28 +113,28 @@ def _serve(options: argparse.Namespace, make_page: Callable[..., Page]) -> None:
     run_graph_page(make_page, stop, options.ros_args, not options.read_only, options.bags_in)
 
 
-def _runs(bags: Sequence[Path]) -> list[Any]:
+def _runs(options: argparse.Namespace) -> list[Any]:
     """Return the runs of bags."""
     from ctc_chattering.bags.reader import read_bag
     from ctc_chattering.live.bag_page import RecordedRun
-    if len(bags) > 2:
-        raise UsageError(f'{len(bags)} bags; one or two can be shown')
+    if len(options.bags) > 2:
+        raise UsageError(f'{len(options.bags)} bags; one or two can be shown')
     runs = []
-    for bag in bags:
+    for bag in options.bags:
         print(f'reading {bag} ...', flush=True)
-        runs.append(RecordedRun(read_bag(bag)))
+        runs.append(RecordedRun(read_bag(bag, **own(options))))
         if runs[-1].remark:
             say(f'ctc live: {bag}: {runs[-1].remark}')
     return runs
 
 
-def _export(bags: Sequence[Path], path: Path, overwrite: bool) -> int:
+def _export(options: argparse.Namespace) -> int:
     """Write the page of bags into one file."""
     from ctc_chattering.live.bag_page import write_export
-    if not bags:
+    if not options.bags:
         raise UsageError('--export needs a bag')
-    if path.exists() and not overwrite:
-        raise CtcError(f'{path}: exists already; choose another file, or --overwrite')
-    size = write_export(_runs(bags), path)
-    print(f'{path}: {size / 1e6:.1f} MB; it opens in a browser and needs no network')
+    if options.export.exists() and not options.overwrite:
+        raise CtcError(f'{options.export}: exists already; choose another file, or --overwrite')
+    size = write_export(_runs(options), options.export)
+    print(f'{options.export}: {size / 1e6:.1f} MB; it opens in a browser and needs no network')
     return 0

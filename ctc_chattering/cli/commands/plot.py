@@ -22,7 +22,7 @@ import sys
 
 from ctc_chattering.analysis.output import prepare
 from ctc_chattering.analysis.run_page import NAMES
-from ctc_chattering.cli.options import add_format, add_output
+from ctc_chattering.cli.options import add_format, add_output, add_own, own
 from ctc_chattering.cli.presentation import present
 from ctc_chattering.errors import CtcError
 
@@ -33,6 +33,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the options of `ctc plot`."""
     parser.add_argument('bags', nargs='+', type=Path, metavar='BAG',
                         help='bag, or directory of bags')
+    add_own(parser)
     add_format(parser)
     add_output(parser, 'plots')
 
@@ -46,7 +47,7 @@ def run(options: argparse.Namespace) -> int:
         found = find_bags(path)
         for bag in found or [path]:
             try:
-                results.append(read_bag(bag))
+                results.append(read_bag(bag, **own(options)))
                 bags.append(bag)
             except CtcError as error:
                 if not found:

@@ -25,14 +25,15 @@ from typing import cast
 from ctc_chattering.arguments import checked
 from ctc_chattering.control.controller_config import ControllerConfig, LAWS
 from ctc_chattering.control.laws.base import Law
-from ctc_chattering.control.own_class import named_class
-from ctc_chattering.parameters import Parameter
+from ctc_chattering.numerics.compilable import RECORDS
+from ctc_chattering.parameters import named_class, Parameter
 
 
 def law_class(name: str) -> type[Law]:
     """Return the class of a law: one of `LAWS`, or ``package.module:Name``."""
     own = name if ':' in name else f'ctc_chattering.control.laws.{name}:LAW'
-    return cast('type[Law]', named_class('law', own))
+    return cast('type[Law]', named_class(
+        'law', own, lambda x: x in RECORDS and hasattr(x, 'answer'), 'class marked by @law'))
 
 
 @checked()

@@ -22,11 +22,14 @@ from __future__ import annotations
 
 from typing import cast
 
-from ctc_chattering.control.own_class import named_class
 from ctc_chattering.control.switching.base import Switching
+from ctc_chattering.numerics.compilable import RECORDS
+from ctc_chattering.parameters import named_class
 
 
 def switching_class(name: str) -> type[Switching]:
     """Return the class of a switching: one of `SWITCHINGS`, or ``package.module:Name``."""
     own = name if ':' in name else f'ctc_chattering.control.switching.{name}:SWITCHING'
-    return cast('type[Switching]', named_class('switching', own))
+    return cast('type[Switching]', named_class(
+        'switching', own, lambda x: x in RECORDS and hasattr(x, 'term'),
+        'class marked by @switching'))
