@@ -60,7 +60,7 @@ setup(
         # An apt installation of ROS 2 has these without distributions of these names.
         'ros': ['ros-jazzy-rclpy[fastrtps]', 'ros-jazzy-common-interfaces'],
         # The page of `ctc live`.
-        'live': ['viser>=1.1'],
+        'live': ['msgspec', 'viser>=1.1'],
         'mujoco': ['mujoco'],
         # The model urdf, of apt ros-jazzy-pinocchio; the robots of panda.yaml and ur5.yaml.
         'urdf': ['example-robot-data', 'pin'],

@@ -20,7 +20,7 @@ from collections import deque
 from collections.abc import Mapping, Sequence
 import dataclasses
 from functools import partial
-from math import inf
+from math import ceil, inf, log
 import time
 from typing import Annotated, Any, Literal
 
@@ -227,10 +227,11 @@ class Controls:
         self.answers.appendleft({'what': what, 'done': done, 'text': text[:1000],
                                  'at': time.strftime('%H:%M:%S')})
 
-    def _set(self, node: str, name: str, value: Any) -> None:
-        """Set a parameter; of one that has this value the answer says so."""
-        same = self._reader.parameters[node].get(name) == value
-        self._requests.set(node, {name: value}, done='was so already' if same else 'done')
+    def _set(self, node: str, name: str, *values: Any) -> None:
+        """Set a parameter to values, one after the other; the answer says if it had the last."""
+        same = self._reader.parameters[node].get(name) == values[-1]
+        self._requests.set(node, *({name: value} for value in values),
+                           done='was so already' if same else 'done')
 
     def _gain(self, asked: GainRequest) -> None:
         for gain in gains_of(self._in_force, self._reader.names):
@@ -245,11 +246,12 @@ class Controls:
             return
         if value is None:
             return
-        if not asked.confirmed and is_large(gain.matrix or gain.values, value):
+        steps = change_steps(gain.matrix or gain.values, value)
+        if len(steps) > 1 and not asked.confirmed:
             self.answer(asked.name, False, f'{in_field(value)} is a change by more than a factor '
                         f'of {LARGEST_CHANGE:g}: it must be confirmed')
         else:
-            self._set('controller', asked.name, value)
+            self._set('controller', asked.name, *steps)
 
     def _torques(self, on: bool) -> None:
         if on:
@@ -284,11 +286,15 @@ class Controls:
         self._requests.set('plant', {'hold_at': hold})
 
 
-def is_large(before: Sequence[float], after: list[float] | float) -> bool:
-    """Return whether one of some values changes by more than `LARGEST_CHANGE`."""
+def change_steps(before: Sequence[float], after: list[float] | float
+                 ) -> list[list[float] | float]:
+    """Return `after`, and before it the values that lead there by `LARGEST_CHANGE` at most."""
     values = after if isinstance(after, list) else [after]
-    return any(not abs(b) / LARGEST_CHANGE <= abs(a) <= LARGEST_CHANGE * abs(b)
-               for a, b in zip(values, before) if b)
+    ways = [abs(b / a) if a and b else 1.0 for a, b in zip(values, before)]
+    count = max(1, ceil(max(abs(log(x)) for x in ways) / log(1.01 * LARGEST_CHANGE)))
+    steps = [[a * way ** (1.0 - k / count) for a, way in zip(values, ways)]
+             for k in range(1, count)]
+    return [*(x if isinstance(after, list) else x[0] for x in steps), after]
 
 
 def numbers(text: str, count: int) -> list[float] | str:

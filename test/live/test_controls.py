@@ -17,6 +17,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+import itertools
 import json
 from math import inf, nan
 from pathlib import Path
@@ -111,7 +112,7 @@ def test_one_release_is_one_request_with_the_values_of_all_joints() -> None:
 
 
 @pytest.mark.parametrize(('joint', 'value', 'large'), [
-    (1, 5000.0, False), (1, 5001.0, True), (1, 0.5, False), (1, 0.49, True), (ALL, 1e9, True)])
+    (1, 5000.0, False), (1, 5100.0, True), (1, 0.5, False), (1, 0.49, True), (ALL, 1e9, True)])
 def test_a_change_by_more_than_a_factor_of_100_must_be_confirmed(
         joint: int, value: float, large: bool) -> None:
     made, socket, found = controls()
@@ -120,6 +121,12 @@ def test_a_change_by_more_than_a_factor_of_100_must_be_confirmed(
     assert [not x['done'] and 'confirmed' in x['text'] for x in made.answers] == [True] * large
     say(socket, gain('kp', joint, value, True))
     assert len(found) == (1 if large else 2)
+    _, _, *steps, _ = found[-1]  # One after another, each of at most this factor.
+    assert (len(steps) > 1) == large
+    values = [PARAMETERS['kp'], *(step['kp'] for step in steps)]
+    assert max(max(b / a, a / b) for x in itertools.pairwise(values)
+               for a, b in zip(*x)) < 102.0
+    assert values[-1][max(joint, 0)] == value
 
 
 def test_limits_are_the_declared_ones_and_hold_the_values_in_force() -> None:
