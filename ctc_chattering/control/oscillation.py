@@ -17,17 +17,19 @@ How much of its bandwidth a loop may use: less while its feedback oscillates.
 
 Drives that are slower than their model (rate limit, lag, delay) make a fast loop oscillate: what
 the drives lack goes into the estimate, which asks for more. The same loop with a part of its
-bandwidth is stable. The torque f of the feedback shows it. A load, a reversal of friction or a
-motion that is too hard for the drives makes f large, too, even beyond Ka, but each of its
-half-waves is smaller than the one before. So with the sizes f₁ and f₂ of the last half-wave and
-the one before, which fade with 10 rad/s, so that a slow motion is no oscillation::
+bandwidth is stable. The torque f of the feedback shows it in two ways. Drives of a lower rate
+than the law believes make f large, beyond Ka and what the drives follow, while the law believes
+that they give it. Drives that are late make f oscillate on, while of a load, a reversal of
+friction or a motion that is too hard each half-wave is smaller than the one before::
 
-    r = max(min(|f|, f₁, f₂) / min(Ka, R / √Kp),  f₁ / Ka where |f| >= f₁)
+    r = max(|f_b - f_s| / (Ka + B + |f_s|),  min(|f|, f₁, f₂) / min(Ka, B)),    B = R / √Kp
     d(ln s)/dt = -w max(r - 1/2, 0) - ln(s) / t                                            (OG1)
 
-with w = 80 rad/s, t = 2 seconds, 0.1 <= s <= 1. The first part is an oscillation that goes on:
-drives with the rate limit R follow none beyond R / √Kp at the pole of the feedback. The second is
-one that grows. The largest ratio of all joints counts, and s is one number, since joints are
+with w = 80 rad/s, t = 2 seconds, 0.1 <= s <= 1. Drives with the rate limit R follow B at the pole
+of the feedback; where R is not known, B counts for nothing. f_b is f less what the law knows that
+the drives do not give; f_s is its slow part, below 30 s rad/s, which is there where Ka is too
+small or the motion smooth; f₁ and f₂ are the sizes of the last half-wave and the one before, which
+fade with 10 rad/s. The largest ratio of all joints counts, and s is one number, since joints are
 coupled. Where less bandwidth does not help, f exceeds 3 Ka with s < 0.2; a start far from the
 reference does so, too, and has 2 seconds.
 """
@@ -43,8 +45,10 @@ import numpy as np
 
 #: Least s.
 LEAST = 0.1
-#: How fast a half-wave fades [rad/s]; the ratio r that is normal; w [rad/s]; t [s].
-_FADING, _NORMAL, _RETREAT, _RETURN = 10.0, 0.5, 80.0, 2.0
+#: Below which the feedback is slow, at s = 1, and how fast a half-wave fades [rad/s].
+_SLOW, _FADING = 30.0, 10.0
+#: The ratio r that is normal; w [rad/s]; t [s].
+_NORMAL, _RETREAT, _RETURN = 0.5, 80.0, 2.0
 #: Feedback in Ka, and s, beyond and below which the loop may be out of control.
 _STRONG, _LOW = 3.0, 0.2
 #: How much later that counts after a start that is strong from the first sample on [s].
@@ -57,6 +61,8 @@ _TINY = 1e-9
 class Oscillation(NamedTuple):
     """What is remembered of the feedback."""
 
+    #: f_s [N·m], shape (n,).
+    slow: Array
     #: Extreme of this half-wave of f, with its sign; f₁ and f₂; shape (n,) [N·m].
     extreme: Array
     last: Array
@@ -71,10 +77,12 @@ class Oscillation(NamedTuple):
 class OscillationGuard(NamedTuple):
     """Says how much bandwidth a loop may use; made by `oscillation_guard`."""
 
-    #: Ka and the lesser of Ka and R / √Kp_ii [N·m], shape (n,).
+    #: Ka, Ka + B and the lesser of Ka and B [N·m], shape (n,).
     bound: Array
-    tolerated: Array
-    #: exp(-10 h).
+    believed: Array
+    sustained: Array
+    #: 1 - exp(-30 h) and exp(-10 h).
+    renewed: float
     fading: float
     #: 80 h, exp(-h / 2 s), and the least ln s.
     retreating: float
@@ -84,26 +92,38 @@ class OscillationGuard(NamedTuple):
     low: float
     period: float
 
-    def noticed(self, last: Oscillation, feedback: Array) -> Oscillation:
-        """Return what follows a sample with the feedback f, shape (n,) [N·m], by (OG1)."""
+    def noticed(self, last: Oscillation, feedback: Array, missing: Array) -> Oscillation:
+        """
+        Return what follows a sample, by (OG1); arrays of shape (n,) [N·m].
+
+        Parameters
+        ----------
+        last : Oscillation
+            After the sample before.
+        feedback, missing : array, shape (n,)
+            f, and what the law knows that the drives do not give.
+
+        """
         size, largest = np.abs(feedback), self.fading * np.abs(last.extreme)
         turned = np.sign(feedback) * last.extreme < 0.0
         extreme = np.where(turned | (size > largest), feedback, self.fading * last.extreme)
         f1 = np.where(turned, largest, self.fading * last.last)
         f2 = self.fading * np.where(turned, last.last, last.second_last)
-        sustained = np.minimum(size, np.minimum(f1, f2)) / self.tolerated
-        growing = np.where(size >= f1, f1, 0.0) / self.bound
-        ratio = np.maximum(sustained, growing).max()
+        believed = np.sign(feedback) * np.maximum(size - np.abs(missing), 0.0)
+        slow = last.slow + exp(last.retreat) * self.renewed * (believed - last.slow)
+        ratio = np.maximum(np.abs(believed - slow) / (self.believed + np.abs(slow)),
+                           np.minimum(size, np.minimum(f1, f2)) / self.sustained).max()
         retreat = self.kept * last.retreat - self.retreating * max(ratio - _NORMAL, 0.0)
         strained = last.strained + self.period
         if (size / self.bound).max() < _STRONG or retreat > self.low:
             strained = 0.0
-        return Oscillation(extreme, f1, f2, max(retreat, self.farthest), strained)
+        return Oscillation(slow, extreme, f1, f2, max(retreat, self.farthest), strained)
 
 
 def oscillation_guard(bound: Array, rate: Array, pole: Array, period: float) -> OscillationGuard:
     """Return a guard for Ka [N·m], R [N·m/s] and √Kp_ii [rad/s], shape (n,), and h [s]."""
-    bound = np.maximum(bound, _TINY)
+    bound, followed = np.maximum(bound, _TINY), rate / pole
     return OscillationGuard(
-        bound, np.minimum(bound, rate / pole), exp(-_FADING * period), _RETREAT * period,
+        bound, bound + np.where(followed < np.inf, followed, 0.0), np.minimum(bound, followed),
+        1.0 - exp(-_SLOW * period), exp(-_FADING * period), _RETREAT * period,
         exp(-period / _RETURN), log(LEAST), log(_LOW), period)

@@ -25,7 +25,7 @@ from ctc_chattering.control.standstill import kept, moving, Rest, Standstill, st
 from ctc_chattering.control.state_observer import Observed
 from ctc_chattering.simulation.closed_loop import simulate
 from ctc_chattering.simulation.plant_config import PlantConfig
-from ctc_chattering.trajectory.reference import ReferenceConfig
+from ctc_chattering.trajectory.reference import ReferenceConfig, Trapezoid
 import numpy as np
 from oracles import Array
 import pytest
@@ -42,6 +42,7 @@ def slips(law: dict[str, Any], plant: dict[str, Any]) -> int:
     motion = ReferenceConfig(profile='trapezoid', frequency=(0.6, 0.6), start_duration=0.0)
     run = simulate(
         PlantConfig.from_mapping({**drives, 'duration': 2.4, 'encoder_resolution': [1e-5] * 2,
+                                  'initial_position': list(Trapezoid(motion).at(0)[0]),
                                   **plant}),
         ControllerConfig.from_mapping({
             **drives, 'law': 'observer_feedback', 'kp': [1e4] * 2, 'kv': [200.0] * 2,

@@ -139,9 +139,10 @@ class ObserverFeedback:
         # Of the hold at rest: place, time of joint and reference there, and who is held.
         self.place, self.stood, self.waited = np.zeros(2), np.zeros(2), np.zeros(2)
         self.held: Flags = np.zeros(2, bool)
-        # ln s and s of (OG1), the half-waves of the feedback, the last first, and the feedback.
+        # ln s and s of (OG1), the half-waves of the feedback, the last first, its slow part, and
+        # the feedback.
         self.retreat, self.part = 0.0, 1.0
-        self.waves, self.f = np.zeros((3, 2)), np.zeros(2)
+        self.waves, self.slow_f, self.f = np.zeros((3, 2)), np.zeros(2), np.zeros(2)
 
     def ahead(self, at: Seen, M: Array, bias: Array, command: Array) -> Seen:
         """Return the state a period later, (SO1)."""
@@ -264,13 +265,13 @@ class ObserverFeedback:
             x = x[0], x[1] - np.linalg.solve(M, rest) / self.relief()
         self.hold(point, M)
         self.x, self.ddq, self.before = x, point.ddq, mass
-        self.noticed(feedback)
+        self.noticed(feedback, tau - sent)
         self.K = self.learned(now)
         self.transit.append(sent)
         self.seen = self.ahead(now, mass, weight, self.transit.pop(0))
         return sent
 
-    def noticed(self, feedback: Array) -> None:
+    def noticed(self, feedback: Array, missing: Array) -> None:
         """Go on with s of (OG1)."""
         h = self.known.period
         self.waves = self.waves * np.exp(-10.0 * h)
@@ -280,10 +281,14 @@ class ObserverFeedback:
             if abs(feedback[i]) > abs(self.waves[0, i]):
                 self.waves[0, i] = feedback[i]
         f1, f2, size = abs(self.waves[1]), abs(self.waves[2]), np.abs(feedback)
+        follow = self.R / np.sqrt(self.gains.kp)
+        given = np.sign(feedback) * np.maximum(size - np.abs(missing), 0.0)
+        part = np.exp(self.retreat) * (1.0 - np.exp(-30.0 * h))
+        self.slow_f = self.slow_f + part * (given - self.slow_f)
+        known = np.where(np.isfinite(follow), follow, 0.0)
         ratio = np.max(np.maximum(
-            np.minimum(size, np.minimum(f1, f2)) / np.minimum(
-                self.Ka, self.R / np.sqrt(self.gains.kp)),
-            np.where(size >= f1, f1, 0.0) / self.Ka))
+            np.abs(given - self.slow_f) / (self.Ka + known + np.abs(self.slow_f)),
+            np.minimum(size, np.minimum(f1, f2)) / np.minimum(self.Ka, follow)))
         if self.gains.guarded:
             self.retreat = max(np.exp(-0.5 * h) * self.retreat - 80.0 * h * max(ratio - 0.5, 0.0),
                                np.log(0.1))

@@ -196,7 +196,7 @@ class ObserverFeedback(NamedTuple):
         zero = 0.0 * self.given
         return Memory(Observed(zero, zero, zero, zero, zero), np.zeros_like(self.kp), 0.0,
                       untaught(self.given), Deviation(zero, zero), 0.0, zero, 0.0, moving(zero),
-                      Oscillation(zero, zero, zero, 0.0, -GRACE))
+                      Oscillation(zero, zero, zero, zero, 0.0, -GRACE))
 
     def initialized(self, memory: Memory, now: State, estimate: Array | None) -> Memory:
         """Observe the state from the measured one, with the estimate of the other law."""
@@ -256,7 +256,7 @@ class ObserverFeedback(NamedTuple):
         return Terms(sent + z, now.zero, z, now.zero), Memory(
             memory.observed, memory.mass, memory.known, memory.learned, by, 1.0, point.ddq, 1.0,
             self.standstill.judged(memory.rest, point, diagonal(place.M), memory.learned.level),
-            self.guard.noticed(memory.oscillation, now_wanted.feedback))
+            self.guard.noticed(memory.oscillation, now_wanted.feedback, tau - sent))
 
     def predicted(self, memory: Memory, place: Place, command: Array) -> Observed:
         """Return the state a period later, under a command to the drives."""

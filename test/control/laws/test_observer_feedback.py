@@ -85,21 +85,23 @@ class ByHand:
         self.state: tuple[Array, ...] | None = None
         self.x: tuple[Array, Array] | None = None
         self.last: Array | None = None
-        self.ln_s = 0.0
+        self.slow, self.ln_s = zero, 0.0
         #: Of each joint the half-waves of the feedback: the current one last.
         self.waves = [[0.0, 0.0, 0.0], [0.0, 0.0, 0.0]]
 
-    def retreat(self, f: Array) -> None:
-        """Take the torque of the feedback of a sample."""
-        ratio = 0.0
+    def retreat(self, f: Array, missing: Array) -> None:
+        """Take the torque of the feedback of a sample, and what the drives do not give."""
+        given = np.copysign(np.maximum(np.abs(f) - np.abs(missing), 0.0), f)
+        part, follow = math.exp(self.ln_s), RATE / np.sqrt(np.diag(KP))
+        self.slow = self.slow + part * (1.0 - math.exp(-30.0 * H)) * (given - self.slow)
+        ratio = max(abs(given - self.slow) / (KA + follow + abs(self.slow)))
         for i, waves in enumerate(self.waves):
             waves[:] = [x * math.exp(-10.0 * H) for x in waves]
             if f[i] * waves[-1] < 0.0:
                 waves[:] = [*waves[1:], 0.0]
             waves[-1] = max(waves[-1], f[i], key=abs)
             f2, f1, size = abs(waves[0]), abs(waves[1]), abs(f[i])
-            ratio = max(ratio, min(size, f1, f2) / min(KA[i], RATE[i] / math.sqrt(KP[i, i])),
-                        f1 / KA[i] if size >= f1 else 0.0)
+            ratio = max(ratio, min(size, f1, f2) / min(KA[i], follow[i]))
         self.ln_s = max(self.ln_s * math.exp(-H / 2.0) - H * 80.0 * max(ratio - 0.5, 0.0),
                         math.log(0.1))
 
@@ -192,7 +194,7 @@ class ByHand:
         missing = asked - tau
         rest = missing - np.clip(missing, -10e-3 * RATE, 10e-3 * RATE)
         self.x = self.x[0], self.x[1] - np.linalg.solve(M, rest) / np.diag(KV + LAG * KP)
-        self.retreat(f0)
+        self.retreat(f0, missing)
         self.learn(dq, P)
         state = self.ahead(q, dq, self.torque, P, slope, M0, b0, self.transit[0])
         self.state, self.torque = (*state[:2], *state[3:], M0), state[2]
