@@ -89,6 +89,9 @@ class ControlLoop:
         As the parameters of these names [s].
     simulated : bool
         Whether time is simulated, as of the last state.
+    too_slow : bool
+        Whether steps take too long for the periods without a state to be made good: the law then
+        goes on by one period a state.
     reference_outages, predicted : int
         How often the reference was late, and a predicted state was answered.
     tripped : str
@@ -104,6 +107,7 @@ class ControlLoop:
         self.law: Controller | None = None
         self.restart_duration = 0.0
         self.predicted_periods = self.predicted = 0
+        self.too_slow = False
         #: Whether the law has answered the last state, and all that were predicted after it.
         self._goes_on = False
         self.simulated = False
@@ -201,8 +205,8 @@ class ControlLoop:
             self.motion.pass_over(state.t, driven=allowed)
             self.handle(Input.NO_REFERENCE)
             return None
-        late = 0 if self.simulated else min(self._periods_since(state.t, now),
-                                            self.predicted_periods)
+        late = 0 if self.simulated or self.too_slow else min(
+            self._periods_since(state.t, now), self.predicted_periods)
         sample = self._step(law, state, points, at, late)
         if (trip := self._trips.check(law, sample)) is not None:
             self._trip(trip)
@@ -221,7 +225,7 @@ class ControlLoop:
         many periods as the parameter says, and before `state_timeout`; else None [ns].
         """
         if (self.law is None or self.last is None or not self._goes_on or self.simulated
-                or not self.mode.sends_torque):
+                or self.too_slow or not self.mode.sends_torque):
             return None
         periods = self.law.predicted_periods + 1
         silence = periods * self.period + self.period // 4
@@ -287,7 +291,8 @@ class ControlLoop:
         """
         for _ in range(2 if self.simulated else 1):
             sample = law.try_step(
-                state.q, state.dq, *points[0], points[1:], state.t, at, late)
+                state.q, state.dq, *points[0], points[1:], None if self.too_slow else state.t, at,
+                late)
             if sample is not None:
                 return sample
             law.reset(bumpless=True, held=self._held)

@@ -93,7 +93,8 @@ def test_a_slow_controller_answers_the_newest_state(
     with probe() as it:
         reports, robot = Diagnostics(it), Robot(it)
         it.start('controller', '-p', 'model:=slow_arm:Slow', '-p', 'state_decimation:=1', '-p',
-                 'state_timeout:=3600.0', '-p', 'restart_duration:=0.0')
+                 'state_timeout:=3600.0', '-p', 'restart_duration:=0.0', '-p',
+                 'predicted_periods:=0')
         it.until(lambda: robot.states.get_subscription_count()
                  and robot.gripper.get_subscription_count()
                  and robot.references.get_subscription_count()
