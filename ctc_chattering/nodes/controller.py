@@ -75,6 +75,8 @@ class ControllerNode(LoopNode[ControllerConfig, ControllerSettings]):
         self._terms = ControlTerms(self, self._names)
         self._controller_state = ControllerState(self, self._names)
         self._gains = GainChoice()
+        #: The gains that came with the law of the last request.
+        self._of_law: dict[str, Any] = {}
         writer = EffortWriter(self._names)
         self._loop = ControlLoop(
             config, settings.state_timeout, settings.reference_timeout, settings.enabled,
@@ -224,24 +226,22 @@ class ControllerNode(LoopNode[ControllerConfig, ControllerSettings]):
 
     def check(self, config: ControllerConfig) -> None:
         """Refuse a law that cannot be made, and a change that is too large."""
-        before = self.config
-        if config.law != before.law:  # Gains may come with it: `completed`.
-            values = config.as_mapping()
-            before = before.changed({name: values[name] for name in GAINS})
-        check_change(before, config)
+        values = config.as_mapping()
+        check_change(self.config.changed({  # Those of the law itself may be any.
+            name: gain for name, gain in self._of_law.items() if values[name] == gain}), config)
         if self._loop.law is not None:
             self._loop.law.check(config)
 
-    def completed(self, _values: Mapping[str, Any]) -> Mapping[str, Any]:
+    def completed(self, values: Mapping[str, Any]) -> Mapping[str, Any]:
         """Return the gains that go with a law which is set without any; see `GainChoice`."""
-        law, named = _values.get('law'), {*_values, *self.parameter_service.names}
-        if (law not in LAWS and not OWN_CLASS.fullmatch(str(law))) or not named.isdisjoint(GAINS):
-            return {}
-        gains = self._gains.of_law(str(law), self.config)
-        if gains:
+        law, named = values.get('law'), {*values, *self.parameter_service.names}
+        self._of_law = {}
+        if (law in LAWS or OWN_CLASS.fullmatch(str(law))) and named.isdisjoint(GAINS):
+            self._of_law = self._gains.of_law(str(law), self.config)
+        if self._of_law:
             self.get_logger().info(f'law {law} is set without gains, and takes its own, not those '
                                    f'of {self.config.law}')
-        return gains
+        return self._of_law
 
     def on_change(self) -> None:
         """Have the law take what has been set."""

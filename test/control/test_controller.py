@@ -562,7 +562,7 @@ def test_bumpless_reset_is_for_the_next_state_only() -> None:
     np.testing.assert_allclose(s.v, xi - 1.3 * np.array(s.de), rtol=1e-12)
 
 
-@pytest.mark.parametrize('value', [[0.0, 1.0], [-1.0, 1.0], [math.nan, 1.0], [1.0]])
+@pytest.mark.parametrize('value', [[0.0, 1.0], [-1.0, 1.0], [math.nan, 1.0], [1.0] * 3])
 @pytest.mark.parametrize('name', ['error_limit', 'effort_rate_limit'])
 def test_limits_must_be_positive(name: str, value: list[float]) -> None:
     """Check that none, negative and missing ones are refused; .inf is the default and allowed."""

@@ -64,7 +64,7 @@ WRONG: dict[str, list[tuple[str, Any]]] = {
     'controller': [('kv', [1.0, 2.0, 3.0, 1.0]), ('switching', 'magic'), ('b', INF),
                    ('state_decimation', 0), ('model', 'two_link'), ('ka', [-1.0, 1.0]),
                    ('kp', None), ('unknown', 1), ('law', 'trap:Law'), ('law', 'os:system'),
-                   ('switching', 'trap:Law'), ('kp', [100.0, 1.1e4]), ('lambda', 0.09)],
+                   ('switching', 'trap:Law'), ('kp', [100.0, 1.1e7]), ('lambda', 0.09)],
     'reference': [('amplitude', [NAN, 0.0]), ('horizon', 1.0), ('use_sim_time', 'yes')],
     'recorder': [('bag', 'other'), ('unknown', True), ('use_sim_time', None)]}
 
