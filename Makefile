@@ -46,7 +46,7 @@ test-load: $(READY)
 	$(BIN)/python test/support/load.py --loops $(LOOPS) --rounds $(ROUNDS)
 
 compiled: $(READY)
-	$(BIN)/python test/support/compile_code.py
+	PYTHONPATH=validation $(BIN)/python test/support/compile_code.py
 
 # Studies that take a minute or more each, and properties with random examples.
 slow: $(VENV)/.docs

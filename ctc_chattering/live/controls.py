@@ -20,13 +20,14 @@ from collections import deque
 from collections.abc import Mapping, Sequence
 import dataclasses
 from functools import partial
-from math import ceil, inf, log
+from math import inf
 import time
 from typing import Annotated, Any, Literal
 
 from ctc_chattering.analysis.tables import in_field
 from ctc_chattering.control.controller import ControllerConfig, LAWS
 from ctc_chattering.control.switching import SWITCHINGS
+from ctc_chattering.controller.settings_check import change_steps, FACTOR
 from ctc_chattering.errors import CtcError
 from ctc_chattering.live.graph_reader import GraphReader
 from ctc_chattering.live.page_socket import PageSocket
@@ -38,12 +39,10 @@ from msgspec import Meta, Struct
 GAINS = ('kp', 'kv', 'lambda', 'ka', 'observer_bandwidth', 'estimator_bandwidth')
 #: Stands for all joints: their values keep their ratios, and the slider shows the largest.
 ALL = -1
-#: A gain that changes by more than this factor at once must be confirmed.
-LARGEST_CHANGE = 100.0
 #: Parameters of the plant with a field of their own, and their titles.
 PLANT = {'coulomb_friction': 'Coulomb friction [N·m]', 'viscous_friction': 'viscous friction',
          'disturbance.amplitude': 'disturbance [N·m]',
-         'disturbance.frequency': 'its frequency [rad/s]'}
+         'disturbance.frequency': 'disturbance frequency [rad/s]'}
 #: Answers that are shown.
 _ANSWERS = 50
 #: Why simulated time cannot be stopped, where it cannot.
@@ -213,7 +212,7 @@ class Controls:
         return {
             'law': law, 'laws': LAWS, 'switchings': SWITCHINGS,
             'switching': switching if law == 'chattering' else None,
-            'joints': self._reader.names, 'largest': LARGEST_CHANGE,
+            'joints': self._reader.names, 'largest': FACTOR,
             'gains': [gain.shown() for gain in gains_of(self._in_force, self._reader.names)],
             'record': self._recording.shown(), 'answered': self._answered,
             'plant': [{'name': name, 'title': title, 'value': in_field(plant[name])}
@@ -246,12 +245,15 @@ class Controls:
             return
         if value is None:
             return
-        steps = change_steps(gain.matrix or gain.values, value)
+        n = len(self._reader.names)
+        before = self._in_force[asked.name]
+        steps = change_steps(gain.spec, gain.spec.coerce(before, n), gain.spec.coerce(value, n), n)
         if len(steps) > 1 and not asked.confirmed:
             self.answer(asked.name, False, f'{in_field(value)} is a change by more than a factor '
-                        f'of {LARGEST_CHANGE:g}: it must be confirmed')
+                        f'of {FACTOR:g}: it must be confirmed')
         else:
-            self._set('controller', asked.name, *steps)
+            self._set('controller', asked.name,
+                      *(list(x) if isinstance(x, tuple) else x for x in steps))
 
     def _torques(self, on: bool) -> None:
         if on:
@@ -284,17 +286,6 @@ class Controls:
             k = round(latest * NANOSECONDS / period)
             hold = seconds((k + (asked.samples if asked.word == 'step' else 1)) * period)
         self._requests.set('plant', {'hold_at': hold})
-
-
-def change_steps(before: Sequence[float], after: list[float] | float
-                 ) -> list[list[float] | float]:
-    """Return `after`, and before it the values that lead there by `LARGEST_CHANGE` at most."""
-    values = after if isinstance(after, list) else [after]
-    ways = [abs(b / a) if a and b else 1.0 for a, b in zip(values, before)]
-    count = max(1, ceil(max(abs(log(x)) for x in ways) / log(1.01 * LARGEST_CHANGE)))
-    steps = [[a * way ** (1.0 - k / count) for a, way in zip(values, ways)]
-             for k in range(1, count)]
-    return [*(x if isinstance(after, list) else x[0] for x in steps), after]
 
 
 def numbers(text: str, count: int) -> list[float] | str:

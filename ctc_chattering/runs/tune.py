@@ -255,7 +255,7 @@ def tune(spec: TuneSpec | Mapping[str, Any] | str | Path, trials: int = 200,
          percentile: float = 95.0, identified: str | Path | None = None, jobs: int = 1,
          show: Callable[[str], None] = print, progress: Progress | None = None) -> Tuning:
     """
-    Search for gains for a robot that is known within ranges, within limits of its torque.
+    Search for gains for a robot whose parameters are known only within ranges.
 
     Parameters
     ----------
