@@ -206,7 +206,7 @@ def test_bad_descriptions_and_missing_extras_end_the_start_in_one_line(
          'description: no.urdf: No such file or directory'),
         ('plant', (*mujoco, '-p', f'description:={broken}'), 'the description is not XML'),
         ('controller', ('-p', 'model:=nowhere:Arm'),
-         "the model nowhere:Arm cannot be made: ModuleNotFoundError: No module named 'nowhere'")]
+         "there is no model nowhere:Arm: ModuleNotFoundError: No module named 'nowhere'")]
     missing = [
         ('controller', (*ARM, *good),
          'the model urdf needs Pinocchio (not here): pip install pin, or '),
@@ -286,7 +286,8 @@ def test_a_broadcaster_of_ros2_control_is_answered_by_the_law() -> None:
     with probe() as it:
         source = Broadcaster(it)
         references = it.node.create_publisher(JointTrajectory, 'reference', 10)
-        it.start('controller', '-p', 'control_period:=0.002', '-p', 'state_timeout:=20.0')
+        it.start('controller', '-p', 'control_period:=0.002', '-p', 'state_timeout:=20.0',
+                 '-p', 'predicted_periods:=0')
         it.until(lambda: source.states.get_subscription_count()
                  and references.get_subscription_count(), 'the controller')
         start, known = time.time_ns(), Trajectory()
