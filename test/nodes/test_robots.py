@@ -310,15 +310,16 @@ def test_a_broadcaster_of_ros2_control_is_answered_by_the_law() -> None:
         it.until(lambda: source.commands, 'the torque')
         point = known.at(start + 2 * period)
         assert point is not None
-        tau = law.step((0.2, 0.2), (0.0, 0.3), *point).tau
+        tau = law.step((0.2, 0.2), (0.0, 0.3), *point, t=start + 2 * period).tau
         assert list(source.commands[0].data) == list(tau)
         t = start
         for k in range(3, 30):
             t = start + k * period + (k * 7919) % 701 * 1000 - 350_000  # ± 0.35 ms
             q, dq = (0.1 * k, 0.2 - 0.01 * k), (0.3, -0.4)
-            point = known.at(t)
+            at = law.instant(t)
+            point = known.at(at)
             assert point is not None
-            assert source.answer(t, q, dq) == list(law.step(q, dq, *point).tau)
+            assert source.answer(t, q, dq) == list(law.step(q, dq, *point, t=t, at=at).tau)
         assert 'states come every' not in source.reports.next('controller').message
 
         def publish(step: int) -> Callable[[], None]:
