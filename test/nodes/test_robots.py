@@ -355,7 +355,8 @@ def test_states_of_another_clock_have_a_reference_in_its_time() -> None:
         it.until(lambda: tracking and tracking[-1].position[0] > 0.5, 'motion')
         assert source.reports.next('controller').message.startswith('running')
         report = source.reports.next('reference')
-        assert (report.level, report.values['time']) == (OK, 'real')
+        assert report.level != ERROR  # A busy computer is a warning.
+        assert report.values['time'] == 'real'
         assert all(5 * S < ns(m.header.stamp) < 60 * S for m in tracking)
         assert list(tracking[0].position[:2]) == pytest.approx([0.4, -0.3], abs=0.02)
         count = len(tracking)  # Of one sample, what is sent last may be heard first.
