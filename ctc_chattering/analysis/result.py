@@ -45,6 +45,9 @@ from ctc_chattering.simulation.simulated_robot import Robot
 import numpy as np
 import numpy.typing as npt
 
+#: The file of `write_metrics`.
+METRICS = 'metrics.json'
+
 
 class RunAttributes:
     """Base of what has a `Run`: its arrays, without `run` in front."""

@@ -38,7 +38,7 @@ from ctc_chattering.analysis.page import (
     Section,
     SignalPlots,
 )
-from ctc_chattering.analysis.result import Result, write_metrics
+from ctc_chattering.analysis.result import METRICS, Result, write_metrics
 from ctc_chattering.analysis.run_names import colours, gains, LAW_COLOURS, names
 from ctc_chattering.analysis.tables import Table
 from ctc_chattering.arguments import check_each, checked
@@ -290,7 +290,8 @@ def _reachings(results: Sequence[Result], runs: Sequence[dict[str, Any]]) -> Ite
 
 
 #: Names in the directory of `write_runs`.
-FIGURES, METRICS, PAGE, SAMPLES = NAMES = ('figures', 'metrics.json', 'index.html', 'samples')
+FIGURES, PAGE, SAMPLES = 'figures', 'index.html', 'samples'
+NAMES = (FIGURES, METRICS, PAGE, SAMPLES)
 
 
 @checked(results=Sequence, out=(str, Path), bags=Sequence, command=str)

@@ -57,7 +57,7 @@ class RunTerms:
 
 def terms(run: Run, configs: Sequence[tuple[float, ControllerConfig]],
           model: Model | None = None, known: Mapping[float, Sequence[float]] | None = None,
-          unsent: bool = False) -> RunTerms:
+          unsent: bool = False, ahead: Sequence[Any] | None = None) -> RunTerms:
     """
     Run the controller over the states and the reference of `run`.
 
@@ -78,6 +78,9 @@ def terms(run: Run, configs: Sequence[tuple[float, ControllerConfig]],
         it is taken from here.
     unsent : bool
         Missing samples were never sent: the controller has not stepped there.
+    ahead : sequence, shape (N, input_delay, 3, n), optional
+        What is desired at the samples of the delay; by default at the samples of the run that
+        follow.
 
     """
     due = sorted(configs, key=lambda item: item[0])
@@ -101,7 +104,8 @@ def terms(run: Run, configs: Sequence[tuple[float, ControllerConfig]],
             law.memory = law.memory._replace(
                 xi=np.array(known[t]) + law.config.b * (dq_d - dq))
             doubtful = False
-        sample = law.step(q, dq, q_d, dq_d, ddq_d, points[k + 1:k + 1 + delay],
+        sample = law.step(q, dq, q_d, dq_d, ddq_d,
+                          points[k + 1:k + 1 + delay] if ahead is None else ahead[k],
                           round(NANOSECONDS * t))
         for name, column in columns.items():
             column[k] = getattr(sample, name)

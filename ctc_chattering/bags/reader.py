@@ -144,8 +144,10 @@ class _RunTopics(BagTopics):
         description = self.description()
         known = self._filtered_error(start) if missing(
             times, configs[0][1].control_period).any() else None
+        ahead = [[trajectory.at(state.t + k * self._period) or points[-1]
+                  for k in range(1, configs[0][1].input_delay + 1)] for state in states[unknown:]]
         computed = terms(run, configs, model_of(configs[0][1], description), known,
-                         any(plant.sample_loss for _, plant in plants))
+                         any(plant.sample_loss for _, plant in plants), ahead)
         return Result(experiment, configs, dataclasses.replace(run, v=computed.v), computed,
                       description, self.path.resolve().name)
 

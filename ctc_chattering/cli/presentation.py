@@ -21,13 +21,13 @@ from pathlib import Path
 
 from ctc_chattering.analysis.result import Result
 from ctc_chattering.analysis.run_names import names
-from ctc_chattering.analysis.run_page import PAGE, write_runs
 from ctc_chattering.analysis.tables import measured, print_columns
 
 
 def present(results: Sequence[Result], bags: Sequence[Path], out: Path,
             extra: str = 'svg', command: str = '') -> int:
     """Write figures, metrics, samples and page into `out`; the figures as `extra` as well."""
+    from ctc_chattering.analysis.run_page import PAGE, write_runs
     print(f'drawing {len(results)} run{"s" if len(results) > 1 else ""} ...', flush=True)
     write_runs(results, out, bags, extra, command)
     print_results(results)

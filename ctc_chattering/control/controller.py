@@ -309,11 +309,12 @@ class Controller:
             return self._step(rows, REGULAR)
         missed, offset = self._follows(t)
         after = t - offset - (t if at is None else at)
-        if self._is_late(t):
+        answered = self.predicted_periods
+        if missed < answered and self._t is not None and t < self._t + self._period:
             sample = self._merged(missed, rows, offset, after, t)
         else:
             self._t, self._offset, self._unmeasured = t, offset, None
-            for k in range(missed, 0, -1):
+            for k in range(missed - answered, 0, -1):
                 self._step(rows, Arrival(0.0, (after - k * self._period) / 1e9, 0.0, 1.0))
             sample = self._step(rows, Arrival(offset / 1e9, after / 1e9, 1.0, float(late > 0)))
         for k in range(self.predicted_periods + 1, late + 1):
@@ -324,15 +325,10 @@ class Controller:
         """Return at which instant the law takes a state of stamp `t` in `step` [ns]."""
         return t - self._follows(t)[1]
 
-    def _is_late(self, t: int) -> bool:
-        """Return whether `predicted_step` has answered for the period of a state."""
-        return (self._unmeasured is not None and self._t is not None
-                and t < self._t + self._period // 2)
-
     def _follows(self, t: int) -> tuple[int, int]:
-        """Return the `periods` of a state of stamp `t` [ns]."""
+        """Return the `periods` of a state of stamp `t` since the last one that was measured."""
         before, offset = self._t, self._offset
-        if self._unmeasured is not None and self._is_late(t):
+        if self._unmeasured is not None:
             before, offset = self._unmeasured.t, self._unmeasured.offset
         return (0, 0) if before is None else periods(self._period, offset, t - before)
 
@@ -389,6 +385,7 @@ class Controller:
             else:
                 sample = self._step(predicted, Arrival(0.0, later / 1e9, 0.0, 1.0))
             memories = self.memories
+        self._t, self._offset = t + self.predicted_periods * self._period, offset
         return sample
 
     def _step(self, rows: Array, arrival: Arrival) -> Sample:

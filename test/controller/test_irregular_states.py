@@ -255,3 +255,20 @@ def test_predicted_torques_help_where_states_are_lost_for_long() -> None:
     found, without = (RealTime(periods, burst=8, w=4.0) for periods in (5, 0))
     assert (found.run() < 0.5 * without.run()).all()
     assert found.loop.predicted > 200 > without.loop.predicted == 0
+
+
+@pytest.mark.parametrize('seed', range(4))
+def test_late_states_may_come_at_any_instant_between_those_that_are_predicted(seed: int) -> None:
+    """Whatever was predicted before, the law goes on from a state as of its stamp."""
+    rng = np.random.default_rng(seed)
+    made, t, ahead = Controller(ControllerConfig()), 0, 0
+    for _ in range(300):
+        q, dq, _ = reference(1e-9 * t)
+        sample = made.step(q, dq, *reference(1e-9 * made.instant(t)), t=t, at=made.instant(t))
+        assert np.isfinite(sample.tau).all()
+        # On the reference, at whatever instant; it moves by 5e-4 rad in a period.
+        assert np.abs(sample.e).max() < 1e-3
+        for ahead in range(made.predicted_periods + 1, int(rng.integers(0, 7))):
+            point = reference(1e-9 * (made.instant(t) + ahead * H))
+            assert made.predicted_step(*point) is not None
+        t += int(H * rng.uniform(0.55, 4.0))

@@ -41,7 +41,7 @@ PAGES = (ROOT / 'README.md', ROOT / 'CONTRIBUTING.md', *sorted((ROOT / 'docs').g
 ELSEWHERE = {
     'make ': 'installs, or runs this suite and the five experiments',
     'mkdir -p ~/ws': 'the network, and a directory of the user',
-    'pip install': 'the network',
+    'pip install': 'the network', 'python3 -m venv': 'an environment of the user',
     'rosdep ': 'rosdep and apt', 'source install': 'a workspace of the user',
     'colcon build': 'colcon and ROS 2', 'alias ctc=': 'is for a terminal',
     'ros2 param': 'the client ros2', 'ros2 service': 'the client ros2',

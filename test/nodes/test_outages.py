@@ -50,17 +50,17 @@ class PlayedPlant:
         self.commands = it.listen(Float64MultiArray, COMMANDS)
         self.states = it.node.create_publisher(JointState, 'joint_states', 1000)
         self.references = it.node.create_publisher(JointTrajectory, 'reference', 1000)
-        it.start('controller', '-p', f'state_timeout:={timeout}', '-p', 'restart_duration:=0.0')
+        it.start('controller', '-p', f'state_timeout:={timeout}', '-p', 'restart_duration:=0.0',
+                 '-p', 'predicted_periods:=0')
         it.until(lambda: self.states.get_subscription_count()
                  and self.references.get_subscription_count()
                  and it.node.count_publishers(COMMANDS), 'the controller')
         self.references.publish(reference(
             ['joint1', 'joint2'], [[[1.0, -0.5], ZERO, ZERO]]))
 
-    def answer(self, q: Vector, dq: Vector) -> list[float]:
+    def answer(self, t: int, q: Vector, dq: Vector) -> list[float]:
         before = len(self.commands)
-        self.states.publish(state(
-            time.time_ns(), joint1=(q[0], dq[0]), joint2=(q[1], dq[1])))
+        self.states.publish(state(t, joint1=(q[0], dq[0]), joint2=(q[1], dq[1])))
         self.probe.until(lambda: len(self.commands) > before, 'a torque')
         return list(self.commands[-1].data)
 
@@ -72,10 +72,11 @@ def test_every_outage_restarts_the_law_and_a_motion_at_rest_is_held() -> None:
         plant = PlayedPlant(it, 1.0)
         for outage in range(2):
             law.reset(bumpless=outage > 0)
+            begin = time.time_ns()
             for k in range(5):
                 q, dq = [0.1 * k, 0.2 + outage], [0.3, -0.1 * k]
                 expected = law.step(q, dq, *point)
-                assert plant.answer(q, dq) == list(expected.tau)
+                assert plant.answer(begin + k * MS, q, dq) == list(expected.tau)
                 if outage and not k:
                     assert list(expected.tau) == after_an_outage(q, dq, point)
             sent = len(plant.commands)

@@ -206,7 +206,7 @@ def test_bad_descriptions_and_missing_extras_end_the_start_in_one_line(
          'description: no.urdf: No such file or directory'),
         ('plant', (*mujoco, '-p', f'description:={broken}'), 'the description is not XML'),
         ('controller', ('-p', 'model:=nowhere:Arm'),
-         "the model nowhere:Arm cannot be made: ModuleNotFoundError: No module named 'nowhere'")]
+         "there is no model nowhere:Arm: ModuleNotFoundError: No module named 'nowhere'")]
     missing = [
         ('controller', (*ARM, *good),
          'the model urdf needs Pinocchio (not here): pip install pin, or '),
@@ -286,7 +286,8 @@ def test_a_broadcaster_of_ros2_control_is_answered_by_the_law() -> None:
     with probe() as it:
         source = Broadcaster(it)
         references = it.node.create_publisher(JointTrajectory, 'reference', 10)
-        it.start('controller', '-p', 'control_period:=0.002', '-p', 'state_timeout:=20.0')
+        it.start('controller', '-p', 'control_period:=0.002', '-p', 'state_timeout:=20.0',
+                 '-p', 'predicted_periods:=0')
         it.until(lambda: source.states.get_subscription_count()
                  and references.get_subscription_count(), 'the controller')
         start, known = time.time_ns(), Trajectory()
@@ -309,15 +310,16 @@ def test_a_broadcaster_of_ros2_control_is_answered_by_the_law() -> None:
         it.until(lambda: source.commands, 'the torque')
         point = known.at(start + 2 * period)
         assert point is not None
-        tau = law.step((0.2, 0.2), (0.0, 0.3), *point).tau
+        tau = law.step((0.2, 0.2), (0.0, 0.3), *point, t=start + 2 * period).tau
         assert list(source.commands[0].data) == list(tau)
         t = start
         for k in range(3, 30):
             t = start + k * period + (k * 7919) % 701 * 1000 - 350_000  # ± 0.35 ms
             q, dq = (0.1 * k, 0.2 - 0.01 * k), (0.3, -0.4)
-            point = known.at(t)
+            at = law.instant(t)
+            point = known.at(at)
             assert point is not None
-            assert source.answer(t, q, dq) == list(law.step(q, dq, *point).tau)
+            assert source.answer(t, q, dq) == list(law.step(q, dq, *point, t=t, at=at).tau)
         assert 'states come every' not in source.reports.next('controller').message
 
         def publish(step: int) -> Callable[[], None]:
@@ -353,7 +355,8 @@ def test_states_of_another_clock_have_a_reference_in_its_time() -> None:
         it.until(lambda: tracking and tracking[-1].position[0] > 0.5, 'motion')
         assert source.reports.next('controller').message.startswith('running')
         report = source.reports.next('reference')
-        assert (report.level, report.values['time']) == (OK, 'real')
+        assert report.level != ERROR  # A busy computer is a warning.
+        assert report.values['time'] == 'real'
         assert all(5 * S < ns(m.header.stamp) < 60 * S for m in tracking)
         assert list(tracking[0].position[:2]) == pytest.approx([0.4, -0.3], abs=0.02)
         count = len(tracking)  # Of one sample, what is sent last may be heard first.

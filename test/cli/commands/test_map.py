@@ -190,7 +190,7 @@ def test_what_cannot_be_made_shows_before_anything_runs(tmp_path: Path) -> None:
     file.write_text('/**: {ros__parameters: {model: "nowhere:Arm"}}')
     spec = written(tmp_path / 'small.yaml', params_file=str(file))
     result = ctc('map', spec, '--out', tmp_path / 'out')
-    refused(result, 'the model nowhere:Arm cannot be made')
+    refused(result, 'there is no model nowhere:Arm')
     assert not (tmp_path / 'out').exists()
 
 
