@@ -126,8 +126,8 @@ class Condition:
         plant = {
             **drives, 'torque_resolution': [0.0] * n, 'position_noise': [0.0] * n,
             'velocity_noise': [self.noise] * n, 'encoder_resolution': [self.resolution] * n,
-            'velocity_sensor': 'filtered' if self.cutoff else
-                'difference' if self.resolution else 'exact',
+            'velocity_sensor': (
+                'filtered' if self.cutoff else 'difference' if self.resolution else 'exact'),
             **({'velocity_cutoff': self.cutoff} if self.cutoff else {}),
             'sample_loss': 0.0, 'sample_jitter': 0.0, 'late_samples': 0.0,
             'payload': self.payload, **(
