@@ -26,9 +26,10 @@ from held_out import controller, drawn, RIVALS, run, TELLINGS, told
 from held_out_table import line, table, verdict
 
 
-def judged(seed: int, label: str, tellings: Sequence[str]) -> list[dict[str, Any]]:
+def judged(seed: int, label: str, tellings: Sequence[str], irregular: bool = False
+           ) -> list[dict[str, Any]]:
     """Return the rows of a condition: `compensation` and what is told to the law."""
-    c, arm, path, first = drawn(seed)
+    c, arm, path, first = drawn(seed, irregular)
     rows = []
     for telling in ('compensation', *tellings):
         values = told(c, telling)
@@ -47,6 +48,8 @@ def main() -> None:
     parser.add_argument('--count', type=int, default=44, help='number of conditions')
     parser.add_argument('--tellings', nargs='*', default=list(TELLINGS),
                         choices=(*TELLINGS, *RIVALS))
+    parser.add_argument('--irregular', action='store_true',
+                        help='lose states, and measure the others off the grid')
     parser.add_argument('--label', default='this', help='what the rows are called in the table')
     parser.add_argument('--rows', type=Path, default=Path('held_out.jsonl'))
     options = parser.parse_args()
@@ -57,7 +60,7 @@ def main() -> None:
         left = [x for x in options.tellings if (options.label, seed, x) not in done]
         if not left:
             continue
-        rows = judged(seed, options.label, left)
+        rows = judged(seed, options.label, left, options.irregular)
         known += rows
         print(seed, rows[0]['condition'], *(line(x, rows[0]) for x in rows), sep='\n', flush=True)
         with options.rows.open('a') as file:

@@ -16,6 +16,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 import dataclasses
 from typing import Any
 
@@ -89,6 +90,9 @@ class Condition:
     told_delay: bool
     #: The Coulomb friction as it is known to 10 %.
     told_friction: list[float]
+    #: Part of the states that is lost, and how far the others are from the grid at most [h].
+    lost: float = 0.0
+    jitter: float = 0.0
 
     def text(self) -> str:
         """Return it in a line."""
@@ -99,12 +103,17 @@ class Condition:
                 f'R {rates}, encoder {self.encoder:.1e}, friction {self.friction:.2f}'
                 f'{" bristles" if self.bristles else ""}, Stribeck +{self.stribeck:.2f}{slow}, '
                 f'model {100 * self.model:.0f} %, payload {self.payload:.2f}, {self.motion}, '
-                f'start {self.start:+.2f}, load {self.load:.2f}; told: lag x{self.told_lag:.2f}, '
+                f'start {self.start:+.2f}, load {self.load:.2f}, {100 * self.lost:.0f} % lost, '
+                f'jitter {self.jitter:.2f}; told: lag x{self.told_lag:.2f}, '
                 f'R x{self.told_rate:.2f}')
 
 
-def drawn(seed: int) -> tuple[Condition, Arm, Path3, Array]:
-    """Return a condition, its robot and motion, and the position from which it starts."""
+def drawn(seed: int, irregular: bool = False) -> tuple[Condition, Arm, Path3, Array]:
+    """
+    Return a condition, its robot and motion, and the position from which it starts.
+
+    With `irregular`, states are lost and off the grid; the rest is the same.
+    """
     rng = np.random.default_rng((seed, 24))
     name = 'two_link' if rng.random() < _TWO_LINK else str(rng.choice(NAMES[1:]))
     known = robot(name)
@@ -122,6 +131,8 @@ def drawn(seed: int) -> tuple[Condition, Arm, Path3, Array]:
     left = known.effort[j] - torque[j] - (1.0 + c.stribeck) * coulomb[j]
     load[j] = min(c.load * max(weight[j], 0.15 * known.effort[j]), 0.6 * left)
     begin = float(rng.uniform(3.0, 6.0))
+    if irregular:
+        c.lost, c.jitter = np.random.default_rng((seed, 26)).uniform(0.0, (0.1, 0.3)).tolist()
     c.told_friction = (coulomb * np.random.default_rng(seed).uniform(0.9, 1.1, known.n)).tolist()
     arm = arm._replace(
         coulomb=coulomb, stribeck=c.stribeck * coulomb, speed=np.full(known.n, c.stribeck_speed),
@@ -266,22 +277,32 @@ def run(c: Condition, arm: Arm, path: Path3, first: Array, law: Controller) -> d
     steps = max(int(np.ceil(c.period / (_COARSE if len(first) > 2 else _FINE))), 1)
     now = motion_from(first, np.zeros(len(first)), c.delay)
     errors, torques, before = [], [], measured(c, now)
+    h, rng, lost = period_ns(c.period), np.random.default_rng((c.seed, 27)), 0
+    off = np.rint(h * c.jitter * rng.uniform(-1.0, 1.0, count + 1)).astype(int)
+    off[0] = 0
+    held: Sequence[float] = ()
     monitor, tripped = TripMonitor(law.config.joint_names, period_ns(c.period)), None
     for k in range(count):
         q = measured(c, now)
-        points = [(path.q[j].tolist(), path.dq[j].tolist(), path.ddq[j].tolist())
+        x = 1e-9 * off[k]  # From the grid to the instant of this state [s].
+        points = [((path.q[j] + x * (path.dq[j] + 0.5 * x * path.ddq[j])).tolist(),
+                   (path.dq[j] + x * path.ddq[j]).tolist(), path.ddq[j].tolist())
                   for j in range(k, k + delay + 1)]
-        sample = law.try_step(q.tolist(), ((q - before) / c.period).tolist(), *points[0],
-                              ahead=points[1:])
-        error = path.q[k] - now.q
-        if sample is None or not np.isfinite(error).all() or np.abs(error).max() > DIVERGED:
-            return {'diverged': round(k * c.period, 3), 'tripped': tripped}
+        error = np.array(points[0][0]) - now.q
         errors.append(error)
-        if tripped is None and monitor.check(law, sample) is not None:
-            tripped = [round(k * c.period, 3), float(np.abs(errors).max())]
-        torques.append(sample.tau)
+        lost = lost + 1 if k and lost < 2 and rng.random() < c.lost else 0
+        if not lost:
+            since = 1e-9 * (h + off[k] - off[max(k - 1, 0)])
+            sample = law.try_step(q.tolist(), ((q - before) / since).tolist(), *points[0],
+                                  ahead=points[1:], t=k * h + int(off[k]))
+            if sample is None or not np.isfinite(error).all() or np.abs(error).max() > DIVERGED:
+                return {'diverged': round(k * c.period, 3), 'tripped': tripped}
+            if tripped is None and monitor.check(law, sample) is not None:
+                tripped = [round(k * c.period, 3), float(np.abs(errors).max())]
+            held = sample.tau
+        torques.append(held)
         before = q
-        go_on(arm, now, np.array(sample.tau), steps, c.period / steps)
+        go_on(arm, now, np.array(held), steps, (c.period + 1e-9 * (off[k + 1] - off[k])) / steps)
     last = int(COUNTS / c.period)
     e, tau = np.array(errors)[last:], np.array(torques)[last:]
     rest = float(sum(b - a for a, b in path.rest if b <= DURATION))
