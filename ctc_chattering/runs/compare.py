@@ -38,6 +38,7 @@ from ctc_chattering.runs.conditions import (
     CONDITIONS,
     held_out,
     HeldOut,
+    SEED,
 )
 from ctc_chattering.runs.pool import in_parallel
 from ctc_chattering.runs.recommended import by_rule
@@ -88,7 +89,7 @@ class Task(NamedTuple):
 
 def tasks(paths: Sequence[Path], backends: Sequence[str | None],
           conditions: Sequence[str | None], laws: Sequence[str] = LAWS,
-          gains: str = FILE, others: int = 0, seed: int = 0) -> list[Task]:
+          gains: str = FILE, others: int = 0, seed: int = SEED) -> list[Task]:
     """
     Return what to run: every variant on every robot and plant under every condition.
 
@@ -244,7 +245,7 @@ def merged(*parts: Overrides) -> Overrides:
          runner=Callable, show=Callable, progress=(Callable, type(None)))
 def compare(files: Sequence[str | Path], laws: Sequence[str] = LAWS,
             conditions: Sequence[str] = (), backends: Sequence[str] = (), gains: str = FILE,
-            held_out: int = 0, seed: int = 0, jobs: int = 1,
+            held_out: int = 0, seed: int = SEED, jobs: int = 1,
             runner: Runner = over_simulation, show: Callable[[str], None] = print,
             progress: Callable[[int, int], None] | None = None) -> list[Outcome]:
     """

@@ -120,34 +120,29 @@ class Condition:
             raise UsageError(f'condition {self.name} needs ' + (
                 'a motion without waypoints' if self.stops else 'a robot in a URDF'))
         n = len(setup.plant.joint_names)
-        rates = torque_rates(setup) if self.rate_limited else (inf,) * n
         drives: dict[str, Any] = {
-            'actuator_lag': [self.lag] * n, 'torque_rate_limit': list(rates),
-            'input_delay': self.delay}
+            'actuator_lag': [self.lag] * n, 'input_delay': self.delay, 'torque_rate_limit': list(
+                torque_rates(setup) if self.rate_limited else (inf,) * n)}
         plant = {
             **drives, 'torque_resolution': [0.0] * n, 'position_noise': [0.0] * n,
             'velocity_noise': [self.noise] * n, 'encoder_resolution': [self.resolution] * n,
-            'velocity_sensor': self._sensor(), **(
-                {'velocity_cutoff': self.cutoff} if self.cutoff else {}),
-            'sample_loss': 0.0, 'late_samples': 0.0, 'payload': self.payload, **(
+            'velocity_sensor': (
+                'filtered' if self.cutoff else 'difference' if self.resolution else 'exact'),
+            **({'velocity_cutoff': self.cutoff} if self.cutoff else {}),
+            'sample_loss': 0.0, 'sample_jitter': 0.0, 'late_samples': 0.0,
+            'payload': self.payload, **(
                 {'stribeck_friction': [_RISE_AT_REST * x for x in setup.plant.coulomb_friction],
                  'stribeck_velocity': [_TRANSITION] * n} if self.stops else {})}
-        common = {**drives, 'error_limit': [
-            min(x, _DIVERGED) for x in setup.controller.error_limit]}
-        reference: dict[str, Any] = {
-            'start_duration': max(setup.reference.start_duration, _START),
-            **({'profile': 'trapezoid'} if self.stops else {})}
+        reference = {'start_duration': max(setup.reference.start_duration, _START),
+                     **({'profile': 'trapezoid'} if self.stops else {})}
         return tuple({
             'plant': plant, 'reference': reference, 'bringup': {'events': ['']},
             'controller': {
-                **common, 'inertia_scale': factor, 'gravity_scale': factor, 'friction_level': [
+                **drives, 'error_limit': [min(x, _DIVERGED) for x in setup.controller.error_limit],
+                'inertia_scale': factor, 'gravity_scale': factor, 'friction_level': [
                     x * (1.0 + self.friction_error * (1.0 - 2.0 * ((i + k) % 2)))
                     for i, x in enumerate(setup.plant.coulomb_friction)]}}
             for k, factor in enumerate(self.factors))
-
-    def _sensor(self) -> str:
-        """Return the plant's `velocity_sensor`."""
-        return 'filtered' if self.cutoff else 'difference' if self.resolution else 'exact'
 
 
 _REAL_ARM = Condition(
@@ -194,9 +189,8 @@ def torque_rates(setup: Setup) -> tuple[float, ...]:
     That of the plant in the file; where it has none, 5000 and 1000 N·m/s for the paper's arm, and
     the effort limit of the description within 50 ms for others. inf where nothing is known.
     """
-    plant = setup.plant
-    if min(plant.torque_rate_limit) < inf:
-        return plant.torque_rate_limit
+    if min(setup.plant.torque_rate_limit) < inf:
+        return setup.plant.torque_rate_limit
     if setup.controller.model == 'two_link':
         return _TWO_LINK_RATES
     model = model_of(setup.controller, setup.descriptions.get('controller', ''))
@@ -205,6 +199,8 @@ def torque_rates(setup: Setup) -> tuple[float, ...]:
 
 #: Error by which a run is lost [rad or m].
 LOST = 1.0
+#: Seed by default: no rule of gains and no law was chosen on its draws.
+SEED = 26
 #: Sample periods [s].
 _PERIODS = (5e-4, 1e-3, 2e-3)
 
@@ -254,6 +250,8 @@ class HeldOut:
             'phase': [float(x) for x in rng.uniform(0.0, 2.0 * np.pi, n)],
             'start_duration': max(setup.reference.start_duration, _START)}
         offset = rng.uniform(-0.3, 0.3, n)
+        plant['sample_loss'] = float(rng.uniform(0.0, 0.1))
+        plant['sample_jitter'] = float(rng.uniform(0.0, 0.3)) * period
         if self.index % 3 == 2:
             plant['initial_position'] = [
                 float(c + a * np.sin(x) + d) for c, a, x, d in zip(

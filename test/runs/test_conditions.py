@@ -36,7 +36,7 @@ FRICTION = CONFIG / 'friction.yaml'
 #: What a condition may set, and what it is when nothing is set.
 OF_THE_PLANT = ('actuator_lag', 'torque_rate_limit', 'torque_resolution', 'input_delay',
                 'encoder_resolution', 'position_noise', 'velocity_noise', 'velocity_sensor',
-                'sample_loss', 'late_samples', 'payload', 'stribeck_friction',
+                'sample_loss', 'sample_jitter', 'late_samples', 'payload', 'stribeck_friction',
                 'stribeck_velocity')
 OF_THE_CONTROLLER = ('actuator_lag', 'torque_rate_limit', 'input_delay', 'inertia_scale',
                      'gravity_scale')
@@ -67,7 +67,7 @@ def spoiled(tmp_path: Path) -> Path:
         'actuator_lag': [0.01, 0.01], 'torque_resolution': [1.0, 1.0], 'input_delay': 5,
         'encoder_resolution': [0.1, 0.1], 'position_noise': [0.1, 0.1],
         'velocity_noise': [0.1, 0.1], 'velocity_sensor': 'filtered', 'sample_loss': 0.1,
-        'late_samples': 0.1, 'viscous_friction': [0.7, 0.7]}
+        'sample_jitter': 1e-4, 'late_samples': 0.1, 'viscous_friction': [0.7, 0.7]}
     tree['controller']['ros__parameters'] |= {
         'input_delay': 4, 'inertia_scale': 2.0, 'gravity_scale': 2.0, 'actuator_lag': [0.1, 0.1],
         'torque_rate_limit': [1.0, 1.0]}

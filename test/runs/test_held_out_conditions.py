@@ -61,6 +61,8 @@ def test_the_draws_are_within_what_is_documented(robot: str) -> None:
         assert min(told.inertia_scale, told.gravity_scale) >= 0.85
         assert max(told.inertia_scale, told.gravity_scale) <= 1.15
         assert 1e-6 <= plant.encoder_resolution[0] <= 1e-4
+        assert 0.0 <= plant.sample_loss <= 0.1
+        assert 0.0 <= plant.sample_jitter <= 0.3 * plant.control_period
         assert set(told.error_limit) == {LOST}
         assert (plant.payload > 0.0) == nominal.plant.described
         ratios.append((told.actuator_lag[0] / plant.actuator_lag[0],
@@ -70,6 +72,8 @@ def test_the_draws_are_within_what_is_documented(robot: str) -> None:
     assert (rate >= 0.5).all() and (rate <= 2.0).all()
     for ratio in (lag, rate):
         assert ratio.min() < 0.8 < 1.2 < ratio.max()
+    assert max(x.plant.sample_loss for x in found) > 0.08
+    assert max(x.plant.sample_jitter for x in found) > 3e-4
     assert {x.controller.control_period for x in found} == {5e-4, 1e-3, 2e-3}
 
 

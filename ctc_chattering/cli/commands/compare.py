@@ -31,7 +31,7 @@ from ctc_chattering.cli.presentation import print_page
 from ctc_chattering.control.controller import LAWS
 from ctc_chattering.errors import given_by_user
 from ctc_chattering.runs.compare import FILE, GAINS
-from ctc_chattering.runs.conditions import ALL, CONDITIONS
+from ctc_chattering.runs.conditions import ALL, CONDITIONS, SEED
 
 DETAILS = ('Run every parameter file with every law and, under law chattering, every switching; '
            'print the RMS error of each joint. Write compare.md, compare.csv, figures, '
@@ -54,8 +54,8 @@ def add_options(parser: argparse.ArgumentParser) -> None:
                              'a rule in what the controller knows')
     parser.add_argument('--held-out', type=int, default=0, metavar='N',
                         help='also evaluate all laws in N random conditions')
-    parser.add_argument('--seed', type=int, default=0, metavar='S',
-                        help='seed of the held-out conditions, default: 0')
+    parser.add_argument('--seed', type=int, default=SEED, metavar='S',
+                        help=f'seed of the held-out conditions, default: {SEED}')
     add_jobs(parser)
     parser.add_argument('--ros', action='store_true',
                         help='run the nodes and evaluate their bags instead of simulating')
