@@ -189,8 +189,7 @@ class BaseNode(Node):
                 everything[f'{topic}: refused, {kind}'] = count
             contention = subscription.contention(names)
             if contention:
-                told = subscription.ownership.owner is not None
-                level, message = max(level, WARN if told else ERROR), f'{message}; {contention}'
+                level, message = max(level, ERROR), f'{message}; {contention}'
         return Status(level, message, everything)
 
     def report_end(self, why: str = '') -> None:
