@@ -93,8 +93,8 @@ if TYPE_CHECKING:
     from ctc_chattering.control.evaluation import State as State
     from ctc_chattering.control.laws.base import Applied as Applied
     from ctc_chattering.control.laws.base import law as law
+    from ctc_chattering.control.laws.base import laws as laws
     from ctc_chattering.control.laws.base import Terms as Terms
-    from ctc_chattering.control.laws.registry import laws as laws
     from ctc_chattering.control.switching.base import switching as switching
     from ctc_chattering.dynamics.model import Model as Model
     from ctc_chattering.dynamics.model_check import check_dynamics as check_dynamics
@@ -144,8 +144,7 @@ _MODULES = {
     'configuration.loop_setup': ('Setup',),
     'control.controller': ('Controller', 'ControllerConfig', 'Sample'),
     'control.evaluation': ('State',),
-    'control.laws.base': ('Applied', 'law', 'Terms'),
-    'control.laws.registry': ('laws',),
+    'control.laws.base': ('Applied', 'law', 'laws', 'Terms'),
     'control.switching.base': ('switching',),
     'dynamics.model': ('Model',),
     'dynamics.model_check': ('check_dynamics',),

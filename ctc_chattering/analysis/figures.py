@@ -27,7 +27,7 @@ from ctc_chattering.analysis.output import check_format, file_stem
 from ctc_chattering.analysis.result import Result
 from ctc_chattering.analysis.run_names import colour, colours, name, names
 from ctc_chattering.arguments import check_type, checked
-from ctc_chattering.control.laws.registry import law_class
+from ctc_chattering.control.laws.base import law_class
 from ctc_chattering.errors import CtcError
 from ctc_chattering.simulation.closed_loop import Array
 from matplotlib.axes import Axes

@@ -32,11 +32,11 @@ from ctc_chattering.arguments import checked
 from ctc_chattering.configuration.loop_setup import Setup
 from ctc_chattering.control.controller import ControllerConfig
 from ctc_chattering.control.recommended_gains import LAW, recommended_gains
+from ctc_chattering.controller.health import Saturation, TermSaturation, WORTH_A_WORD
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.dynamics.registry import kept_model_of
 from ctc_chattering.dynamics.urdf_parser import Tree
 from ctc_chattering.errors import CtcError, ParameterError
-from ctc_chattering.monitoring.term_saturation import Saturation, TermSaturation, WORTH_A_WORD
 from ctc_chattering.numerics.gaps import missing
 from ctc_chattering.simulation import closed_loop
 from ctc_chattering.simulation.closed_loop import Array, Run

@@ -34,8 +34,7 @@ from ctc_chattering.control.control_step import (
 from ctc_chattering.control.controller_config import ControllerConfig, LAWS
 from ctc_chattering.control.evaluation import Arrival, control_settings, ControlMemory, REGULAR
 from ctc_chattering.control.handover import taken_over
-from ctc_chattering.control.laws.base import Law
-from ctc_chattering.control.laws.registry import law_class
+from ctc_chattering.control.laws.base import Law, law_class
 from ctc_chattering.dynamics.arm import Arm, arm_of
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.dynamics.registry import model_of

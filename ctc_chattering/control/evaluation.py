@@ -12,16 +12,30 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""A state and a reference, evaluated: all that a law needs to know of them."""
+"""
+A state and a reference, evaluated: all that a law needs to know of them; filter and limits.
+
+The filter (3), with b > 0, λ > 0 and a state ξ that needs no acceleration.
+
+In continuous time ``v = -b de + ξ`` with ``dξ/dt = -λ ξ + b [(λ I - Kv) de - Kp e]``, ξ(0) = 0.
+Sampled, with the bracket held over each period h, this has the exact solution::
+
+    ξ[k+1] = exp(-λ h) ξ[k] + (1 - exp(-λ h)) / λ · b [λ de - u],     u = Kv de + Kp e
+
+Limits of the torque and of its rate, and the anti-windup of the filter (3).
+
+The saturation error, what the limits take from the torque, acts in the closed loop (8) like a
+perturbation: over one period it changes v by -b h M⁻¹ times itself. Added to ξ with the opposite
+sign, it leaves v as it would be without limits.
+"""
 
 from __future__ import annotations
 
+from math import exp, expm1, inf
 from typing import Any, NamedTuple, Protocol
 
 from ctc_chattering.control.controller_config import ControllerConfig
-from ctc_chattering.control.error_filter import error_filter, ErrorFilter
-from ctc_chattering.control.limiter import Limiter, limiter
-from ctc_chattering.numerics.compilable import dot, function, record
+from ctc_chattering.numerics.compilable import dot, function, record, solve, some
 from ctc_chattering.numerics.linear_algebra import Array, Vector
 from ctc_chattering.numerics.time_grid import period_ns, seconds
 from ctc_chattering.parameters import matrix
@@ -29,6 +43,93 @@ import numpy as np
 
 #: Time over which the difference of two laws fades [s].
 FADE = 0.2
+
+
+@record
+class ErrorFilter(NamedTuple):
+    """
+    Coefficients of the filter (3), made by `error_filter`.
+
+    They are arrays of shape (n,), because a product with a float takes twice as long.
+    """
+
+    #: λ [1/s] and b.
+    pole: Array
+    b: Array
+    #: exp(-λ h), c = b (1 - exp(-λ h)) / λ, b h and b h - c.
+    decay: Array
+    gain: Array
+    scale: Array
+    rest: Array
+
+    def output(self, de: Array, xi: Array) -> Array:
+        """Return v, shape (n,) [rad/s], at the velocity error `de` and the state ξ."""
+        return xi - self.b * de
+
+    def next_state(self, xi: Array, de: Array, u: Array) -> Array:
+        """
+        Return ξ, shape (n,), one period later.
+
+        Parameters
+        ----------
+        xi : array, shape (n,)
+            ξ [rad/s].
+        de : array, shape (n,)
+            Velocity error [rad/s].
+        u : array, shape (n,)
+            Kv de + Kp e [rad/s²].
+
+        """
+        return self.decay * xi + self.gain * (self.pole * de - u)
+
+    def nominal_response(self, v: Array, u: Array) -> Array:
+        """
+        Return y: what v would be a period later if dde + Kv de + Kp e were 0, shape (n,) [rad/s].
+
+        It is exp(-λ h) v + (b h - c) u, with c the gain of the filter's input; the second part is
+        of the order of h². Arguments as `next_state` has them.
+        """
+        return self.decay * v + self.rest * u
+
+
+def error_filter(n: int, pole: float, b: float, period: float) -> ErrorFilter:
+    """Return the filter of n joints with λ [1/s], b and the sample period [s]."""
+    decay, gain = exp(-pole * period), -b * expm1(-pole * period) / pole
+    return ErrorFilter(*(np.full(n, x) for x in (
+        pole, b, decay, gain, b * period, b * period - gain)))
+
+
+@record
+class Limiter(NamedTuple):
+    """Limits of the torque, made by `limiter`; arrays of shape (n,)."""
+
+    #: Largest torque, and largest change of it in a period [N·m]; inf for unlimited.
+    effort: Array
+    change: Array
+    #: Whether there are limits, 1.0 or 0.0; b h of the filter [s], 0.0 for no anti-windup.
+    limited: float
+    anti_windup: float
+    #: n zeros.
+    zero: Array
+
+    def limit(self, unsaturated: Array, held: Array) -> Array:
+        """Return the torque to send after the torque `held`, shape (n,) [N·m]."""
+        if self.limited == 0.0:
+            return unsaturated
+        near = np.minimum(np.maximum(unsaturated, held - self.change), held + self.change)
+        return np.minimum(np.maximum(near, -self.effort), self.effort)
+
+    def correction(self, mass: Array, lost: Array) -> Array:
+        """Return the anti-windup correction of ξ and v for a torque lost, (n,) [rad/s]."""
+        if self.anti_windup == 0.0 or not some(lost):
+            return self.zero
+        return self.anti_windup * solve(mass, lost)
+
+
+def limiter(effort: Array, change: Array, anti_windup: float) -> Limiter:
+    """Return limits; arguments as the first fields of `Limiter` but `limited`."""
+    limited = min(effort.min(), change.min()) < inf
+    return Limiter(effort, change, float(limited), anti_windup, np.zeros_like(effort))
 
 
 @record

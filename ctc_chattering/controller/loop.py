@@ -20,14 +20,14 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple
 
 from ctc_chattering.control.controller import Controller, ControllerConfig, Sample
-from ctc_chattering.controller import stamps
+from ctc_chattering.controller import timing
 from ctc_chattering.controller.desired_motion import DesiredMotion
+from ctc_chattering.controller.health import ControllerHealth
 from ctc_chattering.controller.settings_check import unsafe_settings
 from ctc_chattering.controller.state_machine import Input, Mode
-from ctc_chattering.controller.trip import Trip, TripMonitor
-from ctc_chattering.controller.watchdog import Logger, Watchdog
+from ctc_chattering.controller.timing import Logger, Watchdog
+from ctc_chattering.controller.trips import Trip, TripMonitor
 from ctc_chattering.errors import ParameterError, RejectedMessage
-from ctc_chattering.monitoring.controller_health import ControllerHealth
 from ctc_chattering.numerics.linear_algebra import Vector
 from ctc_chattering.numerics.time_grid import NANOSECONDS, period_ns, seconds
 from ctc_chattering.trajectory.buffer import Point
@@ -116,7 +116,7 @@ class ControlLoop:
             round(reference_timeout * NANOSECONDS), self.period, config.input_delay)
         self.watchdog = Watchdog('joint_states', 'state', 'no torque', _SILENCE, logger)
         self.watchdog.timeout = max(round(state_timeout * NANOSECONDS), 3 * self.period)
-        self._stamps = stamps.Stamps(self.watchdog.timeout)
+        self._stamps = timing.Stamps(self.watchdog.timeout)
         self.health = ControllerHealth(self._names, self.period)
         self._trips = TripMonitor(self._names, self.period)
         self.reference_outages = 0
@@ -157,15 +157,15 @@ class ControlLoop:
         """
         self.simulated = simulated
         verdict = self._stamps.classify(state.t, now, simulated)
-        if verdict not in stamps.TAKEN:
-            if verdict == stamps.REPEATED and simulated:
+        if verdict not in timing.TAKEN:
+            if verdict == timing.REPEATED and simulated:
                 if self._pending is None and self._held is not None:
                     self._send(self._held)
                 raise RejectedMessage(verdict)  # A plant that waits sends it again, and so do we.
             raise RejectedMessage(
                 verdict, self._stamps.reason(verdict, state.t) if self._begun else '')
-        goes_on = verdict == stamps.NEXT and not self.watchdog.out
-        begins_again = verdict == stamps.RESTART and self.last is not None
+        goes_on = verdict == timing.NEXT and not self.watchdog.out
+        begins_again = verdict == timing.RESTART and self.last is not None
         self.watchdog.feed(now, self._begun)
         if self._begun and not goes_on:
             self.health.restart()

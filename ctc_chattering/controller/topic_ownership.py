@@ -20,8 +20,6 @@ from collections.abc import Hashable
 
 from ctc_chattering.numerics.time_grid import NANOSECONDS
 
-#: Silence of the owner after which another publisher may take control [ns].
-LEASE_DURATION = 2 * NANOSECONDS
 #: How long a message may be queued here at the most [ns]; a larger difference comes from a system
 #: clock that was set.
 _QUEUED = NANOSECONDS
@@ -31,9 +29,8 @@ class TopicOwnership:
     """
     Decides which messages of a topic are obeyed.
 
-    Where the middleware tells who sent a message, the first publisher keeps control until it has
-    been silent for `LEASE_DURATION`. Where it does not, messages are obeyed while one publisher
-    is matched; while there are several, none is obeyed.
+    They are obeyed while one publisher is matched; while there are several, none is obeyed. Who
+    sent a message is not known: rclpy of Jazzy does not tell.
 
     A shared topic, such as joint_states, may have a publisher for each part of a robot. It is
     obeyed while as many different parts have been received as publishers are matched, never were
@@ -43,8 +40,6 @@ class TopicOwnership:
     ----------
     publishers : int
         Number of publishers matched.
-    owner : bytes or None
-        The publisher that is obeyed, where the middleware tells it.
     contested : bool
         Whether more than one publisher may speak of our part.
 
@@ -52,13 +47,12 @@ class TopicOwnership:
 
     def __init__(self) -> None:
         self.publishers = 0
-        self.owner: bytes | None = None
         self.contested = False
         #: Parts received since a publisher left last; the value is whether it is ours.
         self._parts: dict[Hashable, bool] = {}
         #: Whether one publisher must have spoken of several parts.
         self._mixed = False
-        self._confirmed, self._contested_until = 0, -1
+        self._contested_until = -1
 
     def update(self, publishers: int, now: int) -> None:
         """Take the number of publishers matched at `now`, of the system's clock [ns]."""
@@ -94,27 +88,16 @@ class TopicOwnership:
                       and sum(self._parts.values()) == 1)
         self.contested = self.publishers > 1 and not told_apart
 
-    def admits(self, publisher: bytes | None, received: int, now: int) -> bool:
+    def admits(self, received: int) -> bool:
         """
         Return whether a message is obeyed.
 
         Parameters
         ----------
-        publisher : bytes or None
-            Who sent it; None where the middleware does not tell.
         received : int
             When it was received, by the system's clock [ns]; 0 if that is unknown. A message that
             was received before the contention ended, and is taken afterwards, may be of a
             publisher that has left.
-        now : int
-            Any clock that only goes forward [ns].
 
         """
-        if publisher is None:
-            return not (self.contested or 0 <= self._contested_until - received < _QUEUED)
-        return (publisher == self.owner or self.owner is None or self.publishers <= 1
-                or now - self._confirmed > LEASE_DURATION)
-
-    def confirm(self, publisher: bytes | None, now: int) -> None:
-        """Note that a message of `publisher` was valid and used at `now` [ns]."""
-        self.owner, self._confirmed = publisher, now
+        return not (self.contested or 0 <= self._contested_until - received < _QUEUED)

@@ -17,6 +17,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack
 import os
 from pathlib import Path
 import random
@@ -81,7 +82,7 @@ def run_graph(path: Path | None, overrides: Overrides | None = None, record: Pat
         turns = one_processor()
     children: dict[str, child_process.Child] = {}
     pages: list[child_process.Child] = []
-    with (signals.stop_signals() as caught,
+    with (signals.stop_signals() as caught, ExitStack() as leaving,
           tempfile.TemporaryDirectory(prefix='ctc_chattering_') as scratch):
         file = Path(scratch) / 'params.yaml'
         parameter_file.dump(values, file)
@@ -94,8 +95,14 @@ def run_graph(path: Path | None, overrides: Overrides | None = None, record: Pat
             if live:
                 pages.append(child_process.Child('live', child_process.page_command(
                     *ros_args), show))
-            with graph_monitor(setup.events, lockstep, ros_args) as look:
+            look, report_end = leaving.enter_context(
+                graph_monitor(setup.events, lockstep, ros_args))
+            try:
                 _watch(children, look, caught, setup.plant.duration > 0.0, progress)
+                report_end('the experiment has ended')
+            except CtcError as error:
+                report_end(' '.join(str(error).split()))
+                raise
         finally:
             child_process.stop([children[x] for x in LOOP if x in children])
             child_process.stop(pages)  # Later: they show how the graph has ended.

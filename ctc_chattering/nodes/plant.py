@@ -20,10 +20,9 @@ import time
 
 from ctc_chattering.configuration.loop_setup import Values
 from ctc_chattering.configuration.node_parameters import PlantSettings
-from ctc_chattering.controller.pacing import LockstepExchange, TimerGrid
-from ctc_chattering.controller.watchdog import Watchdog
+from ctc_chattering.controller.health import HealthMonitor
+from ctc_chattering.controller.timing import LockstepExchange, TimerGrid, Watchdog
 from ctc_chattering.errors import CtcError, UsageError
-from ctc_chattering.monitoring.controller_health import HealthMonitor
 from ctc_chattering.numerics.linear_algebra import Vector
 from ctc_chattering.numerics.time_grid import NANOSECONDS, period_ns, samples, seconds
 from ctc_chattering.ros.joint_order import select

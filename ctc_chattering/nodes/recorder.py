@@ -24,11 +24,10 @@ from pathlib import Path
 import time
 from typing import Any
 
+from ctc_chattering.bags.arrivals import LogTime, SequenceTracker
 from ctc_chattering.bags.writer import BagWriter, offered_qos
 from ctc_chattering.configuration.loop_setup import Values
 from ctc_chattering.configuration.node_parameters import RecorderSettings
-from ctc_chattering.monitoring.log_clock import LogTime
-from ctc_chattering.monitoring.message_loss import SequenceTracker
 from ctc_chattering.numerics.time_grid import NANOSECONDS
 from ctc_chattering.ros.fastdds import enlarge_receive_buffers
 from ctc_chattering.ros.matching import MatchingSubscription

@@ -24,7 +24,7 @@ from typing import Any, NamedTuple
 
 from ctc_chattering.configuration.loop_setup import Values
 from ctc_chattering.configuration.parameter_file import OF_ROS
-from ctc_chattering.monitoring.loop_statistics import LoopStatistics
+from ctc_chattering.controller.loop_statistics import LoopStatistics
 from ctc_chattering.numerics.time_grid import NANOSECONDS
 from ctc_chattering.ros.matching import qos
 from ctc_chattering.ros.parameter_service import TolerantParameterService
@@ -189,8 +189,7 @@ class BaseNode(Node):
                 everything[f'{topic}: refused, {kind}'] = count
             contention = subscription.contention(names)
             if contention:
-                told = subscription.ownership.owner is not None
-                level, message = max(level, WARN if told else ERROR), f'{message}; {contention}'
+                level, message = max(level, ERROR), f'{message}; {contention}'
         return Status(level, message, everything)
 
     def report_end(self, why: str = '') -> None:

@@ -121,25 +121,22 @@ class ValidatedSubscription(Generic[T]):
             self.ownership.update(publishers, time.time_ns())
         valid = []
         for data, info in messages:
-            gid = info.get('publisher_gid')  # rclpy of Jazzy does not tell.
-            publisher = None if gid is None else gid['data']
             try:
-                message = self._admitted(data, publisher, info, now)
+                message = self._admitted(data, info)
             except RejectedMessage as rejected:
                 self.reject(rejected, now)
             else:
                 if message is not None:
-                    valid.append((message, publisher))
+                    valid.append(message)
         before = self.skipped
         while valid:
-            message, publisher = valid.pop()
+            message = valid.pop()
             self.skipped = before + len(valid)
             try:
                 self._take(message, now)
             except RejectedMessage as rejected:
                 self.reject(rejected, now)
             else:
-                self.ownership.confirm(publisher, now)
                 break
 
     def _waiting(self) -> Iterator[tuple[bytes, Mapping[str, Any]]]:
@@ -153,8 +150,7 @@ class ValidatedSubscription(Generic[T]):
                 return
             yield taken
 
-    def _admitted(self, data: bytes, publisher: bytes | None, info: Mapping[str, Any],
-                  now: int) -> T | None:
+    def _admitted(self, data: bytes, info: Mapping[str, Any]) -> T | None:
         """Return what a message says; None if it is not ours; raise `RejectedMessage`."""
         try:
             message = self._read(data)
@@ -167,7 +163,7 @@ class ValidatedSubscription(Generic[T]):
             self.ownership.note_part(names, ours, time.time_ns())
             if not ours:
                 return None
-        if not self.ownership.admits(publisher, info.get('received_timestamp') or 0, now):
+        if not self.ownership.admits(info.get('received_timestamp') or 0):
             raise RejectedMessage('second_publisher')
         return message
 
@@ -180,12 +176,10 @@ class ValidatedSubscription(Generic[T]):
                 f'{self.topic}: refused: {rejected} ({sum(self.rejected.values())} so far)')
 
     def publishers(self) -> list[str]:
-        """Return the full names of the nodes that publish on the topic, the owner's first."""
-        found = [(bytes(x.endpoint_gid) != self.ownership.owner,
-                  f'{x.node_namespace.rstrip("/")}/{x.node_name}')
-                 for x in self._node.get_publishers_info_by_topic(
-                     self.subscription.current.topic_name)]
-        return [name for _, name in sorted(found)]
+        """Return the full names of the nodes that publish on the topic."""
+        return sorted(f'{x.node_namespace.rstrip("/")}/{x.node_name}'
+                      for x in self._node.get_publishers_info_by_topic(
+                          self.subscription.current.topic_name))
 
     def contention(self, names: list[str]) -> str:
         """
@@ -197,9 +191,8 @@ class ValidatedSubscription(Generic[T]):
             self.subscription.current.get_publisher_count(), time.time_ns())
         message = ''
         if self.ownership.contested:
-            known = self.ownership.owner is not None
-            obeyed = 'only the first is obeyed' if known else 'none is obeyed'
-            message = f'{self.topic} has several publishers, {obeyed}: {", ".join(names)}'
+            message = (f'{self.topic} has several publishers, none is obeyed: '
+                       f'{", ".join(names)}')
         if message != self._contention:
             self._contention = message
             if message:

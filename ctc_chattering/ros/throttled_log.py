@@ -19,7 +19,7 @@ from __future__ import annotations
 from collections.abc import Callable
 import time
 
-from ctc_chattering.controller.watchdog import Logger
+from ctc_chattering.controller.timing import Logger
 from ctc_chattering.numerics.time_grid import NANOSECONDS
 
 

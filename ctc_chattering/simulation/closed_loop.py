@@ -26,7 +26,7 @@ from typing import Any
 
 from ctc_chattering.arguments import check_each, checked
 from ctc_chattering.control.controller import Controller, ControllerConfig, Sample
-from ctc_chattering.controller.error_limit import joint_beyond
+from ctc_chattering.controller.trips import joint_beyond
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.errors import CtcError, ParameterError
 from ctc_chattering.numerics.linear_algebra import Vector

@@ -17,7 +17,8 @@
 from __future__ import annotations
 
 from copy import copy
-from math import isfinite
+from math import cos, isfinite, log, sin
+from random import Random
 from typing import Any, NamedTuple
 
 from ctc_chattering.control.compiled_step import CompiledStep, E, TAU, V
@@ -28,7 +29,6 @@ from ctc_chattering.numerics.machine_code import Call, Code, invoke
 from ctc_chattering.numerics.records import numpy_record
 from ctc_chattering.simulation.compiled_plant import CompiledPlant, CompiledPlantStep, no_inputs
 from ctc_chattering.simulation.plant import Plant
-from ctc_chattering.simulation.random_numbers import normal_numbers
 import numpy as np
 
 #: How a run ends, and the sample: at its end, without a finite torque, with a position error
@@ -217,3 +217,21 @@ def run(p: CompiledPlant, c: Control, given: Any, out: Array, result: Any) -> in
             if not isfinite(total):
                 return DIVERGED
     return FINISHED
+
+
+def normal_numbers(random: Random, count: int) -> Array:
+    """Return the next `count` numbers of ``random.gauss(0.0, 1.0)``; `random` stays as it is."""
+    if not count:
+        return np.zeros(0)
+    _, (*key, position), kept = random.getstate()
+    bits = np.random.MT19937()
+    bits.state = {'bit_generator': 'MT19937',
+                  'state': {'key': np.array(key, np.uint32), 'pos': position}}
+    x = np.random.Generator(bits).random((count + 1) // 2 * 2).reshape(-1, 2)
+    # Box and Muller, with functions of `math`: those of NumPy differ in the last bit.
+    angle, rest = (2.0 * np.pi * x[:, 0]).tolist(), (1.0 - x[:, 1]).tolist()
+    cosine, sine, logarithm = (np.fromiter(map(function, values), float) for function, values in (
+        (cos, angle), (sin, angle), (log, rest)))
+    radius = np.sqrt(-2.0 * logarithm)
+    made = np.stack((cosine * radius, sine * radius), 1).ravel()
+    return made[:count] if kept is None else np.concatenate(([kept], made))[:count]

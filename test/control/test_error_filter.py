@@ -14,7 +14,7 @@
 
 """The filter (3): exact for its pole, without acceleration, bumpless."""
 
-from ctc_chattering.control.error_filter import error_filter
+from ctc_chattering.control.evaluation import error_filter
 import numpy as np
 from oracles import Array, random_spd
 import pytest

@@ -14,7 +14,7 @@
 
 """The limits of the torque, against numpy's clip, and the anti-windup correction."""
 
-from ctc_chattering.control.limiter import limiter
+from ctc_chattering.control.evaluation import limiter
 import numpy as np
 from oracles import random_spd
 import pytest

@@ -16,7 +16,7 @@
 
 import math
 
-from ctc_chattering.controller.error_limit import joint_beyond
+from ctc_chattering.controller.trips import joint_beyond
 from hypothesis import given
 from hypothesis import strategies as st
 import numpy as np

@@ -18,7 +18,7 @@ from __future__ import annotations
 
 import random
 
-from ctc_chattering.controller.pacing import LockstepExchange, TimerGrid
+from ctc_chattering.controller.timing import LockstepExchange, TimerGrid
 from hypothesis import given
 from hypothesis import strategies as st
 

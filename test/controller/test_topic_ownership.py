@@ -20,7 +20,7 @@ from collections.abc import Sequence
 import dataclasses
 import itertools
 
-from ctc_chattering.controller.topic_ownership import LEASE_DURATION, TopicOwnership
+from ctc_chattering.controller.topic_ownership import TopicOwnership
 from hypothesis import given
 from hypothesis import strategies as st
 import pytest
@@ -64,8 +64,7 @@ def admitted(publishers: Sequence[Publisher], every: int) -> list[tuple[int, int
         for received, sender in queue:
             if count != ownership.publishers:
                 ownership.update(count, t * MS)
-            if ownership.admits(None, received * MS, t * MS):
-                ownership.confirm(None, t * MS)
+            if ownership.admits(received * MS):
                 obeyed.append((received, sender))
         queue = []
     return obeyed
@@ -105,9 +104,9 @@ def test_a_clock_that_was_set_does_not_silence_a_topic() -> None:
     ownership = TopicOwnership()
     ownership.update(2, 1000 * SECOND)
     ownership.update(1, 1001 * SECOND)
-    assert not ownership.admits(None, 1001 * SECOND - MS, 0)
-    assert ownership.admits(None, 500 * SECOND, 0)
-    assert ownership.admits(None, 0, 0)  # The middleware does not tell.
+    assert not ownership.admits(1001 * SECOND - MS)
+    assert ownership.admits(500 * SECOND)
+    assert ownership.admits(0)  # The middleware does not tell.
 
 
 ARM, GRIPPER, CAMERA = ('joint1', 'joint2'), ('finger',), ('pan', 'tilt')
@@ -117,7 +116,7 @@ def heard(ownership: TopicOwnership, *parts: tuple[str, ...]) -> bool:
     """Note parts; return whether the last one would be obeyed."""
     for part in parts:
         ownership.note_part(part, bool(set(part) & set(ARM)), SECOND)
-    return ownership.admits(None, 2 * SECOND, 0)
+    return ownership.admits(2 * SECOND)
 
 
 @pytest.mark.parametrize('order', [*itertools.permutations((ARM, GRIPPER, CAMERA))])
@@ -161,49 +160,3 @@ def test_after_one_has_left_all_parts_must_be_heard_again() -> None:
     assert heard(ownership, GRIPPER)
     ownership.update(3, SECOND)
     assert not heard(ownership, ARM, GRIPPER, ARM)
-
-
-A, B = b'a', b'b'
-
-
-def accepts(ownership: TopicOwnership, publisher: bytes, now: int) -> bool:
-    """Return whether a message is obeyed of which the publisher is known, and use it."""
-    admitted = ownership.admits(publisher, now, now)
-    if admitted:
-        ownership.confirm(publisher, now)
-    return admitted
-
-
-@given(st.lists(st.tuples(st.sampled_from((A, B)), st.integers(1, 400)), min_size=1))
-def test_the_first_publisher_keeps_control_where_it_is_told(
-        messages: list[tuple[bytes, int]]) -> None:
-    """No pause is as long as the lease: whoever was first is obeyed to the end."""
-    ownership = TopicOwnership()
-    ownership.update(2, 0)
-    now, owner, last = 0, messages[0][0], 0
-    for publisher, pause in messages:
-        now += pause * MS
-        if now - last > LEASE_DURATION:
-            owner = publisher
-        if publisher == owner:
-            last = now
-        assert accepts(ownership, publisher, now) == (publisher == owner)
-        assert ownership.owner == owner
-
-
-def test_a_message_that_was_not_used_gives_no_control() -> None:
-    ownership = TopicOwnership()
-    ownership.update(2, 0)
-    assert ownership.admits(A, 0, 0)  # And then it turns out to be no good.
-    assert accepts(ownership, B, MS)
-    assert not accepts(ownership, A, 2 * MS)
-
-
-def test_a_publisher_alone_is_obeyed_at_once() -> None:
-    """The owner has left: its lease is of no matter."""
-    ownership = TopicOwnership()
-    ownership.update(2, 0)
-    assert accepts(ownership, A, 0)
-    assert not accepts(ownership, B, MS)
-    ownership.update(1, MS)
-    assert accepts(ownership, B, 2 * MS)

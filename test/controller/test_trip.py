@@ -22,7 +22,7 @@ from typing import Any
 from ctc_chattering.control.controller import Controller, ControllerConfig, Sample
 from ctc_chattering.control.laws.observer_feedback import Memory
 from ctc_chattering.controller.state_machine import Input
-from ctc_chattering.controller.trip import Trip, TripMonitor
+from ctc_chattering.controller.trips import Trip, TripMonitor
 from ctc_chattering.simulation.plant import Plant
 from ctc_chattering.simulation.plant_config import PlantConfig
 from ctc_chattering.trajectory.reference import ReferenceConfig, Sinusoid

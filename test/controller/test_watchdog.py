@@ -16,7 +16,7 @@
 
 from __future__ import annotations
 
-from ctc_chattering.controller.watchdog import Watchdog
+from ctc_chattering.controller.timing import Watchdog
 import pytest
 
 SECOND, MS = 10 ** 9, 10 ** 6

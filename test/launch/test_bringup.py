@@ -178,7 +178,7 @@ def test_an_event_is_asked_for_again_where_no_answer_comes() -> None:
         it.node.create_service(SetParameters, '/controller/set_parameters', answer,
                                callback_group=ReentrantCallbackGroup())
         events = [Event(0.0, 'controller', {'lambda': x}) for x in (7.0, 8.0)]
-        with graph_monitor(events, lockstep=False, ros_args=()) as look:
+        with graph_monitor(events, lockstep=False, ros_args=()) as (look, _):
             def carried_out() -> bool:
                 look()
                 return len(asked) == 3

@@ -26,7 +26,7 @@ from ctc_chattering.analysis.result import simulate
 from ctc_chattering.bags.reader import read_bag
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.configuration.node_parameters import NODES, parameters_of
-from ctc_chattering.controller import stamps
+from ctc_chattering.controller import timing
 from ctc_chattering.controller.settings_check import change_steps
 from ctc_chattering.parameters import LARGEST, LEAST
 from ctc_chattering.ros.topics import COMMANDS, JOINT_STATES
@@ -344,7 +344,7 @@ def test_no_gains_stop_time() -> None:
                 r.values['time of the run [s]'] == t), 'motion')
         assert [child.status for child in children] == [None, None, None]
         # A plant that waits sends a state again.
-        assert diagnostics.next('controller').refused(JOINT_STATES).keys() <= {stamps.REPEATED}
+        assert diagnostics.next('controller').refused(JOINT_STATES).keys() <= {timing.REPEATED}
 
 
 #: What more than is accepted of the random sets: they and the answers are the same each time, 20,

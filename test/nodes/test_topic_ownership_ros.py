@@ -23,8 +23,6 @@ import time
 
 from controller_process import ControllerUnderTest
 from ctc_chattering.control.controller import Controller, ControllerConfig
-from ctc_chattering.ros.node import qos
-from ctc_chattering.ros.subscription import ValidatedSubscription
 from ctc_chattering.ros.topics import JOINT_STATES
 from faults import Diagnostics, ERROR, JOINTS, Report, WARN
 from processes import PATIENCE, Probe, probe
@@ -33,7 +31,7 @@ import rclpy
 from rclpy.node import Node
 from ros_messages import COMMANDS, MS, ns, reference, state, torques
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Float64MultiArray, String
+from std_msgs.msg import Float64MultiArray
 
 pytestmark = pytest.mark.ros
 ZERO = [0.0, 0.0]
@@ -247,26 +245,3 @@ def test_a_publisher_of_other_joints_changes_nothing() -> None:
         gripper.publish(state(60 * MS, joint1=(0.1, 0.0), finger=(0.1, 0.0)))
         source.diagnostics.until(
             'controller', contested(JOINT_STATES, '/intruder', '/probe'), 'a report of both')
-
-
-def test_where_rclpy_tells_the_publisher_the_first_one_keeps_control() -> None:
-    """With the information of newer releases: `publisher_gid`, the same as the graph tells."""
-    with probe() as it, intruder(it) as node:
-        used: list[str] = []
-        subscription = ValidatedSubscription(
-            it.node, String, 'topic', bytes.decode, lambda text, _: used.append(text), qos())
-        for owner in (it.node, node):
-            owner.create_publisher(String, 'topic', 10)
-        it.until(lambda: subscription.subscription.current.get_publisher_count() == 2
-                 and len(it.node.get_publishers_info_by_topic('/topic')) == 2, 'both')
-        gids = {x.node_name: bytes(x.endpoint_gid)
-                for x in it.node.get_publishers_info_by_topic('/topic')}
-        for name in ('probe', 'intruder', 'probe', 'intruder'):
-            subscription.receive(name.encode(), {'publisher_gid': {
-                'implementation_identifier': 'rmw_fastrtps_cpp', 'data': gids[name]}})
-        assert used == ['probe', 'probe']
-        assert subscription.rejected == {'second_publisher': 2}
-        names = subscription.publishers()
-        assert names == ['/probe', '/intruder']
-        assert subscription.contention(names) == (
-            'topic has several publishers, only the first is obeyed: /probe, /intruder')

@@ -34,7 +34,7 @@ import pytest
 ROOT = Path(ctc_chattering.__file__).parent
 #: Each imports only what stands before it.
 ORDER = ('errors', 'arguments', 'parameters', 'numerics', 'dynamics', 'trajectory', 'control',
-         'monitoring', 'controller', 'simulation', 'configuration', 'analysis',
+         'controller', 'simulation', 'configuration', 'analysis',
          'identification', 'ros', 'bags', 'nodes', 'launch', 'runs', 'live',
          'cli')
 #: These know nothing of ROS.

@@ -21,12 +21,8 @@ import dataclasses
 from typing import Any
 
 from ctc_chattering.control.controller import Controller, ControllerConfig
-from ctc_chattering.control.recommended_gains import (
-    estimator_bandwidth,
-    largest_pole,
-    lateness,
-)
-from ctc_chattering.controller.trip import TripMonitor
+from ctc_chattering.control.recommended_gains import estimator_bandwidth, largest_pole, lateness
+from ctc_chattering.controller.trips import TripMonitor
 from ctc_chattering.dynamics.registry import make_model
 from ctc_chattering.numerics.time_grid import period_ns
 from held_out_robots import (

@@ -175,7 +175,10 @@ def bringup(*arguments: str) -> Iterator[subprocess.Popen[str]]:
 def run_bringup(*arguments: str) -> tuple[int, str]:
     """Run bringup to its end; return its status and output."""
     with bringup(*arguments) as process:
-        output, _ = process.communicate(timeout=2 * PATIENCE)
+        try:
+            output, _ = process.communicate(timeout=2 * PATIENCE)
+        except subprocess.TimeoutExpired as error:
+            pytest.fail(f'bringup has not ended: {error.output}')
         return process.returncode, output
 
 

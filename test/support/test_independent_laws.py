@@ -21,7 +21,7 @@ from math import inf
 from typing import Any
 
 from ctc_chattering.control.controller import Controller, ControllerConfig
-from ctc_chattering.control.laws.registry import law_class
+from ctc_chattering.control.laws.base import law_class
 from independent_laws import Array, Gains, Known, ObserverFeedback, Point
 from independent_rivals import RIVALS
 import numpy as np

@@ -25,13 +25,15 @@ truth, and no method has the name of a field: both can then be compiled.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, NamedTuple, Protocol, TypeVar
+from typing import Any, cast, NamedTuple, Protocol, TypeVar
 
-from ctc_chattering.control.controller_config import ControllerConfig
+from ctc_chattering.arguments import checked
+from ctc_chattering.control.controller_config import ControllerConfig, LAWS
 from ctc_chattering.control.delay_prediction import arriving, next_state
 from ctc_chattering.control.evaluation import Context, ControlMemory, LastSample, State
-from ctc_chattering.numerics.compilable import record
+from ctc_chattering.numerics.compilable import record, RECORDS
 from ctc_chattering.numerics.linear_algebra import Array
+from ctc_chattering.parameters import named_class, Parameter
 
 T = TypeVar('T')
 
@@ -308,3 +310,40 @@ def with_defaults(kind: type[T], attributes: dict[str, Any]) -> type[T]:
         if name not in vars(kind):
             setattr(kind, name, value)
     return record(kind)
+
+
+def law_class(name: str) -> type[Law]:
+    """Return the class of a law: one of `LAWS`, or ``package.module:Name``."""
+    own = name if ':' in name else f'ctc_chattering.control.laws.{name}:LAW'
+    return cast('type[Law]', named_class(
+        'law', own, lambda x: x in RECORDS and hasattr(x, 'answer'), 'class marked by @law'))
+
+
+@checked()
+def laws() -> dict[str, tuple[Parameter, ...]]:
+    """
+    Return the laws by name, with the parameters of `ControllerConfig` that are theirs.
+
+    Returns
+    -------
+    dict of str to tuple of Parameter
+        Each with ``name``, ``default``, ``unit``, ``description`` and ``allowed``. A law of your
+        own (`law`) takes them all.
+
+    Examples
+    --------
+    >>> from ctc_chattering import laws
+    >>> for x in laws()['super_twisting']:
+    ...     print(f'{x.name} {x.default} {x.unit}'.strip())
+    kp 100.0 1/s^2
+    kv 50.0 1/s
+    lambda 10.0 1/s
+    b 1.0
+    super_twisting_k1 60.0 sqrt(rad/s^3)
+    super_twisting_k2 2000.0 rad/s^3
+    anti_windup True
+
+    """
+    known = ControllerConfig.parameters().values()
+    return {name: tuple(x for x in known if x.name in ('kp', 'kv') or name in x.laws)
+            for name in LAWS}

@@ -32,8 +32,7 @@ from ctc_chattering.control.controller_config import ControllerConfig
 from ctc_chattering.control.evaluation import State
 from ctc_chattering.control.laws.base import Applied, law, Terms
 from ctc_chattering.control.perturbation_observer import Perturbation, unperturbed
-from ctc_chattering.control.switching.base import Switching
-from ctc_chattering.control.switching.registry import switching_class
+from ctc_chattering.control.switching.base import Switching, switching_class
 from ctc_chattering.numerics.box_qp import nearest
 from ctc_chattering.numerics.compilable import dot
 from ctc_chattering.numerics.linear_algebra import Array

@@ -41,8 +41,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from ctc_chattering.control.controller_config import ControllerConfig
-from ctc_chattering.control.error_filter import ErrorFilter
-from ctc_chattering.control.evaluation import filter_of, State
+from ctc_chattering.control.evaluation import ErrorFilter, filter_of, State
 from ctc_chattering.control.laws.base import Applied, law, Terms
 from ctc_chattering.numerics.compilable import dot, record, solve
 from ctc_chattering.numerics.linear_algebra import Array

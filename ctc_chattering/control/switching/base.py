@@ -22,13 +22,15 @@ one method is `term`. Those that estimate the perturbation have `updated`, `adva
 
 from __future__ import annotations
 
-from typing import Protocol, TypeVar
+from typing import cast, Protocol, TypeVar
 
 from ctc_chattering.control.controller_config import ControllerConfig
 from ctc_chattering.control.evaluation import State
 from ctc_chattering.control.laws.base import Applied, with_defaults
 from ctc_chattering.control.perturbation_observer import Perturbation
+from ctc_chattering.numerics.compilable import RECORDS
 from ctc_chattering.numerics.linear_algebra import Array
+from ctc_chattering.parameters import named_class
 
 T = TypeVar('T')
 
@@ -83,3 +85,11 @@ def switching(kind: type[T]) -> type[T]:
 
     """
     return with_defaults(kind, {})
+
+
+def switching_class(name: str) -> type[Switching]:
+    """Return the class of a switching: one of `SWITCHINGS`, or ``package.module:Name``."""
+    own = name if ':' in name else f'ctc_chattering.control.switching.{name}:SWITCHING'
+    return cast('type[Switching]', named_class(
+        'switching', own, lambda x: x in RECORDS and hasattr(x, 'term'),
+        'class marked by @switching'))

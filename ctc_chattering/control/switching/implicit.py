@@ -30,8 +30,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from ctc_chattering.control.controller_config import ControllerConfig
-from ctc_chattering.control.error_filter import ErrorFilter
-from ctc_chattering.control.evaluation import filter_of, State
+from ctc_chattering.control.evaluation import ErrorFilter, filter_of, State
 from ctc_chattering.control.perturbation_observer import Perturbation
 from ctc_chattering.control.switching.base import switching
 from ctc_chattering.numerics.box_qp import nearest

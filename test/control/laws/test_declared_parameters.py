@@ -19,7 +19,7 @@ from __future__ import annotations
 from typing import Any
 
 from ctc_chattering.control.controller import Controller, ControllerConfig, LAWS
-from ctc_chattering.control.laws.registry import law_class
+from ctc_chattering.control.laws.base import law_class
 from ctc_chattering.parameters import Parameter
 from laws import inputs
 import numpy as np

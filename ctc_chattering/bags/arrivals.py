@@ -12,7 +12,12 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The log time of messages in simulated time, from the stamps of several topics."""
+"""
+What a recorder knows of the messages that arrive: their log time, and how many were lost before.
+
+Several publishers of one topic number their messages each for itself, and do not say who they are.
+What each of them would send next is remembered, also of those that have gone.
+"""
 
 from __future__ import annotations
 
@@ -54,3 +59,45 @@ class LogTime:
             self.now = stamp
         else:
             self._jumps[topic] = stamp
+
+
+#: Publishers that are remembered.
+_MANY = 16
+
+
+class SequenceTracker:
+    """Follows the numbers of one topic's messages."""
+
+    def __init__(self) -> None:
+        self._next: dict[int, None] = {}
+
+    def follows(self, number: int) -> bool:
+        """Return whether a message is one that was expected; if not, ask `lost`."""
+        if number not in self._next:
+            return False
+        del self._next[number]
+        self._next[number + 1] = None
+        return True
+
+    def lost(self, number: int, publishers: int) -> int:
+        """
+        Return how many messages are missing before one that was not expected.
+
+        Parameters
+        ----------
+        number : int
+            The publisher's number of the message.
+        publishers : int
+            How many there are now. With several, it is not known whose message is missing, and a
+            number never seen may be a new publisher's; then it is 0.
+
+        """
+        before = None
+        if publishers == 1:
+            before = max((x for x in self._next if x < number), default=None)
+        if before is not None:
+            del self._next[before]
+        self._next[number + 1] = None
+        if len(self._next) > _MANY:
+            del self._next[next(iter(self._next))]
+        return 0 if before is None else number - before

@@ -21,7 +21,7 @@ from typing import Any
 
 from ctc_chattering.analysis.terms import terms
 from ctc_chattering.control.controller import ControllerConfig
-from ctc_chattering.monitoring.term_saturation import Saturation, TermSaturation
+from ctc_chattering.controller.health import Saturation, TermSaturation
 from ctc_chattering.simulation.closed_loop import simulate
 from ctc_chattering.simulation.plant_config import PlantConfig
 from ctc_chattering.trajectory.reference import ReferenceConfig

@@ -16,7 +16,7 @@
 
 from random import Random
 
-from ctc_chattering.simulation.random_numbers import normal_numbers
+from ctc_chattering.simulation.compiled_loop import normal_numbers
 import numpy as np
 import pytest
 

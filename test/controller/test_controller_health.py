@@ -18,12 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from ctc_chattering.monitoring.controller_health import (
-    ControllerHealth,
-    HealthMonitor,
-    SampleRate,
-    WINDOW,
-)
+from ctc_chattering.controller.health import ControllerHealth, HealthMonitor, SampleRate, WINDOW
 from hypothesis import given
 from hypothesis import strategies as st
 import pytest
