@@ -38,6 +38,8 @@ _MOST_POINTS = 60_000
 _FORGET = 10
 #: Real time: silence that is reported at once [ns]; a plant may take so long to shut down.
 _SILENCE = 2 * NANOSECONDS
+#: So many answers in a row that take longer than a period are no hiccup: steps are too slow.
+_SLOW = 10
 
 
 class JointSample(NamedTuple):
@@ -89,9 +91,6 @@ class ControlLoop:
         As the parameters of these names [s].
     simulated : bool
         Whether time is simulated, as of the last state.
-    too_slow : bool
-        Whether steps take too long for the periods without a state to be made good: the law then
-        goes on by one period a state.
     reference_outages, predicted : int
         How often the reference was late, and a predicted state was answered.
     tripped : str
@@ -107,7 +106,8 @@ class ControlLoop:
         self.law: Controller | None = None
         self.restart_duration = 0.0
         self.predicted_periods = self.predicted = 0
-        self.too_slow = False
+        #: Answers in a row that took more than a period.
+        self._slow = 0
         #: Whether the law has answered the last state, and all that were predicted after it.
         self._goes_on = False
         self.simulated = False
@@ -205,7 +205,7 @@ class ControlLoop:
             self.motion.pass_over(state.t, driven=allowed)
             self.handle(Input.NO_REFERENCE)
             return None
-        late = 0 if self.simulated or self.too_slow else min(
+        late = 0 if self.simulated or self._too_slow else min(
             self._periods_since(state.t, now), self.predicted_periods)
         sample = self._step(law, state, points, at, late)
         if (trip := self._trips.check(law, sample)) is not None:
@@ -217,6 +217,19 @@ class ControlLoop:
         self._note(state.t, sample, law.config)
         return Answer(state, points[0], sample)
 
+    @property
+    def _too_slow(self) -> bool:
+        """
+        Return whether steps take too long for the periods without a state to be made good.
+
+        The law then goes on by one period a state.
+        """
+        return self._slow >= _SLOW
+
+    def took(self, processor: int) -> None:
+        """Note the processor time that the last answer took [ns]."""
+        self._slow = self._slow + 1 if processor > self.period and not self.simulated else 0
+
     def due(self) -> int | None:
         """
         Return when the torque for a predicted state is to be sent, on the clock of `take_state`.
@@ -225,7 +238,7 @@ class ControlLoop:
         many periods as the parameter says, and before `state_timeout`; else None [ns].
         """
         if (self.law is None or self.last is None or not self._goes_on or self.simulated
-                or self.too_slow or not self.mode.sends_torque):
+                or self._too_slow or not self.mode.sends_torque):
             return None
         periods = self.law.predicted_periods + 1
         silence = periods * self.period + self.period // 4
@@ -291,7 +304,7 @@ class ControlLoop:
         """
         for _ in range(2 if self.simulated else 1):
             sample = law.try_step(
-                state.q, state.dq, *points[0], points[1:], None if self.too_slow else state.t, at,
+                state.q, state.dq, *points[0], points[1:], None if self._too_slow else state.t, at,
                 late)
             if sample is not None:
                 return sample

@@ -188,8 +188,7 @@ class ControllerNode(LoopNode[ControllerConfig, ControllerSettings]):
                 self.failure = f'tripped: {self._loop.tripped}'  # Time would wait for a reset.
                 self.done.set_result(None)
             return
-        if self.in_real_time and time.thread_time_ns() - begin > self._loop.period:
-            self._loop.too_slow = True  # At once; `status` decides again.
+        self._loop.took(time.thread_time_ns() - begin)
         self._publish_terms(answer)
         end = time.monotonic_ns()
         self.statistics.sample(now, end, time.thread_time_ns() - begin)
@@ -263,7 +262,6 @@ class ControllerNode(LoopNode[ControllerConfig, ControllerSettings]):
         """Return what the controller does and why."""
         config, loop = self.config, self._loop
         cause = self.statistics.too_slow(loop.period)
-        loop.too_slow = bool(cause) and not loop.simulated
         level, message = loop.status(
             time.monotonic_ns(), self.inputs[0].rejected if self.inputs else {}, cause)
         if self.problem:

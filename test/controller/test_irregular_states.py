@@ -23,6 +23,7 @@ half of 6 s, joint by joint, relative to those of a run with regular states.
 from __future__ import annotations
 
 from functools import cache
+from math import inf
 from typing import Any
 
 from ctc_chattering.control.controller import Controller, ControllerConfig, LAWS, Sample
@@ -167,6 +168,8 @@ class RealTime:
         States that are lost at a time, for a tenth of all; 0 for none.
     stamped : bool
         Whether the law is told the stamps.
+    slow : tuple of float
+        Processor time of the answers in turn [periods].
 
     """
 
@@ -174,8 +177,8 @@ class RealTime:
     LEAST = 150_000
 
     def __init__(self, periods: int, latency: float = 0.0, stalls: float = 0.0,
-                 length: float = 0.0, burst: int = 0, stamped: bool = True, w: float = 1.0
-                 ) -> None:
+                 length: float = 0.0, burst: int = 0, stamped: bool = True, w: float = 1.0,
+                 slow: tuple[float, ...] = (0.1,)) -> None:
         law = controller('observer_feedback', Controller if stamped else Deaf)
         self._plant, rng = Plant(w), np.random.default_rng(7)
         self.loop = ControlLoop(law.config, 0.02, 0.1, True, self._send, self)
@@ -192,6 +195,7 @@ class RealTime:
         self._states: list[tuple[int, JointSample]] = []
         self._torques: list[tuple[int, list[float]]] = []
         self._now = self.answered = 0
+        self._slow = slow
 
     def info(self, _message: str) -> None:
         """Log nothing."""
@@ -218,6 +222,7 @@ class RealTime:
             if waiting:
                 self.loop.take_state(waiting[-1], now, False)
                 self.loop.answer(True, now)
+                self.loop.took(round(self._slow[self.answered % len(self._slow)] * H))
                 self.answered += 1
             else:
                 self.loop.predict(now)
@@ -249,6 +254,14 @@ def test_in_real_time_the_error_is_within_a_factor_of_3_of_lockstep(network: dic
     assert real_time.answered < 0.998 * COUNT
     without = RealTime(0, stamped=False, **network).run()
     assert without.max() > 3.0 * regular('observer_feedback').max()
+
+
+@pytest.mark.parametrize('slow,most', [((3.0,) * 5 + (0.1,), 1.5), ((1.1,), inf)])
+def test_only_a_step_that_is_always_too_slow_makes_no_periods_good(
+        slow: tuple[float, ...], most: float) -> None:
+    """A processor that is taken away for some answers is no reason to forget the stamps."""
+    error = (RealTime(5, burst=1, slow=slow).run() / regular('observer_feedback')).max()
+    assert 20.0 < error < inf if most == inf else error < most
 
 
 def test_predicted_torques_help_where_states_are_lost_for_long() -> None:
