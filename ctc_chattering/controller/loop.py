@@ -16,6 +16,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple
 
@@ -38,7 +39,7 @@ _MOST_POINTS = 60_000
 _FORGET = 10
 #: Real time: silence that is reported at once [ns]; a plant may take so long to shut down.
 _SILENCE = 2 * NANOSECONDS
-#: So many answers in a row that take longer than a period are no hiccup: steps are too slow.
+#: Steps are too slow if none of so many answers took less than a period.
 _SLOW = 10
 
 
@@ -106,8 +107,8 @@ class ControlLoop:
         self.law: Controller | None = None
         self.restart_duration = 0.0
         self.predicted_periods = self.predicted = 0
-        #: Answers in a row that took more than a period.
-        self._slow = 0
+        #: Processor time of the last answers [ns].
+        self._took: deque[int] = deque(maxlen=_SLOW)
         #: Whether the law has answered the last state, and all that were predicted after it.
         self._goes_on = False
         self.simulated = False
@@ -224,11 +225,11 @@ class ControlLoop:
 
         The law then goes on by one period a state.
         """
-        return self._slow >= _SLOW
+        return not self.simulated and min(self._took, default=0) > self.period
 
     def took(self, processor: int) -> None:
         """Note the processor time that the last answer took [ns]."""
-        self._slow = self._slow + 1 if processor > self.period and not self.simulated else 0
+        self._took.append(processor)
 
     def due(self) -> int | None:
         """
