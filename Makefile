@@ -99,7 +99,7 @@ MINUTES ?= 20
 soak: $(READY)
 	PYTHONPATH=test:test/support $(BIN)/python -m soak --minutes $(MINUTES) $(ARGS)
 
-# The table of docs/identification_measured.md: robots with random friction, identified; hours.
+# The table of validation/identification.md: robots with random friction, identified; hours.
 SEEDS ?= 20
 identification: $(READY)
 	PYTHONPATH=test/support:validation $(BIN)/python validation/identification_study.py --seeds $(SEEDS) $(ARGS)
