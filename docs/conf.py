@@ -32,9 +32,6 @@ from docutils.parsers.rst.states import Inliner
 from sphinx.addnodes import pending_xref
 from sphinx.application import Sphinx
 
-sys.path.insert(0, str(Path(__file__).parent))
-import reference_pages  # noqa: E402
-
 project = 'ctc_chattering'
 author = 'The ctc_chattering maintainers'
 project_copyright = f'2026 {author}'
@@ -117,6 +114,8 @@ def unbroken(_: Sphinx, doctree: nodes.document) -> None:
 
 def setup(app: Sphinx) -> None:
     """Connect what is between reading and writing a page."""
+    sys.path.insert(0, str(Path(__file__).parent))
+    import reference_pages
     reference_pages.write(Path(__file__).parent / '_api')
     Inliner.dispatch['|'] = bar
     app.connect('autodoc-process-docstring', without_field_numbers)
