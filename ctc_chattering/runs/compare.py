@@ -32,12 +32,14 @@ from ctc_chattering.control.switching import SWITCHINGS
 from ctc_chattering.errors import CtcError, near, ParameterError
 from ctc_chattering.runs.conditions import (
     ALL,
+    Case,
     check_conditions,
     Condition,
     condition,
     CONDITIONS,
     held_out,
     HeldOut,
+    read_cases,
     SEED,
 )
 from ctc_chattering.runs.pool import in_parallel
@@ -89,7 +91,8 @@ class Task(NamedTuple):
 
 def tasks(paths: Sequence[Path], backends: Sequence[str | None],
           conditions: Sequence[str | None], laws: Sequence[str] = LAWS,
-          gains: str = FILE, others: int = 0, seed: int = SEED) -> list[Task]:
+          gains: str = FILE, others: int = 0, seed: int = SEED, cases: Sequence[Case] = ()
+          ) -> list[Task]:
     """
     Return what to run: every variant on every robot and plant under every condition.
 
@@ -103,11 +106,13 @@ def tasks(paths: Sequence[Path], backends: Sequence[str | None],
         As `variants` has them.
     others, seed : int
         How many held-out conditions, and the seed of their draws.
+    cases : sequence of Case
+        Further conditions.
 
     """
     return [Task(path, backend, chosen, variant, held_out(others, seed))
             for path in paths for backend in backends
-            for chosen in _conditions(conditions, path, backend)
+            for chosen in (*_conditions(conditions, path, backend), *cases)
             for variant in variants(laws, gains)]
 
 
@@ -242,12 +247,13 @@ def merged(*parts: Overrides) -> Overrides:
 
 
 @checked(**dict.fromkeys(('files', 'laws', 'conditions', 'backends'), Sequence), gains=str,
-         runner=Callable, show=Callable, progress=(Callable, type(None)))
+         cases=(str, Path), runner=Callable, show=Callable, progress=(Callable, type(None)))
 def compare(files: Sequence[str | Path], laws: Sequence[str] = LAWS,
             conditions: Sequence[str] = (), backends: Sequence[str] = (), gains: str = FILE,
             held_out: int = 0, seed: int = SEED, jobs: int = 1,
             runner: Runner = over_simulation, show: Callable[[str], None] = print,
-            progress: Callable[[int, int], None] | None = None) -> list[Outcome]:
+            progress: Callable[[int, int], None] | None = None, cases: str | Path = ''
+            ) -> list[Outcome]:
     """
     Run parameter files with every law and, under law chattering, every switching.
 
@@ -276,6 +282,8 @@ def compare(files: Sequence[str | Path], laws: Sequence[str] = LAWS,
         Takes lines about what is compiled.
     progress : callable, optional
         Called with the number of outcomes that are there, and of all.
+    cases : str or Path
+        File of further conditions, or the name of one in the package, ``imperfections``.
 
     Returns
     -------
@@ -302,7 +310,9 @@ def compare(files: Sequence[str | Path], laws: Sequence[str] = LAWS,
     held_out, seed, jobs = whole('held_out', held_out, 0), whole('seed', seed, 0), whole(
         'jobs', jobs, 1)
     paths = [find_config(x) if isinstance(x, str) else x for x in files]
-    todo = tasks(paths, backends or [None], conditions or [None], laws, gains, held_out, seed)
+    more = read_cases(find_config(str(cases), folder='cases')) if str(cases) else ()
+    todo = tasks(paths, backends or [None], conditions or ([] if more else [None]), laws, gains,
+                 held_out, seed, more)
     runs = compared(todo, jobs, runner)
     if runner is over_simulation:
         compile_setups(setups(todo), show)

@@ -24,12 +24,15 @@ Coulomb friction, the controller is given; a law takes of it what it can use.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 import dataclasses
 from math import inf
+from pathlib import Path
 from typing import Any, TYPE_CHECKING
 
 from ctc_chattering.arguments import check_type
+from ctc_chattering.configuration.node_parameters import LOOP
+from ctc_chattering.configuration.yaml_file import mapping, read_yaml
 from ctc_chattering.dynamics.registry import model_of
 from ctc_chattering.errors import near, UsageError
 import numpy as np
@@ -180,6 +183,46 @@ def check_conditions(names: Sequence[str]) -> None:
         check_type(f'conditions[{i}]', name, str)
         if name != ALL:
             condition(name)
+
+
+@dataclasses.dataclass(frozen=True)
+class Case(Condition):
+    """A condition of which a file has the values of parameters, by node, and nothing else."""
+
+    values: Overrides = dataclasses.field(default_factory=dict)
+
+    def fits(self, setup: Setup) -> bool:
+        """Return whether a robot can have it: running it tells."""
+        return True
+
+    def overrides(self, setup: Setup) -> tuple[Overrides, ...]:
+        """Return what replaces values of a parameter file."""
+        return self.values,
+
+
+def read_cases(path: Path) -> tuple[Case, ...]:
+    """
+    Read a file of cases: under ``cases`` groups of them, above ``overrides`` that all have.
+
+    Raises
+    ------
+    CtcError
+        Naming the key, its value and what is allowed.
+
+    """
+    tree = mapping(str(path), read_yaml(path), ('overrides', 'cases'))
+    nodes = ('/**', *LOOP)
+    common = mapping(f'{path}: overrides', tree.get('overrides', {}), nodes)
+    found = []
+    check_type(f'{path}: cases', tree.get('cases'), Mapping)
+    for group, cases in tree['cases'].items():
+        check_type(f'{path}: {group}', cases, Mapping)
+        for name, case in cases.items():
+            values = mapping(f'{path}: {group}: {name}', case, (*nodes, 'x'))
+            found.append(Case(f'{group}: {name}', f'{group}: {name}', values={
+                node: {**common.get(node, {}), **values.get(node, {})} for node in nodes
+                if node in common or node in values}))
+    return tuple(found)
 
 
 def torque_rates(setup: Setup) -> tuple[float, ...]:
