@@ -1,9 +1,10 @@
-# `make demo` runs the paper, `make test` the tests, `make live` the arm in the browser.
-# Each makes .venv first, with everything it needs from PyPI.
+# `make demo` runs the paper, `make live` the arm in the browser, `make test` the tests.
+# Each installs what it needs from PyPI into .venv first, and no more.
 
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
+ROS := $(VENV)/.ros
 READY := $(VENV)/.ready
 
 # Where Python keeps no compiled modules, each of some hundred processes compiles them.
@@ -11,22 +12,18 @@ unexport PYTHONDONTWRITEBYTECODE
 
 .PHONY: demo live docs test suite compiled test-load slow lint compare rules held-out reproduced-table benchmark map-benchmark latency live-cost soak identification faults dist clean
 
-demo: $(READY)
+demo: $(ROS)
 	@echo 'Six experiments of 10 s over ROS 2, faster than real time, then figures: about a minute.'
 	$(BIN)/ctc reproduce --out results --overwrite
 
 # The paper's arm in real time in the browser, with buttons; Ctrl-C ends.
-live: $(READY)
+live: $(VENV)/.live
 	$(BIN)/bringup --live --pacing real_time --duration 0
 
 # The pages and the API as a site that asks nothing of the network: open site/index.html.
 docs: $(VENV)/.docs
 	rm -rf docs/_api site
 	$(BIN)/python -m sphinx -W --keep-going --quiet -c docs -d build/doctrees . site
-
-$(VENV)/.docs: $(READY)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[docs]'
-	touch $@
 
 # Processes that run tests: more than two processors have, for many tests mostly wait.
 WORKERS ?= 6
@@ -114,21 +111,34 @@ faults: $(READY)
 
 # sdist and wheel of the last commit, in dist/: twice the same bytes.
 dist: $(READY)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check build
+	$(PIP) build
 	rm -rf dist
 	$(BIN)/python test/support/distributions.py
 
+PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 # pip 26 shows setuptools' warning that a checkout can be imported.
-$(READY) $(VENV)/.docs: export PYTHONWARNINGS = ignore:Editable installation
+$(ROS) $(VENV)/.live $(READY) $(VENV)/.docs: export PYTHONWARNINGS = ignore:Editable installation
 
 # Editable, so that the configuration files of the checkout are the ones used.
-$(READY): setup.py setup.cfg package.xml
-	@echo 'Installing ROS 2 wheels, Pinocchio, MuJoCo and tools from PyPI into $(VENV) (2.2 GB;'
-	@echo 'some minutes, once) ...'
+$(ROS): setup.py setup.cfg package.xml
+	@echo 'Installing ROS 2, NumPy, SciPy and Matplotlib from PyPI into $(VENV) (550 MB; once, about'
+	@echo 'a minute) ...'
 	$(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --upgrade pip
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[ros,live,test,lint]'
-	touch $(READY)
+	$(PIP) -e '.[ros]'
+	touch $@
+
+$(VENV)/.live: $(ROS)
+	$(PIP) -e '.[ros,live]'
+	touch $@
+
+$(READY): $(ROS)
+	@echo 'Installing Pinocchio, MuJoCo, numba and tools for tests, too (2 GB; once, some minutes) ...'
+	$(PIP) -e '.[ros,live,test,lint]'
+	touch $@
+
+$(VENV)/.docs: $(READY)
+	$(PIP) -e '.[docs]'
+	touch $@
 
 clean:
 	rm -rf $(VENV) results soak site docs/_api build dist install log *.egg-info

@@ -74,15 +74,15 @@ from typing import Any, TYPE_CHECKING
 # flake8: noqa: F401
 if TYPE_CHECKING:
     from ctc_chattering.analysis.compilation import compile_setup as compile_setup
-    from ctc_chattering.analysis.export import export as export
     from ctc_chattering.analysis.figures import save_figures as save_figures
-    from ctc_chattering.analysis.recording import RecordedMotion as RecordedMotion
-    from ctc_chattering.analysis.recording import Recording as Recording
+    from ctc_chattering.analysis.result import export as export
     from ctc_chattering.analysis.result import Result as Result
     from ctc_chattering.analysis.result import simulate as simulate
     from ctc_chattering.analysis.run_page import write_runs as write_runs
     from ctc_chattering.bags.motion import read_motion as read_motion
     from ctc_chattering.bags.reader import read_bag as read_bag
+    from ctc_chattering.bags.recording import RecordedMotion as RecordedMotion
+    from ctc_chattering.bags.recording import Recording as Recording
     from ctc_chattering.bags.repair import repair as repair
     from ctc_chattering.bags.replay import replay as replay
     from ctc_chattering.configuration.loading import load_parameters as load_parameters
@@ -131,13 +131,12 @@ __version__ = '1.0.0'
 #: node handles signals before it imports numpy.
 _MODULES = {
     'analysis.compilation': ('compile_setup',),
-    'analysis.export': ('export',),
     'analysis.figures': ('save_figures',),
-    'analysis.recording': ('RecordedMotion', 'Recording'),
-    'analysis.result': ('Result', 'simulate'),
+    'analysis.result': ('export', 'Result', 'simulate'),
     'analysis.run_page': ('write_runs',),
     'bags.motion': ('read_motion',),
     'bags.reader': ('read_bag',),
+    'bags.recording': ('RecordedMotion', 'Recording'),
     'bags.repair': ('repair',),
     'bags.replay': ('replay',),
     'configuration.loading': ('load_parameters',),

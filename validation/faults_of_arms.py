@@ -20,7 +20,7 @@ from collections.abc import Mapping
 import dataclasses
 from typing import Any
 
-from ctc_chattering.analysis.recording import Recording
+from ctc_chattering.bags.recording import Recording
 from ctc_chattering.trajectory.waypoints import Route
 from faulty_case import Case, Made, Rng
 from faulty_robots import Faulty, lab_gains, plain, Played, played, recording_of

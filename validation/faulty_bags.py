@@ -19,7 +19,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from ctc_chattering.analysis.recording import Recording
+from ctc_chattering.bags.recording import Recording
 from motion_bags import messages_of, write
 import numpy as np
 from rosbags.rosbag2 import StoragePlugin

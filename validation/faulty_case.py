@@ -19,7 +19,7 @@ from __future__ import annotations
 from collections.abc import Callable
 import dataclasses
 
-from ctc_chattering.analysis.recording import Recording
+from ctc_chattering.bags.recording import Recording
 from ctc_chattering.trajectory.waypoints import Route
 from faulty_robots import Faulty
 import numpy as np

@@ -25,7 +25,7 @@ from collections.abc import Mapping, Sequence
 import dataclasses
 from typing import Any, NamedTuple
 
-from ctc_chattering.analysis.recording import Recording
+from ctc_chattering.bags.recording import Recording
 from ctc_chattering.live.skeleton import two_link_urdf
 from ctc_chattering.trajectory.waypoints import Route
 from faulty_dynamics import advance, Physics, play, State

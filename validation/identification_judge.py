@@ -23,8 +23,8 @@ import tempfile
 import time
 from typing import Any, NamedTuple
 
-from ctc_chattering.analysis.recording import Recording
 from ctc_chattering.bags.motion import read_motion
+from ctc_chattering.bags.recording import Recording
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.dynamics.registry import make_model
 from ctc_chattering.errors import CtcError

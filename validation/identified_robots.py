@@ -21,7 +21,7 @@ import dataclasses
 from functools import cache
 from typing import Any, NamedTuple
 
-from ctc_chattering.analysis.recording import Recording
+from ctc_chattering.bags.recording import Recording
 from ctc_chattering.control.controller import ControllerConfig
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.dynamics.registry import model_of

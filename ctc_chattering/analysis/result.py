@@ -12,12 +12,13 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""A finished run with its configuration, and its metrics."""
+"""A finished run with its configuration, its metrics, and its samples for other programs."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
+import csv
 import dataclasses
 from functools import cached_property
 from itertools import pairwise
@@ -25,7 +26,7 @@ from pathlib import Path
 from typing import Any
 
 from ctc_chattering.analysis.metrics import metrics, rms, WINDOW, within
-from ctc_chattering.analysis.output import write_json
+from ctc_chattering.analysis.output import write_json, writing
 from ctc_chattering.analysis.tables import measured
 from ctc_chattering.analysis.terms import RunTerms, terms
 from ctc_chattering.arguments import checked
@@ -49,60 +50,26 @@ import numpy.typing as npt
 METRICS = 'metrics.json'
 
 
+def _of_run(name: str, what: str) -> Any:
+    """Return the property of an array of `Result.run`, without `run` in front."""
+    return property(lambda result: getattr(result.run, name), doc=f'Return {what}.')
+
+
 class RunAttributes:
-    """Base of what has a `Run`: its arrays, without `run` in front."""
+    """Base of what has a `Run`: its arrays."""
 
     run: Run
-
-    @property
-    def t(self) -> Array:
-        """Return the time, shape (N,) [s]."""
-        return self.run.t
-
-    @property
-    def q(self) -> Array:
-        """Return the position, shape (N, n) [rad]."""
-        return self.run.q
-
-    @property
-    def dq(self) -> Array:
-        """Return the velocity, shape (N, n) [rad/s]."""
-        return self.run.dq
-
-    @property
-    def q_d(self) -> Array:
-        """Return the desired position, shape (N, n) [rad]."""
-        return self.run.q_d
-
-    @property
-    def dq_d(self) -> Array:
-        """Return the desired velocity, shape (N, n) [rad/s]."""
-        return self.run.dq_d
-
-    @property
-    def ddq_d(self) -> Array:
-        """Return the desired acceleration, shape (N, n) [rad/s²]."""
-        return self.run.ddq_d
-
-    @property
-    def e(self) -> Array:
-        """Return the position error q_d - q [rad], shape: (N, n)."""
-        return self.run.e
-
-    @property
-    def de(self) -> Array:
-        """Return the velocity error dq_d - dq [rad/s], shape: (N, n)."""
-        return self.run.de
-
-    @property
-    def tau(self) -> Array:
-        """Return the torque sent at the sample, shape (N, n) [N·m]; nan where it is unknown."""
-        return self.run.tau
-
-    @property
-    def v(self) -> Array:
-        """Return the filtered error of equation (3), shape (N, n) [rad/s]."""
-        return self.run.v
+    t: Array = _of_run('t', 'the time, shape (N,) [s]')
+    q: Array = _of_run('q', 'the position, shape (N, n) [rad]')
+    dq: Array = _of_run('dq', 'the velocity, shape (N, n) [rad/s]')
+    q_d: Array = _of_run('q_d', 'the desired position, shape (N, n) [rad]')
+    dq_d: Array = _of_run('dq_d', 'the desired velocity, shape (N, n) [rad/s]')
+    ddq_d: Array = _of_run('ddq_d', 'the desired acceleration, shape (N, n) [rad/s²]')
+    e: Array = _of_run('e', 'the position error q_d - q, shape (N, n) [rad]')
+    de: Array = _of_run('de', 'the velocity error dq_d - dq, shape (N, n) [rad/s]')
+    tau: Array = _of_run('tau', 'the torque sent at the sample, shape (N, n) [N·m]; nan where it '
+                         'is unknown')
+    v: Array = _of_run('v', 'the filtered error of equation (3), shape (N, n) [rad/s]')
 
 
 #: Time after a change in which v reaches 0 and the term may be at its bound [s].
@@ -407,3 +374,86 @@ def position_units(names: Sequence[str], description: str) -> tuple[str, ...]:
     with suppress(CtcError):
         kinds = {name: joint.kind for name, joint in Tree(description).joints.items()}
     return tuple('m' if kinds.get(name) == 'prismatic' else 'rad' for name in names)
+
+
+#: Arrays per joint with the suffix of the joint's position unit; None for the torque unit.
+_ARRAYS = {'q': '', 'dq': '/s', 'q_d': '', 'dq_d': '/s', 'ddq_d': '/s²', 'tau': None, 'v': '/s'}
+
+
+@checked(result=Result, path=(str, Path))
+def export(result: Result, path: str | Path) -> None:
+    """
+    Write the samples of a run with names and units of the joints, for other programs.
+
+    Parameters
+    ----------
+    result : Result
+        Of `simulate` or `read_bag`.
+    path : str or Path
+        File to write: ``.npz`` for NumPy, which has the gains as well; ``.csv`` for a column per
+        joint and quantity.
+
+    Raises
+    ------
+    CtcError
+        If the name ends otherwise, or the file cannot be written.
+
+    Examples
+    --------
+    >>> from ctc_chattering import export, load_parameters, simulate
+    >>> result = simulate(load_parameters('friction', {'plant': {'duration': 0.1}}))
+    >>> export(result, 'run.csv')
+    >>> open('run.csv').readline().split(',')[:2]
+    ['t [s]', 'q_joint1 [rad]']
+
+    """
+    path = Path(path)
+    if path.suffix not in ('.npz', '.csv'):
+        raise ParameterError('path', str(path), 'a name that ends in .npz or .csv')
+    (write_csv if path.suffix == '.csv' else write_npz)(result, path)
+
+
+def write_npz(result: Result, path: Path) -> None:
+    """
+    Write samples, names, units and gains as a NumPy file.
+
+    ``t``, shape (N,), and ``q, dq, q_d, dq_d, ddq_d, tau, v``, shape (N, n); ``joint_names``,
+    ``position_units``, ``torque_units``, shape (n,); ``control_period``, ``law``, ``switching``
+    and the gains by name, as at the end.
+
+    Raises
+    ------
+    CtcError
+        If the file cannot be written.
+
+    """
+    with writing(path):
+        np.savez(path, **vars(result.run), joint_names=result.joint_names,
+                 position_units=result.position_units, torque_units=result.torque_units,
+                 control_period=result.config.control_period, law=result.law,
+                 switching=result.config.switching, **result.gains)
+
+
+def write_csv(result: Result, path: Path) -> None:
+    """
+    Write samples as comma-separated values, a column per joint and quantity.
+
+    The first row has the name and unit of each column, for example ``q_elbow [rad]``. Numbers are
+    exact; unknown ones are ``nan``.
+
+    Raises
+    ------
+    CtcError
+        If the file cannot be written.
+
+    """
+    heads, columns = ['t [s]'], [result.run.t]
+    for name, suffix in _ARRAYS.items():
+        units = (result.torque_units if suffix is None
+                 else [unit + suffix for unit in result.position_units])
+        heads += [f'{name}_{joint} [{unit}]' for joint, unit in zip(result.joint_names, units)]
+        columns.extend(getattr(result.run, name).T)
+    with writing(path), path.open('w', newline='', encoding='utf-8') as file:
+        rows = csv.writer(file)
+        rows.writerow(heads)
+        rows.writerows(np.column_stack(columns).tolist())

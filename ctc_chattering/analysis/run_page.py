@@ -28,7 +28,13 @@ from ctc_chattering.analysis.drawing import FigureFile
 from ctc_chattering.analysis.interactive_plots import coded, PARTS, signals_of
 from ctc_chattering.analysis.markup import fragment, Markup
 from ctc_chattering.analysis.metrics import BAND
-from ctc_chattering.analysis.output import check_format, file_stem, finite, prepare, write_text
+from ctc_chattering.analysis.output import (
+    check_format,
+    file_stem,
+    finite,
+    prepare,
+    write_text,
+)
 from ctc_chattering.analysis.page import (
     Card,
     Cards,

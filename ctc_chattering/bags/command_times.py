@@ -24,7 +24,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from ctc_chattering.analysis.time_stamps import Indices
+from ctc_chattering.bags.recording import Indices
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
 from scipy.ndimage import median_filter  # type: ignore[import-untyped]

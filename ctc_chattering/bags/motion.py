@@ -26,10 +26,9 @@ from collections.abc import Sequence
 from contextlib import closing
 from pathlib import Path
 
-from ctc_chattering.analysis.recording import RecordedMotion, Recording
-from ctc_chattering.analysis.time_stamps import Indices
 from ctc_chattering.arguments import check_each, checked
 from ctc_chattering.bags.command_times import answers
+from ctc_chattering.bags.recording import Indices, RecordedMotion, Recording
 from ctc_chattering.bags.repair import open_bag
 from ctc_chattering.bags.signals import (
     COMMAND_FIELDS,

@@ -21,9 +21,8 @@ import dataclasses
 from pathlib import Path
 from typing import Any
 
-from ctc_chattering.analysis.export import write_npz
 from ctc_chattering.analysis.output import prepare, writing
-from ctc_chattering.analysis.result import Result, simulate
+from ctc_chattering.analysis.result import Result, simulate, write_npz
 from ctc_chattering.analysis.run_page import NAMES
 from ctc_chattering.cli.presentation import present
 from ctc_chattering.cli.progress import Progress

@@ -26,7 +26,7 @@ from collections.abc import Iterator, Sequence
 import dataclasses
 from typing import NamedTuple, Protocol
 
-from ctc_chattering.analysis.recording import Stretch
+from ctc_chattering.bags.recording import Stretch
 from ctc_chattering.identification.drive_torque import COMMAND, driven_by_lags, has
 from ctc_chattering.identification.least_squares import correlation_length, Data
 from ctc_chattering.identification.weak_form import TestFunction

@@ -18,8 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from ctc_chattering.analysis.recording import Stretch
-from ctc_chattering.analysis.time_stamps import Indices
+from ctc_chattering.bags.recording import Indices, Stretch
 from ctc_chattering.identification.weak_form import TestFunction
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np

@@ -25,8 +25,8 @@ import dataclasses
 from numbers import Real
 from typing import NamedTuple
 
-from ctc_chattering.analysis.recording import Recording, Stretch
 from ctc_chattering.arguments import vector
+from ctc_chattering.bags.recording import Recording, Stretch
 from ctc_chattering.errors import CtcError, ParameterError, UsageError
 from ctc_chattering.identification.drive_torque import COMMAND, EFFORT, has
 from ctc_chattering.identification.findings import ALL_JOINTS, Finding, Kind

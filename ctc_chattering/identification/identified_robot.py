@@ -26,8 +26,8 @@ from typing import Any
 
 from ctc_chattering.analysis.compilation import compile_setups, has_compiler
 from ctc_chattering.analysis.output import check_format, prepare, write_json, write_text, writing
-from ctc_chattering.analysis.recording import RecordedMotion, Recording
 from ctc_chattering.arguments import check_each, checked, vector, whole
+from ctc_chattering.bags.recording import RecordedMotion, Recording
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.dynamics.corrected_urdf import corrected_urdf
 from ctc_chattering.dynamics.model import Model

@@ -19,7 +19,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 import dataclasses
 
-from ctc_chattering.analysis.recording import Recording, Stretch, stretches
+from ctc_chattering.bags.recording import Recording, Stretch, stretches
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.errors import CtcError
 from ctc_chattering.identification.attribution import Projected

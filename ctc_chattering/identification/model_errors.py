@@ -35,7 +35,7 @@ from math import cos, sin
 from typing import NamedTuple
 import xml.etree.ElementTree as ElementTree
 
-from ctc_chattering.analysis.time_stamps import Indices
+from ctc_chattering.bags.recording import Indices
 from ctc_chattering.dynamics.model import LinearModel, Model, rotors
 from ctc_chattering.dynamics.payload import with_payload
 from ctc_chattering.dynamics.two_link import TwoLink

@@ -26,8 +26,8 @@ from typing import Any
 from ctc_chattering.analysis import page
 from ctc_chattering.analysis.drawing import FigureFile
 from ctc_chattering.analysis.markup import fragment
-from ctc_chattering.analysis.recording import Recording, stretches
 from ctc_chattering.analysis.tables import fitted, paragraph, shown, Table, with_interval
+from ctc_chattering.bags.recording import Recording, stretches
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.errors import CtcError
 from ctc_chattering.identification.bodies import base_parameters, BaseParameter

@@ -19,7 +19,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 import dataclasses
 
-from ctc_chattering.analysis.recording import BRIDGED, Recording
+from ctc_chattering.bags.recording import BRIDGED, Recording
 from ctc_chattering.identification.findings import ALL_JOINTS, Estimate, Finding, Kind, NONE
 from ctc_chattering.identification.least_squares import coefficients
 from ctc_chattering.identification.weak_form import position_noise, smooth, velocity_deviation

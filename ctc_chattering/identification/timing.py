@@ -27,8 +27,7 @@ from functools import cached_property
 from math import nan
 from typing import NamedTuple
 
-from ctc_chattering.analysis.recording import Stretch
-from ctc_chattering.analysis.time_stamps import Indices
+from ctc_chattering.bags.recording import Indices, Stretch
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.identification.drive_search import DriveScan, DriveSearch
 from ctc_chattering.identification.drive_torque import COMMAND, EFFORT, has, weak_torque

@@ -30,7 +30,7 @@ from __future__ import annotations
 
 import dataclasses
 
-from ctc_chattering.analysis.time_stamps import Indices
+from ctc_chattering.bags.recording import Indices
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np

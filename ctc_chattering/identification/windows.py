@@ -20,8 +20,7 @@ from collections.abc import Iterator, Sequence
 import dataclasses
 from typing import NamedTuple
 
-from ctc_chattering.analysis.recording import Stretch
-from ctc_chattering.analysis.time_stamps import Indices
+from ctc_chattering.bags.recording import Indices, Stretch
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.identification.model_errors import ErrorColumns
 from ctc_chattering.identification.weak_form import (

@@ -19,8 +19,7 @@ from __future__ import annotations
 import csv
 from pathlib import Path
 
-from ctc_chattering.analysis.export import write_csv, write_npz
-from ctc_chattering.analysis.result import Result, simulate
+from ctc_chattering.analysis.result import Result, simulate, write_csv, write_npz
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.control.controller import ControllerConfig
 from ctc_chattering.errors import CtcError

@@ -22,8 +22,8 @@ from pathlib import Path
 import sqlite3
 from typing import Any
 
-from ctc_chattering.analysis.recording import RecordedMotion
 from ctc_chattering.bags.motion import read_motion
+from ctc_chattering.bags.recording import RecordedMotion
 from ctc_chattering.errors import CtcError
 from identified_robots import record, Recorded
 from motion_bags import joint_state, messages_of, torques, write

@@ -19,7 +19,7 @@ from __future__ import annotations
 import dataclasses
 from typing import Any
 
-from ctc_chattering.analysis.recording import Stretch
+from ctc_chattering.bags.recording import Stretch
 from ctc_chattering.identification.drive_search import DriveScan, DriveSearch, DriveSet
 from ctc_chattering.identification.least_squares import Data
 from ctc_chattering.identification.weak_form import TestFunction

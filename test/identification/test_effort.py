@@ -14,7 +14,7 @@
 
 from __future__ import annotations
 
-from ctc_chattering.analysis.recording import Recording
+from ctc_chattering.bags.recording import Recording
 from ctc_chattering.errors import CtcError, ParameterError
 from ctc_chattering.identification.effort import in_torques
 import numpy as np

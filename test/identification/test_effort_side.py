@@ -19,7 +19,7 @@ from __future__ import annotations
 import dataclasses
 from functools import cache
 
-from ctc_chattering.analysis.recording import Stretch, stretches
+from ctc_chattering.bags.recording import Stretch, stretches
 from ctc_chattering.errors import CtcError
 from ctc_chattering.identification.effort import (
     check_commands,

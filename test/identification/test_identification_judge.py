@@ -20,8 +20,8 @@ import dataclasses
 from functools import cache
 from pathlib import Path
 
-from ctc_chattering.analysis.recording import Recording
 from ctc_chattering.bags.motion import read_motion
+from ctc_chattering.bags.recording import Recording
 from ctc_chattering.control.controller import ControllerConfig
 from ctc_chattering.identification.findings import Estimate, Severity
 from faults_of_arms import case, recorded

@@ -20,7 +20,7 @@ import dataclasses
 from functools import cache
 from typing import Any
 
-from ctc_chattering.analysis.recording import Recording
+from ctc_chattering.bags.recording import Recording
 from ctc_chattering.dynamics.two_link import TwoLink
 from ctc_chattering.errors import CtcError
 from ctc_chattering.identification.findings import Estimate, NONE

@@ -18,7 +18,7 @@ from __future__ import annotations
 
 import tracemalloc
 
-from ctc_chattering.analysis.recording import Stretch
+from ctc_chattering.bags.recording import Stretch
 from ctc_chattering.dynamics.registry import make_model
 from ctc_chattering.identification.model_errors import ErrorColumns
 from ctc_chattering.identification.weak_form import TestFunction

@@ -16,7 +16,7 @@
 
 from __future__ import annotations
 
-from ctc_chattering.analysis.recording import Recording
+from ctc_chattering.bags.recording import Recording
 from ctc_chattering.identification.sensors import clock, encoder_step, velocity_noise
 import numpy as np
 import pytest

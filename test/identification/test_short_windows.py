@@ -16,7 +16,7 @@
 
 from __future__ import annotations
 
-from ctc_chattering.analysis.recording import Stretch
+from ctc_chattering.bags.recording import Stretch
 from ctc_chattering.dynamics.registry import make_model
 from ctc_chattering.identification.timing import ShortWindows, Timing
 from ctc_chattering.identification.weak_form import TestFunction

@@ -18,8 +18,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from ctc_chattering.analysis.recording import RecordedMotion, Recording
 from ctc_chattering.analysis.result import simulate
+from ctc_chattering.bags.recording import RecordedMotion, Recording
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.dynamics.two_link import TwoLink
 from ctc_chattering.dynamics.urdf_parser import Tree

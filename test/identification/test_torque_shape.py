@@ -19,7 +19,7 @@ from __future__ import annotations
 import dataclasses
 from functools import cache
 
-from ctc_chattering.analysis.recording import stretches
+from ctc_chattering.bags.recording import stretches
 from ctc_chattering.errors import CtcError
 from ctc_chattering.identification.drive_torque import COMMAND
 from ctc_chattering.identification.effort import TorqueWindows, weak_torques

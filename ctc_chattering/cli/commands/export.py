@@ -18,8 +18,8 @@ from __future__ import annotations
 
 import argparse
 
-from ctc_chattering.analysis.export import export
 from ctc_chattering.analysis.output import prepare
+from ctc_chattering.analysis.result import export
 from ctc_chattering.cli.options import add_bag, add_output, add_own, own
 
 DETAILS = ('Write trajectory.npz, which also has the gains, or trajectory.csv, with names and '

@@ -32,7 +32,7 @@ from ctc_chattering.errors import CtcError, UsageError
 from ctc_chattering.identification.effort import check_effort, CURRENT, EffortNames, LINK, MOTOR
 
 if TYPE_CHECKING:
-    from ctc_chattering.analysis.recording import RecordedMotion, Recording
+    from ctc_chattering.bags.recording import RecordedMotion, Recording
     from ctc_chattering.identification.identified_robot import IdentifiedRobot
 
 #: Options that say what the effort is.

@@ -19,9 +19,8 @@ from __future__ import annotations
 import argparse
 import sys
 
-from ctc_chattering.analysis.export import write_npz
 from ctc_chattering.analysis.output import prepare
-from ctc_chattering.analysis.result import METRICS, simulate, write_metrics
+from ctc_chattering.analysis.result import METRICS, simulate, write_metrics, write_npz
 from ctc_chattering.cli.options import add_output, add_run_options, load_setup
 from ctc_chattering.cli.presentation import print_results
 from ctc_chattering.configuration import parameter_file

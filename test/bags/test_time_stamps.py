@@ -16,7 +16,7 @@
 
 from __future__ import annotations
 
-from ctc_chattering.analysis.time_stamps import ordered, StampOrder
+from ctc_chattering.bags.recording import ordered, StampOrder
 from ctc_chattering.errors import CtcError
 import numpy as np
 import pytest

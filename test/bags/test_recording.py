@@ -16,7 +16,7 @@
 
 from __future__ import annotations
 
-from ctc_chattering.analysis.recording import Recording, stretches
+from ctc_chattering.bags.recording import Recording, stretches
 from ctc_chattering.errors import CtcError
 import numpy as np
 import pytest
