@@ -28,7 +28,7 @@ import dataclasses
 from math import ceil, cos, inf, log10, pi, sin
 from typing import ClassVar
 
-from ctc_chattering.arguments import checked, whole
+from ctc_chattering.arguments import whole
 from ctc_chattering.dynamics.robot_config import MODELS
 from ctc_chattering.errors import CtcError, ParameterError
 from ctc_chattering.numerics.time_grid import NANOSECONDS, period_ns, seconds
@@ -106,7 +106,6 @@ class Sinusoid:
 
     """
 
-    @checked(config=ReferenceConfig)
     def __init__(self, config: ReferenceConfig) -> None:
         self._joints = [
             (c, a, 2.0 * pi * f, p) for c, a, f, p in zip(

@@ -21,7 +21,7 @@ from collections.abc import Sequence
 from itertools import pairwise
 from typing import NamedTuple
 
-from ctc_chattering.arguments import check_type, checked, whole
+from ctc_chattering.arguments import whole
 from ctc_chattering.errors import ParameterError
 from ctc_chattering.numerics.polynomials import cubic, linear, quintic
 from ctc_chattering.numerics.time_grid import seconds
@@ -61,7 +61,6 @@ class Waypoints:
 
     """
 
-    @checked(times=Sequence, points=Sequence, start=(Sequence, type(None)))
     def __init__(self, times: Sequence[int], points: Sequence[Point],
                  start: tuple[int, Point] | None = None) -> None:
         self._points = _checked(times, points)
@@ -163,7 +162,6 @@ def _checked(times: Sequence[int], points: Sequence[Point], n: int = 0) -> list[
 
 
 def _waypoint(name: str, point: Point, n: int) -> Point:
-    check_type(name, point, Sequence)
     if len(point) != len(_FIELDS):
         raise ParameterError(name, point, ', '.join(_FIELDS))
     rows: list[tuple[float, ...]] = []
