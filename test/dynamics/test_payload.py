@@ -18,7 +18,7 @@ from __future__ import annotations
 
 from math import cos, pi, sin
 
-from ctc_chattering.dynamics.payload import with_payload
+from ctc_chattering.dynamics.corrected_urdf import with_payload
 from ctc_chattering.dynamics.urdf_model import UrdfModel
 from ctc_chattering.errors import CtcError, ParameterError
 from ctc_chattering.simulation.plant_config import PlantConfig
