@@ -88,7 +88,7 @@ benchmark: $(READY)
 # Compiled runs beside plain ones, MuJoCo, and, where they are installed, JAX
 # and Drake: a Markdown table, in some minutes.
 map-benchmark: $(READY)
-	$(BIN)/python tools/benchmark/compiled_loop.py
+	PYTHONPATH=test/support $(BIN)/python tools/benchmark/compiled_loop.py
 
 # Period and answer time of the loop in real time, with and without priority: a Markdown table.
 latency: $(READY)
