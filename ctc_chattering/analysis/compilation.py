@@ -26,7 +26,6 @@ import signal
 from typing import Any
 
 from ctc_chattering.analysis.tables import counted
-from ctc_chattering.arguments import checked
 from ctc_chattering.configuration.loop_setup import Setup
 from ctc_chattering.control.controller import Controller, LAWS
 from ctc_chattering.control.switching import SWITCHINGS
@@ -54,7 +53,7 @@ def codes(setup: Setup, parts: bool = False) -> tuple[Code, ...]:
     Parameters
     ----------
     setup : Setup
-        Without a run if law or plant cannot be machine code: MuJoCo, elastic joints.
+        Without a run if law or plant cannot be machine code, such as elastic joints.
     parts : bool
         Then return those of the other one, which a node has use for.
 
@@ -120,7 +119,6 @@ def compile_setups(setups: Iterable[Setup], show: Callable[[str], None], parts: 
     return len(todo)
 
 
-@checked(setup=Setup, every=bool, show=Callable)
 def compile_setup(setup: Setup, every: bool = False, show: Callable[[str], None] = print) -> int:
     """
     Compile robot and law of a setup, once for this version; runs are then 20 times as fast.
@@ -153,8 +151,8 @@ def compile_setup(setup: Setup, every: bool = False, show: Callable[[str], None]
     setup = dataclasses.replace(setup, events=())
     if not codes(setup, parts=True):
         raise CtcError('nothing can be compiled: compiled is false, or neither plant (no elastic '
-                       'joints, MuJoCo, own models) nor law (no own models) can be, own frictions '
-                       'and laws only if made of marked records')
+                       'joints, own models) nor law (no own models) can be, own frictions and '
+                       'laws only if made of marked records')
     if not has_compiler():
         raise ModuleNotFoundError('No module named numba', name='numba')
     changes = [{'law': law} for law in LAWS if law != 'chattering'] + [

@@ -24,13 +24,12 @@ Coulomb friction, the controller is given; a law takes of it what it can use.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 import dataclasses
 from math import inf
 from pathlib import Path
 from typing import Any, TYPE_CHECKING
 
-from ctc_chattering.arguments import check_type
 from ctc_chattering.configuration.node_parameters import LOOP
 from ctc_chattering.configuration.yaml_file import mapping, read_yaml
 from ctc_chattering.dynamics.registry import model_of
@@ -179,8 +178,7 @@ def condition(name: str) -> Condition:
 
 def check_conditions(names: Sequence[str]) -> None:
     """Raise `CtcError` unless each is `ALL` or the name of a condition."""
-    for i, name in enumerate(names):
-        check_type(f'conditions[{i}]', name, str)
+    for name in names:
         if name != ALL:
             condition(name)
 
@@ -210,15 +208,15 @@ def read_cases(path: Path) -> tuple[Case, ...]:
         Naming the key, its value and what is allowed.
 
     """
-    tree = mapping(str(path), read_yaml(path), ('overrides', 'cases'))
-    nodes = ('/**', *LOOP)
-    common = mapping(f'{path}: overrides', tree.get('overrides', {}), nodes)
+    def each(name: str, tree: Any, keys: Sequence[str] | None = None) -> dict[Any, Any]:
+        return mapping(f'{path}: {name}', tree, tuple(tree or ()) if keys is None else keys)
+
+    tree, nodes = each('spec', read_yaml(path), ('overrides', 'cases')), ('/**', *LOOP)
+    common = each('overrides', tree.get('overrides', {}), nodes)
     found = []
-    check_type(f'{path}: cases', tree.get('cases'), Mapping)
-    for group, cases in tree['cases'].items():
-        check_type(f'{path}: {group}', cases, Mapping)
-        for name, case in cases.items():
-            values = mapping(f'{path}: {group}: {name}', case, (*nodes, 'x'))
+    for group, cases in each('cases', tree.get('cases')).items():
+        for name, case in each(group, cases).items():
+            values = each(f'{group}: {name}', case, (*nodes, 'x'))
             found.append(Case(f'{group}: {name}', f'{group}: {name}', values={
                 node: {**common.get(node, {}), **values.get(node, {})} for node in nodes
                 if node in common or node in values}))

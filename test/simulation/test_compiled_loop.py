@@ -31,7 +31,7 @@ from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.simulation import closed_loop
 from ctc_chattering.simulation.closed_loop import Event, Run
 from ctc_chattering.simulation.plant import Plant
-from ctc_chattering.trajectory.waypoints import Route
+from ctc_chattering.trajectory.motions import Route
 from machine_code import compile_runs
 import numpy as np
 import pytest
@@ -246,13 +246,6 @@ def test_the_gravity_is_that_of_the_model() -> None:
         model=TwoLink(9.81)) for plant in plants]
     assert [run.compiled for run in runs] == [False, True]
     np.testing.assert_allclose(runs[1].q, runs[0].q, rtol=1e-9, atol=1e-9)
-
-
-def test_mujoco_is_no_machine_code() -> None:
-    setup = parameter_file.load(file('panda'), {
-        'plant': {'duration': 0.01, 'plant_backend': 'mujoco'}})
-    compile_runs(setup)
-    assert not simulate(setup).run.compiled
 
 
 def test_a_run_must_end() -> None:
