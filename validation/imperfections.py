@@ -36,7 +36,6 @@ from ctc_chattering.configuration.loop_setup import Setup
 from ctc_chattering.configuration.package_share import config_directory
 from ctc_chattering.configuration.yaml_file import read_yaml
 from ctc_chattering.control.controller_config import LAWS, RIVALS
-from ctc_chattering.control.switching import SWITCHINGS
 from ctc_chattering.runs.conditions import read_cases as cases_of
 from ctc_chattering.runs.pool import in_parallel
 from ctc_chattering.runs.recommended import recommended_setup
@@ -73,8 +72,14 @@ class Case:
     x: float | None = None
 
     def setup(self) -> Setup:
-        """Return the checked parameters; the switching is still that of the file."""
-        return parameter_file.load(config_directory() / 'friction.yaml', self.overrides)
+        """
+        Return the checked parameters; the switching is still that of the file.
+
+        A controller knows what the drives give only where the case says so, not from the file.
+        """
+        controller = {'effort_limit': math.inf, **self.overrides.get('controller', {})}
+        return parameter_file.load(config_directory() / 'friction.yaml',
+                                   {**self.overrides, 'controller': controller})
 
 
 def read_cases() -> tuple[Case, ...]:
@@ -192,8 +197,9 @@ def _pair(name: str, values: Sequence[float]) -> dict[str, object]:
 def about(outcomes: Sequence[CaseOutcome]) -> Markup:
     """Return what the tables show."""
     return fragment(
-        'Output of <code>make imperfections</code>. True errors and torques sent, joints 1 / 2, over the '
-        'second half of each run; h = 1 ms and ka = {{ ka }} N·m unless the row says otherwise; '
+        'Output of <code>make imperfections</code>. True errors and torques sent, joints 1 / 2, '
+        'over the second half of each run; h = 1 ms and ka = {{ ka }} N·m unless the row says '
+        'otherwise; '
         'every other parameter has its default. Bold: the best of a row. {{ engines }}.',
         ka=f'{KA:g}', engines=engines(outcomes))
 

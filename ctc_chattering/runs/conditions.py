@@ -189,11 +189,7 @@ class Case(Condition):
 
     values: Overrides = dataclasses.field(default_factory=dict)
 
-    def fits(self, setup: Setup) -> bool:
-        """Return whether a robot can have it: running it tells."""
-        return True
-
-    def overrides(self, setup: Setup) -> tuple[Overrides, ...]:
+    def overrides(self, setup: Setup) -> tuple[Overrides, ...]:  # noqa: ARG002
         """Return what replaces values of a parameter file."""
         return self.values,
 
