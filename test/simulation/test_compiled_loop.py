@@ -187,11 +187,10 @@ def ends_of(setup: Setup, speed: float) -> list[str]:
     compile_runs(setup)
     said = []
     for compiled in (False, True):
-        config = setup.plant.changed({'compiled': compiled})
+        config = setup.plant.changed({
+            'compiled': compiled, 'initial_position': [0.1, 0.2],
+            'initial_velocity': [speed, speed]})
         robot = Plant(config, TwoLink())
-        robot.q, robot.dq = [0.1, 0.2], [speed, speed]
-        robot.measured = robot.q, robot.dq
-        robot._motion = robot.motion._replace(q=robot.q, dq=robot.dq)
         with pytest.raises(CtcError) as error:
             closed_loop.simulate(config, setup.controller, setup.reference, robot=robot)
         said.append(str(error.value))
