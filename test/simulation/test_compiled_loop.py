@@ -31,6 +31,7 @@ from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.simulation import closed_loop
 from ctc_chattering.simulation.closed_loop import Event, Run
 from ctc_chattering.simulation.plant import Plant
+from ctc_chattering.simulation.sensor import Measured
 from ctc_chattering.trajectory.waypoints import Route
 from machine_code import compile_runs
 import numpy as np
@@ -187,10 +188,11 @@ def ends_of(setup: Setup, speed: float) -> list[str]:
     compile_runs(setup)
     said = []
     for compiled in (False, True):
-        config = setup.plant.changed({
-            'compiled': compiled, 'initial_position': [0.1, 0.2],
-            'initial_velocity': [speed, speed]})
-        robot = Plant(config, TwoLink())
+        config = setup.plant.changed({'compiled': compiled})
+        robot, q, dq = Plant(config, TwoLink()), np.array((0.1, 0.2)), np.full(2, speed)
+        robot._begin(config, robot.state._replace(
+            motion=robot.state.motion._replace(q=q, dq=dq), shown=Measured(q, dq)),
+            np.zeros((1, 2)))
         with pytest.raises(CtcError) as error:
             closed_loop.simulate(config, setup.controller, setup.reference, robot=robot)
         said.append(str(error.value))
