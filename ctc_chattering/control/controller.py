@@ -21,7 +21,7 @@ from itertools import chain, islice
 from math import isfinite
 from typing import Any, NamedTuple, NoReturn
 
-from ctc_chattering.arguments import checked, vector
+from ctc_chattering.arguments import vector
 from ctc_chattering.control.compiled_step import CompiledStep
 from ctc_chattering.control.control_step import (
     control_memory,
@@ -36,9 +36,8 @@ from ctc_chattering.control.evaluation import Arrival, control_settings, Control
 from ctc_chattering.control.handover import taken_over
 from ctc_chattering.control.laws.base import Law, law_class
 from ctc_chattering.dynamics.arm import Arm, arm_of
-from ctc_chattering.dynamics.model import Model
+from ctc_chattering.dynamics.model import Model, Scaled
 from ctc_chattering.dynamics.registry import model_of
-from ctc_chattering.dynamics.scaled_model import Scaled
 from ctc_chattering.errors import CtcError, ParameterError, refused_as
 from ctc_chattering.numerics.linear_algebra import Array, Vector
 from ctc_chattering.numerics.machine_code import MACHINE_CODE, PLAIN_PYTHON
@@ -130,7 +129,6 @@ class Controller:
 
     """
 
-    @checked(config=ControllerConfig, model=(Model, type(None)))
     def __init__(self, config: ControllerConfig, model: Model | None = None) -> None:
         n = len(config.joint_names)
         self.model = known = model or model_of(config)
@@ -168,7 +166,6 @@ class Controller:
         with refused_as(f'the law {config.law} cannot be made'):
             self._successor(config)
 
-    @checked(config=ControllerConfig)
     def configure(self, config: ControllerConfig) -> None:
         """
         Use other gains or another law from the next step on.

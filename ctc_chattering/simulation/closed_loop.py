@@ -21,10 +21,8 @@ from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 import dataclasses
 from itertools import chain
-from numbers import Real
 from typing import Any
 
-from ctc_chattering.arguments import check_each, checked
 from ctc_chattering.control.controller import Controller, ControllerConfig, Sample
 from ctc_chattering.controller.trips import joint_beyond
 from ctc_chattering.dynamics.model import Model
@@ -46,16 +44,14 @@ from ctc_chattering.simulation.plant import diverged, Plant
 from ctc_chattering.simulation.plant_config import PlantConfig
 from ctc_chattering.simulation.registry import make_plant
 from ctc_chattering.trajectory.buffer import Point
-from ctc_chattering.trajectory.reference import make_motion, ReferenceConfig
-from ctc_chattering.trajectory.reference_table import reference_table
-from ctc_chattering.trajectory.waypoints import Route
+from ctc_chattering.trajectory.motions import Route
+from ctc_chattering.trajectory.reference import make_motion, reference_table, ReferenceConfig
 import numpy as np
 import numpy.typing as npt
 
 Array = npt.NDArray[np.float64]
 
 
-@checked(time=Real, node=str, values=Mapping)
 @dataclasses.dataclass(frozen=True)
 class Event:
     """
@@ -82,8 +78,6 @@ class Event:
             raise ParameterError('node', self.node, 'plant | controller')
 
 
-@checked(**dict.fromkeys(('t', 'q', 'dq', 'q_d', 'dq_d', 'ddq_d', 'tau', 'v'), np.ndarray),
-         compiled=bool)
 @dataclasses.dataclass(frozen=True)
 class Run:
     """
@@ -143,9 +137,6 @@ class Run:
         return self.dq_d - self.dq
 
 
-@checked(plant=PlantConfig, controller=ControllerConfig, reference=ReferenceConfig,
-         events=Sequence, truth=bool, route=(Route, type(None)), robot=(Plant, type(None)),
-         model=(Model, type(None)))
 @np.errstate(all='ignore')  # What overflows shows in the torque.
 def simulate(plant: PlantConfig, controller: ControllerConfig, reference: ReferenceConfig,
              events: Sequence[Event] = (),
@@ -182,7 +173,7 @@ def simulate(plant: PlantConfig, controller: ControllerConfig, reference: Refere
         exceeds `error_limit`, or the waypoints are not allowed.
 
     """
-    _check_agreement(plant, controller, reference, events)
+    _check_agreement(plant, controller, reference)
     if not (progress is None or callable(progress)):
         raise ParameterError('progress', progress, 'None or a function of the time [s]')
     if plant.duration <= 0.0:
@@ -290,9 +281,8 @@ def _beyond(config: ControllerConfig, joint: int, t: float, error: float) -> str
 
 
 def _check_agreement(plant: PlantConfig, controller: ControllerConfig,
-                     reference: ReferenceConfig, events: Sequence[Event]) -> None:
+                     reference: ReferenceConfig) -> None:
     """Raise `ParameterError` if the configurations are not for the same loop."""
-    check_each('events', events, Event)
     if controller.joint_names != plant.joint_names:
         raise ParameterError('joint_names of the controller', controller.joint_names,
                              f'those of the plant, {list(plant.joint_names)}')

@@ -25,7 +25,6 @@ from math import ceil, inf, isfinite
 from random import Random
 from typing import Any
 
-from ctc_chattering.arguments import checked
 from ctc_chattering.dynamics.arm import Arm, arm_of
 from ctc_chattering.dynamics.elastic_model import Elastic
 from ctc_chattering.dynamics.model import Model
@@ -139,7 +138,6 @@ class Plant:
 
     """
 
-    @checked(config=PlantConfig, model=(Model, type(None)))
     def __init__(self, config: PlantConfig, model: Model | None = None) -> None:
         self.model = self._coupled = model or model_of(config)
         self.n, self.k = len(config.joint_names), 0
@@ -188,7 +186,6 @@ class Plant:
         """Return what plain Python moves."""
         return Mechanism(self._coupled, self.own, mechanics, self._joints)
 
-    @checked(config=PlantConfig)
     def configure(self, config: PlantConfig) -> None:
         """Use another friction or disturbance from the next step on."""
         state = self._stepper.state

@@ -179,8 +179,8 @@ def assert_changes(table: str, outcomes: list[Outcome]) -> None:
 
 
 def assert_documented(outcomes: list[Outcome], tolerance: float) -> None:
-    """Compare the columns of a robot in docs/robots.md, which are of MuJoCo's plant."""
-    page = (CONFIG.parent / 'docs' / 'robots.md').read_text(encoding='utf-8')
+    """Compare the columns of a robot in validation/README.md, which are of MuJoCo's plant."""
+    page = (CONFIG.parent / 'validation' / 'README.md').read_text(encoding='utf-8')
     table = page[page.index('| law | switching |'):].split('\n\n')[0].replace('`', '')
     rows = {tuple(row[:3]): row[3:] for row in map(cells, table.splitlines()[2:])}
     assert list(rows) == variants([law for law in LAWS if law not in RIVALS])
