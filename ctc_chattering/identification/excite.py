@@ -59,7 +59,7 @@ _SMALLER = (1.0, 0.7, 0.5, 0.35, 0.25, 0.15)
 _COARSE, _SAMPLES = 0.1, 1200
 #: Step in which distances are checked at first and at the end [s], by how much a motion shrinks
 #: that is too near then, and how often it may.
-_STEP, CHECK, _SHRINK, _TIMES = 0.025, 0.002, 0.98, 50
+_STEP, CHECK, _SHRINK, _TIMES = 0.025, 0.005, 0.98, 50
 #: Part of a largest torque that is used, since it is computed in steps [s].
 _TORQUE, _TORQUE_STEP = 0.97, 0.05
 #: Step in which a motion is evaluated for what is reported [s].
@@ -339,7 +339,7 @@ class Plan:
     checked : Checked
         Distances of links.
     near : Approach or None
-        Where links have the least to spare, of samples of 2 ms.
+        Where links have the least to spare, of samples of 5 ms.
     kp, kv : ndarray
         Gains to play it with [1/s², 1/s]; of a matrix in the file, the diagonal counts.
     hold : ndarray

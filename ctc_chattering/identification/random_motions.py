@@ -28,6 +28,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 import dataclasses
+from functools import partial
 from math import ceil, inf, isfinite, pi, sqrt
 from typing import Any, ClassVar, NamedTuple
 
@@ -632,10 +633,10 @@ class Regression:
 
 def _columns_of(model: Model) -> Columns:
     """Return the function that has the columns of a model."""
-    def one(q: Array, dq: Array, ddq: Array) -> Array:
-        if isinstance(model, LinearModel):
-            return model.torque_regressor(q, dq, ddq, np.array([0.0, 0.0, -model.gravity]))
-        return _parts(model, q, dq, ddq)
+    one: Callable[[Array, Array, Array], Array] = partial(_parts, model)
+    if isinstance(model, LinearModel):
+        down = np.array([0.0, 0.0, -model.gravity])
+        one = partial(model.torque_regressor, gravity=down)
     return lambda q, dq, ddq: np.array([one(*state) for state in zip(q, dq, ddq)])
 
 
