@@ -26,7 +26,6 @@ from collections.abc import Sequence
 from contextlib import closing
 from pathlib import Path
 
-from ctc_chattering.arguments import check_each, checked
 from ctc_chattering.bags.command_times import answers
 from ctc_chattering.bags.recording import Indices, RecordedMotion, Recording
 from ctc_chattering.bags.repair import open_bag
@@ -61,7 +60,6 @@ _LIKE_MOTION = 0.05
 _COMPARED = 20_000
 
 
-@checked(path=(str, Path), joints=Sequence, description=str, states=str, commands=str, model=str)
 def read_motion(path: str | Path, joints: Sequence[str] = (), description: str = '',
                 states: str = JOINT_STATES, commands: str = COMMANDS, model: str = ''
                 ) -> RecordedMotion:
@@ -97,7 +95,6 @@ def read_motion(path: str | Path, joints: Sequence[str] = (), description: str =
 
     """
     path = Path(path)
-    check_each('joints', joints, str)
     if len(set(joints)) < len(joints):
         twice = next(name for name, count in Counter(joints).items() if count > 1)
         raise CtcError(f'--joints: {twice} is given more than once')

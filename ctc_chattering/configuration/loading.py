@@ -16,11 +16,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from ctc_chattering.arguments import checked
 from ctc_chattering.configuration.loop_setup import check_overrides, Overrides, Setup
 from ctc_chattering.configuration.node_parameters import NODES
 from ctc_chattering.configuration.package_share import find_config
@@ -103,7 +101,6 @@ def _shown(value: float | tuple[float, ...]) -> str:
     return f'{values[0]:g}' if len(set(values)) == 1 else '/'.join(f'{x:g}' for x in values)
 
 
-@checked(path=(str, Path), overrides=(Mapping, type(None)), gains=(str, type(None)))
 def load_parameters(path: str | Path = 'friction', overrides: Overrides | None = None,
                     gains: str | None = None) -> Setup:
     """

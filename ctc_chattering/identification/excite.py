@@ -19,12 +19,11 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping, Sequence
 import dataclasses
 from math import inf
-from numbers import Real
 from pathlib import Path
 from typing import Any
 
 from ctc_chattering.analysis.output import prepare
-from ctc_chattering.arguments import check_each, checked, vector, whole
+from ctc_chattering.arguments import vector, whole
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.configuration.loop_setup import Setup, Values
 from ctc_chattering.configuration.trajectory_file import write_trajectory
@@ -382,8 +381,6 @@ def request_of(setup: Setup, values: Values) -> ExcitationConfig:
         'center': [center[name] for name in names], **values})
 
 
-@checked(setup=Setup, request=(Mapping, type(None)), friction=(Sequence, type(None)), srdf=str,
-         floor=(Real, type(None)), joints=Sequence)
 def excite(setup: Setup, request: Mapping[str, Any] | None = None,
            friction: Sequence[float] | None = None, evaluations: int = 200, seed: int = 0,
            srdf: str = '', floor: float | None = None, joints: Sequence[str] = ()) -> Plan:
@@ -421,7 +418,6 @@ def excite(setup: Setup, request: Mapping[str, Any] | None = None,
 
     """
     evaluations, seed = whole('evaluations', evaluations, 1), whole('seed', seed, 0)
-    check_each('joints', joints, str)
     config = request_of(setup, dict(request or {}))
     names, plant, controller = config.joint_names, setup.plant, setup.controller
     for name in joints:
@@ -524,7 +520,6 @@ def write(found: Plan, sections: Mapping[str, Values], out: Path) -> None:
     parameter_file.load(out / RUN)
 
 
-@checked(found=Plan, setup=Setup, out=(str, Path))
 def write_excitation(found: Plan, setup: Setup, out: str | Path) -> None:
     """
     Write a motion, and a parameter file that plays it.
