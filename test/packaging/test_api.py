@@ -33,7 +33,7 @@ import pytest
 
 ROOT = Path(ctc_chattering.__file__).parent
 #: Each imports only what stands before it.
-ORDER = ('errors', 'arguments', 'parameters', 'numerics', 'dynamics', 'trajectory', 'control',
+ORDER = ('errors', 'parameters', 'numerics', 'dynamics', 'trajectory', 'control',
          'controller', 'simulation', 'configuration', 'analysis', 'ros', 'bags', 'identification',
          'nodes', 'launch', 'runs', 'live', 'cli')
 #: These know nothing of ROS.
