@@ -227,6 +227,8 @@ class Controller:
 
     def compiled_step(self) -> CompiledStep | None:
         """Return the step from now on as machine code takes it; None where it cannot."""
+        if isinstance(self._stepper, CompiledStep):
+            return self._stepper
         return self._compiled(self.memories)
 
     @property
