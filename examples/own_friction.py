@@ -21,7 +21,7 @@ In the parameter file, with this folder on PYTHONPATH::
       ros__parameters: {friction_model: 'own_friction:Hyperbolic', coulomb_friction: [12.0, 12.0]}
 
 ``coulomb_friction`` is what holds a joint at rest; here a sliding joint loses up to 3 N·m of it.
-`each` calls a function of numbers joint by joint; marked, all this runs compiled as well.
+Arrays are arrays of shape (n,); marked, all this runs compiled as well.
 """
 
 from __future__ import annotations
@@ -29,15 +29,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from ctc_chattering.numerics.compilable import each, function, record
+from ctc_chattering.numerics.compilable import record
+import numpy as np
+import numpy.typing as npt
 
-Vector = Sequence[float]
-
-
-@function
-def fallen(velocity: float, mode: float, fall: float, speed: float) -> float:
-    """Return the friction of one joint less that near rest [N·m]."""
-    return -mode * fall * abs(velocity) / (abs(velocity) + speed)
+Array = npt.NDArray[np.float64]
 
 
 @record
@@ -45,14 +41,14 @@ class Hyperbolic(NamedTuple):
     """Parameters, joint by joint."""
 
     #: What is lost at high velocity [N·m]; velocity at which half of it is lost [rad/s].
-    fall: Vector
-    speed: Vector
+    fall: Array
+    speed: Array
 
     @classmethod
     def made(cls, joint_names: Sequence[str]) -> Hyperbolic:
         """Return the friction of a robot with these joints."""
-        return cls([3.0] * len(joint_names), [0.05] * len(joint_names))
+        return cls(np.full(len(joint_names), 3.0), np.full(len(joint_names), 0.05))
 
-    def resistance(self, velocity: Vector, _load: Vector, mode: Vector) -> Vector:
+    def resistance(self, velocity: Array, _load: Array, mode: Array) -> Array:
         """Return friction beyond that of the parameters; see `NoFriction.resistance`."""
-        return each(fallen, velocity, mode, self.fall, self.speed)
+        return -mode * self.fall * np.abs(velocity) / (np.abs(velocity) + self.speed)

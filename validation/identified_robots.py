@@ -32,7 +32,6 @@ from ctc_chattering.simulation.closed_loop import Run, simulate
 from ctc_chattering.simulation.plant import Plant
 from ctc_chattering.simulation.plant_config import PlantConfig
 from ctc_chattering.simulation.registry import make_plant
-from ctc_chattering.simulation.simulated_robot import Robot
 from ctc_chattering.trajectory.motions import Route
 from ctc_chattering.trajectory.reference import ReferenceConfig
 from mujoco_plant import MujocoPlant
@@ -172,7 +171,7 @@ def record(name: str, seed: int, duration: float = 60.0, *, backend: str = 'buil
         **(plant or {})})
     law = ControllerConfig.from_mapping({**common, 'law': 'compensation', **(controller or {})})
     model = model_of(law, robot.urdf)
-    body: Robot
+    body: Plant
     if isinstance(truth, Model):
         body = Plant(config, truth)
     elif backend == 'mujoco':

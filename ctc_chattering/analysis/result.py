@@ -40,8 +40,8 @@ from ctc_chattering.errors import CtcError, ParameterError
 from ctc_chattering.numerics.gaps import missing
 from ctc_chattering.simulation import closed_loop
 from ctc_chattering.simulation.closed_loop import Array, Run
+from ctc_chattering.simulation.plant import Plant
 from ctc_chattering.simulation.registry import make_plant
-from ctc_chattering.simulation.simulated_robot import Robot
 import numpy as np
 import numpy.typing as npt
 
@@ -296,7 +296,7 @@ class Result(RunAttributes):
 
 
 def simulate(setup: Setup, progress: Callable[[float], None] | None = None, truth: bool = False,
-             robot: Robot | None = None, model: Model | None = None) -> Result:
+             robot: Plant | None = None, model: Model | None = None) -> Result:
     """
     Simulate the closed loop without ROS: the same run as that of the nodes in lockstep.
 
@@ -308,7 +308,7 @@ def simulate(setup: Setup, progress: Callable[[float], None] | None = None, trut
         Called at intervals with the simulated time [s].
     truth : bool
         Record the true state in place of the one that the sensors show.
-    robot : Robot, optional
+    robot : Plant, optional
         At its start, such as a `Plant`; in place of the one that `setup.plant` describes.
     model : Model, optional
         Of the controller, in place of the one that its configuration names.

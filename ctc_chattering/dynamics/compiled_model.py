@@ -20,7 +20,7 @@ from typing import Any, NamedTuple
 
 from ctc_chattering.dynamics import tree, two_link
 from ctc_chattering.dynamics.arm import Arm, body_scratch
-from ctc_chattering.numerics.compilable import dot, function, record, solve_where, truths
+from ctc_chattering.numerics.compilable import function, record, solve
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.numerics.machine_code import Call, Code, invoke
 from ctc_chattering.numerics.records import numpy_record, packed, record_of, value, write
@@ -56,16 +56,6 @@ class CompiledModel(NamedTuple):
         invoke(self.call.function, self.call.places)
         return value(s.M), value(s.bias)
 
-    def forward_dynamics(self, q: Any, dq: Any, u: Any, fixed_joints: int) -> Any:
-        """Return ddq; see `Model.forward_dynamics`."""
-        M, bias = self.mass_and_bias(q, dq)
-        return solve_where(~truths(fixed_joints, u), M, u - bias)
-
-    def reaction(self, q: Any, dq: Any, u: Any, fixed_joints: int) -> Any:
-        """Return what holds fixed joints; see `Model.reaction`."""
-        M, bias = self.mass_and_bias(q, dq)
-        return u - bias - dot(M, solve_where(~truths(fixed_joints, u), M, u - bias))
-
 
 @record
 class EvaluatedModel(NamedTuple):
@@ -84,7 +74,8 @@ class EvaluatedModel(NamedTuple):
 
     def forward(self, q: Any, dq: Any, u: Any) -> Any:
         """Return ddq, as `Model.forward` does."""
-        return self.model.forward_dynamics(q, dq, u, 0)
+        M, bias = self.model.mass_and_bias(q, dq)
+        return solve(M, u - bias)
 
 
 class CompiledArm:

@@ -105,17 +105,6 @@ class Elastic(Model):
         return [*self._model.forward_dynamics(
             q[:links], dq[:links], load, fixed_joints & (1 << links) - 1), *motors]
 
-    def on_motors(self, values: Vector, of_links: float = 0.0) -> Vector:
-        """Return values of the joints as those of their motors; links have another one."""
-        result = [of_links] * self.n
-        for i, value in zip(self.motors, values):
-            result[i] = value
-        return result
-
-    def on_links(self, values: Vector) -> Vector:
-        """Return values of the joints as those of their links; 0 for motors."""
-        return [*values, *[0.0] * len(self._springs)]
-
     def start(self, q: Vector, dq: Vector) -> tuple[list[float], list[float]]:
         """
         Return coordinates and velocities at which the springs carry the weight.

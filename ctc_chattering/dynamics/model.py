@@ -95,15 +95,11 @@ class Model(ABC):
         values: list[float] = ddq.tolist()
         return values
 
-    def reaction(self, q: Vector, dq: Vector, u: Vector, fixed_joints: int) -> Vector:
-        """Return the torque that holds fixed joints still against `u`, shape (n,) [N·m]."""
-        need = self.inverse_dynamics(q, dq, self.forward_dynamics(q, dq, u, fixed_joints))
-        return [x - y for x, y in zip(u, need)]
-
-    def mass_and_bias(self, q: Vector, dq: Vector) -> tuple[Array, Array]:
+    def mass_and_bias(self, q: Array, dq: Array) -> tuple[Array, Array]:
         """Return M(q) and C(q, dq) dq + G(q) as arrays, shapes (n, n) and (n,)."""
-        return (np.array(self.mass_matrix(q), float),
-                np.array(self.inverse_dynamics(q, dq, (0.0,) * self.n), float))
+        at, speed = q.tolist(), dq.tolist()
+        return (np.array(self.mass_matrix(at), float),
+                np.array(self.inverse_dynamics(at, speed, (0.0,) * self.n), float))
 
 
 @runtime_checkable

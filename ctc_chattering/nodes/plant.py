@@ -32,9 +32,9 @@ from ctc_chattering.ros.node import ERROR, OK, qos, Status, WARN
 from ctc_chattering.ros.serialization import EffortReader, Efforts, StateWriter
 from ctc_chattering.ros.subscription import ValidatedSubscription
 from ctc_chattering.ros.topics import CLOCK, COMMANDS, JOINT_STATES
+from ctc_chattering.simulation.plant import Plant
 from ctc_chattering.simulation.plant_config import PlantConfig
 from ctc_chattering.simulation.registry import limits_of, make_plant
-from ctc_chattering.simulation.simulated_robot import Robot
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
@@ -60,7 +60,7 @@ class PlantNode(LoopNode[PlantConfig, PlantSettings]):
         if config.pacing == 'real_time' and self.get_parameter('use_sim_time').value:
             raise UsageError('use_sim_time: true contradicts real_time, the pacing: the plant '
                              'gives the time itself, in lockstep on clock')
-        self._robot: Robot  # Once it is known: see `begin`.
+        self._robot: Plant  # Once it is known: see `begin`.
         self._period = period_ns(config.control_period)
         self._last = samples(config.duration, self._period)
         self._clock_every = max(

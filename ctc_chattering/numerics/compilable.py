@@ -20,24 +20,19 @@ vectors are arrays of shape (n,), their matrices arrays of shape (n, n). Compile
 vector is one value of the processor, and the same text runs without an array being made.
 
 Such code uses on vectors: arithmetic, comparisons, ``&``, ``|``, ``[i]``, ``.all()``, ``.any()``,
-``.max()``, `numpy.abs`, `sign`, `sqrt`, `cbrt`, `exp`, `tanh`, `minimum`, `maximum` and `where`,
-and the functions of this module. It changes nothing in place: memory goes in and comes out as a
-record. The one exception are rows that outlive a call: of an array of shape (k, n), ``rows[i]``
-is a vector and ``rows[i] = x`` sets it.
-
-The plant has many operations on few numbers: its vectors are lists, on which plain Python is
-faster than with small arrays. Its code uses ``[i]``, ``in``, `each`, `uniform`, `along`, `least`,
-`bits` and `exchanged`.
+``.max()``, ``.min()``, `numpy.abs`, `sign`, `sqrt`, `cbrt`, `exp`, `sin`, `tanh`, `rint`,
+`minimum`, `maximum` and `where`, and the functions of this module. It changes nothing in place:
+memory goes in and comes out as a record, with other fields by ``record._replace(name=value)``.
+The one exception are rows that outlive a call: of an array of shape (k, n), ``rows[i]`` is a
+vector and ``rows[i] = x`` sets it.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
-from itertools import repeat
-from math import inf
+from collections.abc import Callable
 from typing import Any, TypeVar
 
-from ctc_chattering.numerics.linear_algebra import Array, Vector
+from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
 import numpy.typing as npt
 
@@ -151,46 +146,3 @@ def replaced(x: Array, i: int, value: float) -> Array:
     y: Array = x.copy()
     y[i] = value
     return y
-
-
-def each(scalar: Callable[..., float], *vectors: Vector | Iterable[float]) -> Vector:
-    """Return the function of numbers `scalar`, marked or of `operator`, joint by joint, (n,)."""
-    return list(map(scalar, *vectors))
-
-
-def uniform(x: float) -> Iterable[float]:
-    """Return the same number for every joint, for `each`."""
-    return repeat(x)
-
-
-def along(x: Vector, step: float, direction: Vector) -> Vector:
-    """Return x + step direction, shape (n,)."""
-    if len(x) == 2:  # Written out, this takes a quarter of the time.
-        return [x[0] + step * direction[0], x[1] + step * direction[1]]
-    return [a + step * b for a, b in zip(x, direction)]
-
-
-def least(x: Vector) -> float:
-    """Return the least element that is a number, inf for none."""
-    return min(inf, *x)
-
-
-def bits(x: Vector) -> int:
-    """Return the number whose bit i is set where element i is not 0."""
-    return sum(1 << i for i, a in enumerate(x) if a)
-
-
-def truths(number: int, x: Vector) -> Truths:
-    """Return which bits of `bits` are set, one for each element of x, shape (n,)."""
-    return np.array([bool(number >> i & 1) for i in range(len(x))])
-
-
-def exchanged(rows: list[Vector], i: int, x: Vector) -> Vector:
-    """Put x into a row of memory that is handed on, and return what was there, shape (n,)."""
-    before, rows[i] = rows[i], x
-    return before
-
-
-def array(x: Vector) -> Array:
-    """Return what is a list in the plant as an array, shape (n,)."""
-    return np.array(x)

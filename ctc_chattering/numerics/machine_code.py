@@ -152,6 +152,10 @@ class Call:
         self.places = np.array(list(_places(arguments)), np.int64)
         self._call = _prepared(self.function, self.places.ctypes.data)
 
+    def place_of(self, argument: int) -> int:
+        """Return where among `places` those of an argument begin."""
+        return sum(1 for x in self._kept[:argument] for _ in _places(x))
+
     def __call__(self) -> int:
         """Call it."""
         return self._call()

@@ -48,13 +48,6 @@ def load(fields: Any) -> Any:
     return made('')
 
 
-def in_lists(record: Any) -> Any:
-    """Return a record with lists of numbers in place of arrays."""
-    return type(record)(*(
-        in_lists(x) if isinstance(x, tuple) else x.tolist() if isinstance(x, np.ndarray) else x
-        for x in record))
-
-
 def store(fields: Any, value: Any) -> None:
     """Write a record back into the fields that it was loaded from."""
     for name, x in zip(_names(_form(value), ''), _leaves(value)):

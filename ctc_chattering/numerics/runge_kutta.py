@@ -19,22 +19,21 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from ctc_chattering.numerics.compilable import along, function
-from ctc_chattering.numerics.linear_algebra import Vector
+from ctc_chattering.numerics.compilable import function
+from ctc_chattering.numerics.linear_algebra import Array
 
-Load = tuple[Vector, Vector, Vector]
+Load = tuple[Array, Array, Array]
 
 
 @function
-def simpson(x: Vector, sixth: float, k1: Vector, k2: Vector, k3: Vector, k4: Vector) -> Vector:
+def simpson(x: Array, sixth: float, k1: Array, k2: Array, k3: Array, k4: Array) -> Array:
     """Return x + sixth (k1 + 2 (k2 + k3) + k4), shape (n,)."""
-    middle = along(k1, 2.0, along(k2, 1.0, k3))
-    return along(x, sixth, along(middle, 1.0, k4))
+    return x + sixth * (k1 + 2.0 * (k2 + k3) + k4)
 
 
 @function
-def step(f: Callable[[Any, Vector, Vector, Vector], Vector], system: Any, q: Vector, dq: Vector,
-         load: Load, h: float) -> tuple[Vector, Vector]:
+def step(f: Callable[[Any, Array, Array, Array], Array], system: Any, q: Array, dq: Array,
+         load: Load, h: float) -> tuple[Array, Array]:
     """
     Return q and dq after `h`, to fourth order.
 
@@ -44,7 +43,7 @@ def step(f: Callable[[Any, Vector, Vector, Vector], Vector], system: Any, q: Vec
         ddq = f(system, q, dq, u).
     system : Any
         Handed on to `f`.
-    q, dq : sequence of float, shape (n,)
+    q, dq : array, shape (n,)
         Position [rad] and velocity [rad/s].
     load : (u(t), u(t + h/2), u(t + h))
         Torques, each of shape (n,) [N·m].
@@ -54,10 +53,10 @@ def step(f: Callable[[Any, Vector, Vector, Vector], Vector], system: Any, q: Vec
     """
     half = 0.5 * h
     a = f(system, q, dq, load[0])
-    v2 = along(dq, half, a)
-    b = f(system, along(q, half, dq), v2, load[1])
-    v3 = along(dq, half, b)
-    c = f(system, along(q, half, v2), v3, load[1])
-    v4 = along(dq, h, c)
-    d = f(system, along(q, h, v3), v4, load[2])
+    v2 = dq + half * a
+    b = f(system, q + half * dq, v2, load[1])
+    v3 = dq + half * b
+    c = f(system, q + half * v2, v3, load[1])
+    v4 = dq + h * c
+    d = f(system, q + h * v3, v4, load[2])
     return simpson(q, h / 6.0, dq, v2, v3, v4), simpson(dq, h / 6.0, a, b, c, d)

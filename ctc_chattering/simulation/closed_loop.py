@@ -29,11 +29,20 @@ from ctc_chattering.dynamics.model import Model
 from ctc_chattering.errors import CtcError, ParameterError
 from ctc_chattering.numerics.linear_algebra import Vector
 from ctc_chattering.numerics.time_grid import period_ns, samples, seconds
-from ctc_chattering.simulation.compiled_loop import BEYOND, CompiledLoop, DIVERGED, FINISHED
-from ctc_chattering.simulation.plant import Plant
+from ctc_chattering.simulation.compiled_loop import (
+    BEYOND,
+    CompiledLoop,
+    DIVERGED,
+    DQ,
+    FILTERED,
+    FINISHED,
+    Q,
+    SENT,
+    STAMP,
+)
+from ctc_chattering.simulation.plant import diverged, Plant
 from ctc_chattering.simulation.plant_config import PlantConfig
 from ctc_chattering.simulation.registry import make_plant
-from ctc_chattering.simulation.simulated_robot import diverged, Robot
 from ctc_chattering.trajectory.buffer import Point
 from ctc_chattering.trajectory.motions import Route
 from ctc_chattering.trajectory.reference import make_motion, reference_table, ReferenceConfig
@@ -132,7 +141,7 @@ class Run:
 def simulate(plant: PlantConfig, controller: ControllerConfig, reference: ReferenceConfig,
              events: Sequence[Event] = (),
              progress: Callable[[float], None] | None = None, truth: bool = False,
-             route: Route | None = None, robot: Robot | None = None,
+             route: Route | None = None, robot: Plant | None = None,
              model: Model | None = None) -> Run:
     """
     Return the samples of the closed loop from t = 0 to the plant's `duration`, both included.
@@ -152,7 +161,7 @@ def simulate(plant: PlantConfig, controller: ControllerConfig, reference: Refere
         Record the true state in place of the one that the sensors show, as a bag has it.
     route : Route, optional
         Waypoints in place of the reference's sinusoid.
-    robot : Robot, optional
+    robot : Plant, optional
         At its start, made from `plant`; in place of the one that `plant` describes.
     model : Model, optional
         Of the controller, in place of the one that its configuration names.
@@ -225,21 +234,19 @@ def simulate(plant: PlantConfig, controller: ControllerConfig, reference: Refere
     return Run(table[:, 0], q, dq, q_d, dq_d, ddq_d, tau_sent, v)
 
 
-def compiled_loop_of(robot: Robot, law: Controller, truth: bool = False) -> CompiledLoop | None:
+def compiled_loop_of(robot: Plant, law: Controller, truth: bool = False) -> CompiledLoop | None:
     """
     Return the loop as machine code takes it, before its first sample; None where it cannot.
 
     It may have to be compiled first.
     """
-    if not isinstance(robot, Plant):
-        return None
     step, plant_step = law.compiled_step(), robot.compiled_step()
     if step is None or plant_step is None:
         return None
     return CompiledLoop(robot, plant_step, step, truth)
 
 
-def _run_of(loop: CompiledLoop, table: Array, robot: Robot, law: Controller, truth: bool
+def _run_of(loop: CompiledLoop, table: Array, robot: Plant, law: Controller, truth: bool
             ) -> Run:
     """Run machine code under a reference; raise `CtcError` as `simulate` says."""
     period, config = period_ns(robot.config.control_period), law.config
@@ -252,16 +259,16 @@ def _run_of(loop: CompiledLoop, table: Array, robot: Robot, law: Controller, tru
     if end != FINISHED:
         q, dq = loop.measured.tolist()
         raise CtcError(_no_torque(t, q, dq))
-    at = np.rint(rows[:, 0, 0] / period).astype(int)
+    at = np.rint(rows[:, STAMP, 0] / period).astype(int)
     q_d, dq_d, ddq_d = table[at].transpose(1, 0, 2)
-    stamps = rows[:, 0, 0].astype(int)
+    stamps = rows[:, STAMP, 0].astype(int)
     if truth:
         stamps = at * period
     elif (stamps != at * period).any():
         s = (stamps - at * period)[:, np.newaxis] / 1e9
         q_d, dq_d = q_d + s * (dq_d + 0.5 * s * ddq_d), dq_d + s * ddq_d
-    return Run(stamps / 1e9, rows[:, 1], rows[:, 2], q_d, dq_d, ddq_d, rows[:, 3],
-               rows[:, 4], compiled=True)
+    return Run(stamps / 1e9, rows[:, Q], rows[:, DQ], q_d, dq_d, ddq_d, rows[:, SENT],
+               rows[:, FILTERED], compiled=True)
 
 
 def _no_torque(t: float, q: Vector, dq: Vector) -> str:
@@ -299,7 +306,7 @@ def _step(law: Controller, stamp: int, at: int, q: Vector, dq: Vector, point: Po
     return sample
 
 
-def _apply(event: Event, robot: Robot, law: Controller) -> None:
+def _apply(event: Event, robot: Plant, law: Controller) -> None:
     if event.node == 'plant':
         robot.configure(robot.config.changed(event.values))
     else:

@@ -35,15 +35,17 @@ import numpy as np
 #: How a run ends, and the sample: at its end, without a finite torque, with a position error
 #: beyond its limit (and its joint), with a state that is not finite.
 FINISHED, NO_TORQUE, BEYOND, DIVERGED = range(4)
+#: Rows of a sample.
+STAMP, Q, DQ, SENT, FILTERED = range(5)
 
 
 class Control(NamedTuple):
     """The control step and that of the plant, which machine code calls by their addresses."""
 
-    #: Addresses of the functions and of their arguments' places, of the reference and its rows.
+    #: Addresses of the functions and of their arguments' places; of the reference with the length
+    #: of a row, and of the plant's input; where among the places the addresses of these two are.
     step: Any
-    #: Places of their arguments: the last but one that of the reference, the last that of the
-    #: plant's input.
+    #: Places of the arguments of both.
     places: Array
     plant_places: Array
     #: As of `CompiledStep`.
@@ -87,7 +89,8 @@ class CompiledLoop:
         self.measured, self.error, self._step = step.measured, step.made[E], step
         self._plant, self._plant_step, n = plant, plant_step, plant.n
         zero = np.array(0)
-        addresses = 'function', 'places', 'points', 'stride', 'plant', 'plant_places', 'given'
+        addresses = ('function', 'places', 'points', 'stride', 'points_place', 'plant',
+                     'plant_places', 'given', 'given_place')
         self._called = numpy_record(dict.fromkeys(addresses, zero))
         self._result = numpy_record(
             {'rows': zero, 'last': zero, 'joint': zero, 'truth': np.array(int(truth))})
@@ -131,8 +134,9 @@ class CompiledLoop:
         out = np.empty((len(given), 5, self._plant.n))
         called.function, called.places = call.function, call.places.ctypes.data
         called.plant, called.plant_places = plant.function, plant.places.ctypes.data
-        called.given = given.ctypes.data
+        called.given, called.given_place = given.ctypes.data, plant.place_of(1)
         called.points, called.stride = table.ctypes.data, table.strides[0]
+        called.points_place = call.place_of(1)
         end = Call(self.code, self._arguments(
             error_limit, given, out, call.places, plant.places))()
         self.commanded = self._plant_step.records.state.driven__commanded
@@ -185,7 +189,7 @@ def run(p: CompiledPlant, c: Control, given: Any, out: Array, result: Any) -> in
         else:
             for i in range(n):
                 c.measured[0, i], c.measured[1, i] = s.shown__q[i], s.shown__dq[i]
-            c.places[len(c.places) - 2] = c.step.points + k * c.step.stride
+            c.places[c.step.points_place] = c.step.points + k * c.step.stride
             stamp = k * period + round(1e9 * s.offset)
             missed, offset = periods(period, offset, stamp - before)
             for j in range(missed, -1, -1):
@@ -196,11 +200,11 @@ def run(p: CompiledPlant, c: Control, given: Any, out: Array, result: Any) -> in
             before = stamp
             row, total = out[result.rows], 0.0
             for i in range(n):
-                row[0, i], tau[i] = stamp, c.made[TAU, i]
-                row[1, i], row[2, i] = s.shown__q[i], s.shown__dq[i]
+                row[STAMP, i], tau[i] = stamp, c.made[TAU, i]
+                row[Q, i], row[DQ, i] = s.shown__q[i], s.shown__dq[i]
                 if result.truth:
-                    row[1, i], row[2, i] = s.motion__q[i], s.motion__dq[i]
-                row[3, i], row[4, i] = tau[i], c.made[V, i]
+                    row[Q, i], row[DQ, i] = s.motion__q[i], s.motion__dq[i]
+                row[SENT, i], row[FILTERED, i] = tau[i], c.made[V, i]
                 total += tau[i] + c.made[V, i]
             if not isfinite(total):
                 return NO_TORQUE
@@ -210,7 +214,7 @@ def run(p: CompiledPlant, c: Control, given: Any, out: Array, result: Any) -> in
                     return BEYOND
             result.rows += 1
         if k < last:
-            c.plant_places[len(c.plant_places) - 1] = c.step.given + k * given.itemsize
+            c.plant_places[c.step.given_place] = c.step.given + k * given.itemsize
             invoke(c.step.plant, c.step.plant_places)
             total = 0.0
             for i in range(n):

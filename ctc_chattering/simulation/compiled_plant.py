@@ -16,7 +16,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
 from typing import Any, NamedTuple
 
 from ctc_chattering.dynamics.arm import Arm
@@ -24,11 +23,25 @@ from ctc_chattering.dynamics.compiled_model import CompiledArm, CompiledModel
 from ctc_chattering.numerics.compilable import function
 from ctc_chattering.numerics.linear_algebra import Array, Vector
 from ctc_chattering.numerics.machine_code import Call, Code
-from ctc_chattering.numerics.records import in_lists, load, packed, store
-from ctc_chattering.simulation.motion import Mechanism
+from ctc_chattering.numerics.records import load, packed, rows, store
+from ctc_chattering.simulation.motion import Mechanism, Rigid
 from ctc_chattering.simulation.plant_step import PlantInput, PlantParameters, PlantState
 from ctc_chattering.simulation.plant_step import stepped as plant_step
 import numpy as np
+
+
+class Shown(NamedTuple):
+    """What is known of a sample without its whole state; lists of n floats."""
+
+    #: Position [rad] and velocity [rad/s], true and as measured.
+    q: Vector
+    dq: Vector
+    measured: tuple[Vector, Vector]
+    #: Torque of the drives [N·m].
+    torque: Vector
+    #: As of `PlantState`.
+    offset: float
+    lost_in_a_row: int
 
 
 class CompiledPlant(NamedTuple):
@@ -40,13 +53,13 @@ class CompiledPlant(NamedTuple):
     own: Any
     parameters: Any
     state: Any
-    #: Torques in transit, shape (delay, n) [N·m].
+    #: Torques in transit, shape (delay, n), at least one row [N·m].
     transit: Array
 
 
 def no_inputs(n: int, count: int) -> Any:
     """Return `count` records of `PlantInput` with zeros."""
-    zero = [0.0] * n
+    zero = np.zeros(n)
     return np.zeros(count, packed(PlantInput(zero, 0.0, 0.0, 0.0, zero, zero)).dtype)
 
 
@@ -62,8 +75,8 @@ class CompiledPlantStep:
         Own friction.
     parameters, state : PlantParameters, PlantState
         As they are now.
-    transit : sequence of (n,)
-        Torques in transit [N·m].
+    transit : array, shape (delay, n)
+        Torques in transit [N·m], at least one row.
 
     Attributes
     ----------
@@ -75,56 +88,52 @@ class CompiledPlantStep:
         `PlantInput` of the next sample.
     call : Call
         Goes on by a sample; only if there is machine code.
-    torque : array, shape (n,)
-        Of the drives now [N·m].
 
     """
 
     call: Call
 
     def __init__(self, arm: Arm, own: Any, parameters: PlantParameters, state: PlantState,
-                 transit: Sequence[Vector]) -> None:
+                 transit: Array) -> None:
         n = len(state.motion.q)
         self._arm, self.given = CompiledArm(arm, n), no_inputs(n, 1)[0]
         self.records = CompiledPlant(
             *self._arm.model, packed(own), packed(parameters), packed(state),
-            np.array(transit) if transit else np.zeros((1, n)))
+            transit.copy())
         arguments = (self.records, self.given)
         code = Code(stepped, arguments, f'plant-{n}')
         self.codes = *self._arm.codes, code
         if self.compiled:
             self.call = Call(code, arguments)
-        seen, given = self.records.state, self.given
-        self._tau, self._noise = given['tau'], (given['position_noise'], given['velocity_noise'])
-        self._shown = tuple(seen[name] for name in (
-            'motion__q', 'motion__dq', 'shown__q', 'shown__dq'))
-        self.torque = seen['driven__torque']
 
     @property
     def compiled(self) -> bool:
         """Whether there is machine code."""
         return all(code.compiled for code in self.codes)
 
-    def go_on(self, tau: Vector, late: float, loss: float, jitter: float,
-              noise: Iterable[Vector]) -> None:
-        """Go on by a sample with what `PlantInput` has; no `noise` for none."""
-        self._tau[:] = tau
-        given = self.given
-        given['late'], given['loss'], given['jitter'] = late, loss, jitter
-        for row, values in zip(self._noise, noise):
-            row[:] = values
-        self.call()
-
-    def shown(self) -> tuple[Vector, Vector, tuple[Vector, Vector], float, int]:
-        """Return q, dq, both as measured, how long after the sample, and `lost_in_a_row`."""
-        (q, dq, *measured), state = (row.tolist() for row in self._shown), self.records.state
-        return (q, dq, (measured[0], measured[1]), float(state['offset']),
-                int(state['lost_in_a_row']))
-
+    @property
     def state(self) -> PlantState:
         """Return the present state."""
-        state: PlantState = in_lists(load(self.records.state))
+        state: PlantState = load(self.records.state)
         return state
+
+    @property
+    def transit(self) -> Array:
+        """Return the torques in transit, shape (delay, n) [N·m]."""
+        return self.records.transit
+
+    def go_on(self, given: PlantInput) -> None:
+        """Go on by a sample."""
+        for name, x in zip(given._fields, given):
+            self.given[name] = x
+        self.call()
+
+    def shown(self) -> Shown:
+        """Return what is known of the present sample."""
+        s = self.records.state
+        return Shown(s['motion__q'].tolist(), s['motion__dq'].tolist(),
+                     (s['shown__q'].tolist(), s['shown__dq'].tolist()),
+                     s['driven__torque'].tolist(), float(s['offset']), int(s['lost_in_a_row']))
 
 
 @function
@@ -138,5 +147,8 @@ def stepped(p: CompiledPlant, given: Any) -> int:
 def advance(p: CompiledPlant, given: Any) -> None:
     """Go on by one control period."""
     parameters = load(p.parameters)
-    mechanism = Mechanism(CompiledModel(p.call, p.body), load(p.own), parameters.mechanics)
-    store(p.state, plant_step(mechanism, parameters, load(p.state), p.transit, load(given)))
+    state = load(p.state)
+    mechanism = Mechanism(
+        CompiledModel(p.call, p.body), load(p.own), parameters.mechanics, Rigid(1.0))
+    store(p.state, plant_step(
+        mechanism, parameters, state, rows(p.transit, state.motion.q), load(given)))

@@ -27,12 +27,14 @@ Both parts have a closed form, so that no integrator is needed and T may be shor
 
 from __future__ import annotations
 
-from math import copysign, exp
 from typing import NamedTuple
 
-from ctc_chattering.numerics.compilable import along, each, exchanged, function, record, uniform
-from ctc_chattering.numerics.linear_algebra import Vector
+from ctc_chattering.numerics.compilable import function, record
+from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.simulation.sensor import quantised
+import numpy as np
+
+_TINY = 1e-300
 
 
 @record
@@ -44,11 +46,11 @@ class Drives(NamedTuple):
     delay: int
     late_samples: float
     #: Step of the command, 0 for none, and its largest, inf for none [N·m].
-    resolution: Vector
-    saturation: Vector
+    resolution: Array
+    saturation: Array
     #: T [s] and R [N·m/s].
-    lag: Vector
-    rate: Vector
+    lag: Array
+    rate: Array
     #: Whether any joint has a resolution, a limit, and whether none has a lag or a rate limit.
     coarse: float
     limited: float
@@ -60,74 +62,53 @@ class Driven(NamedTuple):
     """What the drives do over a period; vectors of shape (n,) [N·m]."""
 
     #: Torque that was sent for it.
-    received: Vector
+    received: Array
     #: c.
-    commanded: Vector
+    commanded: Array
     #: c - τ at its start.
-    gap: Vector
+    gap: Array
     #: τ at its end.
-    torque: Vector
+    torque: Array
 
 
 @function
-def response(gap: float, lag: float, rate: float, s: float) -> tuple[float, float]:
+def response(gap: Array, lag: Array, rate: Array, s: float) -> tuple[Array, Array]:
     """
-    Return τ - c [N·m] of (DR1) at `s`, and its integral from 0 to `s` [N·m·s].
+    Return τ - c [N·m] of (DR1) at `s`, and its integral from 0 to `s` [N·m·s], each (n,).
 
     Parameters
     ----------
-    gap : float
+    gap : array, shape (n,)
         c - τ at 0 [N·m].
-    lag, rate : float
+    lag, rate : array, shape (n,)
         T [s], 0 for none; R [N·m/s], inf for none.
     s : float
         Time since the command came [s].
 
     """
     s = max(s, 0.0)  # Rounding apart, it is never less.
-    ramp, slope = max(abs(gap) / rate - lag, 0.0), copysign(rate, gap)
-    if s < ramp:
-        return slope * s - gap, s * (0.5 * slope * s - gap)
-    rest, area = -gap, 0.0
-    if ramp:
-        rest, area = slope * ramp - gap, ramp * (0.5 * slope * ramp - gap)
-    now = rest * exp((ramp - s) / lag) if lag else 0.0
+    ramp = np.maximum(np.abs(gap) / rate - lag, 0.0)
+    slope, r = np.where(ramp > 0.0, np.sign(gap) * rate, 0.0), np.minimum(ramp, s)
+    rest, area = slope * r - gap, r * (0.5 * slope * r - gap)
+    now = rest * np.where(lag > 0.0, np.exp((r - s) / np.maximum(lag, _TINY)),
+                          np.where(ramp > s, 1.0, 0.0))
     return now, area + lag * (rest - now)
 
 
 @function
-def plus_error(x: float, gap: float, lag: float, rate: float, s: float) -> float:
-    """Return x + τ - c at `s` [s] after the command."""
-    return x + response(gap, lag, rate, s)[0]
-
-
-@function
-def plus_mean_error(x: float, gap: float, lag: float, rate: float, s: float) -> float:
-    """Return x plus the mean of τ - c until `s` [s] after the command."""
-    return x + response(gap, lag, rate, s)[1] / s
-
-
-@function
-def plus_middle_error(x: float, gap: float, lag: float, rate: float, s: float, half: float
-                      ) -> float:
+def middle_error(gap: Array, lag: Array, rate: Array, s: float, half: float) -> Array:
     """
-    Return x + τ - c for the middle of a step from `s` - `half` to `s` + `half` [s].
+    Return τ - c, shape (n,), for the middle of a step from `s` - `half` to `s` + `half` [s].
 
     With it, Simpson's rule has the exact integral over the step, whatever the lag.
     """
     start, before = response(gap, lag, rate, s - half)
     end, after = response(gap, lag, rate, s + half)
-    return x + (0.75 * (after - before) / half - 0.25 * (start + end))
+    return 0.75 * (after - before) / half - 0.25 * (start + end)
 
 
 @function
-def within(x: float, limit: float) -> float:
-    """Return x within ±`limit`."""
-    return min(max(x, -limit), limit)
-
-
-@function
-def driven(drives: Drives, before: Driven, transit: list[Vector], k: int, tau: Vector,
+def driven(drives: Drives, before: Driven, transit: Array, k: int, tau: Array,
            chance: float) -> Driven:
     """
     Return what the drives do over the period after sample `k`.
@@ -136,11 +117,11 @@ def driven(drives: Drives, before: Driven, transit: list[Vector], k: int, tau: V
     ----------
     drives, before : Drives, Driven
         Parameters, and the period before.
-    transit : sequence of `delay` vectors
+    transit : array, shape (delay, n)
         Torques in transit; `tau` takes the place of the one that arrives.
     k : int
         Sample.
-    tau : sequence of float, shape (n,)
+    tau : array, shape (n,)
         Torque sent at it [N·m].
     chance : float
         Number in [0, 1): below `late_samples`, this torque is late.
@@ -150,13 +131,16 @@ def driven(drives: Drives, before: Driven, transit: list[Vector], k: int, tau: V
     if chance < drives.late_samples:
         command = before.received
     if drives.delay > 0:
-        command = exchanged(transit, k % drives.delay, command)
+        i = k % drives.delay
+        arriving = 1.0 * transit[i]
+        transit[i] = command
+        command = arriving
     if drives.coarse:
-        command = each(quantised, command, drives.resolution)
+        command = quantised(command, drives.resolution)
     if drives.limited:
-        command = each(within, command, drives.saturation)
+        command = np.minimum(np.maximum(command, -drives.saturation), drives.saturation)
     if drives.ideal:
         return Driven(tau, command, before.gap, command)
-    gap = along(command, -1.0, before.torque)
-    return Driven(tau, command, gap, each(
-        plus_error, command, gap, drives.lag, drives.rate, uniform(drives.period)))
+    gap = command - before.torque
+    return Driven(tau, command, gap,
+                  command + response(gap, drives.lag, drives.rate, drives.period)[0])

@@ -26,23 +26,23 @@ mode; `friction_model` adds one of your own.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import exp, inf
+from math import inf
 from typing import Any, NamedTuple
 
 from ctc_chattering.errors import CtcError, refused_as
 from ctc_chattering.numerics.box_qp import nearest
 from ctc_chattering.numerics.compilable import (
-    along,
-    array,
-    bits,
-    each,
+    dot,
     function,
-    least,
     record,
     RECORDS,
+    solve_where,
+    some,
+    Truths,
 )
-from ctc_chattering.numerics.linear_algebra import Vector
+from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.parameters import named_class
+import numpy as np
 
 #: A load that rounding alone lifts above Kf breaks no joint away.
 _HOLD = 1.0 + 1e-12
@@ -53,15 +53,15 @@ class Friction(NamedTuple):
     """Parameters of friction; vectors of shape (n,), truth values 1.0 and 0.0."""
 
     #: Kf [N·m], part of the load that adds to it, asymmetry.
-    coulomb: Vector
-    share: Vector
-    asymmetry: Vector
+    coulomb: Array
+    share: Array
+    asymmetry: Array
     #: At rest, without a load [N·m].
-    breakaway: Vector
+    breakaway: Array
     #: Viscous [N·m·s/rad], Stribeck [N·m] and its velocity [rad/s].
-    viscous: Vector
-    stribeck: Vector
-    stribeck_velocity: Vector
+    viscous: Array
+    stribeck: Array
+    stribeck_velocity: Array
     #: Whether it depends on the load, the direction, the velocity, and whether there is an own.
     loaded: float
     uneven: float
@@ -80,26 +80,26 @@ class NoFriction(NamedTuple):
         """Return the friction of a robot with these joints."""
         return cls()
 
-    def resistance(self, velocity: Vector, _load: Vector, _mode: Vector) -> Vector:
+    def resistance(self, velocity: Array, _load: Array, _mode: Array) -> Array:
         """
         Return what friction at the velocity is beyond that of the parameters, (n,) [N·m].
 
         Parameters
         ----------
-        velocity : sequence of float, shape (n,)
+        velocity : array, shape (n,)
             dq [rad/s].
-        _load : sequence of float, shape (n,)
+        _load : array, shape (n,)
             Mean torque of the drives over the period [N·m].
-        _mode : sequence of float, shape (n,)
+        _mode : array, shape (n,)
             +1 or -1 of a joint that slides, else 0.
 
         Returns
         -------
-        sequence of float, shape (n,)
+        array, shape (n,)
             Against the velocity; 0 where that is 0, since the parameters have what holds a joint.
 
         """
-        return along(velocity, -1.0, velocity)
+        return 0.0 * velocity
 
 
 def own_friction(name: str, joint_names: Sequence[str]) -> Any:
@@ -118,102 +118,37 @@ def own_friction(name: str, joint_names: Sequence[str]) -> Any:
         x, 'resistance'), 'class marked by @record with a method resistance'), len(joint_names)
     with refused_as(f'the friction_model {name} cannot be made'):
         made = own.made(tuple(joint_names))
-        at_rest = made.resistance([0.0] * n, [0.0] * n, [1.0] * n)
+        at_rest = made.resistance(np.zeros(n), np.zeros(n), np.ones(n))
         if len(at_rest) != n or any(at_rest):
-            raise CtcError(f'its resistance at rest is {at_rest}; allowed: {n} times 0')
+            raise CtcError(f'its resistance at rest is {list(at_rest)}; allowed: {n} times 0')
     return made
 
 
 @function
-def loaded(coulomb: float, share: float, torque: float) -> float:
-    """Return Kf with what the torque of the drive adds to it."""
-    return coulomb + share * abs(torque)
+def reaction(M: Array, bias: Array, load: Array, stuck: Truths) -> Array:
+    """Return the torque that holds the joints at rest against `load`, shape (n,) [N·m]."""
+    return load - bias - dot(M, solve_where(~stuck, M, load - bias))
 
 
 @function
-def less_asymmetry(load: float, asymmetry: float, coulomb: float) -> float:
-    """Return a load less the constant part of a friction that depends on the direction."""
-    return load - asymmetry * coulomb
-
-
-@function
-def less_friction(load: float, breakaway: float, mode: float) -> float:
-    """Return a load less the friction of sliding near rest."""
-    return load - breakaway * mode
-
-
-@function
-def less_velocity_friction(load: float, dq: float, mode: float, viscous: float, fall: float,
-                           speed: float) -> float:
-    """Return a load less what friction at the velocity exceeds its value near rest by."""
-    load -= viscous * dq
-    if fall:
-        r = dq / speed
-        load += fall * mode * (1.0 - exp(-r * r))
-    return load
-
-
-@function
-def direction(dq: float) -> float:
-    """Return the mode of a joint that moves; 0 for one that does not."""
-    return 1.0 if dq > 0.0 else -1.0 if dq < 0.0 else 0.0
-
-
-@function
-def sliding(dq: float, breakaway: float) -> float:
-    """Return the mode of a joint, 0 also for one without friction."""
-    return direction(dq) if breakaway > 0.0 else 0.0
-
-
-@function
-def if_resting(mode: float, breakaway: float) -> float:
-    """Return the breakaway torque of a joint at rest, else 0."""
-    return 0.0 if mode else breakaway
-
-
-@function
-def broken(reaction: float, mode: float, breakaway: float) -> float:
-    """Return the mode of a joint after what has held it is known."""
-    return direction(reaction) if not mode and abs(reaction) >= breakaway > 0.0 else mode
-
-
-@function
-def margin_of_rest(reaction: float, mode: float, breakaway: float) -> float:
-    """Return how far from its breakaway torque the load of a joint at rest is; inf of another."""
-    return _HOLD * breakaway - abs(reaction) if not mode and breakaway > 0.0 else inf
-
-
-@function
-def margin_of_sliding(dq: float, mode: float) -> float:
-    """Return how far a joint that slides is from rest; inf of another."""
-    return dq * mode if mode else inf
-
-
-@function
-def holding(model: Any, q: Vector, dq: Vector, load: Vector, breakaway: Vector, mode: Vector,
-            fixed_joints: int) -> float:
+def margin_of_rest(held: Array, breakaway: Array, stuck: Truths) -> float:
     """
     Return how far the most loaded joint at rest is from breaking away [N·m]; negative if it does.
 
     Parameters
     ----------
-    model : Model
-        Of the plant.
-    q, dq : sequence of float, shape (n,)
-        Position [rad] and velocity [rad/s].
-    load : sequence of float, shape (n,)
-        Torque less the friction of the joints that slide [N·m].
-    breakaway, mode : sequence of float, shape (n,)
-        Breakaway torque Kf [N·m] and modes.
-    fixed_joints : int
-        The joints at rest, as `Model.forward_dynamics` takes them.
+    held, breakaway : array, shape (n,)
+        `reaction`, and breakaway torque Kf [N·m].
+    stuck : array of bool, shape (n,)
+        Which joints are at rest; inf is returned for none.
 
     """
-    return least(each(margin_of_rest, model.reaction(q, dq, load, fixed_joints), mode, breakaway))
+    margin: float = np.where(stuck, _HOLD * breakaway - np.abs(held), inf).min()
+    return margin
 
 
 @function
-def modes(model: Any, q: Vector, dq: Vector, u: Vector, breakaway: Vector) -> tuple[Vector, int]:
+def modes(model: Any, q: Array, dq: Array, u: Array, breakaway: Array) -> tuple[Array, Truths]:
     """
     Decide for every joint between sticking (0) and sliding (+1 or -1).
 
@@ -221,29 +156,29 @@ def modes(model: Any, q: Vector, dq: Vector, u: Vector, breakaway: Vector) -> tu
     ----------
     model : Model
         Of the plant.
-    q, dq, u : sequence of float, shape (n,)
+    q, dq, u : array, shape (n,)
         Position [rad], velocity [rad/s], torque without friction [N·m].
-    breakaway : sequence of float, shape (n,)
+    breakaway : array, shape (n,)
         Breakaway torque Kf [N·m]; a joint for which it is 0 is reported as 0 and never sticks.
 
     Returns
     -------
-    sequence of float, shape (n,)
+    array, shape (n,)
         A moving joint slides the way it moves. A joint at rest has the mode for which either
         its acceleration is 0 and the friction that this takes is within ±Kf, or its friction is
         ±Kf and it accelerates that way.
-    int
-        The joints that stick, as `Model.forward_dynamics` takes them.
+    array of bool, shape (n,)
+        The joints that stick.
 
     """
-    mode = each(sliding, dq, breakaway)
-    resting = each(if_resting, mode, breakaway)
-    fixed = bits(resting)
-    if fixed:
-        load = each(less_friction, u, breakaway, mode)
-        if holding(model, q, dq, load, breakaway, mode, fixed) < 0.0:
-            M, bias = model.mass_and_bias(q, dq)
-            reaction = nearest(M, array(load) - bias, array(resting))
-            mode = each(broken, reaction, mode, breakaway)
-            fixed = bits(each(if_resting, mode, breakaway))
-    return mode, fixed
+    rubbing = breakaway > 0.0
+    mode = np.where(rubbing, np.sign(dq), 0.0)
+    stuck = rubbing & (mode == 0.0)
+    if some(stuck):
+        M, bias = model.mass_and_bias(q, dq)
+        load = u - breakaway * mode
+        if margin_of_rest(reaction(M, bias, load, stuck), breakaway, stuck) < 0.0:
+            held = nearest(M, load - bias, np.where(stuck, breakaway, 0.0))
+            mode = np.where(stuck & (np.abs(held) >= breakaway), np.sign(held), mode)
+            stuck = rubbing & (mode == 0.0)
+    return mode, stuck

@@ -25,30 +25,22 @@ The coordinates are the positions of the joints or, with elastic joints, of link
 
 from __future__ import annotations
 
-from math import sin
-import operator
+from math import inf
 from typing import Any, NamedTuple
 
 from ctc_chattering.numerics import runge_kutta
-from ctc_chattering.numerics.compilable import along, each, function, least, record, uniform
+from ctc_chattering.numerics.compilable import (
+    function,
+    record,
+    solve_where,
+    some,
+    Truths,
+)
 from ctc_chattering.numerics.event_location import first_negative
-from ctc_chattering.numerics.linear_algebra import Vector
-from ctc_chattering.simulation.drive import (
-    Driven,
-    plus_error,
-    plus_mean_error,
-    plus_middle_error,
-)
-from ctc_chattering.simulation.friction import (
-    direction,
-    Friction,
-    holding,
-    less_asymmetry,
-    less_velocity_friction,
-    loaded,
-    margin_of_sliding,
-    modes,
-)
+from ctc_chattering.numerics.linear_algebra import Array
+from ctc_chattering.simulation.drive import middle_error, response
+from ctc_chattering.simulation.friction import Friction, margin_of_rest, modes, reaction
+import numpy as np
 
 #: Changes of mode that one step may hold; beyond it the step ends in the mode it is in.
 _MAX_EVENTS = 50
@@ -64,17 +56,32 @@ class Mechanics(NamedTuple):
     steps: int
     step: float
     #: d(t) = amplitude sin(frequency t) [N·m, rad/s], and whether there is any.
-    amplitude: Vector
-    frequency: Vector
+    amplitude: Array
+    frequency: Array
     disturbed: float
     #: A push [N·m], and the first sample after it.
-    push: Vector
+    push: Array
     push_end: int
     #: Lag [s] and rate limit [N·m/s] of the drives, and whether none has either.
-    lag: Vector
-    rate: Vector
+    lag: Array
+    rate: Array
     ideal: float
     friction: Friction
+
+
+@record
+class Rigid(NamedTuple):
+    """Joints that are the coordinates."""
+
+    rigid: float = 1.0
+
+    def on_motors(self, x: Array) -> Array:
+        """Return values of the joints, shape (n,), as those of the coordinates of their motors."""
+        return x
+
+    def seen(self, x: Array) -> Array:
+        """Return what the encoders see of values of the coordinates, shape (n,)."""
+        return x
 
 
 @record
@@ -85,6 +92,18 @@ class Mechanism(NamedTuple):
     model: Any
     own: Any
     mechanics: Mechanics
+    #: Between joints and coordinates, as `Rigid` is.
+    joints: Any
+
+    def integrate(self, now: Acting, motion: Motion) -> Motion:
+        """Return the motion a sample period later."""
+        p, t = self.mechanics, now.start
+        if not motion.decided or some(motion.stuck) or p.friction.loaded or some(
+                motion.dq == 0.0):
+            motion = decided(self, now, motion.q, motion.dq, t)
+        for i in range(p.steps):
+            motion = integrated(self, now, motion, t + i * p.step, p.step)
+        return motion
 
 
 @record
@@ -92,12 +111,13 @@ class Motion(NamedTuple):
     """Where the robot is and which joints stick; vectors over the coordinates."""
 
     #: Position [rad] and velocity [rad/s].
-    q: Vector
-    dq: Vector
-    #: As `modes` returns them, friction of sliding near rest [N·m], and whether this is decided.
-    mode: Vector
-    fixed_joints: int
-    friction: Vector
+    q: Array
+    dq: Array
+    #: As `modes` returns them, 1.0 for a joint that sticks; friction of sliding near rest [N·m];
+    #: whether this is decided.
+    mode: Array
+    stuck: Array
+    friction: Array
     decided: float
 
 
@@ -109,10 +129,10 @@ class Acting(NamedTuple):
     start: float
     #: Command less the constant part of uneven friction, friction at rest, command less torque
     #: of the drives at the start, and mean torque of the drives [N·m].
-    commanded: Vector
-    breakaway: Vector
-    gap: Vector
-    mean: Vector
+    commanded: Array
+    breakaway: Array
+    gap: Array
+    mean: Array
     #: Whether the push is on.
     pushed: float
 
@@ -126,43 +146,44 @@ class Smooth(NamedTuple):
     start: Motion
     #: Time of its start [s], and command less the friction of sliding near rest [N·m].
     t: float
-    load: Vector
+    load: Array
     #: The arm, and whether friction depends on the velocity, as `mechanism` has them.
     model: Any
     rubbing: float
+    #: Which joints stick.
+    stuck: Truths
 
 
 @function
-def disturbed(load: float, amplitude: float, frequency: float, t: float) -> float:
-    """Return a load with the disturbance d(t) of (1) [N·m]."""
-    return load + amplitude * sin(frequency * t)
+def acting(mechanics: Mechanics, commanded: Array, gap: Array, k: int) -> Acting:
+    """
+    Return what acts over the period after sample `k`.
 
+    Parameters
+    ----------
+    mechanics : Mechanics
+        In force.
+    commanded, gap : array
+        Of `Driven`, over the coordinates.
+    k : int
+        Sample.
 
-@function
-def stopped(dq: float, mode: float) -> float:
-    """Return the velocity of a joint where it may have come to rest."""
-    return dq if dq * mode >= 0.0 else 0.0
-
-
-@function
-def acting(mechanics: Mechanics, drives: Driven, k: int) -> Acting:
-    """Return what acts over the period after sample `k`, of drives as coordinates have them."""
+    """
     p, rubbing = mechanics, mechanics.friction
-    command, breakaway, coulomb = drives.commanded, rubbing.breakaway, rubbing.coulomb
-    mean = command
+    command, breakaway, coulomb, mean = commanded, rubbing.breakaway, rubbing.coulomb, commanded
     if rubbing.loaded:
         if not p.ideal:
-            mean = each(plus_mean_error, command, drives.gap, p.lag, p.rate, uniform(p.period))
-        coulomb = each(loaded, coulomb, rubbing.share, mean)
-        breakaway = each(operator.add, coulomb, rubbing.stribeck)
+            mean = command + response(gap, p.lag, p.rate, p.period)[1] / p.period
+        coulomb = coulomb + rubbing.share * np.abs(mean)
+        breakaway = coulomb + rubbing.stribeck
     if rubbing.uneven:
-        command = each(less_asymmetry, command, rubbing.asymmetry, coulomb)
-    return Acting(k * p.period_ns / 1e9, command, breakaway, drives.gap, mean,
+        command = command - rubbing.asymmetry * coulomb
+    return Acting(k * p.period_ns / 1e9, command, breakaway, gap, mean,
                   1.0 if k < p.push_end else 0.0)
 
 
 @function
-def total(mechanics: Mechanics, now: Acting, load: Vector, t: float, half: float) -> Vector:
+def total(mechanics: Mechanics, now: Acting, load: Array, t: float, half: float) -> Array:
     """
     Return `load` plus disturbance and error of the drives at `t`, shape (n,) [N·m].
 
@@ -170,7 +191,7 @@ def total(mechanics: Mechanics, now: Acting, load: Vector, t: float, half: float
     ----------
     mechanics, now : Mechanics, Acting
         In force.
-    load : sequence of float, shape (n,)
+    load : array, shape (n,)
         Command, less what is subtracted of it [N·m].
     t : float
         Time [s].
@@ -181,41 +202,41 @@ def total(mechanics: Mechanics, now: Acting, load: Vector, t: float, half: float
     """
     p = mechanics
     if p.disturbed:
-        load = each(disturbed, load, p.amplitude, p.frequency, uniform(t))
+        load = load + p.amplitude * np.sin(p.frequency * t)
     if now.pushed:
-        load = along(load, 1.0, p.push)
+        load = load + p.push
     if not p.ideal:
-        s = uniform(t - now.start)
+        s = t - now.start
         if half:
-            load = each(plus_middle_error, load, now.gap, p.lag, p.rate, s, uniform(half))
+            load = load + middle_error(now.gap, p.lag, p.rate, s, half)
         else:
-            load = each(plus_error, load, now.gap, p.lag, p.rate, s)
+            load = load + response(now.gap, p.lag, p.rate, s)[0]
     return load
 
 
 @function
-def in_motion(mechanism: Mechanism, now: Acting, load: Vector, dq: Vector, mode: Vector) -> Vector:
+def in_motion(mechanism: Mechanism, now: Acting, load: Array, dq: Array, mode: Array) -> Array:
     """Return `load` less what friction at the velocity exceeds its value near rest by."""
     rubbing = mechanism.mechanics.friction
     if rubbing.by_velocity:
-        load = each(less_velocity_friction, load, dq, mode, rubbing.viscous, rubbing.stribeck,
-                    rubbing.stribeck_velocity)
+        r = dq / rubbing.stribeck_velocity
+        load = load - rubbing.viscous * dq + rubbing.stribeck * mode * (1.0 - np.exp(-r * r))
     if rubbing.own:
-        load = along(load, -1.0, mechanism.own.resistance(dq, now.mean, mode))
+        load = load - mechanism.own.resistance(dq, now.mean, mode)
     return load
 
 
 @function
-def acceleration(at: Smooth, q: Vector, dq: Vector, u: Vector) -> Vector:
+def acceleration(at: Smooth, q: Array, dq: Array, u: Array) -> Array:
     """Return ddq of (1), shape (n,) [rad/s²]; `u` has the friction near rest subtracted."""
     if at.rubbing:
         u = in_motion(at.mechanism, at.forces, u, dq, at.start.mode)
-    ddq: Vector = at.model.forward_dynamics(q, dq, u, at.start.fixed_joints)
-    return ddq
+    M, bias = at.model.mass_and_bias(q, dq)
+    return solve_where(~at.stuck, M, u - bias)
 
 
 @function
-def after(at: Smooth, h: float) -> tuple[Vector, Vector]:
+def after(at: Smooth, h: float) -> tuple[Array, Array]:
     """Return q and dq after `h` [s] in the present modes, to fourth order."""
     p, load = at.mechanism.mechanics, at.load
     loads = load, load, load
@@ -227,15 +248,17 @@ def after(at: Smooth, h: float) -> tuple[Vector, Vector]:
 
 
 @function
-def margin(at: Smooth, h: float, q: Vector, dq: Vector) -> float:
+def margin(at: Smooth, h: float, q: Array, dq: Array) -> float:
     """Return how far the joint nearest to it is from leaving its mode; negative if it has."""
-    mode, fixed = at.start.mode, at.start.fixed_joints
-    sliding = least(each(margin_of_sliding, dq, mode))
-    if not fixed:
+    mode = at.start.mode
+    sliding: float = np.where(mode != 0.0, dq * mode, inf).min()
+    if not some(at.stuck):
         return sliding
     u = total(at.mechanism.mechanics, at.forces, at.load, at.t + h, 0.0)
     u = in_motion(at.mechanism, at.forces, u, dq, mode)
-    return min(sliding, holding(at.mechanism.model, q, dq, u, at.forces.breakaway, mode, fixed))
+    M, bias = at.model.mass_and_bias(q, dq)
+    return min(sliding, margin_of_rest(
+        reaction(M, bias, u, at.stuck), at.forces.breakaway, at.stuck))
 
 
 @function
@@ -246,12 +269,12 @@ def margin_after(at: Smooth, h: float) -> float:
 
 
 @function
-def decided(mechanism: Mechanism, now: Acting, q: Vector, dq: Vector, t: float) -> Motion:
+def decided(mechanism: Mechanism, now: Acting, q: Array, dq: Array, t: float) -> Motion:
     """Return the motion with modes that are decided from the state and the load at `t` [s]."""
     u = total(mechanism.mechanics, now, now.commanded, t, 0.0)
-    u = in_motion(mechanism, now, u, dq, each(direction, dq))
-    mode, fixed = modes(mechanism.model, q, dq, u, now.breakaway)
-    return Motion(q, dq, mode, fixed, each(operator.mul, now.breakaway, mode), 1.0)
+    u = in_motion(mechanism, now, u, dq, np.sign(dq))
+    mode, stuck = modes(mechanism.model, q, dq, u, now.breakaway)
+    return Motion(q, dq, mode, np.where(stuck, 1.0, 0.0), now.breakaway * mode, 1.0)
 
 
 @function
@@ -260,25 +283,15 @@ def integrated(mechanism: Mechanism, now: Acting, start: Motion, t: float, h: fl
     q, dq, friction = start.q, start.dq, mechanism.mechanics.friction
     rubbing = friction.by_velocity + friction.own
     for event in range(_MAX_EVENTS + 1):
-        at = Smooth(mechanism, now, start, t, along(now.commanded, -1.0, start.friction),
-                    mechanism.model, rubbing)
+        at = Smooth(mechanism, now, start, t, now.commanded - start.friction,
+                    mechanism.model, rubbing, start.stuck != 0.0)
         q, dq = after(at, h)
         held = margin(at, h, q, dq)
-        if held >= 0.0 or event == _MAX_EVENTS:
+        if not held < 0.0 or event == _MAX_EVENTS:  # Not a number: the motion has diverged.
             break
         s = first_negative(margin_after, at, h, held, 1e-12 * h)
         q, dq = after(at, s)
-        start = decided(mechanism, now, q, each(stopped, dq, start.mode), t + s)
+        # A joint that may have come to rest has.
+        start = decided(mechanism, now, q, np.where(dq * start.mode >= 0.0, dq, 0.0), t + s)
         t, h = t + s, h - s
-    return Motion(q, dq, start.mode, start.fixed_joints, start.friction, 1.0)
-
-
-@function
-def advanced(mechanism: Mechanism, now: Acting, motion: Motion) -> Motion:
-    """Return the motion a sample period later."""
-    p, t = mechanism.mechanics, now.start
-    if not motion.decided or motion.fixed_joints or p.friction.loaded or 0.0 in motion.dq:
-        motion = decided(mechanism, now, motion.q, motion.dq, t)
-    for i in range(p.steps):
-        motion = integrated(mechanism, now, motion, t + i * p.step, p.step)
-    return motion
+    return start._replace(q=q, dq=dq)

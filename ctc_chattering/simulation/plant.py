@@ -12,115 +12,263 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The simulated robot of a model: equation (1), with rigid or elastic joints."""
+"""
+The simulated robot: equation (1) with rigid or elastic joints, drives, sensors and a network.
+
+What it does from sample to sample is `plant_step.stepped`, in plain Python or compiled; here is
+what happens in between: a start, other parameters, and random numbers.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from math import inf, isfinite
+from math import ceil, inf, isfinite
+from random import Random
+from typing import Any
 
 from ctc_chattering.dynamics.arm import Arm, arm_of
 from ctc_chattering.dynamics.elastic_model import Elastic
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.dynamics.registry import model_of
-from ctc_chattering.errors import CtcError
+from ctc_chattering.errors import CtcError, ParameterError
 from ctc_chattering.numerics.compilable import RECORDS
-from ctc_chattering.numerics.linear_algebra import Vector
+from ctc_chattering.numerics.linear_algebra import Array, Vector
 from ctc_chattering.numerics.machine_code import MACHINE_CODE, PLAIN_PYTHON
-from ctc_chattering.simulation.compiled_plant import CompiledPlantStep
-from ctc_chattering.simulation.friction import own_friction
-from ctc_chattering.simulation.motion import Acting, advanced, Mechanism, Motion
+from ctc_chattering.numerics.time_grid import period_ns, samples, seconds
+from ctc_chattering.simulation.compiled_plant import CompiledPlantStep, Shown
+from ctc_chattering.simulation.drive import Driven, Drives
+from ctc_chattering.simulation.friction import Friction, own_friction
+from ctc_chattering.simulation.motion import Mechanics, Mechanism, Motion, Rigid
 from ctc_chattering.simulation.plant_config import PlantConfig
-from ctc_chattering.simulation.plant_step import PlantParameters, PlantState
-from ctc_chattering.simulation.sensor import Measured
-from ctc_chattering.simulation.simulated_robot import Robot, ToCoordinates
+from ctc_chattering.simulation.plant_step import (
+    PlantInput,
+    PlantParameters,
+    PlantState,
+    stepped,
+)
+from ctc_chattering.simulation.sensor import Sensor
+import numpy as np
 
 #: Largest step of the integrator times the fastest eigenvalue of an elastic joint.
 _STEP_RATE = 0.2
 
 
-class Plant(Robot):
+class _ElasticJoints:
+    """Joints whose motors are coordinates of their own; as `motion.Rigid`."""
+
+    def __init__(self, model: Elastic, encoder_side: str) -> None:
+        self._motors, self._n = model.motors, model.n
+        self._seen = self._motors if encoder_side == 'motor' else range(len(model.motors))
+
+    def on_motors(self, x: Array) -> Array:
+        """Return values of the joints as those of their motors; 0 of links."""
+        values = np.zeros(self._n)
+        values[self._motors] = x
+        return values
+
+    def seen(self, x: Array) -> Array:
+        """Return what the encoders see of values of the coordinates: motors or links."""
+        values: Array = x[self._seen]
+        return values
+
+
+class PlainPlantStep:
+    """
+    The step of a plant between two changes of its parameters, in plain Python.
+
+    Parameters
+    ----------
+    mechanism, parameters, state, transit
+        As of `plant_step.stepped`; `state` is the present one.
+
+    """
+
+    compiled = False
+
+    def __init__(self, mechanism: Mechanism, parameters: PlantParameters, state: PlantState,
+                 transit: Array) -> None:
+        self.state, self.transit = state, transit
+        self._mechanism, self._parameters = mechanism, parameters
+
+    @np.errstate(all='ignore')  # What overflows shows in the state.
+    def go_on(self, given: PlantInput) -> None:
+        """Go on by a sample."""
+        self.state = stepped(self._mechanism, self._parameters, self.state, self.transit, given)
+
+    def shown(self) -> Shown:
+        """Return what is known of the present sample."""
+        motion, measured, torque = self.state.motion, self.state.shown, self.state.driven.torque
+        n = len(torque)  # Links come before motors.
+        return Shown(motion.q[:n].tolist(), motion.dq[:n].tolist(),
+                     (measured.q.tolist(), measured.dq.tolist()), torque.tolist(),
+                     self.state.offset, self.state.lost_in_a_row)
+
+
+class Plant:
     """
     The simulated robot of a `Model`.
+
+    Contract: `step` advances `k` by one and the time by one control period.
 
     Parameters
     ----------
     config : PlantConfig
-        Physics and start.
+        Physics, start, drives, sensors and network.
     model : Model, optional
         Of the links, in place of the one that the configuration names.
 
     Attributes
     ----------
-    modes : tuple of int
-        For each coordinate +1 or -1 if it slides, 0 if it sticks or has no friction.
-    motion : Motion
-        State of the coordinates.
-    compiled : bool
-        Whether the next step is machine code.
+    n : int
+        Number of joints.
+    q, dq : sequence of float, shape (n,)
+        True position [rad] and velocity [rad/s] at sample `k`.
+    k : int
+        Sample index; the time is k h.
+    applied : sequence of float, shape (n,)
+        Torque of the drives at the end of the last period [N·m]; that of the whole period if they
+        have neither lag nor rate limit.
+    measured : (sequence of float, sequence of float), each of shape (n,)
+        Position and velocity as the sensors have them at sample `k`.
+    offset : float
+        How long after the sample that is [s].
+    lost : bool
+        Whether that measurement is not sent: `step` then takes the last torque again.
+    config : PlantConfig
+        In force.
 
     """
 
     def __init__(self, config: PlantConfig, model: Model | None = None) -> None:
         self.model = self._coupled = model or model_of(config)
-        if self.model.n != len(config.joint_names):
+        self.n, self.k = len(config.joint_names), 0
+        if self.model.n != self.n:
             raise CtcError(f'joint_names: {list(config.joint_names)} are not allowed with a model '
                            f'of {self.model.n} joints')
-        start: tuple[Vector, Vector] = config.initial_position, config.initial_velocity
-        maps: tuple[ToCoordinates | None, ToCoordinates | None] = None, None
-        longest = inf
-        self._encoders: Sequence[int] = ()
+        q, dq = config.initial_position, config.initial_velocity
+        self._joints: Any = Rigid()
+        self._motors, longest = list(range(self.n)), inf
         if config.elastic:
             elastic = self._coupled = Elastic(
                 self.model, config.joint_stiffness, config.joint_damping, config.motor_inertia)
-            maps, longest = (elastic.on_motors, elastic.on_links), (
-                _STEP_RATE / elastic.rate(config.initial_position))
-            start = elastic.start(*start)
-            self._encoders = (elastic.motors if config.encoder_side == 'motor'
-                              else range(self.model.n))
+            self._joints = _ElasticJoints(elastic, config.encoder_side)
+            self._motors, longest = elastic.motors, _STEP_RATE / elastic.rate(q)
+            q, dq = map(tuple, elastic.start(q, dq))
         self.own = own_friction(config.friction_model, config.joint_names)
-        rest = [0.0] * self._coupled.n
-        self._motion = Motion(*start, rest, 0, rest, 0.0)
         self._arm: Arm | None = None
-        if config.compiled and not config.elastic and type(self.own) in RECORDS and (
-                type(self) is Plant):
-            self._arm = arm_of(self.model)
-        #: The machine code of the steps until the next change; None for plain Python.
-        self._compiled: CompiledPlantStep | None = None
-        self._prepared = False
-        super().__init__(config, *maps, longest)
-        self.configure(config)
+        if config.compiled and not config.elastic and type(self.own) in RECORDS:
+            self._arm = self._compilable()
+        self._braking = False
+        #: The push, and the first sample after it.
+        self._push: Vector = (0.0,) * self.n
+        self._push_end = 0
+        self.period_ns = period_ns(config.control_period)
+        self._period = seconds(self.period_ns)
+        self.last = samples(config.duration, self.period_ns)
+        self._substeps = max(1, ceil(
+            self._period / min(longest, config.integration_step) - 1e-9))
+        self.sensor = Sensor(
+            config.encoder_resolution, config.position_noise, config.velocity_noise,
+            config.noise_seed, config.velocity_sensor, config.velocity_cutoff, self._period)
+        self.loss, self.lateness, self.jitter = (
+            Random(f'{config.noise_seed} {of}') for of in ('loss', 'lateness', 'jitter'))
+        rest, zero = np.zeros(self._coupled.n), np.zeros(self.n)
+        motion = Motion(np.array(q), np.array(dq), rest, rest, rest, 0.0)
+        self._begin(config, PlantState(
+            0, Driven(zero, zero, zero, zero), motion,
+            self.sensor.first(*map(self._joints.seen, (motion.q, motion.dq))), 0.0, 0),
+            np.zeros((max(config.input_delay, 1), self.n)))
+
+    def _compilable(self) -> Arm | None:
+        """Return the model as compiled code takes it; None where it cannot."""
+        return arm_of(self.model)
+
+    def _mechanism(self, mechanics: Mechanics) -> Mechanism:
+        """Return what plain Python moves."""
+        return Mechanism(self._coupled, self.own, mechanics, self._joints)
 
     def configure(self, config: PlantConfig) -> None:
         """Use another friction or disturbance from the next step on."""
-        if self._compiled is not None:
-            state = self._compiled.state()
-            self.driven, self._motion = state.driven, state.motion
-            self.transit = self._compiled.records.transit.tolist()[:config.input_delay]
-            self.sensor.shown = state.shown
-        self._compiled, self._prepared = None, False
-        super().configure(config)
-        self.mechanism = Mechanism(self._coupled, self.own, self.mechanics)
-        self._motion = self._motion._replace(decided=0.0)
+        state = self._stepper.state
+        self._begin(config, state._replace(motion=state.motion._replace(decided=0.0)),
+                    self._stepper.transit)
+
+    def _begin(self, config: PlantConfig, state: PlantState, transit: Array) -> None:
+        """Go on from a state with other parameters."""
+        self.config = config
+        mechanics, drives = self.mechanics(), self._drives()
+        parameters = PlantParameters(mechanics, drives, self.sensor.encoders, config.sample_loss,
+                                     config.sample_jitter, self.last)
+        #: As machine code takes the step from now on; None where it cannot.
+        self._compiled: CompiledPlantStep | None = None
+        if self._arm is not None:
+            self._compiled = CompiledPlantStep(self._arm, self.own, parameters, state, transit)
+        self._stepper: PlainPlantStep | CompiledPlantStep = PlainPlantStep(
+            self._mechanism(mechanics), parameters, state, transit)
+        if self._compiled is not None and self._compiled.compiled:
+            self._stepper = self._compiled
+        self._show()
+
+    def _show(self) -> None:
+        """Take over what is known of the present sample."""
+        (self.q, self.dq, self.measured, self.applied, self.offset,
+         self.lost_in_a_row) = self._stepper.shown()
+
+    def _drives(self) -> Drives:
+        config = self.config
+        return Drives(
+            self._period, config.input_delay, config.late_samples,
+            np.array(config.torque_resolution), np.array(config.torque_saturation),
+            np.array(config.actuator_lag), np.array(config.torque_rate_limit),
+            float(any(config.torque_resolution)), float(min(config.torque_saturation) < inf),
+            float(self._ideal))
+
+    @property
+    def _ideal(self) -> bool:
+        """Whether no drive has a lag or a rate limit."""
+        return not any(self.config.actuator_lag) and min(self.config.torque_rate_limit) == inf
+
+    def mechanics(self) -> Mechanics:
+        """Return what acts on the coordinates: disturbance on links, the rest on motors."""
+        config, more = self.config, (0.0,) * (self._coupled.n - self.n)
+        if config.disturbance_push != self._push:
+            self._push = config.disturbance_push
+            self._push_end = self.k + round(config.disturbance_push_duration / self._period)
+
+        def on_links(x: Vector) -> Array:
+            return np.array((*x, *more))
+
+        def on_motors(x: Vector | Array, of_links: float = 0.0) -> Array:
+            values = np.full(self._coupled.n, of_links)
+            values[self._motors] = x
+            return values
+
+        viscous = np.array(config.viscous_friction)
+        if self._braking:
+            viscous = viscous + config.fault_damping
+        friction = Friction(
+            on_motors(config.coulomb_friction), on_motors(config.load_friction),
+            on_motors(config.friction_asymmetry),
+            on_motors(np.add(config.coulomb_friction, config.stribeck_friction)),
+            on_motors(viscous), on_motors(config.stribeck_friction),
+            on_motors(config.stribeck_velocity, 1.0), float(any(config.load_friction)),
+            float(any(config.friction_asymmetry)),
+            float(any(viscous) or any(config.stribeck_friction)),
+            float(bool(config.friction_model)))
+        return Mechanics(
+            self.period_ns, self._period, self._substeps, self._period / self._substeps,
+            on_links(config.disturbance_amplitude), on_links(config.disturbance_frequency),
+            float(any(config.disturbance_amplitude)), on_links(self._push),
+            self._push_end if any(self._push) else 0, on_motors(config.actuator_lag),
+            on_motors(config.torque_rate_limit, inf), float(self._ideal), friction)
 
     def compiled_step(self) -> CompiledPlantStep | None:
         """Return the step from now on as machine code takes it; None where it cannot."""
-        if self._arm is None:
-            return None
-        return CompiledPlantStep(
-            self._arm, self.own, PlantParameters(
-                self.mechanics, self.drives, self.sensor.encoders, self.config.sample_loss,
-                self.config.sample_jitter, self.last),
-            PlantState(self.k, self.driven, self._motion, Measured(*self.measured),
-                       self.offset, self.lost_in_a_row), self.transit)
+        return self._compiled
 
     @property
     def compiled(self) -> bool:
         """Whether the next step is machine code."""
-        if not self._prepared:
-            step, self._prepared = self.compiled_step(), True
-            self._compiled = step if step is not None and step.compiled else None
-        return self._compiled is not None
+        return self._stepper.compiled
 
     @property
     def computed_by(self) -> str:
@@ -128,46 +276,85 @@ class Plant(Robot):
         return MACHINE_CODE if self.compiled else PLAIN_PYTHON
 
     @property
-    def motion(self) -> Motion:
-        """Return the state of the coordinates."""
-        return self._motion if self._compiled is None else self._compiled.state().motion
-
-    @property
-    def applied(self) -> Vector:
-        """Return the torque of the drives at the end of the last period, shape (n,) [N·m]."""
-        return self.driven.torque if self._compiled is None else self._compiled.torque.tolist()
+    def state(self) -> PlantState:
+        """Return the state of drives, coordinates and sensors."""
+        return self._stepper.state
 
     @property
     def modes(self) -> tuple[int, ...]:
-        """Return the modes."""
-        return tuple(map(int, self.motion.mode))
+        """Return +1 or -1 for each coordinate that slides, 0 if it sticks or has no friction."""
+        return tuple(map(int, self.state.motion.mode))
 
-    def _seen(self) -> tuple[Vector, Vector]:
-        """Return what the encoders see: motors or links."""
-        if not self._encoders:
-            return self.q, self.dq
-        q, dq = self._motion.q, self._motion.dq
-        return [q[i] for i in self._encoders], [dq[i] for i in self._encoders]
+    @property
+    def lost(self) -> bool:
+        """Whether the measurement is not sent: `step` then takes the last torque again."""
+        return self.lost_in_a_row > 0
 
-    def _go_on(self, tau: Vector) -> None:
-        """Bring all but `k` to the next sample."""
-        if not self.compiled:
-            super()._go_on(tau)
-            return
-        made, config, sensor = self._compiled, self.config, self.sensor
-        assert made is not None
-        late = self.lateness.random() if config.late_samples else 1.0
-        loss = self.loss.random() if config.sample_loss else 1.0
-        jitter = self.jitter.random() if config.sample_jitter else 0.5
-        noise = sensor.encoders.position_noise, sensor.encoders.velocity_noise
-        made.go_on(tau, late, loss, jitter, () if sensor.perfect else map(sensor.noise, noise))
-        self.q, self.dq, self.measured, self.offset, self.lost_in_a_row = made.shown()
-        if not isfinite(sum(self.q) + sum(self.dq)):
-            self.driven = made.state().driven
+    @property
+    def t(self) -> float:
+        """Time of the present sample [s]."""
+        return seconds(self.k * self.period_ns)
 
-    def _move(self, now: Acting) -> None:
-        """Go on by one control period in as many steps as `integration_step` asks for."""
-        self._motion = advanced(self.mechanism, now, self._motion)
-        self.q, self.dq = self._motion.q, self._motion.dq
-        if self._encoders:
-            self.q, self.dq = self.q[:self.n], self.dq[:self.n]
+    @property
+    def stamp(self) -> int:
+        """Return the time of the measurement since the start [ns]."""
+        return self.k * self.period_ns + round(1e9 * self.offset)
+
+    @property
+    def steps(self) -> int:
+        """Return the number of steps of the integrator in the whole run."""
+        return self.last * self._substeps
+
+    @property
+    def braking(self) -> bool:
+        """Whether the brakes are on: viscous friction `fault_damping` beside all other."""
+        return self._braking
+
+    @braking.setter
+    def braking(self, on: bool) -> None:
+        if on != self._braking:
+            self._braking = on
+            self.configure(self.config)
+
+    def step(self, tau: Vector | Array) -> None:
+        """
+        Receive the torque `tau`, shape (n,) [N·m], and go on by one control period.
+
+        The torque received `input_delay` samples ago is quantised and saturated; the drives follow
+        it over the period.
+
+        Raises
+        ------
+        CtcError
+            If the motion leaves the range of floating-point numbers.
+
+        """
+        try:
+            command = np.array([float(x) for x in tau])
+        except (TypeError, ValueError, OverflowError):
+            command = np.zeros(0)
+        if len(command) != self.n:
+            raise ParameterError('tau', tau, f'{self.n} numbers')
+        if not isfinite(sum(command.tolist())):
+            raise CtcError(f'the torque {command.tolist()} at t = {self.t:g} s is not finite')
+        config, sensor = self.config, self.sensor.encoders
+        given = PlantInput(
+            command, self.lateness.random() if config.late_samples else 1.0,
+            self.loss.random() if config.sample_loss else 1.0,
+            self.jitter.random() if config.sample_jitter else 0.5,
+            self.sensor.noise(sensor.position_noise), self.sensor.noise(sensor.velocity_noise))
+        try:
+            self._stepper.go_on(given)
+            self._show()
+            if not isfinite(sum(self.q) + sum(self.dq)):
+                raise OverflowError
+        except (ArithmeticError, ValueError, np.linalg.LinAlgError):  # sin(inf)
+            raise diverged(self.t, self.state.driven.commanded) from None
+        self.k += 1
+
+
+def diverged(t: float, torque: Array) -> CtcError:
+    """Return the error of a motion that leaves the range of numbers at `t` [s]."""
+    shown = ', '.join(f'{x:.4g}' for x in torque)
+    return CtcError(f'the motion of the plant diverged at t = {t:g} s, '
+                    f'under a torque of [{shown}] N*m')

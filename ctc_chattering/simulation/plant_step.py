@@ -19,9 +19,9 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 from ctc_chattering.numerics.compilable import function, record
-from ctc_chattering.numerics.linear_algebra import Vector
+from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.simulation.drive import Driven, driven, Drives
-from ctc_chattering.simulation.motion import acting, advanced, Mechanics, Mechanism, Motion
+from ctc_chattering.simulation.motion import acting, Mechanics, Mechanism, Motion
 from ctc_chattering.simulation.sensor import Encoders, Measured, measured, off_the_grid
 
 #: Most samples in a row that are lost: the controller takes a gap of three periods for no outage.
@@ -61,15 +61,15 @@ class PlantInput(NamedTuple):
     """What a robot receives at a sample; vectors of shape (n,)."""
 
     #: Torque [N·m].
-    tau: Vector
+    tau: Array
     #: Numbers in [0, 1) that decide whether it is late, the next measurement lost, and when that
     #: is made.
     late: float
     loss: float
     jitter: float
     #: Noise of the next measurement, of the deviation 1.
-    position_noise: Vector
-    velocity_noise: Vector
+    position_noise: Array
+    velocity_noise: Array
 
 
 @function
@@ -100,13 +100,15 @@ def offset_of(jitter: float, chance: float) -> float:
 def stepped(mechanism: Mechanism, p: PlantParameters, state: PlantState, transit: Any,
             given: PlantInput) -> PlantState:
     """Return the state a sample later; `transit` as of `driven`."""
-    k, drives = state.k, driven(
+    k, joints, drives = state.k, mechanism.joints, driven(
         p.drives, state.driven, transit, state.k, given.tau, given.late)
-    motion = advanced(mechanism, acting(p.mechanics, drives, k), state.motion)
-    q, dq, offset, h = motion.q, motion.dq, 0.0, p.encoders.period
+    motion = mechanism.integrate(
+        acting(p.mechanics, joints.on_motors(drives.commanded), joints.on_motors(drives.gap), k),
+        state.motion)
+    q, dq, offset, h = joints.seen(motion.q), joints.seen(motion.dq), 0.0, p.encoders.period
     if p.sample_jitter > 0.0:
         offset = offset_of(p.sample_jitter, given.jitter)
-        q, dq = off_the_grid(q, dq, state.motion.dq, offset, h)
+        q, dq = off_the_grid(q, dq, joints.seen(state.motion.dq), offset, h)
     shown = measured(p.encoders, state.shown, q, dq, h + offset - state.offset,
                      given.position_noise, given.velocity_noise)
     return PlantState(k + 1, drives, motion, shown, offset, lost_in_a_row(

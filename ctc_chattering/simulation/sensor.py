@@ -20,8 +20,9 @@ from math import expm1
 from random import Random
 from typing import NamedTuple
 
-from ctc_chattering.numerics.compilable import along, each, function, record, uniform
-from ctc_chattering.numerics.linear_algebra import Vector
+from ctc_chattering.numerics.compilable import function, record
+from ctc_chattering.numerics.linear_algebra import Array, Vector
+import numpy as np
 
 #: Values of the parameter ``velocity_sensor``.
 VELOCITY_SENSORS = ('exact', 'difference', 'filtered')
@@ -32,9 +33,9 @@ class Encoders(NamedTuple):
     """Parameters of the sensors; vectors of shape (n,), truth values 1.0 and 0.0."""
 
     #: Step of the position [rad], 0 for none, and standard deviations of noise [rad, rad/s].
-    resolution: Vector
-    position_noise: Vector
-    velocity_noise: Vector
+    resolution: Array
+    position_noise: Array
+    velocity_noise: Array
     #: 1 - exp(-ω h) of the low-pass, 1 for none, and h [s].
     gain: float
     period: float
@@ -47,63 +48,39 @@ class Encoders(NamedTuple):
 class Measured(NamedTuple):
     """Position [rad] and velocity [rad/s] as measured, each of shape (n,)."""
 
-    q: Vector
-    dq: Vector
+    q: Array
+    dq: Array
 
 
 @function
-def quantised(x: float, step: float) -> float:
-    """Return the multiple of `step` nearest to x; x where rounding is coarser, or without one."""
-    return step * round(x / step) if step and abs(x / step) < 1e15 else x
+def quantised(x: Array, step: Array) -> Array:
+    """Return the multiples of `step` nearest to x; x where rounding is coarser, or without one."""
+    ratio = x / np.where(step > 1e-300, step, 1.0)
+    return np.where((step > 1e-300) & (np.abs(ratio) < 1e15), step * np.rint(ratio), x)
 
 
 @function
-def encoder(x: float, step: float, deviation: float, noise: float) -> float:
-    """Return a position as an encoder has it; `noise` is of the deviation 1."""
-    return quantised(x + deviation * noise, step)
-
-
-@function
-def difference(x: float, last: float, period: float) -> float:
-    """Return the velocity between two positions."""
-    return (x - last) / period
-
-
-@function
-def noisy(x: float, deviation: float, noise: float) -> float:
-    """Return x with noise; `noise` is of the deviation 1."""
-    return x + deviation * noise
-
-
-@function
-def low_pass(y: float, x: float, gain: float) -> float:
-    """Return the next output after y."""
-    return y + gain * (x - y)
-
-
-@function
-def off_the_grid(q: Vector, dq: Vector, before: Vector, offset: float, period: float
-                 ) -> tuple[Vector, Vector]:
+def off_the_grid(q: Array, dq: Array, before: Array, offset: float, period: float
+                 ) -> tuple[Array, Array]:
     """
     Return q and dq, shape (n,), at `offset` [s] after a sample.
 
     Parameters
     ----------
-    q, dq, before : sequence of float, shape (n,)
+    q, dq, before : array, shape (n,)
         Position [rad] and velocity [rad/s] at the sample, and the velocity a period before; the
         mean acceleration in between goes on.
     offset, period : float
         [s].
 
     """
-    change = along(dq, -1.0, before)
-    mean = along(dq, 0.5 * offset / period, change)
-    return along(q, offset, mean), along(dq, offset / period, change)
+    change = offset / period * (dq - before)
+    return q + offset * (dq + 0.5 * change), dq + change
 
 
 @function
-def measured(sensor: Encoders, before: Measured, q: Vector, dq: Vector, elapsed: float,
-             position_noise: Vector, velocity_noise: Vector) -> Measured:
+def measured(sensor: Encoders, before: Measured, q: Array, dq: Array, elapsed: float,
+             position_noise: Array, velocity_noise: Array) -> Measured:
     """
     Return what the sensors show.
 
@@ -111,28 +88,28 @@ def measured(sensor: Encoders, before: Measured, q: Vector, dq: Vector, elapsed:
     ----------
     sensor, before : Encoders, Measured
         Parameters, and what they showed a sample before.
-    q, dq : sequence of float, shape (n,)
+    q, dq : array, shape (n,)
         Position [rad] and velocity [rad/s].
     elapsed : float
         Since the measurement before [s].
-    position_noise, velocity_noise : sequence of float, shape (n,)
+    position_noise, velocity_noise : array, shape (n,)
         Noise of the deviation 1.
 
     """
     if sensor.perfect:
         return Measured(q, dq)
-    q = each(encoder, q, sensor.resolution, sensor.position_noise, position_noise)
+    q = quantised(q + sensor.position_noise * position_noise, sensor.resolution)
     if not sensor.exact:
-        dq = each(difference, q, before.q, uniform(elapsed))
-    dq = each(noisy, dq, sensor.velocity_noise, velocity_noise)
+        dq = (q - before.q) / elapsed
+    dq = dq + sensor.velocity_noise * velocity_noise
     if sensor.gain < 1.0:
-        dq = each(low_pass, before.dq, dq, uniform(sensor.gain))
+        dq = before.dq + sensor.gain * (dq - before.dq)
     return Measured(q, dq)
 
 
 class Sensor:
     """
-    Turns states into measurements, one for each sample.
+    The sensors of a robot: their parameters, noise and first measurement.
 
     The velocity is the true one (`exact`), or the difference of two measured positions over one
     period (`difference`), then with noise, and `filtered` behind a low-pass of first order::
@@ -165,29 +142,24 @@ class Sensor:
         self.perfect = exact and not (
             any(resolution) or any(position_noise) or any(velocity_noise))
         self.encoders = Encoders(
-            resolution, position_noise, velocity_noise,
+            np.array(resolution), np.array(position_noise), np.array(velocity_noise),
             -expm1(-cutoff * period) if velocity == 'filtered' else 1.0, period, float(exact),
             float(self.perfect))
         self.random = Random(seed)
-        self.shown: Measured | None = None
 
-    def measure(self, q: Vector, dq: Vector, elapsed: float = 0.0) -> tuple[Vector, Vector]:
-        """Return `measured` after `elapsed` [s], 0 for a period, with noise of its own."""
+    def first(self, q: Array, dq: Array) -> Measured:
+        """Return what is measured of the state at the start, with noise of its own."""
+        sensor = self.encoders
         if self.perfect:
-            return q, dq
-        sensor, before = self.encoders, self.shown
-        if before is None:
-            before = Measured(q, dq)
-            if not sensor.exact:
-                last = [x - sensor.period * v for x, v in zip(q, dq)]
-                before = Measured(each(encoder, last, sensor.resolution, sensor.position_noise,
-                                       self.noise(sensor.position_noise)), dq)
-            sensor = sensor._replace(gain=1.0)
-        self.shown = measured(
-            sensor, before, q, dq, elapsed or sensor.period, self.noise(sensor.position_noise),
-            self.noise(sensor.velocity_noise))
-        return self.shown
+            return Measured(q, dq)
+        before = Measured(q, dq)
+        if not sensor.exact:
+            last = q - sensor.period * dq + sensor.position_noise * self.noise(
+                sensor.position_noise)
+            before = Measured(quantised(last, sensor.resolution), dq)
+        return measured(sensor._replace(gain=1.0), before, q, dq, sensor.period,
+                        self.noise(sensor.position_noise), self.noise(sensor.velocity_noise))
 
-    def noise(self, deviation: Vector) -> Vector:
+    def noise(self, deviation: Array) -> Array:
         """Return noise of the deviation 1 where there is any; nothing else is drawn."""
-        return [self.random.gauss(0.0, 1.0) if s else 0.0 for s in deviation]
+        return np.array([self.random.gauss(0.0, 1.0) if s else 0.0 for s in deviation.tolist()])

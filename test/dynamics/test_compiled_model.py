@@ -88,7 +88,7 @@ def test_the_terms_of_the_model(name: str, scales: tuple[float, float]) -> None:
         for x, y in zip((place.M, place.C, place.G), right):
             np.testing.assert_allclose(x, y, rtol=0, atol=1e-12 * np.abs(y).max())
         set_mass_and_bias(arm, body)
-        for x, y in zip((body.M, body.bias), scaled.mass_and_bias(q.tolist(), dq.tolist())):
+        for x, y in zip((body.M, body.bias), scaled.mass_and_bias(q, dq)):
             np.testing.assert_allclose(x, y, rtol=0, atol=1e-10 * (1.0 + np.abs(y).max()))
 
 

@@ -22,9 +22,9 @@ from math import cos, pi, sin
 from ctc_chattering.dynamics.corrected_urdf import with_payload
 from ctc_chattering.dynamics.urdf_model import UrdfModel
 from ctc_chattering.errors import CtcError, ParameterError
+from ctc_chattering.simulation.plant import Plant
 from ctc_chattering.simulation.plant_config import PlantConfig
 from ctc_chattering.simulation.registry import make_plant
-from ctc_chattering.simulation.simulated_robot import Robot
 from mujoco_plant import MujocoPlant
 import numpy as np
 import pytest
@@ -57,7 +57,7 @@ def test_it_is_a_mass_at_the_tool() -> None:
 
 
 @pytest.mark.parametrize('make', [make_plant, MujocoPlant])
-def test_the_plant_moves_with_it(make: Callable[[PlantConfig, str], Robot]) -> None:
+def test_the_plant_moves_with_it(make: Callable[[PlantConfig, str], Plant]) -> None:
     """Check the acceleration from rest at 90 degrees, by the angle after 10 ms."""
     inertia = 2.0 * 0.4 ** 2 + 0.1 + 3.0 + 0.4 * 3.0 * 0.05 ** 2
     weight = G * (2.0 * 0.4 + 3.0)

@@ -47,10 +47,11 @@ class Unexplained:
 
 def driven_torque(command: Array, lag: float, rate: float) -> Array:
     """Return the mean over each period by the closed form of the simulated drives."""
-    now, found = float(command[0]), np.empty_like(command)
+    now, found = command[:1], np.empty_like(command)
+    drive = np.array([lag]), np.array([rate])
     for k, c in enumerate(command):
-        end, area = response(float(c) - now, lag, rate, H)
-        found[k], now = c + area / H, c + end
+        end, area = response(c - now, *drive, H)
+        found[k], now = c + area[0] / H, c + end
     return found
 
 

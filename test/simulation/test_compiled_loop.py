@@ -31,6 +31,7 @@ from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.simulation import closed_loop
 from ctc_chattering.simulation.closed_loop import Event, Run
 from ctc_chattering.simulation.plant import Plant
+from ctc_chattering.simulation.sensor import Measured
 from ctc_chattering.trajectory.motions import Route
 from machine_code import compile_runs
 import numpy as np
@@ -188,10 +189,10 @@ def ends_of(setup: Setup, speed: float) -> list[str]:
     said = []
     for compiled in (False, True):
         config = setup.plant.changed({'compiled': compiled})
-        robot = Plant(config, TwoLink())
-        robot.q, robot.dq = [0.1, 0.2], [speed, speed]
-        robot.measured = robot.q, robot.dq
-        robot._motion = robot.motion._replace(q=robot.q, dq=robot.dq)
+        robot, q, dq = Plant(config, TwoLink()), np.array((0.1, 0.2)), np.full(2, speed)
+        robot._begin(config, robot.state._replace(
+            motion=robot.state.motion._replace(q=q, dq=dq), shown=Measured(q, dq)),
+            np.zeros((1, 2)))
         with pytest.raises(CtcError) as error:
             closed_loop.simulate(config, setup.controller, setup.reference, robot=robot)
         said.append(str(error.value))

@@ -29,8 +29,6 @@ from ctc_chattering.simulation.compiled_loop import inputs
 from ctc_chattering.simulation.compiled_plant import CompiledPlantStep
 from ctc_chattering.simulation.plant import Plant
 from ctc_chattering.simulation.plant_config import PlantConfig
-from ctc_chattering.simulation.plant_step import PlantState
-from ctc_chattering.simulation.sensor import Measured
 import numpy as np
 import pytest
 
@@ -68,17 +66,16 @@ def random_config(base: PlantConfig, rng: np.random.Generator) -> PlantConfig:
 
 def at(plant: Plant) -> Any:
     """Return the numbers of the plain plant as compiled code has its own."""
-    return packed(PlantState(plant.k, plant.driven, plant.motion._replace(decided=1.0),
-                             Measured(*plant.measured), plant.offset, plant.lost_in_a_row))
+    return packed(plant.state._replace(motion=plant.state.motion._replace(decided=1.0)))
 
 
-def compiled(plant: Plant) -> CompiledPlantStep:
+def compiled(config: PlantConfig, model: Model) -> CompiledPlantStep:
     """Return the machine code of a plant."""
-    step = plant.compiled_step()
+    step = Plant(config, model).compiled_step()
     assert step is not None
     for code in step.codes:
         build(code)
-    made = plant.compiled_step()
+    made = Plant(config, model).compiled_step()
     assert made is not None
     return made
 
@@ -86,7 +83,7 @@ def compiled(plant: Plant) -> CompiledPlantStep:
 def compared(config: PlantConfig, model: Model, rng: np.random.Generator) -> tuple[float, int]:
     """Return the largest difference after single steps, and how many modes were seen."""
     plain = Plant(config.changed({'compiled': False}), model)
-    given, made = inputs(Plant(config, model), STEPS), compiled(Plant(config, model))
+    given, made = inputs(Plant(config, model), STEPS), compiled(config, model)
     state = made.records.state
     weight = np.array(model.gravity_torque(plain.q))
     kf, largest, modes = np.array(config.coulomb_friction), 0.0, set()

@@ -16,9 +16,8 @@
 
 from math import inf
 
-from ctc_chattering.numerics.compilable import each, uniform
 from ctc_chattering.numerics.linear_algebra import Vector
-from ctc_chattering.simulation.motion import disturbed
+from ctc_chattering.simulation.motion import acting, total
 from ctc_chattering.simulation.plant import Plant
 from ctc_chattering.simulation.plant_config import PlantConfig
 import numpy as np
@@ -26,7 +25,12 @@ import pytest
 
 
 def disturbance(amplitude: Vector, frequency: Vector, t: float) -> Vector:
-    return each(disturbed, uniform(0.0), amplitude, frequency, uniform(t))
+    mechanics = Plant(PlantConfig()).mechanics()._replace(
+        amplitude=np.array(amplitude), frequency=np.array(frequency), disturbed=1.0)
+    nothing = np.zeros(len(amplitude))
+    loads: list[float] = total(
+        mechanics, acting(mechanics, nothing, nothing, 0), nothing, t, 0.0).tolist()
+    return loads
 
 
 def test_is_the_paper_s() -> None:

@@ -24,7 +24,6 @@ from ctc_chattering.errors import ParameterError
 from ctc_chattering.simulation.drive import response
 from ctc_chattering.simulation.plant import Plant
 from ctc_chattering.simulation.plant_config import PlantConfig
-from ctc_chattering.simulation.simulated_robot import Robot
 from mujoco_plant import MujocoPlant
 import numpy as np
 from oracles import Array, Masses
@@ -44,7 +43,7 @@ WHEELS = """
 </worldbody></mujoco>"""
 
 
-def robot(backend: str, **values: Any) -> Robot:
+def robot(backend: str, **values: Any) -> Plant:
     """Return two masses that know nothing of each other."""
     config = PlantConfig.from_mapping({'coulomb_friction': [0.0, 0.0], **values})
     if backend == 'mujoco':
@@ -132,13 +131,14 @@ def test_lag_and_limit_together_against_scipy(lag: float, rate: float) -> None:
 def test_response_in_numbers(gap: float) -> None:
     """Check the integral of the response against the trapezoidal rule, and its end."""
     for lag, rate in ((2e-3, inf), (2e-3, 500.0), (0.0, 500.0), (0.0, inf)):
-        s = np.linspace(0.0, 0.02, 200_001)
-        error = np.array([response(gap, lag, rate, x)[0] for x in s])
-        area = response(gap, lag, rate, 0.02)[1]
+        s = np.linspace(0.0, 0.02, 20_001)
+        start, lags, rates = np.array([gap]), np.array([lag]), np.array([rate])
+        error = np.array([response(start, lags, rates, x)[0][0] for x in s])
+        area = response(start, lags, rates, 0.02)[1][0]
         assert area == pytest.approx(np.trapezoid(error, s), abs=1e-6)
         assert abs(error[-1]) <= 3.0 * exp(-0.014 / 2e-3)
-        rates = np.abs(np.diff(error)) / np.diff(s)
-        assert rates[1:].max() <= min(rate, 3.0 / lag if lag else inf) * (1.0 + 1e-6)
+        slopes = np.abs(np.diff(error)) / np.diff(s)
+        assert slopes[1:].max() <= min(rate, 3.0 / lag if lag else inf) * (1.0 + 1e-6)
 
 
 def test_the_arm_hardly_depends_on_the_step() -> None:

@@ -31,9 +31,9 @@ KF = [9.9, 9.9]
 
 def modes(model: Model, q: Vector, dq: Vector, u: Vector, breakaway: Vector) -> tuple[float, ...]:
     """Return the modes; which joints stick agrees with them."""
-    mode, fixed = friction.modes(model, q, dq, u, breakaway)
-    assert fixed == sum(1 << i for i, kf in enumerate(breakaway) if kf and not mode[i])
-    return tuple(mode)
+    mode, stuck = friction.modes(model, *map(np.array, (q, dq, u, breakaway)))
+    assert stuck.tolist() == [kf > 0.0 and not m for kf, m in zip(breakaway, mode)]
+    return tuple(mode.tolist())
 
 
 @settings(max_examples=200)
@@ -128,8 +128,8 @@ def test_what_holds_is_the_reaction_below_kf(stuck: list[int]) -> None:
         for i in set(range(2)) - set(stuck):
             ddq[i] = (load - bias)[i] / paper_m(q)[i, i]
         need = paper_m(q) @ ddq + bias
-        mode = [0.0 if i in stuck else 1.0 for i in range(2)]
-        found = friction.holding(ARM, q, dq, load.tolist(), KF, mode,
-                                 sum(1 << i for i in stuck))
+        still = np.isin(range(2), stuck)
+        found = friction.margin_of_rest(friction.reaction(
+            *ARM.mass_and_bias(np.array(q), np.array(dq)), load, still), np.array(KF), still)
         assert found == pytest.approx(
             min(9.9 - abs(load[i] - need[i]) for i in stuck), abs=1e-11)

@@ -16,7 +16,7 @@
 
 from ctc_chattering.simulation.plant import Plant
 from ctc_chattering.simulation.plant_config import PlantConfig
-from ctc_chattering.simulation.sensor import Sensor
+from ctc_chattering.simulation.sensor import Measured, measured, Sensor
 import numpy as np
 from oracles import Array, Masses
 import pytest
@@ -28,21 +28,39 @@ ZERO = (0.0, 0.0)
 def _series(sensor: Sensor, count: int, q: tuple[float, float] = (1.0, -2.0),
             dq: tuple[float, float] = (0.5, 3.0)) -> Array:
     """Return `count` measurements of one state, as rows q1, q2, dq1, dq2."""
-    rows = (sensor.measure(q, dq) for _ in range(count))
+    rows = series(sensor, np.tile(q, (count, 1)), np.array(dq))
     return np.array([[*a, *b] for a, b in rows])
+
+
+def series(sensor: Sensor, q: Array, dq: Array) -> list[Measured]:
+    """Return the measurements at positions, shape (N, 2), and one velocity."""
+    rows: list[Measured] = []
+    for x in q:
+        rows.append(measure(sensor, x, dq, rows[-1] if rows else None))
+    return rows
+
+
+def measure(sensor: Sensor, q: Array, dq: Array, before: Measured | None = None) -> Measured:
+    """Return what is measured a period after `before`, or at the start."""
+    if before is None:
+        return sensor.first(q, dq)
+    noise = sensor.encoders.position_noise, sensor.encoders.velocity_noise
+    return measured(sensor.encoders, before, q, dq, sensor.encoders.period,
+                    *map(sensor.noise, noise))
 
 
 def test_perfect_sensors_return_the_very_state() -> None:
     """Check that without imperfections nothing is copied, drawn or rounded."""
     sensor = Sensor(ZERO, ZERO, ZERO, 7)
-    q, dq = [0.1, 0.2], [0.3, 0.4]
+    q, dq = np.array([0.1, 0.2]), np.array([0.3, 0.4])
     assert sensor.perfect
-    a, b = sensor.measure(q, dq)
-    assert a is q
-    assert b is dq
+    for before in (None, Measured(dq, q)):
+        a, b = measure(sensor, q, dq, before)
+        assert a is q
+        assert b is dq
     one = (1e-3, 0.0)
-    for a, b, c in ((one, ZERO, ZERO), (ZERO, one, ZERO), (ZERO, ZERO, one)):
-        assert not Sensor(a, b, c, 7).perfect
+    for noise in ((one, ZERO, ZERO), (ZERO, one, ZERO), (ZERO, ZERO, one)):
+        assert not Sensor(*noise, 7).perfect
 
 
 def test_seeds() -> None:
@@ -86,12 +104,12 @@ def test_resolution_rounds_to_multiples() -> None:
     sensor, step = Sensor((1e-3, 2 * np.pi / 4096), ZERO, ZERO, 0), [1e-3, 2 * np.pi / 4096]
     for _ in range(200):
         q, dq = rng.uniform(-4.0, 4.0, 2), rng.normal(size=2)
-        made, speed = sensor.measure(q.tolist(), dq.tolist())
+        made, speed = measure(sensor, q, dq)
         turns = np.array(made) / step
         np.testing.assert_allclose(turns, np.round(turns), atol=1e-9)
         assert (np.abs(made - q) <= np.array(step) * (0.5 + 1e-9)).all()
         assert list(speed) == dq.tolist()
-    one, _ = Sensor((0.25, 0.0), ZERO, ZERO, 0).measure([0.4, 0.4], [0.0, 0.0])
+    one, _ = Sensor((0.25, 0.0), ZERO, ZERO, 0).first(np.full(2, 0.4), np.zeros(2))
     assert list(one) == [0.5, 0.4]
 
 
@@ -122,7 +140,7 @@ def test_the_plant_shows_but_does_not_feel_it(name: str) -> None:
 
 def test_a_finest_resolution_is_no_resolution() -> None:
     """Check that a step so small that it overflows the count of steps does no harm."""
-    q, _ = Sensor((1e-320, 5e-324), ZERO, ZERO, 0).measure([0.4, -3.0], [0.0, 0.0])
+    q, _ = Sensor((1e-320, 5e-324), ZERO, ZERO, 0).first(np.array([0.4, -3.0]), np.zeros(2))
     assert list(q) == pytest.approx([0.4, -3.0])
 
 
@@ -137,7 +155,7 @@ def test_the_difference_of_positions() -> None:
     h, step, start = 2e-3, 1e-4, np.array([0.7, -0.3])
     sensor = Sensor((step, 0.0), ZERO, ZERO, 0, 'difference', 1.0, h)
     q = _walk(100)
-    made = [sensor.measure(x.tolist(), start.tolist()) for x in q]
+    made = series(sensor, q, start)
     shown = np.array([position for position, _ in made])
     assert shown == pytest.approx(np.stack([step * np.rint(q[:, 0] / step), q[:, 1]], axis=1))
     before = q[0] - h * start
@@ -157,7 +175,7 @@ def test_noise_of_differences() -> None:
     rounded, noisy = (Sensor(step, noise, ZERO, 0, 'difference', 1.0, h) for step, noise in (
         ((r, r), ZERO), (ZERO, (r, r))))
     for sensor, sigma in ((rounded, r / np.sqrt(12.0)), (noisy, r)):
-        speed = np.array([sensor.measure(x.tolist(), ZERO)[1] for x in q])[1:]
+        speed = np.array([speed for _, speed in series(sensor, q, np.zeros(2))])[1:]
         error = speed - np.diff(q, axis=0) / h
         assert error.std(axis=0) == pytest.approx(np.sqrt(2.0) * sigma / h, rel=0.03)
 
@@ -169,7 +187,7 @@ def test_the_filter_against_scipy() -> None:
     plain, filtered = (Sensor((1e-4, 1e-4), ZERO, (0.1, 0.1), 3, kind, cutoff, h)
                        for kind in ('difference', 'filtered'))
     q = _walk(300)
-    x, y = (np.array([sensor.measure(row.tolist(), (0.5, 0.0))[1] for row in q])
+    x, y = (np.array([speed for _, speed in series(sensor, q, np.array([0.5, 0.0]))])
             for sensor in (plain, filtered))
     start = [(1.0 - gain) * x[0]]
     expected, _ = lfilter([gain], [1.0, gain - 1.0], x, axis=0, zi=np.array(start))

@@ -15,23 +15,25 @@
 """
 MuJoCo as the physics of a simulated robot: the oracle of plant, laws and dynamics.
 
-Clock, drives, disturbance and sensors are the package's (`simulation/simulated_robot.py`).
+Clock, drives, disturbance and sensors are the package's (`simulation/plant.py`).
 """
 
 from __future__ import annotations
 
+from math import ceil
 from typing import Any
 import xml.etree.ElementTree as ElementTree
 
 from ctc_chattering.analysis.result import Result, simulate
 from ctc_chattering.configuration.loop_setup import Setup
 from ctc_chattering.dynamics.corrected_urdf import with_payload
+from ctc_chattering.dynamics.model import Model
 from ctc_chattering.dynamics.urdf_parser import Tree
 from ctc_chattering.errors import CtcError
-from ctc_chattering.numerics.linear_algebra import Vector
-from ctc_chattering.simulation.motion import Acting, total
+from ctc_chattering.numerics.linear_algebra import Array, Rows, Vector
+from ctc_chattering.simulation.motion import Acting, Mechanics, Motion, Rigid, total
+from ctc_chattering.simulation.plant import Plant
 from ctc_chattering.simulation.plant_config import PlantConfig
-from ctc_chattering.simulation.simulated_robot import Robot
 import mujoco
 
 #: The largest impedance of a constraint that MuJoCo accepts.
@@ -44,7 +46,20 @@ _ENOUGH = 1e-30
 _TOLERANCE = 1e-14
 
 
-class MujocoPlant(Robot):
+class Joints(Model):
+    """The number of joints, in the place of a model."""
+
+    def __init__(self, n: int) -> None:
+        self.n = n
+
+    def mass_matrix(self, q: Vector) -> Rows:
+        """Return nothing."""
+        raise NotImplementedError
+
+    coriolis_matrix = gravity_torque = potential_energy = mass_matrix  # type: ignore[assignment]
+
+
+class MujocoPlant(Plant):
     """
     The simulated robot of MuJoCo.
 
@@ -85,53 +100,59 @@ class MujocoPlant(Robot):
     """
 
     def __init__(self, config: PlantConfig, description: str) -> None:
-        super().__init__(config)
         if config.payload:
             description = with_payload(description, config.joint_names, config.payload)
         if mujoco.get_mju_user_warning() is None:
             # It would write MUJOCO_LOG.TXT where we are; what it counts is seen in _move.
             mujoco.set_mju_user_warning(lambda _: None)
         self.mjmodel = model = _model(config, description)
-        _set_options(model, config.gravity, self._h)
+        h, steps = config.control_period, ceil(
+            config.control_period / config.integration_step - 1e-9)
+        _set_options(model, config.gravity, h / max(1, steps))
         self.mjdata = data = mujoco.MjData(model)
         # Hinges and slides only: one position and one velocity each, in the same order.
         self._order = [model.joint(name).id for name in config.joint_names]
-        data.qpos[self._order], data.qvel[self._order] = self.q, self.dq
-        self.configure(config)
+        data.qpos[self._order] = config.initial_position
+        data.qvel[self._order] = config.initial_velocity
+        super().__init__(config, Joints(len(config.joint_names)))
 
-    def configure(self, config: PlantConfig) -> None:
-        """Use another friction or disturbance from the next step on."""
-        super().configure(config)
-        self.mjmodel.dof_damping[self._order] = self.mechanics.friction.viscous
+    def _compilable(self) -> None:
+        """Return that there is no machine code."""
+
+    def _mechanism(self, mechanics: Mechanics) -> Any:
+        """Return what moves: this plant itself, as `Mechanism`."""
+        self._acting, self.joints = mechanics, Rigid()
+        self.mjmodel.dof_damping[self._order] = mechanics.friction.viscous
+        return self
 
     @property
     def computed_by(self) -> str:
         """Return what computes the next step."""
         return 'MuJoCo'
 
-    def _move(self, now: Acting) -> None:
-        """Go on by one control period in as many steps as `integration_step` asks for."""
-        order, h, data, p = self._order, self._h, self.mjdata, self.mechanics
+    def integrate(self, now: Acting, motion: Motion) -> Motion:
+        """Return the motion a sample period later, in as many steps as the plant's."""
+        order, data, p = self._order, self.mjdata, self._acting
         self.mjmodel.dof_frictionloss[order] = now.breakaway
         if p.disturbed or now.pushed or not p.ideal:
-            for i in range(self._substeps):
-                data.qfrc_applied[order] = self._mean_torque(now, now.start + (i + 0.5) * h)
+            for i in range(p.steps):
+                data.qfrc_applied[order] = self._mean_torque(now, now.start + (i + 0.5) * p.step)
                 mujoco.mj_step(self.mjmodel, data)
         else:
             data.qfrc_applied[order] = now.commanded
-            mujoco.mj_step(self.mjmodel, data, self._substeps)
+            mujoco.mj_step(self.mjmodel, data, p.steps)
         if any(data.warning.number.tolist()):
             raise CtcError(f'MuJoCo: the motion diverged at t = {now.start:g} s')
-        self.q, self.dq = data.qpos[order].tolist(), data.qvel[order].tolist()
+        return motion._replace(q=data.qpos[order].copy(), dq=data.qvel[order].copy())
 
-    def _mean_torque(self, now: Acting, t: float) -> Vector:
+    def _mean_torque(self, now: Acting, t: float) -> Array:
         """Return the torque for the step whose middle is at `t` [s], shape (n,) [N·m]."""
-        p, command, half = self.mechanics, now.commanded, 0.5 * self._h
+        p, command, half = self._acting, now.commanded, 0.5 * self._acting.step
         middle = total(p, now, command, t, half)
         if p.ideal:
             return middle
-        return [(a + 4.0 * b + c) / 6.0 for a, b, c in zip(
-            total(p, now, command, t - half, 0.0), middle, total(p, now, command, t + half, 0.0))]
+        return (total(p, now, command, t - half, 0.0) + 4.0 * middle
+                + total(p, now, command, t + half, 0.0)) / 6.0
 
 
 def simulated_by_mujoco(setup: Setup, truth: bool = False) -> Result:

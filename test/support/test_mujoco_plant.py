@@ -28,7 +28,6 @@ from ctc_chattering.numerics.linear_algebra import Rows, Vector
 from ctc_chattering.simulation.closed_loop import simulate
 from ctc_chattering.simulation.plant import Plant
 from ctc_chattering.simulation.plant_config import PlantConfig
-from ctc_chattering.simulation.simulated_robot import Robot
 from ctc_chattering.trajectory.reference import ReferenceConfig
 from mujoco_plant import MujocoPlant
 import numpy as np
@@ -122,11 +121,11 @@ def _pendulum(**values: Any) -> MujocoPlant:
     return _plant(PENDULUM, joint_names=['hinge'], **{'coulomb_friction': [0.0], **values})
 
 
-def _state(plant: Robot) -> list[float]:
+def _state(plant: Plant) -> list[float]:
     return [*plant.q, *plant.dq]
 
 
-def _turn(plant: Robot, duration: float, tau: list[float]) -> None:
+def _turn(plant: Plant, duration: float, tau: list[float]) -> None:
     for _ in range(round(duration * 1e9 / plant.period_ns)):
         plant.step(tau)
 

@@ -23,10 +23,14 @@ from typing import Any
 
 from ctc_chattering.numerics import compilable
 from ctc_chattering.numerics.records import kinds_of, load, rows, store, value, write
-from ctc_chattering.numerics.simd import joint_by_joint, matrices, vectors  # noqa: F401
+from ctc_chattering.numerics.simd import matrices, vectors
 from ctc_chattering.numerics.simd.matrices import MatrixType
 from ctc_chattering.numerics.simd.vectors import INTERNAL, lowered, overloaded, read, VectorType
 from numba import types
+from numba.core import cgutils
+from numba.core.imputils import lower_builtin
+from numba.core.typing import templates
+from numba.core.typing.templates import AbstractTemplate, AttributeTemplate, infer_getattr
 from numba.extending import overload_method, register_jitable
 
 #: Functions and records that `register` has seen.
@@ -114,6 +118,42 @@ def _store(fields: Any, value: Any) -> Any:
     names: dict[str, Any] = {'_write_array': _write_array}
     exec('def store(fields, value):\n    ' + '\n    '.join(lines(value, '', 'value')), names)
     return names['store']
+
+
+class _Replaced(AbstractTemplate):
+    """What ``record._replace(name=value, ...)`` gives: a record with other values by name."""
+
+    key = 'record._replace'
+
+    def generic(self, _args: Any, kws: Any) -> Any:
+        """Return the signature; a field that is not given has the type of None."""
+        record = self.this  # type: ignore[attr-defined]
+        kinds = dict(zip(record.fields, record)) | kws
+        made = types.BaseTuple.from_types(tuple(kinds.values()), record.instance_class)
+        named = [inspect.Parameter(name, inspect.Parameter.POSITIONAL_OR_KEYWORD, default=None)
+                 for name in record.fields]
+        return templates.signature(
+            made, *(kws.get(name, types.none) for name in record.fields), recvr=record,
+        ).replace(pysig=inspect.Signature(named))
+
+
+@infer_getattr
+class _Replace(AttributeTemplate):
+
+    key = types.BaseNamedTuple
+
+    def resolve__replace(self, record: Any) -> Any:
+        """Return the type of the method."""
+        return types.BoundFunction(_Replaced, record)
+
+
+@lower_builtin(  # type: ignore[untyped-decorator]
+    _Replaced.key, types.BaseNamedTuple, types.VarArg(types.Any))
+def _lower_replace(context: Any, builder: Any, signature: Any, values: Any) -> Any:
+    record, *given = values
+    return context.make_tuple(builder, signature.return_type, [
+        old if kind is types.none else new for kind, old, new in zip(
+            signature.args[1:], cgutils.unpack_tuple(builder, record), given)])
 
 
 def register() -> None:

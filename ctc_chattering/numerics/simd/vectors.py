@@ -207,8 +207,9 @@ _of_one(operator.neg, lambda builder, value, _n: builder.fneg(value))
 _of_one(operator.invert, lambda builder, value, _n: builder.not_(value), _is_truths)
 _of_one(np.abs, _built_in('fabs'))
 _of_one(np.sqrt, _built_in('sqrt'))
+_of_one(np.rint, _built_in('rint'))
 _of_one(np.sign, _sign)
-for _function in (np.exp, np.cbrt, np.tanh):
+for _function in (np.exp, np.cbrt, np.sin, np.tanh):
     _of_one(_function, _each(_function.__name__))
 
 
@@ -268,13 +269,6 @@ def _item(x: Any, i: Any) -> Any:
     return None
 
 
-@overloaded(operator.contains)
-def _contains(x: Any, value: Any) -> Any:
-    if is_vector(x):
-        return lambda x, value: (x == value).any()
-    return None
-
-
 @lowered
 def with_element(_typing: Any, x: Any, i: Any, value: Any) -> Any:
     def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
@@ -310,6 +304,12 @@ def _largest(_typing: Any, x: Any) -> Any:
 def _max(x: Any) -> Any:
     del x
     return lambda x: _largest(x)
+
+
+@method('min')
+def _min(x: Any) -> Any:
+    del x
+    return lambda x: -_largest(-x)
 
 
 @overloaded(compilable.first)
