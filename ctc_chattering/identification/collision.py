@@ -29,7 +29,7 @@ from math import inf
 from typing import Any, NamedTuple
 import xml.etree.ElementTree as ET
 
-from ctc_chattering.configuration.robot_description import find_mesh
+from ctc_chattering.configuration.package_share import find_mesh
 from ctc_chattering.dynamics.urdf_parser import Tree
 from ctc_chattering.errors import CtcError, refused_as
 from ctc_chattering.numerics.linear_algebra import Array

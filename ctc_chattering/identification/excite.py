@@ -23,7 +23,6 @@ from pathlib import Path
 from typing import Any
 
 from ctc_chattering.analysis.output import prepare
-from ctc_chattering.arguments import vector, whole
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.configuration.loop_setup import Setup, Values
 from ctc_chattering.configuration.trajectory_file import write_trajectory
@@ -42,7 +41,7 @@ from ctc_chattering.identification.random_motions import (
 )
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.numerics.time_grid import NANOSECONDS
-from ctc_chattering.parameters import matrix
+from ctc_chattering.parameters import matrix, vector, whole
 from ctc_chattering.trajectory.joint_limits import DescribedLimits, JointLimits
 import numpy as np
 
