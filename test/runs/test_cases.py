@@ -17,6 +17,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 from ctc_chattering import compare
 from ctc_chattering.configuration import parameter_file
@@ -43,13 +44,12 @@ def test_a_case_is_above_what_all_have_and_that_above_the_file(tmp_path: Path) -
     found = compare(['friction'], ['compensation'], cases=file)
     assert [x.task.condition.name for x in found if x.task.condition] == [
         'Drive lag: 2 ms', 'Sample period: 5 ms']
-    law = {'law': 'compensation'}
-    for outcome, values in zip(found, (
-            {'plant': {'duration': 6.0, 'compiled': False, 'actuator_lag': [2e-3, 2e-3]}},
-            {'/**': {'control_period': 5e-3}, 'plant': {'duration': 7.0, 'compiled': False}}),
-            strict=True):
+    given: tuple[dict[str, Any], ...] = (
+        {'plant': {'duration': 6.0, 'compiled': False, 'actuator_lag': [2e-3, 2e-3]}},
+        {'/**': {'control_period': 5e-3}, 'plant': {'duration': 7.0, 'compiled': False}})
+    for outcome, values in zip(found, given, strict=True):
         setup = parameter_file.load(config_directory() / 'friction.yaml',
-                                    {**values, 'controller': law})
+                                    {**values, 'controller': {'law': 'compensation'}})
         assert outcome.score == score(setup)
 
 
