@@ -199,6 +199,8 @@ def held_out_csv(outcomes: Sequence[Outcome]) -> str:
 
 #: Panels of a figure beside each other.
 _COLUMNS = 3
+#: Most conditions of which each has a figure of its own, and its tables unfolded.
+_MANY = 16
 
 
 def label(variant: Variant) -> str:
@@ -296,7 +298,8 @@ def _all(outcomes: Sequence[Outcome]) -> Iterator[tuple[str, Figure, str]]:
             mine, f'{experiment}: error and torque variation'), (
             'Geometric means over the joints, 5 s to 10 s, a panel for each condition; lower left '
             'is better.')
-        for group in groups(mine):
+        parts = groups(mine)
+        for group in parts if len(parts) <= _MANY else ():
             condition = group[0].task.condition
             yield '_'.join((experiment, *([condition.name] if condition else []))), (
                 errors(group)), (
@@ -350,8 +353,11 @@ def write_comparison(outcomes: Sequence[Outcome], out: str | Path, extra: str = 
 def write_page(outcomes: Sequence[Outcome], figures: Sequence[FigureFile], path: Path,
                command: str = '') -> None:
     """Write the page; raise `CtcError` if that cannot be done."""
+    numbers: list[page.Item] = [*tables(outcomes)]
+    if len(groups(outcomes)) > _MANY:
+        numbers = [page.Folded(x.title, [x._replace(title='')]) for x in tables(outcomes)]
     page.write_page(path, 'The laws compared', _LEAD, [
-        page.Section('Figures', figures), page.Section('Numbers', list(tables(outcomes)))],
+        page.Section('Figures', figures), page.Section('Numbers', numbers)],
         [(name, name) for name in (CSV, TABLE, PARAMETERS)], command)
 
 

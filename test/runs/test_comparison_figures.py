@@ -17,8 +17,8 @@ from __future__ import annotations
 from pathlib import Path
 
 from ctc_chattering.runs import compare_page
-from ctc_chattering.runs.compare import Outcome, Task, variants
-from ctc_chattering.runs.conditions import CONDITIONS
+from ctc_chattering.runs.compare import BASE, Outcome, Task, variants
+from ctc_chattering.runs.conditions import Case, CONDITIONS
 from ctc_chattering.runs.score import Score
 from figure_layout import overlaps
 import pytest
@@ -36,3 +36,15 @@ def test_nothing_is_over_a_legend_or_a_label(n: int) -> None:
         f'a_joint_of_a_robot_{k}' for k in range(n)), (), score) for task in tasks]
     assert not overlaps(compare_page.trade_off(made, 'A title ' * 20))
     assert not overlaps(compare_page.errors(made[-9:]))
+
+
+@pytest.mark.parametrize('count, figures, folded', [(16, 17, 0), (17, 1, 34)])
+def test_many_conditions_have_one_figure_and_folded_tables(
+        count: int, figures: int, folded: int, tmp_path: Path) -> None:
+    score = Score(rms=(1e-3,), variation=(40.0,), step=(1.0,), rate=(1.0,), peak=(1.0,))
+    made = [Outcome(Task(Path('robot.yaml'), Case(f'case {k}', f'case {k}'), BASE), 'x', ('j',),
+                    ({},), score) for k in range(count)]
+    assert len(list(compare_page._all(made))) == figures
+    compare_page.write_page(made, [], tmp_path / 'index.html')
+    text = (tmp_path / 'index.html').read_text(encoding='utf-8')
+    assert text.count('<summary><b>') == folded and text.count('<table>') == 2 * count
