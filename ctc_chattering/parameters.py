@@ -16,19 +16,21 @@
 Declaration of parameters: one place for type, unit, default, range and description.
 
 A configuration is a frozen dataclass derived from `Config` whose fields are made by `parameter`.
-The YAML file, the ROS nodes, `ctc` and the README's tables are all served from these fields.
+The YAML file, the ROS nodes, `ctc` and the README's tables are all served from these fields. What
+functions check of their arguments beyond types is at the end.
 """
 
 from __future__ import annotations
 
 from array import array
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from copy import copy
 import dataclasses
 import importlib
 import inspect
 import math
+from numbers import Integral
 import re
 from typing import Any, ClassVar, TypeVar
 
@@ -404,3 +406,29 @@ def check_joint_names(names: tuple[str, ...]) -> None:
     """Raise `ParameterError` unless there are names, each of them once and none empty."""
     if not names or len(set(names)) != len(names) or not all(names):
         raise ParameterError('joint_names', names, 'one or more names, all different, none empty')
+
+
+def check_some(name: str, values: Sequence[object]) -> None:
+    """Raise `ParameterError` for an empty sequence."""
+    if not values:
+        raise ParameterError(name, values, 'one or more')
+
+
+def whole(name: str, value: Any, least: int | None = None, most: int = 2 ** 32 - 1) -> int:
+    """Return a whole number as an `int`; raise `ParameterError` if it is none, or out of range."""
+    if not isinstance(value, Integral) or isinstance(value, bool) or (
+            least is not None and not least <= int(value) <= most):
+        raise ParameterError(name, value, 'a whole number' + (
+            '' if least is None else f' >= {least} and <= {most}'))
+    return int(value)
+
+
+def vector(name: str, values: Any, n: int) -> npt.NDArray[np.float64]:
+    """Return `n` numbers as an array; raise `ParameterError` if they are something else."""
+    try:
+        found = np.array(values, float)
+    except (TypeError, ValueError, OverflowError):
+        found = np.empty(0)
+    if found.shape != (n,):
+        raise ParameterError(name, values, f'{n} numbers')
+    return found

@@ -47,9 +47,9 @@ from ctc_chattering.analysis.page import (
 from ctc_chattering.analysis.result import METRICS, Result, write_metrics
 from ctc_chattering.analysis.run_names import colours, gains, LAW_COLOURS, names
 from ctc_chattering.analysis.tables import Table
-from ctc_chattering.arguments import check_some
 from ctc_chattering.errors import ParameterError
 from ctc_chattering.numerics.linear_algebra import Array
+from ctc_chattering.parameters import check_some
 import numpy as np
 
 #: Numbers of a run that a page reads in full; of more, extremes of stretches are left.

@@ -21,7 +21,7 @@ from math import inf, pi, sqrt
 
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.configuration.loop_setup import Setup, Values
-from ctc_chattering.configuration.robot_description import read_description
+from ctc_chattering.configuration.package_share import read_description
 from ctc_chattering.control.controller_config import ControllerConfig
 from ctc_chattering.control.recommended_gains import LAW, model_torque, recommended_gains
 from ctc_chattering.dynamics.registry import model_of

@@ -12,12 +12,16 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Where the installed configuration files are, however the package was installed."""
+"""Files of the package and of robots by path, name or ``package://``; the paper's experiments."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping
+import dataclasses
+import os
 from pathlib import Path
 import sys
+from typing import Any
 
 from ctc_chattering.errors import CtcError, near, UsageError
 
@@ -71,3 +75,129 @@ def find_config(text: str, beside: Path = Path(), folder: str = '') -> Path:
         raise UsageError(f'{text}: no such file, and the package has none with this name: '
                          f'{", ".join(own)}{near(text, own)}')
     return beside / text
+
+
+_SCHEME = 'package://'
+#: The robots of the package's own files, and how they come with what their model needs.
+_ROBOTS, _INSTALL = f'{_SCHEME}example-robot-data/', 'pip install example-robot-data pin'
+#: What meshes are read from, and how large these files may be [bytes].
+_MESHES, _MESH_SIZE = ('.stl', '.dae', '.obj'), 50_000_000
+
+
+def read_description(location: str) -> str:
+    """
+    Return the text of a description.
+
+    Parameters
+    ----------
+    location : str
+        Path of the file, or ``package://NAME/PATH`` for `PATH` below ``share/NAME`` of an
+        installation of ROS 2, of the Python environment, or of a wheel in it.
+
+    Raises
+    ------
+    CtcError
+        If it cannot be read.
+
+    """
+    path = find_file(location)
+    try:
+        return path.read_text(encoding='utf-8')
+    except (OSError, ValueError) as error:
+        reason = getattr(error, 'strerror', None) or 'not a text file'
+        raise CtcError(f'description: {location}: {reason}') from None
+
+
+def find_file(location: str) -> Path:
+    """
+    Return where a file is that a description or a parameter names.
+
+    Parameters
+    ----------
+    location : str
+        As `read_description` takes it.
+
+    Raises
+    ------
+    CtcError
+        If it is of a package that is not installed.
+
+    """
+    if not location.startswith(_SCHEME):
+        return Path(location)
+    below = Path('share', *location.removeprefix(_SCHEME).split('/'))
+    looked = list(_prefixes())
+    for prefix in looked:
+        if (prefix / below).is_file():
+            return prefix / below
+    hint = f'; {_INSTALL}' if location.startswith(_ROBOTS) else ''
+    raise CtcError(f'description: {location}: not installed; looked for {below} below '
+                   f'{", ".join(map(str, looked))}{hint}')
+
+
+def find_mesh(location: str) -> Path | None:
+    """
+    Return the file of a mesh that a URDF names; None where it is not to be read.
+
+    Read are STL, COLLADA and OBJ, up to 50 MB: a URDF of others may name any file.
+    """
+    try:
+        path = find_file(location.removeprefix('file://'))
+    except CtcError:
+        return None
+    return path if path.suffix.lower() in _MESHES and path.is_file() and (
+        path.stat().st_size <= _MESH_SIZE) else None
+
+
+def _prefixes() -> Iterator[Path]:
+    """Yield the prefixes of installed packages, which have a ``share``."""
+    for prefix in filter(None, os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep)):
+        yield Path(prefix)
+    yield Path(sys.prefix)
+    for entry in filter(None, sys.path):
+        bundle = Path(entry, 'cmeel.prefix')
+        if bundle.is_dir():
+            yield bundle
+
+
+@dataclasses.dataclass(frozen=True)
+class Experiment:
+    """
+    One run: a parameter file in `config/` and overrides.
+
+    Attributes
+    ----------
+    file : str
+        Name of the parameter file, without its ending.
+    values : mapping
+        Parameters of the controller in place of the file's.
+
+    """
+
+    file: str
+    values: Mapping[str, Any] = dataclasses.field(default_factory=dict)
+
+    @property
+    def path(self) -> Path:
+        """Return the parameter file."""
+        return config_directory() / f'{self.file}.yaml'
+
+    @property
+    def name(self) -> str:
+        """Name of its bag."""
+        return '_'.join((self.file, *(x for x in self.values.values() if isinstance(x, str))))
+
+    @property
+    def overrides(self) -> dict[str, Mapping[str, Any]]:
+        """Values that override those of the file."""
+        return {'controller': self.values} if self.values else {}
+
+
+#: Figures 2 to 9 of the paper, the switching that this package recommends (Ka above friction),
+#: and the switch from one law to the other.
+EXPERIMENTS = (
+    Experiment('friction', {'law': 'compensation'}), Experiment('friction', {'law': 'chattering'}),
+    Experiment('friction', {
+        'law': 'chattering', 'switching': 'implicit_observer', 'ka': [12.0, 12.0]}),
+    Experiment('disturbance', {'law': 'compensation'}),
+    Experiment('disturbance', {'law': 'chattering'}), Experiment('switch'))

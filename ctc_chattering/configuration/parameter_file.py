@@ -31,7 +31,7 @@ from ctc_chattering.configuration.loop_setup import (
     Values,
 )
 from ctc_chattering.configuration.node_parameters import LOOP, NODES, parameters_of
-from ctc_chattering.configuration.robot_description import read_description
+from ctc_chattering.configuration.package_share import read_description
 from ctc_chattering.configuration.trajectory_file import read_trajectory
 from ctc_chattering.configuration.yaml_file import Dumper, read_yaml
 from ctc_chattering.control.controller_config import ControllerConfig

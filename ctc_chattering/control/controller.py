@@ -21,7 +21,6 @@ from itertools import chain, islice
 from math import isfinite
 from typing import Any, NamedTuple, NoReturn
 
-from ctc_chattering.arguments import vector
 from ctc_chattering.control.compiled_step import CompiledStep
 from ctc_chattering.control.control_step import (
     control_memory,
@@ -42,6 +41,7 @@ from ctc_chattering.errors import CtcError, ParameterError, refused_as
 from ctc_chattering.numerics.linear_algebra import Array, Vector
 from ctc_chattering.numerics.machine_code import MACHINE_CODE, PLAIN_PYTHON
 from ctc_chattering.numerics.time_grid import period_ns, seconds
+from ctc_chattering.parameters import vector
 from ctc_chattering.trajectory.buffer import Point
 import numpy as np
 
@@ -227,6 +227,8 @@ class Controller:
 
     def compiled_step(self) -> CompiledStep | None:
         """Return the step from now on as machine code takes it; None where it cannot."""
+        if isinstance(self._stepper, CompiledStep):
+            return self._stepper
         return self._compiled(self.memories)
 
     @property

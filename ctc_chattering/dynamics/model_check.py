@@ -27,10 +27,10 @@ from collections.abc import Callable, Sequence
 from typing import NamedTuple
 import xml.etree.ElementTree as ET
 
-from ctc_chattering.arguments import whole
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.dynamics.urdf_parser import Tree
 from ctc_chattering.numerics.linear_algebra import Array, Vector
+from ctc_chattering.parameters import whole
 import numpy as np
 
 #: Step of the differences [rad].

@@ -25,7 +25,6 @@ import dataclasses
 from numbers import Real
 from typing import NamedTuple
 
-from ctc_chattering.arguments import vector
 from ctc_chattering.bags.recording import Recording, Stretch
 from ctc_chattering.errors import CtcError, ParameterError, UsageError
 from ctc_chattering.identification.drive_torque import COMMAND, EFFORT, has
@@ -34,6 +33,7 @@ from ctc_chattering.identification.least_squares import correlation_length
 from ctc_chattering.identification.weak_form import TestFunction
 from ctc_chattering.identification.windows import Rows
 from ctc_chattering.numerics.linear_algebra import Array
+from ctc_chattering.parameters import vector
 import numpy as np
 import numpy.typing as npt
 from scipy.optimize import linear_sum_assignment  # type: ignore[import-untyped]

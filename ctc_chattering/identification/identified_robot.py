@@ -26,7 +26,6 @@ from typing import Any
 
 from ctc_chattering.analysis.compilation import compile_setups, has_compiler
 from ctc_chattering.analysis.output import check_format, prepare, write_json, write_text, writing
-from ctc_chattering.arguments import check_some, vector, whole
 from ctc_chattering.bags.recording import RecordedMotion, Recording
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.dynamics.corrected_urdf import corrected_urdf, with_payload
@@ -51,6 +50,7 @@ from ctc_chattering.identification.trial_runs import (
     trial_runs,
 )
 from ctc_chattering.numerics.linear_algebra import Array
+from ctc_chattering.parameters import check_some, vector, whole
 import numpy as np
 
 #: By how much the corrected model may explain the torque of a joint worse.

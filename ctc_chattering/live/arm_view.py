@@ -20,7 +20,7 @@ from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from typing import Any, Literal, NamedTuple
 
-from ctc_chattering.configuration.robot_description import find_mesh
+from ctc_chattering.configuration.package_share import find_mesh
 from ctc_chattering.live.cameras import outermost
 from ctc_chattering.live.skeleton import LONGEST, quaternion, Shape, Skeleton
 from ctc_chattering.numerics.linear_algebra import Array

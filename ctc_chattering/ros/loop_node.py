@@ -21,7 +21,7 @@ from typing import Any, cast, Generic, TypeVar
 
 from ctc_chattering.configuration.loop_setup import Values
 from ctc_chattering.configuration.node_parameters import NODES, RealTimeSettings
-from ctc_chattering.configuration.robot_description import read_description
+from ctc_chattering.configuration.package_share import read_description
 from ctc_chattering.errors import CtcError
 from ctc_chattering.parameters import Config
 from ctc_chattering.ros.matching import compatible, MatchingSubscription, qos

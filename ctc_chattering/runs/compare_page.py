@@ -39,8 +39,8 @@ from ctc_chattering.analysis.output import (
 )
 from ctc_chattering.analysis.run_names import LAW_COLOURS
 from ctc_chattering.analysis.tables import bold, csv_text, markdown, markdown_table, Table
-from ctc_chattering.arguments import check_some
 from ctc_chattering.configuration import parameter_file
+from ctc_chattering.parameters import check_some
 from ctc_chattering.runs.compare import BASE, BEST, Outcome, RECOMMENDED, Variant
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D

@@ -25,11 +25,11 @@ from typing import Any, TYPE_CHECKING
 
 from ctc_chattering.analysis.compilation import compile_setups
 from ctc_chattering.analysis.output import check_format
-from ctc_chattering.arguments import whole
 from ctc_chattering.configuration.package_share import find_config
 from ctc_chattering.control.controller import Controller
 from ctc_chattering.dynamics.registry import model_of
 from ctc_chattering.errors import CtcError
+from ctc_chattering.parameters import whole
 from ctc_chattering.runs import pool, store
 from ctc_chattering.runs.points import Refinement, Runs
 from ctc_chattering.runs.spec import MapSpec, parse, read_spec

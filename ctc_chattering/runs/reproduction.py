@@ -25,7 +25,7 @@ from ctc_chattering.analysis.result import Result
 from ctc_chattering.bags.reader import read_bag
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.configuration.loop_setup import Setup
-from ctc_chattering.configuration.paper import EXPERIMENTS
+from ctc_chattering.configuration.package_share import EXPERIMENTS
 from ctc_chattering.launch.graph import run_graph, Stopped
 from ctc_chattering.ros.domain import own_domain
 

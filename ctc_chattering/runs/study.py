@@ -32,13 +32,13 @@ from typing import Any, NamedTuple
 from ctc_chattering.analysis.compilation import compile_setups
 from ctc_chattering.analysis.markup import fragment, Markup
 from ctc_chattering.analysis.tables import bold, csv_text, Table
-from ctc_chattering.arguments import whole
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.configuration.loop_setup import Setup
 from ctc_chattering.configuration.package_share import config_directory
 from ctc_chattering.control.controller_config import LAWS, RIVALS
 from ctc_chattering.control.switching import SWITCHINGS
 from ctc_chattering.errors import near, ParameterError
+from ctc_chattering.parameters import whole
 from ctc_chattering.runs.pool import in_parallel
 from ctc_chattering.runs.recommended import recommended_setup
 from ctc_chattering.runs.score import Score, score

@@ -25,11 +25,11 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from ctc_chattering.analysis.compilation import compile_setups
-from ctc_chattering.arguments import whole
 from ctc_chattering.configuration.loop_setup import Setup
 from ctc_chattering.configuration.yaml_file import read_yaml
 from ctc_chattering.control.controller_config import ControllerConfig
 from ctc_chattering.errors import ParameterError
+from ctc_chattering.parameters import whole
 from ctc_chattering.runs.pool import processes
 from ctc_chattering.runs.recommended import recommended, recommended_setup
 from ctc_chattering.runs.score import Score, score

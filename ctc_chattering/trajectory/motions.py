@@ -26,11 +26,10 @@ from itertools import pairwise
 from math import isfinite
 from typing import Any, NamedTuple, Protocol, TypeVar
 
-from ctc_chattering.arguments import whole
 from ctc_chattering.errors import ParameterError
 from ctc_chattering.numerics.polynomials import cubic, linear, quintic
 from ctc_chattering.numerics.time_grid import NANOSECONDS, seconds
-from ctc_chattering.parameters import Parameter
+from ctc_chattering.parameters import Parameter, whole
 from ctc_chattering.trajectory.buffer import Point
 
 _FIELDS = ('positions', 'velocities', 'accelerations')

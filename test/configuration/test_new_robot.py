@@ -21,7 +21,7 @@ from pathlib import Path
 from ctc_chattering.analysis.result import simulate
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.configuration.new_robot import KA, new_robot
-from ctc_chattering.configuration.robot_description import find_file
+from ctc_chattering.configuration.package_share import find_file
 from ctc_chattering.dynamics.urdf_parser import Tree
 from ctc_commands import ctc, refused
 import numpy as np

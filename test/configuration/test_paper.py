@@ -17,7 +17,7 @@
 from __future__ import annotations
 
 from ctc_chattering.configuration import parameter_file
-from ctc_chattering.configuration.paper import EXPERIMENTS
+from ctc_chattering.configuration.package_share import EXPERIMENTS
 from ctc_chattering.simulation.closed_loop import Event
 
 

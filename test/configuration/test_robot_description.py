@@ -21,7 +21,7 @@ from pathlib import Path
 import sys
 
 from ctc_chattering.configuration import parameter_file
-from ctc_chattering.configuration.robot_description import find_mesh, read_description
+from ctc_chattering.configuration.package_share import find_mesh, read_description
 from ctc_chattering.errors import CtcError
 import pytest
 from urdfs import panda, two_links, ur5

@@ -23,7 +23,7 @@ from pathlib import Path
 from ctc_chattering.analysis.metrics import metrics
 from ctc_chattering.analysis.result import simulate
 from ctc_chattering.configuration import parameter_file
-from ctc_chattering.configuration.paper import EXPERIMENTS
+from ctc_chattering.configuration.package_share import EXPERIMENTS
 from ctc_chattering.control.switching import SWITCHINGS
 from ctc_chattering.runs import study as cases
 from ctc_chattering.runs.score import Score

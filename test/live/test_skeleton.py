@@ -19,7 +19,7 @@ from __future__ import annotations
 import re
 import xml.etree.ElementTree as ET
 
-from ctc_chattering.configuration.robot_description import read_description
+from ctc_chattering.configuration.package_share import read_description
 from ctc_chattering.control.controller import ControllerConfig
 from ctc_chattering.errors import CtcError
 from ctc_chattering.live.arm_view import drawn

@@ -30,8 +30,7 @@ import time
 
 from ctc_chattering.analysis.compilation import compile_setups
 from ctc_chattering.configuration import parameter_file
-from ctc_chattering.configuration.package_share import config_directory
-from ctc_chattering.configuration.paper import EXPERIMENTS
+from ctc_chattering.configuration.package_share import config_directory, EXPERIMENTS
 from ctc_chattering.control.controller import Controller
 from ctc_chattering.dynamics.registry import model_of
 from ctc_chattering.launch.graph import one_processor, run_graph

@@ -21,7 +21,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 from ctc_chattering.configuration.node_parameters import LOOP
-from ctc_chattering.configuration.paper import EXPERIMENTS
+from ctc_chattering.configuration.package_share import EXPERIMENTS
 from ctc_chattering.launch import child_process
 from ctc_chattering.ros.domain import own_domain
 from ctc_chattering.ros.fastdds import use_profile

@@ -20,7 +20,7 @@ import argparse
 
 from ctc_chattering.analysis.tables import measured, print_columns
 from ctc_chattering.cli.options import add_urdf_options, check
-from ctc_chattering.configuration.robot_description import read_description
+from ctc_chattering.configuration.package_share import read_description
 from ctc_chattering.dynamics.model_check import check_dynamics, inertia_faults
 from ctc_chattering.dynamics.registry import make_model
 from ctc_chattering.dynamics.urdf_parser import Tree

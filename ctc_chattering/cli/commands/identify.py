@@ -27,7 +27,7 @@ from ctc_chattering.analysis.tables import paragraph
 from ctc_chattering.cli.command_line import say
 from ctc_chattering.cli.options import add_format, add_output, numbers
 from ctc_chattering.cli.presentation import print_page
-from ctc_chattering.configuration.robot_description import read_description
+from ctc_chattering.configuration.package_share import read_description
 from ctc_chattering.errors import CtcError, UsageError
 from ctc_chattering.identification.effort import check_effort, CURRENT, EffortNames, LINK, MOTOR
 

@@ -23,7 +23,7 @@ from ctc_chattering.analysis.output import prepare
 from ctc_chattering.analysis.run_page import NAMES
 from ctc_chattering.cli.options import add_format, add_output
 from ctc_chattering.cli.presentation import present
-from ctc_chattering.configuration.paper import EXPERIMENTS
+from ctc_chattering.configuration.package_share import EXPERIMENTS
 
 DETAILS = 'Write bags, figures, metrics.json and index.html.'
 
