@@ -68,6 +68,10 @@ compare: $(READY)
 		--overwrite --out docs/comparison/two_link
 	$(BIN)/python validation/comparison_page.py
 
+# Switchings, and laws, under one imperfection at a time: the tables of docs/study, in minutes.
+imperfections: $(READY)
+	PYTHONPATH=validation $(BIN)/python validation/imperfections_page.py docs/study
+
 # Other numbers of the rules, on other draws; LAWS='pid_kalman' for some, minutes each.
 rules: $(READY)
 	$(BIN)/python validation/rule_study.py $(LAWS)

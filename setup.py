@@ -48,6 +48,7 @@ setup(
         ('share/ament_index/resource_index/packages', [f'resource/{NAME}']),
         (f'share/{NAME}', ['package.xml', 'LICENSE']),
         (f'share/{NAME}/config', files('config')),
+        (f'share/{NAME}/config/cases', files('config/cases')),
         (f'share/{NAME}/config/trajectories', files('config/trajectories')),
         (f'share/{NAME}/config/maps', files('config/maps')),
         (f'share/{NAME}/launch', files('launch')),

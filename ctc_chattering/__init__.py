@@ -55,9 +55,9 @@ its files. `read_motion` reads a bag of any recorder; arrays of your own are a `
 `RecordedMotion`. `identify` returns an `IdentifiedRobot`, `write_identified` a parameter file.
 
 **Which law, which gains.** `compare` runs all laws, `tune` searches for gains, `compute_map` shows
-where laws fail, `stability` which errors a loop stands, `study` each switching under each
-imperfection; `write_comparison`, `write_tuning` and `write_study` write tables, figures and
-parameter files. `reproduce` runs the paper's experiments over ROS.
+where laws fail, `stability` which errors a loop stands; `write_comparison` and
+`write_tuning` write tables, figures and parameter files. `reproduce` runs the paper's experiments
+over ROS.
 
 **Parts.** `Controller` answers a state with a `Sample`, `Plant` takes the torque, `Sinusoid` and
 `Waypoints` are motions.
@@ -113,8 +113,6 @@ if TYPE_CHECKING:
     from ctc_chattering.runs.map import compute_map as compute_map
     from ctc_chattering.runs.reproduction import reproduce as reproduce
     from ctc_chattering.runs.stability import stability as stability
-    from ctc_chattering.runs.study import study as study
-    from ctc_chattering.runs.study_page import write_study as write_study
     from ctc_chattering.runs.tune import tune as tune
     from ctc_chattering.runs.tune_page import write_tuning as write_tuning
     from ctc_chattering.simulation.closed_loop import Event as Event
@@ -158,8 +156,6 @@ _MODULES = {
     'runs.map': ('compute_map',),
     'runs.reproduction': ('reproduce',),
     'runs.stability': ('stability',),
-    'runs.study': ('study',),
-    'runs.study_page': ('write_study',),
     'runs.tune': ('tune',),
     'runs.tune_page': ('write_tuning',),
     'simulation.closed_loop': ('Event', 'Run'),

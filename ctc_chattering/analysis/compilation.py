@@ -125,7 +125,7 @@ def compile_setup(setup: Setup, every: bool = False, show: Callable[[str], None]
     Compile robot and law of a setup, once for this version; runs are then 20 times as fast.
 
     That holds for `simulate`, all searches, maps and nodes, and for all setups with the same law
-    and number of joints. `compare`, `tune`, `compute_map` and `study` compile what they need.
+    and number of joints. `compare`, `tune` and `compute_map` compile what they need.
 
     Parameters
     ----------

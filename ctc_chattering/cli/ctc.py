@@ -31,7 +31,6 @@ COMMANDS = {
     'new-robot': 'write a parameter file for the robot of a URDF',
     'compile': 'compile a law and the plant, for nodes and simulation',
     'reproduce': "run the paper's experiments over ROS and draw its figures",
-    'study': 'compare the switchings over sample periods, gains and imperfections',
     'compare': 'compare all laws joint by joint, on any robot',
     'map': 'run laws over grids and random draws of parameters, and show which law fails where',
     'tune': 'find gains with low error and low torque variation for a partly known robot',

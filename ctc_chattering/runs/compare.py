@@ -32,12 +32,14 @@ from ctc_chattering.errors import CtcError, near, ParameterError
 from ctc_chattering.parameters import whole
 from ctc_chattering.runs.conditions import (
     ALL,
+    Case,
     check_conditions,
     Condition,
     condition,
     CONDITIONS,
     held_out,
     HeldOut,
+    read_cases,
     SEED,
 )
 from ctc_chattering.runs.pool import in_parallel
@@ -86,7 +88,8 @@ class Task(NamedTuple):
 
 
 def tasks(paths: Sequence[Path], conditions: Sequence[str | None],
-          laws: Sequence[str] = LAWS, gains: str = FILE, others: int = 0, seed: int = SEED
+          laws: Sequence[str] = LAWS, gains: str = FILE, others: int = 0, seed: int = SEED,
+          cases: Sequence[Case] = ()
           ) -> list[Task]:
     """
     Return what to run: every variant on every robot under every condition.
@@ -101,10 +104,13 @@ def tasks(paths: Sequence[Path], conditions: Sequence[str | None],
         As `variants` has them.
     others, seed : int
         How many held-out conditions, and the seed of their draws.
+    cases : sequence of Case
+        Further conditions.
 
     """
     return [Task(path, chosen, variant, held_out(others, seed)) for path in paths
-            for chosen in _conditions(conditions, path) for variant in variants(laws, gains)]
+            for chosen in (*_conditions(conditions, path), *cases)
+            for variant in variants(laws, gains)]
 
 
 def _conditions(names: Sequence[str | None], path: Path) -> list[Condition | None]:
@@ -233,7 +239,8 @@ def compare(files: Sequence[str | Path], laws: Sequence[str] = LAWS,
             conditions: Sequence[str] = (), gains: str = FILE, held_out: int = 0,
             seed: int = SEED, jobs: int = 1, runner: Runner = over_simulation,
             show: Callable[[str], None] = print,
-            progress: Callable[[int, int], None] | None = None) -> list[Outcome]:
+            progress: Callable[[int, int], None] | None = None, cases: str | Path = ''
+            ) -> list[Outcome]:
     """
     Run parameter files with every law and, under law chattering, every switching.
 
@@ -260,6 +267,8 @@ def compare(files: Sequence[str | Path], laws: Sequence[str] = LAWS,
         Takes lines about what is compiled.
     progress : callable, optional
         Called with the number of outcomes that are there, and of all.
+    cases : str or Path
+        File of further conditions, or the name of one in the package, ``imperfections``.
 
     Returns
     -------
@@ -282,7 +291,8 @@ def compare(files: Sequence[str | Path], laws: Sequence[str] = LAWS,
     held_out, seed, jobs = whole('held_out', held_out, 0), whole('seed', seed, 0), whole(
         'jobs', jobs, 1)
     paths = [find_config(x) if isinstance(x, str) else x for x in files]
-    todo = tasks(paths, conditions or [None], laws, gains, held_out, seed)
+    more = read_cases(find_config(str(cases), folder='cases')) if str(cases) else ()
+    todo = tasks(paths, conditions or ([] if more else [None]), laws, gains, held_out, seed, more)
     runs = compared(todo, jobs, runner)
     if runner is over_simulation:
         compile_setups(setups(todo), show)

@@ -27,8 +27,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 import dataclasses
 from math import inf
+from pathlib import Path
 from typing import Any, TYPE_CHECKING
 
+from ctc_chattering.configuration.node_parameters import LOOP
+from ctc_chattering.configuration.yaml_file import mapping, read_yaml
 from ctc_chattering.dynamics.registry import model_of
 from ctc_chattering.errors import near, UsageError
 import numpy as np
@@ -178,6 +181,42 @@ def check_conditions(names: Sequence[str]) -> None:
     for name in names:
         if name != ALL:
             condition(name)
+
+
+@dataclasses.dataclass(frozen=True)
+class Case(Condition):
+    """A condition of which a file has the values of parameters, by node, and nothing else."""
+
+    values: Overrides = dataclasses.field(default_factory=dict)
+
+    def overrides(self, setup: Setup) -> tuple[Overrides, ...]:  # noqa: ARG002
+        """Return what replaces values of a parameter file."""
+        return self.values,
+
+
+def read_cases(path: Path) -> tuple[Case, ...]:
+    """
+    Read a file of cases: under ``cases`` groups of them, above ``overrides`` that all have.
+
+    Raises
+    ------
+    CtcError
+        Naming the key, its value and what is allowed.
+
+    """
+    def each(name: str, tree: Any, keys: Sequence[str] | None = None) -> dict[Any, Any]:
+        return mapping(f'{path}: {name}', tree, tuple(tree or ()) if keys is None else keys)
+
+    tree, nodes = each('spec', read_yaml(path), ('overrides', 'cases')), ('/**', *LOOP)
+    common = each('overrides', tree.get('overrides', {}), nodes)
+    found = []
+    for group, cases in each('cases', tree.get('cases')).items():
+        for name, case in each(group, cases).items():
+            values = each(f'{group}: {name}', case, (*nodes, 'x'))
+            found.append(Case(f'{group}: {name}', f'{group}: {name}', values={
+                node: {**common.get(node, {}), **values.get(node, {})} for node in nodes
+                if node in common or node in values}))
+    return tuple(found)
 
 
 def torque_rates(setup: Setup) -> tuple[float, ...]:

@@ -40,7 +40,7 @@ WRONG = {
     'compare friction --laws chatering': ['did you mean chattering?'],
     'compare friction --condition real_amr': ['did you mean real_arm?'],
     'compare friction --jobs 0': ['--jobs', '>= 1'],
-    'study --jobs -1': ['--jobs', '>= 1'],
+    'compare friction --jobs -1': ['--jobs', '>= 1'],
     'excite --evaluations 0': ['--evaluations', '>= 1'],
     'excite --poses 0': ['poses', '>= 1'],
     'excite --center a': ['center', 'a number'],

@@ -274,14 +274,14 @@ def test_simulate_needs_numpy_only(short: Path) -> None:
     assert result.stdout.splitlines()[-1] == '[]', result.stderr
 
 
-@pytest.mark.parametrize('command', ['', 'simulate', 'reproduce', 'plot', 'replay', 'study'])
+@pytest.mark.parametrize('command', ['', 'simulate', 'reproduce', 'plot', 'replay', 'compare'])
 def test_help(command: str) -> None:
     """Check each help, without heavy imports, and that the first names all commands."""
     result = ctc_process(*command.split(), '--help')
     assert (result.returncode, result.stderr) == (0, '')
     assert result.stdout.startswith(f'usage: ctc {command}'.rstrip())
     if not command:
-        for name in ('simulate', 'reproduce', 'plot', 'replay', 'study'):
+        for name in ('simulate', 'reproduce', 'plot', 'replay', 'compare'):
             assert name in result.stdout
     else:
         assert ctc('--version').stdout.strip() == __version__

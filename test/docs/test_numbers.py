@@ -25,13 +25,13 @@ from ctc_chattering.analysis.result import simulate
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.configuration.package_share import EXPERIMENTS
 from ctc_chattering.control.switching import SWITCHINGS
-from ctc_chattering.runs import study as cases
 from ctc_chattering.runs.score import Score
-from ctc_chattering.runs.study import Case, CaseOutcome, evaluate, to_csv
-from ctc_chattering.runs.study import EVERY_LAW as LAWS
-from ctc_chattering.runs.study_page import OF_LAWS as LAW_KIND
-from ctc_chattering.runs.study_page import OF_SWITCHINGS as SWITCHING_KIND
-from ctc_chattering.runs.study_page import to_markdown
+import imperfections as cases
+from imperfections import Case, CaseOutcome, evaluate, to_csv
+from imperfections import EVERY_LAW as LAWS
+from imperfections_page import OF_LAWS as LAW_KIND
+from imperfections_page import OF_SWITCHINGS as SWITCHING_KIND
+from imperfections_page import to_markdown
 import pytest
 
 DOCS = Path(__file__).resolve().parents[2] / 'docs'

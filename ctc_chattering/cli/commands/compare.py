@@ -45,6 +45,9 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--condition', action='append', metavar='X',
                         help="drives, sensors and model error instead of the file's: "
                              f'{" | ".join((*CONDITIONS, ALL))}; may be repeated')
+    parser.add_argument('--cases', default='', metavar='F',
+                        help='file of further conditions, or the name of one in the package: '
+                             "imperfections, the paper's arm with one at a time")
     parser.add_argument('--laws', metavar='A,B', default=','.join(LAWS),
                         help='laws to run, default: all')
     parser.add_argument('--gains', choices=GAINS, default=FILE,
@@ -78,7 +81,8 @@ def run(options: argparse.Namespace) -> int:
             ('laws', 'condition', 'held_out', 'seed'))):
         outcomes = compare(
             list(map(find_file, options.files)), options.laws.split(','), options.condition or [],
-            options.gains, options.held_out, options.seed, jobs, runner, say, progress)
+            options.gains, options.held_out, options.seed, jobs, runner, say, progress,
+            options.cases)
     print(to_markdown(outcomes))
     if options.out is not None:
         prepare(options.out, NAMES, options.overwrite)

@@ -20,15 +20,13 @@ import math
 from pathlib import Path
 
 from ctc_chattering.analysis.metrics import metrics
-from ctc_chattering.cli.ctc import main
-from ctc_chattering.runs import study as cases
 from ctc_chattering.runs.recommended import recommended_setup
 from ctc_chattering.runs.score import Score
-from ctc_chattering.runs.study import Case, CaseOutcome, ratio, run_cases
-from ctc_chattering.runs.study import EVERY_LAW as LAWS
-from ctc_chattering.runs.study_page import OF_LAWS as LAW_KIND
-from ctc_chattering.runs.study_page import to_markdown
 from ctc_chattering.simulation.closed_loop import simulate
+from imperfections import Case, CaseOutcome, ratio, run_cases
+from imperfections import EVERY_LAW as LAWS
+from imperfections_page import OF_LAWS as LAW_KIND
+from imperfections_page import to_markdown, write_study
 import pytest
 
 LAG = Case('2 ms', 'Drive lag', {
@@ -100,16 +98,8 @@ def test_what_a_lab_knows_is_given() -> None:
             (9.9, 9.9) if law in ('slotine_li', 'friction_feedforward') else (0.0, 0.0))
 
 
-def test_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
-                 capsys: pytest.CaptureFixture[str]) -> None:
-    """Check that files, figures and page have every law; the study itself is left alone."""
-    monkeypatch.setattr(cases, 'CASES', (LAG,))
-    (tmp_path / 'study.md').touch()
-    assert main(['study', '--laws', '--jobs', '1', '--out', str(tmp_path)]) == 0
-    said = capsys.readouterr().out
-    assert f'{len(LAWS)} runs, 0 diverged' in said
-    assert f'Runs: plain {len(LAWS)}.' in said
-    assert said.endswith(f'\nopen {tmp_path / "laws.html"}\n')
+def test_files_have_every_law(tmp_path: Path) -> None:
+    write_study(list(run_cases([LAG], LAWS)), tmp_path)
     assert [x.name for x in (tmp_path / 'laws_figures').iterdir()] == ['imperfections.png']
     page = (tmp_path / 'laws.html').read_text(encoding='utf-8').replace('<wbr>', '')
     assert 'src="laws_figures/imperfections.png"' in page

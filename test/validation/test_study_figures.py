@@ -15,10 +15,10 @@
 from __future__ import annotations
 
 from ctc_chattering.control.controller import LAWS
-from ctc_chattering.runs import study_page
 from ctc_chattering.runs.score import Score
-from ctc_chattering.runs.study import Case, CaseOutcome, NOISE, SHORT_NOISE
 from figure_layout import overlaps
+from imperfections import Case, CaseOutcome, NOISE, SHORT_NOISE
+import imperfections_page as study_page
 
 
 def outcomes(*groups: str) -> list[CaseOutcome]:

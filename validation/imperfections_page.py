@@ -12,22 +12,29 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Running a study, and what it writes: tables, CSV, figures and page."""
+"""
+The page of the study: `python validation/imperfections_page.py docs/study` writes both.
+
+Tables, CSV, figures and page of the switchings, and of the laws.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 import dataclasses
 import itertools
+import os
 from pathlib import Path
+import sys
 from textwrap import fill
 from typing import Any
 
 from ctc_chattering.analysis import drawing
+from ctc_chattering.analysis.compilation import compile_setups
 from ctc_chattering.analysis.drawing import FigureFile, legend
 from ctc_chattering.analysis.markup import Markup
 from ctc_chattering.analysis.metrics import within
-from ctc_chattering.analysis.output import check_format, prepare, write_text
+from ctc_chattering.analysis.output import prepare, write_text
 from ctc_chattering.analysis.page import Folded, Section, write_page
 from ctc_chattering.analysis.result import simulate
 from ctc_chattering.analysis.run_names import LAW_COLOURS
@@ -35,12 +42,13 @@ from ctc_chattering.analysis.tables import markdown, markdown_table, Table
 from ctc_chattering.control.controller_config import LAWS
 from ctc_chattering.control.switching import SWITCHINGS
 from ctc_chattering.errors import shortened
-from ctc_chattering.parameters import check_some
-from ctc_chattering.runs.study import (
+from imperfections import (
     about,
     BASIC,
     Case,
     CaseOutcome,
+    CASES,
+    engines,
     EVERY_LAW,
     GAIN,
     law_about,
@@ -49,6 +57,7 @@ from ctc_chattering.runs.study import (
     PERIOD,
     RANKING,
     rows,
+    run_cases,
     setup_of,
     SHORT_NOISE,
     tables,
@@ -309,10 +318,8 @@ def write_study(outcomes: Sequence[CaseOutcome], out: str | Path, extra: str = '
         If there is no outcome, a file exists already, or cannot be written.
 
     """
-    check_some('outcomes', outcomes)
-    check_format(extra)
     kind = kind_of(outcomes)
-    out = prepare(Path(out), kind.names)
+    out = prepare(Path(out), kind.names, overwrite=True)
     text, table, page = (out / name for name in kind.names[:3])
     write_text(table, to_csv(outcomes, kind.what))
     figures = save_study_figures(outcomes, out / kind.figures, extra)
@@ -341,3 +348,16 @@ def to_markdown(kind: StudyKind, outcomes: Sequence[CaseOutcome],
 
 def _title(kind: StudyKind) -> str:
     return f'Study of the {kind.what}s'
+
+
+def main() -> None:
+    """Run both studies, and write them into the directory of the first argument."""
+    for variants in (SWITCHINGS, EVERY_LAW):
+        compile_setups((setup_of(case, x) for case in CASES for x in variants), print)
+        outcomes = list(run_cases(CASES, variants, os.cpu_count() or 1))
+        write_study(outcomes, Path(sys.argv[1]), command='make imperfections')
+        print(f'{len(outcomes)} runs. {engines(outcomes)}.')
+
+
+if __name__ == '__main__':
+    main()

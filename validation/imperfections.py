@@ -22,23 +22,21 @@ number of processes nor on their order.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 import dataclasses
 import itertools
 import json
 import math
 from typing import Any, NamedTuple
 
-from ctc_chattering.analysis.compilation import compile_setups
 from ctc_chattering.analysis.markup import fragment, Markup
 from ctc_chattering.analysis.tables import bold, csv_text, Table
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.configuration.loop_setup import Setup
 from ctc_chattering.configuration.package_share import config_directory
+from ctc_chattering.configuration.yaml_file import read_yaml
 from ctc_chattering.control.controller_config import LAWS, RIVALS
-from ctc_chattering.control.switching import SWITCHINGS
-from ctc_chattering.errors import near, ParameterError
-from ctc_chattering.parameters import whole
+from ctc_chattering.runs.conditions import read_cases as cases_of
 from ctc_chattering.runs.pool import in_parallel
 from ctc_chattering.runs.recommended import recommended_setup
 from ctc_chattering.runs.score import Score, score
@@ -63,8 +61,6 @@ class Case:
     overrides : mapping
         Values by node and parameter above those of the file, as `parameter_file.load` takes
         them.
-    file : str
-        Parameter file in `config/`, without its ending.
     x : float, optional
         Abscissa in a figure over the group.
 
@@ -73,7 +69,6 @@ class Case:
     name: str
     group: str
     overrides: Mapping[str, Mapping[str, Any]]
-    file: str = 'friction'
     x: float | None = None
 
     def setup(self) -> Setup:
@@ -83,106 +78,23 @@ class Case:
         A controller knows what the drives give only where the case says so, not from the file.
         """
         controller = {'effort_limit': math.inf, **self.overrides.get('controller', {})}
-        return parameter_file.load(config_directory() / f'{self.file}.yaml',
+        return parameter_file.load(config_directory() / 'friction.yaml',
                                    {**self.overrides, 'controller': controller})
 
 
-def _case(group: str, name: str, x: float | None = None, *, h: float = 1e-3, ka: float = KA,
-          plant: Mapping[str, Any] | None = None, controller: Mapping[str, Any] | None = None,
-          file: str = 'friction') -> Case:
-    return Case(name, group, {
-        '/**': {'control_period': h}, 'plant': {'duration': 10.0, **(plant or {})},
-        'controller': {'law': 'chattering', 'ka': [ka, ka], **(controller or {})}}, file, x)
-
-
-def _scaled(factor: float) -> dict[str, float]:
-    return {'inertia_scale': factor, 'gravity_scale': factor}
-
-
-def _both(x: float) -> list[float]:
-    return [x, x]
-
-
-#: Start on the reference.
-_ON_TRACK = {'initial_position': [math.pi, 0.5 * math.pi], 'initial_velocity': _both(math.pi)}
-#: Imperfections with one value on both joints: group, parameter of the plant, name, values.
-_ONE_VALUE = (
-    ('Position noise', 'position_noise', 'σ = {:.0e} rad', (1e-5, 1e-4, 1e-3)),
-    ('Encoder resolution', 'encoder_resolution', '{:.0e} rad', (1e-5, 1e-4, 1e-3)),
-    ('Viscous friction', 'viscous_friction', '{:g} N·m·s/rad', (0.5, 1.0, 2.0)),
-    ('Stribeck friction', 'stribeck_friction', '{:g} N·m', (1.0, 2.0, 4.0)),
-    ('Load-dependent friction', 'load_friction', '{:g} of the torque', (0.01, 0.02, 0.05)),
-    ('Direction-dependent friction', 'friction_asymmetry', '± {:g} Kf', (0.1, 0.2, 0.4)),
-    ('Drive lag', 'actuator_lag', '{:g} s', (1e-3, 2e-3, 5e-3)),
-    ('Torque resolution', 'torque_resolution', '{:g} N·m', (0.01, 0.1, 1.0)))
-
-
-def _basic_cases() -> Iterator[Case]:
-    delay = {'input_delay': 1}
-    yield _case(BASIC, 'clean')
-    yield _case(BASIC, '200 Hz', h=5e-3)
-    yield _case(BASIC, 'ka = 20', ka=20.0)
-    yield _case(BASIC, 'velocity noise 5e-3 rad/s', plant={'velocity_noise': _both(5e-3)})
-    yield _case(BASIC, 'model × 0.9', controller=_scaled(0.9))
-    yield _case(BASIC, 'delay of 1 sample, predicted', plant=delay, controller=delay)
-    yield _case(BASIC, 'delay of 1 sample, not predicted', plant=delay)
-    yield _case(BASIC, 'disturbance', file='disturbance')
-
-
-def _sweeps() -> Iterator[Case]:
-    for x in (0.5, 1.0, 2.0, 5.0, 10.0):
-        yield _case(PERIOD, f'h = {x:g} ms', x, h=1e-3 * x)
-    for x in (10.0, 12.0, 15.0, 20.0, 30.0, 40.0):
-        yield _case(GAIN, f'ka = {x:g} N·m', x, ka=x)
-    for group, h in ((NOISE, 1e-3), (SHORT_NOISE, 5e-4)):
-        for x in (1e-4, 1e-3, 5e-3, 2e-2):
-            yield _case(group, f'σ = {x:.0e} rad/s', x, h=h, plant={'velocity_noise': _both(x)})
-    for group, name, form, values in _ONE_VALUE:
-        for x in values:
-            yield _case(group, form.format(x), x, plant={name: _both(x)})
-    for kind, counts in (('predicted', (1, 2, 5)), ('not predicted', (1, 2))):
-        for n in counts:
-            yield _case('Input delay', f'{n} sample{"s" if n > 1 else ""}, {kind}', n,
-                        plant={'input_delay': n},
-                        controller={'input_delay': n if kind == 'predicted' else 0})
-    for x in (0.8, 0.9, 1.1, 1.2):
-        yield _case('Model of the controller', f'× {x:g}', x, controller=_scaled(x))
-
-
-def _drives() -> Iterator[Case]:
-    tight, tighter = [300.0, 50.0], [200.0, 30.0]
-    for limit, start in ((tight, {}), (tight, _ON_TRACK), (tighter, _ON_TRACK)):
-        name = f'{limit[0]:g} / {limit[1]:g} N·m, from {"the reference" if start else "rest"}'
-        for more, known in (('', {}), (', known', {'effort_limit': limit})):
-            yield _case('Torque saturation', name + more, controller=known,
-                        plant={'torque_saturation': limit, **start})
-    for rate in ([20_000.0, 4_000.0], [5_000.0, 1_000.0]):
-        yield _case('Torque rate limit', f'{rate[0]:g} / {rate[1]:g} N·m/s, from the reference',
-                    plant={'torque_rate_limit': rate, **_ON_TRACK})
-    for stiffness in (1e5, 1e4):
-        for side in ('motor', 'link'):
-            yield _case('Elastic joints', f'{stiffness:.0e} N·m/rad, encoder of the {side}',
-                        plant={'joint_stiffness': _both(stiffness), 'joint_damping': _both(10.0),
-                               'motor_inertia': [1.0, 0.1], 'encoder_side': side})
-    for group, name in (('Lost samples', 'sample_loss'), ('Late samples', 'late_samples')):
-        for x in (0.01, 0.1):
-            yield _case(group, f'{100 * x:g} %', x, plant={name: x})
-
-
-def _sensors() -> Iterator[Case]:
-    for x in (1e-5, 1e-4):
-        for sensor, name in (('difference', 'differences'), ('filtered', 'differences, filtered')):
-            yield _case('Velocity of encoders', f'{name}, {x:.0e} rad', x, plant={
-                'velocity_sensor': sensor, 'encoder_resolution': _both(x)})
-    yield _case('Realistic conditions', 'all at once',
-                controller={'input_delay': 1, **_scaled(0.9)},
-                plant={'actuator_lag': _both(2e-3), 'torque_rate_limit': [5_000.0, 1_000.0],
-                       'input_delay': 1, 'velocity_sensor': 'difference',
-                       'encoder_resolution': _both(1e-5), **_ON_TRACK})
+def read_cases() -> tuple[Case, ...]:
+    """Return the cases of `config/cases/imperfections.yaml`."""
+    path = config_directory() / 'cases' / 'imperfections.yaml'
+    tree: Any = read_yaml(path)
+    cases = cases_of(path)
+    flat = [(group, name, values) for group, mine in tree['cases'].items()
+            for name, values in mine.items()]
+    return tuple(Case(name, group, case.values, x=values.get('x'))
+                 for case, (group, name, values) in zip(cases, flat))
 
 
 #: Every case.
-CASES = (*_basic_cases(), *_sweeps(), *_drives(), *_sensors())
+CASES = read_cases()
 
 
 #: What the tables show: attribute, heading, unit, format.
@@ -273,8 +185,8 @@ def to_csv(outcomes: Sequence[CaseOutcome], variant: str = 'switching') -> str:
         'control_period_s': o.control_period, **_pair('ka_{}_nm', o.ka),
         **_pair('rms_error_{}_rad', o.score.rms),
         **_pair('torque_variation_{}_nm_per_s', o.score.variation), 'failure': o.score.failure,
-        'file': o.case.file, 'overrides': json.dumps(
-            o.case.overrides, ensure_ascii=False, sort_keys=True), 'engine': o.score.engine}
+        'overrides': json.dumps(o.case.overrides, ensure_ascii=False, sort_keys=True),
+        'engine': o.score.engine}
         for o in outcomes])
 
 
@@ -285,8 +197,9 @@ def _pair(name: str, values: Sequence[float]) -> dict[str, object]:
 def about(outcomes: Sequence[CaseOutcome]) -> Markup:
     """Return what the tables show."""
     return fragment(
-        'Output of <code>ctc study</code>. True errors and torques sent, joints 1 / 2, over the '
-        'second half of each run; h = 1 ms and ka = {{ ka }} N·m unless the row says otherwise; '
+        'Output of <code>make imperfections</code>. True errors and torques sent, joints 1 / 2, '
+        'over the second half of each run; h = 1 ms and ka = {{ ka }} N·m unless the row says '
+        'otherwise; '
         'every other parameter has its default. Bold: the best of a row. {{ engines }}.',
         ka=f'{KA:g}', engines=engines(outcomes))
 
@@ -339,7 +252,7 @@ def ratio(outcome: CaseOutcome, base: CaseOutcome) -> float:
 def law_about(outcomes: Sequence[CaseOutcome]) -> Markup:
     """Return what the table shows."""
     return fragment(
-        'Output of <code>ctc study --laws</code>: RMS error of each law with its recommended '
+        'Output of <code>make imperfections</code>: RMS error of each law with its recommended '
         'settings, over that of <code>{{ base }}</code> with the gains of the paper; of the two '
         'joints the larger ratio. True errors, the second half of each run. Delay, lag and rate '
         'limit of the drives are given where a law takes them, unless the case says otherwise; '
@@ -359,49 +272,3 @@ def law_tables(outcomes: Sequence[CaseOutcome]) -> Iterator[Table]:
         lines.append([f'{case.group}: {case.name}', *(
             bold(f'{x:.2g}') if x > 1.01 else f'{x:.2g}' for x in cells)])
     yield Table('', ['case', *laws], lines)
-
-
-def study(laws: bool = False, groups: Sequence[str] = (), jobs: int = 1,
-          show: Callable[[str], None] = print,
-          progress: Callable[[int, int], None] | None = None) -> list[CaseOutcome]:
-    """
-    Run the paper's arm under every switching over sample periods, gains and imperfections.
-
-    Parameters
-    ----------
-    laws : bool
-        Every law, with recommended settings, in place of every switching.
-    groups : sequence of str
-        Cases to run, such as ``Drive lag`` or ``Encoder resolution``; empty for all, minutes.
-    jobs : int
-        Processes; with more than 1 a script needs ``if __name__ == '__main__'``.
-    show : callable
-        Takes lines about what is compiled.
-    progress : callable, optional
-        Called with the number of outcomes that are there, and of all.
-
-    Returns
-    -------
-    list of CaseOutcome
-        One a case and switching or law, each with ``case``, ``variant`` and ``score``; for
-        `write_study`.
-
-    Raises
-    ------
-    CtcError
-        If an argument is not allowed, before anything is run.
-
-    """
-    known = list(dict.fromkeys(case.group for case in CASES))
-    for name in groups:
-        if name not in known:
-            raise ParameterError('groups', name, ' | '.join(known) + near(name, known))
-    jobs, variants = whole('jobs', jobs, 1), EVERY_LAW if laws else SWITCHINGS
-    chosen = [case for case in CASES if case.group in (groups or known)]
-    compile_setups((setup_of(case, x) for case in chosen for x in variants), show)
-    found: list[CaseOutcome] = []
-    for outcome in run_cases(chosen, variants, jobs):
-        found.append(outcome)
-        if progress is not None:
-            progress(len(found), len(chosen) * len(variants))
-    return found

@@ -23,14 +23,14 @@ import re
 
 from ctc_chattering.analysis.compilation import compile_setups, COMPILED, PLAIN
 from ctc_chattering.analysis.metrics import metrics
-from ctc_chattering.cli.ctc import main
+from ctc_chattering.control.switching import SWITCHINGS
 from ctc_chattering.errors import CtcError
-from ctc_chattering.runs import study as cases
 from ctc_chattering.runs.score import Score
-from ctc_chattering.runs.study import Case, CaseOutcome, evaluate, run_cases, setup_of, to_csv
-from ctc_chattering.runs.study_page import OF_SWITCHINGS as KIND
-from ctc_chattering.runs.study_page import to_markdown
 from ctc_chattering.simulation.closed_loop import simulate
+import imperfections as cases
+from imperfections import Case, CaseOutcome, evaluate, run_cases, setup_of, to_csv
+from imperfections_page import OF_SWITCHINGS as KIND
+from imperfections_page import to_markdown, write_study
 import pytest
 
 SHORT = tuple(
@@ -135,45 +135,26 @@ def test_best_of_a_row_and_ranking() -> None:
     assert '| implicit_observer | 2 | 0 | 0 | 2 | 0 |' in text
 
 
-def test_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
-                 capsys: pytest.CaptureFixture[str]) -> None:
-    """Check the files, that nothing is overwritten unasked, and nothing else removed."""
+def test_files_and_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     sweep = tuple(Case(f'h = {x:g} ms', cases.PERIOD, {
         '/**': {'control_period': 1e-3 * x}, 'plant': {
             'duration': 0.6, 'compiled': False}}, x=x) for x in (1.0, 2.0))
-    monkeypatch.setattr(cases, 'CASES', (SHORT[0], *sweep))
-    monkeypatch.setattr('ctc_chattering.runs.study_page.SLICE', (0.4, 0.5))
-    out = tmp_path / 'study'
-    arguments = ['study', '--out', str(out), '--jobs', '2']
-    assert main(arguments) == 0
-    said = capsys.readouterr().out
-    assert '12 runs, 0 diverged' in said and 'Runs: plain 12.' in said
-    text = (out / 'study.md').read_text(encoding='utf-8')
-    figures = sorted(path.name for path in (out / 'figures').iterdir())
+    monkeypatch.setattr('imperfections_page.SLICE', (0.4, 0.5))
+    outcomes = list(run_cases((SHORT[0], *sweep), SWITCHINGS))
+    write_study(outcomes, tmp_path)
+    text = (tmp_path / 'study.md').read_text(encoding='utf-8')
+    figures = sorted(path.name for path in (tmp_path / 'figures').iterdir())
     assert figures == ['basic.png', 'chattering.png', 'sample_period.png']
     assert all(f'](figures/{name})' in text for name in figures)
-    page = (out / 'study.html').read_text(encoding='utf-8')
+    page = (tmp_path / 'study.html').read_text(encoding='utf-8')
     assert all(f'src="figures/{name}"' in page for name in figures)
     titles = re.findall('<details id="part[0-9]+"( open)?><summary>(.*)</summary>', page)
     assert titles == [(' open', 'Ranking'), ('', cases.BASIC), ('', cases.PERIOD)]
-    assert page.count('<table>') == 3 and '<code>ctc study</code>' in page
-    table = (out / 'study.csv').read_text(encoding='utf-8')
-    (out / 'mine').touch()
-    assert main(arguments) == 1
-    error = capsys.readouterr().err
-    assert error.startswith('ctc study: ') and error.count('\n') == 1 and '--overwrite' in error
-    assert main([*arguments, '--overwrite', '--jobs', '1']) == 0
-    assert (out / 'study.csv').read_text(encoding='utf-8') == table
-    assert (out / 'study.md').read_text(encoding='utf-8') == text
-    assert (out / 'mine').exists()
+    assert page.count('<table>') == 3
+    assert len((tmp_path / 'study.csv').read_text(encoding='utf-8').splitlines()) == 13
 
 
-def test_errors_are_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Check a number of processes that is none, and a case that is not allowed."""
-    assert main(['study', '--out', str(tmp_path / 'a'), '--jobs', '0']) == 2
-    error = capsys.readouterr().err
-    assert error.startswith('ctc study: --jobs: 0 is not allowed') and error.count('\n') == 1
-    assert not (tmp_path / 'a').exists()
+def test_a_case_that_is_not_allowed() -> None:
     with pytest.raises(CtcError, match='kp'):
         list(run_cases([Case('bad', 'Gain', {'controller': {'kp': [-1.0, 1.0]}})], TWO, 2))
 
