@@ -17,12 +17,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from concurrent.futures import as_completed, ProcessPoolExecutor
+from concurrent.futures import as_completed, ThreadPoolExecutor
 import dataclasses
 from importlib.util import find_spec
-from multiprocessing import current_process, get_context
 import os
-import signal
+import pickle
+import subprocess
+import sys
 from typing import Any
 
 from ctc_chattering.analysis.tables import counted
@@ -164,28 +165,39 @@ def compile_setup(setup: Setup, every: bool = False, show: Callable[[str], None]
 
 def _build(todo: Sequence[tuple[Setup, Code]]) -> Iterator[str]:
     """Compile functions; yield the name of each that is there."""
+    from ctc_chattering.numerics.simd.build import build
     jobs = min(len(todo), len(os.sched_getaffinity(0)), _MOST)
-    if jobs == 1 or current_process().daemon:  # A daemon has no processes of its own.
-        from ctc_chattering.numerics.simd.build import build
+    if jobs == 1:
         for _, code in todo:
             build(code)
             yield code.name
         return
-    with ProcessPoolExecutor(jobs, get_context('spawn'), signal.signal,
-                             (signal.SIGINT, signal.SIG_IGN)) as pool:
+    with ThreadPoolExecutor(jobs) as pool:
         try:
-            for done in as_completed([pool.submit(_built, setup, code.name)
-                                      for setup, code in todo]):
-                yield done.result()
+            waiting = {pool.submit(_built_apart, setup, code.name): code for setup, code in todo}
+            for done in as_completed(waiting):
+                done.result()
+                code = waiting[done]
+                if not code.compiled:  # A class of the main script is known here only.
+                    build(code)
+                yield code.name
         except BaseException:
             pool.shutdown(cancel_futures=True)
             raise
 
 
-def _built(setup: Setup, name: str) -> str:
-    """Compile the function of a name that a setup needs; return the name."""
+def _built_apart(setup: Setup, name: str) -> None:
+    """Have a process of its own compile a function; unlike `multiprocessing` it runs no script."""
+    subprocess.run(
+        [sys.executable, '-c', f'from {__name__} import build_given; build_given()'],
+        input=pickle.dumps((setup, name)), capture_output=True, check=False,
+        env={**os.environ, 'PYTHONPATH': os.pathsep.join(filter(None, sys.path))})
+
+
+def build_given() -> None:
+    """Compile the function that `_built_apart` writes to the standard input."""
     from ctc_chattering.numerics.simd.build import build
+    setup, name = pickle.load(sys.stdin.buffer)
     for code in codes(setup, parts=True):
         if code.name == name:
             build(code)
-    return name

@@ -249,7 +249,8 @@ def step(context: Context, law: Any, memory: ControlMemory, law_memory: Any, q: 
         xi = xi + correction
     law_memory = law.advanced(law_memory, now, applied, correction)
     return Step(now, terms, sent, applied,
-                ControlMemory(xi, tau, difference, fading, 0.0, turn), law_memory)
+                memory._replace(xi=xi, held=tau, difference=difference, fading=fading, fresh=0.0,
+                                turn=turn), law_memory)
 
 
 @function

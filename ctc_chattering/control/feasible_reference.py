@@ -95,8 +95,7 @@ class FeasibleReference(NamedTuple):
 
     def slowed(self, part: float) -> FeasibleReference:
         """Return what a deviation returns with a part of the fastest w by."""
-        return FeasibleReference(self.period, self.rate, part * self.fastest, self.relief,
-                                 self.limited)
+        return self._replace(fastest=part * self.fastest)
 
     def feedforward(self, at: Desired, level: Array, ahead: float = 0.0) -> Array:
         """Return F of (FR1), shape (n,) [N·m], at `ahead` [s] after the point `at`."""
@@ -140,7 +139,7 @@ class FeasibleReference(NamedTuple):
         rest = missing - np.minimum(np.maximum(missing, -slack), slack)
         if not some(rest):
             return by
-        return Deviation(by.x, by.dx - solve(mass, rest) / self.relief)
+        return by._replace(dx=by.dx - solve(mass, rest) / self.relief)
 
     def returning(self, by: Deviation, inertia: Array, level: Array) -> Array:
         """Return -2 w dx - w² x of (FR3), shape (n,) [rad/s²]."""

@@ -90,7 +90,8 @@ class PerturbationObserver(NamedTuple):
         if some(clipping_error):
             shallow = np.abs(clipping_error) < self.bound
             torque_residual = torque_residual + np.where(shallow, 0.5 * clipping_error, 0.0)
-        return Perturbation(last.perturbation, mass, nominal, torque_residual, 1.0)
+        return last._replace(
+            mass=mass, nominal=nominal, torque_residual=torque_residual, known=1.0)
 
     def improve(self, last: Perturbation, v: Array) -> Perturbation:
         """Return the estimate improved by what v, shape (n,) [rad/s], has become."""
@@ -99,7 +100,7 @@ class PerturbationObserver(NamedTuple):
         residual = (dot(last.mass, (last.nominal - v) / self.scale) - last.torque_residual
                     - last.perturbation)
         found = nearest(last.mass, last.perturbation + self.gain * residual, self.bound)
-        return Perturbation(found, last.mass, last.nominal, last.torque_residual, 0.0)
+        return last._replace(perturbation=found, known=0.0)
 
 
 def perturbation_observer(bandwidth: float, period: float, b: float, bound: Array

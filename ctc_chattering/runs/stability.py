@@ -39,8 +39,8 @@ from ctc_chattering.control.control_step import step
 from ctc_chattering.control.controller import Controller
 from ctc_chattering.control.controller_config import ControllerConfig
 from ctc_chattering.control.delay_prediction import ROWS
-from ctc_chattering.control.drive_model import drive_model
 from ctc_chattering.control.evaluation import Context, Models
+from ctc_chattering.control.observer import drive_model
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.dynamics.registry import model_of
 from ctc_chattering.errors import CtcError

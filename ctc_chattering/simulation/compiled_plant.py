@@ -105,6 +105,11 @@ class CompiledPlantStep:
         self.codes = *self._arm.codes, code
         if self.compiled:
             self.call = Call(code, arguments)
+        # Views that take a microsecond to make.
+        self._tau, self._noise = self.given['tau'], [
+            self.given[name] for name in ('position_noise', 'velocity_noise')]
+        self._rows = [self.records.state[name] for name in (
+            'motion__q', 'motion__dq', 'shown__q', 'shown__dq', 'driven__torque')]
 
     @property
     def compiled(self) -> bool:
@@ -124,16 +129,19 @@ class CompiledPlantStep:
 
     def go_on(self, given: PlantInput) -> None:
         """Go on by a sample."""
-        for name, x in zip(given._fields, given):
-            self.given[name] = x
+        record = self.given
+        self._tau[:] = given.tau
+        record['late'], record['loss'], record['jitter'] = given.late, given.loss, given.jitter
+        for row, x in zip(self._noise, (given.position_noise, given.velocity_noise)):
+            row[:] = x
         self.call()
 
     def shown(self) -> Shown:
         """Return what is known of the present sample."""
+        q, dq, measured_q, measured_dq, torque = [row.tolist() for row in self._rows]
         s = self.records.state
-        return Shown(s['motion__q'].tolist(), s['motion__dq'].tolist(),
-                     (s['shown__q'].tolist(), s['shown__dq'].tolist()),
-                     s['driven__torque'].tolist(), float(s['offset']), int(s['lost_in_a_row']))
+        return Shown(q, dq, (measured_q, measured_dq), torque, float(s['offset']),
+                     int(s['lost_in_a_row']))
 
 
 @function

@@ -330,16 +330,16 @@ class Plant:
 
         """
         try:
-            command = np.array([float(x) for x in tau])
+            command = [float(x) for x in tau]
         except (TypeError, ValueError, OverflowError):
-            command = np.zeros(0)
+            command = []
         if len(command) != self.n:
             raise ParameterError('tau', tau, f'{self.n} numbers')
-        if not isfinite(sum(command.tolist())):
-            raise CtcError(f'the torque {command.tolist()} at t = {self.t:g} s is not finite')
+        if not isfinite(sum(command)):
+            raise CtcError(f'the torque {command} at t = {self.t:g} s is not finite')
         config, sensor = self.config, self.sensor.encoders
         given = PlantInput(
-            command, self.lateness.random() if config.late_samples else 1.0,
+            np.array(command), self.lateness.random() if config.late_samples else 1.0,
             self.loss.random() if config.sample_loss else 1.0,
             self.jitter.random() if config.sample_jitter else 0.5,
             self.sensor.noise(sensor.position_noise), self.sensor.noise(sensor.velocity_noise))

@@ -145,7 +145,7 @@ class Sensor:
             np.array(resolution), np.array(position_noise), np.array(velocity_noise),
             -expm1(-cutoff * period) if velocity == 'filtered' else 1.0, period, float(exact),
             float(self.perfect))
-        self.random = Random(seed)
+        self.random, self._none = Random(seed), np.zeros(len(resolution))
 
     def first(self, q: Array, dq: Array) -> Measured:
         """Return what is measured of the state at the start, with noise of its own."""
@@ -162,4 +162,6 @@ class Sensor:
 
     def noise(self, deviation: Array) -> Array:
         """Return noise of the deviation 1 where there is any; nothing else is drawn."""
+        if self.perfect:
+            return self._none
         return np.array([self.random.gauss(0.0, 1.0) if s else 0.0 for s in deviation.tolist()])

@@ -122,3 +122,19 @@ def test_without_numba_plain_python_runs(tmp_path: Path, module: str, error: str
         'print(made, way(setup), len(run.t), run.compiled)\n'), path=tmp_path)
     assert found.stdout.splitlines() == [
         f'running in plain Python, 20 times slower: {reason}', '0 plain 11 False'], found.stderr
+
+
+@pytest.mark.slow
+def test_a_script_without_a_main_guard_compiles(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+                                                ) -> None:
+    """Check that processes that compile do not run the user's script again."""
+    monkeypatch.setenv('HOME', str(tmp_path))
+    script = tmp_path / 'script.py'
+    script.write_text('from ctc_chattering import compile_setup, load_parameters\n'
+                      'print("begun")\n'
+                      'setup = load_parameters()\n'
+                      'print(compile_setup(setup), compile_setup(setup))\n')
+    found = python(script, timeout=600.0)
+    assert found.returncode == 0, found.stderr
+    assert found.stdout.count('begun') == 1
+    assert found.stdout.endswith('5 0\n')

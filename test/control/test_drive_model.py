@@ -16,7 +16,7 @@
 
 import math
 
-from ctc_chattering.control.drive_model import drive_model
+from ctc_chattering.control.observer import drive_model
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp  # type: ignore[import-untyped]

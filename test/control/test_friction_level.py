@@ -16,7 +16,7 @@
 
 import math
 
-from ctc_chattering.control.friction_level import friction_level, untaught
+from ctc_chattering.control.adaptation import friction_level, untaught
 import numpy as np
 from oracles import Array
 import pytest

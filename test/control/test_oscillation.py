@@ -18,7 +18,7 @@ from __future__ import annotations
 
 import math
 
-from ctc_chattering.control.oscillation import LEAST, Oscillation, oscillation_guard
+from ctc_chattering.control.adaptation import LEAST, Oscillation, oscillation_guard
 import numpy as np
 from oracles import Array
 import pytest

@@ -19,10 +19,10 @@ from __future__ import annotations
 import math
 from typing import Any
 
+from ctc_chattering.control.adaptation import kept, moving, Rest, Standstill, standstill
 from ctc_chattering.control.controller_config import ControllerConfig
 from ctc_chattering.control.feasible_reference import Desired
-from ctc_chattering.control.standstill import kept, moving, Rest, Standstill, standstill
-from ctc_chattering.control.state_observer import Observed
+from ctc_chattering.control.observer import Observed
 from ctc_chattering.simulation.closed_loop import simulate
 from ctc_chattering.simulation.plant_config import PlantConfig
 from ctc_chattering.trajectory.reference import ReferenceConfig, Trapezoid
@@ -58,7 +58,7 @@ def test_a_stop_with_higher_friction_at_rest_is_one(scale: float, monkeypatch: p
     law = {'inertia_scale': scale, 'gravity_scale': scale}
     plant = {'stribeck_friction': [5.0, 5.0], 'stribeck_velocity': [1e-2, 1e-2]}
     assert slips(law, plant) == 0
-    monkeypatch.setattr('ctc_chattering.control.standstill._PATIENCE', math.inf)
+    monkeypatch.setattr('ctc_chattering.control.adaptation._PATIENCE', math.inf)
     assert slips(law, plant) > 0
 
 

@@ -16,8 +16,7 @@
 
 import math
 
-from ctc_chattering.control.drive_model import drive_model
-from ctc_chattering.control.state_observer import Observed, state_observer, StateObserver
+from ctc_chattering.control.observer import drive_model, Observed, state_observer, StateObserver
 import numpy as np
 from oracles import Array, box_by_enumeration, random_spd
 import pytest

@@ -35,12 +35,11 @@ from typing import NamedTuple
 
 from ctc_chattering.control.controller_config import ControllerConfig
 from ctc_chattering.control.delay_prediction import ROWS
-from ctc_chattering.control.drive_model import drive_model
 from ctc_chattering.control.evaluation import Context, ControlMemory, LastSample, State
 from ctc_chattering.control.feasible_reference import Desired, next_point
 from ctc_chattering.control.laws.base import Applied, law, Terms
 from ctc_chattering.control.laws.observer_feedback import Place, placed
-from ctc_chattering.control.state_observer import Observed, state_observer, StateObserver
+from ctc_chattering.control.observer import drive_model, Observed, state_observer, StateObserver
 from ctc_chattering.numerics.box_qp import nearest
 from ctc_chattering.numerics.compilable import dot, record
 from ctc_chattering.numerics.linear_algebra import Array
@@ -110,9 +109,8 @@ class ExtendedStateObserver(NamedTuple):
         if memory.known != 0.0:
             at = self.observer.correct(memory.observed, memory.mass, q)
         else:
-            at = Observed(q, dq, held, memory.observed.perturbation, memory.observed.slope)
-        return ExtendedState(at, memory.mass, memory.known, memory.ddq, memory.followed
-                             ), at.q, at.dq
+            at = memory.observed._replace(q=q, dq=dq, torque=held)
+        return memory._replace(observed=at), at.q, at.dq
 
     def answer(self, memory: ExtendedState, now: State, context: Context, control: ControlMemory,
                points: Array) -> tuple[Terms, ExtendedState]:
@@ -133,8 +131,7 @@ class ExtendedStateObserver(NamedTuple):
         wanted = dot(place.M, r.ddq + u) + place.bias - z
         command = (wanted - drives.decay * held) / (1.0 - drives.decay)
         sent = np.minimum(np.maximum(command, held - drives.reach), held + drives.reach)
-        return Terms(sent + z, now.zero, z, now.zero), ExtendedState(
-            memory.observed, memory.mass, memory.known, ddq, 1.0)
+        return Terms(sent + z, now.zero, z, now.zero), memory._replace(ddq=ddq, followed=1.0)
 
     def moved(self, place: Place, command: Array, F: Array) -> Observed:
         """Return the state a period later, under a command to the drives and the friction F."""
@@ -149,7 +146,7 @@ class ExtendedStateObserver(NamedTuple):
         """Predict the next sample."""
         after = self.moved(Place(memory.observed, now.M, now.bias), applied.tau,
                            self.fed_forward(now.dq_d, now.ddq_d))
-        return ExtendedState(after, now.M, 1.0, memory.ddq, memory.followed)
+        return memory._replace(observed=after, mass=now.M, known=1.0)
 
     def estimate(self, memory: ExtendedState, now: State) -> Array:
         """Return P̂ + F."""

@@ -90,7 +90,7 @@ class MomentumObserver(NamedTuple):
         if memory.known != 0.0:
             found = memory.tau + 0.5 * (memory.beta + beta) - (p - memory.p) / self.period
             P = P + self.gain * (found - P)
-        return Momentum(P, p, beta, memory.tau, memory.known)
+        return memory._replace(perturbation=P, p=p, beta=beta)
 
     def terms(self, memory: Momentum, at: State) -> tuple[Terms, Momentum]:
         """Return the terms of (MO4)."""
@@ -99,7 +99,7 @@ class MomentumObserver(NamedTuple):
     def advanced(self, memory: Momentum, now: State, applied: Applied, correction: Array
                  ) -> Momentum:
         """Remember the torque for the next sample."""
-        return Momentum(memory.perturbation, memory.p, memory.beta, applied.tau, 1.0)
+        return memory._replace(tau=applied.tau, known=1.0)
 
     def estimate(self, memory: Momentum, now: State) -> Array:
         """Return P̂."""

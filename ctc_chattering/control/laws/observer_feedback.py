@@ -45,9 +45,23 @@ from __future__ import annotations
 from math import exp
 from typing import NamedTuple
 
+from ctc_chattering.control.adaptation import (
+    friction_level,
+    FrictionLevel,
+    GRACE,
+    kept,
+    Learned,
+    moving,
+    Oscillation,
+    oscillation_guard,
+    OscillationGuard,
+    Rest,
+    Standstill,
+    standstill,
+    untaught,
+)
 from ctc_chattering.control.controller_config import ControllerConfig
 from ctc_chattering.control.delay_prediction import ROWS
-from ctc_chattering.control.drive_model import drive_model
 from ctc_chattering.control.evaluation import (
     Context,
     ControlMemory,
@@ -62,27 +76,8 @@ from ctc_chattering.control.feasible_reference import (
     FeasibleReference,
     next_point,
 )
-from ctc_chattering.control.friction_level import (
-    friction_level,
-    FrictionLevel,
-    Learned,
-    untaught,
-)
 from ctc_chattering.control.laws.base import Applied, law, Terms
-from ctc_chattering.control.oscillation import (
-    GRACE,
-    Oscillation,
-    oscillation_guard,
-    OscillationGuard,
-)
-from ctc_chattering.control.standstill import (
-    kept,
-    moving,
-    Rest,
-    Standstill,
-    standstill,
-)
-from ctc_chattering.control.state_observer import Observed, state_observer, StateObserver
+from ctc_chattering.control.observer import drive_model, Observed, state_observer, StateObserver
 from ctc_chattering.numerics.box_qp import nearest
 from ctc_chattering.numerics.compilable import diagonal, dot, function, record
 from ctc_chattering.numerics.linear_algebra import Array
@@ -186,10 +181,9 @@ class ObserverFeedback(NamedTuple):
         if memory.oscillation.retreat > _NO_RETREAT:
             return self
         part = self.bandwidth_in_use(memory)
-        return ObserverFeedback(
-            self.kp, self.kv, self.ka, self.given, self.lagging, self.observer.slowed(part),
-            self.reference.slowed(part), self.learning.slowed(part), self.standstill, self.guard,
-            max(part, self.least), self.least)
+        return self._replace(
+            observer=self.observer.slowed(part), reference=self.reference.slowed(part),
+            learning=self.learning.slowed(part), part=max(part, self.least))
 
     def initial(self) -> Memory:
         """Return the memory with nothing observed or learned."""
@@ -219,10 +213,8 @@ class ObserverFeedback(NamedTuple):
             at = kept(rest, memory.observed, self.slowed_down(memory).observer.correct(
                 memory.observed, memory.mass, q))
         else:
-            at = Observed(q, dq, held, memory.observed.perturbation, memory.observed.slope)
-        return Memory(at, memory.mass, memory.known, memory.learned, memory.deviation,
-                      memory.deviating, memory.ddq, memory.followed, rest,
-                      memory.oscillation), at.q, at.dq
+            at = memory.observed._replace(q=q, dq=dq, torque=held)
+        return memory._replace(observed=at, rest=rest), at.q, at.dq
 
     def answer(self, memory: Memory, now: State, context: Context, control: ControlMemory,
                points: Array) -> tuple[Terms, Memory]:
@@ -253,10 +245,12 @@ class ObserverFeedback(NamedTuple):
         sent = held + nearest(place.M, tau - held, self.observer.drives.reach)
         by = self.reference.relieved(by, tau - sent, place.M)
         z = now_wanted.z
-        return Terms(sent + z, now.zero, z, now.zero), Memory(
-            memory.observed, memory.mass, memory.known, memory.learned, by, 1.0, point.ddq, 1.0,
-            self.standstill.judged(memory.rest, point, diagonal(place.M), memory.learned.level),
-            self.guard.noticed(memory.oscillation, now_wanted.feedback, tau - sent))
+        return Terms(sent + z, now.zero, z, now.zero), memory._replace(
+            deviation=by, deviating=1.0, ddq=point.ddq, followed=1.0,
+            rest=self.standstill.judged(
+                memory.rest, point, diagonal(place.M), memory.learned.level),
+            oscillation=self.guard.noticed(
+                memory.oscillation, now_wanted.feedback, tau - sent))
 
     def predicted(self, memory: Memory, place: Place, command: Array) -> Observed:
         """Return the state a period later, under a command to the drives."""
@@ -275,9 +269,8 @@ class ObserverFeedback(NamedTuple):
 
     def half_way(self, memory: Memory, place: Place, tau: Array) -> Observed:
         """Return the state a period after the arrival, with the drives half way to τ*."""
-        at, half = place.at, 0.5 * (place.at.torque + tau)
-        return self.predicted(memory, Place(
-            Observed(at.q, at.dq, half, at.perturbation, at.slope), place.M, place.bias), half)
+        half = 0.5 * (place.at.torque + tau)
+        return self.predicted(memory, place._replace(at=place.at._replace(torque=half)), half)
 
     def advanced(self, memory: Memory, now: State, applied: Applied, correction: Array) -> Memory:
         """Learn the level of friction, and predict the next sample."""
@@ -286,8 +279,8 @@ class ObserverFeedback(NamedTuple):
             memory.learned, at.dq, at.perturbation)
         by = self.reference.relieved(memory.deviation, applied.saturation_error, now.M)
         after = self.observer.predict(at, now.M, now.bias, learned.level, applied.tau)
-        return Memory(after, now.M, 1.0, learned, by, memory.deviating,
-                      memory.ddq, memory.followed, memory.rest, memory.oscillation)
+        return memory._replace(
+            observed=after, mass=now.M, known=1.0, learned=learned, deviation=by)
 
     def estimate(self, memory: Memory, now: State) -> Array:
         """Return P̂ with the friction of sliding."""

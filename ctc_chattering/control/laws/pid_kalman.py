@@ -40,9 +40,9 @@ from typing import NamedTuple
 
 from ctc_chattering.control.controller_config import ControllerConfig
 from ctc_chattering.control.delay_prediction import arriving, ROWS
-from ctc_chattering.control.drive_model import drive_model, DriveModel
 from ctc_chattering.control.evaluation import Context, ControlMemory, LastSample, State
 from ctc_chattering.control.laws.base import Applied, law, Terms
+from ctc_chattering.control.observer import drive_model, DriveModel
 from ctc_chattering.numerics.compilable import dot, record, solve, some
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.parameters import matrix
@@ -127,8 +127,7 @@ class PidKalman(NamedTuple):
             q_hat = memory.q + self.position * error
         else:
             q_hat, torque = q, held
-        return Kinematics(q_hat, dq, ddq, memory.integral, torque, memory.asked, memory.sent,
-                          memory.known, memory.followed), q, dq
+        return memory._replace(q=q_hat, dq=dq, ddq=ddq, torque=torque), q, dq
 
     def friction_ahead(self, at: State) -> Array:
         """Return F, shape (n,) [N·m]."""
@@ -153,8 +152,8 @@ class PidKalman(NamedTuple):
         y = memory.integral
         if some(command - sent):
             y = y - self.tracking * solve(at.M, command - sent)
-        return Terms(sent + z, now.zero, z, now.zero), Kinematics(
-            memory.q, memory.dq, memory.ddq, y, memory.torque, wanted, sent, memory.known, 1.0)
+        return Terms(sent + z, now.zero, z, now.zero), memory._replace(
+            integral=y, asked=wanted, sent=sent, followed=1.0)
 
     def advanced(self, memory: Kinematics, now: State, applied: Applied, correction: Array
                  ) -> Kinematics:
@@ -162,10 +161,9 @@ class PidKalman(NamedTuple):
         h, y = self.period, memory.integral + self.gain * now.e
         if some(applied.saturation_error):
             y = y - self.tracking * solve(now.M, applied.saturation_error)
-        return Kinematics(
-            memory.q + h * (memory.dq + 0.5 * h * memory.ddq), memory.dq + h * memory.ddq,
-            memory.ddq, y, self.drives.response(memory.torque, applied.tau).end, memory.asked,
-            memory.sent, 1.0, memory.followed)
+        return memory._replace(
+            q=memory.q + h * (memory.dq + 0.5 * h * memory.ddq), dq=memory.dq + h * memory.ddq,
+            integral=y, torque=self.drives.response(memory.torque, applied.tau).end, known=1.0)
 
     def estimate(self, memory: Kinematics, now: State) -> Array:
         """Return M y with the friction."""

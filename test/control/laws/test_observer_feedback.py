@@ -21,10 +21,9 @@ from typing import Any
 
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.configuration.package_share import config_directory
-from ctc_chattering.control import oscillation
+from ctc_chattering.control import adaptation
 from ctc_chattering.control.controller import Controller, ControllerConfig
-from ctc_chattering.control.drive_model import drive_model
-from ctc_chattering.control.state_observer import Observed, state_observer
+from ctc_chattering.control.observer import drive_model, Observed, state_observer
 from ctc_chattering.errors import CtcError
 from ctc_chattering.simulation import closed_loop
 from ctc_chattering.simulation.closed_loop import Run
@@ -326,7 +325,7 @@ def unaware(law: dict[str, Any], plant: dict[str, Any]) -> Run:
 
 def test_without_the_guard(monkeypatch: pytest.MonkeyPatch) -> None:
     """Check that the test above has a bound that bites."""
-    monkeypatch.setattr(oscillation, '_RETREAT', 0.0)
+    monkeypatch.setattr(adaptation, '_RETREAT', 0.0)
     law = {**GAINS, **KNOWN, 'estimator_bandwidth': 200.0, 'error_limit': [3.0, 3.0],
            'torque_rate_limit': (3.0 * RATE).tolist(), 'compiled': False}
     with pytest.raises(CtcError, match='exceeds error_limit'):

@@ -1,0 +1,328 @@
+# Copyright 2026 The ctc_chattering maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+What `observer_feedback` adapts: level of friction, estimate at rest, bandwidth.
+
+Level of friction
+-----------------
+The level of Coulomb's friction, learned from what an observer still has to add.
+
+Where the level K̂ is too low by ΔK, the estimate P̂ jumps by 2 ΔK, delayed by the observer, when
+the velocity changes its sign. K̂ follows the correlation of P̂ with the sign of the velocity,
+delayed alike (three lags of the observer's bandwidth ω), both above the frequency w₀::
+
+    dK̂/dt = γ y φ,     y = HP(P̂),     φ = HP(LP³(sgn dq̂)),     0 <= K̂ <= Ka             (FL1)
+
+The high-pass keeps slow errors of the model out, and a friction that grows with the velocity. A
+joint at rest, or one that does not turn back, teaches nothing.
+
+Rest
+----
+Rest: at a joint that stands where the reference stands, the perturbation is kept.
+
+A joint that sticks shows nothing of the perturbation, so that an estimate, and its slope even
+more, drifts until the joint breaks loose, slips and sticks again: without end where friction at
+rest exceeds that of sliding. So P̂ is kept, with the slope 0, once::
+
+    s t >= W²,     s >= 2 / ω,     W = 6 / ω + Ka / R                                      (SS1)
+    K̂ s² >= 4 δ M_ii                                                                       (SS2)
+
+s is the time for which the measured position has been within δ = 1e-4 rad (or m), t that for
+which dq_d and ddq_d are 0; W is what observer and drives need to free a joint. A constant torque
+beyond 4 δ M_ii / s² moves a joint by 2 δ within s: by (SS2) the learned friction K̂ can hold the
+one that acts, and a joint without friction is never held. P̂ is estimated again when the measured
+position leaves ±δ or the reference moves; t then begins again. Position and velocity are observed
+all the time, so that nothing jumps, and a joint that does move under a kept P̂ is under the
+feedback of a stable loop.
+
+A joint that sticks under a constant torque goes on sticking until its load has changed by what
+static friction has in reserve. Where every stop takes s₁ >= 2 / ω, slips end by t = W² / s₁, at
+most W² ω / 2. What is left is the error at that stop.
+
+Bandwidth
+---------
+How much of its bandwidth a loop may use: less while its feedback oscillates.
+
+Drives that are slower than their model (rate limit, lag, delay) make a fast loop oscillate: what
+the drives lack goes into the estimate, which asks for more. The same loop with a part of its
+bandwidth is stable. The torque f of the feedback shows it in two ways. Drives of a lower rate
+than the law believes make f large, beyond Ka and what the drives follow, while the law believes
+that they give it. Drives that are late make f oscillate on, while of a load, a reversal of
+friction or a motion that is too hard each half-wave is smaller than the one before::
+
+    r = max(|f_b - f_s| / (Ka + B + |f_s|),  min(|f|, f₁, f₂) / min(Ka, B)),    B = R / √Kp
+    d(ln s)/dt = -w max(r - 1/2, 0) - ln(s) / t                                            (OG1)
+
+with w = 80 rad/s, t = 2 seconds, 0.1 <= s <= 1. Drives with the rate limit R follow B at the pole
+of the feedback; where R is not known, B counts for nothing. f_b is f less what the law knows that
+the drives do not give; f_s is its slow part, below 30 s rad/s, which is there where Ka is too
+small or the motion smooth; f₁ and f₂ are the sizes of the last half-wave and the one before, which
+fade with 10 rad/s. The largest ratio of all joints counts, and s is one number, since joints are
+coupled. Where less bandwidth does not help, f exceeds 3 Ka with s < 0.2; a start far from the
+reference does so, too, and has 2 seconds.
+"""
+
+from __future__ import annotations
+
+from math import exp, log
+from typing import NamedTuple
+
+from ctc_chattering.control.feasible_reference import Desired, stands
+from ctc_chattering.control.observer import Observed
+from ctc_chattering.numerics.compilable import function, record, some
+from ctc_chattering.numerics.linear_algebra import Array
+import numpy as np
+
+#: w₀ [rad/s].
+_SLOW = 60.0
+#: Velocity that counts as motion [rad/s].
+_MOVING = 2e-3
+
+
+@record
+class Learned(NamedTuple):
+    """What has been learned of the friction of every joint; arrays of shape (n,)."""
+
+    #: K̂ [N·m].
+    level: Array
+    #: Of the sign of the velocity: outputs of the three lags, and the slow part of the last.
+    lag1: Array
+    lag2: Array
+    lag3: Array
+    slow_sign: Array
+    #: Slow part of the estimate [N·m].
+    slow_estimate: Array
+
+
+@record
+class FrictionLevel(NamedTuple):
+    """Learns the level of friction of every joint; made by `friction_level`."""
+
+    #: γ h, 1 - exp(-ω h) and 1 - exp(-w₀ h).
+    gain: Array
+    follow: Array
+    forget: Array
+    #: Ka [N·m]; all of shape (n,).
+    bound: Array
+
+    def slowed(self, part: float) -> FrictionLevel:
+        """Return what learns from an estimate that follows with a part of ω."""
+        return self._replace(follow=part * self.follow)
+
+    def learn(self, last: Learned, dq: Array, perturbation: Array) -> Learned:
+        """Return K̂ improved by dq̂ [rad/s] and P̂ [N·m], shape (n,), of one sample."""
+        if not some(self.gain):
+            return last
+        sign = np.where(np.abs(dq) > _MOVING, np.sign(dq), 0.0)
+        lag1 = last.lag1 + self.follow * (sign - last.lag1)
+        lag2 = last.lag2 + self.follow * (lag1 - last.lag2)
+        lag3 = last.lag3 + self.follow * (lag2 - last.lag3)
+        slow_sign = last.slow_sign + self.forget * (lag3 - last.slow_sign)
+        slow = last.slow_estimate + self.forget * (perturbation - last.slow_estimate)
+        level = last.level + self.gain * (lag3 - slow_sign) * (perturbation - slow)
+        return Learned(np.minimum(np.maximum(level, 0.0), self.bound), lag1, lag2, lag3,
+                       slow_sign, slow)
+
+
+def friction_level(gain: float, bandwidth: float, period: float, bound: Array) -> FrictionLevel:
+    """Return what learns with γ [1/s], ω [rad/s], h [s] and Ka, shape (n,) [N·m]."""
+    one = np.ones_like(bound)
+    return FrictionLevel(gain * period * one, (1.0 - exp(-bandwidth * period)) * one,
+                         (1.0 - exp(-_SLOW * period)) * one, bound)
+
+
+def untaught(level: Array) -> Learned:
+    """Return the start at the level K̂, shape (n,) [N·m]."""
+    zero = np.zeros_like(level)
+    return Learned(level, zero, zero, zero, zero, zero)
+
+
+#: δ [rad]; with more noise of the position no joint is held.
+TOLERANCE = 1e-4
+#: W, and the shortest stop, in 1 / ω.
+_PATIENCE, _SHORTEST = 6.0, 2.0
+
+
+@record
+class Rest(NamedTuple):
+    """How each joint rests; arrays of shape (n,)."""
+
+    #: The measured position at which the joint came to stand [rad].
+    place: Array
+    #: s and t of (SS1) [s].
+    joint: Array
+    reference: Array
+    #: Whether it is held, 1.0 or 0.0.
+    held: Array
+
+
+@record
+class Standstill(NamedTuple):
+    """Decides which joints are held; made by `standstill`."""
+
+    #: h, W and the shortest stop [s], shape (n,).
+    period: Array
+    patience: Array
+    shortest: Array
+
+    def placed_at(self, rest: Rest, q: Array) -> Rest:
+        """Return the rest after a measured position, shape (n,) [rad]."""
+        moved = np.abs(q - rest.place) > TOLERANCE
+        return Rest(np.where(moved, q, rest.place),
+                    np.where(moved, 0.0, rest.joint + self.period),
+                    np.where(moved & (rest.held != 0.0), 0.0, rest.reference),
+                    np.where(moved, 0.0, rest.held))
+
+    def judged(self, rest: Rest, at: Desired, inertia: Array, level: Array) -> Rest:
+        """
+        Return the rest with the joints that (SS1) and (SS2) hold; arrays of shape (n,).
+
+        Parameters
+        ----------
+        rest : Rest
+            After `placed_at`.
+        at : Desired
+            Point of the reference at the arrival of the torque.
+        inertia : array, shape (n,)
+            M_ii [kg·m²].
+        level : array, shape (n,)
+            K̂ [N·m].
+
+        """
+        still, s = stands(at), rest.joint
+        t = np.where(still, rest.reference + self.period, 0.0)
+        long = (s >= self.shortest) & (s * t >= self.patience * self.patience)
+        sticks = level * s * s >= 4.0 * TOLERANCE * inertia
+        return rest._replace(reference=t, held=np.where(still & long & sticks, 1.0, 0.0))
+
+
+@function
+def kept(rest: Rest, before: Observed, after: Observed) -> Observed:
+    """Return `after` with the perturbation of joints that are held as it is in `before`."""
+    if not some(rest.held):
+        return after
+    held = rest.held != 0.0
+    return after._replace(perturbation=np.where(held, before.perturbation, after.perturbation),
+                          slope=np.where(held, 0.0, after.slope))
+
+
+def standstill(bandwidth: float, bound: Array, rate: Array, period: float) -> Standstill:
+    """
+    Return what holds joints.
+
+    Parameters
+    ----------
+    bandwidth : float
+        ω [rad/s].
+    bound, rate : array, shape (n,)
+        Ka [N·m], and R, inf for none [N·m/s].
+    period : float
+        h [s].
+
+    """
+    one = np.ones_like(bound)
+    return Standstill(period * one, _PATIENCE / bandwidth + bound / rate,
+                      _SHORTEST / bandwidth * one)
+
+
+def moving(zero: Array) -> Rest:
+    """Return that no joint rests yet, for zeros of shape (n,)."""
+    return Rest(zero, zero, zero, zero)
+
+
+#: Least s.
+LEAST = 0.1
+#: Below which the feedback is slow, at s = 1, and how fast a half-wave fades [rad/s].
+_SLOW_PART, _FADING = 30.0, 10.0
+#: The ratio r that is normal; w [rad/s]; t [s].
+_NORMAL, _RETREAT, _RETURN = 0.5, 80.0, 2.0
+#: Feedback in Ka, and s, beyond and below which the loop may be out of control.
+_STRONG, _LOW = 3.0, 0.2
+#: How much later that counts after a start that is strong from the first sample on [s].
+GRACE = 2.0
+#: In the place of a bound of 0 [N·m].
+_LEAST_BOUND = 1e-9
+
+
+@record
+class Oscillation(NamedTuple):
+    """What is remembered of the feedback."""
+
+    #: f_s [N·m], shape (n,).
+    slow: Array
+    #: Extreme of this half-wave of f, with its sign; f₁ and f₂; shape (n,) [N·m].
+    extreme: Array
+    last: Array
+    second_last: Array
+    #: ln s.
+    retreat: float
+    #: How long f has exceeded 3 Ka with s < 0.2, from -2 at the start on [s].
+    strained: float
+
+
+@record
+class OscillationGuard(NamedTuple):
+    """Says how much bandwidth a loop may use; made by `oscillation_guard`."""
+
+    #: Ka, Ka + B and the lesser of Ka and B [N·m], shape (n,).
+    bound: Array
+    believed: Array
+    sustained: Array
+    #: 1 - exp(-30 h) and exp(-10 h).
+    renewed: float
+    fading: float
+    #: 80 h, exp(-h / 2 s), and the least ln s.
+    retreating: float
+    kept: float
+    farthest: float
+    #: ln 0.2, and h [s].
+    low: float
+    period: float
+
+    def noticed(self, last: Oscillation, feedback: Array, missing: Array) -> Oscillation:
+        """
+        Return what follows a sample, by (OG1); arrays of shape (n,) [N·m].
+
+        Parameters
+        ----------
+        last : Oscillation
+            After the sample before.
+        feedback, missing : array, shape (n,)
+            f, and what the law knows that the drives do not give.
+
+        """
+        size, largest = np.abs(feedback), self.fading * np.abs(last.extreme)
+        turned = np.sign(feedback) * last.extreme < 0.0
+        extreme = np.where(turned | (size > largest), feedback, self.fading * last.extreme)
+        f1 = np.where(turned, largest, self.fading * last.last)
+        f2 = self.fading * np.where(turned, last.last, last.second_last)
+        believed = np.sign(feedback) * np.maximum(size - np.abs(missing), 0.0)
+        slow = last.slow + exp(last.retreat) * self.renewed * (believed - last.slow)
+        ratio = np.maximum(np.abs(believed - slow) / (self.believed + np.abs(slow)),
+                           np.minimum(size, np.minimum(f1, f2)) / self.sustained).max()
+        retreat = self.kept * last.retreat - self.retreating * max(ratio - _NORMAL, 0.0)
+        strained = last.strained + self.period
+        if (size / self.bound).max() < _STRONG or retreat > self.low:
+            strained = 0.0
+        return Oscillation(slow, extreme, f1, f2, max(retreat, self.farthest), strained)
+
+
+def oscillation_guard(bound: Array, rate: Array, pole: Array, period: float) -> OscillationGuard:
+    """Return a guard for Ka [N·m], R [N·m/s] and √Kp_ii [rad/s], shape (n,), and h [s]."""
+    bound, followed = np.maximum(bound, _LEAST_BOUND), rate / pole
+    return OscillationGuard(
+        bound, bound + np.where(followed < np.inf, followed, 0.0), np.minimum(bound, followed),
+        1.0 - exp(-_SLOW_PART * period), exp(-_FADING * period), _RETREAT * period,
+        exp(-period / _RETURN), log(LEAST), log(_LOW), period)
