@@ -47,15 +47,19 @@ compiled: $(READY)
 
 # Studies that take a minute or more each, and properties with random examples.
 slow: $(VENV)/.docs
-	$(BIN)/python -m pytest -m slow -o faulthandler_timeout=3600
+	@begin=$$(date +%s); \
+	$(BIN)/python -m pytest -m slow -o faulthandler_timeout=3600 && \
 	$(BIN)/python -m pytest -m 'not slow and not ros' --numprocesses=auto \
-		--hypothesis-profile=random
+		--hypothesis-profile=random; status=$$?; \
+	$(BIN)/python test/support/calibration.py 'make slow' $$begin; exit $$status
 
+# Style and types of the package; `make lint CHECKED=.`: of tests and studies, too.
+CHECKED ?= ctc_chattering
 lint: $(READY)
-	$(BIN)/ruff check .
-	$(BIN)/flake8 .
-	$(BIN)/pydocstyle --config=setup.cfg --property-decorators=none
-	$(BIN)/mypy ctc_chattering test validation
+	$(BIN)/ruff check $(CHECKED)
+	$(BIN)/flake8 $(CHECKED)
+	$(BIN)/pydocstyle --config=setup.cfg --property-decorators=none $(CHECKED)
+	$(BIN)/mypy $(if $(filter .,$(CHECKED)),ctc_chattering test validation,$(CHECKED))
 
 # Every law with gains by rule in one condition, and judged in others: the tables of
 # docs/comparison.md, in a minute.
@@ -84,7 +88,7 @@ benchmark: $(READY)
 # Compiled runs beside plain ones, MuJoCo, and, where they are installed, JAX
 # and Drake: a Markdown table, in some minutes.
 map-benchmark: $(READY)
-	$(BIN)/python test/benchmark/compiled_loop.py
+	PYTHONPATH=test/support $(BIN)/python test/benchmark/compiled_loop.py
 
 # Period and answer time of the loop in real time, with and without priority: a Markdown table.
 latency: $(READY)
@@ -99,7 +103,7 @@ MINUTES ?= 20
 soak: $(READY)
 	PYTHONPATH=test:test/support $(BIN)/python -m soak --minutes $(MINUTES) $(ARGS)
 
-# The table of docs/identification_measured.md: robots with random friction, identified; hours.
+# The table of validation/identification.md: robots with random friction, identified; hours.
 SEEDS ?= 20
 identification: $(READY)
 	PYTHONPATH=test/support:validation $(BIN)/python validation/identification_study.py --seeds $(SEEDS) $(ARGS)

@@ -61,7 +61,6 @@ setup(
         'ros': ['ros-jazzy-rclpy[fastrtps]', 'ros-jazzy-common-interfaces'],
         # The page of `ctc live`.
         'live': ['msgspec', 'viser>=1.1'],
-        'mujoco': ['mujoco'],
         # The model urdf, of apt ros-jazzy-pinocchio; the robots of panda.yaml and ur5.yaml.
         'urdf': ['example-robot-data', 'pin'],
         # `ctc compile`.
@@ -73,7 +72,7 @@ setup(
         # `ctc tune`, and `ctc compare --trials`.
         'tune': ['optuna>=5', 'scipy>=1.15'],
         # Everything above.
-        'all': ['ctc_chattering[compile,identify,live,map,mujoco,ros,tune,urdf]'],
+        'all': ['ctc_chattering[compile,identify,live,map,ros,tune,urdf]'],
         'test': ['clarabel', 'dask[distributed]', 'example-robot-data', 'hypothesis', 'mujoco',
                  'numba', 'optuna>=5', 'pandas>=2', 'pin', 'playwright', 'polars', 'pyarrow',
                  'pytest', 'pytest-xdist', 'scipy>=1.15', 'viser>=1.1'],

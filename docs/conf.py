@@ -23,6 +23,7 @@ from __future__ import annotations
 
 from pathlib import Path
 import re
+import sys
 from typing import Any
 
 import ctc_chattering
@@ -39,7 +40,7 @@ release = ctc_chattering.__version__
 extensions = ['myst_parser', 'sphinx.ext.autodoc', 'sphinx.ext.autosummary',
               'sphinx.ext.napoleon', 'sphinx.ext.viewcode']
 #: README.md is on the front page.
-include_patterns = ['*.md', '*.rst', 'docs/**.md', 'docs/**.rst',
+include_patterns = ['*.md', '*.rst', 'docs/**.md', 'docs/**.rst', 'validation/*.md',
                     'examples/README.md']
 exclude_patterns = ['.*', '**_templates', 'README.md', 'build', 'config', 'ctc_chattering',
                     'install', 'log', 'results', 'site', 'soak', 'test']
@@ -113,6 +114,9 @@ def unbroken(_: Sphinx, doctree: nodes.document) -> None:
 
 def setup(app: Sphinx) -> None:
     """Connect what is between reading and writing a page."""
+    sys.path.insert(0, str(Path(__file__).parent))
+    import reference_pages
+    reference_pages.write(Path(__file__).parent / '_api')
     Inliner.dispatch['|'] = bar
     app.connect('autodoc-process-docstring', without_field_numbers)
     app.connect('source-read', titled)

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The table of docs/identification_measured.md: robots with random friction, identified."""
+"""The table of validation/identification.md: robots with random friction, identified."""
 
 from __future__ import annotations
 

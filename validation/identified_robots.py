@@ -35,6 +35,7 @@ from ctc_chattering.simulation.registry import make_plant
 from ctc_chattering.simulation.simulated_robot import Robot
 from ctc_chattering.trajectory.reference import ReferenceConfig
 from ctc_chattering.trajectory.waypoints import Route
+from mujoco_plant import MujocoPlant
 import numpy as np
 from other_arms import DESCRIBED, drawn
 import urdfs
@@ -145,8 +146,8 @@ def record(name: str, seed: int, duration: float = 60.0, *, backend: str = 'buil
         Of friction, motion and noise.
     duration, period : float
         [s].
-    backend : str
-        Of the plant.
+    backend : {'builtin', 'mujoco'}
+        What moves the robot.
     plant, controller : mapping, optional
         Parameters.
     truth : str or Model, optional
@@ -164,7 +165,7 @@ def record(name: str, seed: int, duration: float = 60.0, *, backend: str = 'buil
     common = {'joint_names': list(robot.joints), 'control_period': period,
               'model': 'urdf' if robot.urdf else 'two_link'}
     config = PlantConfig.from_mapping({
-        **common, 'plant_backend': backend, 'coulomb_friction': coulomb.tolist(),
+        **common, 'coulomb_friction': coulomb.tolist(),
         'viscous_friction': viscous.tolist(), 'duration': duration,
         'initial_position': list(route.points[0][0]), 'noise_seed': seed,
         'encoder_resolution': [robot.resolution] * n, 'velocity_noise': [1e-3] * n,
@@ -174,6 +175,8 @@ def record(name: str, seed: int, duration: float = 60.0, *, backend: str = 'buil
     body: Robot
     if isinstance(truth, Model):
         body = Plant(config, truth)
+    elif backend == 'mujoco':
+        body = MujocoPlant(config, truth or robot.urdf)
     else:
         body = make_plant(config, truth or robot.urdf)
     run = simulate(config, law, ReferenceConfig(

@@ -54,7 +54,7 @@ def codes(setup: Setup, parts: bool = False) -> tuple[Code, ...]:
     Parameters
     ----------
     setup : Setup
-        Without a run if law or plant cannot be machine code: MuJoCo, elastic joints.
+        Without a run if law or plant cannot be machine code, such as elastic joints.
     parts : bool
         Then return those of the other one, which a node has use for.
 
@@ -153,8 +153,8 @@ def compile_setup(setup: Setup, every: bool = False, show: Callable[[str], None]
     setup = dataclasses.replace(setup, events=())
     if not codes(setup, parts=True):
         raise CtcError('nothing can be compiled: compiled is false, or neither plant (no elastic '
-                       'joints, MuJoCo, own models) nor law (no own models) can be, own frictions '
-                       'and laws only if made of marked records')
+                       'joints, own models) nor law (no own models) can be, own frictions and '
+                       'laws only if made of marked records')
     if not has_compiler():
         raise ModuleNotFoundError('No module named numba', name='numba')
     changes = [{'law': law} for law in LAWS if law != 'chattering'] + [

@@ -136,10 +136,7 @@ def made(node: str, make: Callable[[Mapping[str, Any]], C], values: Mapping[str,
 def check_agreement(plant: PlantConfig, controller: ControllerConfig,
                     reference: ReferenceConfig) -> None:
     """Raise `CtcError` if the nodes' values contradict each other."""
-    names = ['joint_names', 'gravity']
-    if plant.plant_backend == 'builtin':
-        names += ['model', 'locked']
-    for name in names:
+    for name in ('joint_names', 'gravity', 'model', 'locked'):
         if getattr(controller, name) != getattr(plant, name):
             raise _contradiction(name, 'controller', controller, 'plant', plant)
     for node, config in (('controller', controller), ('reference', reference)):

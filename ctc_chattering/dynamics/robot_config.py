@@ -36,8 +36,8 @@ class RobotConfig(Config):
         'Robot model, or your own: docs/robots.md.', choices=MODELS, own=True, read_only=True)
     description: str = parameter(
         'description', 'str', '',
-        'Model urdf or backend mujoco: file of the robot, a path or package://NAME/PATH; empty '
-        'for the topic robot_description.', read_only=True)
+        'Model urdf: file of the robot, a path or package://NAME/PATH; empty for the topic '
+        'robot_description.', read_only=True)
     locked: tuple[str, ...] = parameter(
         'locked', 'str[]', ('',),
         'Positions of joints not in joint_names, each "name position"; default 0.',

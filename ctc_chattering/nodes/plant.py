@@ -101,7 +101,7 @@ class PlantNode(LoopNode[PlantConfig, PlantSettings]):
         config = self.config
         first = COMMANDS if self._ticker is None else f'the subscribers to {JOINT_STATES}'
         waits = self.problem or f'waits for {first}'
-        return (f'simulated robot, {config.plant_backend}, model {config.model}, '
+        return (f'simulated robot, model {config.model}, '
                 f'{", ".join(config.joint_names)}, {config.pacing}, '
                 f'{1 / config.control_period:g} Hz; {waits}')
 

@@ -43,7 +43,6 @@ from ctc_chattering.runs.conditions import (
 from ctc_chattering.runs.pool import in_parallel
 from ctc_chattering.runs.recommended import by_rule
 from ctc_chattering.runs.score import over_simulation, Runner, Score, score, worst
-from ctc_chattering.simulation.plant_config import PlantConfig
 
 #: Where gains come from.
 GAINS = FILE, RECOMMENDED = 'file', 'recommended'
@@ -81,22 +80,21 @@ class Task(NamedTuple):
     """One row of a table; without a condition the robot is as in the file."""
 
     path: Path
-    backend: str | None
     condition: Condition | None
     variant: Variant
     held_out: tuple[HeldOut, ...] = ()
 
 
-def tasks(paths: Sequence[Path], backends: Sequence[str | None],
-          conditions: Sequence[str | None], laws: Sequence[str] = LAWS,
-          gains: str = FILE, others: int = 0, seed: int = SEED) -> list[Task]:
+def tasks(paths: Sequence[Path], conditions: Sequence[str | None],
+          laws: Sequence[str] = LAWS, gains: str = FILE, others: int = 0, seed: int = SEED
+          ) -> list[Task]:
     """
-    Return what to run: every variant on every robot and plant under every condition.
+    Return what to run: every variant on every robot under every condition.
 
     Parameters
     ----------
-    paths, backends : sequence
-        Parameter files; backends of the plant, None for the file's.
+    paths : sequence of Path
+        Parameter files.
     conditions : sequence of str or None
         Names, `ALL` for each that the robot can have, None for the robot as it is in the file.
     laws, gains
@@ -105,23 +103,16 @@ def tasks(paths: Sequence[Path], backends: Sequence[str | None],
         How many held-out conditions, and the seed of their draws.
 
     """
-    return [Task(path, backend, chosen, variant, held_out(others, seed))
-            for path in paths for backend in backends
-            for chosen in _conditions(conditions, path, backend)
-            for variant in variants(laws, gains)]
+    return [Task(path, chosen, variant, held_out(others, seed)) for path in paths
+            for chosen in _conditions(conditions, path) for variant in variants(laws, gains)]
 
 
-def _conditions(names: Sequence[str | None], path: Path, backend: str | None
-                ) -> list[Condition | None]:
+def _conditions(names: Sequence[str | None], path: Path) -> list[Condition | None]:
     """Return the conditions that names mean on a robot."""
     if ALL not in names:
         return [condition(name) if name else None for name in names]
-    setup = parameter_file.load(path, _plain(backend))
+    setup = parameter_file.load(path)
     return [x for x in CONDITIONS.values() if x.fits(setup)]
-
-
-def _plain(backend: str | None) -> Overrides:
-    return {'plant': {'plant_backend': backend} if backend else {}}
 
 
 class Judged(NamedTuple):
@@ -141,8 +132,8 @@ class Outcome:
     ----------
     task : Task
         What was run.
-    experiment, backend : str
-        Name of the experiment, and the plant's backend.
+    experiment : str
+        Its name.
     joints : tuple of str, shape (n,)
         Names.
     runs : tuple of mapping
@@ -156,7 +147,6 @@ class Outcome:
 
     task: Task
     experiment: str
-    backend: str
     joints: tuple[str, ...]
     runs: tuple[Overrides, ...]
     score: Score
@@ -190,11 +180,10 @@ def compared(todo: Sequence[Task], jobs: int = 1, run: Runner = over_simulation
 
 def runs_of(task: Task) -> tuple[Overrides, ...]:
     """Return the overrides of each run of a task, with the file's gains or those by rule."""
-    plain = _plain(task.backend)
-    setup = parameter_file.load(task.path, plain)
+    setup = parameter_file.load(task.path)
     under = task.condition.overrides(setup) if task.condition else ({},)
     law: dict[str, Any] = {'controller': task.variant.values}
-    runs = tuple(merged(plain, x, law) for x in under)
+    runs = tuple(merged(x, law) for x in under)
     setups = [parameter_file.load(task.path, x) for x in runs]
     if task.variant.settings == RECOMMENDED:
         runs = tuple(merged(x, {'controller': by_rule(setups[0])}) for x in runs)
@@ -215,15 +204,14 @@ def evaluate(task: Task, run: Runner = over_simulation) -> Outcome:
     if task.variant == BASE and found.failure:
         raise CtcError(f'{task.path}: {found.failure}')
     return Outcome(
-        task, setup.plant.experiment, setup.plant.plant_backend, setup.plant.joint_names, runs,
-        found, tuple(_judged(task, x, run) for x in task.held_out))
+        task, setup.plant.experiment, setup.plant.joint_names, runs, found,
+        tuple(_judged(task, x, run) for x in task.held_out))
 
 
 def _judged(task: Task, other: HeldOut, run: Runner) -> Judged:
     """Return what a law does in a condition for which it was not chosen."""
-    plain = _plain(task.backend)
-    under = other.overrides(parameter_file.load(task.path, plain))
-    known = merged(plain, under, {'controller': task.variant.values})
+    under = other.overrides(parameter_file.load(task.path))
+    known = merged(under, {'controller': task.variant.values})
     if task.variant.settings == RECOMMENDED:
         known = merged(known, {'controller': by_rule(parameter_file.load(task.path, known))})
     return Judged(other, known, _scored(task.path, (known,), run))
@@ -241,12 +229,12 @@ def merged(*parts: Overrides) -> Overrides:
             for node in nodes}
 
 
-@checked(**dict.fromkeys(('files', 'laws', 'conditions', 'backends'), Sequence), gains=str,
+@checked(**dict.fromkeys(('files', 'laws', 'conditions'), Sequence), gains=str,
          runner=Callable, show=Callable, progress=(Callable, type(None)))
 def compare(files: Sequence[str | Path], laws: Sequence[str] = LAWS,
-            conditions: Sequence[str] = (), backends: Sequence[str] = (), gains: str = FILE,
-            held_out: int = 0, seed: int = SEED, jobs: int = 1,
-            runner: Runner = over_simulation, show: Callable[[str], None] = print,
+            conditions: Sequence[str] = (), gains: str = FILE, held_out: int = 0,
+            seed: int = SEED, jobs: int = 1, runner: Runner = over_simulation,
+            show: Callable[[str], None] = print,
             progress: Callable[[int, int], None] | None = None) -> list[Outcome]:
     """
     Run parameter files with every law and, under law chattering, every switching.
@@ -260,8 +248,6 @@ def compare(files: Sequence[str | Path], laws: Sequence[str] = LAWS,
     conditions : sequence of str
         Drives, sensors and model error in place of those of the files; ``all`` for each that the
         robot can have.
-    backends : sequence of {'builtin', 'mujoco'}
-        Plants in place of those of the files.
     gains : {'file', 'recommended'}
         Gains of the file, or of each law by its rule in what the controller knows.
     held_out : int
@@ -289,20 +275,18 @@ def compare(files: Sequence[str | Path], laws: Sequence[str] = LAWS,
         are compared has no numbers.
 
     """
-    for kind, values in (('files', files), ('laws', laws), ('backends', backends)):
+    for kind, values in (('files', files), ('laws', laws)):
         check_each(kind, values, (str, Path) if kind == 'files' else str)
     for name in laws:
         if name not in LAWS:
             raise ParameterError('laws', name, ' | '.join(LAWS) + near(name, LAWS))
     check_conditions(conditions)
-    for name in backends:
-        PlantConfig.parameters()['plant_backend'].check(name, 0)
     if gains not in GAINS:
         raise ParameterError('gains', gains, ' | '.join(GAINS))
     held_out, seed, jobs = whole('held_out', held_out, 0), whole('seed', seed, 0), whole(
         'jobs', jobs, 1)
     paths = [find_config(x) if isinstance(x, str) else x for x in files]
-    todo = tasks(paths, backends or [None], conditions or [None], laws, gains, held_out, seed)
+    todo = tasks(paths, conditions or [None], laws, gains, held_out, seed)
     runs = compared(todo, jobs, runner)
     if runner is over_simulation:
         compile_setups(setups(todo), show)

@@ -106,16 +106,15 @@ def _robustness(group: Sequence[Outcome]) -> Table:
 
 
 def groups(outcomes: Sequence[Outcome]) -> list[list[Outcome]]:
-    """Return the outcomes of each robot, plant and condition."""
+    """Return the outcomes of each robot and condition."""
     return [list(group) for _, group in itertools.groupby(
-        outcomes, lambda x: (x.task.path, x.backend, x.task.condition))]
+        outcomes, lambda x: (x.task.path, x.task.condition))]
 
 
 def heading(outcome: Outcome) -> str:
-    """Return robot, plant and condition of an outcome."""
+    """Return robot and condition of an outcome."""
     condition = outcome.task.condition
-    return f'{outcome.experiment}, plant {outcome.backend}' + (
-        f', {condition.name}' if condition else '')
+    return outcome.experiment + (f', {condition.name}' if condition else '')
 
 
 def _errors(outcome: Outcome, base: Outcome) -> list[list[Number]]:
@@ -174,7 +173,7 @@ def to_csv(outcomes: Sequence[Outcome]) -> str:
             numbers = {name: getattr(found, key)[i] if getattr(found, key) else None
                        for name, key in _NUMBERS.items()}
             rows.append({
-                'experiment': x.experiment, 'backend': x.backend,
+                'experiment': x.experiment,
                 'condition': task.condition.name if task.condition else '',
                 **task.variant._asdict(), 'joint': joint, **numbers,
                 'failure': found.failure, 'controller': json.dumps(
@@ -189,7 +188,7 @@ def held_out_csv(outcomes: Sequence[Outcome]) -> str:
     for x in outcomes:
         for other, run, found in x.judged:
             rows.append({
-                'experiment': x.experiment, 'backend': x.backend, **x.task.variant._asdict(),
+                'experiment': x.experiment, **x.task.variant._asdict(),
                 'seed': other.seed, 'index': other.index,
                 **{name: json.dumps(getattr(found, key)) if not found.failure else None
                    for name, key in _NUMBERS.items()}, 'failure': found.failure,
@@ -289,17 +288,17 @@ def save_comparison_figures(outcomes: Sequence[Outcome], directory: Path, extra:
 
 
 def _all(outcomes: Sequence[Outcome]) -> Iterator[tuple[str, Figure, str]]:
-    robots: dict[tuple[str, str], list[Outcome]] = {}
+    robots: dict[str, list[Outcome]] = {}
     for x in outcomes:
-        robots.setdefault((x.experiment, x.backend), []).append(x)
-    for (experiment, backend), mine in robots.items():
-        yield f'{experiment}_{backend}', trade_off(
-            mine, f'{experiment}, plant {backend}: error and torque variation'), (
+        robots.setdefault(x.experiment, []).append(x)
+    for experiment, mine in robots.items():
+        yield experiment, trade_off(
+            mine, f'{experiment}: error and torque variation'), (
             'Geometric means over the joints, 5 s to 10 s, a panel for each condition; lower left '
             'is better.')
         for group in groups(mine):
             condition = group[0].task.condition
-            yield '_'.join((experiment, backend, *([condition.name] if condition else []))), (
+            yield '_'.join((experiment, *([condition.name] if condition else []))), (
                 errors(group)), (
                     f'A row a law; {condition.title if condition else "as in the file"}.')
 
@@ -370,7 +369,7 @@ def write_parameters(outcomes: Sequence[Outcome], directory: Path) -> list[Path]
                 factor = f'model_{condition.factors[k]:g}' if condition and len(
                     x.runs) > 1 else ''
                 stem = '_'.join(filter(None, (
-                    x.experiment, x.backend, name, variant.switching or variant.law,
+                    x.experiment, name, variant.switching or variant.law,
                     variant.settings, factor)))
                 setup = parameter_file.load(x.task.path, run)
                 paths.append(directory / f'{file_stem(stem, used)}.yaml')

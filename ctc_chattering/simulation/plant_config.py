@@ -29,8 +29,6 @@ from ctc_chattering.simulation.sensor import VELOCITY_SENSORS
 
 #: Values of the parameter ``pacing``.
 PACINGS = ('real_time', 'lockstep')
-#: Values of the parameter ``plant_backend``.
-BACKENDS = ('builtin', 'mujoco')
 
 
 @dataclasses.dataclass(frozen=True)
@@ -39,10 +37,6 @@ class PlantConfig(RobotConfig):
 
     title: ClassVar[str] = 'plant'
 
-    plant_backend: str = parameter(
-        'plant_backend', 'str', 'builtin',
-        'Simulator: the equations of `model`, or MuJoCo with `description`.',
-        choices=BACKENDS, read_only=True)
     payload: float = parameter(
         'payload', 'float', 0.0,
         'Mass at the end of the arm, unknown to the model; URDF only.',
@@ -70,11 +64,11 @@ class PlantConfig(RobotConfig):
         minimum=-1.0, maximum=1.0, shape='n')
     friction_model: str = parameter(
         'friction_model', 'str', '',
-        'Friction of your own, backend builtin; empty for none.', choices=('',), own=True,
+        'Friction of your own; empty for none.', choices=('',), own=True,
         read_only=True)
     joint_stiffness: tuple[float, ...] = parameter(
         'joint_stiffness', 'float[]', float('inf'),
-        'Stiffness between motor and link, backend builtin; .inf for a rigid joint.',
+        'Stiffness between motor and link; .inf for a rigid joint.',
         unit='N*m/rad', minimum=0.0, exclusive=True, infinite=True, shape='n', read_only=True)
     joint_damping: tuple[float, ...] = parameter(
         'joint_damping', 'float[]', 0.0, 'Viscous damping between motor and link.',
@@ -183,14 +177,10 @@ class PlantConfig(RobotConfig):
 
     def validate(self) -> None:
         """Check the model's number of joints, its friction, and that the run ends on the grid."""
-        if self.plant_backend == 'builtin':
-            check_model(self.model, self.joint_names)
-        elif any(self.stribeck_friction):
-            raise ParameterError('stribeck_friction', self.stribeck_friction,
-                                 f'0 with plant_backend {self.plant_backend}')
-        if self.friction_model and (self.elastic or self.plant_backend != 'builtin'):
+        check_model(self.model, self.joint_names)
+        if self.friction_model and self.elastic:
             raise ParameterError('friction_model', self.friction_model,
-                                 'empty without plant_backend builtin and rigid joints')
+                                 'empty with elastic joints')
         if self.payload and not self.described:
             raise ParameterError('payload', self.payload, '0 without a description of the robot')
         if self.sample_jitter >= 0.5 * self.control_period:
@@ -201,10 +191,7 @@ class PlantConfig(RobotConfig):
         samples(self.duration, period_ns(self.control_period))
 
     def _check_elasticity(self) -> None:
-        """Check that elastic joints, and no others, have a motor, and the backend has them."""
-        if self.elastic and self.plant_backend != 'builtin':
-            raise ParameterError('joint_stiffness', self.joint_stiffness,
-                                 f'inf with plant_backend {self.plant_backend}')
+        """Check that elastic joints, and no others, have a motor."""
         motors = tuple(zip(self.joint_stiffness, self.motor_inertia, self.joint_damping))
         if any((k < inf) != (m > 0.0) for k, m, _ in motors):
             raise ParameterError('motor_inertia', self.motor_inertia,
@@ -221,4 +208,4 @@ class PlantConfig(RobotConfig):
     @property
     def described(self) -> bool:
         """Whether a description of the robot is needed."""
-        return self.plant_backend != 'builtin' or self.model == 'urdf'
+        return self.model == 'urdf'

@@ -12,62 +12,53 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The plants that the parameter ``plant_backend`` can name."""
+"""The simulated robot of a configuration, and the limits of its description."""
 
 from __future__ import annotations
 
 from ctc_chattering.dynamics.payload import with_payload
-from ctc_chattering.dynamics.registry import kept_model_of, locked_positions, model_of
-from ctc_chattering.errors import CtcError
+from ctc_chattering.dynamics.registry import kept_model_of, model_of
 from ctc_chattering.simulation.plant import Plant
 from ctc_chattering.simulation.plant_config import PlantConfig
-from ctc_chattering.simulation.simulated_robot import Robot
 from ctc_chattering.trajectory.joint_limits import check_limits, DescribedLimits
 
 
 def limits_of(config: PlantConfig, description: str) -> DescribedLimits | None:
-    """Return the limits that the builtin plant does not keep by itself; None without any."""
-    if config.plant_backend != 'builtin' or config.model != 'urdf' or not description:
+    """Return the limits of the description, which no plant keeps by itself; None without any."""
+    if config.model != 'urdf' or not description:
         return None
     return DescribedLimits(description, config.joint_names)
 
 
 def check_start(config: PlantConfig, description: str) -> None:
-    """Raise `CtcError` if the builtin plant starts beyond the limits of its description."""
+    """Raise `CtcError` if the plant starts beyond the limits of its description."""
     limits = limits_of(config, description)
     if limits is not None:
         check_limits('the start of the plant', limits,
                      [(config.initial_position, config.initial_velocity, ())])
 
 
-def make_plant(config: PlantConfig, description: str = '', kept: bool = False) -> Robot:
+def make_plant(config: PlantConfig, description: str = '', kept: bool = False) -> Plant:
     """
     Return the robot that `config` describes, at its start.
 
     Parameters
     ----------
     config : PlantConfig
-        Its `plant_backend` chooses.
+        Of the plant.
     description : str
-        Text of the MJCF or URDF, where one is needed.
+        Text of the URDF, where one is needed.
     kept : bool
         Take the model of the last such robot, for many runs: `kept_model_of`.
 
     Raises
     ------
     CtcError
-        If there is no description, it does not have the joints, the start is beyond its limits,
-        or the backend is not installed.
+        If there is no description, it does not have the joints, or the start is beyond its
+        limits.
 
     """
     check_start(config, description)
     if config.payload:
         description = with_payload(description, config.joint_names, config.payload)
-    if config.plant_backend == 'builtin':
-        return Plant(config, (kept_model_of if kept else model_of)(config, description))
-    if not description:
-        raise CtcError(f'plant_backend {config.plant_backend} needs the parameter description, '
-                       'or the topic robot_description')
-    # Not above: the core does without what is outside of it, and this is needed seldom.
-    from ctc_chattering.simulation.mujoco_plant import MujocoPlant
-    return MujocoPlant(config, description, locked_positions(config.locked))
+    return Plant(config, (kept_model_of if kept else model_of)(config, description))

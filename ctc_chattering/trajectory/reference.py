@@ -56,8 +56,8 @@ class ReferenceConfig(Config):
         'Robot model, or your own: docs/robots.md.', choices=MODELS, own=True, read_only=True)
     description: str = parameter(
         'description', 'str', '',
-        'Model urdf or backend mujoco: file of the robot, a path or package://NAME/PATH; empty '
-        'for the topic robot_description.', read_only=True)
+        'Model urdf: file of the robot, a path or package://NAME/PATH; empty for the topic '
+        'robot_description.', read_only=True)
     profile: str = parameter(
         'profile', 'str', 'sinusoid',
         'Between center - amplitude and center + amplitude: a sinusoid, or moves of trapezoidal '

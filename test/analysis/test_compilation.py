@@ -56,7 +56,6 @@ def test_what_can_be_compiled() -> None:
     assert way(setup()) == COMPILED
     for other in (
             setup(ELASTIC), setup({'compiled': False}), setup(compiled=False),
-            parameter_file.load(find_config('panda'), {'plant': {'plant_backend': 'mujoco'}}),
             parameter_file.load(find_config('switch'))):
         assert not can_be_compiled(other)
         assert way(other) == PLAIN

@@ -155,7 +155,7 @@ def of_an_identification(name: str, out: Path) -> None:
 
 def outcomes(name: str) -> list[Outcome]:
     measured = Score((1e-3, 2e-3), (), (1.0, 2.0), (0.1, 0.2), (3.0, 4.0), (9.0, 9.0), engine=name)
-    return [Outcome(Task(Path('friction'), None, None, variant), name, 'builtin',
+    return [Outcome(Task(Path('friction'), None, variant), name,
                     (f'1{name}', f'2{name}'), (), measured)
             for variant in (BASE, Variant('chattering', 'sign', 'file'))]
 

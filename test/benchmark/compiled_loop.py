@@ -74,7 +74,7 @@ rounds, smallest and largest in brackets); sample period and Runge-Kutta step of
   other law, sensor, drive, delay or seed. In step, each run takes the time of the slowest: events
   that are located, or laws that iterate, would cost all runs what they cost one.
 - *MuJoCo, replay*: `mujoco.rollout` of the recorded torques, no law. *Python law*: plain Python
-  with plant_backend mujoco. Friction is a constraint, exact to the step in which a joint stops.
+  and the tests' plant. Friction is a constraint, exact to the step in which a joint stops.
   With its steps of first order, whose position is half a step ahead, a replay is 3 times as fast.
 - *Drake*: its discrete plant, of first order, and InverseDynamicsController, joined in C++. It has
   no friction in joints, and law (2) without its term C v.
@@ -182,12 +182,13 @@ def replay(setup: Setup, run: Run) -> Contestant:
 
 def by_mujoco(setup: Setup, run: Run) -> Contestant:
     """Return the loop of `ctc simulate` with MuJoCo's plant."""
-    setup = setup.changed({'plant': {'plant_backend': 'mujoco'}})
+    from mujoco_plant import simulated_by_mujoco  # MuJoCo may be missing.
 
     def closed_loop() -> float:
-        return float(simulate(setup).run.t[-1])
+        return float(simulated_by_mujoco(setup).run.t[-1])
 
-    return Contestant(closed_loop, difference(errors_of(simulate(setup, truth=True).run), run))
+    return Contestant(closed_loop, difference(
+        errors_of(simulated_by_mujoco(setup, truth=True).run), run))
 
 
 def by_drake(setup: Setup, run: Run) -> Contestant:

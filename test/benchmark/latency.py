@@ -16,7 +16,7 @@
 How regular is the loop, and how soon is a state answered: with and without priority.
 
 Beside it, what the machine gives a bare Python program: a timer that sends a UDP packet to another
-process and waits for it to come back. Prints a Markdown table; docs/real_time.md shows one.
+process and waits for it to come back. Prints a Markdown table; validation/README.md shows one.
 """
 
 from __future__ import annotations

@@ -15,8 +15,8 @@
 """
 What `ctc live` costs the loop: misses and times with the page open in a browser and without.
 
-In turns; prints a Markdown table of medians, which docs/live.md shows. The browser has the lowest
-priority: where it draws with the processor, it takes what others leave.
+In turns; prints a Markdown table of medians, which validation/README.md shows. The browser has the
+lowest priority: where it draws with the processor, it takes what others leave.
 """
 
 from __future__ import annotations

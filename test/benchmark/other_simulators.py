@@ -24,7 +24,6 @@ import xml.etree.ElementTree as ElementTree
 from ctc_chattering.configuration.loop_setup import Setup
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.simulation.closed_loop import Run
-from ctc_chattering.simulation.mujoco_plant import MujocoPlant
 import numpy as np
 
 #: Step [s].
@@ -38,13 +37,15 @@ class Rollout:
     Parameters
     ----------
     setup : Setup
-        With a description; friction is as hard as the package has it of MuJoCo.
+        With a description; friction is as hard as the tests have it of MuJoCo.
     run : Run
         Of that setup.
 
     """
 
     def __init__(self, setup: Setup, run: Run) -> None:
+        from mujoco_plant import MujocoPlant  # MuJoCo may be missing.
+
         self._mujoco, self._rollout = import_module('mujoco'), import_module('mujoco.rollout')
         limit = np.array(setup.plant.torque_saturation)
         plant = MujocoPlant(setup.plant, setup.descriptions['plant'])

@@ -39,7 +39,6 @@ WRONG = {
     'compare fricton': ['did you mean friction?'],
     'compare friction --laws chatering': ['did you mean chattering?'],
     'compare friction --condition real_amr': ['did you mean real_arm?'],
-    'compare friction --backend mujoko': ['did you mean mujoco?'],
     'compare friction --jobs 0': ['--jobs', '>= 1'],
     'study --jobs -1': ['--jobs', '>= 1'],
     'excite --evaluations 0': ['--evaluations', '>= 1'],

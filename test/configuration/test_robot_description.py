@@ -120,16 +120,13 @@ def test_what_cannot_be_read_is_said_in_one_line(tmp_path: Path) -> None:
     assert 'too long' in refusal('x' * 5000)
 
 
-@pytest.mark.parametrize(('shared', 'plant', 'needs'), [
-    ('model: urdf', '', {'plant', 'controller', 'reference'}),
-    ('', 'plant_backend: mujoco', {'plant'}),
-    ('', '', set())])
+@pytest.mark.parametrize(('shared', 'needs'), [
+    ('model: urdf', {'plant', 'controller', 'reference'}), ('', set())])
 def test_a_parameter_file_reads_it_for_those_who_need_it(
-        tmp_path: Path, shared: str, plant: str, needs: set[str]) -> None:
+        tmp_path: Path, shared: str, needs: set[str]) -> None:
     robot, file = tmp_path / 'arm.urdf', tmp_path / 'params.yaml'
     file.write_text(f"""
 /**: {{ros__parameters: {{joint_names: [a, b], description: {robot}}}}}
-plant: {{ros__parameters: {{{plant}}}}}
 reference: {{ros__parameters: {{center: [0, 0], amplitude: [0.1, 0.1]}}}}
 """.replace('joint_names', f'{shared}, joint_names' if shared else 'joint_names'))
     if needs:

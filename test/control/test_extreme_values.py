@@ -43,7 +43,7 @@ pytestmark = pytest.mark.filterwarnings('ignore::RuntimeWarning')
 
 C = TypeVar('C', bound=Config)
 #: Parameters that set up something else than numbers; the rest is drawn.
-FIXED = ('joint_names', 'model', 'plant_backend', 'description', 'locked', 'pacing', 'experiment',
+FIXED = ('joint_names', 'model', 'description', 'locked', 'pacing', 'experiment',
          'trajectory_file', 'duration', 'integration_step', 'input_delay', 'compiled',
          'friction_model')
 STEPS = 12

@@ -36,7 +36,8 @@ from processes import PATIENCE
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
-PAGES = (ROOT / 'README.md', ROOT / 'CONTRIBUTING.md', *sorted((ROOT / 'docs').glob('*.md')))
+PAGES = (ROOT / 'README.md', ROOT / 'CONTRIBUTING.md', *(
+    path for folder in ('docs', 'validation') for path in sorted((ROOT / folder).glob('*.md'))))
 #: What does not run here, by how the line begins, and why.
 ELSEWHERE = {
     'make ': 'installs, or runs this suite and the five experiments',

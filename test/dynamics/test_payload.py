@@ -12,10 +12,11 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""A payload at the end of an arm: what it adds to M and G, of both backends."""
+"""A payload at the end of an arm: what it adds to M and G, of both plants."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from math import cos, pi, sin
 
 from ctc_chattering.dynamics.payload import with_payload
@@ -23,6 +24,8 @@ from ctc_chattering.dynamics.urdf_model import UrdfModel
 from ctc_chattering.errors import CtcError, ParameterError
 from ctc_chattering.simulation.plant_config import PlantConfig
 from ctc_chattering.simulation.registry import make_plant
+from ctc_chattering.simulation.simulated_robot import Robot
+from mujoco_plant import MujocoPlant
 import numpy as np
 import pytest
 
@@ -53,14 +56,14 @@ def test_it_is_a_mass_at_the_tool() -> None:
             3.0 * G * sin(q))
 
 
-@pytest.mark.parametrize('backend', ['builtin', 'mujoco'])
-def test_the_plant_moves_with_it(backend: str) -> None:
+@pytest.mark.parametrize('make', [make_plant, MujocoPlant])
+def test_the_plant_moves_with_it(make: Callable[[PlantConfig, str], Robot]) -> None:
     """Check the acceleration from rest at 90 degrees, by the angle after 10 ms."""
     inertia = 2.0 * 0.4 ** 2 + 0.1 + 3.0 + 0.4 * 3.0 * 0.05 ** 2
     weight = G * (2.0 * 0.4 + 3.0)
-    robot = make_plant(PlantConfig(
-        joint_names=('swing',), model='urdf', plant_backend=backend, payload=3.0,
-        coulomb_friction=(0.0,), initial_position=(0.5 * pi,)), ROD)
+    robot = make(PlantConfig(
+        joint_names=('swing',), model='urdf', payload=3.0, coulomb_friction=(0.0,),
+        initial_position=(0.5 * pi,)), ROD)
     for _ in range(10):
         robot.step((0.0,))
     assert robot.dq[0] == pytest.approx(-weight / inertia * 0.01, rel=1e-3)

@@ -28,10 +28,10 @@ from ctc_chattering.dynamics.scaled_model import Scaled
 from ctc_chattering.dynamics.urdf_model import UrdfModel
 from ctc_chattering.dynamics.urdf_parser import Tree
 from ctc_chattering.errors import CtcError, ParameterError
-from ctc_chattering.simulation.mujoco_plant import MujocoPlant
 from ctc_chattering.simulation.plant_config import PlantConfig
 from ctc_chattering.simulation.registry import make_plant
 import mujoco
+from mujoco_plant import MujocoPlant
 import numpy as np
 from oracles import Array, states
 import pytest
@@ -136,7 +136,7 @@ def test_a_rotor_is_on_the_diagonal_of_the_mass_matrix(order: tuple[str, str]) -
         np.testing.assert_allclose(
             np.subtract(model.mass_matrix(q), plain.mass_matrix(q)), rotor, atol=1e-12)
     assert all(finding.passed for finding in check_dynamics(model))
-    config = PlantConfig.from_mapping({'joint_names': list(order), 'plant_backend': 'mujoco'})
+    config = PlantConfig(joint_names=order, model='urdf')
     plant = MujocoPlant(config, text)
     assert plant.mjmodel.dof_armature.tolist() == [0.0, 0.3]
     with pytest.raises(CtcError, match='joint b: rotor_inertia is -0'):
@@ -360,19 +360,16 @@ def test_a_joint_may_have_the_name_of_a_link(name: str, kind: str) -> None:
 
 
 def survive(seed: int) -> bool:
-    """Hand a mutated description to every model; return whether one was made."""
+    """Hand a mutated description to the plant; return whether there is a model of it."""
     text, names = ((two_links(), ('a', 'b')), (two_links(), ('a', 'b')), (panda(), PANDA),
                    (ur5(), UR5))[seed % 4]
-    made = False
-    for backend in ('builtin', 'mujoco'):
-        config = PlantConfig(joint_names=names, model='urdf', plant_backend=backend)
-        try:
-            robot = make_plant(config, mutated(text, seed))
-            robot.step([-5.0] * len(names))
-            made = True
-        except CtcError as error:
-            assert '\n' not in str(error)
-    return made
+    try:
+        robot = make_plant(PlantConfig(joint_names=names, model='urdf'), mutated(text, seed))
+        robot.step([-5.0] * len(names))
+    except CtcError as error:
+        assert '\n' not in str(error)
+        return False
+    return True
 
 
 def test_any_description_is_a_robot_or_refused() -> None:
@@ -388,11 +385,9 @@ def test_any_of_many_descriptions_is_a_robot_or_refused() -> None:
 
 
 @pytest.mark.parametrize('bomb', BOMBS)
-@pytest.mark.parametrize('backend', ['builtin', 'mujoco'])
-def test_what_is_too_much_is_refused_at_once(bomb: str, backend: str) -> None:
+def test_what_is_too_much_is_refused_at_once(bomb: str) -> None:
     with pytest.raises(CtcError, match=bomb if bomb != 'size' else 'too large'):
-        make_plant(PlantConfig(joint_names=('a', 'b'), model='urdf', plant_backend=backend),
-                   BOMBS[bomb])
+        make_plant(PlantConfig(joint_names=('a', 'b'), model='urdf'), BOMBS[bomb])
     assert UrdfModel(chain(400), ('j0',)).n == 1
 
 
@@ -401,8 +396,5 @@ def test_whatever_a_library_raises_is_a_refused_description(
     def fail(*_: object) -> None:
         raise RuntimeError('out of\nluck')
     monkeypatch.setattr('pinocchio.buildReducedModel', fail)
-    monkeypatch.setattr(mujoco.MjSpec, 'from_string', fail)
-    for backend in ('builtin', 'mujoco'):
-        with pytest.raises(CtcError, match=r'RuntimeError: out of luck$'):
-            make_plant(PlantConfig(joint_names=('a', 'b'), model='urdf', plant_backend=backend),
-                       two_links())
+    with pytest.raises(CtcError, match=r'RuntimeError: out of luck$'):
+        make_plant(PlantConfig(joint_names=('a', 'b'), model='urdf'), two_links())

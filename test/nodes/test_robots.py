@@ -22,6 +22,7 @@ from contextlib import closing, suppress
 import itertools
 import math
 from pathlib import Path
+import sys
 import time
 from typing import Any, NamedTuple
 
@@ -33,11 +34,13 @@ from ctc_chattering.bags.repair import open_bag
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.control.controller import Controller, ControllerConfig
 from ctc_chattering.errors import CtcError
+from ctc_chattering.launch.child_process import Child
 from ctc_chattering.simulation.plant_config import PlantConfig
 from ctc_chattering.simulation.registry import make_plant
 from ctc_chattering.trajectory.buffer import Trajectory
 from ctc_chattering.trajectory.reference import ReferenceConfig, Sinusoid
 from faults import Diagnostics, ERROR, OK, Report, WARN
+from mujoco_plant import simulated_by_mujoco
 import numpy as np
 from processes import CONFIG, Probe, probe
 import pytest
@@ -52,6 +55,7 @@ from urdfs import BOMBS, link, mutated, PANDA, panda, two_links, UR5, ur5
 pytestmark = pytest.mark.ros
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 DESCRIPTION = 'robot_description'
+EXAMPLE = CONFIG.parent / 'examples' / 'mujoco_plant.py'
 ARM = ['-p', 'model:=urdf', '-p', 'joint_names:=[a,b]']
 S = 10 ** 9
 
@@ -62,20 +66,16 @@ def ns(t: Time) -> int:
 
 # Robots, in lockstep.
 
-@pytest.mark.parametrize(('name', 'backend', 'urdf', 'joints'), [
-    pytest.param('panda', 'builtin', panda, PANDA, marks=pytest.mark.slow),
-    ('panda', 'mujoco', panda, PANDA),
-    pytest.param('ur5', 'mujoco', ur5, UR5, marks=pytest.mark.slow)])
+@pytest.mark.parametrize(('name', 'urdf', 'joints'), [
+    ('panda', panda, PANDA), pytest.param('ur5', ur5, UR5, marks=pytest.mark.slow)])
 def test_a_robot_over_ros_equals_the_simulation_and_the_bag_says_all(
-        name: str, backend: str, urdf: Callable[[], str], joints: Sequence[str],
-        tmp_path: Path) -> None:
+        name: str, urdf: Callable[[], str], joints: Sequence[str], tmp_path: Path) -> None:
     """To the last bit; the bag is read when the files are gone."""
     robot, file, bag = tmp_path / 'robot.urdf', tmp_path / 'params.yaml', tmp_path / 'bag'
     robot.write_text(urdf(), encoding='utf-8')
     text = (CONFIG / f'{name}.yaml').read_text(encoding='utf-8')
     where = next(x for x in text.split() if x.startswith('package://'))
-    file.write_text(text.replace(where, str(robot)).replace(
-        'pacing: lockstep', f'pacing: lockstep\n    plant_backend: {backend}'))
+    file.write_text(text.replace(where, str(robot)))
     expected = simulate(parameter_file.load(file, {'plant': {'duration': 0.5}}))
     record(bag, '--params-file', str(file), '--duration', '0.5')
     robot.unlink()
@@ -90,6 +90,42 @@ def test_a_robot_over_ros_equals_the_simulation_and_the_bag_says_all(
         told = [reader.deserialize(data, connection.msgtype).data
                 for connection, _, data in reader.messages() if DESCRIPTION in connection.topic]
     assert told == [urdf()]
+
+
+@pytest.mark.parametrize('late', [False, True])
+def test_the_example_node_of_mujoco_is_a_robot(late: bool) -> None:
+    """Every sample is there once, and the motion is the one that the oracle of the tests has."""
+    file, urdf = CONFIG / 'friction.yaml', CONFIG / 'two_link.urdf'
+    arguments = ('--params-file', str(file), '-p', 'model:=urdf', '-p', f'description:={urdf}')
+    law = {'switching': 'implicit_observer', 'state_decimation': 1}
+    start = {'duration': 2.0, 'initial_position': [3.1, 1.5]}
+
+    def others(it: Probe) -> None:
+        it.start('controller', *arguments, *(
+            x for name, value in law.items() for x in ('-p', f'{name}:={value}')))
+        it.start('reference', *arguments)
+
+    with probe() as it:
+        states = it.listen(JointState, 'joint_states')
+        tracking = it.listen(JointState, 'controller/tracking')
+        if not late:
+            others(it)
+        robot = Child('mujoco', [
+            sys.executable, str(EXAMPLE), '--ros-args', *arguments, *(
+                x for name, value in start.items() for x in ('-p', f'plant:{name}:={value}'))],
+            it.lines.append)
+        it.children.append(robot)
+        if late:
+            it.until(lambda: len(states) > 1, 'the first state, which is repeated')
+            others(it)
+        it.until(lambda: robot.status is not None and len(tracking) == 2001, 'the end')
+        assert robot.status == 0, it.lines
+    assert [ns(m.header.stamp) for m in tracking] == [k * MS for k in range(2001)]
+    described = {'model': 'urdf', 'description': str(urdf)}
+    run = simulated_by_mujoco(parameter_file.load(
+        file, {'/**': described, 'plant': start, 'controller': law})).run
+    np.testing.assert_allclose([m.position[2:] for m in tracking], run.q_d - run.q, atol=1e-9)
+    assert np.abs(run.q_d - run.q)[-1].max() < 0.005
 
 
 # The description from a topic, and its limits.
@@ -160,7 +196,7 @@ def test_no_description_ends_a_node() -> None:
         commands = it.listen(Float64MultiArray, COMMANDS)
         children = [
             it.start('controller', *ARM, '-p', 'state_timeout:=1.0'),
-            it.start('plant', *ARM, '-p', 'plant_backend:=mujoco', '-p', 'pacing:=lockstep'),
+            it.start('plant', *ARM, '-p', 'pacing:=lockstep'),
             it.start('reference', '-p', 'joint_names:=[a,b]')]
         topic = it.node.create_publisher(String, DESCRIPTION, LATCHED)
         it.until(lambda: topic.get_subscription_count() == 2, 'the nodes')
@@ -184,14 +220,11 @@ def test_no_description_ends_a_node() -> None:
 
 
 def is_robot(text: str) -> bool:
-    """Return whether a plant can be made of it, by its equations or by MuJoCo."""
-    made = 0
-    for backend in ('builtin', 'mujoco'):
-        with suppress(CtcError):
-            make_plant(PlantConfig(
-                joint_names=('a', 'b'), model='urdf', plant_backend=backend), text)
-            made += 1
-    return made > 0
+    """Return whether a plant can be made of it."""
+    with suppress(CtcError):
+        make_plant(PlantConfig(joint_names=('a', 'b'), model='urdf'), text)
+        return True
+    return False
 
 
 def test_bad_descriptions_and_missing_extras_end_the_start_in_one_line(
@@ -200,21 +233,18 @@ def test_bad_descriptions_and_missing_extras_end_the_start_in_one_line(
     robot.write_text(two_links())
     broken.write_text('<robot name="r"><link')
     good = ('-p', f'description:={robot}')
-    mujoco = ('-p', 'plant_backend:=mujoco', '-p', 'joint_names:=[a,b]')
     cases = [
         ('controller', (*ARM, '-p', 'description:=no.urdf'),
          'description: no.urdf: No such file or directory'),
-        ('plant', (*mujoco, '-p', f'description:={broken}'), 'the description is not XML'),
+        ('plant', (*ARM, '-p', f'description:={broken}'), 'the description is not XML'),
         ('controller', ('-p', 'model:=nowhere:Arm'),
          "there is no model nowhere:Arm: ModuleNotFoundError: No module named 'nowhere'")]
     missing = [
-        ('controller', (*ARM, *good),
-         'the model urdf needs Pinocchio (not here): pip install pin, or '),
-        ('plant', (*mujoco, *good), 'needs MuJoCo: pip install mujoco')]
-    for name in ('pinocchio', 'mujoco'):
-        package = stubs / name
-        package.mkdir(parents=True)
-        (package / '__init__.py').write_text("raise ImportError('not here')\n")
+        (node, (*ARM, *good), 'the model urdf needs Pinocchio (not here): pip install pin, or ')
+        for node in ('controller', 'plant')]
+    package = stubs / 'pinocchio'
+    package.mkdir(parents=True)
+    (package / '__init__.py').write_text("raise ImportError('not here')\n")
     with probe() as it:
         children = [(it.start(node, *arguments), words) for node, arguments, words in cases]
         monkeypatch.setenv('PYTHONPATH', str(stubs), prepend=':')

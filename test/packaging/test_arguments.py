@@ -89,7 +89,7 @@ RIGHT: dict[str, dict[str, Any]] = {
     'compute_map': {'spec': 'none.yaml', 'out': 'map', 'jobs': 1, 'scheduler': None,
                     'overwrite': False, 'show': no_line, 'progress': None, 'extra': 'svg',
                     'command': ''},
-    'compare': {'files': ['none.yaml'], 'laws': ['chattering'], 'conditions': (), 'backends': (),
+    'compare': {'files': ['none.yaml'], 'laws': ['chattering'], 'conditions': (),
                 'gains': 'file', 'held_out': 0, 'seed': 0, 'jobs': 1,
                 'runner': over_simulation, 'show': no_line, 'progress': None},
     'study': {'laws': False, 'groups': (), 'jobs': 1, 'show': no_line, 'progress': None},

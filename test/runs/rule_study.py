@@ -46,7 +46,7 @@ def candidates(rule: Rule) -> Iterator[Rule]:
 
 def judged(law: str) -> list[Score]:
     """Return what a law by its rule does on every draw."""
-    task = Task(find_config('friction'), None, None, Variant(law, '', RECOMMENDED),
+    task = Task(find_config('friction'), None, Variant(law, '', RECOMMENDED),
                 tuple(x for seed in SEEDS for x in held_out(DRAWS, seed)))
     return [x.score for x in evaluate(task).judged]
 

@@ -45,8 +45,9 @@ from ctc_chattering.runs.compare import (
 from ctc_chattering.runs.compare_page import write_parameters
 from ctc_chattering.runs.conditions import CONDITIONS, held_out, LOST
 from ctc_chattering.runs.recommended import by_rule, recommended
-from ctc_chattering.runs.score import over_simulation, PER_JOINT, Score
+from ctc_chattering.runs.score import over_simulation, PER_JOINT, Runner, Score
 from ctc_commands import ctc, ctc_process, refused
+from mujoco_plant import simulated_by_mujoco
 import numpy as np
 from processes import CONFIG
 import pytest
@@ -55,28 +56,32 @@ from urdfs import PANDA, UR5
 #: Effort limits of the URDFs [N·m].
 LIMITS = {'panda': (87.0,) * 4 + (12.0,) * 3, 'ur5': (150.0,) * 3 + (28.0,) * 3}
 NAMES = {'panda': PANDA, 'ur5': UR5}
+#: What runs a setup, by the plant that moves the robot.
+PLANTS: dict[str, Runner] = {
+    'builtin': over_simulation, 'mujoco': lambda setup: simulated_by_mujoco(setup, truth=True)}
 
 
 class Recorder:
-    """Simulates as `ctc compare` does, and keeps what came of it."""
+    """Runs setups by a function, and keeps what came of it."""
 
-    def __init__(self) -> None:
+    def __init__(self, run: Runner) -> None:
+        self.run = run
         self.results: list[Result] = []
 
     def __call__(self, setup: Setup) -> Result:
-        self.results.append(over_simulation(setup))
+        self.results.append(self.run(setup))
         return self.results[-1]
 
 
-def compared_robot(robot: str, backend: str, laws: Sequence[str] = LAWS) -> list[Outcome]:
+def compared_robot(robot: str, plant: str, laws: Sequence[str] = LAWS) -> list[Outcome]:
     """Run laws on a robot with the file's gains; every claim about it holds."""
-    run = Recorder()
-    todo = tasks([CONFIG / f'{robot}.yaml'], [backend], [None], laws)
+    run = Recorder(PLANTS[plant])
+    todo = tasks([CONFIG / f'{robot}.yaml'], [None], laws)
     outcomes = list(compared(todo, 1, run))
     assert [x.task.variant for x in outcomes] == variants(laws)
     for outcome, result in zip(outcomes, run.results):
         found = measured(outcome)
-        assert (outcome.experiment, outcome.backend) == (robot, backend)
+        assert outcome.experiment == robot
         assert outcome.joints == NAMES[robot]
         window = (result.run.t >= 5.0) & (result.run.t <= 10.0)
         error = (result.run.q_d - result.run.q)[window]
@@ -88,6 +93,7 @@ def compared_robot(robot: str, backend: str, laws: Sequence[str] = LAWS) -> list
         assert found.variation == pytest.approx(steps.sum(axis=0) / 5.0)
         assert (np.array(found.peak) < LIMITS[robot]).all()  # Nothing is cut off.
     assert_gains(outcomes)
+    assert_documented(outcomes, 0.05 if plant == 'mujoco' else 0.1)
     return outcomes
 
 
@@ -119,11 +125,11 @@ def outcomes() -> Iterator[list[Outcome]]:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(('robot', 'backend'), [
+@pytest.mark.parametrize(('robot', 'plant'), [
     ('panda', 'mujoco'), ('ur5', 'mujoco'), ('panda', 'builtin'), ('ur5', 'builtin')])
-def test_every_switching_wins_ten_times_on_every_joint(robot: str, backend: str) -> None:
+def test_every_switching_wins_ten_times_on_every_joint(robot: str, plant: str) -> None:
     """The claims themselves are in `compared_robot`."""
-    assert_documented(compared_robot(robot, backend))
+    compared_robot(robot, plant)
 
 
 def test_the_table_says_what_was_measured(outcomes: list[Outcome]) -> None:
@@ -132,9 +138,9 @@ def test_the_table_says_what_was_measured(outcomes: list[Outcome]) -> None:
         x, experiment='other', task=x.task._replace(condition=CONDITIONS['lag']))
         for x in outcomes)]
     text = compare_page.to_markdown(outcomes).replace('**', '')
-    tables = re.split(r'\n\n(?=panda,|other,)', text)
+    tables = re.split(r'\n\n(?=panda:|panda,|other,)', text)
     assert len(tables) == 4
-    for title, table, changes in zip(('panda, plant mujoco', 'other, plant mujoco, lag'),
+    for title, table, changes in zip(('panda', 'other, lag'),
                                      tables[::2], tables[1::2]):
         mine = [x for x in outcomes if x.experiment == title.partition(',')[0]]
         first, empty, head, line, *rows = table.strip().splitlines()
@@ -172,13 +178,9 @@ def assert_changes(table: str, outcomes: list[Outcome]) -> None:
         assert found.rate == pytest.approx([1e3 * x for x in found.step])
 
 
-def test_the_page_says_what_was_measured(outcomes: list[Outcome]) -> None:
-    assert_documented(outcomes)
-
-
-def assert_documented(outcomes: list[Outcome]) -> None:
-    """Compare the columns of a robot in docs/robots.md, which are of MuJoCo's plant."""
-    page = (CONFIG.parent / 'docs' / 'robots.md').read_text(encoding='utf-8')
+def assert_documented(outcomes: list[Outcome], tolerance: float) -> None:
+    """Compare the columns of a robot in validation/README.md, which are of MuJoCo's plant."""
+    page = (CONFIG.parent / 'validation' / 'README.md').read_text(encoding='utf-8')
     table = page[page.index('| law | switching |'):].split('\n\n')[0].replace('`', '')
     rows = {tuple(row[:3]): row[3:] for row in map(cells, table.splitlines()[2:])}
     assert list(rows) == variants([law for law in LAWS if law not in RIVALS])
@@ -190,15 +192,14 @@ def assert_documented(outcomes: list[Outcome]) -> None:
         if outcome.task.variant in rows:
             shown = rows[outcome.task.variant][first:first + 3]
             assert [float(x.strip('×')) for x in shown] == pytest.approx(
-                [max(found.rms), least, max(found.peak)],
-                rel=0.05 if outcome.backend == 'mujoco' else 0.1)
+                [max(found.rms), least, max(found.peak)], rel=tolerance)
 
 
 def cells(line: str) -> list[str]:
     return [x.strip() for x in line.strip().strip('|').split('|')]
 
 
-def test_every_variant_is_run_and_a_backend_left_out_is_the_file_s() -> None:
+def test_every_variant_is_run() -> None:
     seen: list[Setup] = []
     file = CONFIG / 'friction.yaml'
     result = simulate(parameter_file.load(file))
@@ -207,20 +208,19 @@ def test_every_variant_is_run_and_a_backend_left_out_is_the_file_s() -> None:
         seen.append(setup)
         return result
 
-    outcomes = list(compared(tasks([file], [None], [None]), 1, run))
-    assert {x.backend for x in outcomes} == {'builtin'}
+    outcomes = list(compared(tasks([file], [None]), 1, run))
     assert [x.runs[0]['controller'] for x in outcomes[:-1]] == [
         {'law': law, **({'switching': switching} if switching else {})}
         for law in LAWS for switching in (SWITCHINGS if law == 'chattering' else [''])]
     assert outcomes[-1].runs[0]['controller'] == recommended(parameter_file.load(file))
     assert [x.controller for x in seen] == [
         parameter_file.load(file, x.runs[0]).controller for x in outcomes]
-    assert not any(x.runs[0]['plant'] for x in outcomes)
+    assert not any('plant' in x.runs[0] for x in outcomes)
 
 
 def test_every_law_that_runs_is_compiled_first() -> None:
     """Check all laws and switchings, under every condition."""
-    todo = tasks([CONFIG / 'friction.yaml'], [None], ['clean', 'lag'])
+    todo = tasks([CONFIG / 'friction.yaml'], ['clean', 'lag'])
     found = list(setups(todo))
     assert len(found) == len(todo) == 2 * len(variants())
     for task, setup in zip(todo, found):
@@ -231,8 +231,8 @@ def test_every_law_that_runs_is_compiled_first() -> None:
 def made_up(variant: Variant, rms: float, variation: float, failure: str = '') -> Outcome:
     """Return the outcome of a made-up run of the two-link arm."""
     found = Score((rms, 2.0 * rms), (), (variation, 50.0), (1.0, 2.0), (1e3, 2e3), (9.0, 3.0))
-    task = Task(CONFIG / 'friction.yaml', None, None, variant)
-    return Outcome(task, 'friction', 'builtin', ('joint1', 'joint2'), ({},),
+    task = Task(CONFIG / 'friction.yaml', None, variant)
+    return Outcome(task, 'friction', ('joint1', 'joint2'), ({},),
                    Score(failure=failure) if failure else found)
 
 
@@ -266,8 +266,8 @@ def arm(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_a_condition_has_the_worst_of_its_runs(arm: Path) -> None:
-    run = Recorder()
-    task = Task(arm, None, CONDITIONS['model_error'], Variant('integral', '', 'file'))
+    run = Recorder(over_simulation)
+    task = Task(arm, CONDITIONS['model_error'], Variant('integral', '', 'file'))
     found = measured(evaluate(task, run))
     rms = []
     for result, factor in zip(run.results, (0.9, 1.1), strict=True):
@@ -288,7 +288,7 @@ def test_a_condition_is_measured_by_the_true_error(arm: Path) -> None:
 
 
 def test_the_number_of_processes_changes_nothing(arm: Path) -> None:
-    todo = tasks([arm], [None], ['clean'], ['compensation', 'integral'], RECOMMENDED)
+    todo = tasks([arm], ['clean'], ['compensation', 'integral'], RECOMMENDED)
     outcomes = list(compared(todo, 1))
     assert list(compared(todo, 2)) == outcomes
     assert [x.task.variant.settings for x in outcomes] == ['file', RECOMMENDED, RECOMMENDED]
@@ -305,7 +305,7 @@ def test_compiled_and_plain_runs_measure_the_same(arm: Path) -> None:
         file.write_text(arm.read_text().replace(
             'control_period: 0.01', 'control_period: 0.002').replace(
             'compiled: false', f'compiled: {word}'))
-        todo = tasks([file], [None], ['clean'], ['chattering', 'integral', 'observer_feedback'])
+        todo = tasks([file], ['clean'], ['chattering', 'integral', 'observer_feedback'])
         compile_setups(setups(todo), print)
         found.append(list(compared(todo, 1)))
     for one, other in zip(*found, strict=True):
@@ -317,7 +317,7 @@ def test_compiled_and_plain_runs_measure_the_same(arm: Path) -> None:
 
 def test_tables_and_lines_say_what_simulated(arm: Path) -> None:
     """Check titles and lines, and that a run over ROS is neither compiled nor plain."""
-    outcomes = [evaluate(Task(arm, None, None, BASE))]
+    outcomes = [evaluate(Task(arm, None, BASE))]
     titles = [x for x in compare_page.to_markdown(outcomes).splitlines() if x[:2] == '**']
     ways = [PLAIN] * 2
     assert [x.rpartition('; ')[2] for x in titles] == ways
@@ -344,11 +344,11 @@ def test_without_numba_plain_python_compares(
 
 
 def test_files_of_parameters_give_the_same_run(arm: Path, tmp_path: Path) -> None:
-    task = Task(arm, None, CONDITIONS['real_arm'], Variant('slotine_li', '', RECOMMENDED))
+    task = Task(arm, CONDITIONS['real_arm'], Variant('slotine_li', '', RECOMMENDED))
     outcome = evaluate(task)
     paths = write_parameters([outcome], tmp_path)
     assert [x.name for x in paths] == [
-        f'friction_builtin_real_arm_slotine_li_recommended_model_{x}.yaml' for x in ('0.9', '1.1')]
+        f'friction_real_arm_slotine_li_recommended_model_{x}.yaml' for x in ('0.9', '1.1')]
     for path, run in zip(paths, outcome.runs):
         one, other = simulated_with(path, {}).run, simulated_with(arm, run).run
         assert (one.tau == other.tau).all()
@@ -360,12 +360,12 @@ def test_a_law_that_diverges_is_said_to_the_others_remain(arm: Path) -> None:
             raise CtcError('the motion diverged')
         return over_simulation(setup)
 
-    todo = tasks([arm], [None], ['clean'], ['integral', 'pd_gravity'])
+    todo = tasks([arm], ['clean'], ['integral', 'pd_gravity'])
     outcomes = list(compared(todo, 1, run))
     assert [x.score.failure for x in outcomes] == ['', 'the motion diverged', '']
     assert '| integral |  | file | diverged |' in compare_page.to_markdown(outcomes)
     csv = compare_page.to_csv(outcomes).splitlines()
-    assert csv[3].startswith('friction,builtin,clean,integral,,file,joint1,,,,,,,the motion')
+    assert csv[3].startswith('friction,clean,integral,,file,joint1,,,,,,,the motion')
 
 
 def test_held_out_conditions_have_the_gains_of_the_rule_there(arm: Path) -> None:
@@ -380,7 +380,7 @@ def test_held_out_conditions_have_the_gains_of_the_rule_there(arm: Path) -> None
         return result
 
     seen: list[Setup] = []
-    todo = tasks([arm], [None], ['clean'], ['integral'], RECOMMENDED, 3, 3)
+    todo = tasks([arm], ['clean'], ['integral'], RECOMMENDED, 3, 3)
     outcomes = list(compared(todo, 1, run))
     mine = outcomes[1]
     assert [x.condition for x in mine.judged] == list(held_out(3, 3))
@@ -402,7 +402,7 @@ def test_a_run_that_ends_too_early_is_refused(tmp_path: Path) -> None:
     file = tmp_path / 'short.yaml'
     file.write_text('plant: {ros__parameters: {duration: 0.01}}')
     with pytest.raises(CtcError, match=r'short\.yaml: fewer than two samples from 5 s to 10 s'):
-        next(compared(tasks([file], [None], [None])))
+        next(compared(tasks([file], [None])))
 
 
 def test_the_command_prints_the_table_and_writes_it_once(arm: Path, tmp_path: Path) -> None:
@@ -416,12 +416,12 @@ def test_the_command_prints_the_table_and_writes_it_once(arm: Path, tmp_path: Pa
     assert text in result.stdout
     assert result.stdout.endswith(f'\nopen {out / "index.html"}\n')
     assert '\r' not in result.stderr
-    assert '**friction, plant builtin, lag**' in text
+    assert '**friction, lag**' in text
     rows = [line.count('|') for line in text.splitlines() if '|' in line]
     assert rows == ([8] * 4 + [6] * 4) * 2
     assert len((out / 'compare.csv').read_text().splitlines()) == 1 + 2 * 2 * 2
     assert {x.name for x in (out / 'figures').iterdir()} == {
-        'friction_builtin.svg', 'friction_builtin_clean.svg', 'friction_builtin_lag.svg'}
+        'friction.svg', 'friction_clean.svg', 'friction_lag.svg'}
     assert len(list((out / 'parameters').iterdir())) == 4
     page = (out / 'index.html').read_text(encoding='utf-8')
     assert page.count('<img ') == 3
@@ -435,8 +435,6 @@ def test_the_command_prints_the_table_and_writes_it_once(arm: Path, tmp_path: Pa
 
 @pytest.mark.parametrize(('arguments', 'words'), [
     (['nowhere.yaml'], ['nowhere.yaml', 'no such file']),
-    ([CONFIG / 'panda.yaml', '--backend', 'gazebo'], ["plant_backend: 'gazebo'", 'mujoco']),
-    ([CONFIG / 'friction.yaml', '--backend', 'mujoco'], ['plant_backend mujoco', 'description']),
     (['friction', '--condition', 'rain'], ['no condition is called rain', 'real_arm']),
     (['friction', '--laws', 'integral,sliding'], ["'sliding' is not allowed", 'slotine_li']),
     (['friction', '--held-out', '-1'], ['held_out: -1', '>= 0']),

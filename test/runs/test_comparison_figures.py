@@ -29,10 +29,10 @@ def test_nothing_is_over_a_legend_or_a_label(n: int) -> None:
     """Check joints and experiments of long names, under two conditions."""
     score = Score(rms=tuple(3e-4 * (k + 1) for k in range(n)),
                   variation=tuple(40.0 * (k + 1) for k in range(n)))
-    tasks = [Task(Path('robot.yaml'), None, condition, variant)
+    tasks = [Task(Path('robot.yaml'), condition, variant)
              for condition in (None, list(CONDITIONS.values())[-1])
              for variant in variants()[:9]]
-    made = [Outcome(task, 'an_experiment_' * 9, 'builtin', tuple(
+    made = [Outcome(task, 'an_experiment_' * 9, tuple(
         f'a_joint_of_a_robot_{k}' for k in range(n)), (), score) for task in tasks]
     assert not overlaps(compare_page.trade_off(made, 'A title ' * 20))
     assert not overlaps(compare_page.errors(made[-9:]))

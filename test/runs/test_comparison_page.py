@@ -63,7 +63,7 @@ def test_each_number_of_the_tables_is_in_the_csv(directory: str) -> None:
     found = [x for x in lines(directory, 'compare.csv') if x['rms_error']]
     assert found
     for x in found:
-        title = f'{x["experiment"]}, plant {x["backend"]}, {x["condition"]}'
+        title = f'{x["experiment"]}, {x["condition"]}'
         row = shown(directory, f'{title}: RMS error')[x['law'], x['switching'], x['settings']]
         assert f'{float(x["rms_error"]):.1e}' in row
     judged = lines(directory, 'held_out.csv')

@@ -248,13 +248,6 @@ def test_the_gravity_is_that_of_the_model() -> None:
     np.testing.assert_allclose(runs[1].q, runs[0].q, rtol=1e-9, atol=1e-9)
 
 
-def test_mujoco_is_no_machine_code() -> None:
-    setup = parameter_file.load(file('panda'), {
-        'plant': {'duration': 0.01, 'plant_backend': 'mujoco'}})
-    compile_runs(setup)
-    assert not simulate(setup).run.compiled
-
-
 def test_a_run_must_end() -> None:
     setup = parameter_file.load(file('friction'), {'plant': {'duration': 0.0}})
     with pytest.raises(CtcError, match='a simulation must end'):

@@ -23,9 +23,9 @@ from typing import Any
 from ctc_chattering.errors import ParameterError
 from ctc_chattering.simulation.drive import response
 from ctc_chattering.simulation.plant import Plant
-from ctc_chattering.simulation.plant_config import BACKENDS, PlantConfig
-from ctc_chattering.simulation.registry import make_plant
+from ctc_chattering.simulation.plant_config import PlantConfig
 from ctc_chattering.simulation.simulated_robot import Robot
+from mujoco_plant import MujocoPlant
 import numpy as np
 from oracles import Array, Masses
 import pytest
@@ -33,6 +33,7 @@ from scipy.integrate import solve_ivp  # type: ignore[import-untyped]
 
 H = 1e-3
 MASSES = np.array([2.0, 0.5])
+BACKENDS = ('builtin', 'mujoco')
 #: The same two masses, as wheels.
 WHEELS = """
 <mujoco><worldbody>
@@ -45,11 +46,9 @@ WHEELS = """
 
 def robot(backend: str, **values: Any) -> Robot:
     """Return two masses that know nothing of each other."""
-    config = PlantConfig.from_mapping({
-        'plant_backend': backend, 'coulomb_friction': [0.0, 0.0], **values})
+    config = PlantConfig.from_mapping({'coulomb_friction': [0.0, 0.0], **values})
     if backend == 'mujoco':
-        pytest.importorskip('mujoco')
-        return make_plant(config, WHEELS)
+        return MujocoPlant(config, WHEELS)
     return Plant(config, Masses(np.diag(MASSES).tolist()))
 
 

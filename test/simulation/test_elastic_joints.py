@@ -226,8 +226,7 @@ def test_a_stiff_arm_moves_like_a_rigid_one_with_its_motors() -> None:
     ('motor_inertia', {'joint_stiffness': [1e3, inf], 'motor_inertia': [0.1, 0.1]}),
     ('joint_damping', {'joint_damping': [0.0, 1.0]}),
     ('joint_stiffness', {'joint_stiffness': [0.0, 1e3], 'motor_inertia': [0.1, 0.1]}),
-    ('encoder_side', {'encoder_side': 'gear'}),
-    ('joint_stiffness', {**SPRINGS, 'plant_backend': 'mujoco'})])
+    ('encoder_side', {'encoder_side': 'gear'})])
 def test_refusals(name: str, values: dict[str, Any]) -> None:
     with pytest.raises(ParameterError, match=name):
         PlantConfig.from_mapping(values)

@@ -93,7 +93,6 @@ def test_a_model_of_an_example() -> None:
 
 @pytest.mark.parametrize(('values', 'error'), [
     ({'friction_model': 'hyperbolic'}, ParameterError),
-    ({'friction_model': 'own_friction:Hyperbolic', 'plant_backend': 'mujoco'}, ParameterError),
     ({'friction_model': 'own_friction:Hyperbolic', 'joint_stiffness': [1e4, 1e4],
       'motor_inertia': [1.0, 1.0]}, ParameterError),
     ({'friction_model': 'own_friction:none'}, CtcError),

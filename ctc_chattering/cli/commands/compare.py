@@ -42,8 +42,6 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the options of `ctc compare`."""
     parser.add_argument('files', nargs='+', metavar='F',
                         help='parameter file, or the name of one in the package, such as panda')
-    parser.add_argument('--backend', action='append', metavar='X',
-                        help="plant instead of the file's: builtin | mujoco; may be repeated")
     parser.add_argument('--condition', action='append', metavar='X',
                         help="drives, sensors and model error instead of the file's: "
                              f'{" | ".join((*CONDITIONS, ALL))}; may be repeated')
@@ -77,11 +75,10 @@ def run(options: argparse.Namespace) -> int:
         prepare(options.out, NAMES)  # Refused before the runs rather than after them.
     jobs = 1 if options.ros else number_of_jobs(options.jobs)
     with (counting_bar(desc='compare', unit='law') as progress, given_by_user(
-            ('laws', 'condition', 'plant_backend', 'held_out', 'seed'))):
+            ('laws', 'condition', 'held_out', 'seed'))):
         outcomes = compare(
             list(map(find_file, options.files)), options.laws.split(','), options.condition or [],
-            options.backend or [], options.gains, options.held_out, options.seed, jobs, runner,
-            say, progress)
+            options.gains, options.held_out, options.seed, jobs, runner, say, progress)
     print(to_markdown(outcomes))
     if options.out is not None:
         prepare(options.out, NAMES, options.overwrite)

@@ -35,7 +35,7 @@ PANDA = Path(__file__).resolve().parents[3] / 'config' / 'panda.yaml'
 def on_the_panda(law: str) -> Array:
     """Return the torque variation of each joint over the second second [N·m/s]."""
     return variation(simulate(parameter_file.load(PANDA, {
-        'controller': {'law': law}, 'plant': {'plant_backend': 'builtin', 'duration': 2.0}})).run)
+        'controller': {'law': law}, 'plant': {'duration': 2.0}})).run)
 
 
 @pytest.mark.parametrize('law', [law for law in LAWS if law != 'chattering'])

@@ -19,7 +19,6 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from ctc_chattering.analysis.result import simulate
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.configuration.package_share import config_directory
 from ctc_chattering.control import oscillation
@@ -32,6 +31,7 @@ from ctc_chattering.simulation.closed_loop import Run
 from ctc_chattering.simulation.plant_config import PlantConfig
 from ctc_chattering.trajectory.reference import ReferenceConfig
 from laws import error, run, variation
+from mujoco_plant import simulated_by_mujoco
 import numpy as np
 from oracles import Array, box_by_enumeration, paper_c, paper_g, paper_m
 import pytest
@@ -344,11 +344,11 @@ def robot(name: str, **law: Any) -> Array:
     n = len(rate)
     known: dict[str, Any] = {'input_delay': DELAY}
     setup = parameter_file.load(config_directory() / f'{name}.yaml', {
-        'plant': {'plant_backend': 'mujoco', 'duration': 4.0, 'torque_rate_limit': rate,
+        'plant': {'duration': 4.0, 'torque_rate_limit': rate,
                   'actuator_lag': [LAG] * n, 'encoder_resolution': [1e-5] * n,
                   'velocity_sensor': 'difference', **known},
         'controller': {'inertia_scale': 0.9, 'gravity_scale': 0.9, **known, **law}})
-    return error(simulate(setup, truth=True).run, 1.5)
+    return error(simulated_by_mujoco(setup, truth=True).run, 1.5)
 
 
 @pytest.mark.slow

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Writes docs/commands.md from the parsers of the command line: every command, every option."""
+"""Pages of the site that the package itself tells: every command and option, every parameter."""
 
 from __future__ import annotations
 
@@ -24,13 +24,13 @@ from pathlib import Path
 from ctc_chattering.cli.bringup import make_parser as bringup_parser
 from ctc_chattering.cli.ctc import COMMANDS
 from ctc_chattering.cli.ctc import make_parser as ctc_parser
+from ctc_chattering.configuration.node_parameters import parameter_table
 
-PAGE = Path(__file__).resolve().parents[2] / 'docs' / 'commands.md'
 #: An option with the same help in this many commands is described once.
 _COMMON = 3
 _BEGIN = """# Commands
 
-Generated from the parsers of the command line. `ctc COMMAND --help` prints the same in a terminal.
+`ctc COMMAND --help` prints the same in a terminal.
 Exit status: 0 success, 1 failure, 2 wrong command line or missing package, 130 Ctrl-C. Nothing is
 overwritten without `--overwrite`. `F` is a path or a parameter file of the package: `friction`,
 `disturbance`, `switch`, `switching`, `panda`, `ur5`.
@@ -38,13 +38,21 @@ overwritten without `--overwrite`. `F` is a path or a parameter file of the pack
 ## plant, controller, reference, recorder
 
 `NODE [--help] [--version] [--ros-args …]`: one node each. Its parameters are in
-[parameters.md](parameters.md). An unknown parameter, topic or argument is refused with status 2.
+[parameters](parameters.md). An unknown parameter, topic or argument is refused with status 2.
 
 """
 
 
-def page() -> str:
-    """Return the whole page."""
+def write(directory: Path) -> None:
+    """Write both pages into a directory."""
+    directory.mkdir(exist_ok=True)
+    for name, text in (('commands', commands()),
+                       ('parameters', f'# All parameters\n\n{parameter_table()}')):
+        (directory / f'{name}.md').write_text(text, encoding='utf-8')
+
+
+def commands() -> str:
+    """Return the page of commands."""
     parsers = _parsers()
     counts = Counter(_row(x) for parser in parsers.values() for x in _options(parser))
     common = [row for row, count in counts.items() if count >= _COMMON]
@@ -98,7 +106,3 @@ def _row(option: argparse.Action) -> str:
 
 def _table(rows: Iterable[str]) -> str:
     return '| option | meaning |\n|---|---|\n' + ''.join(rows)
-
-
-if __name__ == '__main__':
-    PAGE.write_text(page(), encoding='utf-8')
