@@ -76,7 +76,7 @@ def test_a_node_that_the_middleware_does_not_let_go_ends() -> None:
                     print('hanging', flush=True)
                     {HANG}
 
-            sys.exit(run.run(Stuck, 'plant'))
+            sys.exit(node.run(Stuck, 'plant'))
         """)
         try:
             assert process.stdout is not None
