@@ -30,7 +30,7 @@ WORKERS ?= 6
 test: $(READY)
 	@begin=$$(date +%s); \
 	$(MAKE) --no-print-directory --jobs=2 --output-sync lint suite; status=$$?; \
-	$(BIN)/python test/support/calibration.py 'make test' $$begin; exit $$status
+	$(BIN)/python tools/calibration.py 'make test' $$begin; exit $$status
 
 # "+" shows what it says at once, whatever else is made meanwhile.
 suite: compiled
@@ -40,10 +40,10 @@ suite: compiled
 LOOPS ?= 2
 ROUNDS ?= 1
 test-load: $(READY)
-	$(BIN)/python test/support/load.py --loops $(LOOPS) --rounds $(ROUNDS)
+	PYTHONPATH=test/support $(BIN)/python tools/load.py --loops $(LOOPS) --rounds $(ROUNDS)
 
 compiled: $(READY)
-	PYTHONPATH=validation $(BIN)/python test/support/compile_code.py
+	PYTHONPATH=test/support:validation $(BIN)/python tools/compile_code.py
 
 # Studies that take a minute or more each, and properties with random examples.
 slow: $(VENV)/.docs
@@ -51,7 +51,7 @@ slow: $(VENV)/.docs
 	$(BIN)/python -m pytest -m slow -o faulthandler_timeout=3600 && \
 	$(BIN)/python -m pytest -m 'not slow and not ros' --numprocesses=auto \
 		--hypothesis-profile=random; status=$$?; \
-	$(BIN)/python test/support/calibration.py 'make slow' $$begin; exit $$status
+	$(BIN)/python tools/calibration.py 'make slow' $$begin; exit $$status
 
 # Style and types of the package; `make lint CHECKED=.`: of tests and studies, too.
 CHECKED ?= ctc_chattering
@@ -59,65 +59,65 @@ lint: $(READY)
 	$(BIN)/ruff check $(CHECKED)
 	$(BIN)/flake8 $(CHECKED)
 	$(BIN)/pydocstyle --config=setup.cfg --property-decorators=none $(CHECKED)
-	$(BIN)/mypy $(if $(filter .,$(CHECKED)),ctc_chattering test validation,$(CHECKED))
+	$(BIN)/mypy $(if $(filter .,$(CHECKED)),ctc_chattering test tools validation,$(CHECKED))
 
 # Every law with gains by rule in one condition, and judged in others: the tables of
 # docs/comparison.md, in a minute.
 compare: $(READY)
 	$(BIN)/ctc compare friction --gains recommended --condition real_arm --held-out 24 \
 		--overwrite --out docs/comparison/two_link
-	$(BIN)/python test/support/comparison_page.py
+	$(BIN)/python validation/comparison_page.py
 
 # Other numbers of the rules, on other draws; LAWS='pid_kalman' for some, minutes each.
 rules: $(READY)
-	$(BIN)/python test/runs/rule_study.py $(LAWS)
+	$(BIN)/python validation/rule_study.py $(LAWS)
 
 # Held-out conditions for `observer_feedback` on independent plants, in some ten minutes; ARGS as
 # '--first 7000 --count 44 --label mine --rows FILE', rows that are there are not made again.
 held-out: $(READY)
-	PYTHONPATH=test/support $(BIN)/python test/runs/held_out_study.py $(ARGS)
+	PYTHONPATH=test/support $(BIN)/python validation/held_out_study.py $(ARGS)
 
 # The two-link table of docs/comparison.md by an independent program, in a minute.
 reproduced-table: $(READY)
-	PYTHONPATH=test/support $(BIN)/python test/runs/reproduced_table.py
+	PYTHONPATH=test/support $(BIN)/python validation/reproduced_table.py
 
 # Lockstep over ROS beside a bare ping-pong; a control step; a simulation.
 benchmark: $(READY)
-	$(BIN)/python test/benchmark/benchmark.py
+	$(BIN)/python tools/benchmark/benchmark.py
 
 # Compiled runs beside plain ones, MuJoCo, and, where they are installed, JAX
 # and Drake: a Markdown table, in some minutes.
 map-benchmark: $(READY)
-	PYTHONPATH=test/support $(BIN)/python test/benchmark/compiled_loop.py
+	PYTHONPATH=test/support $(BIN)/python tools/benchmark/compiled_loop.py
 
 # Period and answer time of the loop in real time, with and without priority: a Markdown table.
 latency: $(READY)
-	$(BIN)/python test/benchmark/latency.py
+	$(BIN)/python tools/benchmark/latency.py
 
 # What an open page of `ctc live` costs the loop: a Markdown table.
 live-cost: $(READY)
-	PYTHONPATH=test/support $(BIN)/python test/benchmark/live_cost.py
+	PYTHONPATH=test/support $(BIN)/python tools/benchmark/live_cost.py
 
 # Random faults on the whole graph in real time; see docs/safety.md. More arguments: ARGS.
 MINUTES ?= 20
 soak: $(READY)
-	PYTHONPATH=test:test/support $(BIN)/python -m soak --minutes $(MINUTES) $(ARGS)
+	PYTHONPATH=tools:test/support $(BIN)/python -m soak --minutes $(MINUTES) $(ARGS)
 
 # The table of validation/identification.md: robots with random friction, identified; hours.
 SEEDS ?= 20
 identification: $(READY)
-	PYTHONPATH=test/support:validation $(BIN)/python validation/identification_study.py --seeds $(SEEDS) $(ARGS)
+	PYTHONPATH=test/support $(BIN)/python validation/identification_study.py --seeds $(SEEDS) $(ARGS)
 
 # The table of robots with the faults of real arms, of an independent plant; hours.
 # ARGS='--only panda,tilt' for some, --rows FILE to go on with another file.
 faults: $(READY)
-	PYTHONPATH=test/support:validation $(BIN)/python validation/fault_study.py --seeds $(SEEDS) $(ARGS)
+	PYTHONPATH=test/support $(BIN)/python validation/fault_study.py --seeds $(SEEDS) $(ARGS)
 
 # sdist and wheel of the last commit, in dist/: twice the same bytes.
 dist: $(READY)
 	$(PIP) build
 	rm -rf dist
-	$(BIN)/python test/support/distributions.py
+	$(BIN)/python tools/distributions.py
 
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 # pip 26 shows setuptools' warning that a checkout can be imported.

@@ -121,9 +121,9 @@ if TYPE_CHECKING:
     from ctc_chattering.simulation.closed_loop import Run as Run
     from ctc_chattering.simulation.plant import Plant as Plant
     from ctc_chattering.simulation.plant_config import PlantConfig as PlantConfig
+    from ctc_chattering.trajectory.motions import Waypoints as Waypoints
     from ctc_chattering.trajectory.reference import ReferenceConfig as ReferenceConfig
     from ctc_chattering.trajectory.reference import Sinusoid as Sinusoid
-    from ctc_chattering.trajectory.waypoints import Waypoints as Waypoints
 
 __version__ = '1.0.0'
 
@@ -166,7 +166,7 @@ _MODULES = {
     'simulation.plant': ('Plant',),
     'simulation.plant_config': ('PlantConfig',),
     'trajectory.reference': ('ReferenceConfig', 'Sinusoid'),
-    'trajectory.waypoints': ('Waypoints',),
+    'trajectory.motions': ('Waypoints',),
 }
 _PUBLIC = {name: module for module, names in _MODULES.items() for name in names}
 

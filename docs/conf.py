@@ -43,7 +43,8 @@ extensions = ['myst_parser', 'sphinx.ext.autodoc', 'sphinx.ext.autosummary',
 include_patterns = ['*.md', '*.rst', 'docs/**.md', 'docs/**.rst', 'validation/*.md',
                     'examples/README.md']
 exclude_patterns = ['.*', '**_templates', 'README.md', 'build', 'config', 'ctc_chattering',
-                    'install', 'log', 'results', 'site', 'soak', 'test']
+                    'install', 'log', 'results', 'site', 'soak', 'test',
+                    'tools']
 templates_path = ['docs/_templates']
 
 #: Headings have the anchors that GitHub gives them.

@@ -21,7 +21,7 @@ import dataclasses
 from typing import Any
 
 from ctc_chattering.bags.recording import Recording
-from ctc_chattering.trajectory.waypoints import Route
+from ctc_chattering.trajectory.motions import Route
 from faulty_case import Case, Made, Rng
 from faulty_robots import Faulty, lab_gains, plain, Played, played, recording_of
 from identified_robots import arm, motion

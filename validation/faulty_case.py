@@ -20,7 +20,7 @@ from collections.abc import Callable
 import dataclasses
 
 from ctc_chattering.bags.recording import Recording
-from ctc_chattering.trajectory.waypoints import Route
+from ctc_chattering.trajectory.motions import Route
 from faulty_robots import Faulty
 import numpy as np
 from rigid_bodies import Array

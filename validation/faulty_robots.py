@@ -27,7 +27,7 @@ from typing import Any, NamedTuple
 
 from ctc_chattering.bags.recording import Recording
 from ctc_chattering.live.skeleton import two_link_urdf
-from ctc_chattering.trajectory.waypoints import Route
+from ctc_chattering.trajectory.motions import Route
 from faulty_dynamics import advance, Physics, play, State
 from identified_robots import arm, motion
 import numpy as np

@@ -25,13 +25,13 @@ import time
 from typing import Any
 
 from ctc_chattering.analysis.metrics import metrics
-from ctc_chattering.dynamics.payload import with_payload
+from ctc_chattering.dynamics.corrected_urdf import with_payload
 from ctc_chattering.identification.gains import recommend, Recommendation
 from ctc_chattering.identification.identify import Identification, identify
 from ctc_chattering.identification.model_errors import candidates, heavier_links
 from ctc_chattering.identification.perturbation import perturbation
 from ctc_chattering.identification.results import validate
-from ctc_chattering.trajectory.waypoints import Route
+from ctc_chattering.trajectory.motions import Route
 from identified_robots import arm, record, Recorded
 from identified_robots import motion as motion_of
 import numpy as np

@@ -33,8 +33,8 @@ from ctc_chattering.simulation.plant import Plant
 from ctc_chattering.simulation.plant_config import PlantConfig
 from ctc_chattering.simulation.registry import make_plant
 from ctc_chattering.simulation.simulated_robot import Robot
+from ctc_chattering.trajectory.motions import Route
 from ctc_chattering.trajectory.reference import ReferenceConfig
-from ctc_chattering.trajectory.waypoints import Route
 from mujoco_plant import MujocoPlant
 import numpy as np
 from other_arms import DESCRIBED, drawn

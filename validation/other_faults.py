@@ -20,7 +20,7 @@ from collections.abc import Callable, Mapping
 import dataclasses
 
 from ctc_chattering.bags.recording import Recording
-from ctc_chattering.trajectory.waypoints import Route
+from ctc_chattering.trajectory.motions import Route
 from faulty_case import Case, Made, Rng
 from faulty_robots import Faulty, played
 from identified_robots import arm, motion

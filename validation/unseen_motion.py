@@ -20,7 +20,7 @@ from typing import Any
 
 from ctc_chattering.control.controller import Controller, ControllerConfig
 from ctc_chattering.dynamics.model import Model
-from ctc_chattering.trajectory.waypoints import Route
+from ctc_chattering.trajectory.motions import Route
 from faulty_robots import description, Faulty, Plant, sampled
 from identified_robots import arm, motion
 import numpy as np

@@ -31,8 +31,8 @@ from ctc_chattering.simulation.closed_loop import Event
 from ctc_chattering.simulation.plant_config import PlantConfig
 from ctc_chattering.simulation.registry import check_start
 from ctc_chattering.trajectory.joint_limits import DescribedLimits
+from ctc_chattering.trajectory.motions import Route
 from ctc_chattering.trajectory.reference import make_motion, ReferenceConfig
-from ctc_chattering.trajectory.waypoints import Route
 
 Values = dict[str, Any]
 #: Values by node and parameter that override those of a file; node ``/**`` for all nodes.

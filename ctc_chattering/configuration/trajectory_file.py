@@ -23,7 +23,7 @@ from ctc_chattering.configuration.yaml_file import Dumper, mapping, read_yaml
 from ctc_chattering.errors import CtcError, ParameterError
 from ctc_chattering.numerics.time_grid import NANOSECONDS, seconds
 from ctc_chattering.parameters import Parameter
-from ctc_chattering.trajectory.waypoints import Route
+from ctc_chattering.trajectory.motions import Route
 import yaml
 
 #: Times of messages are 32-bit seconds.

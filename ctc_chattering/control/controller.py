@@ -36,9 +36,8 @@ from ctc_chattering.control.evaluation import Arrival, control_settings, Control
 from ctc_chattering.control.handover import taken_over
 from ctc_chattering.control.laws.base import Law, law_class
 from ctc_chattering.dynamics.arm import Arm, arm_of
-from ctc_chattering.dynamics.model import Model
+from ctc_chattering.dynamics.model import Model, Scaled
 from ctc_chattering.dynamics.registry import model_of
-from ctc_chattering.dynamics.scaled_model import Scaled
 from ctc_chattering.errors import CtcError, ParameterError, refused_as
 from ctc_chattering.numerics.linear_algebra import Array, Vector
 from ctc_chattering.numerics.machine_code import MACHINE_CODE, PLAIN_PYTHON

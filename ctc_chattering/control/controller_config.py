@@ -21,8 +21,7 @@ from math import inf
 from typing import ClassVar
 
 from ctc_chattering.control.switching import SWITCHINGS
-from ctc_chattering.dynamics.registry import check_model, locked_positions
-from ctc_chattering.dynamics.robot_config import RobotConfig
+from ctc_chattering.dynamics.registry import check_model, locked_positions, RobotConfig
 from ctc_chattering.numerics.linear_algebra import Vector
 from ctc_chattering.numerics.time_grid import period_ns
 from ctc_chattering.parameters import parameter

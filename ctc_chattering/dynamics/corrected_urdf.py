@@ -20,7 +20,7 @@ other are one body: the heaviest takes the difference. Where no link can have wh
 each takes the part of the whole body that it has of the mass. A tilt is in a fixed joint between
 a new root `world`, which is level, and the old one, or in the joints of a root of that name. A
 rotor inertia, reflected to the joint, is `rotor_inertia` in <dynamics>: RaiSim and `urdf_model`
-read it, others pass over it.
+read it, others pass over it. `with_payload` adds a body at the end of an arm.
 """
 
 from __future__ import annotations
@@ -32,8 +32,8 @@ import xml.etree.ElementTree as ET
 
 from ctc_chattering.dynamics.pseudo_inertia import parameters_of, pseudo_inertia
 from ctc_chattering.dynamics.urdf_model import UrdfModel
-from ctc_chattering.dynamics.urdf_parser import Origin, origin, Tree
-from ctc_chattering.errors import CtcError
+from ctc_chattering.dynamics.urdf_parser import Origin, origin, parse_description, Tree
+from ctc_chattering.errors import CtcError, near, ParameterError
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
 
@@ -241,3 +241,55 @@ def _verify(model: UrdfModel, parameters: Array, rotor: Sequence[float]) -> None
     if error > _EXACT or (len(rotor) and list(rotor) != list(model.rotor_inertias)):
         raise CtcError('the URDF cannot be corrected: with the parameters written into it, it is '
                        f'read with an error of {error:.2g}')
+
+
+#: Name of the link and of the joint that are added; radius of the sphere [m].
+NAME, _RADIUS = 'ctc_chattering_payload', 0.05
+
+
+def with_payload(description: str, joint_names: Sequence[str], mass: float, link: str = ''
+                 ) -> str:
+    """
+    Return a URDF with a sphere of 5 cm fixed to the end of the arm, or at the origin of a link.
+
+    The end is the origin of the last link that follows the last joint over fixed joints only.
+
+    Parameters
+    ----------
+    description : str
+        The URDF.
+    joint_names : sequence of str
+        Joints of the arm.
+    mass : float
+        Of the sphere, above 0 [kg].
+    link : str
+        That it is fixed to; empty for the end.
+
+    Raises
+    ------
+    CtcError
+        If the description is no URDF, or lacks the last joint or the link.
+
+    """
+    robot = parse_description(description)
+    if robot.tag != 'robot':
+        raise CtcError('payload needs a URDF, no MJCF')
+    tree = Tree(description)
+    if joint_names[-1] not in tree.joints:
+        raise ParameterError('joint_names', tuple(joint_names), 'joints of the description')
+    if link and link not in tree.links:
+        raise CtcError(f'payload: no link is called {link}; allowed: {", ".join(tree.links)}'
+                       f'{near(link, tree.links)}')
+    end = link or tree.ends[joint_names[-1]][1]
+    for name, (parent, child) in tree.ends.items():  # From the root outwards.
+        if not link and parent == end and name not in tree.joints:
+            end = child
+    inertia = f'{0.4 * mass * _RADIUS ** 2!r}'
+    inertial = ET.SubElement(ET.SubElement(robot, 'link', name=NAME), 'inertial')
+    ET.SubElement(inertial, 'mass', value=repr(mass))
+    ET.SubElement(inertial, 'inertia', ixx=inertia, iyy=inertia, izz=inertia, ixy='0', ixz='0',
+                  iyz='0')
+    joint = ET.SubElement(robot, 'joint', name=NAME, type='fixed')
+    ET.SubElement(joint, 'parent', link=end)
+    ET.SubElement(joint, 'child', link=NAME)
+    return ET.tostring(robot, encoding='unicode')

@@ -133,3 +133,40 @@ class LinearModel(Protocol):
 def rotors(model: LinearModel) -> Array:
     """Return the inertias of rotors that a model has, shape (n,) [kg·m²]; only a URDF has any."""
     return np.array(getattr(model, 'rotor_inertias', (0.0,) * model.n))
+
+
+class Scaled(Model):
+    """
+    Another model with M and C times one factor and G times another.
+
+    Parameters
+    ----------
+    model : Model
+        The one to scale.
+    inertia : float
+        Factor of M and C.
+    gravity : float
+        Factor of G.
+
+    """
+
+    def __init__(self, model: Model, inertia: float, gravity: float) -> None:
+        self.n, self.effort_limits = model.n, model.effort_limits
+        self._model = model
+        self._inertia, self._gravity = inertia, gravity
+
+    def mass_matrix(self, q: Vector) -> Rows:
+        """Return M(q), shape (n, n)."""
+        return [[self._inertia * x for x in row] for row in self._model.mass_matrix(q)]
+
+    def coriolis_matrix(self, q: Vector, dq: Vector) -> Rows:
+        """Return C(q, dq), shape (n, n)."""
+        return [[self._inertia * x for x in row] for row in self._model.coriolis_matrix(q, dq)]
+
+    def gravity_torque(self, q: Vector) -> Vector:
+        """Return G(q), shape (n,)."""
+        return [self._gravity * x for x in self._model.gravity_torque(q)]
+
+    def potential_energy(self, q: Vector) -> float:
+        """Return the scaled potential energy [J]."""
+        return self._gravity * self._model.potential_energy(q)

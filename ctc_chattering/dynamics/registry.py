@@ -13,7 +13,7 @@
 # limitations under the License.
 
 """
-The models that the parameter ``model`` can name.
+The models that the parameter ``model`` can name, and the parameters that describe one.
 
 A model of your own is a class derived from `Model`, in a module that Python finds. The parameter
 names it ``package.module:Name``; it is made as ``Name(joint_names, gravity)``, with a tuple of
@@ -24,15 +24,46 @@ names and [m/s²], and its attribute ``n`` must be the number of names. `check_d
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+import dataclasses
 from functools import lru_cache
 from math import isfinite
 from threading import get_ident
 
 from ctc_chattering.dynamics.model import Model
-from ctc_chattering.dynamics.robot_config import MODELS, RobotConfig
 from ctc_chattering.dynamics.two_link import TwoLink
 from ctc_chattering.errors import CtcError, ParameterError, refused_as
-from ctc_chattering.parameters import named_class
+from ctc_chattering.parameters import Config, named_class, parameter
+
+#: Values of the parameter ``model``, besides classes.
+MODELS = ('two_link', 'urdf')
+
+
+@dataclasses.dataclass(frozen=True)
+class RobotConfig(Config):
+    """Joints and model; the base of the configurations that have a model."""
+
+    joint_names: tuple[str, ...] = parameter(
+        'joint_names', 'str[]', ('joint1', 'joint2'),
+        'Joints, in the order of gains and torques.', read_only=True)
+    model: str = parameter(
+        'model', 'str', 'two_link',
+        'Robot model, or your own: docs/robots.md.', choices=MODELS, own=True, read_only=True)
+    description: str = parameter(
+        'description', 'str', '',
+        'Model urdf: file of the robot, a path or package://NAME/PATH; empty for the topic '
+        'robot_description.', read_only=True)
+    locked: tuple[str, ...] = parameter(
+        'locked', 'str[]', ('',),
+        'Positions of joints not in joint_names, each "name position"; default 0.',
+        shape='any', read_only=True)
+    gravity: float = parameter(
+        'gravity', 'float', 9.81, 'Acceleration of gravity in G.', unit='m/s^2', minimum=0.0,
+        read_only=True)
+    compiled: bool = parameter(
+        'compiled', 'bool', True,
+        'Use the machine code of `ctc compile` where it is available.',
+        read_only=True)
+
 
 #: Models that are kept.
 _KEPT = 64

@@ -29,9 +29,8 @@ from ctc_chattering.analysis.output import check_format, prepare, write_json, wr
 from ctc_chattering.arguments import check_each, checked, vector, whole
 from ctc_chattering.bags.recording import RecordedMotion, Recording
 from ctc_chattering.configuration import parameter_file
-from ctc_chattering.dynamics.corrected_urdf import corrected_urdf
+from ctc_chattering.dynamics.corrected_urdf import corrected_urdf, with_payload
 from ctc_chattering.dynamics.model import Model
-from ctc_chattering.dynamics.payload import with_payload
 from ctc_chattering.dynamics.registry import locked_positions, make_model
 from ctc_chattering.errors import CtcError, ParameterError, UsageError
 from ctc_chattering.identification import identify as regression

@@ -36,8 +36,8 @@ from typing import NamedTuple
 import xml.etree.ElementTree as ElementTree
 
 from ctc_chattering.bags.recording import Indices
+from ctc_chattering.dynamics.corrected_urdf import with_payload
 from ctc_chattering.dynamics.model import LinearModel, Model, rotors
-from ctc_chattering.dynamics.payload import with_payload
 from ctc_chattering.dynamics.two_link import TwoLink
 from ctc_chattering.dynamics.urdf_model import UrdfModel
 from ctc_chattering.dynamics.urdf_parser import Tree

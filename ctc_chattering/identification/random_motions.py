@@ -38,7 +38,7 @@ from ctc_chattering.numerics.polynomials import quintic
 from ctc_chattering.numerics.time_grid import NANOSECONDS
 from ctc_chattering.parameters import Config, parameter
 from ctc_chattering.trajectory.joint_limits import JointLimits
-from ctc_chattering.trajectory.waypoints import Route
+from ctc_chattering.trajectory.motions import Route
 import numpy as np
 from scipy.linalg import null_space, qr  # type: ignore[import-untyped]
 

@@ -23,8 +23,7 @@ from typing import Any
 import xml.etree.ElementTree as ET
 
 from ctc_chattering.configuration.package_share import config_directory
-from ctc_chattering.dynamics.registry import locked_positions
-from ctc_chattering.dynamics.robot_config import RobotConfig
+from ctc_chattering.dynamics.registry import locked_positions, RobotConfig
 from ctc_chattering.dynamics.urdf_parser import (
     numbers,
     Origin,

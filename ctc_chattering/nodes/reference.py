@@ -40,8 +40,8 @@ from ctc_chattering.ros.subscription import ValidatedSubscription
 from ctc_chattering.ros.topics import CLOCK, JOINT_STATES, JOINT_TRAJECTORY, REFERENCE
 from ctc_chattering.trajectory.joint_limits import DescribedLimits
 from ctc_chattering.trajectory.motion_plan import MotionPlan
+from ctc_chattering.trajectory.motions import Route
 from ctc_chattering.trajectory.reference import ReferenceConfig
-from ctc_chattering.trajectory.waypoints import Route
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import JointTrajectory

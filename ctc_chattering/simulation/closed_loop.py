@@ -37,9 +37,8 @@ from ctc_chattering.simulation.plant_config import PlantConfig
 from ctc_chattering.simulation.registry import make_plant
 from ctc_chattering.simulation.simulated_robot import diverged, Robot
 from ctc_chattering.trajectory.buffer import Point
-from ctc_chattering.trajectory.reference import make_motion, ReferenceConfig
-from ctc_chattering.trajectory.reference_table import reference_table
-from ctc_chattering.trajectory.waypoints import Route
+from ctc_chattering.trajectory.motions import Route
+from ctc_chattering.trajectory.reference import make_motion, reference_table, ReferenceConfig
 import numpy as np
 import numpy.typing as npt
 

@@ -20,8 +20,7 @@ import dataclasses
 from math import inf
 from typing import ClassVar
 
-from ctc_chattering.dynamics.registry import check_model, locked_positions
-from ctc_chattering.dynamics.robot_config import RobotConfig
+from ctc_chattering.dynamics.registry import check_model, locked_positions, RobotConfig
 from ctc_chattering.errors import ParameterError
 from ctc_chattering.numerics.time_grid import period_ns, samples
 from ctc_chattering.parameters import parameter

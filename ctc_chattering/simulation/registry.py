@@ -16,7 +16,7 @@
 
 from __future__ import annotations
 
-from ctc_chattering.dynamics.payload import with_payload
+from ctc_chattering.dynamics.corrected_urdf import with_payload
 from ctc_chattering.dynamics.registry import kept_model_of, model_of
 from ctc_chattering.simulation.plant import Plant
 from ctc_chattering.simulation.plant_config import PlantConfig

@@ -21,9 +21,14 @@ from math import inf
 
 from ctc_chattering.trajectory.buffer import Point
 from ctc_chattering.trajectory.joint_limits import check_limits, DescribedLimits
+from ctc_chattering.trajectory.motions import (
+    Route,
+    smooth_start,
+    TimedMotion,
+    Transition,
+    Waypoints,
+)
 from ctc_chattering.trajectory.reference import make_motion, ReferenceConfig, shortest
-from ctc_chattering.trajectory.smooth_start import smooth_start, TimedMotion, Transition
-from ctc_chattering.trajectory.waypoints import Route, Waypoints
 
 #: Without a start duration: time over which waypoints that begin in the past are joined, and over
 #: which the motion passes into one with changed parameters [s].

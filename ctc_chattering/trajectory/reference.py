@@ -19,24 +19,36 @@ The sinusoid is the paper's, q_d = center + amplitude sin(2π f t + phase). The 
 center - amplitude to center + amplitude and back with half the largest velocity of the sinusoid
 and a quarter of its acceleration: constant acceleration for 1 / (π f), constant velocity and
 deceleration for as long each, then rest until 2 / f is over.
+
+`reference_table` has the motion at every sample; what runs have in common is computed once.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 import dataclasses
+from functools import lru_cache
 from math import ceil, cos, inf, log10, pi, sin
 from typing import ClassVar
 
 from ctc_chattering.arguments import checked, whole
-from ctc_chattering.dynamics.robot_config import MODELS
+from ctc_chattering.dynamics.registry import MODELS
 from ctc_chattering.errors import CtcError, ParameterError
+from ctc_chattering.numerics.linear_algebra import Array
+from ctc_chattering.numerics.polynomials import quintic
 from ctc_chattering.numerics.time_grid import NANOSECONDS, period_ns, seconds
 from ctc_chattering.parameters import Config, parameter
 from ctc_chattering.trajectory.buffer import Point
 from ctc_chattering.trajectory.joint_limits import check_limits, DescribedLimits
-from ctc_chattering.trajectory.smooth_start import smooth_start, TimedMotion, Transition
-from ctc_chattering.trajectory.waypoints import Route, Waypoints
+from ctc_chattering.trajectory.motions import (
+    mean,
+    Route,
+    smooth_start,
+    TimedMotion,
+    Transition,
+    Waypoints,
+)
+import numpy as np
 
 #: Values of the parameter ``profile``.
 PROFILES = ('sinusoid', 'trapezoid')
@@ -287,3 +299,70 @@ def _begin(names: Sequence[str], start: Mapping[str, tuple[float, float]], there
     rows = [(*start[name], 0.0) if name in start else row
             for name, row in zip(names, zip(*there))]
     return tuple(zip(*rows))  # type: ignore[return-value]
+
+
+#: Motions whose samples are kept.
+_KEPT = 16
+
+
+def reference_table(config: ReferenceConfig, route: Route | None,
+                    start: tuple[tuple[str, tuple[float, float]], ...], joints: tuple[str, ...],
+                    period: int, count: int) -> Array:
+    """
+    Return the desired motion at ``k period``, shape (count, 3, n) [rad, rad/s, rad/s²].
+
+    Parameters
+    ----------
+    config, route
+        As `make_motion` takes them.
+    start : tuple of (str, (float, float))
+        Position [rad] and velocity [rad/s] of the robot at the start by joint.
+    joints : tuple of str, shape (n,)
+        Order of the joints.
+    period : int
+        [ns].
+    count : int
+        Number of samples.
+
+    """
+    if route is not None:
+        return _table(config, route, start, joints, period, count)
+    return _kept(config, None, start, joints, period, count)
+
+
+def _table(config: ReferenceConfig, route: Route | None,
+           start: tuple[tuple[str, tuple[float, float]], ...], joints: tuple[str, ...],
+           period: int, count: int) -> Array:
+    motion = make_motion(config, route, dict(start))
+    order = [config.joint_names.index(name) for name in joints]
+    if not isinstance(motion, Transition):
+        return _samples_of(motion, order, period, count)
+    table: Array
+    if route is None:  # What does not depend on the start.
+        table = reference_table(
+            config.changed({'start_duration': 0.0}), None, (), joints, period, count).copy()
+    else:
+        table = _samples_of(motion.after, order, period, count)
+    inside = min(-(-motion.end // period), count)
+    braking = motion.before
+    assert isinstance(braking, Waypoints)
+    moving = min(-(-braking.end // period) + 1, inside)
+    before = _samples_of(braking, order, period, moving)
+    before = np.concatenate((before, np.repeat(before[-1:], inside - moving, axis=0)))
+    s: Array = np.array([[seconds(k * period)] for k in range(inside)]) / seconds(motion.end)
+    weight = quintic(s, seconds(motion.end), 0.0, 0.0, 0.0, 1.0, 0.0, 0.0)
+    rows = mean(weight, tuple(before.transpose(1, 0, 2)),
+                tuple(table[:inside].transpose(1, 0, 2)))
+    table[:inside] = np.stack(rows, axis=1)
+    return table
+
+
+_kept = lru_cache(_KEPT)(_table)
+
+
+def _samples_of(motion: TimedMotion, order: list[int], period: int, count: int) -> Array:
+    """Return the samples of a motion, of its joints in an order."""
+    rows = np.array([motion.at(k * period) for k in range(count)]).reshape(count, 3, -1)
+    # In the order of rows, in which the loop is compiled: for another one it would be once more.
+    table: Array = np.ascontiguousarray(rows[:, :, order])
+    return table

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""validation/paper.md has the rows of `test/runs/paper_study.py`, and their numbers."""
+"""validation/paper.md has the rows of `validation/paper_study.py`, and their numbers."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ TEXT = (ROOT / 'validation' / 'paper.md').read_text(encoding='utf-8')
 
 @pytest.fixture
 def study(monkeypatch: pytest.MonkeyPatch) -> Any:
-    monkeypatch.syspath_prepend(str(ROOT / 'test' / 'runs'))
+    monkeypatch.syspath_prepend(str(ROOT / 'validation'))
     return pytest.importorskip('paper_study')
 
 

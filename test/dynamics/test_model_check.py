@@ -16,9 +16,8 @@
 
 from __future__ import annotations
 
-from ctc_chattering.dynamics.model import Model
+from ctc_chattering.dynamics.model import Model, Scaled
 from ctc_chattering.dynamics.model_check import check_dynamics, PropertyCheck
-from ctc_chattering.dynamics.scaled_model import Scaled
 from ctc_chattering.dynamics.two_link import TwoLink
 from ctc_chattering.dynamics.urdf_model import UrdfModel
 from ctc_chattering.numerics.linear_algebra import Rows, Vector

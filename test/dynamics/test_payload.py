@@ -19,7 +19,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from math import cos, pi, sin
 
-from ctc_chattering.dynamics.payload import with_payload
+from ctc_chattering.dynamics.corrected_urdf import with_payload
 from ctc_chattering.dynamics.urdf_model import UrdfModel
 from ctc_chattering.errors import CtcError, ParameterError
 from ctc_chattering.simulation.plant_config import PlantConfig

@@ -20,8 +20,7 @@ from pathlib import Path
 import textwrap
 
 from ctc_chattering.control.controller import Controller, ControllerConfig
-from ctc_chattering.dynamics.registry import check_model, make_model
-from ctc_chattering.dynamics.robot_config import MODELS
+from ctc_chattering.dynamics.registry import check_model, make_model, MODELS
 from ctc_chattering.dynamics.two_link import TwoLink
 from ctc_chattering.dynamics.urdf_model import UrdfModel
 from ctc_chattering.errors import CtcError, ParameterError

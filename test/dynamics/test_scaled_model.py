@@ -17,8 +17,7 @@
 from typing import Any
 
 from ctc_chattering.control.controller import Controller, ControllerConfig
-from ctc_chattering.dynamics.model import Model
-from ctc_chattering.dynamics.scaled_model import Scaled
+from ctc_chattering.dynamics.model import Model, Scaled
 from ctc_chattering.dynamics.two_link import TwoLink
 import numpy as np
 from oracles import Generic, paper_c, paper_g, paper_m, states

@@ -23,8 +23,8 @@ import types
 from typing import Any
 import xml.etree.ElementTree as ET
 
+from ctc_chattering.dynamics.model import Scaled
 from ctc_chattering.dynamics.model_check import check_dynamics
-from ctc_chattering.dynamics.scaled_model import Scaled
 from ctc_chattering.dynamics.urdf_model import UrdfModel
 from ctc_chattering.dynamics.urdf_parser import Tree
 from ctc_chattering.errors import CtcError, ParameterError

@@ -27,7 +27,7 @@ from ctc_chattering.identification.findings import Estimate, NONE
 from ctc_chattering.identification.identify import Identification, identify
 from ctc_chattering.identification.model_errors import candidates
 from ctc_chattering.numerics.linear_algebra import Array, Rows, Vector
-from ctc_chattering.trajectory.waypoints import Route
+from ctc_chattering.trajectory.motions import Route
 from identified_robots import arm, motion, record, Recorded
 import numpy as np
 import pytest

@@ -29,7 +29,7 @@ from ctc_chattering.identification.random_motions import (
     RandomMotions,
 )
 from ctc_chattering.trajectory.joint_limits import DescribedLimits
-from ctc_chattering.trajectory.waypoints import Route, Waypoints
+from ctc_chattering.trajectory.motions import Route, Waypoints
 import numpy as np
 import pytest
 from urdfs import joint, link, urdf

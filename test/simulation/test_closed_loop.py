@@ -23,8 +23,8 @@ from ctc_chattering.errors import CtcError
 from ctc_chattering.simulation.closed_loop import Event, Run, simulate
 from ctc_chattering.simulation.plant import Plant
 from ctc_chattering.simulation.plant_config import PlantConfig
+from ctc_chattering.trajectory.motions import Route
 from ctc_chattering.trajectory.reference import ReferenceConfig, Sinusoid
-from ctc_chattering.trajectory.waypoints import Route
 import numpy as np
 from oracles import Array, Counting, paper_c, paper_field, paper_g, paper_m
 import pytest

@@ -17,8 +17,8 @@
 import math
 
 from ctc_chattering.errors import CtcError, ParameterError
+from ctc_chattering.trajectory.motions import Route, Waypoints
 from ctc_chattering.trajectory.reference import make_motion, ReferenceConfig, Sinusoid, Trapezoid
-from ctc_chattering.trajectory.waypoints import Route, Waypoints
 import numpy as np
 import pytest
 

@@ -14,8 +14,7 @@
 
 """The reference of compiled runs: one layout, for which the loop is compiled once."""
 
-from ctc_chattering.trajectory.reference import make_motion, ReferenceConfig
-from ctc_chattering.trajectory.reference_table import reference_table
+from ctc_chattering.trajectory.reference import make_motion, reference_table, ReferenceConfig
 import numpy as np
 import pytest
 

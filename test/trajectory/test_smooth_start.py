@@ -23,15 +23,16 @@ import re
 from ctc_chattering.errors import CtcError, ParameterError
 from ctc_chattering.trajectory.buffer import Point
 from ctc_chattering.trajectory.joint_limits import DescribedLimits
-from ctc_chattering.trajectory.reference import make_motion, ReferenceConfig, shortest, Sinusoid
-from ctc_chattering.trajectory.smooth_start import (
+from ctc_chattering.trajectory.motions import (
     braking,
     BRAKING_TIME,
+    Route,
     smooth_start,
     TimedMotion,
     Transition,
+    Waypoints,
 )
-from ctc_chattering.trajectory.waypoints import Route, Waypoints
+from ctc_chattering.trajectory.reference import make_motion, ReferenceConfig, shortest, Sinusoid
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 import numpy as np

@@ -22,7 +22,7 @@ from typing import Any
 
 from ctc_chattering.errors import ParameterError
 from ctc_chattering.trajectory.buffer import Point
-from ctc_chattering.trajectory.waypoints import Route, Waypoints
+from ctc_chattering.trajectory.motions import Route, Waypoints
 from hypothesis import given, settings
 from hypothesis import strategies as st
 import numpy as np

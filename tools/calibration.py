@@ -15,7 +15,7 @@
 """
 How fast this computer is, which belongs beside every time that is reported.
 
-``python test/support/calibration.py "make test" BEGIN`` says how long something took that began at
+``python tools/calibration.py "make test" BEGIN`` says how long something took that began at
 BEGIN, in seconds since 1970.
 """
 

@@ -31,13 +31,13 @@ import pytest
 from soak import plan
 
 pytestmark = pytest.mark.ros
-TEST = Path(__file__).resolve().parent.parent
+ROOT = Path(__file__).resolve().parents[2]
 #: Slow enough for two processors that others use as well.
 PERIOD = 0.005
 
 
 def start(out: Path, minutes: float, seed: int = 1) -> subprocess.Popen[str]:
-    paths = TEST, TEST / 'support', TEST.parent
+    paths = ROOT / 'tools', ROOT / 'test' / 'support', ROOT
     return subprocess.Popen(
         [sys.executable, '-m', 'soak', f'--minutes={minutes}', f'--seed={seed}',
          f'--control-period={PERIOD}', '--out', str(out)], text=True, stdout=subprocess.PIPE,

@@ -13,7 +13,7 @@
 # limitations under the License.
 
 """
-The tables of validation/paper.md: `PYTHONPATH=test/support python test/runs/paper_study.py`.
+The tables of validation/paper.md: `PYTHONPATH=test/support python validation/paper_study.py`.
 
 The first is of the package's laws, the second of the programs written by hand.
 """

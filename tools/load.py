@@ -16,7 +16,7 @@
 Run the tests that start ROS processes beside busy loops: a test must pass on a busy machine.
 
 ``make test-load``, or with arguments for pytest:
-``.venv/bin/python test/support/load.py --loops 4 test/nodes/test_nodes.py -k plant``.
+``.venv/bin/python tools/load.py --loops 4 test/nodes/test_nodes.py -k plant``.
 """
 
 from __future__ import annotations

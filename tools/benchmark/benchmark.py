@@ -15,7 +15,7 @@
 """
 Measures speed: lockstep over ROS beside a bare ping-pong, a control step, a simulation.
 
-``make benchmark``, or ``.venv/bin/python test/benchmark/benchmark.py --rounds 5``.
+``make benchmark``, or ``.venv/bin/python tools/benchmark/benchmark.py --rounds 5``.
 """
 
 from __future__ import annotations

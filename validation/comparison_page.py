@@ -24,7 +24,7 @@ from pathlib import Path
 import re
 from statistics import median
 
-DOCS = Path(__file__).resolve().parents[2] / 'docs'
+DOCS = Path(__file__).resolve().parents[1] / 'docs'
 PAGE, README = DOCS / 'comparison.md', DOCS.parent / 'README.md'
 #: A block of a page, and the directory in docs/ that it shows.
 _BLOCK = re.compile(r'(<!-- tables: (\S+) -->\n).*?(<!-- end of tables -->)', re.DOTALL)

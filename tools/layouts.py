@@ -17,7 +17,7 @@ Layouts of Foxglove and PlotJuggler for the topics of the graph.
 
 Those of the paper's arm are in `config/`; for other joints::
 
-    python test/support/layouts.py foxglove panda_joint1 panda_joint2 > panda.json
+    python tools/layouts.py foxglove panda_joint1 panda_joint2 > panda.json
 """
 
 from __future__ import annotations

@@ -29,7 +29,7 @@ from independent_rivals import RIVALS
 import numpy as np
 from rigid_bodies import Array
 
-_TABLE = Path(__file__).parents[2] / 'docs' / 'comparison' / 'two_link' / 'compare.csv'
+_TABLE = Path(__file__).parents[1] / 'docs' / 'comparison' / 'two_link' / 'compare.csv'
 _SECONDS, _COUNTS = 10.0, 5.0
 #: Steps of the plant in a sample, and the encoders' [rad].
 _STEPS, _ENCODER = 50, 1e-5

@@ -30,7 +30,7 @@ import sys
 import tarfile
 import tempfile
 
-ROOT = Path(__file__).resolve().parents[2]
+ROOT = Path(__file__).resolve().parents[1]
 
 
 def built(root: Path, target: Path, isolated: bool = True) -> list[Path]:
