@@ -32,7 +32,6 @@ import math
 import re
 from typing import Any, ClassVar, TypeVar
 
-from ctc_chattering.arguments import check_type
 from ctc_chattering.errors import CtcError, near, ParameterError, refused_as
 import numpy as np
 import numpy.typing as npt
@@ -312,7 +311,6 @@ class Config:
     def _known(cls, values: Mapping[str, object]) -> Iterator[tuple[Parameter, object]]:
         """Yield parameters with their values; raise `ParameterError` for an unknown name."""
         known = cls.parameters()
-        check_type('values', values, Mapping)
         for name, value in values.items():
             if name not in known:
                 raise ParameterError(name, value, f'one of {", ".join(known)}{near(name, known)}')
@@ -359,7 +357,6 @@ class Config:
 
     def changed(self: C, values: Mapping[str, object]) -> C:
         """Return a copy with some parameters changed, checked like a new one."""
-        check_type('values', values, Mapping)
         if 'joint_names' in values:  # The number of joints concerns all others.
             return self.from_mapping({**self.as_mapping(), **values})
         made, n = copy(self), len(getattr(self, 'joint_names', ()))

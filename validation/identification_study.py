@@ -28,13 +28,14 @@ from ctc_chattering.analysis.metrics import metrics
 from ctc_chattering.dynamics.corrected_urdf import with_payload
 from ctc_chattering.identification.gains import recommend, Recommendation
 from ctc_chattering.identification.identify import Identification, identify
-from ctc_chattering.identification.model_errors import candidates, heavier_links
+from ctc_chattering.identification.model_errors import candidates
 from ctc_chattering.identification.perturbation import perturbation
 from ctc_chattering.identification.results import validate
 from ctc_chattering.trajectory.motions import Route
 from identified_robots import arm, record, Recorded
 from identified_robots import motion as motion_of
 import numpy as np
+from urdfs import heavier_links
 
 #: Robots and plants of the study.
 ROBOTS = (('two_link', 'builtin'), ('two_link_urdf', 'mujoco'), ('panda', 'builtin'),

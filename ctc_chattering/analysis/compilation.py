@@ -26,7 +26,6 @@ import signal
 from typing import Any
 
 from ctc_chattering.analysis.tables import counted
-from ctc_chattering.arguments import checked
 from ctc_chattering.configuration.loop_setup import Setup
 from ctc_chattering.control.controller import Controller, LAWS
 from ctc_chattering.control.switching import SWITCHINGS
@@ -120,7 +119,6 @@ def compile_setups(setups: Iterable[Setup], show: Callable[[str], None], parts: 
     return len(todo)
 
 
-@checked(setup=Setup, every=bool, show=Callable)
 def compile_setup(setup: Setup, every: bool = False, show: Callable[[str], None] = print) -> int:
     """
     Compile robot and law of a setup, once for this version; runs are then 20 times as fast.

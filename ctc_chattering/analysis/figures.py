@@ -26,7 +26,6 @@ from ctc_chattering.analysis.drawing import legend_of
 from ctc_chattering.analysis.output import check_format, file_stem
 from ctc_chattering.analysis.result import Result
 from ctc_chattering.analysis.run_names import colour, colours, name, names
-from ctc_chattering.arguments import check_type, checked
 from ctc_chattering.control.laws.base import law_class
 from ctc_chattering.errors import CtcError
 from ctc_chattering.simulation.closed_loop import Array
@@ -201,7 +200,6 @@ def _robust_term(result: Result) -> tuple[str, str]:
     return noun, symbols.pop() if len(symbols) == 1 else f'{noun} z' if symbols else ''
 
 
-@checked(results=Sequence, directory=(str, Path), extra=str)
 def save_figures(results: Sequence[Result], directory: str | Path, extra: str = 'svg'
                  ) -> list[drawing.FigureFile]:
     """
@@ -230,8 +228,7 @@ def save_figures(results: Sequence[Result], directory: str | Path, extra: str = 
 
     """
     check_format(extra)
-    for i, result in enumerate(results):
-        check_type(f'results[{i}]', result, Result)
+    for result in results:
         _joints(result)
     files = drawing.save(_figures(results), Path(directory), ('svg', extra))
     of_runs = [name for name in names(results) for _ in range(_PER_RUN)]

@@ -16,11 +16,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from numbers import Real
 from typing import Any
 
-from ctc_chattering.arguments import checked
 from ctc_chattering.errors import ParameterError
 from ctc_chattering.numerics.gaps import missing
 from ctc_chattering.simulation.closed_loop import Array, Run
@@ -35,7 +33,6 @@ BAND = 0.15
 _CHANGES = ('torque_variation_nm_per_s', 'max_torque_step_nm', 'max_torque_rate_nm_per_s')
 
 
-@checked(run=Run, window=Sequence, band=Real, period=(Real, type(None)))
 def metrics(run: Run, window: tuple[float, float] = WINDOW, band: float = BAND,
             period: float | None = None) -> dict[str, Any]:
     """

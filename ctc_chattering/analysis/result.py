@@ -29,7 +29,6 @@ from ctc_chattering.analysis.metrics import metrics, rms, WINDOW, within
 from ctc_chattering.analysis.output import write_json, writing
 from ctc_chattering.analysis.tables import measured
 from ctc_chattering.analysis.terms import RunTerms, terms
-from ctc_chattering.arguments import checked
 from ctc_chattering.configuration.loop_setup import Setup
 from ctc_chattering.control.controller import ControllerConfig
 from ctc_chattering.control.recommended_gains import LAW, recommended_gains
@@ -80,8 +79,6 @@ _LARGE, _LEAST_MOTION = 0.1, 1e-3
 _OF_SWITCHING = {'boundary_layer': 'boundary_layer', 'observer_bandwidth': 'implicit_observer'}
 
 
-@checked(experiment=str, configs=Sequence, run=Run, computed=(RunTerms, type(None)),
-         description=str, source=str, window=Sequence)
 @dataclasses.dataclass(frozen=True, repr=False)
 class Result(RunAttributes):
     """
@@ -298,8 +295,6 @@ class Result(RunAttributes):
         yield f'the RMS error is above a tenth of the motion of {large}: {why}'
 
 
-@checked(setup=Setup, progress=(Callable, type(None)), truth=bool, robot=(Robot, type(None)),
-         model=(Model, type(None)))
 def simulate(setup: Setup, progress: Callable[[float], None] | None = None, truth: bool = False,
              robot: Robot | None = None, model: Model | None = None) -> Result:
     """
@@ -380,7 +375,6 @@ def position_units(names: Sequence[str], description: str) -> tuple[str, ...]:
 _ARRAYS = {'q': '', 'dq': '/s', 'q_d': '', 'dq_d': '/s', 'ddq_d': '/s²', 'tau': None, 'v': '/s'}
 
 
-@checked(result=Result, path=(str, Path))
 def export(result: Result, path: str | Path) -> None:
     """
     Write the samples of a run with names and units of the joints, for other programs.

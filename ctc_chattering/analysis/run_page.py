@@ -47,7 +47,7 @@ from ctc_chattering.analysis.page import (
 from ctc_chattering.analysis.result import METRICS, Result, write_metrics
 from ctc_chattering.analysis.run_names import colours, gains, LAW_COLOURS, names
 from ctc_chattering.analysis.tables import Table
-from ctc_chattering.arguments import check_each, checked
+from ctc_chattering.arguments import check_some
 from ctc_chattering.errors import ParameterError
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
@@ -300,7 +300,6 @@ FIGURES, PAGE, SAMPLES = 'figures', 'index.html', 'samples'
 NAMES = (FIGURES, METRICS, PAGE, SAMPLES)
 
 
-@checked(results=Sequence, out=(str, Path), bags=Sequence, command=str)
 def write_runs(results: Sequence[Result], out: str | Path, bags: Sequence[str | Path] = (),
                extra: str = 'svg', command: str = '') -> None:
     """
@@ -328,8 +327,7 @@ def write_runs(results: Sequence[Result], out: str | Path, bags: Sequence[str | 
     from ctc_chattering.analysis.figures import save_figures
     from ctc_chattering.analysis.run_page import write_page, write_samples
 
-    check_each('results', results, Result, 1)
-    check_each('bags', bags, (str, Path))
+    check_some('results', results)
     if len(bags) not in (0, len(results)):
         raise ParameterError('bags', bags, f'none, or {len(results)}, one of each result')
     check_format(extra)

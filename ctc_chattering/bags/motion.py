@@ -32,7 +32,6 @@ from operator import attrgetter
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from ctc_chattering.arguments import check_each, checked
 from ctc_chattering.bags.bag import Bag, BagTopics
 from ctc_chattering.bags.command_times import answers
 from ctc_chattering.bags.recording import Indices, RecordedMotion, Recording
@@ -323,7 +322,6 @@ _LIKE_MOTION = 0.05
 _COMPARED = 20_000
 
 
-@checked(path=(str, Path), joints=Sequence, description=str, states=str, commands=str, model=str)
 def read_motion(path: str | Path, joints: Sequence[str] = (), description: str = '',
                 states: str = JOINT_STATES, commands: str = COMMANDS, model: str = ''
                 ) -> RecordedMotion:
@@ -359,7 +357,6 @@ def read_motion(path: str | Path, joints: Sequence[str] = (), description: str =
 
     """
     path = Path(path)
-    check_each('joints', joints, str)
     if len(set(joints)) < len(joints):
         twice = next(name for name, count in Counter(joints).items() if count > 1)
         raise CtcError(f'--joints: {twice} is given more than once')

@@ -27,7 +27,6 @@ from typing import Any, NamedTuple
 
 from ctc_chattering.analysis.result import Result
 from ctc_chattering.analysis.terms import terms
-from ctc_chattering.arguments import checked
 from ctc_chattering.bags.bag import Bag, BagTopics, nanoseconds
 from ctc_chattering.bags.repair import open_bag
 from ctc_chattering.control.controller import ControllerConfig
@@ -48,7 +47,6 @@ import numpy as np
 _FEW = 20
 
 
-@checked(path=(str, Path), **dict.fromkeys(('model', 'law', 'switching'), (str, type)))
 def read_bag(path: str | Path, model: str | type = '', law: str | type = '',
              switching: str | type = '') -> Result:
     """

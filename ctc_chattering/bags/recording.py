@@ -26,7 +26,6 @@ import dataclasses
 from itertools import pairwise
 from typing import NamedTuple
 
-from ctc_chattering.arguments import checked
 from ctc_chattering.control.controller_config import ControllerConfig
 from ctc_chattering.errors import CtcError
 from ctc_chattering.numerics.linear_algebra import Array
@@ -265,9 +264,6 @@ _DRIFT, _SMOOTH = 0.3, 101
 _FEWEST = 200
 
 
-@checked(name=str, joints=Sequence, t=np.ndarray, q=np.ndarray,
-         **dict.fromkeys(('dq', 'effort', 'command'), (np.ndarray, type(None))), late=Sequence,
-         breaks=Sequence)
 @dataclasses.dataclass(frozen=True)
 class Recording:
     """
@@ -356,8 +352,6 @@ class Recording:
         return float(np.mean(step[np.abs(step - median) < 0.5 * median]))
 
 
-@checked(recording=Recording, description=str, controller=(ControllerConfig, type(None)),
-         notes=Sequence)
 @dataclasses.dataclass(frozen=True)
 class RecordedMotion:
     """

@@ -26,7 +26,6 @@ import tempfile
 from typing import Any
 import weakref
 
-from ctc_chattering.arguments import checked
 from ctc_chattering.bags.bag import Bag, damaged
 from ctc_chattering.bags.mcap_file import DamagedFile, UnknownDefinition, unpacked
 from ctc_chattering.bags.writer import BagWriter, Span, TopicType
@@ -188,7 +187,6 @@ def is_whole(bag: Path) -> bool:
         return False
 
 
-@checked(bag=(str, Path))
 def repair(bag: str | Path) -> tuple[Recovery, Path] | None:
     """
     Replace a damaged bag by one with all messages that can be read; keep the damaged one.

@@ -18,13 +18,11 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import closing
-from numbers import Real
 from pathlib import Path
 import sys
 import time
 from typing import Any
 
-from ctc_chattering.arguments import checked
 from ctc_chattering.bags.bag import Bag
 from ctc_chattering.bags.repair import open_bag
 from ctc_chattering.errors import CtcError, ParameterError
@@ -50,7 +48,6 @@ _SETTLE = 0.5
 _SLEEP = 0.05
 
 
-@checked(bag=(str, Path), rate=Real, delay=Real)
 def replay(bag: str | Path, rate: float = 1.0, delay: float = 1.0) -> int:
     """
     Publish all messages of a bag with their timing over ROS, and the clock.

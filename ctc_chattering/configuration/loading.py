@@ -16,11 +16,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from ctc_chattering.arguments import checked
 from ctc_chattering.configuration.loop_setup import check_overrides, Overrides, Setup
 from ctc_chattering.configuration.node_parameters import NODES
 from ctc_chattering.configuration.package_share import find_config
@@ -52,7 +50,7 @@ def with_gains(path: Path | None, overrides: Overrides, gains: str | None = None
     overrides : mapping
         Values by node and parameter.
     gains : {'file', 'recommended'}, optional
-        Whose gains are taken; where left out, what `GainChoice` decides for a law that the
+        Whose gains are taken; where left out, what `GainChoice` decides for a law that file or
         overrides choose without gains.
 
     Returns
@@ -72,9 +70,12 @@ def with_gains(path: Path | None, overrides: Overrides, gains: str | None = None
     """
     found = {node: dict(values) for node, values in overrides.items()}
     given = node_values(found, 'controller', 'overrides')
-    of_file = node_values(read(path) if path else {}, 'controller', str(path)).get('law')
+    in_file = node_values(read(path) if path else {}, 'controller', str(path))
+    of_file = in_file.get('law')
     law = given.get('law', of_file)
-    chosen = (law == LAW) != (of_file == LAW) and given.keys().isdisjoint(GAINS)
+    chosen = given.keys().isdisjoint(GAINS) and (
+        in_file.keys().isdisjoint(GAINS) if law == of_file == LAW
+        else (law == LAW) != (of_file == LAW))
     if gains == FROM_FILE or (gains is None and not chosen):
         return found, ''
     if gains is not None and law != LAW:
@@ -100,7 +101,6 @@ def _shown(value: float | tuple[float, ...]) -> str:
     return f'{values[0]:g}' if len(set(values)) == 1 else '/'.join(f'{x:g}' for x in values)
 
 
-@checked(path=(str, Path), overrides=(Mapping, type(None)), gains=(str, type(None)))
 def load_parameters(path: str | Path = 'friction', overrides: Overrides | None = None,
                     gains: str | None = None) -> Setup:
     """

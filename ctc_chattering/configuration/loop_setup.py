@@ -19,9 +19,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
 import dataclasses
-from typing import Any, cast
+from typing import Any
 
-from ctc_chattering.arguments import check_type, checked
 from ctc_chattering.configuration.node_parameters import LOOP
 from ctc_chattering.control.controller import ControllerConfig
 from ctc_chattering.errors import CtcError, ParameterError
@@ -41,8 +40,6 @@ Overrides = Mapping[str, Mapping[str, Any]]
 _STARTS, _TIMING = {'initial_position', 'initial_velocity'}, {'control_period'}
 
 
-@checked(plant=PlantConfig, controller=ControllerConfig, reference=ReferenceConfig,
-         events=Sequence, values=Mapping, route=(Route, type(None)), descriptions=Mapping)
 @dataclasses.dataclass(frozen=True)
 class Setup:
     """
@@ -116,13 +113,11 @@ class Setup:
         return found
 
 
-def check_overrides(name: str, values: object, nodes: Collection[str]) -> None:
-    """Raise `ParameterError` unless values are mappings by some of the nodes; `name` is theirs."""
-    check_type(name, values, Mapping)
-    for node, mine in cast('Overrides', values).items():
+def check_overrides(name: str, values: Overrides, nodes: Collection[str]) -> None:
+    """Raise `ParameterError` unless values are by some of the nodes; `name` is theirs."""
+    for node in values:
         if node not in nodes:
             raise ParameterError(name, node, ' | '.join(nodes))
-        check_type(f'{name} of {node}', mine, Mapping)
 
 
 def made(node: str, make: Callable[[Mapping[str, Any]], C], values: Mapping[str, Any]) -> C:

@@ -21,7 +21,7 @@ from itertools import chain, islice
 from math import isfinite
 from typing import Any, NamedTuple, NoReturn
 
-from ctc_chattering.arguments import checked, vector
+from ctc_chattering.arguments import vector
 from ctc_chattering.control.compiled_step import CompiledStep
 from ctc_chattering.control.control_step import (
     control_memory,
@@ -129,7 +129,6 @@ class Controller:
 
     """
 
-    @checked(config=ControllerConfig, model=(Model, type(None)))
     def __init__(self, config: ControllerConfig, model: Model | None = None) -> None:
         n = len(config.joint_names)
         self.model = known = model or model_of(config)
@@ -167,7 +166,6 @@ class Controller:
         with refused_as(f'the law {config.law} cannot be made'):
             self._successor(config)
 
-    @checked(config=ControllerConfig)
     def configure(self, config: ControllerConfig) -> None:
         """
         Use other gains or another law from the next step on.
@@ -229,6 +227,8 @@ class Controller:
 
     def compiled_step(self) -> CompiledStep | None:
         """Return the step from now on as machine code takes it; None where it cannot."""
+        if isinstance(self._stepper, CompiledStep):
+            return self._stepper
         return self._compiled(self.memories)
 
     @property

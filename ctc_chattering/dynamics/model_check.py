@@ -27,7 +27,7 @@ from collections.abc import Callable, Sequence
 from typing import NamedTuple
 import xml.etree.ElementTree as ET
 
-from ctc_chattering.arguments import checked, whole
+from ctc_chattering.arguments import whole
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.dynamics.urdf_parser import Tree
 from ctc_chattering.numerics.linear_algebra import Array, Vector
@@ -97,7 +97,6 @@ class _SampledState:
         return slope
 
 
-@checked(model=Model)
 def check_dynamics(model: Model, seed: int = 0, samples: int = 20) -> list[PropertyCheck]:
     """
     Test a model at random states: M, C, G and the products that the laws rest on.

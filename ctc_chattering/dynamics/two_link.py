@@ -28,9 +28,7 @@ positive definite for every q.
 from __future__ import annotations
 
 from math import cos, sin
-from numbers import Real
 
-from ctc_chattering.arguments import checked
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.numerics.compilable import function
 from ctc_chattering.numerics.linear_algebra import Array, Rows, Vector
@@ -58,7 +56,6 @@ class TwoLink(Model):
 
     n = 2
 
-    @checked(gravity=Real)
     def __init__(self, gravity: float = 9.81) -> None:
         self.gravity = gravity
 

@@ -24,13 +24,12 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 import dataclasses
 import importlib
-from numbers import Real
+from math import isfinite
 from typing import Any
 
-from ctc_chattering.arguments import check_each, check_type, checked
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.dynamics.urdf_parser import Tree
-from ctc_chattering.errors import CtcError, refused_as
+from ctc_chattering.errors import CtcError, ParameterError, refused_as
 from ctc_chattering.numerics.linear_algebra import Array, Rows, Vector
 from ctc_chattering.parameters import check_joint_names
 import numpy as np
@@ -109,12 +108,11 @@ class UrdfModel(Model):
 
     """
 
-    @checked(urdf=str, joint_names=Sequence, gravity=Real, locked=(Mapping, type(None)))
     def __init__(self, urdf: str, joint_names: Sequence[str], gravity: float = 9.81,
                  locked: Mapping[str, float] | None = None) -> None:
-        check_each('joint_names', joint_names, str)
         for name, position in (locked or {}).items():
-            check_type(f'locked, {name}', position, Real)
+            if not isfinite(position):
+                raise ParameterError(f'locked, {name}', position, 'a finite number')
         pin = _pinocchio()
         self.joint_names = tuple(joint_names)
         check_joint_names(self.joint_names)

@@ -16,8 +16,7 @@
 How near the links of a robot come to each other, by Pinocchio and the shapes of its description.
 
 Meshes count as their convex hull, in which they lie; where hulls come too near, the mesh itself
-counts. Between two samples a distance changes by no more than the joints' ways times their
-reaches, so that far links are looked at rarely, and no approach is passed over.
+counts.
 """
 
 from __future__ import annotations
@@ -125,9 +124,6 @@ class SelfCollision:
                  and frozenset((names[a], names[b])) not in joined]
         pairs, self.touching = self._apart(pairs, names, rests, clearance)
         self.pairs = [(names[a], names[b]) for a, b in pairs]
-        far = np.abs(rests).max(axis=0)[self._order]
-        self._reach = np.array([_reach(self._model, shapes[a], shapes[b], far)[back]
-                                for a, b in pairs]).reshape(-1, len(joints))
 
     def _apart(self, pairs: list[tuple[int, int]], names: Sequence[str], rests: Array,
                clearance: float) -> tuple[list[tuple[int, int]], list[str]]:
@@ -136,8 +132,7 @@ class SelfCollision:
         self._least = np.full(len(pairs), inf)
         distances = np.empty((len(rests), len(pairs)))
         for row, q in zip(distances, rests):
-            self._place(q)
-            row[:] = [self._distance(pair) for pair in range(len(pairs))]
+            row[:] = self._distances(q)
         touch = distances[0] <= _TOUCH
         found = [pair for pair, no in zip(pairs, touch) if not no]
         self._states = self._with(found)
@@ -154,32 +149,16 @@ class SelfCollision:
                 model.addCollisionPair(self._pin.CollisionPair(*pair))
         return [(model, model.createData()) for model in self._kinds]
 
-    def nearest(self, q: Array, most: float = inf) -> Approach:
-        """
-        Return where a motion leaves the least to spare.
-
-        Parameters
-        ----------
-        q : ndarray, shape (N, n)
-            Positions, so many that the ways between them are straight.
-        most : float
-            Nothing is looked for that has more to spare.
-
-        """
-        ways = np.abs(np.diff(q, axis=0, prepend=q[:1])) @ self._reach.T
-        gone = np.ascontiguousarray(np.cumsum(ways, axis=0).T)
-        due = np.zeros(len(self.pairs), int)
-        best, sample = Approach(inf, inf, most, 0, 0), 0
-        while len(due) and sample < len(q):
-            self._place(q[sample])
-            for pair in np.flatnonzero(due <= sample).tolist():
-                distance, kept, row = self._distance(pair), float(self._least[pair]), gone[pair]
-                spare = distance / kept - 1.0
-                if spare < best.spare:
-                    best = Approach(distance, kept, spare, sample, pair)
-                due[pair] = max(sample + 1, row.searchsorted(
-                    row[sample] + kept * (spare - best.spare)))
-            sample = int(due.min())
+    def nearest(self, q: Array) -> Approach:
+        """Return where positions q, shape (N, n), leave the least to spare."""
+        best = Approach(inf, inf, inf, 0, 0)
+        for sample, row in enumerate(q if len(self.pairs) else ()):
+            distances = self._distances(row)
+            spare = distances / self._least - 1.0
+            pair = int(spare.argmin())
+            if spare[pair] < best.spare:
+                best = Approach(float(distances[pair]), float(self._least[pair]),
+                                float(spare[pair]), sample, pair)
         return best
 
     def text(self, near: Approach, time: float) -> str:
@@ -190,41 +169,19 @@ class SelfCollision:
         how = f'{near.distance:.2g} m' if near.distance > 0.0 else 'they touch'
         return f'{how}, {first} and {second} at {time:.1f} s; at least {near.kept:.2g} m'
 
-    def _place(self, q: Array) -> None:
-        hulls, data = self._states[0]
-        self._pin.updateGeometryPlacements(self._model, self._data, hulls, data, q[self._order])
-
-    def _distance(self, pair: int) -> float:
-        """Return the distance of a pair where the robot is placed, of meshes if need be [m]."""
+    def _distances(self, q: Array) -> Array:
+        """Return the distance of each pair at positions q, shape (n,) [m]."""
         (hulls, data), (meshes, theirs) = self._states
-        found = float(self._pin.computeDistance(hulls, data, pair).min_distance)
-        if found > min(self._least[pair], _NEAR):
-            return found
-        self._pin.updateGeometryPlacements(self._model, self._data, meshes, theirs)
-        return max(found, float(self._pin.computeDistance(meshes, theirs, pair).min_distance))
-
-
-def _reach(model: Any, first: Any, second: Any, far: Array) -> Array:
-    """
-    Return by how much each joint changes the distance of two shapes at most, shape (n,) [m/rad].
-
-    That is the length of the outstretched chain from the joint to the end of the shape beyond it,
-    with prismatic joints out as `far`; 0 for joints that are not between them, 1 for prismatic
-    ones.
-    """
-    found = np.zeros(model.nv)
-    chains = [list(model.supports[shape.parentJoint])[1:] for shape in (first, second)]
-    for shape, chain, other in zip((first, second), chains, reversed(chains)):
-        shape.geometry.computeLocalAABB()
-        length = (np.linalg.norm(shape.placement.act(shape.geometry.aabb_center))
-                  + shape.geometry.aabb_radius)
-        for joint in (x for x in reversed(chain) if x not in other):
-            at = model.joints[joint].idx_v
-            slides = 'P' in model.joints[joint].shortname().removeprefix('JointModel')
-            found[at] = 1.0 if slides else length
-            length += np.linalg.norm(model.jointPlacements[joint].translation) + (
-                2.0 * far[at] + 1.0 if slides else 0.0)
-    return found
+        pin = self._pin
+        pin.computeDistances(self._model, self._data, hulls, data, q[self._order])
+        found = np.array([x.min_distance for x in data.distanceResults])
+        near = np.flatnonzero(found <= np.minimum(self._least, _NEAR)).tolist()
+        if near:
+            pin.updateGeometryPlacements(self._model, self._data, meshes, theirs)
+        for pair in near:
+            mesh = pin.computeDistance(meshes, theirs, pair).min_distance
+            found[pair] = max(found[pair], mesh)
+        return found
 
 
 def shaped(tree: Tree) -> tuple[str, list[str]]:

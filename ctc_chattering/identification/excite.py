@@ -19,12 +19,11 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping, Sequence
 import dataclasses
 from math import inf
-from numbers import Real
 from pathlib import Path
 from typing import Any
 
 from ctc_chattering.analysis.output import prepare
-from ctc_chattering.arguments import check_each, checked, vector, whole
+from ctc_chattering.arguments import vector, whole
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.configuration.loop_setup import Setup, Values
 from ctc_chattering.configuration.trajectory_file import write_trajectory
@@ -37,11 +36,9 @@ from ctc_chattering.identification.random_motions import (
     bounds_of,
     Excitation,
     ExcitationConfig,
-    Information,
     Quintics,
     RandomMotion,
     RandomMotions,
-    Regression,
 )
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.numerics.time_grid import NANOSECONDS
@@ -55,11 +52,9 @@ MOTION, RUN = 'motion.yaml', 'run.yaml'
 ADVICE = 'choose smaller limits, a smaller position_range or another centre'
 #: By what random motions are scaled one after the other until they keep all limits.
 _SMALLER = (1.0, 0.7, 0.5, 0.35, 0.25, 0.15)
-#: Step in which a motion is evaluated for its information, and most samples of a motion [s].
-_COARSE, _SAMPLES = 0.1, 1200
 #: Step in which distances are checked at first and at the end [s], by how much a motion shrinks
 #: that is too near then, and how often it may.
-_STEP, CHECK, _SHRINK, _TIMES = 0.025, 0.002, 0.98, 50
+_STEP, CHECK, _SHRINK, _TIMES = 0.025, 0.005, 0.98, 50
 #: Part of a largest torque that is used, since it is computed in steps [s].
 _TORQUE, _TORQUE_STEP = 0.97, 0.05
 #: Step in which a motion is evaluated for what is reported [s].
@@ -191,14 +186,12 @@ def gains(kp: Array, kv: Array, hold: Array, slow: Array, delay: float) -> tuple
 
 class MotionSearch:
     """
-    Random motions, the best of which keeps all limits.
+    Random motions, of which the first that keeps all limits is taken.
 
     Parameters
     ----------
     motions : RandomMotions
         That are drawn.
-    regression : Regression
-        Says what they tell.
     model, friction
         Give torques.
     effort : ndarray, shape (n,)
@@ -208,29 +201,19 @@ class MotionSearch:
 
     """
 
-    def __init__(self, motions: RandomMotions, regression: Regression, model: Model,
-                 friction: AssumedFriction, effort: Array, links: SelfCollision | None) -> None:
-        self._motions, self._regression, self._model = motions, regression, model
+    def __init__(self, motions: RandomMotions, model: Model, friction: AssumedFriction,
+                 effort: Array, links: SelfCollision | None) -> None:
+        self._motions, self._model = motions, model
         self._friction, self._effort, self._links = friction, effort, links
 
-    def information(self, found: Excitation) -> Information:
-        """Return what a motion tells."""
-        end = found.path.times[-1] / NANOSECONDS
-        step = max(_COARSE, end / _SAMPLES)
-        t = np.arange(0.0, end, step)
-        return self._regression.of(found.path.at(t), np.full(len(t), step))
-
-    def best(self, count: int, seed: int, only: Sequence[int] = ()
-             ) -> tuple[Excitation, Information, Approach | None, Array]:
+    def first(self, count: int, seed: int) -> tuple[Excitation, Approach | None]:
         """
-        Return the best motion, what it tells, its nearest approach, and all condition numbers.
+        Return the first motion that keeps all limits, as large as any does, and its approach.
 
         Parameters
         ----------
         count, seed : int
             Motions to draw, and their seed.
-        only : sequence of int
-            Joints that it is for; empty for all.
 
         Raises
         ------
@@ -239,27 +222,13 @@ class MotionSearch:
 
         """
         rng = np.random.default_rng(seed)
-        drawn = []
-        for _ in range(count):
-            one = self._motions.draw(rng)
-            told = self.information(self._motions.motion(one))
-            drawn.append((told.merit(only), told.condition, one))
-        drawn.sort(key=lambda x: -x[0])
-        found: tuple[float, RandomMotion, float] | None = None
-        for merit, _, one in drawn:
-            if found is not None and found[0] >= merit:
-                break
-            size = next((x for x in _SMALLER if not self._beyond(one, x)), None)
-            if size is not None:
-                kept = self.information(self._motions.motion(one, size)).merit(only)
-                if found is None or kept > found[0]:
-                    found = kept, one, size
-        if found is None or found[0] == -inf:
-            raise CtcError(self._beyond(drawn[0][2], _SMALLER[-1])
-                           or 'no motion moves all joints')
-        motion, nearest = self._kept(*found[1:])
-        return (motion, self.information(motion), nearest,
-                np.array([condition for _, condition, _ in drawn]))
+        drawn = [self._motions.draw(rng) for _ in range(count)]
+        for size in _SMALLER:
+            for one in drawn:
+                refusal = self._beyond(one, size)
+                if not refusal:
+                    return self._kept(one, size)
+        raise CtcError(refusal)
 
     def _beyond(self, drawn: RandomMotion, size: float) -> str:
         """Return which limit a motion does not keep; empty if it keeps all."""
@@ -330,16 +299,10 @@ class Plan:
         As it is played.
     effort : ndarray
         Largest torques [N·m]; inf for unlimited.
-    information : Information
-        What it tells of friction and parameters.
-    conditions : ndarray, shape (m,)
-        Condition numbers of the random motions.
-    widened : ndarray
-        By how much the interval of Coulomb friction is wider than with all else known.
     checked : Checked
         Distances of links.
     near : Approach or None
-        Where links have the least to spare, of samples of 2 ms.
+        Where links have the least to spare, of samples of 5 ms.
     kp, kv : ndarray
         Gains to play it with [1/s², 1/s]; of a matrix in the file, the diagonal counts.
     hold : ndarray
@@ -352,9 +315,6 @@ class Plan:
     excitation: Excitation
     motion: Played
     effort: Array
-    information: Information
-    conditions: Array
-    widened: Array
     checked: Checked
     near: Approach | None
     kp: Array
@@ -382,10 +342,8 @@ def request_of(setup: Setup, values: Values) -> ExcitationConfig:
         'center': [center[name] for name in names], **values})
 
 
-@checked(setup=Setup, request=(Mapping, type(None)), friction=(Sequence, type(None)), srdf=str,
-         floor=(Real, type(None)), joints=Sequence)
 def excite(setup: Setup, request: Mapping[str, Any] | None = None,
-           friction: Sequence[float] | None = None, evaluations: int = 200, seed: int = 0,
+           friction: Sequence[float] | None = None, evaluations: int = 20, seed: int = 0,
            srdf: str = '', floor: float | None = None, joints: Sequence[str] = ()) -> Plan:
     """
     Return a motion that shows the friction of every joint within the robot's limits.
@@ -401,7 +359,7 @@ def excite(setup: Setup, request: Mapping[str, Any] | None = None,
     friction : sequence of float, length n, optional
         Coulomb friction to expect, in place of the plant's [N·m].
     evaluations, seed : int
-        Random motions, of which the best is taken, and their seed.
+        Random motions, of which the first that keeps all limits is taken, and their seed.
     srdf : str
         Text of an SRDF: links that it allows to touch are not checked for collisions.
     floor : float, optional
@@ -412,7 +370,7 @@ def excite(setup: Setup, request: Mapping[str, Any] | None = None,
     Returns
     -------
     Plan
-        The motion with its peaks, condition number and distances; for `write_excitation`.
+        The motion with its peaks and distances; for `write_excitation`.
 
     Raises
     ------
@@ -421,7 +379,6 @@ def excite(setup: Setup, request: Mapping[str, Any] | None = None,
 
     """
     evaluations, seed = whole('evaluations', evaluations, 1), whole('seed', seed, 0)
-    check_each('joints', joints, str)
     config = request_of(setup, dict(request or {}))
     names, plant, controller = config.joint_names, setup.plant, setup.controller
     for name in joints:
@@ -443,25 +400,16 @@ def excite(setup: Setup, request: Mapping[str, Any] | None = None,
     only = [names.index(name) for name in joints]
     share = np.where(np.isin(np.arange(len(names)), only), 1.0, _OTHERS) if only else None
     motions = RandomMotions(config, bounds, share)
-    regression = Regression(model, bounds, _noise(motions, model, assumed, seed))
-    found, told, approach, conditions = MotionSearch(
-        motions, regression, model, assumed, effort, kept.links).best(evaluations, seed, only)
+    found, approach = MotionSearch(motions, model, assumed, effort, kept.links).first(
+        evaluations, seed)
     motion = played(found.path, model, assumed)
     slow = [round((a + b) / 2.0 / (motion.t[1] - motion.t[0])) for a, b in found.slow]
     kp, kv = (matrix(x, model.n).diagonal() for x in (controller.kp, controller.kv))
     hold = sticking(model, motion.q[slow], kp, assumed)
     delay = controller.control_period * (1 + controller.input_delay)
     higher, kv = gains(kp, kv, hold, bounds.slow, delay)
-    widened = told.inflation()[:2 * model.n].reshape(2, -1).max(axis=0)
-    return Plan(limits, bounds, found, motion, effort, told, conditions, widened, kept,
-                approach, higher, kv, hold * kp / higher)
-
-
-def _noise(motions: RandomMotions, model: Model, friction: AssumedFriction, seed: int) -> Array:
-    """Return what torques are weighted by: those of a random motion, shape (n,) [N·m]."""
-    motion = motions.motion(motions.draw(np.random.default_rng(seed)))
-    found = np.sqrt(np.square(played(motion.path, model, friction, 0.2).tau).mean(axis=0))
-    return np.asarray(np.maximum(found, 1e-6 * found.max()))
+    return Plan(limits, bounds, found, motion, effort, kept, approach, higher, kv,
+                hold * kp / higher)
 
 
 def _checked(setup: Setup, config: ExcitationConfig, allowed: Collection[frozenset[str]],
@@ -524,7 +472,6 @@ def write(found: Plan, sections: Mapping[str, Values], out: Path) -> None:
     parameter_file.load(out / RUN)
 
 
-@checked(found=Plan, setup=Setup, out=(str, Path))
 def write_excitation(found: Plan, setup: Setup, out: str | Path) -> None:
     """
     Write a motion, and a parameter file that plays it.

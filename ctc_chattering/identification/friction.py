@@ -517,6 +517,10 @@ def _alike(projected: Projected, found: Explanation, options: Sequence[Cause], l
     return tuple(others)
 
 
+#: Part of friction that no interval is shorter than: so well models are evaluated along a motion.
+_TRUSTED = 1e-4
+
+
 @dataclasses.dataclass(frozen=True)
 class JointFriction:
     """
@@ -555,15 +559,19 @@ def joint_friction(selected: Selected, i: int) -> JointFriction:
     def number(kind: TermKind, unit: str) -> Estimate:
         for term in terms:
             if (term.kind, term.joint) == (kind, i):
-                return Estimate(*selected.interval(term), unit)
+                return estimate({term: 1.0}, unit)
         return Estimate.none(missing.get((kind, i), NONE))
+
+    def estimate(weights: Mapping[Term, float], unit: str) -> Estimate:
+        value, half = selected.combined(weights)
+        size = sum(abs(x * selected.fit.of(term)) for term, x in weights.items())
+        return Estimate(value, half + _TRUSTED * size, unit)
 
     forwards, backwards = number(TermKind.FORWARDS, 'N*m'), number(TermKind.BACKWARDS, 'N*m')
     both = forwards.value is not None and backwards.value is not None
     if both:
         a, b = Term(TermKind.FORWARDS, i), Term(TermKind.BACKWARDS, i)
-        coulomb = Estimate(*selected.combined({a: 0.5, b: 0.5}), 'N*m')
-        offset = Estimate(*selected.combined({a: 0.5, b: -0.5}), 'N*m')
+        coulomb, offset = (estimate({a: 0.5, b: sign}, 'N*m') for sign in (0.5, -0.5))
     else:
         reason = forwards.reason or backwards.reason
         coulomb = offset = Estimate.none(reason)

@@ -26,7 +26,7 @@ from typing import Any
 
 from ctc_chattering.analysis.compilation import compile_setups, has_compiler
 from ctc_chattering.analysis.output import check_format, prepare, write_json, write_text, writing
-from ctc_chattering.arguments import check_each, checked, vector, whole
+from ctc_chattering.arguments import check_some, vector, whole
 from ctc_chattering.bags.recording import RecordedMotion, Recording
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.dynamics.corrected_urdf import corrected_urdf, with_payload
@@ -217,10 +217,6 @@ class IdentifiedRobot:
             shared, self.robot.gains)
 
 
-@checked(motions=Sequence, validation=(RecordedMotion, type(None)), model=str, urdf=str,
-         gravity=(Real, type(None)), torque=str, side=str, torque_rate=Sequence,
-         gear_ratio=(Real, Sequence, type(None)), torque_constant=(Real, Sequence, type(None)),
-         payloads=Sequence)
 def identify(motions: Sequence[RecordedMotion], validation: RecordedMotion | None = None,
              model: str = '', urdf: str = '', gravity: float | None = None, torque: str = '',
              side: str = '', torque_rate: Sequence[float] = (), gear_ratio: PerJoint = None,
@@ -269,7 +265,7 @@ def identify(motions: Sequence[RecordedMotion], validation: RecordedMotion | Non
         joint moves.
 
     """
-    check_each('motions', motions, RecordedMotion, 1)
+    check_some('motions', motions)
     for name, value, allowed in (('torque', torque, ('', 'command', 'effort')),
                                  ('side', side, ('', 'motor', 'link', 'current'))):
         if value not in allowed:
@@ -358,7 +354,6 @@ def _corrected(recordings: Sequence[Recording], robot: RobotModel, torque: str, 
     return (found, robot) if better is None else (better, other)
 
 
-@checked(identified=IdentifiedRobot, out=(str, Path), show=Callable, command=str)
 def write_identified(identified: IdentifiedRobot, out: str | Path, trials: int | None = None,
                      seed: int = 1, show: Callable[[str], None] = print, extra: str = 'svg',
                      command: str = '') -> IdentifiedRobot:

@@ -31,9 +31,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 import dataclasses
 from enum import Enum
-from math import cos, sin
 from typing import NamedTuple
-import xml.etree.ElementTree as ElementTree
 
 from ctc_chattering.bags.recording import Indices
 from ctc_chattering.dynamics.corrected_urdf import with_payload
@@ -137,26 +135,6 @@ class ErrorColumns:
         found: Array = self.basis.T @ (x.T / self.sizes).T
         return found
 
-    def directions(self, others: Sequence[Model]) -> list[Array | None]:
-        """Return x of other models less this one, shape (p + n + 3,); None for no such x."""
-        if not others:
-            return []
-        rng = np.random.default_rng(1)
-        rows, right = [], []
-        own = self.model
-        assert isinstance(own, Model)
-        for q, dq, ddq in rng.normal(size=(_STATES, 3, own.n)):
-            state = q.tolist(), dq.tolist(), ddq.tolist()
-            rows.append(self._torque(q, dq, ddq)[:, :self.count] * self.sizes[:self.count])
-            right.append(np.column_stack([
-                np.subtract(other.inverse_dynamics(*state), own.inverse_dynamics(*state))
-                for other in others]))
-        design, y = np.concatenate(rows), np.concatenate(right)
-        found = np.linalg.lstsq(design, y, rcond=1e-9)[0]
-        off = np.abs(design @ found - y).max(axis=0) > 1e-6 * np.abs(y).max(axis=0)
-        return [None if bad else np.append(x * self.sizes[:self.count], np.zeros(own.n + 3))
-                for x, bad in zip(found.T, off)]
-
     def weak(self, place: Array, dq: Array, moved: Array, phi: TestFunction,
              centres: Indices) -> Array:
         """
@@ -215,77 +193,14 @@ class ModelError(NamedTuple):
         Link, or `payload`.
     unit : str
         Of the coefficient: '' for a part of the link's mass, kg for a payload.
-    model : Model
-        With a coefficient of 1.
+    change : ndarray, shape (p,)
+        Of the model's inertial parameters for a coefficient of 1.
 
     """
 
     name: str
     unit: str
-    model: Model
-
-
-class _TwoLinkHeavier(Model):
-    """
-    The paper's arm with a heavier link, or a ball at its end.
-
-    The paper's numbers do not say how the mass is shared. Link 2 is taken as a uniform rod: from
-    its first moment 0.63 kg m and its moment of inertia 0.62 kg m² follow a length of 1.476 m and
-    0.854 kg; it hangs at 0.51 / 0.63 = 0.81 m of link 1.
-
-    Parameters
-    ----------
-    model : TwoLink
-        The arm.
-    first, second, load : float
-        By how much link 1 and link 2 are heavier, as a part; mass at the end [kg].
-
-    """
-
-    n = 2
-    LENGTH_1 = 0.51 / 0.63
-    LENGTH_2 = 1.5 * 0.62 / 0.63
-    MASS_2 = 0.63 / (0.75 * 0.62 / 0.63)
-
-    def __init__(self, model: TwoLink, first: float = 0.0, second: float = 0.0,
-                 load: float = 0.0) -> None:
-        self._arm, self.gravity = model, model.gravity
-        a, b = self.LENGTH_1, self.LENGTH_2
-        carried = self.MASS_2 * a * a
-        #: M is [[a + 2 k cos q2, ...], ...]: constants, then what goes with cos q2.
-        self._m11 = first * (8.77 - carried - 0.62) + second * (carried + 0.62) + load * (
-            a * a + b * b)
-        self._m12 = second * 0.76 + load * b * b
-        self._m22 = second * 0.62 + load * b * b
-        self._k = second * 0.51 + load * a * b
-        self._g1 = model.gravity * (
-            first * (7.6 - self.MASS_2 * a) + second * self.MASS_2 * a + load * a)
-        self._g2 = model.gravity * (second * 0.63 + load * b)
-
-    def mass_matrix(self, q: Sequence[float]) -> Sequence[Sequence[float]]:
-        """Return M(q), shape (2, 2)."""
-        (m11, m12), (_, m22) = self._arm.mass_matrix(q)
-        c = self._k * cos(q[1])
-        m12 += self._m12 + c
-        return ((m11 + self._m11 + 2.0 * c, m12), (m12, m22 + self._m22))
-
-    def coriolis_matrix(self, q: Sequence[float], dq: Sequence[float]
-                        ) -> Sequence[Sequence[float]]:
-        """Return C(q, dq), shape (2, 2)."""
-        (c11, c12), (c21, _) = self._arm.coriolis_matrix(q, dq)
-        k = self._k * sin(q[1])
-        return ((c11 - k * dq[1], c12 - k * (dq[0] + dq[1])), (c21 + k * dq[0], 0.0))
-
-    def gravity_torque(self, q: Sequence[float]) -> Sequence[float]:
-        """Return G(q), shape (2,)."""
-        g1, g2 = self._arm.gravity_torque(q)
-        both = self._g2 * sin(q[0] + q[1])
-        return (g1 + self._g1 * sin(q[0]) + both, g2 + both)
-
-    def potential_energy(self, q: Sequence[float]) -> float:
-        """Return the potential energy, 0 where both links hang down [J]."""
-        return (self._arm.potential_energy(q) + self._g1 * (1.0 - cos(q[0]))
-                + self._g2 * (1.0 - cos(q[0] + q[1])))
+    change: Array
 
 
 def candidates(model: Model, description: str = '',
@@ -304,67 +219,47 @@ def candidates(model: Model, description: str = '',
 
     """
     if isinstance(model, TwoLink):
-        return [ModelError('link 1', '', _TwoLinkHeavier(model, first=1.0)),
-                ModelError('link 2', '', _TwoLinkHeavier(model, second=1.0)),
-                ModelError('payload', 'kg', _TwoLinkHeavier(model, load=1.0))]
-    joints: Sequence[str] = getattr(model, 'joint_names', ())
-    if not (joints and description):
+        return _two_link()
+    if not (isinstance(model, UrdfModel) and description):
         return []
-    from ctc_chattering.dynamics.urdf_model import UrdfModel
-
-    def made(text: str) -> Model:
-        return UrdfModel(text, joints, getattr(model, 'gravity', 9.81),
-                         locked)
-    found = [ModelError(name, '', made(text))
-             for name, text in heavier_links(description, joints)]
-    outwards = [name for name in Tree(description).ends if name in joints]
-    return [*found, ModelError('payload', 'kg', made(with_payload(description, outwards, 1.0)))]
-
-
-def heavier_links(description: str, joints: Sequence[str], factor: float = 2.0
-                  ) -> list[tuple[str, str]]:
-    """
-    Return name and URDF with `factor` times the mass, for the body that each joint moves.
-
-    Links that are fixed to each other are one body, named after its heaviest link.
-    """
-    tree = Tree(description)
+    tree, joints, own = Tree(description), model.joint_names, model.inertial_parameters()
     found = []
-    for joint in joints:
-        body = _body(tree, tree.ends[joint][1], joints)
-        masses = {name: _mass(tree.links[name]) for name in body}
-        if sum(masses.values()) > 0.0:
-            found.append((max(masses, key=lambda name: masses[name]),
-                          _scaled(description, body, factor)))
-    return found
+    for i, joint in enumerate(joints):
+        if own[10 * i] > 0.0:
+            mine = np.arange(len(own)) // 10 == i
+            found.append(ModelError(_heaviest(tree, joint, joints), '', np.where(mine, own, 0.0)))
+    outwards = [name for name in tree.ends if name in joints]
+    loaded = UrdfModel(with_payload(description, outwards, 1.0), joints, model.gravity, locked)
+    return [*found, ModelError('payload', 'kg', loaded.inertial_parameters() - own)]
 
 
-def _body(tree: Tree, link: str, joints: Sequence[str]) -> list[str]:
-    """Return the links that move with `link`."""
-    found = [link]
+def _two_link() -> list[ModelError]:
+    """
+    Return the errors of the paper's arm.
+
+    Its numbers do not say how the mass is shared. Link 2 is taken as a uniform rod: from its first
+    moment 0.63 kg m and its moment of inertia 0.62 kg m² follow its length b and its mass; it
+    hangs at the end of link 1, of length a.
+    """
+    a, b = 0.51 / 0.63, 1.5 * 0.62 / 0.63
+    mass = 0.63 / (0.5 * b)
+    second = np.array((mass * a * a + 0.62, 0.76, 0.62, 0.51, mass * a, 0.63))
+    first = np.array((8.77 - second[0], 0.0, 0.0, 0.0, 7.6 - second[4], 0.0))
+    return [ModelError('link 1', '', first), ModelError('link 2', '', second),
+            ModelError('payload', 'kg', np.array((a * a + b * b, b * b, b * b, a * b, a, b)))]
+
+
+def _heaviest(tree: Tree, joint: str, joints: Sequence[str]) -> str:
+    """Return the heaviest of the links that move with the one that a joint carries."""
+    body = [tree.ends[joint][1]]
     for name, (parent, child) in tree.ends.items():
-        if parent in found and name not in joints:
-            found.append(child)
-    return found
+        if parent in body and name not in joints:
+            body.append(child)
 
-
-def _mass(link: ElementTree.Element) -> float:
-    mass = link.find('inertial/mass')
-    return 0.0 if mass is None else float(mass.get('value', '0'))
-
-
-def _scaled(description: str, links: Sequence[str], factor: float) -> str:
-    """Return a URDF with `factor` times the mass and inertia of some links."""
-    root = ElementTree.fromstring(description.encode())
-    for link in root.iter('link'):
-        if link.get('name') in links:
-            for element, keys in ((link.find('inertial/mass'), ('value',)),
-                                  (link.find('inertial/inertia'),
-                                   ('ixx', 'ixy', 'ixz', 'iyy', 'iyz', 'izz'))):
-                if element is not None:
-                    for key in keys:
-                        element.set(key, repr(factor * float(element.get(key, '0'))))
-    return ElementTree.tostring(root, encoding='unicode')
+    def mass(link: str) -> float:
+        element = tree.links[link].find('inertial/mass')
+        return 0.0 if element is None else float(element.get('value', '0'))
+    return max(body, key=mass)
 
 
 #: In place of an index: of all joints, or all masses.
@@ -504,9 +399,9 @@ def causes(columns: ErrorColumns | None, joints: int, candidates: Sequence[Model
     p, sizes = columns.count, columns.sizes
     found = [*scales, *(Cause(CauseKind.ROTOR, i, sizes[p + i:p + i + 1]) for i in range(joints))]
     found.append(Cause(CauseKind.ROTOR, ALL, sizes[p:p + joints]))
-    for k, direction in enumerate(columns.directions([x.model for x in candidates])):
-        if direction is not None:
-            found.append(Cause(CauseKind.LINK, k, np.full(1, 0.1), direction))
+    found += [Cause(CauseKind.LINK, k, np.full(1, 0.1),
+                    np.append(x.change, np.zeros(len(sizes) - p)))
+              for k, x in enumerate(candidates)]
     found.append(Cause(CauseKind.MASSES, ALL, np.full(1, 0.1)))
     across = columns.across()
     found.append(Cause(CauseKind.GRAVITY, ALL, np.array([0.1, 0.01 if len(across) else 0.1]),

@@ -30,7 +30,6 @@ from ctc_chattering.analysis.tables import fitted, paragraph, shown, Table, with
 from ctc_chattering.bags.recording import Recording, stretches
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.errors import CtcError
-from ctc_chattering.identification.bodies import base_parameters, BaseParameter
 from ctc_chattering.identification.drive_torque import has
 from ctc_chattering.identification.findings import (
     ALL_JOINTS,
@@ -280,13 +279,6 @@ class IdentificationResults:
     validation: Validation | None
 
     @cached_property
-    def base(self) -> list[BaseParameter]:
-        """Return the base parameters; none without a URDF."""
-        found = self.found
-        return [] if found.bodies is None or found.columns is None else base_parameters(
-            found.bodies, found.columns.model, found.joints)
-
-    @cached_property
     def verdicts(self) -> list[Verdict]:
         """Return what the numbers of each joint are good for."""
         more = self.validation.findings(self.recommended.ka) if self.validation else ()
@@ -295,13 +287,6 @@ class IdentificationResults:
     def tables(self) -> Iterator[tuple[str, list[list[str]]]]:
         """Yield headings and tables, the first row of each having the names of the columns."""
         return tables(self.found, self.verdicts, self.run, self.recommended)
-
-    def base_table(self) -> Table | None:
-        """Return the table of the base parameters, which are many; None without a URDF."""
-        return Table('Inertial parameters that have a torque', [
-            'body', 'combination', 'of the model', 'identified'], [
-                [x.body, str(x), f'{x.known:.4g}', _together(cell(x.found))]
-                for x in self.base], 2) if self.base else None
 
     def verdict_lines(self) -> Iterator[str]:
         """Yield lines of the verdicts, and before them the reasons that all joints share."""
@@ -411,7 +396,6 @@ class IdentificationResults:
                 ('torque_scale', 'scale'), ('rotor_inertia_kgm2', 'rotor'),
                 ('torque_rate_nm_per_s', 'rate'))},
             'gravity_mps2': [x.as_mapping() for x in found.tilt],
-            'base_parameters': [x.as_mapping() for x in self.base],
             'model_errors': [{'name': error.name, 'unit': error.unit, **number.as_mapping()}
                              for error, number in found.errors],
             'peak_perturbation_nm': self._usable(self.run.peak.tolist()),
@@ -474,16 +458,12 @@ def write_page(report: IdentificationResults, figures: Sequence[FigureFile], pat
     """
     numbers = [Table(title, head, [[_together(x) for x in row] for row in rows], 1)
                for title, (head, *rows) in report.tables()]
-    base = report.base_table()
     shared = [page.Note(f'All joints are {WORDS[x]}: {reason}')
               for x in (Severity.REFUSED, Severity.CARE)
               for reason in of_all_joints(report.verdicts, x)]
-    folded = [page.Folded(f'{base.title}: {len(base.rows)}', [base._replace(title='')])
-              ] if base else []
     sections = [
         page.Section('Verdicts', [*shared, page.Cards(list(map(_card, report.verdicts)))]),
-        page.Section('Numbers', [*numbers, *(page.Listing(*x) for x in report.sentences()),
-                                 *folded]),
+        page.Section('Numbers', [*numbers, *(page.Listing(*x) for x in report.sentences())]),
         page.Section('Figures', figures)]
     page.write_page(path, f'Friction and gains from {report.source}',
                     f'{next_step(report.verdicts)} {_LEAD}', sections,

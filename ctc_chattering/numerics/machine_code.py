@@ -25,7 +25,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 import ctypes
-from functools import lru_cache
+from functools import cached_property, lru_cache
 import hashlib
 import os
 from pathlib import Path
@@ -47,8 +47,8 @@ HOW_TO_COMPILE = ('running in plain Python; `ctc compile` with the same file mak
                   'times as fast: about 30 s, once')
 #: How steps are computed, without and with machine code.
 PLAIN_PYTHON, MACHINE_CODE = 'plain Python', 'machine code'
-#: Loaded code, which must not be freed.
-_LOADED: list[Any] = []
+#: Address of the code of each file that is loaded, and what keeps it there.
+_LOADED: dict[Path, tuple[int, Any]] = {}
 
 
 class Layout(NamedTuple):
@@ -78,10 +78,11 @@ def _places(argument: Any) -> Iterator[int]:
     if isinstance(argument, tuple):
         for part in argument:
             yield from _places(part)
-    else:
-        yield argument.__array_interface__['data'][0]
-        if isinstance(argument, np.ndarray):
-            yield len(argument)
+    elif isinstance(argument, np.ndarray):
+        yield argument.ctypes.data
+        yield len(argument)
+    else:  # The interface of a record describes all its fields, at each call anew.
+        yield np.frombuffer(argument, np.uint8).ctypes.data
 
 
 class Code:
@@ -105,7 +106,7 @@ class Code:
         self.function, self.name = function, name
         self.layouts = tuple(map(layout, arguments))
 
-    @property
+    @cached_property
     def path(self) -> Path:
         """Return the file of the machine code."""
         return cache_directory() / f'{self.name}-{_key(self.function, self.layouts)}.o'
@@ -114,7 +115,7 @@ class Code:
     def compiled(self) -> bool:
         """Whether there is machine code, undamaged, and what is needed to load it."""
         with suppress(ImportError, OSError, CtcError):
-            return _intact(self.path, self.path.stat().st_mtime_ns)
+            return self.path in _LOADED or _intact(self.path, self.path.stat().st_mtime_ns)
         return False
 
     def keep(self, symbol: str, machine_code: bytes) -> None:
@@ -126,7 +127,9 @@ class Code:
 
     def address(self) -> int:
         """Return where the machine code is."""
-        return _load(self.path)
+        if self.path not in _LOADED:
+            _LOADED[self.path] = _load(self.path)
+        return _LOADED[self.path][0]
 
 
 class Call:
@@ -143,7 +146,6 @@ class Call:
     """
 
     def __init__(self, code: Code, arguments: tuple[Any, ...]) -> None:
-        assert tuple(map(layout, arguments)) == code.layouts
         self._kept = arguments
         #: Address of the function, and those of its arguments.
         self.function = code.address()
@@ -245,9 +247,8 @@ def _intact(path: Path, _written: int) -> bool:
     return _content(path) is not None
 
 
-@lru_cache
-def _load(path: Path) -> int:
-    """Return the address of the function in a file of `Code.keep`."""
+def _load(path: Path) -> tuple[int, Any]:
+    """Return the address of the function in a file of `Code.keep`, and what keeps it there."""
     from llvmlite import binding
     content = _content(path)
     if content is None:
@@ -263,5 +264,4 @@ def _load(path: Path) -> int:
     engine = binding.create_mcjit_compiler(binding.parse_assembly(''), machine)
     engine.add_object_file(binding.ObjectFileRef.from_data(machine_code))
     engine.finalize_object()
-    _LOADED.append(engine)
-    return int(engine.get_function_address(symbol.decode()))
+    return int(engine.get_function_address(symbol.decode())), engine

@@ -57,7 +57,7 @@ def in_lists(record: Any) -> Any:
 
 def store(fields: Any, value: Any) -> None:
     """Write a record back into the fields that it was loaded from."""
-    for name, x in _flat(value, ''):
+    for name, x in zip(_names(_form(value), ''), _leaves(value)):
         fields[name] = x
 
 
@@ -73,10 +73,19 @@ def write(field: Any, x: Any) -> None:
 
 def packed(value: Any) -> Any:
     """Return the numbers of a record, and of those in it, as a NumPy record for `load`."""
-    kinds = {name: np.zeros((), np.int8) for name in _marks(value, '')}
-    return numpy_record(
-        {**{name: np.asarray(x, np.int64 if type(x) is int else float)
-            for name, x in _flat(value, '')}, **kinds})
+    values = [np.asarray(x, np.int64 if type(x) is int else float) for x in _leaves(value)]
+    made = np.zeros(1, _packed_layout(_form(value), tuple((x.dtype, x.shape) for x in values)))
+    marks = len(made.dtype.names) - len(values)
+    made[0] = *values, *(0,) * marks
+    return made[0]
+
+
+@lru_cache(256)
+def _packed_layout(form: tuple[Any, ...], kinds: tuple[tuple[Any, tuple[int, ...]], ...]) -> Any:
+    """Return the layout of a record of `_form` with numbers of these types and shapes."""
+    names = _names(form, '')
+    marks = tuple((name, np.dtype(np.int8), ()) for name in _marks(form, ''))
+    return _layout((*((name, *kind) for name, kind in zip(names, kinds)), *marks))
 
 
 def record_of(values: Any) -> Any:
@@ -98,12 +107,18 @@ def _layout(fields: tuple[tuple[str, Any, tuple[int, ...]], ...]) -> Any:
     return np.dtype((np.record, np.dtype(list(fields), align=True)))
 
 
-def _marks(part: Any, prefix: str) -> Iterator[str]:
+def _form(part: Any) -> tuple[Any, ...]:
+    """Return the class of a record, and for each of its fields the form, or None for numbers."""
+    return type(part), *(_form(x) if type(x) in compilable.RECORDS else None for x in part)
+
+
+def _marks(form: tuple[Any, ...], prefix: str) -> Iterator[str]:
     """Yield names of fields that say of which class a record is, and those in it."""
-    yield f'{prefix}{_IS}{_name(type(part))}'
-    for name, x in zip(part._fields, part):
-        if type(x) in compilable.RECORDS:
-            yield from _marks(x, f'{prefix}{name}__')
+    kind, *parts = form
+    yield f'{prefix}{_IS}{_name(kind)}'
+    for name, part in zip(kind._fields, parts):
+        if part is not None:
+            yield from _marks(part, f'{prefix}{name}__')
 
 
 def kinds_of(names: Iterable[str]) -> dict[str, Any]:
@@ -117,10 +132,20 @@ def _name(kind: type) -> str:
     return f'{kind.__module__}.{kind.__qualname__}'
 
 
-def _flat(part: Any, prefix: str) -> Iterator[tuple[str, Any]]:
-    """Yield the fields of a record, and of those in it, with their names in a NumPy record."""
-    for name, x in zip(part._fields, part):
-        if type(x) in compilable.RECORDS:
-            yield from _flat(x, f'{prefix}{name}__')
+def _names(form: tuple[Any, ...], prefix: str) -> Iterator[str]:
+    """Yield the names of the numbers of a record, and of those in it, in a NumPy record."""
+    kind, *parts = form
+    for name, part in zip(kind._fields, parts):
+        if part is None:
+            yield prefix + name
         else:
-            yield prefix + name, x
+            yield from _names(part, f'{prefix}{name}__')
+
+
+def _leaves(part: Any) -> Iterator[Any]:
+    """Yield the numbers of a record, and of those in it, in the order of `_names`."""
+    for x in part:
+        if type(x) in compilable.RECORDS:
+            yield from _leaves(x)
+        else:
+            yield x

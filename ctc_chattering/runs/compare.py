@@ -23,7 +23,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from ctc_chattering.analysis.compilation import compile_setups
-from ctc_chattering.arguments import check_each, checked, whole
+from ctc_chattering.arguments import whole
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.configuration.loop_setup import Overrides, Setup
 from ctc_chattering.configuration.package_share import find_config
@@ -229,8 +229,6 @@ def merged(*parts: Overrides) -> Overrides:
             for node in nodes}
 
 
-@checked(**dict.fromkeys(('files', 'laws', 'conditions'), Sequence), gains=str,
-         runner=Callable, show=Callable, progress=(Callable, type(None)))
 def compare(files: Sequence[str | Path], laws: Sequence[str] = LAWS,
             conditions: Sequence[str] = (), gains: str = FILE, held_out: int = 0,
             seed: int = SEED, jobs: int = 1, runner: Runner = over_simulation,
@@ -275,8 +273,6 @@ def compare(files: Sequence[str | Path], laws: Sequence[str] = LAWS,
         are compared has no numbers.
 
     """
-    for kind, values in (('files', files), ('laws', laws)):
-        check_each(kind, values, (str, Path) if kind == 'files' else str)
     for name in laws:
         if name not in LAWS:
             raise ParameterError('laws', name, ' | '.join(LAWS) + near(name, LAWS))

@@ -39,7 +39,7 @@ from ctc_chattering.analysis.output import (
 )
 from ctc_chattering.analysis.run_names import LAW_COLOURS
 from ctc_chattering.analysis.tables import bold, csv_text, markdown, markdown_table, Table
-from ctc_chattering.arguments import check_each, checked
+from ctc_chattering.arguments import check_some
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.runs.compare import BASE, BEST, Outcome, RECOMMENDED, Variant
 from matplotlib.figure import Figure
@@ -312,7 +312,6 @@ _LEAD = ('Every law with the same motion on the same robot: position error and t
          'joint, by the settings and under the conditions that the tables name.')
 
 
-@checked(outcomes=Sequence, out=(str, Path), command=str)
 def write_comparison(outcomes: Sequence[Outcome], out: str | Path, extra: str = 'svg',
                      command: str = '') -> None:
     """
@@ -336,7 +335,7 @@ def write_comparison(outcomes: Sequence[Outcome], out: str | Path, extra: str = 
         If there is no outcome, a file exists already, or cannot be written.
 
     """
-    check_each('outcomes', outcomes, Outcome, 1)
+    check_some('outcomes', outcomes)
     check_format(extra)
     out = prepare(Path(out), NAMES)
     write_text(out / TABLE, to_markdown(outcomes))

@@ -29,7 +29,6 @@ import dataclasses
 from math import inf
 from typing import Any, TYPE_CHECKING
 
-from ctc_chattering.arguments import check_type
 from ctc_chattering.dynamics.registry import model_of
 from ctc_chattering.errors import near, UsageError
 import numpy as np
@@ -176,8 +175,7 @@ def condition(name: str) -> Condition:
 
 def check_conditions(names: Sequence[str]) -> None:
     """Raise `CtcError` unless each is `ALL` or the name of a condition."""
-    for i, name in enumerate(names):
-        check_type(f'conditions[{i}]', name, str)
+    for name in names:
         if name != ALL:
             condition(name)
 

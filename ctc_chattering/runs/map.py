@@ -25,7 +25,7 @@ from typing import Any, TYPE_CHECKING
 
 from ctc_chattering.analysis.compilation import compile_setups
 from ctc_chattering.analysis.output import check_format
-from ctc_chattering.arguments import checked, whole
+from ctc_chattering.arguments import whole
 from ctc_chattering.configuration.package_share import find_config
 from ctc_chattering.control.controller import Controller
 from ctc_chattering.dynamics.registry import model_of
@@ -52,9 +52,6 @@ def map_spec(spec: MapSpec | Mapping[str, Any] | str | Path) -> MapSpec:
     return read_spec(find_config(spec, folder=_FOLDER) if isinstance(spec, str) else spec)
 
 
-@checked(spec=(MapSpec, Mapping, str, Path), out=(str, Path), scheduler=(str, type(None)),
-         overwrite=bool, show=Callable, progress=(Callable, type(None)), extra=str,
-         command=str)
 def compute_map(spec: MapSpec | Mapping[str, Any] | str | Path, out: str | Path, jobs: int = 1,
                 scheduler: str | None = None, overwrite: bool = False,
                 show: Callable[[str], None] = print,

@@ -22,7 +22,6 @@ import tempfile
 
 from ctc_chattering.analysis.output import prepare
 from ctc_chattering.analysis.result import Result
-from ctc_chattering.arguments import checked
 from ctc_chattering.bags.reader import read_bag
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.configuration.loop_setup import Setup
@@ -34,7 +33,6 @@ from ctc_chattering.ros.process import own_domain
 BAGS = 'bags'
 
 
-@checked(out=(str, Path), progress=(Callable, type(None)))
 def reproduce(out: str | Path, progress: Callable[[str, float, float], None] | None = None
               ) -> list[Result]:
     """

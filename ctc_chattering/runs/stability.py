@@ -34,7 +34,6 @@ from typing import Any, NamedTuple
 
 from ctc_chattering.analysis import drawing
 from ctc_chattering.analysis.tables import rounded
-from ctc_chattering.arguments import checked
 from ctc_chattering.configuration.loop_setup import Setup
 from ctc_chattering.control.control_step import step
 from ctc_chattering.control.controller import Controller
@@ -543,7 +542,6 @@ class Margins:
     error_gain: float | None
 
 
-@checked(setup=Setup)
 def stability(setup: Setup) -> Margins:
     """
     Return which errors of model, lag and delay the sampled loop stands.

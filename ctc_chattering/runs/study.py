@@ -32,7 +32,7 @@ from typing import Any, NamedTuple
 from ctc_chattering.analysis.compilation import compile_setups
 from ctc_chattering.analysis.markup import fragment, Markup
 from ctc_chattering.analysis.tables import bold, csv_text, Table
-from ctc_chattering.arguments import checked, whole
+from ctc_chattering.arguments import whole
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.configuration.loop_setup import Setup
 from ctc_chattering.configuration.package_share import config_directory
@@ -361,7 +361,6 @@ def law_tables(outcomes: Sequence[CaseOutcome]) -> Iterator[Table]:
     yield Table('', ['case', *laws], lines)
 
 
-@checked(laws=bool, groups=Sequence, show=Callable, progress=(Callable, type(None)))
 def study(laws: bool = False, groups: Sequence[str] = (), jobs: int = 1,
           show: Callable[[str], None] = print,
           progress: Callable[[int, int], None] | None = None) -> list[CaseOutcome]:

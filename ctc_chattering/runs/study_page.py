@@ -32,7 +32,7 @@ from ctc_chattering.analysis.page import Folded, Section, write_page
 from ctc_chattering.analysis.result import simulate
 from ctc_chattering.analysis.run_names import LAW_COLOURS
 from ctc_chattering.analysis.tables import markdown, markdown_table, Table
-from ctc_chattering.arguments import check_each, checked
+from ctc_chattering.arguments import check_some
 from ctc_chattering.control.controller_config import LAWS
 from ctc_chattering.control.switching import SWITCHINGS
 from ctc_chattering.errors import shortened
@@ -286,7 +286,6 @@ def kind_of(outcomes: Sequence[CaseOutcome]) -> StudyKind:
     return OF_LAWS if outcomes[0].variant in LAWS else OF_SWITCHINGS
 
 
-@checked(outcomes=Sequence, out=(str, Path), command=str)
 def write_study(outcomes: Sequence[CaseOutcome], out: str | Path, extra: str = 'png',
                 command: str = '') -> None:
     """
@@ -310,7 +309,7 @@ def write_study(outcomes: Sequence[CaseOutcome], out: str | Path, extra: str = '
         If there is no outcome, a file exists already, or cannot be written.
 
     """
-    check_each('outcomes', outcomes, CaseOutcome, 1)
+    check_some('outcomes', outcomes)
     check_format(extra)
     kind = kind_of(outcomes)
     out = prepare(Path(out), kind.names)

@@ -21,12 +21,11 @@ from contextlib import contextmanager
 import dataclasses
 from functools import partial
 from itertools import chain, count
-from numbers import Real
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from ctc_chattering.analysis.compilation import compile_setups
-from ctc_chattering.arguments import checked, whole
+from ctc_chattering.arguments import whole
 from ctc_chattering.configuration.loop_setup import Setup
 from ctc_chattering.configuration.yaml_file import read_yaml
 from ctc_chattering.control.controller_config import ControllerConfig
@@ -249,8 +248,6 @@ def tune_spec(spec: TuneSpec | Mapping[str, Any] | str | Path,
         return parse_tune(read_yaml(Path(spec)), Path(spec))
 
 
-@checked(spec=(TuneSpec, Mapping, str, Path), percentile=Real, identified=(str, Path, type(None)),
-         show=Callable, progress=(Callable, type(None)))
 def tune(spec: TuneSpec | Mapping[str, Any] | str | Path, trials: int = 200,
          percentile: float = 95.0, identified: str | Path | None = None, jobs: int = 1,
          show: Callable[[str], None] = print, progress: Progress | None = None) -> Tuning:

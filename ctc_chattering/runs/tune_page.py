@@ -26,7 +26,6 @@ from ctc_chattering.analysis import drawing, page
 from ctc_chattering.analysis.drawing import FigureFile, legend_of
 from ctc_chattering.analysis.output import check_format, finite, prepare, write_text, writing
 from ctc_chattering.analysis.tables import columns, csv_text, number_text, rounded, Table
-from ctc_chattering.arguments import checked
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.runs.search import (
     CONSTRAINTS,
@@ -394,7 +393,6 @@ _LEAD = ('Gains with little error and little torque variation for a robot that i
          'the best compromises of a search, and what they do on draws that it has not seen.')
 
 
-@checked(tuning=Tuning, out=(str, Path), command=str)
 def write_tuning(tuning: Tuning, out: str | Path, extra: str = 'svg', command: str = '') -> None:
     """
     Write parameter files, numbers, figures and page of a search for gains.

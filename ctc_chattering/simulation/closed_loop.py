@@ -21,10 +21,8 @@ from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 import dataclasses
 from itertools import chain
-from numbers import Real
 from typing import Any
 
-from ctc_chattering.arguments import check_each, checked
 from ctc_chattering.control.controller import Controller, ControllerConfig, Sample
 from ctc_chattering.controller.trips import joint_beyond
 from ctc_chattering.dynamics.model import Model
@@ -45,7 +43,6 @@ import numpy.typing as npt
 Array = npt.NDArray[np.float64]
 
 
-@checked(time=Real, node=str, values=Mapping)
 @dataclasses.dataclass(frozen=True)
 class Event:
     """
@@ -72,8 +69,6 @@ class Event:
             raise ParameterError('node', self.node, 'plant | controller')
 
 
-@checked(**dict.fromkeys(('t', 'q', 'dq', 'q_d', 'dq_d', 'ddq_d', 'tau', 'v'), np.ndarray),
-         compiled=bool)
 @dataclasses.dataclass(frozen=True)
 class Run:
     """
@@ -133,9 +128,6 @@ class Run:
         return self.dq_d - self.dq
 
 
-@checked(plant=PlantConfig, controller=ControllerConfig, reference=ReferenceConfig,
-         events=Sequence, truth=bool, route=(Route, type(None)), robot=(Robot, type(None)),
-         model=(Model, type(None)))
 @np.errstate(all='ignore')  # What overflows shows in the torque.
 def simulate(plant: PlantConfig, controller: ControllerConfig, reference: ReferenceConfig,
              events: Sequence[Event] = (),
@@ -172,7 +164,7 @@ def simulate(plant: PlantConfig, controller: ControllerConfig, reference: Refere
         exceeds `error_limit`, or the waypoints are not allowed.
 
     """
-    _check_agreement(plant, controller, reference, events)
+    _check_agreement(plant, controller, reference)
     if not (progress is None or callable(progress)):
         raise ParameterError('progress', progress, 'None or a function of the time [s]')
     if plant.duration <= 0.0:
@@ -282,9 +274,8 @@ def _beyond(config: ControllerConfig, joint: int, t: float, error: float) -> str
 
 
 def _check_agreement(plant: PlantConfig, controller: ControllerConfig,
-                     reference: ReferenceConfig, events: Sequence[Event]) -> None:
+                     reference: ReferenceConfig) -> None:
     """Raise `ParameterError` if the configurations are not for the same loop."""
-    check_each('events', events, Event)
     if controller.joint_names != plant.joint_names:
         raise ParameterError('joint_names of the controller', controller.joint_names,
                              f'those of the plant, {list(plant.joint_names)}')

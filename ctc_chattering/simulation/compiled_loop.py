@@ -17,6 +17,7 @@
 from __future__ import annotations
 
 from copy import copy
+from functools import lru_cache
 from math import cos, isfinite, log, sin
 from random import Random
 from typing import Any, NamedTuple
@@ -221,9 +222,14 @@ def run(p: CompiledPlant, c: Control, given: Any, out: Array, result: Any) -> in
 
 def normal_numbers(random: Random, count: int) -> Array:
     """Return the next `count` numbers of ``random.gauss(0.0, 1.0)``; `random` stays as it is."""
+    return _normal_numbers(random.getstate(), count)
+
+
+@lru_cache(64)  # The runs of a map have the same seeds at every point.
+def _normal_numbers(state: Any, count: int) -> Array:
     if not count:
         return np.zeros(0)
-    _, (*key, position), kept = random.getstate()
+    _, (*key, position), kept = state
     bits = np.random.MT19937()
     bits.state = {'bit_generator': 'MT19937',
                   'state': {'key': np.array(key, np.uint32), 'pos': position}}

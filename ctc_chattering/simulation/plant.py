@@ -19,7 +19,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from math import inf, isfinite
 
-from ctc_chattering.arguments import checked
 from ctc_chattering.dynamics.arm import Arm, arm_of
 from ctc_chattering.dynamics.elastic_model import Elastic
 from ctc_chattering.dynamics.model import Model
@@ -62,7 +61,6 @@ class Plant(Robot):
 
     """
 
-    @checked(config=PlantConfig, model=(Model, type(None)))
     def __init__(self, config: PlantConfig, model: Model | None = None) -> None:
         self.model = self._coupled = model or model_of(config)
         if self.model.n != len(config.joint_names):
@@ -93,7 +91,6 @@ class Plant(Robot):
         super().__init__(config, *maps, longest)
         self.configure(config)
 
-    @checked(config=PlantConfig)
     def configure(self, config: PlantConfig) -> None:
         """Use another friction or disturbance from the next step on."""
         if self._compiled is not None:

@@ -26,7 +26,7 @@ from itertools import pairwise
 from math import isfinite
 from typing import Any, NamedTuple, Protocol, TypeVar
 
-from ctc_chattering.arguments import check_type, checked, whole
+from ctc_chattering.arguments import whole
 from ctc_chattering.errors import ParameterError
 from ctc_chattering.numerics.polynomials import cubic, linear, quintic
 from ctc_chattering.numerics.time_grid import NANOSECONDS, seconds
@@ -66,7 +66,6 @@ class Waypoints:
 
     """
 
-    @checked(times=Sequence, points=Sequence, start=(Sequence, type(None)))
     def __init__(self, times: Sequence[int], points: Sequence[Point],
                  start: tuple[int, Point] | None = None) -> None:
         self._points = _checked(times, points)
@@ -168,7 +167,6 @@ def _checked(times: Sequence[int], points: Sequence[Point], n: int = 0) -> list[
 
 
 def _waypoint(name: str, point: Point, n: int) -> Point:
-    check_type(name, point, Sequence)
     if len(point) != len(_FIELDS):
         raise ParameterError(name, point, ', '.join(_FIELDS))
     rows: list[tuple[float, ...]] = []

@@ -31,7 +31,7 @@ from functools import lru_cache
 from math import ceil, cos, inf, log10, pi, sin
 from typing import ClassVar
 
-from ctc_chattering.arguments import checked, whole
+from ctc_chattering.arguments import whole
 from ctc_chattering.dynamics.registry import MODELS
 from ctc_chattering.errors import CtcError, ParameterError
 from ctc_chattering.numerics.linear_algebra import Array
@@ -118,7 +118,6 @@ class Sinusoid:
 
     """
 
-    @checked(config=ReferenceConfig)
     def __init__(self, config: ReferenceConfig) -> None:
         self._joints = [
             (c, a, 2.0 * pi * f, p) for c, a, f, p in zip(

@@ -279,6 +279,16 @@ def test_a_law_without_gains_takes_those_that_suit_it_and_starts_smoothly() -> N
     refused(lambda: load_parameters('friction', gains='mine'), 'gains', 'mine', 'recommended')
 
 
+def test_a_file_that_names_the_law_and_no_gains_has_those_that_suit_it(tmp_path: Path) -> None:
+    file = tmp_path / 'mine.yaml'
+    file.write_text('controller:\n  ros__parameters: {law: observer_feedback}\n')
+    over, line = with_gains(file, {})
+    assert (over['controller']['kp'], over['controller']['ka'][0] > 20.0) == ((1e4, 1e4), True)
+    assert line.startswith('law observer_feedback takes recommended gains: kp 10000, kv 200, ')
+    file.write_text('controller:\n  ros__parameters: {law: observer_feedback, ka: 60.0}\n')
+    assert with_gains(file, {}) == ({}, '')
+
+
 def test_events_take_gains_as_a_running_node_does() -> None:
     """What a node adds to the law, the simulation must have; gains that events have stay."""
     (_, _, there), (_, _, back) = events(

@@ -34,7 +34,6 @@ from ctc_chattering.identification.results import IdentificationResults, write_p
 from ctc_chattering.identification.sensors import Clock
 from ctc_chattering.identification.trial_runs import missing_gains
 import numpy as np
-import pytest
 
 NAMES = tuple(f'left_manipulator_of_the_second_cell_joint_{k}' for k in range(7))
 #: A number that is only of the joint that is refused.
@@ -143,16 +142,6 @@ def test_notes_and_why_a_number_lacks_stand_below_the_tables() -> None:
     assert f'{NAMES[1]}, {NAMES[3]}, ' in text and f'{NAMES[2]}, ' not in text
     # A bound stands in the table, and needs no sentence.
     assert ' at least 680 ' in text and 'follows commands' not in text
-
-
-def test_the_page_folds_what_is_long(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(IdentificationResults, 'base', [SimpleNamespace(
-        body=f'link{k}', known=1.0, found=Estimate(SECRET, 0.1)) for k in range(48)])
-    page = tmp_path / 'index.html'
-    write_page(results(), [], page, {})
-    folded = page.read_text().partition('<details id')[2].partition('</details>')[0]
-    assert '<summary>Inertial parameters that have a torque: 48</summary>' in folded
-    assert all(f'link{k}<' in folded for k in range(48))
 
 
 def test_a_reason_of_all_joints_is_said_once_where_gains_are_missing() -> None:

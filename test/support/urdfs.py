@@ -16,12 +16,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from functools import cache
 import importlib.metadata
 from pathlib import Path
 import random
 import re
+from xml.etree import ElementTree
 
 PANDA = tuple(f'panda_joint{i}' for i in range(1, 8))
 TWO_LINKS = ('a', 'b')
@@ -139,3 +140,37 @@ BOMBS = {
     + ']><robot name="&i;"/>',
     'size': two_links().replace('</robot>', 10_000_000 * ' ' + '</robot>'),
     'levels': f'<robot name="r">{3000 * "<a>"}{3000 * "</a>"}</robot>', 'bodies': chain(600)}
+
+
+def heavier_links(description: str, joints: Sequence[str], factor: float = 2.0
+                  ) -> list[tuple[str, str]]:
+    """
+    Return name and URDF with `factor` times the mass, for the body that each joint moves.
+
+    Links that are fixed to each other are one body, named after its heaviest link.
+    """
+    found = []
+    for joint in joints:
+        root = ElementTree.fromstring(description.encode())
+        ends = {x.get('name'): (_end(x, 'parent'), _end(x, 'child')) for x in root.iter('joint')}
+        body = [ends[joint][1]]
+        while more := [child for name, (parent, child) in ends.items()
+                       if parent in body and child not in body and name not in joints]:
+            body += more
+        masses = {}
+        for one in root.iter('link'):
+            mass, inertia = one.find('inertial/mass'), one.find('inertial/inertia')
+            if one.get('name') in body and mass is not None and inertia is not None:
+                masses[one.get('name', '')] = float(mass.get('value', '0'))
+                for element in (mass, inertia):
+                    for key, value in element.items():
+                        element.set(key, repr(factor * float(value)))
+        if sum(masses.values()) > 0.0:
+            found.append((max(masses, key=lambda name: masses[name]),
+                          ElementTree.tostring(root, encoding='unicode')))
+    return found
+
+
+def _end(joint: ElementTree.Element, tag: str) -> str:
+    end = joint.find(tag)
+    return '' if end is None else end.get('link', '')

@@ -39,17 +39,13 @@ from ctc_chattering.identification.excite import (
 import numpy as np
 
 DETAILS = ('Slow reversals of every joint at a few poses, where it also creeps, then multisines, '
-           'within the limits of the description: the best of many random motions. Write '
+           'within the limits of the description, all at random. Write '
            'motion.yaml, its waypoints, and run.yaml, the parameter file with this motion under '
            'law compensation. Where the description has collision shapes, links keep their '
            'distance from each other; obstacles around the robot are not known.')
 #: Options that are parameters of the motion.
 _SCALARS = ('duration', 'poses', 'velocity_scale', 'clearance')
 _LISTS = ('center', 'position_range', 'velocity_limit', 'acceleration_limit')
-
-#: Condition number with scaled columns above which the regression says little (Gautier & Khalil,
-#: "Exciting trajectories for the identification of base inertial parameters of robots", 1992).
-_POOR = 100.0
 #: Characters of a line.
 _LINE = 100
 
@@ -78,8 +74,9 @@ def add_options(parser: argparse.ArgumentParser) -> None:
                         help='do not check links that this SRDF allows to touch')
     parser.add_argument('--floor', type=float, metavar='Z',
                         help='height of a floor in the frame of the root link [m]')
-    parser.add_argument('--evaluations', type=int, default=200, metavar='N',
-                        help='random motions, of which the best is taken, default: 200')
+    parser.add_argument('--evaluations', type=int, default=20, metavar='N',
+                        help='random motions, of which the first that keeps all limits is taken, '
+                             'default: 20')
     parser.add_argument('--seed', type=int, default=0, metavar='S',
                         help='seed of the random motions, default: 0')
     parser.add_argument('--for', dest='joints', metavar='A,B',
@@ -141,24 +138,21 @@ def _show(found: Plan) -> None:
     """Print what the motion reaches of what it may, and what is foretold of it."""
     motion, bounds = found.motion, found.bounds
     rows: list[tuple[str, ...]] = [
-        ('joint', 'position', 'velocity', 'accel.', 'torque', 'widened', 'kp', 'kv', 'sticks')]
+        ('joint', 'position', 'velocity', 'accel.', 'torque', 'kp', 'kv', 'sticks')]
     for i, joint in enumerate(found.limits):
         q = motion.q[:, i]
         peaks = zip((np.abs(x[:, i]).max() for x in (motion.dq, motion.ddq, motion.tau)),
                     (bounds.velocity[i], bounds.acceleration[i], found.effort[i]))
         rows.append((
             joint.name, f'{q.min():.2f} to {q.max():.2f}',
-            *(f'{most:.3g}/{limit:.4g}' for most, limit in peaks), f'{found.widened[i]:.1f}',
-            f'{found.kp[i]:g}', f'{found.kv[i]:g}', f'{found.hold[i]:.3f}'))
+            *(f'{most:.3g}/{limit:.4g}' for most, limit in peaks), f'{found.kp[i]:g}',
+            f'{found.kv[i]:g}', f'{found.hold[i]:.3f}'))
     wide = max(map(len, columns([row[1:] for row in rows])))
     print_columns([(_short(row[0], _LINE - 2 - wide), *row[1:]) for row in rows])
     (first, _), (_, last) = found.excitation.slow[0], found.excitation.creep[-1]
     begin, end = found.excitation.sines
     _say(f'slow reversals and creeping at {len(found.excitation.slow)} poses from {first:.1f} to '
          f'{last:.1f} s, multisines from {begin:.1f} to {end:.1f} s')
-    _say(f'condition: {found.information.condition:.3g}, median of {len(found.conditions)} random '
-         f'motions {np.median(found.conditions):.3g}, of {len(found.information.matrix)} '
-         'parameters')
     _show_distances(found)
     _warn(found)
 
@@ -200,7 +194,3 @@ def _warn(found: Plan) -> None:
         _say('warning: friction may hold joints through much of their slow reversals: '
              f'{", ".join(held)}; a greater position_range helps, a higher kp (a shorter '
              'control_period allows it), or a position controller that plays the motion')
-    if found.information.condition > _POOR:
-        _say('warning: the motion hardly separates friction and errors of the model, least on '
-             f'{found.limits[int(found.widened.argmax())].name}: a condition number above '
-             f'{_POOR:g}; a greater position_range or duration helps')

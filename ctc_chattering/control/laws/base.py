@@ -27,7 +27,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any, cast, NamedTuple, Protocol, TypeVar
 
-from ctc_chattering.arguments import checked
 from ctc_chattering.control.controller_config import ControllerConfig, LAWS
 from ctc_chattering.control.delay_prediction import arriving, next_state
 from ctc_chattering.control.evaluation import Context, ControlMemory, LastSample, State
@@ -319,7 +318,6 @@ def law_class(name: str) -> type[Law]:
         'law', own, lambda x: x in RECORDS and hasattr(x, 'answer'), 'class marked by @law'))
 
 
-@checked()
 def laws() -> dict[str, tuple[Parameter, ...]]:
     """
     Return the laws by name, with the parameters of `ControllerConfig` that are theirs.
