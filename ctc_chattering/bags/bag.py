@@ -12,12 +12,16 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Reading the messages of a bag of any recorder: MCAP or sqlite3, compressed or not."""
+"""
+Reading a bag of any recorder: MCAP or sqlite3, compressed or not.
+
+Messages in the order of time, parameters of nodes, and the description of the robot.
+"""
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Mapping
 from contextlib import ExitStack
 from pathlib import Path, PurePath
 import tempfile
@@ -25,6 +29,8 @@ from typing import Any
 
 from ctc_chattering.bags.mcap_file import check, unpacked, unpacked_file
 from ctc_chattering.errors import CtcError
+from ctc_chattering.numerics.time_grid import NANOSECONDS
+from ctc_chattering.ros.topics import PARAMETERS, ROBOT_DESCRIPTION
 from rosbags.highlevel import AnyReader
 from rosbags.interfaces import Connection
 from rosbags.typesys import get_typestore, Stores
@@ -174,3 +180,78 @@ def damaged(path: Path, error: Exception) -> CtcError:
     advice = (f'; "ctc repair {bag}" recovers the rest' if any(bag.glob('*.mcap')) else
               f'; "ros2 bag reindex {bag}" may help')
     return CtcError(f'{path}: damaged: {" ".join(str(error).split()).rstrip(".")}{advice}')
+
+
+#: Field of a ParameterValue that holds the value, by its type.
+_FIELDS = {1: 'bool_value', 2: 'integer_value', 3: 'double_value', 4: 'string_value',
+           8: 'double_array_value', 9: 'string_array_value'}
+
+
+class BagTopics:
+    """
+    The topics of an open bag; without a slash in front, a name stands for it in any namespace.
+
+    Parameters
+    ----------
+    reader : Bag
+        Open.
+    path : Path
+        What errors say.
+
+    """
+
+    def __init__(self, reader: Bag, path: Path) -> None:
+        self._reader, self.path = reader, path
+
+    def messages(self, name: str, option: str = '') -> Iterator[tuple[int, Any]]:
+        """
+        Yield log time [ns] and message of a topic, without those that cannot be decoded.
+
+        With the `option` that names the topic, it must be one only; else `CtcError` is raised.
+        """
+        connections = [x for x in self._reader.connections if x.topic == name or (
+            not name.startswith('/') and x.topic.endswith('/' + name))]
+        topics = {x.topic for x in connections}
+        if len(topics) > 1 and option:
+            raise CtcError(f'{self.path}: several topics: {", ".join(sorted(topics))}; name one: '
+                           f'{option}')
+        for connection in connections:
+            self._reader.check_type(connection)
+        for connection, t, data in self._reader.messages(connections) if connections else ():
+            try:
+                message = self._reader.deserialize(data, connection.msgtype)
+            except Exception:  # Of arbitrary bytes, decoders raise arbitrary exceptions.
+                continue
+            yield t, message
+
+    def parameters(self, node: str, kind: Any, own: Mapping[str, object]
+                   ) -> list[tuple[int, Any]]:
+        """
+        Return the configurations of a node, each with the time [ns] from which it applies.
+
+        `own` stands in the place of classes that the bag names: `Config.received`.
+        """
+        known = kind.parameters()
+        values: dict[str, Any] = {}
+        history: list[tuple[int, Any]] = []
+        for _, message in self.messages(f'{node}/{PARAMETERS}'):
+            for item in [*message.new_parameters, *message.changed_parameters]:
+                if item.name in known and item.value.type in _FIELDS:
+                    values[item.name] = getattr(item.value, _FIELDS[item.value.type])
+            try:
+                config = kind.received(values, own)
+            except CtcError as error:
+                raise CtcError(f'{self.path}: {error}') from None
+            if not history or history[-1][1] != config:
+                history.append((nanoseconds(message.stamp), config))
+        return history
+
+    def description(self, name: str = f'controller/{ROBOT_DESCRIPTION}') -> str:
+        """Return the last robot description on a topic; empty for none."""
+        texts = [str(message.data) for _, message in self.messages(name)]
+        return texts[-1] if texts else ''
+
+
+def nanoseconds(time: Any) -> int:
+    """Return the time of a message [ns]."""
+    return int(time.sec) * NANOSECONDS + int(time.nanosec)

@@ -27,9 +27,8 @@ from typing import Any, NamedTuple
 
 from ctc_chattering.analysis.result import Result
 from ctc_chattering.analysis.terms import terms
-from ctc_chattering.bags.bag import Bag
+from ctc_chattering.bags.bag import Bag, BagTopics, nanoseconds
 from ctc_chattering.bags.repair import open_bag
-from ctc_chattering.bags.topics import BagTopics, nanoseconds
 from ctc_chattering.control.controller import ControllerConfig
 from ctc_chattering.dynamics.registry import model_of
 from ctc_chattering.errors import CtcError, refused_as, RejectedMessage
@@ -37,7 +36,7 @@ from ctc_chattering.numerics.gaps import missing
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.numerics.time_grid import period_ns, seconds
 from ctc_chattering.ros import topics
-from ctc_chattering.ros.joint_order import select
+from ctc_chattering.ros.topics import select
 from ctc_chattering.simulation.closed_loop import Run
 from ctc_chattering.simulation.plant_config import PlantConfig
 from ctc_chattering.trajectory.buffer import Trajectory

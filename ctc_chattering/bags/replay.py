@@ -27,10 +27,9 @@ from ctc_chattering.bags.bag import Bag
 from ctc_chattering.bags.repair import open_bag
 from ctc_chattering.errors import CtcError, ParameterError
 from ctc_chattering.numerics.time_grid import NANOSECONDS
-from ctc_chattering.ros import signals
-from ctc_chattering.ros.fastdds import use_profile
 from ctc_chattering.ros.messages import message_type, stamp
-from ctc_chattering.ros.run import wait_for_all_acked
+from ctc_chattering.ros.node import wait_for_all_acked
+from ctc_chattering.ros.process import stop_signals, use_profile
 from ctc_chattering.ros.topics import CLOCK
 import rclpy
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
@@ -82,7 +81,7 @@ def replay(bag: str | Path, rate: float = 1.0, delay: float = 1.0) -> int:
     if not delay >= 0.0:
         raise ParameterError('delay', delay, 'a number >= 0')
     use_profile()
-    with closing(open_bag(Path(bag))) as reader, signals.stop_signals() as stop:
+    with closing(open_bag(Path(bag))) as reader, stop_signals() as stop:
         context = rclpy.Context()  # Of its own: a script may have nodes.
         rclpy.init(args=[], context=context, signal_handler_options=SignalHandlerOptions.NO)
         node = rclpy.create_node('player', context=context)

@@ -31,8 +31,7 @@ import sys
 from typing import Any, NoReturn
 
 from ctc_chattering import __version__
-from ctc_chattering.ros import signals
-from ctc_chattering.ros.nonblocking_output import nonblocking_output
+from ctc_chattering.ros import process
 
 
 def main(name: str, argv: Sequence[str] | None = None) -> int:
@@ -52,8 +51,8 @@ def main(name: str, argv: Sequence[str] | None = None) -> int:
         Exit status.
 
     """
-    for number in signals.STOP:
-        signals.take(number, lambda *_: os._exit(0))  # No node is in the graph yet.
+    for number in process.STOP:
+        process.take_signal(number, lambda *_: os._exit(0))  # No node is in the graph yet.
     from ctc_chattering.cli.command_line import guarded
     return guarded(name, lambda: _run(name, list(sys.argv if argv is None else argv)[1:]))
 
@@ -70,13 +69,12 @@ def _run(name: str, arguments: Sequence[str]) -> int:
     with given_by_user(ros.assigned):
         values = ros.checked(name)
     module = importlib.import_module(f'ctc_chattering.nodes.{name}')
-    run = importlib.import_module('ctc_chattering.ros.run').run
+    run = importlib.import_module('ctc_chattering.ros.node').run
 
     def make_node() -> Any:
         with given_by_user(ros.assigned):
             return module.NODE(values)
-    with nonblocking_output():
-        return int(run(make_node, name, ['--ros-args', *ros.rest], signals.collect()))
+    return int(run(make_node, name, ['--ros-args', *ros.rest], process.collect_signals()))
 
 
 def _make_parser(name: str) -> argparse.ArgumentParser:

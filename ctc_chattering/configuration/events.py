@@ -22,7 +22,7 @@ from typing import Any
 
 from ctc_chattering.configuration.yaml_file import parse_value
 from ctc_chattering.control.recommended_gains import GainChoice, GAINS, LAW
-from ctc_chattering.controller.settings_check import change_steps
+from ctc_chattering.controller.trips import change_steps
 from ctc_chattering.errors import CtcError, ParameterError
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.simulation.closed_loop import Event

@@ -47,7 +47,7 @@ class RealTimeSettings(Config):
 
     thread_priority: int = parameter(
         'thread_priority', 'int', 0,
-        'Real time: SCHED_FIFO priority, given up above half a processor; 0 for none.',
+        'Real time: SCHED_FIFO priority; 0 for none.',
         minimum=0, maximum=99, read_only=True)
     lock_memory: bool = parameter(
         'lock_memory', 'bool', False,
@@ -68,9 +68,6 @@ class PlantSettings(Config):
         'hold_at', 'float', 0.0,
         'Lockstep: simulated time stops before the first state at or after this time, until it '
         'is set again; 0 for never.', unit='s', minimum=0.0)
-    clock_period: float = parameter(
-        'clock_period', 'float', 0.01, 'Lockstep: simulated time between two messages on clock.',
-        unit='s', minimum=0.0, exclusive=True, read_only=True)
     command_timeout: float = parameter(
         'command_timeout', 'float', 0.02,
         'Real time: after this time without a command (at least three control periods), torque 0 '
@@ -145,10 +142,6 @@ class BringupSettings(Config):
         'events', 'str[]', ('',),
         'Parameters to set during the run, each "time node parameter value", time in s.',
         shape='any', read_only=True)
-    one_processor: bool = parameter(
-        'one_processor', 'bool', True,
-        'Lockstep: plant and controller, which take turns, run on one processor, which is faster.',
-        read_only=True)
 
 
 #: The configurations that make up the parameters of each executable.
@@ -160,6 +153,9 @@ NODES: dict[str, Sequence[type[Config]]] = {
     'bringup': (BringupSettings,),
 }
 
+
+#: Parameters by which bringup and the live page drive the nodes: no user sets them in a file.
+INTERNAL = ('wait_for', 'hold_at')
 
 #: The nodes of the control loop.
 LOOP = ('plant', 'controller', 'reference')
@@ -181,7 +177,7 @@ NODE_DESCRIPTIONS = {
 def parameter_help(node: str) -> str:
     """Return the parameters of an executable, one a line."""
     return '\n'.join(f'  {spec.name} ({spec.kind}, {_shown(spec.default)}): {spec.meaning}'
-                     for spec in parameters_of(node).values())
+                     for spec in parameters_of(node).values() if spec.name not in INTERNAL)
 
 
 def parameter_table() -> str:
@@ -189,6 +185,8 @@ def parameter_table() -> str:
     nodes: dict[str, list[str]] = {}
     for node in NODES:
         for spec in parameters_of(node).values():
+            if spec.name in INTERNAL:
+                continue
             nodes.setdefault(_row(spec), []).append(node)
     sections: dict[str, list[str]] = {}
     for row, names in nodes.items():

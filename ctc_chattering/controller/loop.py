@@ -24,10 +24,9 @@ from ctc_chattering.control.controller import Controller, ControllerConfig, Samp
 from ctc_chattering.controller import timing
 from ctc_chattering.controller.desired_motion import DesiredMotion
 from ctc_chattering.controller.health import ControllerHealth
-from ctc_chattering.controller.settings_check import unsafe_settings
 from ctc_chattering.controller.state_machine import Input, Mode
 from ctc_chattering.controller.timing import Logger, Watchdog
-from ctc_chattering.controller.trips import Trip, TripMonitor
+from ctc_chattering.controller.trips import Trip, TripMonitor, unsafe_settings
 from ctc_chattering.errors import ParameterError, RejectedMessage
 from ctc_chattering.numerics.linear_algebra import Vector
 from ctc_chattering.numerics.time_grid import NANOSECONDS, period_ns, seconds
@@ -293,7 +292,7 @@ class ControlLoop:
         if self.motion.way_back_since not in (before, None):
             self._log.info(
                 'no torque was sent for a while: back to the reference from where the robot is '
-                f'within {self.restart_duration:g} s')
+                f'within {self.restart_duration:g} s', throttle_duration_sec=1.0)
         return points
 
     def _step(self, law: Controller, state: JointSample, points: list[Point], at: int, late: int
@@ -326,7 +325,7 @@ class ControlLoop:
             if self.handle(Input.HOLD):
                 self.reference_outages += 1
                 self._log.error(f'reference: nothing for {self._reference_timeout:g} s; holding '
-                                'the position')
+                                'the position', throttle_duration_sec=1.0)
         else:
             self.handle(Input.FOLLOW if self.motion.way_back_since is None
                         else Input.LEAD_BACK)

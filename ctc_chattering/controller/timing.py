@@ -146,15 +146,15 @@ _BETWEEN = NANOSECONDS
 
 
 class Logger(Protocol):
-    """What a watchdog needs of the logger of a node."""
+    """What is needed of the logger of a node; `filters` are those of rclpy's."""
 
-    def info(self, message: str, /) -> object:
+    def info(self, message: str, /, **filters: float) -> object:
         """Log what is in order."""
 
-    def warning(self, message: str, /) -> object:
+    def warning(self, message: str, /, **filters: float) -> object:
         """Log what may be wrong."""
 
-    def error(self, message: str, /) -> object:
+    def error(self, message: str, /, **filters: float) -> object:
         """Log what is wrong."""
 
 

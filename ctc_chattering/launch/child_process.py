@@ -52,15 +52,14 @@ def page_command(*arguments: str) -> list[str]:
 
 def end_with(parent: int) -> None:
     """
-    Have this process end when its parent has; on Linux, by SIGTERM.
+    Have this process end by SIGTERM when its parent has.
 
     The process asks for it itself: between fork and exec, in a parent with threads, Python code
     may wait for ever for what one of them held.
     """
-    if sys.platform.startswith('linux'):
-        ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, int(signal.SIGTERM))
-        if os.getppid() != parent:
-            os._exit(1)
+    ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, int(signal.SIGTERM))
+    if os.getppid() != parent:
+        os._exit(1)
 
 
 class Child:
@@ -74,7 +73,7 @@ class Child:
     show : callable
         Called with every line it prints.
     processors : set of int, optional
-        The only ones it may run on, where the system can do that.
+        The only ones it may run on.
 
     """
 
@@ -86,7 +85,7 @@ class Child:
             argv, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
             text=True, errors='replace', start_new_session=True,
             env={'MALLOC_TRIM_THRESHOLD_': _TRIM_THRESHOLD, **os.environ, 'PYTHONUNBUFFERED': '1'})
-        if processors and hasattr(os, 'sched_setaffinity'):
+        if processors:
             os.sched_setaffinity(self.process.pid, processors)
         self._reader = threading.Thread(target=self._read, args=(show,), daemon=True)
         self._reader.start()

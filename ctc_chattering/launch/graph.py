@@ -30,9 +30,7 @@ from ctc_chattering.configuration.loop_setup import Overrides, Setup
 from ctc_chattering.configuration.node_parameters import LOOP
 from ctc_chattering.errors import CtcError
 from ctc_chattering.launch import child_process
-from ctc_chattering.ros import signals
-from ctc_chattering.ros.fastdds import use_profile
-from ctc_chattering.ros.security import check_security
+from ctc_chattering.ros.process import check_security, stop_signals, use_profile
 
 
 class Stopped(CtcError):
@@ -75,14 +73,13 @@ def run_graph(path: Path | None, overrides: Overrides | None = None, record: Pat
     check_security()
     os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
     use_profile()
-    from ctc_chattering.launch.parameter_events import graph_monitor
+    from ctc_chattering.launch.requests import graph_monitor
     lockstep = setup.plant.pacing == 'lockstep'
-    turns = None
-    if lockstep and setup.values['bringup']['one_processor']:
-        turns = one_processor()
+    # They take turns: on one processor that is faster.
+    turns = one_processor() if lockstep else None
     children: dict[str, child_process.Child] = {}
     pages: list[child_process.Child] = []
-    with (signals.stop_signals() as caught, ExitStack() as leaving,
+    with (stop_signals() as caught, ExitStack() as leaving,
           tempfile.TemporaryDirectory(prefix='ctc_chattering_') as scratch):
         file = Path(scratch) / 'params.yaml'
         parameter_file.dump(values, file)
@@ -164,8 +161,6 @@ def _watch(children: Mapping[str, child_process.Child], look: Callable[[], float
             progress(time)
 
 
-def one_processor() -> set[int] | None:
-    """Return one of the processors that we may use, any; None where one cannot choose."""
-    if not hasattr(os, 'sched_getaffinity'):
-        return None
+def one_processor() -> set[int]:
+    """Return one of the processors that we may use, any."""
     return {random.choice(sorted(os.sched_getaffinity(0)))}

@@ -36,10 +36,8 @@ from ctc_chattering.live.page_socket import Message, PageSocket, word
 from ctc_chattering.live.recorder_process import RecorderProcess
 from ctc_chattering.live.skeleton import skeleton_of
 from ctc_chattering.numerics.linear_algebra import Array
-from ctc_chattering.ros.exit_deadline import end_after
-from ctc_chattering.ros.fastdds import use_profile
 from ctc_chattering.ros.node import Executor
-from ctc_chattering.ros.security import check_security
+from ctc_chattering.ros.process import check_security, end_after, use_profile
 import numpy as np
 import rclpy
 from rclpy.signals import SignalHandlerOptions

@@ -33,12 +33,10 @@ from ctc_chattering.live.health import NodeReport
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.numerics.time_grid import NANOSECONDS, seconds
 from ctc_chattering.ros import topics
-from ctc_chattering.ros.joint_order import select
-from ctc_chattering.ros.matching import MatchingSubscription
-from ctc_chattering.ros.messages import message_type, read_stamp
+from ctc_chattering.ros.messages import message_type, read_stamp, StateMessage, StateReader
 from ctc_chattering.ros.node import BaseNode, qos
-from ctc_chattering.ros.serialization import StateMessage, StateReader
-from ctc_chattering.ros.subscription import ValidatedSubscription
+from ctc_chattering.ros.subscription import MatchingSubscription, ValidatedSubscription
+from ctc_chattering.ros.topics import select
 from diagnostic_msgs.msg import DiagnosticArray
 import numpy as np
 from rcl_interfaces.msg import ParameterEvent

@@ -26,29 +26,32 @@ from ctc_chattering.configuration.node_parameters import ControllerSettings
 from ctc_chattering.control.controller import Controller, ControllerConfig, LAWS
 from ctc_chattering.control.recommended_gains import GainChoice, GAINS, model_torque
 from ctc_chattering.controller.loop import Answer, ControlLoop, JointSample
-from ctc_chattering.controller.settings_check import check_change, missing_limits
 from ctc_chattering.controller.state_machine import Mode
+from ctc_chattering.controller.trips import check_change, missing_limits
 from ctc_chattering.dynamics.registry import model_of
 from ctc_chattering.errors import RejectedMessage
-from ctc_chattering.nodes.control_terms import ControlTerms
-from ctc_chattering.nodes.controller_state import ControllerState
+from ctc_chattering.nodes.control_terms import ControllerState, ControlTerms
 from ctc_chattering.numerics.machine_code import HOW_TO_COMPILE
 from ctc_chattering.numerics.time_grid import seconds
 from ctc_chattering.parameters import OWN_CLASS
-from ctc_chattering.ros.joint_order import select
-from ctc_chattering.ros.loop_node import LoopNode
-from ctc_chattering.ros.messages import LATEST
-from ctc_chattering.ros.node import ERROR, qos, Status, TICK
-from ctc_chattering.ros.serialization import (
+from ctc_chattering.ros.messages import (
     EffortWriter,
+    LATEST,
     StateMessage,
     StateReader,
     TrajectoryChunk,
     TrajectoryReader,
 )
+from ctc_chattering.ros.node import ERROR, LoopNode, qos, Status, TICK
 from ctc_chattering.ros.subscription import ValidatedSubscription
-from ctc_chattering.ros.throttled_log import ThrottledLog
-from ctc_chattering.ros.topics import CLOCK, COMMANDS, JOINT_STATES, REFERENCE, ROBOT_DESCRIPTION
+from ctc_chattering.ros.topics import (
+    CLOCK,
+    COMMANDS,
+    JOINT_STATES,
+    REFERENCE,
+    ROBOT_DESCRIPTION,
+    select,
+)
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray, String
 from std_srvs.srv import SetBool, Trigger
@@ -81,7 +84,7 @@ class ControllerNode(LoopNode[ControllerConfig, ControllerSettings]):
         self._loop = ControlLoop(
             config, settings.state_timeout, settings.reference_timeout, settings.enabled,
             lambda tau: self._commands.publish(writer.write(tau)),
-            ThrottledLog(self.get_logger()))
+            self.get_logger())
         self.on_change()
         self.tick = min(TICK, seconds(self._loop.watchdog.timeout) / 2)
         #: Whether all who are to receive the torques do, and whether the clock is published.

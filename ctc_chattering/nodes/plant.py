@@ -25,13 +25,10 @@ from ctc_chattering.controller.timing import LockstepExchange, TimerGrid, Watchd
 from ctc_chattering.errors import CtcError, UsageError
 from ctc_chattering.numerics.linear_algebra import Vector
 from ctc_chattering.numerics.time_grid import NANOSECONDS, period_ns, samples, seconds
-from ctc_chattering.ros.joint_order import select
-from ctc_chattering.ros.loop_node import LoopNode
-from ctc_chattering.ros.messages import stamp
-from ctc_chattering.ros.node import ERROR, OK, qos, Status, WARN
-from ctc_chattering.ros.serialization import EffortReader, Efforts, StateWriter
+from ctc_chattering.ros.messages import EffortReader, Efforts, stamp, StateWriter
+from ctc_chattering.ros.node import ERROR, LoopNode, OK, qos, Status, WARN
 from ctc_chattering.ros.subscription import ValidatedSubscription
-from ctc_chattering.ros.topics import CLOCK, COMMANDS, JOINT_STATES
+from ctc_chattering.ros.topics import CLOCK, COMMANDS, JOINT_STATES, select
 from ctc_chattering.simulation.plant import Plant
 from ctc_chattering.simulation.plant_config import PlantConfig
 from ctc_chattering.simulation.registry import limits_of, make_plant
@@ -41,6 +38,8 @@ from std_msgs.msg import Float64MultiArray
 
 #: Periods that one tick of the real-time clock makes good at the most.
 _CATCH_UP = 100
+#: Lockstep: simulated time between two messages on clock [ns].
+_CLOCK_PERIOD = NANOSECONDS // 100
 #: Real time: silence of commands that is reported as an error at once [ns].
 _SILENCE = NANOSECONDS // 2
 
@@ -63,8 +62,7 @@ class PlantNode(LoopNode[PlantConfig, PlantSettings]):
         self._robot: Plant  # Once it is known: see `begin`.
         self._period = period_ns(config.control_period)
         self._last = samples(config.duration, self._period)
-        self._clock_every = max(
-            1, round(self.settings.clock_period * NANOSECONDS / self._period))
+        self._clock_every = max(1, _CLOCK_PERIOD // self._period)
         self._names = config.joint_names
         self._latest: Vector = (0.0,) * len(self._names)
         self._begun = self._held = False

@@ -24,17 +24,15 @@ from pathlib import Path
 import time
 from typing import Any
 
-from ctc_chattering.bags.arrivals import LogTime, SequenceTracker
-from ctc_chattering.bags.writer import BagWriter, offered_qos
+from ctc_chattering.bags.writer import BagWriter, LogTime, offered_qos, SequenceTracker
 from ctc_chattering.configuration.loop_setup import Values
 from ctc_chattering.configuration.node_parameters import RecorderSettings
 from ctc_chattering.numerics.time_grid import NANOSECONDS
-from ctc_chattering.ros.fastdds import enlarge_receive_buffers
-from ctc_chattering.ros.matching import MatchingSubscription
 from ctc_chattering.ros.messages import message_type, read_stamp
 from ctc_chattering.ros.node import BaseNode, ERROR, NAP, OK, qos, Status, WARN
 from ctc_chattering.ros.parameters import NodeParameters
-from ctc_chattering.ros.subscription import ValidatedSubscription
+from ctc_chattering.ros.process import enlarge_receive_buffers
+from ctc_chattering.ros.subscription import MatchingSubscription, ValidatedSubscription
 from ctc_chattering.ros.topics import CLOCK, JOINT_STATES, Topic, TOPICS
 
 #: Messages that DDS keeps for us while we sleep, or the disk does.
@@ -97,7 +95,7 @@ class RecorderNode(BaseNode):
 
     def __init__(self, values: Values | None = None) -> None:
         super().__init__('recorder', values)
-        parameters = NodeParameters(self, (RecorderSettings,), lambda: None)
+        parameters = NodeParameters(self, self.given, (RecorderSettings,), lambda: None)
         self._recording = BagWriter(Path(parameters.get(RecorderSettings).bag))
         self.tick = NAP
         self._received = 0

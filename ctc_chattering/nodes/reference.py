@@ -26,16 +26,16 @@ from ctc_chattering.configuration.node_parameters import ReferenceSettings
 from ctc_chattering.configuration.trajectory_file import read_trajectory
 from ctc_chattering.errors import CtcError, RejectedMessage
 from ctc_chattering.numerics.time_grid import NANOSECONDS, period_ns, seconds
-from ctc_chattering.ros.loop_node import LoopNode
-from ctc_chattering.ros.messages import LATEST, read_stamp
-from ctc_chattering.ros.node import ERROR, OK, qos, Status, WARN
-from ctc_chattering.ros.serialization import (
+from ctc_chattering.ros.messages import (
+    LATEST,
+    read_stamp,
     StateMessage,
     StateReader,
     TrajectoryChunk,
     TrajectoryReader,
     TrajectoryWriter,
 )
+from ctc_chattering.ros.node import ERROR, LoopNode, OK, qos, Status, WARN
 from ctc_chattering.ros.subscription import ValidatedSubscription
 from ctc_chattering.ros.topics import CLOCK, JOINT_STATES, JOINT_TRAJECTORY, REFERENCE
 from ctc_chattering.trajectory.joint_limits import DescribedLimits

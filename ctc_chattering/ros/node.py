@@ -12,30 +12,46 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What every node has: bounded spinning, an end by signals, reports on ``/diagnostics``."""
+"""Nodes: bounded spinning, an end by signals, reports, parameters, the description of a robot."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from math import inf
 import signal
+import sys
 import time
-from typing import Any, NamedTuple
+from typing import Any, cast, Generic, NamedTuple, TypeVar
 
 from ctc_chattering.configuration.loop_setup import Values
+from ctc_chattering.configuration.node_parameters import NODES, RealTimeSettings
 from ctc_chattering.configuration.parameter_file import OF_ROS
-from ctc_chattering.controller.loop_statistics import LoopStatistics
+from ctc_chattering.configuration.package_share import read_description
+from ctc_chattering.controller.health import LoopStatistics
+from ctc_chattering.errors import CtcError, UsageError
 from ctc_chattering.numerics.time_grid import NANOSECONDS
-from ctc_chattering.ros.matching import qos
-from ctc_chattering.ros.parameter_service import TolerantParameterService
-from ctc_chattering.ros.real_time import RealTime
-from ctc_chattering.ros.subscription import ValidatedSubscription
-from ctc_chattering.ros.topics import DIAGNOSTICS
+from ctc_chattering.parameters import Config
+from ctc_chattering.ros.parameters import NodeParameters, TolerantParameterService
+from ctc_chattering.ros.process import check_security, collect_signals, end_after, use_profile
+from ctc_chattering.ros.real_time import garbage_off_the_loop, RealTime
+from ctc_chattering.ros.subscription import (
+    compatible,
+    MatchingSubscription,
+    qos,
+    ValidatedSubscription,
+)
+from ctc_chattering.ros.topics import DIAGNOSTICS, ROBOT_DESCRIPTION, TOPICS
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+import numpy as np
+import rclpy
 from rclpy.clock import Clock, ClockType
+from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
+from rclpy.publisher import Publisher
+from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
+from std_msgs.msg import String
 
 try:
     from rclpy.experimental.events_executor import EventsExecutor as Executor
@@ -144,10 +160,7 @@ class BaseNode(Node):
     def schedule(self) -> None:
         """Have the process scheduled for real time while that is needed, and say so."""
         if self.scheduling and (line := self.scheduling.update(self.in_real_time)):
-            if self.scheduling.lost:
-                self.get_logger().warning(line)
-            else:
-                self.get_logger().info(line)
+            self.get_logger().info(line)
 
     def status(self) -> Status:
         """Return what is to be reported beside the loop statistics and what was refused."""
@@ -175,8 +188,6 @@ class BaseNode(Node):
         everything = dict(values)
         if self.scheduling:
             everything['scheduling'] = self.scheduling.outcome
-            if self.scheduling.lost:
-                level, message = max(level, WARN), f'{message}; {self.scheduling.outcome}'
         if self.statistics.samples:
             everything |= self.statistics.values()
         for subscription in self.inputs:
@@ -255,3 +266,229 @@ class BaseNode(Node):
 
 def _shown(value: object) -> str:
     return f'{value:.4g}' if isinstance(value, float) else str(value)
+
+
+C = TypeVar('C', bound=Config)
+S = TypeVar('S', bound=Config)
+
+
+class LoopNode(BaseNode, Generic[C, S]):
+    """
+    A node with the parameters of `C` and `S`, and of real time.
+
+    A subclass calls `find_description` at the end of its construction.
+
+    Parameters
+    ----------
+    name : str
+        Of the executable.
+    values : mapping, optional
+        As `BaseNode` takes them.
+
+    Attributes
+    ----------
+    parameters : NodeParameters
+        Of the node.
+    problem : str
+        What is wrong with the robot's description: that it has not come, or why it was refused;
+        empty when all is well.
+
+    """
+
+    def __init__(self, name: str, values: Values | None) -> None:
+        super().__init__(name, values)
+        self.parameters = NodeParameters(
+            self, self.given, NODES[name], self.on_change,
+            lambda configs: self.check(cast(C, configs[0])), self.completed)
+        self.scheduling = RealTime(self.parameters.get(RealTimeSettings))
+        self.problem = ''
+
+    @property
+    def config(self) -> C:
+        """Return the configuration in force."""
+        return cast(C, self.parameters.configs[0])
+
+    @property
+    def settings(self) -> S:
+        """Return the node's other parameters in force."""
+        return cast(S, self.parameters.configs[1])
+
+    def on_change(self) -> None:
+        """Take what has been set."""
+
+    def check(self, config: C) -> None:
+        """Raise `CtcError` if a configuration that would be set is not allowed."""
+
+    def completed(self, _values: Mapping[str, Any]) -> Mapping[str, Any]:
+        """Return parameters that are set with others, by name."""
+        return {}
+
+    def begin(self, description: str) -> None:
+        """Begin with a robot; its description is empty where none is needed."""
+
+    def matched(self, *publishers: Publisher) -> bool:
+        """
+        Return whether all who should hear the first message of `publishers` would.
+
+        Those are the subscribers, and of the nodes that the parameter `wait_for` names all that
+        read the topic, by `TOPICS`.
+        """
+        for publisher in publishers:
+            infos = [
+                info for info in self.get_subscriptions_info_by_topic(publisher.topic_name)
+                if compatible(publisher.qos_profile, info.qos_profile)]
+            if publisher.get_subscription_count() < len(infos):
+                return False
+            awaited = set(cast(Any, self.settings).wait_for) - {info.node_name for info in infos}
+            for topic in TOPICS.values():
+                if publisher.topic_name.endswith('/' + topic.name) and awaited & set(
+                        topic.readers):
+                    return False
+        return True
+
+    def find_description(self) -> None:
+        """
+        Call `begin`, with the description at once, or when it comes on its topic.
+
+        A text from the topic that is refused is reported, and the next one waited for.
+
+        Raises
+        ------
+        CtcError
+            If the file cannot be read or is refused.
+
+        """
+        config = cast(Any, self.config)
+        if not config.described or config.description:
+            self.begin(read_description(config.description) if config.described else '')
+            return
+        self.problem = f'waiting for {ROBOT_DESCRIPTION}'
+        self.get_logger().info(self.problem)
+        MatchingSubscription(self, String, ROBOT_DESCRIPTION, self._on_description,
+                             qos(1, latched=True), raw=False)
+
+    def _on_description(self, message: String) -> None:
+        if not self.problem:
+            return
+        try:
+            self.begin(message.data)
+        except CtcError as error:
+            self.problem = f'{ROBOT_DESCRIPTION}: {error}'
+            self.get_logger().error(self.problem)
+            return
+        self.problem = ''
+        self.get_logger().info(f'{ROBOT_DESCRIPTION} has come')
+
+
+#: What `run` waits at the end for the last messages to arrive, all together [s]: after a signal,
+#: and without one; and between two looks for signals.
+_FAREWELL, _PATIENCE, _SLICE = 0.25, 5.0, 0.1
+#: How long the middleware may take after that to leave the graph [s]: Fast DDS hangs now and then
+#: where others leave at the same time.
+_LEAVE = 0.3
+
+
+def run(make_node: Callable[[], BaseNode], name: str,
+        arguments: Sequence[str] = (), stop: list[int] | None = None) -> int:
+    """
+    Run a node until it is done, or SIGINT or SIGTERM comes; the process then ends, too.
+
+    Parameters
+    ----------
+    make_node : callable
+        Called after ROS is up.
+    name : str
+        The executable, for messages.
+    arguments : sequence of str
+        Arguments for ROS.
+    stop : list of int, optional
+        Fills with the signals that come, where they are collected already.
+
+    Returns
+    -------
+    int
+        Exit status: 0, or 1 after an error that has been reported on one line, 2 if it was one
+        of the arguments.
+
+    """
+    stop = collect_signals() if stop is None else stop
+    try:
+        node = prepare(make_node, name, arguments, stop)
+    except Exception as error:  # Of ROS, too, in one line.
+        status = _failed(name, error)
+        rclpy.try_shutdown()
+        return status
+    status = 1
+    try:
+        spin_until_stopped(node)
+        status = 0
+    except CtcError as error:
+        status = _failed(name, error)
+        node.failure = node.failure or str(error)
+    finally:
+        shut_down(node, status)
+    return 1 if node.failure else status
+
+
+def prepare(make_node: Callable[[], BaseNode], name: str, arguments: Sequence[str],
+            stop: Sequence[int]) -> BaseNode:
+    """Start ROS and make the node; the arguments are those of `run`."""
+    check_security()
+    use_profile()
+    rclpy.init(args=[name, *arguments], signal_handler_options=SignalHandlerOptions.NO)
+    node = make_node()
+    node.stop = stop
+    node.get_logger().info(node.introduction())
+    return node
+
+
+@np.errstate(all='ignore')  # What overflows in the law shows in its torque.
+def spin_until_stopped(node: BaseNode) -> None:
+    """Serve a node until it is done or a signal comes."""
+    executor = Executor()
+    executor.add_node(node)
+    try:
+        with garbage_off_the_loop() as collect:
+            while not (node.stop or node.done.done()) and rclpy.ok():
+                node.spin(executor)
+                node.idle()
+                node.schedule()
+                node.report(time.monotonic_ns())
+                collect()
+    finally:
+        executor.remove_node(node)
+
+
+def shut_down(node: BaseNode, status: int) -> None:
+    """Have a node send its last messages and leave the graph; `status` if that hangs."""
+    node.finish()
+    node.report_end()
+    if node.scheduling:  # Whatever holds the end up must not hold up others.
+        node.scheduling.update(False)
+    wait_for_all_acked(node, node.stop)
+    end_after(_LEAVE, 1 if node.failure else status)
+    node.destroy_node()
+    rclpy.try_shutdown()
+
+
+def _failed(name: str, error: Exception) -> int:
+    """Report an error on one line and return the exit status."""
+    print(f'{name}: {" ".join(str(error).split())}', file=sys.stderr, flush=True)
+    return 2 if isinstance(error, UsageError) else 1
+
+
+def wait_for_all_acked(node: Node, stop: Sequence[int]) -> None:
+    """
+    Wait until the last messages have arrived, but not for peers that were killed.
+
+    A signal leaves little time for it; at an end of its own a node has enough, for what was lost
+    on the way is sent again only now and then.
+    """
+    begin = time.monotonic()
+    for publisher in list(node.publishers):
+        while True:
+            left = begin + (_FAREWELL if stop else _PATIENCE) - time.monotonic()
+            if publisher.wait_for_all_acked(Duration(seconds=min(max(0.0, left), _SLICE))):
+                break
+            if left <= 0.0:
+                return

@@ -21,20 +21,45 @@ from contextlib import suppress
 import re
 from typing import Any, TypeVar
 
+from ctc_chattering.configuration.loop_setup import Values
 from ctc_chattering.errors import CtcError, ParameterError
 from ctc_chattering.parameters import Config, Parameter
 from ctc_chattering.ros.messages import stamp
-from ctc_chattering.ros.node import BaseNode, qos
+from ctc_chattering.ros.subscription import qos
 from ctc_chattering.ros.topics import PARAMETERS
 from rcl_interfaces.msg import (
     FloatingPointRange,
     IntegerRange,
     ParameterDescriptor,
     ParameterEvent,
+    ParameterType,
     SetParametersResult,
 )
 from rclpy.exceptions import ParameterNotDeclaredException
+from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
+from rclpy.parameter_service import ParameterService
+
+
+class TolerantParameterService(ParameterService):
+    """Takes a value of no known type for one that is not set; rclpy's raises, in our spin."""
+
+    #: Parameters that the request at hand sets, one after the other or together.
+    names: frozenset[str] = frozenset()
+
+    def _set_parameters_callback(self, request: Any, response: Any) -> Any:
+        return super()._set_parameters_callback(self._typed(request), response)
+
+    def _set_parameters_atomically_callback(self, request: Any, response: Any) -> Any:
+        return super()._set_parameters_atomically_callback(self._typed(request), response)
+
+    def _typed(self, request: Any) -> Any:
+        self.names = frozenset(parameter.name for parameter in request.parameters)
+        for parameter in request.parameters:
+            if parameter.value.type > ParameterType.PARAMETER_STRING_ARRAY:
+                parameter.value.type = ParameterType.PARAMETER_NOT_SET
+        return request
+
 
 C = TypeVar('C', bound=Config)
 
@@ -48,8 +73,10 @@ class NodeParameters:
 
     Parameters
     ----------
-    node : BaseNode
+    node : Node
         Where they are declared.
+    given : mapping
+        Their values; the others have their defaults.
     configs : sequence of Config types
         Together they hold all parameters of the node.
     changed : callable
@@ -73,7 +100,7 @@ class NodeParameters:
 
     """
 
-    def __init__(self, node: BaseNode, configs: Sequence[type[Config]],
+    def __init__(self, node: Node, given: Values, configs: Sequence[type[Config]],
                  changed: Callable[[], None],
                  check: Callable[[Sequence[Config]], None] = lambda _: None,
                  completed: Callable[[Mapping[str, Any]], Mapping[str, Any]] = lambda _: {}
@@ -82,7 +109,7 @@ class NodeParameters:
         self._changed, self._check, self._completed = changed, check, completed
         self._specs = {
             name: spec for config in configs for name, spec in config.parameters().items()}
-        self.configs = [config.from_mapping(_of(config, node.given)) for config in configs]
+        self.configs = [config.from_mapping(_of(config, given)) for config in configs]
         #: Values at the start: a class that they name may be named again.
         self._first = {name: value for config in self.configs
                        for name, value in config.as_mapping().items()}

@@ -18,8 +18,8 @@ Real-time scheduling of a node's process: priority, locked memory, processor, ga
 All threads of the process are changed at once, those of the middleware too; what they start later
 inherits it. So the parameters can be read like all others, after the middleware has started, and
 a node asks only while time is real: with the priority, simulated time as fast as the machine can
-would leave nothing of a processor to others. A process that uses more than half a processor loses
-the priority: the kernel's timer of its processor time calls after every half second of it.
+would leave nothing of a processor to others. Of every processor, the kernel leaves a twentieth to
+processes without priority (sched_rt_runtime_us).
 """
 
 from __future__ import annotations
@@ -31,23 +31,15 @@ import gc
 import os
 from pathlib import Path
 import resource
-import signal
-import sys
-import time
 from typing import Any
 
 from ctc_chattering.configuration.node_parameters import RealTimeSettings
 from ctc_chattering.errors import ParameterError
 
-_LINUX = sys.platform.startswith('linux')
-
 #: Of Linux: a limit that the module `resource` lacks, flags of mlockall, a capability's bit.
 _RLIMIT_RTPRIO = 14
 _MCL_CURRENT, _MCL_FUTURE, _MCL_ONFAULT = 1, 2, 4
 _CAP_IPC_LOCK = 14
-#: Largest share of one processor that a process with priority may use, all threads together, and
-#: the processor time after which it is looked at [s].
-_SHARE, _SLICE = 0.5, 0.5
 #: Objects more than at the last search for reference cycles that are worth another one.
 _MANY = 2000
 _NORMAL = 'normal scheduling'
@@ -55,7 +47,7 @@ _NORMAL = 'normal scheduling'
 
 class RealTime:
     """
-    Asks for real-time scheduling while it is needed, and gives it back; on Linux only.
+    Asks for real-time scheduling while it is needed, and gives it back.
 
     Parameters
     ----------
@@ -65,8 +57,6 @@ class RealTime:
     ----------
     outcome : str
         What is in force, and what was refused and why.
-    lost : bool
-        Whether the priority was given up for good, because too much time was used with it.
 
     Raises
     ------
@@ -77,57 +67,25 @@ class RealTime:
 
     def __init__(self, settings: RealTimeSettings) -> None:
         self._settings = settings
-        self._asked = self.lost = False
+        self._asked = False
         self.outcome = self._told = _NORMAL
-        #: Time and processor time at the last look [s].
-        self._looked = 0.0, 0.0
-        if _LINUX and settings.cpu_affinity >= 0:
+        if settings.cpu_affinity >= 0:
             _pin(settings.cpu_affinity)
 
     def update(self, needed: bool) -> str:
         """Ask for it or give it back, by `needed`; return a line to be logged, or nothing."""
-        if _LINUX and not self.lost:
-            if needed and not self._asked:
-                self.outcome = '; '.join(filter(None, (
-                    _ask_for_priority(self._settings.thread_priority),
-                    _ask_for_memory() if self._settings.lock_memory else ''))) or _NORMAL
-                if _has_priority():
-                    self._watch()
-            elif self._asked and not needed:
-                self._give_up()
-                self.outcome = _NORMAL
-            self._asked = needed
+        if needed and not self._asked:
+            self.outcome = '; '.join(filter(None, (
+                _ask_for_priority(self._settings.thread_priority),
+                _ask_for_memory() if self._settings.lock_memory else ''))) or _NORMAL
+        elif self._asked and not needed:
+            if os.sched_getscheduler(0) in (os.SCHED_FIFO, os.SCHED_RR):
+                _schedule(0)
+            self.outcome = _NORMAL
+        self._asked = needed
         line = self.outcome if self.outcome != self._told else ''
         self._told = self.outcome
         return line
-
-    def _watch(self) -> None:
-        """Look at the share of a processor after every `_SLICE` of processor time."""
-        self._looked = time.monotonic(), time.process_time()
-        signal.signal(signal.SIGPROF, lambda *_: self._look())
-        signal.siginterrupt(signal.SIGPROF, False)  # It may come to a thread of the middleware.
-        signal.setitimer(signal.ITIMER_PROF, _SLICE, _SLICE)
-
-    def _look(self) -> None:
-        """Give the priority up for good if too much was used since the last look."""
-        now = time.monotonic(), time.process_time()
-        lasted, used = (a - b for a, b in zip(now, self._looked))
-        self._looked = now
-        if used > _SHARE * lasted and _has_priority():
-            self._give_up()
-            self.lost = True
-            self.outcome = (f'{_NORMAL} until the next start: with priority it used '
-                            f'{100.0 * used / lasted:.0f} % of a processor over {lasted:.2g} s, '
-                            f'allowed are {100.0 * _SHARE:g} %')
-
-    def _give_up(self) -> None:
-        if _has_priority():
-            _schedule(0)
-            signal.setitimer(signal.ITIMER_PROF, 0.0)
-
-
-def _has_priority() -> bool:
-    return os.sched_getscheduler(0) in (os.SCHED_FIFO, os.SCHED_RR)
 
 
 def _for_all_threads(function: Callable[..., None], *arguments: Any) -> None:

@@ -12,22 +12,211 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""A subscription that decides who is obeyed, takes the newest, and reports what it rejects."""
+"""Subscriptions: they match what publishers offer, and decide who is obeyed."""
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
+import copy
 import inspect
 import time
 from typing import Any, Generic, TypeVar
 
-from ctc_chattering.controller.topic_ownership import TopicOwnership
 from ctc_chattering.errors import RejectedMessage
 from ctc_chattering.numerics.time_grid import NANOSECONDS
-from ctc_chattering.ros.matching import MatchingSubscription
+from rclpy.clock import Clock, ClockType
+from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.node import Node
-from rclpy.qos import QoSProfile
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+
+#: Time between two looks at who publishes [s].
+_PERIOD = 0.5
+
+
+def qos(depth: int = 1000, latched: bool = False) -> QoSProfile:
+    """Return a reliable profile; `latched` keeps messages for those who subscribe later."""
+    return QoSProfile(depth=depth, durability=(
+        DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE))
+
+
+def compatible(offered: QoSProfile, requested: QoSProfile) -> bool:
+    """
+    Return whether a publisher and a subscription with these profiles find each other.
+
+    `qos_check_compatible` of rclpy takes a deadline that is not set for shorter than one that a
+    peer reports as infinite; deadlines are nothing that we offer or ask for.
+    """
+    return not ((offered.reliability == ReliabilityPolicy.BEST_EFFORT
+                and requested.reliability == ReliabilityPolicy.RELIABLE)
+                or (offered.durability == DurabilityPolicy.VOLATILE
+                and requested.durability == DurabilityPolicy.TRANSIENT_LOCAL))
+
+
+def weakened(requested: QoSProfile, offers: Sequence[QoSProfile]) -> QoSProfile:
+    """Return `requested` with no more reliability and durability than every offer has."""
+    result = copy.copy(requested)
+    if any(x.reliability == ReliabilityPolicy.BEST_EFFORT for x in offers):
+        result.reliability = ReliabilityPolicy.BEST_EFFORT
+    if any(x.durability == DurabilityPolicy.VOLATILE for x in offers):
+        result.durability = DurabilityPolicy.VOLATILE
+    return result
+
+
+class MatchingSubscription:
+    """
+    A subscription that hears best-effort publishers, too.
+
+    It asks for what `profile` says. Only where no publisher of the topic offers that does
+    it subscribe again and asks for less: a request for reliable messages does not match
+    ``rclcpp::ClockQoS``, ``SensorDataQoS`` or the clock of ``ros2 bag play``. While a publisher
+    matches, nothing changes, whoever else comes.
+
+    Parameters
+    ----------
+    node : Node
+        Who receives.
+    kind : type
+        Message class.
+    topic : str
+        Name of the topic.
+    callback : callable
+        As `Node.create_subscription` takes it.
+    profile : QoSProfile
+        What is asked for at first.
+    raw : bool
+        Whether the callback takes serialized messages.
+
+    Attributes
+    ----------
+    current : Subscription
+        The subscription of rclpy.
+    destroyed : bool
+        Whether it was destroyed; a callback may still be called afterwards.
+
+    """
+
+    def __init__(self, node: Node, kind: Any, topic: str, callback: Callable[..., None],
+                 profile: QoSProfile, raw: bool = True) -> None:
+        self._node = node
+        self._arguments = kind, topic, callback
+        self._raw = raw
+        self._profile = profile
+        self.destroyed = False
+        self.current = self._subscribe()
+        self._timer = node.create_timer(
+            _PERIOD, self.match, clock=Clock(clock_type=ClockType.STEADY_TIME))
+
+    def match(self) -> None:
+        """Ask for less if publishers are there and none of them offers what is asked for."""
+        if self.destroyed or self.current.get_publisher_count():
+            return
+        name = self.current.topic_name
+        offers = [info.qos_profile for info in self._node.get_publishers_info_by_topic(name)]
+        if offers and not any(compatible(offer, self._profile) for offer in offers):
+            self._node.destroy_subscription(self.current)
+            self._profile = weakened(self._profile, offers)
+            self._node.get_logger().info(
+                f'{name}: subscribed as {self._profile.reliability.name}, '
+                f'{self._profile.durability.name}: its publishers offer nothing better')
+            self.current = self._subscribe()
+
+    def destroy(self) -> None:
+        """Hear nothing any more."""
+        self.destroyed = True
+        self._node.destroy_timer(self._timer)
+        self._node.destroy_subscription(self.current)
+
+    def _subscribe(self) -> Any:
+        kind, topic, callback = self._arguments
+        # Destroying a subscription that has callbacks for events can crash: rclpy#1644.
+        return self._node.create_subscription(
+            kind, topic, callback, self._profile, raw=self._raw,
+            event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False))
+
+
+#: How long a message may be queued here at the most [ns]; a larger difference comes from a system
+#: clock that was set.
+_QUEUED = NANOSECONDS
+
+
+class TopicOwnership:
+    """
+    Decides which messages of a topic are obeyed.
+
+    They are obeyed while one publisher is matched; while there are several, none is obeyed. Who
+    sent a message is not known: rclpy of Jazzy does not tell.
+
+    A shared topic, such as joint_states, may have a publisher for each part of a robot. It is
+    obeyed while as many different parts have been received as publishers are matched, never were
+    more, and just one of them is ours. After a publisher has left, that begins again.
+
+    Attributes
+    ----------
+    publishers : int
+        Number of publishers matched.
+    contested : bool
+        Whether more than one publisher may speak of our part.
+
+    """
+
+    def __init__(self) -> None:
+        self.publishers = 0
+        self.contested = False
+        #: Parts received since a publisher left last; the value is whether it is ours.
+        self._parts: dict[Hashable, bool] = {}
+        #: Whether one publisher must have spoken of several parts.
+        self._mixed = False
+        self._contested_until = -1
+
+    def update(self, publishers: int, now: int) -> None:
+        """Take the number of publishers matched at `now`, of the system's clock [ns]."""
+        if publishers < self.publishers:
+            self._parts.clear()
+            self._mixed = False
+        self.publishers = publishers
+        self._decide(now)
+
+    def note_part(self, part: Hashable, ours: bool, now: int) -> None:
+        """
+        Note what a message on a shared topic speaks of.
+
+        Parameters
+        ----------
+        part : hashable
+            Such as a list of joints.
+        ours : bool
+            Whether it concerns us.
+        now : int
+            Of the system's clock [ns].
+
+        """
+        if part not in self._parts and not self._mixed:
+            self._parts[part] = ours
+            self._mixed = len(self._parts) > self.publishers
+            self._decide(now)
+
+    def _decide(self, now: int) -> None:
+        if self.contested:
+            self._contested_until = now
+        told_apart = (not self._mixed and len(self._parts) == self.publishers
+                      and sum(self._parts.values()) == 1)
+        self.contested = self.publishers > 1 and not told_apart
+
+    def admits(self, received: int) -> bool:
+        """
+        Return whether a message is obeyed.
+
+        Parameters
+        ----------
+        received : int
+            When it was received, by the system's clock [ns]; 0 if that is unknown. A message that
+            was received before the contention ended, and is taken afterwards, may be of a
+            publisher that has left.
+
+        """
+        return not (self.contested or 0 <= self._contested_until - received < _QUEUED)
+
 
 T = TypeVar('T')
 

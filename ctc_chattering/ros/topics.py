@@ -12,11 +12,15 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Names, types and readers of the topics; all names are relative, so that remaps work."""
+"""Topics of the graph by name, type and reader, and joints of messages by name."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 import dataclasses
+from math import isfinite
+
+from ctc_chattering.errors import RejectedMessage
 
 JOINT_STATES = 'joint_states'
 COMMANDS = 'effort_controller/commands'
@@ -75,3 +79,41 @@ TOPICS = {topic.name: topic for topic in (
       for name in (ROBOT_DESCRIPTION, f'controller/{ROBOT_DESCRIPTION}')),
     Topic(DIAGNOSTICS, 'diagnostic_msgs/msg/DiagnosticArray', ('recorder',)),
 )}
+
+
+def select(ours: Sequence[str], names: Sequence[str], *rows: Sequence[float]
+           ) -> list[tuple[float, ...]]:
+    """
+    Return our joints' values out of each row of a message.
+
+    Parameters
+    ----------
+    ours : sequence of str
+        Our joints in our order.
+    names : sequence of str
+        Joints of the message.
+    *rows : sequence of float
+        A value for each of them.
+
+    Raises
+    ------
+    RejectedMessage
+        If a joint of ours is missing, a name stands there twice, a row has another length, or a
+        value of ours is not finite.
+
+    """
+    n = len(names)
+    if names != ours and (len(set(names)) != n or not set(names).issuperset(ours)):
+        raise RejectedMessage('joints', (
+            f'joints {list(names)}; needed: each of {list(ours)} once'))
+    lengths = {len(row) for row in rows}
+    if lengths - {n}:
+        raise RejectedMessage('length', (
+            f'{" or ".join(map(str, sorted(lengths)))} values for {n} joints'))
+    values = [tuple(row) for row in rows]
+    if names != ours:
+        order = [names.index(name) for name in ours]
+        values = [tuple([row[i] for i in order]) for row in rows]
+    if not isfinite(sum(map(sum, values))):
+        raise RejectedMessage('not_finite', f'{[list(row) for row in values[:3]]}')
+    return values

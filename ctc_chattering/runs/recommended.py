@@ -33,7 +33,7 @@ from typing import Any, NamedTuple
 
 from ctc_chattering.configuration.loop_setup import Setup
 from ctc_chattering.control.recommended_gains import estimator_bandwidth, largest_pole, lateness
-from ctc_chattering.controller.settings_check import UNBOUNDED
+from ctc_chattering.controller.trips import UNBOUNDED
 from ctc_chattering.dynamics.registry import model_of
 from ctc_chattering.trajectory.reference import make_motion
 import numpy as np

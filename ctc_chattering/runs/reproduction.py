@@ -27,7 +27,7 @@ from ctc_chattering.configuration import parameter_file
 from ctc_chattering.configuration.loop_setup import Setup
 from ctc_chattering.configuration.package_share import EXPERIMENTS
 from ctc_chattering.launch.graph import run_graph, Stopped
-from ctc_chattering.ros.domain import own_domain
+from ctc_chattering.ros.process import own_domain
 
 #: Name in the directory of `reproduce`.
 BAGS = 'bags'
@@ -62,7 +62,7 @@ def reproduce(out: str | Path, progress: Callable[[str, float, float], None] | N
     """
     from ctc_chattering.bags.reader import read_bag
     from ctc_chattering.launch.graph import run_graph
-    from ctc_chattering.ros.domain import own_domain
+    from ctc_chattering.ros.process import own_domain
 
     directory = prepare(Path(out), (BAGS,)) / BAGS
     bags = [directory / x.name for x in EXPERIMENTS]

@@ -16,7 +16,7 @@
 
 from __future__ import annotations
 
-from ctc_chattering.bags.arrivals import LogTime
+from ctc_chattering.bags.writer import LogTime
 from ctc_chattering.numerics.time_grid import NANOSECONDS as S
 from hypothesis import given
 from hypothesis import strategies as st

@@ -18,7 +18,7 @@ from __future__ import annotations
 
 import random
 
-from ctc_chattering.bags.arrivals import SequenceTracker
+from ctc_chattering.bags.writer import SequenceTracker
 
 
 def lost(numbering: SequenceTracker, number: int, publishers: int) -> int:

@@ -26,8 +26,7 @@ from typing import Any
 
 from ctc_chattering import replay
 from ctc_chattering.bags.repair import open_bag
-from ctc_chattering.ros.domain import own_domain
-from ctc_chattering.ros.signals import STOP
+from ctc_chattering.ros.process import own_domain, STOP
 from ctc_chattering.ros.subscription import with_info
 from processes import CONFIG, PATIENCE, probe, run_bringup, Stopwatch
 import pytest

@@ -405,7 +405,8 @@ reference:
     {node: {'control_period': 2e-3} for node in LOOP},
     {'reference': {'amplitude': [0.1, 0.2]}, 'plant': {'initial_position': [1, 2]}}])
 def test_what_is_changed_is_as_if_loaded(file: Path, values: dict[str, Any]) -> None:
-    setup = loaded(file, ('plant', 'duration: 1.0'), ('bringup', 'one_processor: false'))
+    setup = loaded(file, ('plant', 'duration: 1.0'),
+                   ('bringup', "events: ['0.5 controller law compensation']"))
     assert setup.changed(values) == parameter_file.load(file, values)
 
 

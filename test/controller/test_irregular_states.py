@@ -197,7 +197,7 @@ class RealTime:
         self._now = self.answered = 0
         self._slow = slow
 
-    def info(self, _message: str) -> None:
+    def info(self, _message: str, /, **_filters: float) -> None:
         """Log nothing."""
 
     warning = error = info

@@ -17,7 +17,7 @@
 from collections.abc import Sequence
 import re
 
-from ctc_chattering.controller.loop_statistics import Durations, LoopStatistics
+from ctc_chattering.controller.health import Durations, LoopStatistics
 from hypothesis import given
 from hypothesis import strategies as st
 import numpy as np

@@ -21,7 +21,7 @@ from math import inf
 from typing import Any
 
 from ctc_chattering.control.controller import ControllerConfig, LAWS
-from ctc_chattering.controller.settings_check import (
+from ctc_chattering.controller.trips import (
     change_steps,
     check_change,
     FACTOR,

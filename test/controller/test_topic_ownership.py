@@ -20,7 +20,7 @@ from collections.abc import Sequence
 import dataclasses
 import itertools
 
-from ctc_chattering.controller.topic_ownership import TopicOwnership
+from ctc_chattering.ros.subscription import TopicOwnership
 from hypothesis import given
 from hypothesis import strategies as st
 import pytest

@@ -28,13 +28,13 @@ class Log:
     def __init__(self) -> None:
         self.lines: list[tuple[str, str]] = []
 
-    def info(self, message: str) -> None:
+    def info(self, message: str, /, **_filters: float) -> None:
         self.lines.append(('info', message))
 
-    def warning(self, message: str) -> None:
+    def warning(self, message: str, /, **_filters: float) -> None:
         self.lines.append(('warning', message))
 
-    def error(self, message: str) -> None:
+    def error(self, message: str, /, **_filters: float) -> None:
         self.lines.append(('error', message))
 
 

@@ -25,7 +25,7 @@ import time
 
 from bags import reports_of
 from ctc_chattering.bags.reader import read_bag
-from ctc_chattering.launch.parameter_events import graph_monitor
+from ctc_chattering.launch.requests import graph_monitor
 from ctc_chattering.simulation.closed_loop import Event
 from processes import alive, bringup, CONFIG, descendants, PATIENCE, probe, run_bringup, wait_for
 import pytest

@@ -31,7 +31,7 @@ from ctc_chattering.live import require_viser
 from ctc_chattering.live.access import Access, HEADERS, VIEW_HEADERS
 from ctc_chattering.live.page_socket import PageSocket
 from ctc_chattering.live.server import free_port, serve, stop
-from ctc_chattering.ros.domain import own_domain
+from ctc_chattering.ros.process import own_domain
 import pytest
 from websockets import Headers
 from websockets.exceptions import InvalidStatus

@@ -27,8 +27,7 @@ from bags import chunk, efforts, state
 from ctc_chattering.analysis.result import simulate
 from ctc_chattering.bags.reader import read_bag
 from ctc_chattering.configuration import parameter_file
-from ctc_chattering.ros.messages import read_stamp
-from ctc_chattering.ros.serialization import EffortReader, StateReader, TrajectoryReader
+from ctc_chattering.ros.messages import EffortReader, read_stamp, StateReader, TrajectoryReader
 from ctc_chattering.ros.topics import CLOCK, COMMANDS, JOINT_STATES, REFERENCE
 from faults import clock, Diagnostics, JOINTS, Kind, KINDS, malformed
 import numpy as np

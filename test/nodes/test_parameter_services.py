@@ -27,7 +27,7 @@ from ctc_chattering.bags.reader import read_bag
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.configuration.node_parameters import NODES, parameters_of
 from ctc_chattering.controller import timing
-from ctc_chattering.controller.settings_check import change_steps
+from ctc_chattering.controller.trips import change_steps
 from ctc_chattering.parameters import LARGEST, LEAST
 from ctc_chattering.ros.topics import COMMANDS, JOINT_STATES
 from faults import Diagnostics, JOINTS

@@ -37,7 +37,7 @@ from ctc_chattering.configuration import parameter_file
 from ctc_chattering.errors import CtcError
 from ctc_chattering.launch import child_process
 from ctc_chattering.numerics.time_grid import NANOSECONDS
-from ctc_chattering.ros.serialization import StateMessage, StateReader
+from ctc_chattering.ros.messages import StateMessage, StateReader
 from ctc_chattering.ros.subscription import with_info
 from ctc_chattering.ros.topics import COMMANDS, DIAGNOSTICS, JOINT_STATES, ROBOT_DESCRIPTION
 from faults import Diagnostics, ERROR, OK

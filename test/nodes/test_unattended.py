@@ -17,18 +17,13 @@
 from __future__ import annotations
 
 import itertools
-import os
 import signal
-import subprocess
-import sys
-import time
 
 from faults import Diagnostics, ERROR, Report
 from processes import probe
 import pytest
-from ros_messages import COMMANDS, MS, reference, stamp, state
+from ros_messages import MS, reference, stamp, state
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Float64MultiArray
 from trajectory_msgs.msg import JointTrajectory
 
 pytestmark = pytest.mark.ros
@@ -63,38 +58,6 @@ def test_unused_references_are_discarded() -> None:
             return 0 < report.count(held) <= CHUNK
 
         reports.until('controller', ahead, 'what is ahead')
-
-
-def test_the_last_torque_does_not_wait_for_the_log() -> None:
-    """The controller's output is a pipe that is full, and that is not read."""
-    source, sink = os.pipe()
-    os.set_blocking(sink, False)
-    with pytest.raises(BlockingIOError):
-        while True:
-            os.write(sink, bytes(4096))
-    os.set_blocking(sink, True)
-    with probe() as it:
-        commands = it.listen(Float64MultiArray, COMMANDS)
-        states = it.node.create_publisher(JointState, 'joint_states', 10)
-        chunks = it.node.create_publisher(JointTrajectory, 'reference', 10)
-        process = subprocess.Popen(
-            [sys.executable, '-m', 'ctc_chattering.cli.node', 'controller', '--ros-args', '-p',
-             'state_timeout:=1.0'], stdout=sink, stderr=sink)
-        try:
-            it.until(lambda: states.get_subscription_count() and chunks.get_subscription_count()
-                     and it.node.count_publishers(COMMANDS), 'the controller')
-            chunks.publish(reference(JOINTS, [[[1.0, -0.5], ZERO, ZERO]]))
-            states.publish(state(time.time_ns(), joint1=(0.0, 0.0), joint2=(0.0, 0.0)))
-            it.until(lambda: any(any(m.data) for m in commands), 'a torque')
-            states.publish(JointState(name=['joint1', 'joint1']))  # That gives a line.
-            it.until(lambda: list(commands[-1].data) == ZERO, 'the last torque')
-            process.send_signal(signal.SIGINT)
-            assert process.wait(30.0) == 0
-        finally:
-            process.kill()
-            process.wait()
-            os.close(source)
-            os.close(sink)
 
 
 @pytest.mark.slow

@@ -24,11 +24,11 @@ import subprocess
 import sys
 
 from ctc_chattering.errors import CtcError
-from ctc_chattering.ros.domain import DOMAINS, own_domain
+from ctc_chattering.ros.process import DOMAINS, own_domain
 import pytest
 
 NAMES = ('ROS_DOMAIN_ID', 'ROS_AUTOMATIC_DISCOVERY_RANGE')
-HOLD = ('import os\nfrom ctc_chattering.ros.domain import own_domain\n'
+HOLD = ('import os\nfrom ctc_chattering.ros.process import own_domain\n'
         'with own_domain() as d: print(d, os.environ["ROS_DOMAIN_ID"], flush=True); input()')
 
 
@@ -47,7 +47,7 @@ def said(process: subprocess.Popen[str]) -> int:
 
 def only(domains: Sequence[int], monkeypatch: pytest.MonkeyPatch) -> None:
     """Leave these domains, which are tried in this order."""
-    monkeypatch.setattr('ctc_chattering.ros.domain.DOMAINS', domains)
+    monkeypatch.setattr('ctc_chattering.ros.process.DOMAINS', domains)
     monkeypatch.setattr('random.sample', lambda found, _: list(found))
 
 

@@ -21,7 +21,7 @@ import subprocess
 import sys
 import textwrap
 
-from ctc_chattering.ros.domain import own_domain
+from ctc_chattering.ros.process import own_domain
 import pytest
 from stopwatch import PATIENCE, Stopwatch
 
@@ -38,7 +38,7 @@ def python(code: str) -> subprocess.Popen[str]:
 def test_who_hangs_is_ended_with_its_status(status: int) -> None:
     process = python(f"""
         import ctypes
-        from ctc_chattering.ros.exit_deadline import end_after
+        from ctc_chattering.ros.process import end_after
         print('farewell')
         end_after(0.2, {status})
         {HANG}
@@ -49,7 +49,7 @@ def test_who_hangs_is_ended_with_its_status(status: int) -> None:
 
 def test_who_ends_before_ends_as_he_would() -> None:
     process = python("""
-        from ctc_chattering.ros.exit_deadline import end_after
+        from ctc_chattering.ros.process import end_after
         end_after(20.0, 7)
     """)
     assert process.communicate(timeout=PATIENCE)[0] == ''
@@ -64,8 +64,8 @@ def test_a_node_that_the_middleware_does_not_let_go_ends() -> None:
             import ctypes
             import sys
             from ctc_chattering.nodes.plant import PlantNode
-            from ctc_chattering.ros import run
-            run._LEAVE = 3.0  # A busy machine must get that far before.
+            from ctc_chattering.ros import node
+            node._LEAVE = 3.0  # A busy machine must get that far before.
 
             class Stuck(PlantNode):
                 def idle(self):
@@ -76,7 +76,7 @@ def test_a_node_that_the_middleware_does_not_let_go_ends() -> None:
                     print('hanging', flush=True)
                     {HANG}
 
-            sys.exit(run.run(Stuck, 'plant'))
+            sys.exit(node.run(Stuck, 'plant'))
         """)
         try:
             assert process.stdout is not None

@@ -21,7 +21,7 @@ import os
 from pathlib import Path
 import socket
 
-from ctc_chattering.ros.fastdds import enlarge_receive_buffers, use_profile, VARIABLES
+from ctc_chattering.ros.process import enlarge_receive_buffers, use_profile, VARIABLES
 from processes import CONFIG, has_port, probe, use_plain_profile
 import pytest
 from rclpy.utilities import get_rmw_implementation_identifier

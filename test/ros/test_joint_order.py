@@ -19,7 +19,7 @@ from __future__ import annotations
 import itertools
 
 from ctc_chattering.errors import RejectedMessage
-from ctc_chattering.ros.joint_order import select
+from ctc_chattering.ros.topics import select
 from hypothesis import given
 from hypothesis import strategies as st
 import pytest

@@ -22,8 +22,7 @@ import signal
 import time
 
 from ctc_chattering.bags.repair import open_bag
-from ctc_chattering.ros.matching import compatible, weakened
-from ctc_chattering.ros.subscription import ValidatedSubscription
+from ctc_chattering.ros.subscription import compatible, ValidatedSubscription, weakened
 from processes import interrupt, probe
 import pytest
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy

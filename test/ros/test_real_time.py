@@ -32,7 +32,7 @@ from ctc_chattering.configuration.node_parameters import RealTimeSettings
 from ctc_chattering.errors import ParameterError
 from ctc_chattering.ros.real_time import garbage_off_the_loop, RealTime
 from ctc_chattering.ros.topics import CLOCK, JOINT_STATES
-from faults import Diagnostics, WARN
+from faults import Diagnostics
 from processes import interrupt, probe
 import pytest
 from rights import WITH_RIGHTS
@@ -142,61 +142,6 @@ assert it.update(True) == '' and it.outcome == 'normal scheduling'
 assert os.sched_getscheduler(0) == os.SCHED_OTHER
 """
     assert with_rights(subprocess.run, [sys.executable, '-c', code]).returncode == 0
-
-
-_WORKS = """
-import os, resource, time
-from ctc_chattering.ros.real_time import RealTime
-from ctc_chattering.configuration.node_parameters import RealTimeSettings
-
-def has_priority():
-    return os.sched_getscheduler(0) == os.SCHED_FIFO
-
-it = RealTime(RealTimeSettings(thread_priority=50))
-assert it.update(True) == 'SCHED_FIFO 50' and has_priority()
-begin = time.process_time()
-while (used := time.process_time() - begin) < {most} and has_priority():
-    cycle = time.monotonic()
-    while time.monotonic() < cycle + {work}:
-        pass
-    time.sleep({pause})
-line = it.update(True)
-if {kept}:
-    assert has_priority() and not it.lost and not line, line
-    assert it.update(False) == 'normal scheduling' and not has_priority()
-else:
-    assert not has_priority() and it.lost, used
-    assert line.startswith('normal scheduling until the next start: with priority it used '), line
-    assert line.endswith('allowed are 50 %') and not it.update(True) and not has_priority()
-assert not it.update({kept} is False)
-"""
-
-
-@pytest.mark.parametrize(('work', 'pause', 'kept'), [
-    (0.1, 0.0, False), (0.4, 0.1, False), (0.004, 0.001, False), (0.002, 0.006, True)])
-def test_who_uses_more_than_half_a_processor_loses_the_priority(
-        work: float, pause: float, kept: bool) -> None:
-    """Without a pause, with a short one each 0.4 s or each 4 ms; a quarter is allowed."""
-    code = _WORKS.format(work=work, pause=pause, kept=kept, most=0.7 if kept else 2.0)
-    process = with_rights(subprocess.run, [sys.executable, '-c', code])
-    assert process.returncode == 0
-
-
-@pytest.mark.ros
-def test_a_node_that_is_too_busy_says_that_it_has_lost_the_priority() -> None:
-    """A plant at 20 kHz loses the priority of all threads, says so and goes on."""
-    with probe() as it:
-        child = with_rights(it.start, 'plant', '-p', 'pacing:=real_time', '-p',
-                            'control_period:=0.00005', '-p', 'thread_priority:=3')
-        report = Diagnostics(it).until(
-            'plant', lambda r: 'next start' in r.values['scheduling'], 'the loss')
-        assert report.level == WARN
-        assert report.message.endswith(report.values['scheduling'])
-        assert policies(child.process.pid) == {(os.SCHED_OTHER, 0)}
-        it.until(lambda: any('WARN' in line and 'allowed are 50 %' in line for line in it.lines),
-                 'the line')
-        assert interrupt(child, signal.SIGINT) < 5.0
-        assert child.status == 0
 
 
 def test_a_processor_that_is_not_there() -> None:

@@ -22,8 +22,7 @@ import subprocess
 import sys
 
 from ctc_chattering.errors import CtcError
-from ctc_chattering.ros.domain import own_domain
-from ctc_chattering.ros.security import check_security
+from ctc_chattering.ros.process import check_security, own_domain
 from faults import nodes_of
 from processes import alive, CONFIG, descriptors, has_port, PATIENCE, wait_for
 import pytest

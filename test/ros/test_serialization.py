@@ -32,12 +32,14 @@ from typing import Any
 from bags import Cdr, chunk, efforts, state
 from builtin_interfaces.msg import Time
 from ctc_chattering.errors import CtcError
-from ctc_chattering.ros.messages import message_type, read_stamp, stamp
-from ctc_chattering.ros.serialization import (
+from ctc_chattering.ros.messages import (
     ControllerStateWriter,
     EffortReader,
     EffortWriter,
+    message_type,
     Point,
+    read_stamp,
+    stamp,
     StateReader,
     StateWriter,
     TrajectoryReader,
@@ -243,11 +245,11 @@ FUZZ = """
 import random, resource, sys
 from faults import KINDS, mutated
 from ctc_chattering.ros.topics import COMMANDS, JOINT_STATES, REFERENCE
-from ctc_chattering.ros import serialization
+from ctc_chattering.ros import messages
 from ctc_chattering.ros.messages import read_stamp
 kind, dice, count = KINDS[sys.argv[1]], random.Random(1), 0
-reader = {JOINT_STATES: serialization.StateReader, COMMANDS: serialization.EffortReader,
-          REFERENCE: serialization.TrajectoryReader}.get(kind.topic)
+reader = {JOINT_STATES: messages.StateReader, COMMANDS: messages.EffortReader,
+          REFERENCE: messages.TrajectoryReader}.get(kind.topic)
 read = reader().read if reader else read_stamp
 read(kind.valid)
 size = int(open('/proc/self/statm').read().split()[0]) * resource.getpagesize()

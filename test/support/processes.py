@@ -27,8 +27,7 @@ import time
 from typing import Any
 
 from ctc_chattering.launch import child_process
-from ctc_chattering.ros.domain import own_domain
-from ctc_chattering.ros.fastdds import VARIABLES
+from ctc_chattering.ros.process import own_domain, VARIABLES
 import pytest
 from rcl_interfaces.msg import SetParametersResult
 from rcl_interfaces.srv import GetParameters, SetParameters

@@ -34,7 +34,7 @@ from ctc_chattering.configuration.package_share import config_directory, EXPERIM
 from ctc_chattering.control.controller import Controller
 from ctc_chattering.dynamics.registry import model_of
 from ctc_chattering.launch.graph import one_processor, run_graph
-from ctc_chattering.ros.domain import own_domain
+from ctc_chattering.ros.process import own_domain
 from ctc_chattering.simulation.closed_loop import simulate
 from ctc_chattering.simulation.plant import Plant
 from ctc_chattering.trajectory.reference import make_motion

@@ -34,7 +34,7 @@ import time
 from typing import NamedTuple
 
 from ctc_chattering.configuration.node_parameters import RealTimeSettings
-from ctc_chattering.controller.loop_statistics import Durations
+from ctc_chattering.controller.health import Durations
 from ctc_chattering.ros.real_time import RealTime
 from real_time_loop import real_time_loop
 

@@ -23,8 +23,7 @@ from contextlib import contextmanager
 from ctc_chattering.configuration.node_parameters import LOOP
 from ctc_chattering.configuration.package_share import EXPERIMENTS
 from ctc_chattering.launch import child_process
-from ctc_chattering.ros.domain import own_domain
-from ctc_chattering.ros.fastdds import use_profile
+from ctc_chattering.ros.process import own_domain, use_profile
 from ctc_chattering.ros.topics import DIAGNOSTICS
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 import rclpy

@@ -25,7 +25,7 @@ import sys
 from ctc_chattering.analysis.output import finite, prepare, write_text
 from ctc_chattering.cli.command_line import guarded
 from ctc_chattering.errors import ParameterError
-from ctc_chattering.ros import signals
+from ctc_chattering.ros.process import collect_signals
 from soak.report import complaints, to_markdown
 from soak.run import run
 
@@ -53,7 +53,7 @@ def _run(options: argparse.Namespace) -> int:
         raise ParameterError('--minutes', options.minutes, 'a finite number > 0')
     out = prepare(options.out, ('bags', 'soak.md', 'soak.json', 'soak.log'), options.overwrite)
     document = run(60.0 * options.minutes, options.seed, out, options.control_period,
-                   signals.collect())
+                   collect_signals())
     found = complaints(document)
     write_text(out / 'soak.json', json.dumps(
         finite({**document, 'complaints': found}), indent=2, ensure_ascii=False) + '\n')

@@ -30,7 +30,7 @@ from ctc_chattering.configuration.package_share import config_directory
 from ctc_chattering.errors import CtcError
 from ctc_chattering.launch import child_process
 from ctc_chattering.numerics.time_grid import NANOSECONDS
-from ctc_chattering.ros.fastdds import use_profile
+from ctc_chattering.ros.process import use_profile
 from faults import Diagnostics, Report
 from processes import Probe, probe
 from soak import measurements, plan

@@ -95,8 +95,8 @@ def run(options: argparse.Namespace) -> int:
 
 def _serve(options: argparse.Namespace, make_page: Callable[..., Page]) -> None:
     """Serve the page until a signal comes."""
-    from ctc_chattering.ros import signals
-    stop = signals.collect()
+    from ctc_chattering.ros.process import collect_signals
+    stop = collect_signals()
     if options.parent is not None:
         from ctc_chattering.launch.child_process import end_with
         end_with(options.parent)
