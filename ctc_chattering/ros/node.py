@@ -25,8 +25,8 @@ from typing import Any, cast, Generic, NamedTuple, TypeVar
 
 from ctc_chattering.configuration.loop_setup import Values
 from ctc_chattering.configuration.node_parameters import NODES, RealTimeSettings
-from ctc_chattering.configuration.parameter_file import OF_ROS
 from ctc_chattering.configuration.package_share import read_description
+from ctc_chattering.configuration.parameter_file import OF_ROS
 from ctc_chattering.controller.health import LoopStatistics
 from ctc_chattering.errors import CtcError, UsageError
 from ctc_chattering.numerics.time_grid import NANOSECONDS
