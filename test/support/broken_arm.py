@@ -19,11 +19,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from ctc_chattering.dynamics.two_link import TwoLink
-from ctc_chattering.numerics.linear_algebra import Vector
+from ctc_chattering.numerics.linear_algebra import Array
 
 
 class Broken(TwoLink):
-    """The paper's arm; asked for an acceleration it raises `error`."""
+    """The paper's arm; asked by the plant for its M and its bias it raises `error`."""
 
     error: type[Exception] = MemoryError
 
@@ -31,5 +31,5 @@ class Broken(TwoLink):
         del joint_names
         super().__init__(gravity)
 
-    def forward_dynamics(self, *_: object) -> Vector:
+    def mass_and_bias(self, *_: object) -> tuple[Array, Array]:
         raise self.error('no more')
