@@ -39,8 +39,8 @@ MODELS = ('two_link', 'urdf')
 
 
 @dataclasses.dataclass(frozen=True)
-class RobotConfig(Config):
-    """Joints and model; the base of the configurations that have a model."""
+class DescribedConfig(Config):
+    """Joints, and the description of the robot; what the configurations of all loop nodes have."""
 
     joint_names: tuple[str, ...] = parameter(
         'joint_names', 'str[]', ('joint1', 'joint2'),
@@ -52,6 +52,12 @@ class RobotConfig(Config):
         'description', 'str', '',
         'Model urdf: file of the robot, a path or package://NAME/PATH; empty for the topic '
         'robot_description.', read_only=True)
+
+
+@dataclasses.dataclass(frozen=True)
+class RobotConfig(DescribedConfig):
+    """Joints and model; the base of the configurations that have a model."""
+
     locked: tuple[str, ...] = parameter(
         'locked', 'str[]', ('',),
         'Positions of joints not in joint_names, each "name position"; default 0.',

@@ -32,12 +32,12 @@ from functools import lru_cache
 from math import ceil, cos, inf, log10, pi, sin
 from typing import ClassVar
 
-from ctc_chattering.dynamics.registry import MODELS
+from ctc_chattering.dynamics.registry import DescribedConfig
 from ctc_chattering.errors import CtcError, ParameterError
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.numerics.polynomials import quintic
 from ctc_chattering.numerics.time_grid import NANOSECONDS, period_ns, seconds
-from ctc_chattering.parameters import Config, parameter, whole
+from ctc_chattering.parameters import parameter, whole
 from ctc_chattering.trajectory.buffer import Point
 from ctc_chattering.trajectory.joint_limits import check_limits, DescribedLimits
 from ctc_chattering.trajectory.motions import (
@@ -55,21 +55,11 @@ PROFILES = ('sinusoid', 'trapezoid')
 
 
 @dataclasses.dataclass(frozen=True)
-class ReferenceConfig(Config):
+class ReferenceConfig(DescribedConfig):
     """Parameters of the desired motion."""
 
     title: ClassVar[str] = 'reference'
 
-    joint_names: tuple[str, ...] = parameter(
-        'joint_names', 'str[]', ('joint1', 'joint2'),
-        'Joints, in the order of gains and torques.', read_only=True)
-    model: str = parameter(
-        'model', 'str', 'two_link',
-        'Robot model, or your own: docs/robots.md.', choices=MODELS, own=True, read_only=True)
-    description: str = parameter(
-        'description', 'str', '',
-        'Model urdf: file of the robot, a path or package://NAME/PATH; empty for the topic '
-        'robot_description.', read_only=True)
     profile: str = parameter(
         'profile', 'str', 'sinusoid',
         'Between center - amplitude and center + amplitude: a sinusoid, or moves of trapezoidal '

@@ -24,7 +24,7 @@ from ctc_chattering.errors import ParameterError
 from ctc_chattering.simulation.drive import response
 from ctc_chattering.simulation.plant import Plant
 from ctc_chattering.simulation.plant_config import PlantConfig
-from mujoco_plant import MujocoPlant
+from mujoco_plant import MujocoPlant, WHEELS
 import numpy as np
 from oracles import Array, Masses
 import pytest
@@ -33,14 +33,6 @@ from scipy.integrate import solve_ivp  # type: ignore[import-untyped]
 H = 1e-3
 MASSES = np.array([2.0, 0.5])
 BACKENDS = ('builtin', 'mujoco')
-#: The same two masses, as wheels.
-WHEELS = """
-<mujoco><worldbody>
-  <body><joint name="joint1" axis="1 0 0"/>
-    <inertial pos="0 0 0" mass="1" diaginertia="2 2 2"/></body>
-  <body pos="0 3 0"><joint name="joint2" axis="0 0 1"/>
-    <inertial pos="0 0 0" mass="1" diaginertia="0.5 0.5 0.5"/></body>
-</worldbody></mujoco>"""
 
 
 def robot(backend: str, **values: Any) -> Plant:

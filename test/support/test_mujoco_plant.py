@@ -29,7 +29,7 @@ from ctc_chattering.simulation.closed_loop import simulate
 from ctc_chattering.simulation.plant import Plant
 from ctc_chattering.simulation.plant_config import PlantConfig
 from ctc_chattering.trajectory.reference import ReferenceConfig
-from mujoco_plant import MujocoPlant
+from mujoco_plant import MujocoPlant, WHEELS
 import numpy as np
 from oracles import Array
 import pytest
@@ -68,14 +68,6 @@ ARM_URDF = f"""<?xml version="1.0" encoding="utf-8"?>
   <joint name="flange" type="fixed"><parent link="lower"/><child link="tool"/></joint>
 </robot>"""
 
-#: Two wheels that know nothing of each other, of 2 and 0.5 kg·m².
-WHEELS = """
-<mujoco><worldbody>
-  <body><joint name="joint1" axis="1 0 0"/>
-    <inertial pos="0 0 0" mass="1" diaginertia="2 2 2"/></body>
-  <body pos="0 3 0"><joint name="joint2" axis="0 0 1"/>
-    <inertial pos="0 0 0" mass="1" diaginertia="0.5 0.5 0.5"/></body>
-</worldbody></mujoco>"""
 INERTIA = np.array([2.0, 0.5])
 
 PENDULUM = """
