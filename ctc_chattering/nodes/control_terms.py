@@ -23,7 +23,7 @@ from typing import Any
 from ctc_chattering.control.controller import Sample
 from ctc_chattering.controller.loop import Answer
 from ctc_chattering.errors import CtcError
-from ctc_chattering.ros.messages import ControllerStateWriter, message_type, StateWriter
+from ctc_chattering.ros.messages import joint_state, message_type, stamp
 from ctc_chattering.ros.node import qos
 from ctc_chattering.ros.topics import CONTROLLER_STATE, FILTER, TORQUES, TRACKING
 from ctc_chattering.trajectory.buffer import Point
@@ -54,13 +54,10 @@ class ControlTerms:
         self.publishers = tuple(
             node.create_publisher(JointState, f'~/{name}', qos())
             for name in (TRACKING, FILTER, TORQUES))
-        self._writers = (
-            StateWriter([f'{j}/{x}' for x in ('desired', 'error') for j in names],
-                        ('position', 'velocity')),
-            StateWriter(names, ('velocity',)),
-            StateWriter([
-                *(f'{j}/{x}' for x in ('nominal', 'compensation', 'robust')
-                  for j in names), 'V'], ('effort',)))
+        self._names = names
+        self._desired = [f'{j}/{x}' for x in ('desired', 'error') for j in names]
+        self._terms = [*(f'{j}/{x}' for x in ('nominal', 'compensation', 'robust')
+                         for j in names), 'V']
         self._count = 0
 
     def restart(self) -> None:
@@ -89,11 +86,14 @@ class ControlTerms:
             Value of the Lyapunov function [J].
 
         """
-        rows = (((*point[0], *s.e), (*point[1], *s.de)), (s.v,), ((
-            *s.nominal, *(-x for x in s.compensation), *(-x for x in s.robust),
-            lyapunov),))
-        for publisher, writer, row in zip(self.publishers, self._writers, rows):
-            publisher.publish(writer.write(t, *row))
+        messages = (
+            joint_state(t, self._desired, position=[*point[0], *s.e],
+                        velocity=[*point[1], *s.de]),
+            joint_state(t, self._names, velocity=s.v),
+            joint_state(t, self._terms, effort=[
+                *s.nominal, *(-x for x in s.compensation), *(-x for x in s.robust), lyapunov]))
+        for publisher, message in zip(self.publishers, messages):
+            publisher.publish(message)
 
 
 class ControllerState:
@@ -121,26 +121,20 @@ class ControllerState:
         with suppress(CtcError):  # It is not on PyPI.
             kind = message_type('control_msgs/msg/JointTrajectoryControllerState')
             self.publishers = (node.create_publisher(kind, f'~/{CONTROLLER_STATE}', qos()),)
-            self._writer = ControllerStateWriter(_message(kind, names))
+            self._message = kind(joint_names=names)
+            if hasattr(self._message, 'speed_scaling_factor'):
+                self._message.speed_scaling_factor = 1.0
 
     def publish(self, answer: Answer) -> None:
         """Publish the sample of the law that answers a state."""
         state, point, s = answer
         for publisher in self.publishers:
             if publisher.get_subscription_count():
-                publisher.publish(self._writer.write(
-                    state.t, (*point, state.q, state.dq, s.e, s.de, s.tau)))
-
-
-def _message(kind: Any, names: Sequence[str]) -> Any:
-    """Return a message with zeros in the fields that are published."""
-    zeros = [0.0] * len(names)
-    motion = {'positions': zeros, 'velocities': zeros}
-    message = kind(
-        joint_names=list(names),
-        reference=JointTrajectoryPoint(**motion, accelerations=zeros),
-        feedback=JointTrajectoryPoint(**motion), error=JointTrajectoryPoint(**motion),
-        output=JointTrajectoryPoint(effort=zeros))
-    if hasattr(message, 'speed_scaling_factor'):
-        message.speed_scaling_factor = 1.0
-    return message
+                message = self._message
+                message.header.stamp = stamp(state.t)
+                message.reference = JointTrajectoryPoint(
+                    positions=point[0], velocities=point[1], accelerations=point[2])
+                message.feedback = JointTrajectoryPoint(positions=state.q, velocities=state.dq)
+                message.error = JointTrajectoryPoint(positions=s.e, velocities=s.de)
+                message.output = JointTrajectoryPoint(effort=s.tau)
+                publisher.publish(message)

@@ -35,12 +35,12 @@ from ctc_chattering.numerics.machine_code import HOW_TO_COMPILE
 from ctc_chattering.numerics.time_grid import seconds
 from ctc_chattering.parameters import OWN_CLASS
 from ctc_chattering.ros.messages import (
-    EffortWriter,
+    effort_writer,
     LATEST,
+    read_chunk,
+    read_state,
     StateMessage,
-    StateReader,
     TrajectoryChunk,
-    TrajectoryReader,
 )
 from ctc_chattering.ros.node import ERROR, LoopNode, qos, Status, TICK
 from ctc_chattering.ros.subscription import ValidatedSubscription
@@ -80,7 +80,7 @@ class ControllerNode(LoopNode[ControllerConfig, ControllerSettings]):
         self._gains = GainChoice()
         #: The gains that came with the law of the last request.
         self._of_law: dict[str, Any] = {}
-        writer = EffortWriter(self._names)
+        writer = effort_writer(self._names)
         self._loop = ControlLoop(
             config, settings.state_timeout, settings.reference_timeout, settings.enabled,
             lambda tau: self._commands.publish(writer.write(tau)),
@@ -108,10 +108,9 @@ class ControllerNode(LoopNode[ControllerConfig, ControllerSettings]):
                 String, f'~/{ROBOT_DESCRIPTION}', qos(1, latched=True))
             self._described.publish(String(data=description))
         reference = ValidatedSubscription(
-            self, JointTrajectory, REFERENCE, TrajectoryReader().read, self._on_reference,
-            qos())
+            self, JointTrajectory, REFERENCE, read_chunk, self._on_reference, qos())
         states = ValidatedSubscription(
-            self, JointState, JOINT_STATES, StateReader().read, self._on_state, qos(),
+            self, JointState, JOINT_STATES, read_state, self._on_state, qos(),
             lambda: self._names, newest=False)
         self.inputs = [states, reference]
 

@@ -28,12 +28,12 @@ from ctc_chattering.errors import CtcError, RejectedMessage
 from ctc_chattering.numerics.time_grid import NANOSECONDS, period_ns, seconds
 from ctc_chattering.ros.messages import (
     LATEST,
+    read_chunk,
     read_stamp,
+    read_state,
     StateMessage,
-    StateReader,
+    trajectory,
     TrajectoryChunk,
-    TrajectoryReader,
-    TrajectoryWriter,
 )
 from ctc_chattering.ros.node import ERROR, LoopNode, OK, qos, Status, WARN
 from ctc_chattering.ros.subscription import ValidatedSubscription
@@ -75,7 +75,6 @@ class ReferenceNode(LoopNode[ReferenceConfig, ReferenceSettings]):
         horizon = round(self.settings.horizon * NANOSECONDS)
         self._ahead = max(4, horizon // self._period)
         self._piece = self._ahead // 4
-        self._writer = TrajectoryWriter(config.joint_names, self._piece, self._period)
         self._publisher = self.create_publisher(JointTrajectory, REFERENCE, qos())
         self._simulated = False
         self._start: int | None = None
@@ -90,7 +89,7 @@ class ReferenceNode(LoopNode[ReferenceConfig, ReferenceSettings]):
         self.inputs = [
             ValidatedSubscription(self, Clock, CLOCK, read_stamp, self._on_clock, qos()),
             ValidatedSubscription(
-                self, JointTrajectory, f'~/{JOINT_TRAJECTORY}', TrajectoryReader().read,
+                self, JointTrajectory, f'~/{JOINT_TRAJECTORY}', read_chunk,
                 self._on_route, qos(10))]
         self.find_description()
 
@@ -135,7 +134,7 @@ class ReferenceNode(LoopNode[ReferenceConfig, ReferenceSettings]):
         begun = self._start is not None and self._plan.motion is not None
         if self._states is None and not begun:
             self._states = ValidatedSubscription(
-                self, JointState, JOINT_STATES, StateReader().read, self._on_state, qos(10),
+                self, JointState, JOINT_STATES, read_state, self._on_state, qos(10),
                 lambda: self.config.joint_names)
         elif self._states is not None and begun:
             self._states.subscription.destroy()
@@ -255,10 +254,10 @@ class ReferenceNode(LoopNode[ReferenceConfig, ReferenceSettings]):
         first = self._now // self._period
         self._next = max(self._next, first)
         while self._next < first + self._ahead:
-            self._publisher.publish(self._writer.write(
-                (self._start or 0) + self._next * self._period,
-                [self._plan.motion.at((self._next + k) * self._period)
-                 for k in range(self._piece)]))
+            self._publisher.publish(trajectory(
+                self._plan.config.joint_names, (self._start or 0) + self._next * self._period,
+                self._period, [self._plan.motion.at((self._next + k) * self._period)
+                               for k in range(self._piece)]))
             self._pieces += 1
             self._next += self._piece
 
