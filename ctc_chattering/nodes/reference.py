@@ -60,7 +60,7 @@ class ReferenceNode(LoopNode[ReferenceConfig, ReferenceSettings]):
     received while there was a subscriber, if its stamp is as far from the node's clock as that of
     the state before, or near the node's clock; other states are passed over.
 
-    Waypoints that come on ``~/joint_trajectory`` take the place of the motion, and a sinusoid whose
+    Waypoints on ``~/joint_trajectory`` take the place of the motion, and a sinusoid whose
     parameters are set takes theirs: it passes from one into the other without a jump.
     """
 
