@@ -103,7 +103,7 @@ class RecorderNode(BaseNode):
         self._flushed = self._reported = time.monotonic()
         self._received_before = 0
         self._time = LogTime()
-        self._clock = self.resolve_topic_name(CLOCK)
+        self._clock_topic = self.resolve_topic_name(CLOCK)
         self._simulated: bool | None = None
         self._early: list[tuple[_Recorded, int, bytes]] = []
         #: What was taken and came after the batch began: arrival [ns], topic, data, information.
@@ -145,7 +145,7 @@ class RecorderNode(BaseNode):
         if topic.timing is not None:
             topic.timing.receive(data, info)
         if self._simulated is None and (topic.timing or len(self._early) >= _EARLY):
-            self._begin(topic.name == self._clock or self.count_publishers(CLOCK) > 0)
+            self._begin(topic.name == self._clock_topic or self.count_publishers(CLOCK) > 0)
         t = self._time.now if self._simulated else (
             info.get('received_timestamp') or self.get_clock().now().nanoseconds)
         if self._simulated is None:
