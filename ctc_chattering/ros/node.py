@@ -377,6 +377,7 @@ class LoopNode(BaseNode, Generic[C, S]):
             self.get_logger().error(self.problem)
             return
         self.problem = ''
+        self.get_logger().info(f'{ROBOT_DESCRIPTION} has come')
 
 
 #: What `run` waits at the end for the last messages to arrive, all together [s]: after a signal,

@@ -107,6 +107,8 @@ def _in_file(file: Path, namespace: str, names: Mapping[str, str]) -> dict[str, 
 
     A section without a namespace is for that node in any namespace.
     """
+    if not file.exists():
+        raise UsageError(f'{_FILE} {file}: there is no such file')
     found: dict[str, Values] = {}
     everything = parameter_file.full_sections(file)
     for executable, node in names.items():
