@@ -40,8 +40,7 @@ from ctc_chattering.errors import CtcError, ParameterError
 from ctc_chattering.numerics.gaps import missing
 from ctc_chattering.simulation import closed_loop
 from ctc_chattering.simulation.closed_loop import Array, Run
-from ctc_chattering.simulation.plant import Plant
-from ctc_chattering.simulation.registry import make_plant
+from ctc_chattering.simulation.plant import make_plant, Plant
 import numpy as np
 import numpy.typing as npt
 

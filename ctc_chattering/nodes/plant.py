@@ -29,9 +29,8 @@ from ctc_chattering.ros.messages import EffortReader, Efforts, stamp, StateWrite
 from ctc_chattering.ros.node import ERROR, LoopNode, OK, qos, Status, WARN
 from ctc_chattering.ros.subscription import ValidatedSubscription
 from ctc_chattering.ros.topics import CLOCK, COMMANDS, JOINT_STATES, select
-from ctc_chattering.simulation.plant import Plant
+from ctc_chattering.simulation.plant import limits_of, make_plant, Plant
 from ctc_chattering.simulation.plant_config import PlantConfig
-from ctc_chattering.simulation.registry import limits_of, make_plant
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray

@@ -40,9 +40,8 @@ from ctc_chattering.simulation.compiled_loop import (
     SENT,
     STAMP,
 )
-from ctc_chattering.simulation.plant import diverged, Plant
+from ctc_chattering.simulation.plant import diverged, make_plant, Plant
 from ctc_chattering.simulation.plant_config import PlantConfig
-from ctc_chattering.simulation.registry import make_plant
 from ctc_chattering.trajectory.buffer import Point
 from ctc_chattering.trajectory.motions import Route
 from ctc_chattering.trajectory.reference import make_motion, reference_table, ReferenceConfig
