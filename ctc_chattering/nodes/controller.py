@@ -175,7 +175,6 @@ class ControllerNode(LoopNode[ControllerConfig, ControllerSettings]):
 
     def _answer(self, now: int) -> None:
         """Have the pending state answered, and publish what the torque is made of."""
-        begin = time.thread_time_ns()
         self._matched = self._matched or self.matched(
             self._commands, *self._terms.publishers, *self._controller_state.publishers)
         try:
@@ -191,10 +190,10 @@ class ControllerNode(LoopNode[ControllerConfig, ControllerSettings]):
                 self.failure = f'tripped: {self._loop.tripped}'  # Time would wait for a reset.
                 self.done.set_result(None)
             return
-        self._loop.took(time.thread_time_ns() - begin)
         self._publish_terms(answer)
         end = time.monotonic_ns()
-        self.statistics.sample(now, end, time.thread_time_ns() - begin)
+        self._loop.took(end - now)
+        self.statistics.sample(now, end)
         if self.in_real_time and end - now > self._loop.period:
             self.statistics.misses += 1
 

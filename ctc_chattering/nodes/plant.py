@@ -229,8 +229,8 @@ class PlantNode(LoopNode[PlantConfig, PlantSettings]):
         self._robot.braking = False
 
     def _on_tick(self) -> None:
-        begin, used = time.monotonic_ns(), time.thread_time_ns()
-        plant, steps = self._robot, 1
+        begin = time.monotonic_ns()
+        plant = self._robot
         now = self.get_clock().now().nanoseconds
         if not self._begun:
             self._anchor()
@@ -240,7 +240,6 @@ class PlantNode(LoopNode[PlantConfig, PlantSettings]):
                 self._latest, self._sent = (0.0,) * len(self._names), None
             due = self._timer_grid.due(now, plant.k)
             self.statistics.misses += max(0, due - 1)
-            steps = min(max(1, due), _CATCH_UP)
             for _ in range(min(due, _CATCH_UP)):
                 if self._at_end():
                     return
@@ -255,7 +254,7 @@ class PlantNode(LoopNode[PlantConfig, PlantSettings]):
                 return
         self._publish_state()
         end = time.monotonic_ns()
-        self.statistics.sample(begin, end, (time.thread_time_ns() - used) // steps)
+        self.statistics.sample(begin, end)
         if self._sent is None and self._begun and not plant.braking:
             self._sent = end
 
