@@ -18,15 +18,16 @@ A state and a reference, evaluated: all that a law needs to know of them.
 
 Filter
 ------
-The filter (3), with b > 0, λ > 0 and a state ξ that needs no acceleration. In continuous time ``v = -b de + ξ`` with ``dξ/dt = -λ ξ + b [(λ I - Kv) de - Kp e]``, ξ(0) = 0.
+The filter (3), with b > 0, λ > 0 and a state ξ that needs no acceleration. In continuous time
+``v = -b de + ξ`` with ``dξ/dt = -λ ξ + b [(λ I - Kv) de - Kp e]``, ξ(0) = 0.
 Sampled, with the bracket held over each period h, this has the exact solution::
 
     ξ[k+1] = exp(-λ h) ξ[k] + (1 - exp(-λ h)) / λ · b [λ de - u],     u = Kv de + Kp e
 
 Limits
 ------
-Of the torque and of its rate, with the anti-windup of the filter (3). The saturation error, what the limits take from the torque, acts in the closed loop (8) like a
-perturbation: over one period it changes v by -b h M⁻¹ times itself. Added to ξ with the opposite
+Of the torque and of its rate, with the anti-windup of the filter (3). The saturation error,
+what the limits take from the torque, acts in the closed loop (8) like a perturbation: over one period it changes v by -b h M⁻¹ times itself. Added to ξ with the opposite
 sign, it leaves v as it would be without limits.
 
 Delay

@@ -32,8 +32,8 @@ take from a torque. Between the two laws of the paper the chattering term comes 
 instead.
 
 The step is a pure function of records, so that it runs as plain Python and compiled
-(`compiled.compilable`): `PlainStep` and `CompiledStep`. `Controller` is what users call. Vectors are arrays of shape (n,),
-matrices of shape (n, n).
+(`compiled.compilable`): `PlainStep` and `CompiledStep`. `Controller` is what
+users call. Vectors are arrays of shape (n,), matrices of shape (n, n).
 """
 
 from __future__ import annotations
