@@ -26,9 +26,10 @@ Sampled, with the bracket held over each period h, this has the exact solution::
 
 Limits
 ------
-Of the torque and of its rate, with the anti-windup of the filter (3). The saturation error,
-what the limits take from the torque, acts in the closed loop (8) like a perturbation: over one
-period it changes v by -b h M⁻¹ times itself. Added to ξ with the opposite sign, it leaves v as it would be without limits.
+Of the torque and of its rate, with the anti-windup of the filter (3). The saturation error, what
+the limits take from the torque, acts in the closed loop (8) like a perturbation: over one period
+it changes v by -b h M⁻¹ times itself. Added to ξ with the opposite sign, it leaves v as it would
+be without limits.
 
 Delay
 -----

@@ -23,8 +23,8 @@ one method is `term`. Those that estimate the perturbation have `updated`, `adva
 Implicit
 --------
 `Implicit` is the backward-Euler discretisation of Ka sgn(v): the term z is the element of
-Ka Sgn(v) at the *next* sample, so that it can rest anywhere between -Ka and Ka once v is 0 (Acary &
-Brogliato 2010; Huber, Acary & Brogliato 2016; see docs/theory.md)::
+Ka Sgn(v) at the *next* sample, so that it can rest anywhere between -Ka and Ka once v is 0
+(Acary & Brogliato 2010; Huber, Acary & Brogliato 2016; see docs/theory.md)::
 
     z ∈ Ka Sgn(v⁺),     v⁺ = b h M⁻¹ (w - z),     w = M y / (b h) - C v                     (SW1)
 
