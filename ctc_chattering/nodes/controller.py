@@ -21,6 +21,7 @@ from math import inf
 import time
 from typing import Any
 
+from ctc_chattering.compiled.machine_code import HOW_TO_COMPILE
 from ctc_chattering.configuration.loop_setup import Values
 from ctc_chattering.configuration.node_parameters import ControllerSettings
 from ctc_chattering.control.controller import Controller, ControllerConfig, LAWS
@@ -37,7 +38,6 @@ from ctc_chattering.controller.trips import check_change, missing_limits
 from ctc_chattering.dynamics.registry import model_of
 from ctc_chattering.errors import RejectedMessage
 from ctc_chattering.nodes.control_terms import ControllerState, ControlTerms
-from ctc_chattering.numerics.machine_code import HOW_TO_COMPILE
 from ctc_chattering.numerics.time_grid import seconds
 from ctc_chattering.parameters import OWN_CLASS
 from ctc_chattering.ros.messages import (
@@ -182,7 +182,6 @@ class ControllerNode(LoopNode[ControllerConfig, ControllerSettings]):
 
     def _answer(self, now: int) -> None:
         """Have the pending state answered, and publish what the torque is made of."""
-        begin = time.thread_time_ns()
         self._matched = self._matched or self.matched(
             self._commands, *self._terms.publishers, *self._controller_state.publishers)
         try:
@@ -198,10 +197,10 @@ class ControllerNode(LoopNode[ControllerConfig, ControllerSettings]):
                 self.failure = f'tripped: {self._loop.tripped}'  # Time would wait for a reset.
                 self.done.set_result(None)
             return
-        self._loop.took(time.thread_time_ns() - begin)
         self._publish_terms(answer)
         end = time.monotonic_ns()
-        self.statistics.sample(now, end, time.thread_time_ns() - begin)
+        self._loop.took(end - now)
+        self.statistics.sample(now, end)
         if self.in_real_time and end - now > self._loop.period:
             self.statistics.misses += 1
 
