@@ -85,8 +85,8 @@ if TYPE_CHECKING:
     from ctc_chattering.bags.recording import Recording as Recording
     from ctc_chattering.bags.repair import repair as repair
     from ctc_chattering.bags.replay import replay as replay
-    from ctc_chattering.configuration.loading import load_parameters as load_parameters
     from ctc_chattering.configuration.loop_setup import Setup as Setup
+    from ctc_chattering.configuration.parameter_file import load_parameters as load_parameters
     from ctc_chattering.control.controller import Controller as Controller
     from ctc_chattering.control.controller import ControllerConfig as ControllerConfig
     from ctc_chattering.control.controller import Sample as Sample
@@ -137,7 +137,7 @@ _MODULES = {
     'bags.recording': ('RecordedMotion', 'Recording'),
     'bags.repair': ('repair',),
     'bags.replay': ('replay',),
-    'configuration.loading': ('load_parameters',),
+    'configuration.parameter_file': ('load_parameters',),
     'configuration.loop_setup': ('Setup',),
     'control.controller': ('Controller', 'ControllerConfig', 'Sample'),
     'control.evaluation': ('State',),
