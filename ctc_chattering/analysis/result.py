@@ -37,7 +37,7 @@ from ctc_chattering.dynamics.model import Model
 from ctc_chattering.dynamics.registry import kept_model_of
 from ctc_chattering.dynamics.urdf_parser import Tree
 from ctc_chattering.errors import CtcError, ParameterError
-from ctc_chattering.numerics.gaps import missing
+from ctc_chattering.numerics.time_grid import missing
 from ctc_chattering.simulation import closed_loop
 from ctc_chattering.simulation.closed_loop import Array, Run
 from ctc_chattering.simulation.plant import Plant

@@ -47,7 +47,7 @@ def run_simulate(options: argparse.Namespace) -> int:
     """
     from ctc_chattering.analysis.compilation import can_be_compiled, PLAIN, way
     from ctc_chattering.analysis.result import METRICS, simulate, write_metrics, write_npz
-    from ctc_chattering.numerics.machine_code import HOW_TO_COMPILE
+    from ctc_chattering.compiled.machine_code import HOW_TO_COMPILE
 
     file, over, setup = load_setup(options)
     if setup.plant.duration == 0.0:
@@ -113,7 +113,7 @@ def run_compile(options: argparse.Namespace) -> int:
     serves all files with this law and number of joints.
     """
     from ctc_chattering.analysis.compilation import compile_setup
-    from ctc_chattering.numerics.machine_code import cache_directory
+    from ctc_chattering.compiled.machine_code import cache_directory
 
     start, (_, _, setup) = time.monotonic(), load_setup(options)
     made = compile_setup(setup, options.all, say)

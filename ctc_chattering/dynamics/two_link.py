@@ -29,8 +29,8 @@ from __future__ import annotations
 
 from math import cos, sin
 
+from ctc_chattering.compiled.compilable import function
 from ctc_chattering.dynamics.model import Model
-from ctc_chattering.numerics.compilable import function
 from ctc_chattering.numerics.linear_algebra import Array, Rows, Vector
 import numpy as np
 

@@ -21,6 +21,7 @@ from math import inf
 import time
 from typing import Any
 
+from ctc_chattering.compiled.machine_code import HOW_TO_COMPILE
 from ctc_chattering.configuration.loop_setup import Values
 from ctc_chattering.configuration.node_parameters import ControllerSettings
 from ctc_chattering.control.controller import Controller, ControllerConfig, LAWS
@@ -31,7 +32,6 @@ from ctc_chattering.controller.trips import check_change, missing_limits
 from ctc_chattering.dynamics.registry import model_of
 from ctc_chattering.errors import RejectedMessage
 from ctc_chattering.nodes.control_terms import ControllerState, ControlTerms
-from ctc_chattering.numerics.machine_code import HOW_TO_COMPILE
 from ctc_chattering.numerics.time_grid import seconds
 from ctc_chattering.parameters import OWN_CLASS
 from ctc_chattering.ros.messages import (

@@ -22,12 +22,11 @@ from math import cos, isfinite, log, sin
 from random import Random
 from typing import Any, NamedTuple
 
-from ctc_chattering.control.compiled_step import CompiledStep, E, TAU, V
-from ctc_chattering.control.control_step import periods
-from ctc_chattering.numerics.compilable import function
+from ctc_chattering.compiled.compilable import function
+from ctc_chattering.compiled.machine_code import Call, Code, invoke
+from ctc_chattering.compiled.records import numpy_record
+from ctc_chattering.control.step import CompiledStep, E, periods, TAU, V
 from ctc_chattering.numerics.linear_algebra import Array
-from ctc_chattering.numerics.machine_code import Call, Code, invoke
-from ctc_chattering.numerics.records import numpy_record
 from ctc_chattering.simulation.compiled_plant import CompiledPlant, CompiledPlantStep, no_inputs
 from ctc_chattering.simulation.plant import Plant
 import numpy as np

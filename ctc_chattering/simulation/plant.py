@@ -25,26 +25,21 @@ from math import ceil, inf, isfinite
 from random import Random
 from typing import Any
 
+from ctc_chattering.compiled.compilable import RECORDS
+from ctc_chattering.compiled.machine_code import MACHINE_CODE, PLAIN_PYTHON
 from ctc_chattering.dynamics.arm import Arm, arm_of
 from ctc_chattering.dynamics.elastic_model import Elastic
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.dynamics.registry import model_of
 from ctc_chattering.errors import CtcError, ParameterError
-from ctc_chattering.numerics.compilable import RECORDS
 from ctc_chattering.numerics.linear_algebra import Array, Vector
-from ctc_chattering.numerics.machine_code import MACHINE_CODE, PLAIN_PYTHON
 from ctc_chattering.numerics.time_grid import period_ns, samples, seconds
 from ctc_chattering.simulation.compiled_plant import CompiledPlantStep, Shown
 from ctc_chattering.simulation.drive import Driven, Drives
 from ctc_chattering.simulation.friction import Friction, own_friction
 from ctc_chattering.simulation.motion import Mechanics, Mechanism, Motion, Rigid
 from ctc_chattering.simulation.plant_config import PlantConfig
-from ctc_chattering.simulation.plant_step import (
-    PlantInput,
-    PlantParameters,
-    PlantState,
-    stepped,
-)
+from ctc_chattering.simulation.plant_step import PlantInput, PlantParameters, PlantState, stepped
 from ctc_chattering.simulation.sensor import Sensor
 import numpy as np
 

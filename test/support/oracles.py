@@ -20,7 +20,7 @@ from collections.abc import Callable, Iterator
 import itertools
 
 from ctc_chattering.control.controller import Controller
-from ctc_chattering.control.perturbation_observer import Perturbation
+from ctc_chattering.control.switching import Perturbation
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.dynamics.two_link import TwoLink
 from ctc_chattering.numerics.linear_algebra import Rows, Vector
