@@ -35,17 +35,15 @@ from typing import Any, NamedTuple
 from ctc_chattering.analysis import drawing
 from ctc_chattering.analysis.tables import rounded
 from ctc_chattering.configuration.loop_setup import Setup
-from ctc_chattering.control.control_step import step
 from ctc_chattering.control.controller import Controller
 from ctc_chattering.control.controller_config import ControllerConfig
-from ctc_chattering.control.delay_prediction import ROWS
-from ctc_chattering.control.evaluation import Context, Models
+from ctc_chattering.control.evaluation import Context, Models, ROWS
 from ctc_chattering.control.observer import drive_model
+from ctc_chattering.control.step import step
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.dynamics.registry import model_of
 from ctc_chattering.errors import CtcError
-from ctc_chattering.numerics.linear_algebra import Array, Rows, Vector
-from ctc_chattering.numerics.peak_gain import peak_gain
+from ctc_chattering.numerics.linear_algebra import Array, peak_gain, Rows, Vector
 from ctc_chattering.numerics.time_grid import period_ns, seconds
 from ctc_chattering.parameters import matrix
 from ctc_chattering.runs.recommended import desired_points
@@ -149,8 +147,9 @@ class _SteadyMotion:
         for k in range(-before, 0):
             made.step(*self._row(k * h * one, one), [
                 self._row((k + j) * h * one, one)[2:] for j in range(1, self._delay + 1)])
-        self._memories = made.memory._replace(turn=0.0), made.law_memory
-        rolled = np.roll(made.transit, -ROWS * int(made.memory.turn), axis=0)
+        control, of_law, _ = made.memories
+        self._memories = control._replace(turn=0.0), of_law
+        rolled = np.roll(made.transit, -ROWS * int(control.turn), axis=0)
         self._at = np.concatenate([*_numbers(self._memories), rolled.ravel()])
         self._y = np.concatenate([0.0 * one, _SPEED * one])
         self._points = np.array([x for j in range(self._delay + 1)

@@ -32,7 +32,7 @@ from ctc_chattering.analysis.result import simulate
 from ctc_chattering.cli.command_line import guarded
 from ctc_chattering.cli.ctc import make_parser
 from ctc_chattering.configuration import parameter_file
-from ctc_chattering.control.switching import SWITCHINGS
+from ctc_chattering.control.controller_config import SWITCHINGS
 from ctc_chattering.simulation import closed_loop
 from ctc_chattering.simulation.closed_loop import Run
 from ctc_commands import ctc, ctc_process, python, refused
@@ -292,7 +292,7 @@ def test_the_first_help_loads_no_command() -> None:
     code = ('import sys\nfrom ctc_chattering.cli.ctc import main\n'
             'try:\n    main(["--help"])\nexcept SystemExit:\n'
             '    print("loaded:", sorted(set(sys.modules) & {'
-            '"numpy", "yaml", "jinja2", "ctc_chattering.cli.commands"}))')
+            '"numpy", "yaml", "jinja2", "ctc_chattering.cli.options"}))')
     assert python('-c', code).stdout.endswith('\nloaded: []\n')
 
 

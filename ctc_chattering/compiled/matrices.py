@@ -1,0 +1,217 @@
+# Copyright 2026 The ctc_chattering maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Matrices of compiled code: rows of n numbers, one after the other in memory."""
+
+from __future__ import annotations
+
+import operator
+from typing import Any
+
+from ctc_chattering.compiled import compilable
+from ctc_chattering.compiled.vectors import (
+    lowered,
+    overloaded,
+    read,
+    total,
+    VectorType,
+    with_element,
+    write,
+)
+from llvmlite import ir
+from numba import types
+from numba.core import cgutils
+from numba.extending import intrinsic, models, register_model
+import numpy as np
+
+_DOUBLE = ir.DoubleType()
+
+
+class MatrixType(types.Type):
+    """Rows of `n` floats, one after the other in memory: `n` of them, unless it is said."""
+
+    def __init__(self, n: int) -> None:
+        self.n = n
+        super().__init__(f'matrix({n})')
+
+
+@register_model(MatrixType)
+class _MatrixModel(models.PrimitiveModel):
+
+    def __init__(self, manager: Any, kind: MatrixType) -> None:
+        super().__init__(manager, kind, _DOUBLE.as_pointer())
+
+
+@lowered
+def _place(_typing: Any, matrix: Any, i: Any, j: Any) -> Any:
+    def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
+        row, column = (context.cast(builder, value, kind, types.intp)
+                       for value, kind in zip(values[1:], signature.args[1:]))
+        place = builder.add(builder.mul(row, ir.Constant(row.type, matrix.n)), column)
+        return builder.load(builder.gep(values[0], [place]))
+    return types.float64(matrix, i, j), generate
+
+
+@overloaded(operator.getitem)
+def _item(matrix: Any, place: Any) -> Any:
+    if isinstance(matrix, MatrixType) and isinstance(place, types.BaseTuple):
+        return lambda matrix, place: _place(matrix, place[0], place[1])
+    if isinstance(matrix, MatrixType) and isinstance(place, types.Integer):
+        return lambda matrix, place: _row(matrix, place)
+    return None
+
+
+@lowered
+def _set_place(_typing: Any, matrix: Any, i: Any, j: Any, value: Any) -> Any:
+    def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
+        row, column = (context.cast(builder, x, kind, types.intp)
+                       for x, kind in zip(values[1:3], signature.args[1:3]))
+        place = builder.add(builder.mul(row, ir.Constant(row.type, matrix.n)), column)
+        builder.store(values[3], builder.gep(values[0], [place]))
+        return context.get_dummy_value()
+    return types.none(matrix, i, j, types.float64), generate
+
+
+@lowered
+def _row(_typing: Any, matrix: Any, i: Any) -> Any:
+    def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
+        row = context.cast(builder, values[1], signature.args[1], types.intp)
+        start = builder.gep(values[0], [builder.mul(row, ir.Constant(row.type, matrix.n))])
+        return read(builder, start, matrix.n)
+    return VectorType(matrix.n)(matrix, i), generate
+
+
+@lowered
+def _set_row(_typing: Any, matrix: Any, i: Any, x: Any) -> Any:
+    def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
+        row = context.cast(builder, values[1], signature.args[1], types.intp)
+        start = builder.gep(values[0], [builder.mul(row, ir.Constant(row.type, matrix.n))])
+        write(builder, values[2], start)
+        return context.get_dummy_value()
+    return types.none(matrix, i, x), generate
+
+
+@overloaded(operator.setitem)
+def _set_item(matrix: Any, i: Any, x: Any) -> Any:
+    if isinstance(matrix, MatrixType):
+        return lambda matrix, i, x: _set_row(matrix, i, x)
+    return None
+
+
+def _scratch(_typing: Any, n: Any) -> Any:
+    """Return a matrix for as long as the function runs."""
+    if not isinstance(n, types.IntegerLiteral):
+        return None
+
+    def generate(_context: Any, builder: Any, _signature: Any, _values: Any) -> Any:
+        room = ir.ArrayType(_DOUBLE, n.literal_value ** 2)
+        pointer = cgutils.alloca_once(builder, room)
+        return builder.bitcast(pointer, _DOUBLE.as_pointer())
+    return MatrixType(n.literal_value)(n), generate
+
+
+_room: Any = intrinsic(prefer_literal=True)(_scratch)
+
+
+@overloaded(compilable.dot)
+def _dot(matrix: Any, x: Any) -> Any:
+    n = x.n
+
+    def product(matrix: Any, x: Any) -> Any:
+        y = x
+        for i in range(n):
+            y = with_element(y, i, total(_row(matrix, i) * x))
+        return y
+    return product
+
+
+@overloaded(compilable.transposed_dot)
+def _transposed_dot(matrix: Any, x: Any) -> Any:
+    n = x.n
+
+    def product(matrix: Any, x: Any) -> Any:
+        y = x[0] * _row(matrix, 0)
+        for i in range(1, n):
+            y = y + x[i] * _row(matrix, i)
+        return y
+    return product
+
+
+@overloaded(compilable.diagonal)
+def _diagonal(matrix: Any) -> Any:
+    n = matrix.n
+
+    def elements(matrix: Any) -> Any:
+        y = _row(matrix, 0)
+        for i in range(n):
+            y = with_element(y, i, matrix[i, i])
+        return y
+    return elements
+
+
+@overloaded(compilable.solve)
+def _solve(matrix: Any, x: Any) -> Any:
+    del matrix, x
+    return lambda matrix, x: compilable.solve_where(x == x, matrix, x)
+
+
+@overloaded(compilable.solve_where)
+def _solve_where(chosen: Any, matrix: Any, x: Any) -> Any:
+    """Eliminate by Cholesky's method, with the identity in rows and columns that are left out."""
+    n = x.n
+
+    def solution(chosen: Any, matrix: Any, x: Any) -> Any:
+        lower, y = _room(n), x
+        for i in range(n):
+            total = x[i] if chosen[i] else 0.0
+            for j in range(i):
+                rest = matrix[i, j] if chosen[i] and chosen[j] else 0.0
+                for k in range(j):
+                    rest -= lower[i, k] * lower[j, k]
+                _set_place(lower, i, j, rest * lower[j, j])
+                total -= lower[i, j] * y[j]
+            rest = matrix[i, i] if chosen[i] else 1.0
+            for k in range(i):
+                rest -= lower[i, k] * lower[i, k]
+            _set_place(lower, i, i, 1.0 / np.sqrt(rest))
+            y = with_element(y, i, total * lower[i, i])
+        for i in range(n - 1, -1, -1):
+            total = y[i]
+            for k in range(i + 1, n):
+                total -= lower[k, i] * y[k]
+            y = with_element(y, i, total * lower[i, i])
+        return y
+    return solution
+
+
+@overloaded(compilable.inverse_diagonal)
+def _inverse_diagonal(matrix: Any) -> Any:
+    n = matrix.n
+
+    def elements(matrix: Any) -> Any:
+        zero = 0.0 * _row(matrix, 0)
+        y = zero
+        for i in range(n):
+            column = compilable.solve(matrix, with_element(zero, i, 1.0))
+            y = with_element(y, i, column[i])
+        return y
+    return elements
+
+
+def copy(builder: Any, source: Any, target: Any, n: int) -> None:
+    """Copy the `n` rows of a matrix from pointer to pointer."""
+    for i in range(n):
+        place = ir.Constant(ir.IntType(64), i * n)
+        row = read(builder, builder.gep(source, [place]), n)
+        write(builder, row, builder.gep(target, [place]))

@@ -1,0 +1,62 @@
+# Copyright 2026 The ctc_chattering maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""`ctc compile`, and what the commands say where nothing is compiled."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from shutil import copy
+
+from ctc_chattering.analysis.compilation import codes
+from ctc_chattering.compiled.machine_code import HOW_TO_COMPILE
+from ctc_chattering.configuration import parameter_file
+from ctc_commands import ctc, ctc_process, refused
+from machine_code import compile_runs
+import pytest
+
+
+def test_a_user_who_has_not_compiled_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """`ctc simulate` computes and says how to compile; that done, it says nothing."""
+    known = parameter_file.load(None)
+    compile_runs(known)
+    cache = tmp_path / '.cache' / 'ctc_chattering' / 'machine_code'
+    cache.mkdir(parents=True, mode=0o700)
+    for code in codes(known):  # All but the law, which would take half a minute.
+        copy(code.path, cache)
+    monkeypatch.setenv('HOME', str(tmp_path))
+    run = 'simulate', '--duration', '0.05', '--law', 'pd_gravity'
+    first = ctc_process(*run)
+    assert first.returncode == 0
+    assert HOW_TO_COMPILE in first.stderr
+    compiled = ctc_process('compile', '--law', 'pd_gravity', timeout=300.0)
+    assert compiled.returncode == 0, compiled.stderr
+    assert compiled.stdout.startswith('1 functions compiled in ')
+    assert str(tmp_path / '.cache') in compiled.stdout
+    assert compiled.stderr.splitlines()[-1] == 'compiled control-pdgravity-2 (1 of 1)'
+    again = ctc_process(*run)
+    assert again.returncode == 0
+    assert HOW_TO_COMPILE not in again.stderr
+    assert again.stdout == first.stdout
+
+
+def test_what_cannot_be_compiled_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / 'elastic.yaml'
+    path.write_text('plant: {ros__parameters: {joint_stiffness: [1.0e4, 1.0e4], '
+                    'motor_inertia: [1.0, 0.1]}}\n')
+    plain = tmp_path / 'plain.yaml'
+    plain.write_text('/**: {ros__parameters: {compiled: false}}\n')
+    refused(ctc('compile', '--params-file', plain), 'nothing can be compiled')
+    done = ctc('simulate', '--params-file', path, '--duration', '0.01')
+    assert (done.returncode, HOW_TO_COMPILE in done.stderr) == (0, False)

@@ -1,0 +1,236 @@
+# Copyright 2026 The ctc_chattering maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""`ctc map`: what it writes, what survives a kill, and one line for everything that is wrong."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+import json
+import os
+from pathlib import Path
+import signal
+import subprocess
+import sys
+from typing import Any
+
+from ctc_chattering.runs import store
+from ctc_chattering.runs.points import Runs
+from ctc_chattering.runs.spec import read_spec
+from ctc_chattering.runs.store import locked
+from ctc_commands import ctc, refused, ROOT
+from map_specs import BRIEF, SMALL, written
+import psutil  # type: ignore[import-untyped]
+from pyarrow import parquet
+import pytest
+from stopwatch import PATIENCE
+
+
+@contextmanager
+def started(*arguments: object) -> Iterator[subprocess.Popen[str]]:
+    """Start `ctc map`, or a program, in a process group of its own; end it with all below it."""
+    process = subprocess.Popen(
+        [sys.executable, '-m', *map(str, arguments)], text=True, stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT, start_new_session=True,
+        env={**os.environ, 'PYTHONPATH': str(ROOT)})
+    try:
+        yield process
+    finally:
+        below = psutil.Process(process.pid).children(recursive=True) if (
+            process.poll() is None) else []
+        for each in (process, *below):
+            each.kill()
+        process.communicate()
+
+
+def mapped(spec: Path, out: Path, *more: object) -> Any:
+    return started('ctc_chattering.cli.ctc', 'map', spec, '--out', out, *more)
+
+
+def until(done: Callable[[], Any], process: subprocess.Popen[str]) -> None:
+    """Wait until `done`, while a process runs."""
+    while not done():
+        with pytest.raises(subprocess.TimeoutExpired):
+            process.wait(0.01)
+
+
+def shards(out: Path) -> set[str]:
+    return {x.name for x in out.glob('shards/*.parquet')}
+
+
+def in_one_process(spec: Path, out: Path) -> dict[str, bytes]:
+    """Compute a map run by run here; return the bytes of its tables."""
+    runs = Runs(read_spec(spec))
+    directory = store.Directory(out, store.about(runs), store.schema(runs.spec))
+    parts = []
+    for chunk in reversed(store.chunks(runs)):
+        parts.append(store.compute(runs, store.version(), chunk))
+        directory.write(chunk, parts[-1])
+    directory.merge(parts)
+    return tables(out)
+
+
+def tables(out: Path) -> dict[str, bytes]:
+    return {x.name: x.read_bytes() for x in out.rglob('*.parquet')}
+
+
+@pytest.mark.slow
+def test_a_map_that_is_killed_goes_on_to_the_same_bytes(tmp_path: Path) -> None:
+    """Kill everything, start again with more workers, kill one of them: nothing else is lost."""
+    spec, out = written(tmp_path / 'brief.yaml', **BRIEF), tmp_path / 'out'
+    expected = in_one_process(spec, tmp_path / 'here')
+    with mapped(spec, out, '--jobs', 1) as process:
+        until(lambda: len(shards(out)) >= 5, process)
+        process.kill()
+        process.wait()
+    before = shards(out)
+    assert 5 <= len(before) < 60
+    assert {x: y for x, y in tables(out).items() if x in before} == {
+        x: y for x, y in expected.items() if x in before}
+    with mapped(spec, out, '--jobs', 2) as process:
+        until(lambda: len(shards(out)) >= len(before) + 5, process)
+        worker = next(x for x in psutil.Process(process.pid).children(recursive=True)
+                      if 'spawn_main' in ' '.join(x.cmdline()))
+        worker.kill()
+        assert len(shards(out)) < 60
+        output, _ = process.communicate(timeout=PATIENCE)
+    assert process.returncode == 0, output
+    assert f'{len(before)} runs are already computed' in output
+    assert tables(out) == expected
+
+
+def test_ctrl_c_ends_in_a_line(tmp_path: Path) -> None:
+    """Send it to all processes, as a terminal does."""
+    spec, out = written(tmp_path / 'brief.yaml', **BRIEF), tmp_path / 'out'
+    with mapped(spec, out, '--jobs', 1) as process:
+        until(lambda: shards(out), process)
+        workers = psutil.Process(process.pid).children(recursive=True)
+        os.killpg(process.pid, signal.SIGINT)
+        output, _ = process.communicate(timeout=PATIENCE)
+    assert process.returncode == 130
+    assert output.splitlines()[-1].endswith(
+        f'ctc map: stopped; {len(shards(out))} of 60 runs are in {out}, '
+        'run the same command to continue')
+    assert 'Traceback' not in output
+    assert psutil.wait_procs(workers, PATIENCE)[1] == []
+
+
+def test_results(tmp_path: Path) -> None:
+    """
+    Check every file, and that the next one computes nothing but what is damaged.
+
+    Check that another map, and one while another process writes, is refused.
+    """
+    spec, out = written(tmp_path / 'small.yaml', failure={'error_above': 1e-9}), tmp_path / 'out'
+    words = ('map', spec, '--out', out, '--jobs', 1)
+    result = ctc(*words)
+    assert result.returncode == 0, result.stderr
+    assert result.stdout.splitlines()[0] == '24 runs in 24 chunks'
+    assert {x.name for x in out.iterdir()} == {
+        'map.parquet', 'map.json', 'shards', 'figures', 'index.html', '.lock'}
+    table = parquet.read_table(out / 'map.parquet')
+    assert table['run'].to_pylist() == list(range(24))
+    assert set(table['failure'].to_pylist()) == {'error'}
+    about = json.loads((out / 'map.json').read_text(encoding='utf-8'))
+    assert (about['runs'], about['failures'], about['engines']) == (
+        24, {'error': 24}, {'plain': 24})
+    assert about['spec']['window'] == [0.05, 0.1]
+    assert about['versions']['ctc_chattering'] == store.version()
+    before = tables(out)
+    damaged = next(out.glob('shards/*.parquet'))
+    damaged.write_bytes(damaged.read_bytes()[:-1] + b'?')
+    again = ctc(*words)
+    lines = again.stdout.splitlines()
+    assert (again.returncode, lines[2]) == (0, '23 runs are already computed')
+    assert lines[0].startswith(f'{damaged}: damaged, ')
+    assert tables(out) == before
+    with locked(out):
+        refused(ctc(*words), f'{out}: process {os.getpid()} on ', 'is writing there')
+    written(spec, seed=8)
+    refused(ctc(*words), str(out), 'a map of another spec', '--overwrite')
+    assert tables(out) == before
+
+
+def test_what_the_machine_cannot_do_ends_the_map(tmp_path: Path) -> None:
+    """Run an arm that is short of memory: no run of it is booked as one that diverged."""
+    spec = written(tmp_path / 'small.yaml', overrides={'/**': {'model': 'broken_arm:Broken'}})
+    out = tmp_path / 'out'
+    result = ctc('map', spec, '--out', out, '--jobs', 1)
+    assert (result.returncode, result.stderr.splitlines()[-1]) == (
+        1, 'ctc map: the run failed: MemoryError: no more; 0 of 24 runs are in '
+        f'{out}, run the same command to continue')
+    assert not shards(out)
+
+
+@pytest.mark.parametrize(('words', 'expected'), [
+    (('--jobs', 0), ['--jobs', '0', '>= 1']),
+    (('--jobs', 2, '--scheduler', 'tcp://a:1'), ['--scheduler: not allowed with argument --jobs']),
+    (('--scheduler', 'nowhere'), ['--scheduler nowhere', 'no scheduler answers']),
+    (('--explain', 'law=soft'), ['--explain law=soft', 'friction']),
+    (('--explain', '24'), ['run: 24', '0 to 23'])])
+def test_bad_options(tmp_path: Path, words: tuple[object, ...], expected: list[str]) -> None:
+    spec = written(tmp_path / 'small.yaml')
+    refused(ctc('map', spec, '--out', tmp_path / 'out', *words), 'ctc map: ', *expected)
+
+
+def test_what_cannot_be_made_shows_before_anything_runs(tmp_path: Path) -> None:
+    file = tmp_path / 'mine.yaml'
+    file.write_text('/**: {ros__parameters: {model: "nowhere:Arm"}}')
+    spec = written(tmp_path / 'small.yaml', params_file=str(file))
+    result = ctc('map', spec, '--out', tmp_path / 'out')
+    refused(result, 'there is no model nowhere:Arm')
+    assert not (tmp_path / 'out').exists()
+
+
+@pytest.mark.slow
+def test_a_cluster_gives_the_same_bytes_and_its_end_is_a_line(tmp_path: Path) -> None:
+    """Start dask's scheduler and two workers by hand; then kill the scheduler in the middle."""
+    spec, out = written(tmp_path / 'brief.yaml', **BRIEF), tmp_path / 'out'
+    expected = in_one_process(spec, tmp_path / 'here')
+    file = tmp_path / 'scheduler.json'
+    place = ('--no-dashboard', '--scheduler-file', file)
+    with started('distributed.cli.dask_scheduler', '--port', 0, *place) as scheduler:
+        until(file.exists, scheduler)
+        address = json.loads(file.read_text())['address']
+        worker = ('distributed.cli.dask_worker', '--nthreads', 1, *place)
+        with started(*worker), started(*worker):
+            with mapped(spec, out, '--scheduler', address) as process:
+                output, _ = process.communicate(timeout=PATIENCE)
+            assert process.returncode == 0, output
+            assert tables(out) == expected
+            other = tmp_path / 'other'
+            with mapped(spec, other, '--scheduler', address) as process:
+                until(lambda: len(shards(other)) >= 5, process)
+                scheduler.kill()
+                output, _ = process.communicate(timeout=PATIENCE)
+    assert process.returncode == 1
+    assert 'ctc map: the scheduler is lost; ' in output.splitlines()[-1]
+    assert 'Traceback' not in output
+
+
+@pytest.mark.slow
+def test_the_compiled_loop_gives_the_same_bytes_for_any_number_of_workers(tmp_path: Path) -> None:
+    spec = written(tmp_path / 'long.yaml', **{
+        **SMALL, 'overrides': {}, 'duration': 5.0, 'repeats': 60})
+    found = []
+    for jobs in (1, 2):
+        out = tmp_path / f'{jobs}'
+        result = ctc('map', spec, '--out', out, '--jobs', jobs)
+        assert result.returncode == 0, result.stderr
+        about = json.loads((out / 'map.json').read_text(encoding='utf-8'))
+        assert set(about['engines']) == {'compiled'}
+        found.append(tables(out))
+    assert len(found[0]) > 3
+    assert found[0] == found[1]

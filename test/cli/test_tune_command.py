@@ -1,0 +1,147 @@
+# Copyright 2026 The ctc_chattering maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""`ctc tune`: from a spec or a parameter file to gains, and one line for what is wrong."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+from ctc_chattering.cli.ctc import main
+from ctc_chattering.configuration import parameter_file
+from ctc_chattering.runs.tune_page import NAMES
+import pytest
+
+SPEC = """
+params_file: robot.yaml
+duration: 0.5
+repeats: 2
+uncertain:
+  friction: {parameter: plant.coulomb_friction, uniform: [0.8, 1.2], factor: true}
+tune:
+  law: chattering
+  torque_limit: 5000
+  search: {pole: [5, 50]}
+"""
+ROBOT = """
+/**: {ros__parameters: {control_period: 0.005}}
+plant: {ros__parameters: {duration: 10.0, integration_step: 0.005}}
+"""
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Return a directory with a spec and a robot, from another one."""
+    (tmp_path / 'elsewhere').mkdir()
+    monkeypatch.chdir(tmp_path / 'elsewhere')
+    (tmp_path / 'spec.yaml').write_text(SPEC)
+    (tmp_path / 'robot.yaml').write_text(ROBOT)
+    return tmp_path
+
+
+def numbers(out: Path) -> Any:
+    return json.loads((out / 'tune.json').read_text())
+
+
+def test_a_spec_becomes_gains(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    command = ['tune', str(folder / 'spec.yaml'), '--trials', '6', '--jobs', '1']
+    assert main(command) == 0
+    text = capsys.readouterr().out
+    for words in ('chattering implicit_observer', '6 trials × 2 draws', '8 fresh draws',
+                  'friction times 0.8 to 1.2', '5000 N·m', 'file chattering sign',
+                  'ctc simulate tuned/tuned.yaml'):
+        assert words in text
+    assert {x.name for x in Path('tuned').iterdir()} == set(NAMES)
+    found = numbers(Path('tuned'))
+    assert [found[x] for x in ('percentile', 'seed', 'law')] == [95.0, 0, 'chattering']
+    assert all(5.0 <= x['numbers']['pole'] <= 50.0 for x in found['trials'])
+    assert main(['simulate', '--params-file', 'tuned/tuned.yaml', '--duration', '0.5']) == 0
+    assert main(command) == 1
+    assert 'exists already' in capsys.readouterr().err
+    assert main([*command, '--overwrite', '--seed', '0']) == 0
+    assert numbers(Path('tuned')) == found
+
+
+def test_options_stand_above_the_spec(folder: Path) -> None:
+    options = ['--law', 'integral', '--torque-limit', '600,700', '--torque-rate', '1e6',
+               '--draws', '3', '--seed', str(2 ** 40), '--percentile', '50', '--duration',
+               '0.4']
+    assert main(['tune', str(folder / 'spec.yaml'), '--trials', '3', '--jobs', '1', *options]
+                ) == 0
+    found = numbers(Path('tuned'))
+    assert (found['law'], found['switching']) == ('integral', None)
+    assert found['limits'] == {'torque_nm': [600.0, 700.0],
+                               'torque_rate_nm_per_s': [1e6, 1e6]}
+    assert (found['percentile'], found['duration_s']) == (50.0, 0.4)
+    assert len(found['draws']['search']['values']) == 3
+    setup = parameter_file.load(Path('tuned/tuned.yaml'))
+    assert setup.controller.law == 'integral'
+
+
+def test_a_parameter_file_alone_is_enough(folder: Path) -> None:
+    file = str(folder / 'robot.yaml')
+    assert main(['tune', '--params-file', file, '--trials', '2', '--jobs', '1', '--draws', '2',
+                 '--duration', '0.5']) == 0
+    assert [x['name'] for x in numbers(Path('tuned'))['uncertain']] == [
+        'model', 'friction', 'lag', 'noise']
+
+
+def test_limits_that_nothing_keeps_are_a_failure_with_all_files(
+        folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(['tune', str(folder / 'spec.yaml'), '--trials', '2', '--jobs', '1',
+                 '--torque-limit', '1']) == 1
+    error = capsys.readouterr().err.splitlines()[-1]
+    assert error.startswith('ctc tune: no trial keeps the limits; trial ')
+    assert error.endswith('see tuned/index.html')
+    assert not Path('tuned/tuned.yaml').exists()
+    assert len(numbers(Path('tuned'))['trials']) == 2
+
+
+@pytest.mark.parametrize(('arguments', 'words'), [
+    (['--trials', '0'], '--trials: 0 is not allowed'),
+    (['--percentile', '0'],
+     '--percentile: 0.0 is not allowed; allowed: a finite number >= 1e-09 and <= 100'),
+    (['--percentile', '101'], '--percentile: 101.0 is not allowed'),
+    (['--jobs', '0'], '--jobs: 0 is not allowed'),
+    (['--seed', '-1'], 'spec.yaml: seed: -1 is not allowed'),
+    (['--draws', '0'], 'spec.yaml: repeats: 0 is not allowed'),
+    (['--law', 'pid'], "spec.yaml: tune.law: 'pid' is not allowed"),
+    (['--torque-limit', 'x'], 'tune.torque_limit: x is not allowed'),
+    (['--torque-limit', '1,2,3'], 'tune.torque_limit: [1.0, 2.0, 3.0] is not allowed')])
+def test_errors_are_one_line(folder: Path, capsys: pytest.CaptureFixture[str],
+                             arguments: list[str], words: str) -> None:
+    assert main(['tune', str(folder / 'spec.yaml'), *arguments]) == 2
+    error = capsys.readouterr().err
+    assert words in error
+    assert error.count('\n') == 1
+    assert not Path('tuned').exists()
+
+
+def test_axes_are_for_maps(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    spec = folder / 'spec.yaml'
+    spec.write_text(SPEC + 'axes: {}\n')
+    assert main(['tune', str(spec)]) == 1
+    assert capsys.readouterr().err == (
+        f'ctc tune: {spec}: axes: not allowed for ctc tune, which takes one law and what is '
+        'uncertain; it is for ctc map\n')
+
+
+@pytest.mark.parametrize('arguments', [
+    [], ['spec.yaml', '--params-file', 'friction'], ['--params-file', 'a', '--identified', 'b']])
+def test_there_is_one_robot(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(['tune', *arguments]) == 2
+    error = capsys.readouterr().err
+    assert error.startswith('ctc tune: ') and error.count('\n') == 1
