@@ -36,7 +36,6 @@ from ctc_chattering.identification.random_motions import (
     Excitation,
     ExcitationConfig,
     Quintics,
-    RandomMotion,
     RandomMotions,
 )
 from ctc_chattering.numerics.linear_algebra import Array
@@ -51,9 +50,8 @@ MOTION, RUN = 'motion.yaml', 'run.yaml'
 ADVICE = 'choose smaller limits, a smaller position_range or another centre'
 #: By what random motions are scaled one after the other until they keep all limits.
 _SMALLER = (1.0, 0.7, 0.5, 0.35, 0.25, 0.15)
-#: Step in which distances are checked at first and at the end [s], by how much a motion shrinks
-#: that is too near then, and how often it may.
-_STEP, CHECK, _SHRINK, _TIMES = 0.025, 0.005, 0.98, 50
+#: Steps in which distances are checked one after the other [s].
+_STEP, CHECK = 0.025, 0.005
 #: Part of a largest torque that is used, since it is computed in steps [s].
 _TORQUE, _TORQUE_STEP = 0.97, 0.05
 #: Step in which a motion is evaluated for what is reported [s].
@@ -224,14 +222,14 @@ class MotionSearch:
         drawn = [self._motions.draw(rng) for _ in range(count)]
         for size in _SMALLER:
             for one in drawn:
-                refusal = self._beyond(one, size)
+                found = self._motions.motion(one, size)
+                refusal, nearest = self._beyond(found)
                 if not refusal:
-                    return self._kept(one, size)
+                    return found, nearest
         raise CtcError(refusal)
 
-    def _beyond(self, drawn: RandomMotion, size: float) -> str:
-        """Return which limit a motion does not keep; empty if it keeps all."""
-        found = self._motions.motion(drawn, size)
+    def _beyond(self, found: Excitation) -> tuple[str, Approach | None]:
+        """Return which limit a motion does not keep, empty if all, and the nearest approach."""
         t = np.arange(0.0, found.path.times[-1] / NANOSECONDS, _TORQUE_STEP)
         torque = np.array([np.abs(self._friction.added(np.array(self._model.inverse_dynamics(
             *(x.tolist() for x in point))), point[1]))
@@ -239,28 +237,17 @@ class MotionSearch:
         k, i = np.unravel_index(int((torque / self._effort).argmax()), torque.shape)
         if torque[k, i] > _TORQUE * self._effort[i]:
             return (f'peak torque of {found.names[i]}: {torque[k, i]:.4g} is not allowed; at most '
-                    f'{self._effort[i]:g} N*m, its effort limit: {ADVICE}')
-        return self._too_near(found, _STEP)[0]
-
-    def _too_near(self, found: Excitation, step: float) -> tuple[str, Approach | None]:
-        """Return which links come too near, in words, and the nearest approach."""
+                    f'{self._effort[i]:g} N*m, its effort limit: {ADVICE}'), None
         if self._links is None:
             return '', None
-        t = np.arange(0.0, found.path.times[-1] / NANOSECONDS + step, step)
-        nearest = self._links.nearest(found.path.at(t)[0])
-        return '' if nearest.spare >= 0.0 else (
-            'the motion is refused; nearest approach of two links: '
-            f'{self._links.text(nearest, float(t[nearest.sample]))} is needed: {ADVICE}'), nearest
-
-    def _kept(self, drawn: RandomMotion, size: float) -> tuple[Excitation, Approach | None]:
-        """Return a motion, smaller if in small steps links come too near, and its approach."""
-        for _ in range(_TIMES):
-            found = self._motions.motion(drawn, size)
-            text, nearest = self._too_near(found, CHECK)
-            if not text:
-                return found, nearest
-            size *= _SHRINK
-        raise CtcError(text)
+        for step in (_STEP, CHECK):  # Most that come too near do so in large steps already.
+            t = np.arange(0.0, found.path.times[-1] / NANOSECONDS + step, step)
+            nearest = self._links.nearest(found.path.at(t)[0])
+            if nearest.spare < 0.0:
+                return ('the motion is refused; nearest approach of two links: '
+                        f'{self._links.text(nearest, float(t[nearest.sample]))} is needed: '
+                        f'{ADVICE}'), nearest
+        return '', nearest
 
 
 @dataclasses.dataclass(frozen=True)

@@ -307,7 +307,12 @@ class Selected:
     def combined(self, weights: Mapping[Term, float]) -> tuple[float, float]:
         """Return value and half the interval of a sum of terms of the fit with weights."""
         row = np.array([weights.get(term, 0.0) for term in self.fit.terms])
-        return float(row @ self.fit.value), self.spread.half(row)
+        return float(row @ self.fit.value), float(self.spread.half(row))
+
+    def torque(self, data: Data, kinds: Sequence[TermKind]) -> tuple[Array, Array]:
+        """Return the torque of terms of some kinds, and half its interval, each (J, n) [N·m]."""
+        columns = data.columns(self.fit.terms) * [x.kind in kinds for x in self.fit.terms]
+        return columns @ self.fit.value, self.spread.half(columns)
 
 
 def select(data: Data, joints: Sequence[str], columns: ErrorColumns | None = None,

@@ -55,6 +55,11 @@ class TermKind(Enum):
     FADING = 'fading torque'
 
 
+#: Kinds of friction; slopes of its columns are 0 in a fit, and there for the sake of intervals.
+FRICTION = (TermKind.FORWARDS, TermKind.BACKWARDS, TermKind.VISCOUS, TermKind.STRIBECK,
+            TermKind.LOAD)
+#: Kinds of errors of the model and of the drives.
+ERRORS = (TermKind.MODEL, TermKind.SCALE, TermKind.DEAD_BAND, TermKind.FADING)
 #: Kinds of what a drive makes of a command, those with a column in `Data.bent`.
 BENT = (TermKind.DEAD_BAND, TermKind.FADING)
 
@@ -151,6 +156,24 @@ class Data:
                    torque=np.where(known, torque, 0.0), floor=_FLOOR * sizes,
                    bent=np.zeros((*torque.shape, 2)) if bent is None else np.where(
                        known[:, :, None], np.concatenate(list(bent)), 0.0))
+
+    @classmethod
+    def at(cls, way: Array, velocity: Array, torque: Array, more: Array) -> Data:
+        """
+        Return states instead of windows; S states.
+
+        Parameters
+        ----------
+        way, velocity, torque : ndarray, shape (S, n)
+            Direction, velocity [rad/s], and torque of the drives [N·m].
+        more : ndarray, shape (S, n, m)
+            Torque of each column of the model's errors [N·m].
+
+        """
+        zero, load = np.zeros_like(way), np.abs(torque)
+        slow = np.exp(-np.square(velocity[:, :, None] / STRIBECK))
+        return cls(zero[:, 0], velocity, way, more, way[:, :, None] * slow, load, zero, zero, (0,),
+                   torque, motor=load, bent=np.stack((np.sign(torque), torque * load), axis=2))
 
     def loaded(self, levels: Array) -> Data:
         """
@@ -355,9 +378,11 @@ class Spread:
         found: Array = np.sqrt(np.maximum(self.covariance.diagonal(), 0.0))
         return found
 
-    def half(self, weights: Array) -> float:
-        """Return half the interval of the sum of the coefficients with `weights`, shape (p,)."""
-        return self.factor * sqrt(max(float(weights @ self.covariance @ weights), 0.0))
+    def half(self, weights: Array) -> Array:
+        """Return half the interval of sums of the coefficients with weights, shape (..., p)."""
+        power = (weights @ self.covariance * weights).sum(axis=-1)
+        found: Array = self.factor * np.sqrt(np.maximum(power, 0.0))
+        return found
 
 
 def correlation_length(x: Array) -> float:
