@@ -95,11 +95,12 @@ class Validation:
                 yield Finding(Kind.NOTE, i, f'it hardly moves in {self.name}')
                 continue
             part = rest / max(whole, 1e-12)
-            yield Finding(
-                Kind.NOT_PREDICTED, i,
-                f'{part:.0%} of P, {rest:.3g} N*m RMS, are not predicted in {self.name}',
-                'record a motion like that one too, and give both bags', part)
-            if most is not None:
+            if part > Kind.NOT_PREDICTED.care:
+                yield Finding(
+                    Kind.NOT_PREDICTED, i,
+                    f'{part:.0%} of P, {rest:.3g} N*m RMS, are not predicted in {self.name}',
+                    'record a motion like that one too, and give both bags', part)
+            if most is not None and peak > most:
                 yield Finding(
                     Kind.BEYOND_KA, i, f'|P| reaches {peak:.3g} N*m in {self.name}, beyond '
                     f'ka = {most:.3g} N*m', 'record a motion like that one too', peak / most)
@@ -111,12 +112,12 @@ class Validation:
         found = []
         for name, one, whole, rest, peak, most in zip(
                 joints, mine, *self.run.misfit(), self.run.peak, ka):
-            if one[0].kind == Kind.NOTE:
+            if one and one[0].kind == Kind.NOTE:
                 found.append((False, f'{name}: hardly moves in this run'))
                 continue
             held = '' if most is None else (
                 f', {"within" if peak <= most else "beyond"} ka = {most:.3g} N*m')
-            found.append((most is not None and all(x.severity == Severity.NOTE for x in one), (
+            found.append((most is not None and not one, (
                 f'{name}: {rest:.3g} N*m RMS of {whole:.3g} N*m of friction and errors of the '
                 f'model are not predicted ({rest / max(whole, 1e-12):.2%}); |P| reaches '
                 f'{peak:.3g} N*m{held}')))
