@@ -16,7 +16,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 import dataclasses
 from math import inf
 from pathlib import Path
@@ -89,8 +89,8 @@ class Played:
         Time [s].
     q, dq, ddq : ndarray, shape (N, n)
         Position [rad], velocity [rad/s] and acceleration [rad/s²].
-    inertial, gravity, tau : ndarray, shape (N, n)
-        M ddq + C dq; G; both with friction [N·m].
+    tau : ndarray, shape (N, n)
+        Torque with friction [N·m].
 
     """
 
@@ -98,15 +98,7 @@ class Played:
     q: Array
     dq: Array
     ddq: Array
-    inertial: Array
-    gravity: Array
     tau: Array
-
-    @property
-    def peak_torque(self) -> Array:
-        """Largest torque of each joint, shape (n,) [N·m]."""
-        peak: Array = np.abs(self.tau).max(axis=0)
-        return peak
 
 
 def played(path: Quintics, model: Model, friction: AssumedFriction, step: float = _FINE
@@ -128,11 +120,14 @@ def played(path: Quintics, model: Model, friction: AssumedFriction, step: float 
     """
     t = np.arange(round(path.times[-1] / NANOSECONDS / step) + 1) * step
     q, dq, ddq = path.at(t)
-    gravity = np.array([model.gravity_torque(row) for row in q.tolist()])
-    inertial = np.array([model.inverse_dynamics(*point) for point in zip(
-        q.tolist(), dq.tolist(), ddq.tolist())]) - gravity
-    return Played(t, q, dq, ddq, inertial, gravity,
-                  friction.added(inertial + gravity, dq))
+    return Played(t, q, dq, ddq, torques(model, (q, dq, ddq), friction))
+
+
+def torques(model: Model, motion: Iterable[Array], friction: AssumedFriction) -> Array:
+    """Return the torque of position, velocity and acceleration, each (N, n), (N, n) [N·m]."""
+    q, dq, ddq = motion
+    smooth = [model.inverse_dynamics(*x) for x in zip(q.tolist(), dq.tolist(), ddq.tolist())]
+    return friction.added(np.array(smooth), dq)
 
 
 def sticking(model: Model, positions: Array, kp: Array, friction: AssumedFriction) -> Array:
@@ -231,9 +226,7 @@ class MotionSearch:
     def _beyond(self, found: Excitation) -> tuple[str, Approach | None]:
         """Return which limit a motion does not keep, empty if all, and the nearest approach."""
         t = np.arange(0.0, found.path.times[-1] / NANOSECONDS, _TORQUE_STEP)
-        torque = np.array([np.abs(self._friction.added(np.array(self._model.inverse_dynamics(
-            *(x.tolist() for x in point))), point[1]))
-            for point in found.path.at(t).transpose(1, 0, 2)])
+        torque = np.abs(torques(self._model, found.path.at(t), self._friction))
         k, i = np.unravel_index(int((torque / self._effort).argmax()), torque.shape)
         if torque[k, i] > _TORQUE * self._effort[i]:
             return (f'peak torque of {found.names[i]}: {torque[k, i]:.4g} is not allowed; at most '
@@ -248,24 +241,6 @@ class MotionSearch:
                         f'{self._links.text(nearest, float(t[nearest.sample]))} is needed: '
                         f'{ADVICE}'), nearest
         return '', nearest
-
-
-@dataclasses.dataclass(frozen=True)
-class Checked:
-    """
-    What is known of collisions of the robot with itself.
-
-    Attributes
-    ----------
-    links : SelfCollision or None
-        What was checked.
-    reason : str
-        Why nothing was.
-
-    """
-
-    links: SelfCollision | None
-    reason: str = ''
 
 
 @dataclasses.dataclass(frozen=True)
@@ -285,8 +260,10 @@ class Plan:
         As it is played.
     effort : ndarray
         Largest torques [N·m]; inf for unlimited.
-    checked : Checked
-        Distances of links.
+    links : SelfCollision or None
+        What was checked for collisions of the robot with itself.
+    unchecked : str
+        Why nothing was.
     near : Approach or None
         Where links have the least to spare, of samples of 5 ms.
     kp, kv : ndarray
@@ -301,7 +278,8 @@ class Plan:
     excitation: Excitation
     motion: Played
     effort: Array
-    checked: Checked
+    links: SelfCollision | None
+    unchecked: str
     near: Approach | None
     kp: Array
     kv: Array
@@ -382,11 +360,11 @@ def excite(setup: Setup, request: Mapping[str, Any] | None = None,
     assumed = AssumedFriction(coulomb, np.array(plant.viscous_friction))
     effort = np.minimum(
         controller.largest_torque(model.effort_limits), plant.torque_saturation)
-    kept = _checked(setup, config, allowed_pairs(srdf) if srdf else (), floor)
+    links, reason = _checked(setup, config, allowed_pairs(srdf) if srdf else (), floor)
     only = [names.index(name) for name in joints]
     share = np.where(np.isin(np.arange(len(names)), only), 1.0, _OTHERS) if only else None
     motions = RandomMotions(config, bounds, share)
-    found, approach = MotionSearch(motions, model, assumed, effort, kept.links).first(
+    found, approach = MotionSearch(motions, model, assumed, effort, links).first(
         evaluations, seed)
     motion = played(found.path, model, assumed)
     slow = [round((a + b) / 2.0 / (motion.t[1] - motion.t[0])) for a, b in found.slow]
@@ -394,16 +372,16 @@ def excite(setup: Setup, request: Mapping[str, Any] | None = None,
     hold = sticking(model, motion.q[slow], kp, assumed)
     delay = controller.control_period * (1 + controller.input_delay)
     higher, kv = gains(kp, kv, hold, bounds.slow, delay)
-    return Plan(limits, bounds, found, motion, effort, kept, approach, higher, kv,
+    return Plan(limits, bounds, found, motion, effort, links, reason, approach, higher, kv,
                 hold * kp / higher)
 
 
 def _checked(setup: Setup, config: ExcitationConfig, allowed: Collection[frozenset[str]],
-             floor: float | None) -> Checked:
-    """Return the distances that can be checked, or why none can."""
+             floor: float | None) -> tuple[SelfCollision | None, str]:
+    """Return the distances that can be checked, or None and why none can."""
     description = setup.descriptions.get('controller', '')
     if not description:
-        return Checked(None, 'there is no description of its links')
+        return None, 'there is no description of its links'
     try:
         links = SelfCollision(
             description, config.joint_names, locked_positions(setup.controller.locked),
@@ -411,11 +389,11 @@ def _checked(setup: Setup, config: ExcitationConfig, allowed: Collection[frozens
     except MachineError:
         raise
     except CtcError as error:
-        return Checked(None, str(error))
+        return None, str(error)
     if not links.pairs:
         why = f' ({", ".join(links.unseen)})' if links.unseen else ''
-        return Checked(None, f'no two links have collision shapes{why}')
-    return Checked(links)
+        return None, f'no two links have collision shapes{why}'
+    return links, ''
 
 
 def _limits(description: str, names: tuple[str, ...]) -> tuple[JointLimits, ...]:

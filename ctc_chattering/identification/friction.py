@@ -390,10 +390,9 @@ def _scales_beside(projected: Projected, found: Explanation, options: Sequence[C
 
 def _containing(fit: Fit, errors: Spread, other: Fit) -> Spread:
     """Return the spread with intervals of friction that contain another fit's as well."""
-    off = np.array([other.of(term) - value if term in other.terms and term.joint >= 0
-                    and term.kind not in BENT else 0.0
-                    for term, value in zip(fit.terms, fit.value)]) / errors.factor
-    return dataclasses.replace(errors, covariance=errors.covariance + np.outer(off, off))
+    return errors.wider(np.array([
+        other.of(term) - value if term in other.terms and term.joint >= 0
+        and term.kind not in BENT else 0.0 for term, value in zip(fit.terms, fit.value)]))
 
 
 def _common(projected: Projected, causes: Explanation, options: Sequence[Cause]) -> float:
@@ -414,21 +413,20 @@ def _common(projected: Projected, causes: Explanation, options: Sequence[Cause])
 def _in_doubt(fit: Fit, errors: Spread, projected: Projected, causes: Explanation,
               beside: Explanation, options: Sequence[Cause], loaded: bool) -> Spread:
     """Return the spread with what the scales of torques may be off by."""
-    covariance = errors.covariance.copy()
     common = max(0.0 if loaded else _common(projected, causes, options),
                  max((abs(float(x[0])) for cause, x in zip(beside.causes, beside.values)
                       if cause.kind == CauseKind.SCALE), default=0.0))
-    doubts = {-1: common / errors.factor}
+    doubts = {-1: common}
     for option in options:
         if option.kind == CauseKind.SCALE and option.which != ALL and not any(
                 option is x for x in beside.causes):
-            doubts[option.which] = min(projected.deviation(beside, option, True), _SCALE)
+            doubts[option.which] = errors.factor * min(
+                projected.deviation(beside, option, True), _SCALE)
     for i, doubt in doubts.items():
-        off = doubt * np.array([
+        errors = errors.wider(doubt * np.array([
             value if term.kind not in _DRIVE and term.joint >= 0 and i in (-1, term.joint)
-            else 0.0 for term, value in zip(fit.terms, fit.value)])
-        covariance += np.outer(off, off)
-    return dataclasses.replace(errors, covariance=covariance)
+            else 0.0 for term, value in zip(fit.terms, fit.value)]))
+    return errors
 
 
 def _mixed(columns: ErrorColumns, found: Explanation) -> tuple[Array, list[Term]]:
@@ -471,8 +469,7 @@ def _other_load(data: Data, fit: Fit, errors: Spread) -> Spread:
                for term in fit.terms]
     other = solve(data, swapped)
     own = [term.joint >= 0 and term.kind not in BENT for term in fit.terms]
-    off = _FORM * np.where(own, other.value - fit.value, 0.0) / errors.factor
-    return dataclasses.replace(errors, covariance=errors.covariance + np.outer(off, off))
+    return errors.wider(_FORM * np.where(own, other.value - fit.value, 0.0))
 
 
 def _final(data: Data, terms: Sequence[Term], missing: dict[tuple[TermKind, int], str]

@@ -24,7 +24,7 @@ from ctc_chattering.dynamics.model import Model
 from ctc_chattering.errors import CtcError
 from ctc_chattering.identification.attribution import Projected
 from ctc_chattering.identification.bodies import ConsistentBodies, judged, left_over
-from ctc_chattering.identification.drive_torque import COMMAND, EFFORT, has
+from ctc_chattering.identification.drives import COMMAND, EFFORT, has
 from ctc_chattering.identification.effort import placed_unevenly, torque_sides
 from ctc_chattering.identification.findings import ALL_JOINTS, Estimate, Finding, Severity
 from ctc_chattering.identification.friction import joint_friction, JointFriction, select, Selected

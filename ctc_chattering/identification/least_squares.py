@@ -192,25 +192,24 @@ class Data:
         """Return the design, shape (J, n, terms); 0 in rows that are not used."""
         found = np.zeros((*self.way.shape, len(terms)))
         for k, (kind, i, which) in enumerate(terms):
+            mine = slice(None) if i < 0 else slice(i, i + 1)
+            way = self.way[:, mine]
             if kind == TermKind.MODEL:
-                found[:, :, k] = self.more[:, :, int(which)] * (self.way != 0.0)
+                column = self.more[:, mine, int(which)]
             elif kind == TermKind.SCALE:
-                mine = slice(None) if i < 0 else slice(i, i + 1)
-                found[:, mine, k] = -self.torque[:, mine] * (self.way[:, mine] != 0.0)
+                column = -self.torque[:, mine]
             elif kind in BENT:
-                found[:, i, k] = self.bent[:, i, BENT.index(kind)] * (self.way[:, i] != 0.0)
+                column = self.bent[:, mine, BENT.index(kind)]
             elif kind in (TermKind.STRIBECK, TermKind.STRIBECK_SLOPE):
-                weights = interpolation(which, kind == TermKind.STRIBECK_SLOPE)
-                found[:, i, k] = self.stribeck[:, i] @ weights * (self.way[:, i] != 0.0)
+                column = self.stribeck[:, mine] @ interpolation(
+                    which, kind == TermKind.STRIBECK_SLOPE)
             elif kind == TermKind.LOAD:
-                found[:, i, k] = self.way[:, i] * (self.motor if which else self.load)[:, i]
-            elif kind == TermKind.LAG_SLOPE:
-                found[:, i, k] = self.late[:, i] * (self.way[:, i] != 0.0)
-            elif kind == TermKind.VISCOUS:
-                found[:, i, k] = self.velocity[:, i] * (self.way[:, i] != 0.0)
+                column = way * (self.motor if which else self.load)[:, mine]
+            elif kind in (TermKind.LAG_SLOPE, TermKind.VISCOUS):
+                column = (self.late if kind == TermKind.LAG_SLOPE else self.velocity)[:, mine]
             else:
-                sign = 1.0 if kind == TermKind.FORWARDS else -1.0
-                found[:, i, k] = np.where(self.way[:, i] == sign, sign, 0.0)
+                column = way * (way == (1.0 if kind == TermKind.FORWARDS else -1.0))
+            found[:, mine, k] = column * (way != 0.0)
         return found
 
     def used(self) -> Array:
@@ -377,6 +376,11 @@ class Spread:
         """Return the standard errors, shape (p,)."""
         found: Array = np.sqrt(np.maximum(self.covariance.diagonal(), 0.0))
         return found
+
+    def wider(self, off: Array) -> Spread:
+        """Return it with intervals that are longer by what coefficients are off, shape (p,)."""
+        off = off / self.factor
+        return dataclasses.replace(self, covariance=self.covariance + np.outer(off, off))
 
     def half(self, weights: Array) -> Array:
         """Return half the interval of sums of the coefficients with weights, shape (..., p)."""

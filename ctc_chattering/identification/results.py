@@ -30,7 +30,7 @@ from ctc_chattering.analysis.tables import fitted, paragraph, shown, Table
 from ctc_chattering.bags.recording import Recording, stretches
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.errors import CtcError
-from ctc_chattering.identification.drive_torque import has
+from ctc_chattering.identification.drives import has
 from ctc_chattering.identification.findings import (
     ALL_JOINTS,
     Estimate,

@@ -29,8 +29,14 @@ from typing import NamedTuple
 
 from ctc_chattering.bags.recording import Indices, Stretch
 from ctc_chattering.dynamics.model import Model
-from ctc_chattering.identification.drive_profile import DriveProfile, LAGS
-from ctc_chattering.identification.drive_torque import COMMAND, EFFORT, has, weak_torque
+from ctc_chattering.identification.drives import (
+    COMMAND,
+    DriveProfile,
+    EFFORT,
+    has,
+    LAGS,
+    weak_torque,
+)
 from ctc_chattering.identification.findings import ALL_JOINTS, Estimate, Finding, Kind
 from ctc_chattering.identification.least_squares import Data, orthonormal, Term, TermKind
 from ctc_chattering.identification.weak_form import position_noise, TestFunction

@@ -19,7 +19,7 @@ from __future__ import annotations
 from typing import Any
 
 from ctc_chattering.bags.recording import Stretch
-from ctc_chattering.identification.drive_profile import DriveProfile, DriveSet
+from ctc_chattering.identification.drives import DriveProfile, DriveSet
 from ctc_chattering.identification.least_squares import Data
 from ctc_chattering.identification.weak_form import TestFunction
 from ctc_chattering.identification.windows import Rows
