@@ -186,8 +186,9 @@ _PER_LAG = 7.0
 #: Coarse rate limits, at most, the first one in fastest changes of the commands (within a period a
 #: limit shows beyond these), their ratio, and how many are excluded before no lower one is tried.
 _COARSE, _FIRST, _RATIO, _EXCLUDED = 20, 2.0, 2.0 ** 0.5, 3
-#: How often rate limits are tried between the ends of those that are possible, and how many.
-_FINER, _WITHIN = 3, 5
+#: How often rate limits are tried between those that are possible, or best with a likely delay;
+#: how many, and of how many delays.
+_FINER, _WITHIN, _LIKELY = 3, 7, 3
 
 
 @dataclasses.dataclass(frozen=True)
@@ -406,6 +407,14 @@ class DriveProfile:
             return min(low, fastest), np.inf, np.inf
         return low, float(best), float(rates[good[-1] + 1])
 
+    def _beside(self, i: int, place: _Place) -> tuple[float, float]:
+        """Return the finite rate limits beside the best one of joint i at a place."""
+        rates = np.array([rate[i] for rate in self._rates[1:]])
+        order = np.argsort(rates, kind='stable')
+        best = int(np.argmin([self._points[i, place][1 + k].squares for k in order]))
+        return float(rates[order[max(best - 1, 0)]]), float(
+            rates[order[min(best + 1, len(rates) - 1)]])
+
     def _rate_possible(self, i: int, which: int) -> bool:
         """Return whether a rate limit of joint i may be the true one."""
         best = self._best(i, self._allowed).rest
@@ -432,9 +441,15 @@ class DriveProfile:
             rate = rate / _RATIO
         for _ in range(_FINER):
             low, _, high = self._rate_table(fastest)
-            high = np.where(np.isfinite(high), high, _RATIO * low)
+            delays = list(dict.fromkeys(d for d, _ in sorted(self._places, key=self._cost)))
+            for i, place in product(self._joints, self._places):
+                if place[0] in delays[:_LIKELY]:
+                    first, last = self._beside(i, place)
+                    low[i], high[i] = min(low[i], first), max(
+                        _RATIO * low[i] if np.isinf(high[i]) else high[i], last)
+            ratio = np.where(low > 0.0, high, 1.0) / np.where(low > 0.0, low, 1.0)
             for part in np.linspace(0.0, 1.0, _WITHIN):
-                self._add(np.where(low > 0.0, low ** (1.0 - part) * high ** part, np.inf))
+                self._add(np.where(low > 0.0, low * ratio ** part, np.inf))
         return self._rate_table(fastest)
 
     def found(self, fastest: Array | None = None) -> DriveSet:

@@ -41,8 +41,8 @@ from ctc_chattering.identification.findings import (
     Severity,
 )
 from ctc_chattering.identification.gains import Recommendation
-from ctc_chattering.identification.identify import Identification
-from ctc_chattering.identification.model_errors import ModelError
+from ctc_chattering.identification.identify import check_alike, Identification
+from ctc_chattering.identification.model_errors import BODIES, ModelError
 from ctc_chattering.identification.perturbation import MeasuredPerturbation, perturbation
 from ctc_chattering.identification.timing import lag_in_words
 from ctc_chattering.identification.verdict import (
@@ -143,13 +143,8 @@ def validate(found: Identification, recording: Recording, model: Model) -> Valid
         If the run has other joints, another period, or no torque of the same source.
 
     """
-    if recording.joints != found.joints:
-        raise CtcError(f'{recording.name}: joints {list(recording.joints)}; those identified: '
-                       f'{list(found.joints)}')
     period = found.clock.period
-    if abs(recording.period - period) > 0.02 * period:
-        raise CtcError(f'{recording.name}: a period of {recording.period:.4g} s; that of the '
-                       f'identified run: {period:.4g} s')
+    check_alike(recording, found.joints, period, 'the identified run')
     parts = [part for part in stretches(recording, period)
              if len(part.q) * period > 1.0 and has(part, found.timing.source) is not None]
     if not parts:
@@ -363,8 +358,10 @@ class IdentificationResults:
                     offset.half, _OFFSET * abs(friction.coulomb.value or 0.0)):
                 yield (f'{joint}: friction differs by direction, or a constant torque of {offset} '
                        'is missing in the model; no motion distinguishes these')
+        chosen = found.selected.explanation
         if found.selected.attributed and not any(x.value is not None for _, x in found.errors):
-            yield 'no mass error is visible'
+            if chosen is None or not any(x.kind in BODIES for x in chosen.causes):
+                yield 'no mass error is visible'
 
     def text(self) -> str:
         """Return it for a terminal, in lines of at most `WIDTH` characters."""
