@@ -359,9 +359,10 @@ class IdentificationResults:
                 yield (f'{joint}: friction differs by direction, or a constant torque of {offset} '
                        'is missing in the model; no motion distinguishes these')
         chosen = found.selected.explanation
-        if found.selected.attributed and not any(x.value is not None for _, x in found.errors):
-            if chosen is None or not any(x.kind in BODIES for x in chosen.causes):
-                yield 'no mass error is visible'
+        masses = any(x.value is not None for _, x in found.errors) or (
+            chosen is not None and any(x.kind in BODIES for x in chosen.causes))
+        if found.selected.attributed and not masses:
+            yield 'no mass error is visible'
 
     def text(self) -> str:
         """Return it for a terminal, in lines of at most `WIDTH` characters."""
