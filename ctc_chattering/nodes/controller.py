@@ -269,7 +269,7 @@ class ControllerNode(LoopNode[ControllerConfig, ControllerSettings]):
         if self.problem:
             level, message = ERROR, self.problem
         return Status(level, message, {
-            'period of the stamps, mean [ms]': 1e3 * loop.health.sample_rate.mean,
+            'period of the stamps, mean [ms]': 1e3 * seconds((loop.health.periods or [0])[-1]),
             'law': config.law, **({'switching': config.switching}
                                   if config.takes('switching') else {}),
             'computed by': loop.law.computed_by if loop.law else '',
