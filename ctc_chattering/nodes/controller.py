@@ -190,9 +190,9 @@ class ControllerNode(LoopNode[ControllerConfig, ControllerSettings]):
                 self.failure = f'tripped: {self._loop.tripped}'  # Time would wait for a reset.
                 self.done.set_result(None)
             return
+        self._loop.took(time.monotonic_ns() - now)
         self._publish_terms(answer)
         end = time.monotonic_ns()
-        self._loop.took(end - now)
         self.statistics.sample(now, end)
         if self.in_real_time and end - now > self._loop.period:
             self.statistics.misses += 1
