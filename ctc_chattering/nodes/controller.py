@@ -175,6 +175,7 @@ class ControllerNode(LoopNode[ControllerConfig, ControllerSettings]):
 
     def _answer(self, now: int) -> None:
         """Have the pending state answered, and publish what the torque is made of."""
+        begin = time.thread_time_ns()
         self._matched = self._matched or self.matched(
             self._commands, *self._terms.publishers, *self._controller_state.publishers)
         try:
@@ -190,7 +191,7 @@ class ControllerNode(LoopNode[ControllerConfig, ControllerSettings]):
                 self.failure = f'tripped: {self._loop.tripped}'  # Time would wait for a reset.
                 self.done.set_result(None)
             return
-        self._loop.took(time.monotonic_ns() - now)
+        self._loop.took(time.thread_time_ns() - begin)
         self._publish_terms(answer)
         end = time.monotonic_ns()
         self.statistics.sample(now, end)
