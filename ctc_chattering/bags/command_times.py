@@ -27,6 +27,7 @@ from typing import NamedTuple
 from ctc_chattering.bags.recording import Indices
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
+import numpy.typing as npt
 from scipy.ndimage import median_filter  # type: ignore[import-untyped]
 
 #: States over which the time between stamp and reception is taken.
@@ -57,11 +58,14 @@ class Answers(NamedTuple):
         In force after each state [N·m], nan where it is unknown.
     late : tuple of (float, float)
         Samples by which they may be later than they stand here, at least and at most.
+    own : ndarray of bool, shape (N,)
+        Whether it answers this state, and not one before.
 
     """
 
     command: Array
     late: tuple[float, float]
+    own: npt.NDArray[np.bool_]
 
 
 def answers(values: Array, times: Indices, stamps: Indices, received: Indices) -> Answers:
@@ -91,8 +95,8 @@ def answers(values: Array, times: Indices, stamps: Indices, received: Indices) -
         ahead, min(_AROUND, len(ahead)), mode='nearest'))
     period = max(float(np.median(np.diff(expected))), 1.0)
     at = (times - received[0]).astype(float)
-    before = np.searchsorted(expected, at) - 1
-    phase = (at - expected[np.maximum(before, 0)]) / period
+    before = np.searchsorted(expected, at, side='right') - 1
+    phase = (at - expected[np.maximum(before, 0)]) / period % 1.0
     mean = np.exp(2j * np.pi * phase).mean()
     ratio = len(times) / len(received)
     if abs(mean) >= _USUAL and _ANSWERS[0] < ratio < _ANSWERS[1]:
@@ -188,6 +192,7 @@ def _placed(values: Array, which: Indices, stamps: Indices, before: float,
     last = np.full(count, -1)
     inside = (which >= 0) & (which < count)
     np.maximum.at(last, which[inside], np.flatnonzero(inside))
+    own = last >= 0
     last = np.maximum.accumulate(last)
     found = values[np.maximum(last, 0)].astype(float, copy=False)
     samples = _numbers(stamps)
@@ -198,4 +203,4 @@ def _placed(values: Array, which: Indices, stamps: Indices, before: float,
     older = float(age[known].mean()) if known.any() else 0.0
     less, more = (x if x > _NEGLIGIBLE else 0.0
                   for x in (before, before if after is None else after))
-    return Answers(found, (-less - (older if older > _NEGLIGIBLE else 0.0), more))
+    return Answers(found, (-less - (older if older > _NEGLIGIBLE else 0.0), more), own)

@@ -24,7 +24,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 import dataclasses
 from itertools import pairwise
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from ctc_chattering.control.controller_config import ControllerConfig
 from ctc_chattering.errors import CtcError
@@ -127,8 +127,8 @@ def ordered(name: str, t: Array, *contents: Array) -> StampOrder:
     parts, wrong = _parts(name, stamps, period)
     index, at, breaks = _joined(parts, stamps, period)
     _check_one_publisher(name, at)
-    alone = _alone(at)
-    index, at, count = index[~alone], at[~alone], len(wrong) + int(alone.sum())
+    few = alone(at, _FAR, _FEW)
+    index, at, count = index[~few], at[~few], len(wrong) + int(few.sum())
     if count:
         breaks.append(StampBreak(float(stamps[wrong[0]] - stamps[0]) if wrong else 0.0, 0.0, count,
                                  f'{count} stamps are far from those before and after them'))
@@ -157,12 +157,12 @@ def _joined(parts: list[Indices], t: Array, period: float
     return np.concatenate(keep), np.concatenate(times), breaks
 
 
-def _alone(t: Array) -> npt.NDArray[np.bool_]:
-    """Return which of sorted stamps are few, and far from all others."""
-    edges = [0, *(np.flatnonzero(np.diff(t) > _FAR) + 1).tolist(), len(t)]
+def alone(t: npt.NDArray[Any], gap: float, few: int) -> npt.NDArray[np.bool_]:
+    """Return which of sorted stamps are less than `few` between steps of more than `gap`."""
+    edges = [0, *(np.flatnonzero(np.diff(t) > gap) + 1).tolist(), len(t)]
     found = np.zeros(len(t), bool)
     for first, last in pairwise(edges):
-        found[first:last] = len(edges) > 2 and last - first < _FEW
+        found[first:last] = len(edges) > 2 and last - first < few
     return found
 
 

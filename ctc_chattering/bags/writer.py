@@ -31,12 +31,13 @@ from pathlib import Path
 import time
 from typing import Any, BinaryIO, NamedTuple
 
-from ctc_chattering.bags.mcap_file import is_readable
+from ctc_chattering.bags.bag import is_readable
 from ctc_chattering.errors import CtcError
 from ctc_chattering.numerics.time_grid import NANOSECONDS
 from mcap.data_stream import RecordBuilder
 from mcap.records import Channel, Schema
 from mcap.writer import Writer
+from rosbags.rosbag2.metadata import dump_qos_v9, parse_qos
 from rosbags.typesys import get_typestore, Stores
 import yaml
 
@@ -125,15 +126,8 @@ class SequenceTracker:
 _FILE_AGE = 600.0
 #: Size at which a chunk is ended [bytes]: compressing takes some times as much memory.
 _CHUNK = 1 << 18
-#: What files of this package have in their header: in these, messages are numbered.
-LIBRARY = 'ctc_chattering'
-#: What a policy may be, in the order of its numbers in bags before ROS 2 Jazzy.
-_POLICIES = {
-    'history': ('system_default', 'keep_last', 'keep_all', 'unknown'),
-    'reliability': ('system_default', 'reliable', 'best_effort', 'unknown', 'best_available'),
-    'durability': ('system_default', 'transient_local', 'volatile', 'unknown', 'best_available'),
-    'liveliness': ('system_default', 'automatic', 'manual_by_node', 'manual_by_topic', 'unknown',
-                   'best_available')}
+#: Name of an attachment with the schemas and channels of the chunk beside it.
+DESCRIPTIONS = 'descriptions'
 #: The time at which a bag without messages begins [ns].
 _NEVER = 2 ** 63 - 1
 
@@ -163,14 +157,11 @@ class TopicType(NamedTuple):
         return (self.kind, *(definition if is_readable(self.kind, *definition) else ('', b'')))
 
     @property
-    def profiles(self) -> list[dict[str, Any]]:
+    def profiles(self) -> list[Any]:
         """Profiles of the publishers, with names of their policies; none if they are damaged."""
         try:
-            found = yaml.safe_load(self.metadata.get('offered_qos_profiles', '')) or []
-            return [{**profile, **{
-                key: names[profile[key]] if isinstance(profile[key], int) else profile[key]
-                for key, names in _POLICIES.items()}} for profile in found]
-        except (yaml.YAMLError, LookupError, TypeError, ValueError):
+            return dump_qos_v9(parse_qos(self.metadata.get('offered_qos_profiles', '')))
+        except Exception:  # Of arbitrary text, any.
             return []
 
 
@@ -322,10 +313,12 @@ class BagWriter:
         if self._stream.closed:
             return
         try:
+            # The first chunk with messages of a topic has its type. A damaged chunk must not take
+            # it along: it stands on both sides of that chunk as well.
             descriptions = self._descriptions.end()
-            self._stream.write(descriptions)
+            self._describe(descriptions)
             self._writer.flush()
-            self._stream.write(descriptions)
+            self._describe(descriptions)
             self._stream.flush()
             self._sync.begin(self._stream.fileno())
             self._flushed = self._clock()
@@ -362,12 +355,16 @@ class BagWriter:
         self._channels: dict[str, int] = {}
         self._schemas: dict[tuple[str, str, bytes], int] = {}
         self._begun = self._flushed = self._clock()
-        #: The first chunk with messages of a topic has its type. A damaged chunk must not take it
-        #: along: it stands outside as well, on both sides of that chunk.
+        #: Of topics that are new since the last flush.
         self._descriptions: Any = RecordBuilder()
         self._stream: BinaryIO = self.file.open('xb')
         self._writer: Any = Writer(self._stream, chunk_size=_CHUNK)
-        self._writer.start('ros2', LIBRARY)
+        self._writer.start('ros2', 'ctc_chattering')
+
+    def _describe(self, descriptions: bytes) -> None:
+        """Write schemas and channels, if there are any, with a checksum."""
+        if descriptions:
+            self._writer.add_attachment(0, 0, DESCRIPTIONS, 'application/mcap', descriptions)
 
     def _end_file(self) -> None:
         """Write the index of a file."""
