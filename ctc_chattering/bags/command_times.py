@@ -89,7 +89,7 @@ def answers(values: Array, times: Indices, stamps: Indices, received: Indices) -
     if not _in_real_time(stamps, received):
         return _counted(values, raw, stamps)
     if _twice(raw) <= _NEGLIGIBLE:
-        return _placed(values, raw, stamps, 0.0)
+        return placed(values, raw, stamps, 0.0)
     ahead = (received - received[0]) - (stamps - stamps[0]).astype(float)
     expected = np.maximum.accumulate((stamps - stamps[0]) + median_filter(
         ahead, min(_AROUND, len(ahead)), mode='nearest'))
@@ -107,7 +107,7 @@ def answers(values: Array, times: Indices, stamps: Indices, received: Indices) -
         unsure = float((np.abs((after % 1.0) - 0.5) > _SURE).mean())
         # What answers a state that is not in the recording is none to the one before it.
         which = np.where(after > 1.0, -1, which)
-        return _placed(values, _apart(which, after, len(received)), stamps, unsure)
+        return placed(values, _apart(which, after, len(received)), stamps, unsure)
     return _counted(values, raw, stamps)
 
 
@@ -138,7 +138,7 @@ def _counted(values: Array, raw: Indices, stamps: Indices) -> Answers:
     # Where commands are missing, it is not sure which ones.
     unsure = sum(beside) if np.ptp(usual) else 0.0
     before, after = (1.0 if x > _DOUBTFUL else unsure for x in beside)
-    return _placed(values, np.where(lost, -1, which), stamps, before, after)
+    return placed(values, np.where(lost, -1, which), stamps, before, after)
 
 
 def _numbers(stamps: Indices) -> Indices:
@@ -170,7 +170,7 @@ def _apart(which: Indices, after: Array, count: int) -> Indices:
     return found
 
 
-def _placed(values: Array, which: Indices, stamps: Indices, before: float,
+def placed(values: Array, which: Indices, stamps: Indices, before: float,
             after: float | None = None) -> Answers:
     """
     Return for each state its command, or the one before if it has none.

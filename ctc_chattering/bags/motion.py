@@ -27,7 +27,7 @@ from contextlib import closing
 from pathlib import Path
 
 from ctc_chattering.bags.bag import Bag
-from ctc_chattering.bags.command_times import answers
+from ctc_chattering.bags.command_times import answers, placed
 from ctc_chattering.bags.recording import Indices, RecordedMotion, Recording
 from ctc_chattering.bags.repair import open_bag
 from ctc_chattering.bags.signals import (
@@ -56,8 +56,6 @@ _OTHERS = ('position', 'velocity', 'acceleration', 'external', 'gripper', 'measu
 _TOO_MANY = 1.5
 #: Fewest messages for each state with a torque that the robot reports.
 _TOO_FEW = 0.8
-#: Periods after which a command is no longer held.
-_HELD = 20
 #: Difference from positions or velocities, as a part of their deviation, of what is no torque.
 _LIKE_MOTION = 0.05
 
@@ -216,7 +214,9 @@ def _command(topic: SignalTopic, names: tuple[str, ...], motion: Signal, notes: 
         times, at = (found.stamps, motion.stamps) if is_stamped else (found.logged, motion.logged)
         if topic.is_late:  # What is reported with a state was in force before it.
             times = times - int(np.median(np.diff(at)))
-        command, late = _in_force(values, times, at), (0.0, 0.0)
+        order = np.argsort(times, kind='stable')
+        which = np.searchsorted(at, times[order], side='right') - 1
+        command, late, _ = placed(values[order], which, at, 0.0)
     else:
         stamps = motion.stamps if np.ptp(motion.stamps) else motion.logged
         command, late, _ = answers(values, found.logged, stamps, motion.logged)
@@ -227,18 +227,6 @@ def _command(topic: SignalTopic, names: tuple[str, ...], motion: Signal, notes: 
             raise CtcError(
                 f'{topic.bag.path}: the commands on {topic.name} are {what}, no torques')
     return command, late
-
-
-def _in_force(values: Array, times: Indices, at: Indices) -> Array:
-    """Return the value in force at the end of the period that each state begins, nan if old."""
-    order = np.argsort(times, kind='stable')
-    values, times = values[order], times[order]
-    period = int(np.median(np.diff(at)))
-    last = np.searchsorted(times, np.append(at[1:], at[-1] + period)) - 1
-    found = values[np.maximum(last, 0)]
-    age = at - times[np.maximum(last, 0)]
-    found[(last < 0) | (age > _HELD * period)] = np.nan
-    return found
 
 
 def _overlap(a: Indices, b: Indices) -> bool:

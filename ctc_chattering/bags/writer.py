@@ -22,9 +22,9 @@ they are. What each of them would send next is remembered, also of those that ha
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 import dataclasses
 import os
 from pathlib import Path
@@ -89,29 +89,21 @@ class SequenceTracker:
     def __init__(self) -> None:
         self._next: dict[int, None] = {}
 
-    def follows(self, number: int) -> bool:
-        """Return whether a message is one that was expected; if not, ask `lost`."""
-        if number not in self._next:
-            return False
-        del self._next[number]
-        self._next[number + 1] = None
-        return True
-
-    def lost(self, number: int, publishers: int) -> int:
+    def lost(self, number: int, publishers: Callable[[], int]) -> int:
         """
-        Return how many messages are missing before one that was not expected.
+        Return how many messages are missing before one.
 
         Parameters
         ----------
         number : int
             The publisher's number of the message.
-        publishers : int
-            How many there are now. With several, it is not known whose message is missing, and a
-            number never seen may be a new publisher's; then it is 0.
+        publishers : callable
+            Returns how many there are now. With several, it is not known whose message is
+            missing, and a number never seen may be a new publisher's; then it is 0.
 
         """
-        before = None
-        if publishers == 1:
+        before = number if number in self._next else None
+        if before is None and publishers() == 1:
             before = max((x for x in self._next if x < number), default=None)
         if before is not None:
             del self._next[before]
@@ -284,16 +276,13 @@ class BagWriter:
         """Add a message of a topic that `add_topic` was called for, with log time `t` [ns]."""
         if self._stream.closed:
             return
-        try:
+        with self._or_abandon():
             if self._flushed - self._begun >= _FILE_AGE:
                 self._end_file()
                 self._begin_file()
             channel = self._channels.get(topic) or self._add_channel(topic)
             number = (self.counts[topic] + 1) & 0xffffffff
             self._writer.add_message(channel, t, data, t, number)
-        except OSError:
-            self.abandon()
-            raise
         span = self._span
         span.count += 1
         span.begin, span.end = min(t, span.begin), max(t, span.end)
@@ -312,7 +301,7 @@ class BagWriter:
         """
         if self._stream.closed:
             return
-        try:
+        with self._or_abandon():
             # The first chunk with messages of a topic has its type. A damaged chunk must not take
             # it along: it stands on both sides of that chunk as well.
             descriptions = self._descriptions.end()
@@ -322,6 +311,12 @@ class BagWriter:
             self._stream.flush()
             self._sync.begin(self._stream.fileno())
             self._flushed = self._clock()
+
+    @contextmanager
+    def _or_abandon(self) -> Iterator[None]:
+        """Abandon the bag after an error of the disk, which is raised again."""
+        try:
+            yield
         except OSError:
             self.abandon()
             raise
@@ -337,16 +332,13 @@ class BagWriter:
         """Write index and metadata; without them, tools cannot open the bag."""
         if self._stream.closed:
             return
-        try:
+        with self._or_abandon():
             self._end_file()
             file = self.path / 'metadata.yaml.tmp'
             # Keys are sorted: of metadata that are cut off, the version is missing.
             file.write_text(yaml.safe_dump(
                 {'rosbag2_bagfile_information': self._information()}), encoding='utf-8')
             file.replace(self.path / 'metadata.yaml')
-        except OSError:
-            self.abandon()
-            raise
 
     def _begin_file(self) -> None:
         """Begin a file, named as the recorder of ROS names it."""
