@@ -85,6 +85,8 @@ if TYPE_CHECKING:
     from ctc_chattering.bags.recording import Recording as Recording
     from ctc_chattering.bags.repair import repair as repair
     from ctc_chattering.bags.replay import replay as replay
+    from ctc_chattering.compiled.compilable import dot as dot
+    from ctc_chattering.compiled.compilable import record as record
     from ctc_chattering.configuration.loading import load_parameters as load_parameters
     from ctc_chattering.configuration.loop_setup import Setup as Setup
     from ctc_chattering.control.controller import Controller as Controller
@@ -95,7 +97,7 @@ if TYPE_CHECKING:
     from ctc_chattering.control.laws.base import law as law
     from ctc_chattering.control.laws.base import laws as laws
     from ctc_chattering.control.laws.base import Terms as Terms
-    from ctc_chattering.control.switching.base import switching as switching
+    from ctc_chattering.control.switching import switching as switching
     from ctc_chattering.dynamics.model import Model as Model
     from ctc_chattering.dynamics.model_check import check_dynamics as check_dynamics
     from ctc_chattering.dynamics.two_link import TwoLink as TwoLink
@@ -106,8 +108,6 @@ if TYPE_CHECKING:
     from ctc_chattering.identification.identified_robot import IdentifiedRobot as IdentifiedRobot
     from ctc_chattering.identification.identified_robot import identify as identify
     from ctc_chattering.identification.identified_robot import write_identified as write_identified
-    from ctc_chattering.numerics.compilable import dot as dot
-    from ctc_chattering.numerics.compilable import record as record
     from ctc_chattering.runs.compare import compare as compare
     from ctc_chattering.runs.compare_page import write_comparison as write_comparison
     from ctc_chattering.runs.map import compute_map as compute_map
@@ -137,12 +137,13 @@ _MODULES = {
     'bags.recording': ('RecordedMotion', 'Recording'),
     'bags.repair': ('repair',),
     'bags.replay': ('replay',),
+    'compiled.compilable': ('dot', 'record'),
     'configuration.loading': ('load_parameters',),
     'configuration.loop_setup': ('Setup',),
     'control.controller': ('Controller', 'ControllerConfig', 'Sample'),
     'control.evaluation': ('State',),
     'control.laws.base': ('Applied', 'law', 'laws', 'Terms'),
-    'control.switching.base': ('switching',),
+    'control.switching': ('switching',),
     'dynamics.model': ('Model',),
     'dynamics.model_check': ('check_dynamics',),
     'dynamics.two_link': ('TwoLink',),
@@ -150,7 +151,6 @@ _MODULES = {
     'errors': ('CtcError',),
     'identification.excite': ('excite', 'write_excitation'),
     'identification.identified_robot': ('IdentifiedRobot', 'identify', 'write_identified'),
-    'numerics.compilable': ('dot', 'record'),
     'runs.compare': ('compare',),
     'runs.compare_page': ('write_comparison',),
     'runs.map': ('compute_map',),

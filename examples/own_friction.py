@@ -29,7 +29,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from ctc_chattering.numerics.compilable import record
+from ctc_chattering.compiled.compilable import record
 import numpy as np
 import numpy.typing as npt
 

@@ -23,7 +23,7 @@ A law of your own: computed torque with an estimate that leaks.
 ``python own_law.py`` prints its errors beside those of two laws of the package. For nodes and
 ``ctc``, put the module where Python finds it, and name the class: ``law: own_law:LeakyIntegral``.
 What a law has is in `ctc_chattering/control/laws/base.py`, what its methods may use in
-`ctc_chattering/numerics/compilable.py`. It runs in nodes and in `ctc simulate`, and compiled in
+`ctc_chattering/compiled/compilable.py`. It runs in nodes and in `ctc simulate`, and compiled in
 maps, all from this text.
 """
 

@@ -17,7 +17,7 @@ A switching of your own for law (6): Ka tanh(v / width) in the place of Ka sgn(v
 
 Put the module where Python finds it, and name the class: ``law: chattering`` with
 ``switching: own_switching:Smooth``. It then runs in nodes and in `ctc simulate`, and compiled in
-maps. What it may use is in `ctc_chattering/numerics/compilable.py`.
+maps. What it may use is in `ctc_chattering/compiled/compilable.py`.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from ctc_chattering import ControllerConfig, State, switching
-from ctc_chattering.control.perturbation_observer import Perturbation
+from ctc_chattering.control.switching import Perturbation
 import numpy as np
 import numpy.typing as npt
 

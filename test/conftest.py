@@ -32,7 +32,7 @@ import signal
 
 from browser import chromium
 from calibration import text
-from ctc_chattering.numerics.machine_code import Code
+from ctc_chattering.compiled.machine_code import Code
 from hypothesis import HealthCheck, settings
 import pytest
 from rights import drop_rights

@@ -27,14 +27,14 @@ import sys
 from typing import Any
 
 from ctc_chattering.analysis.tables import counted
+from ctc_chattering.compiled.machine_code import Code
 from ctc_chattering.configuration.loop_setup import Setup
 from ctc_chattering.control.controller import Controller, LAWS
-from ctc_chattering.control.switching import SWITCHINGS
+from ctc_chattering.control.controller_config import SWITCHINGS
 from ctc_chattering.dynamics.registry import kept_model_of
 from ctc_chattering.errors import CtcError
-from ctc_chattering.numerics.machine_code import Code
 from ctc_chattering.simulation.closed_loop import compiled_loop_of
-from ctc_chattering.simulation.registry import make_plant
+from ctc_chattering.simulation.plant import make_plant
 
 #: How a run is computed.
 COMPILED, PLAIN = 'compiled', 'plain'
@@ -110,7 +110,7 @@ def compile_setups(setups: Iterable[Setup], show: Callable[[str], None], parts: 
     if not todo:
         return 0
     try:
-        from ctc_chattering.numerics.simd import build  # noqa: F401
+        from ctc_chattering.compiled import build  # noqa: F401
     except ImportError as error:  # Not there, or numba refuses this version of NumPy.
         show(f'running in plain Python, 20 times slower: {error}')
         return 0
@@ -165,7 +165,7 @@ def compile_setup(setup: Setup, every: bool = False, show: Callable[[str], None]
 
 def _build(todo: Sequence[tuple[Setup, Code]]) -> Iterator[str]:
     """Compile functions; yield the name of each that is there."""
-    from ctc_chattering.numerics.simd.build import build
+    from ctc_chattering.compiled.build import build
     jobs = min(len(todo), len(os.sched_getaffinity(0)), _MOST)
     if jobs == 1:
         for _, code in todo:
@@ -196,7 +196,7 @@ def _built_apart(setup: Setup, name: str) -> None:
 
 def build_given() -> None:
     """Compile the function that `_built_apart` writes to the standard input."""
-    from ctc_chattering.numerics.simd.build import build
+    from ctc_chattering.compiled.build import build
     setup, name = pickle.load(sys.stdin.buffer)
     for code in codes(setup, parts=True):
         if code.name == name:

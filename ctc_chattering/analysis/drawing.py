@@ -26,7 +26,7 @@ from typing import Any
 
 from ctc_chattering.analysis.output import file_stem, writing
 from ctc_chattering.analysis.tables import cut
-from ctc_chattering.numerics.gaps import missing
+from ctc_chattering.numerics.time_grid import missing
 from ctc_chattering.simulation.closed_loop import Array
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg

@@ -20,7 +20,7 @@ from numbers import Real
 from typing import Any
 
 from ctc_chattering.errors import ParameterError
-from ctc_chattering.numerics.gaps import missing
+from ctc_chattering.numerics.time_grid import missing
 from ctc_chattering.simulation.closed_loop import Array, Run
 import numpy as np
 import numpy.typing as npt

@@ -22,8 +22,7 @@ from typing import Any
 
 from ctc_chattering.control.controller import Controller, ControllerConfig
 from ctc_chattering.dynamics.model import Model
-from ctc_chattering.numerics.gaps import missing
-from ctc_chattering.numerics.time_grid import NANOSECONDS
+from ctc_chattering.numerics.time_grid import missing, NANOSECONDS
 from ctc_chattering.simulation.closed_loop import Array, Run
 import numpy as np
 

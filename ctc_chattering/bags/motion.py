@@ -42,7 +42,7 @@ from ctc_chattering.bags.signals import (
     STATE_FIELDS,
 )
 from ctc_chattering.control.controller import ControllerConfig, LAWS
-from ctc_chattering.control.switching import SWITCHINGS
+from ctc_chattering.control.controller_config import SWITCHINGS
 from ctc_chattering.dynamics.urdf_parser import Tree
 from ctc_chattering.errors import CtcError, near, refused_as, shortened
 from ctc_chattering.numerics.linear_algebra import Array

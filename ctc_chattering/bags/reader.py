@@ -32,9 +32,8 @@ from ctc_chattering.bags.signals import JOINT_STATE, MULTI_ARRAY, Signal, Signal
 from ctc_chattering.control.controller import ControllerConfig
 from ctc_chattering.dynamics.registry import model_of
 from ctc_chattering.errors import CtcError, refused_as, RejectedMessage
-from ctc_chattering.numerics.gaps import missing
 from ctc_chattering.numerics.linear_algebra import Array
-from ctc_chattering.numerics.time_grid import period_ns, seconds
+from ctc_chattering.numerics.time_grid import missing, period_ns, seconds
 from ctc_chattering.ros import topics
 from ctc_chattering.ros.topics import select
 from ctc_chattering.simulation.closed_loop import Run

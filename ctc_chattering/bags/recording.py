@@ -28,8 +28,8 @@ from typing import Any, NamedTuple
 
 from ctc_chattering.control.controller_config import ControllerConfig
 from ctc_chattering.errors import CtcError
+from ctc_chattering.numerics.interpolation import interpolated
 from ctc_chattering.numerics.linear_algebra import Array
-from ctc_chattering.numerics.spline import interpolated
 import numpy as np
 import numpy.typing as npt
 from scipy.ndimage import median_filter  # type: ignore[import-untyped]

@@ -30,7 +30,7 @@ from ctc_chattering.configuration.loading import FROM_FILE, RECOMMENDED, with_ga
 from ctc_chattering.configuration.loop_setup import Setup
 from ctc_chattering.configuration.package_share import config_directory, find_config
 from ctc_chattering.control.controller import LAWS
-from ctc_chattering.control.switching import SWITCHINGS
+from ctc_chattering.control.controller_config import SWITCHINGS
 from ctc_chattering.errors import given_by_user, UsageError
 from ctc_chattering.parameters import Parameter
 

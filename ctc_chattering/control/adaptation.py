@@ -79,9 +79,9 @@ from __future__ import annotations
 from math import exp, log
 from typing import NamedTuple
 
+from ctc_chattering.compiled.compilable import function, record, some
 from ctc_chattering.control.feasible_reference import Desired, stands
 from ctc_chattering.control.observer import Observed
-from ctc_chattering.numerics.compilable import function, record, some
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
 

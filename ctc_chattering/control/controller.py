@@ -21,25 +21,25 @@ from itertools import chain, islice
 from math import isfinite
 from typing import Any, NamedTuple, NoReturn
 
-from ctc_chattering.control.compiled_step import CompiledStep
-from ctc_chattering.control.control_step import (
+from ctc_chattering.compiled.machine_code import MACHINE_CODE, PLAIN_PYTHON
+from ctc_chattering.control.controller_config import ControllerConfig, LAWS
+from ctc_chattering.control.evaluation import Arrival, control_settings, ControlMemory, REGULAR
+from ctc_chattering.control.laws.base import Law, law_class
+from ctc_chattering.control.step import (
+    CompiledStep,
     control_memory,
     first_sample,
     in_transit,
     Memories,
     periods,
     PlainStep,
+    taken_over,
 )
-from ctc_chattering.control.controller_config import ControllerConfig, LAWS
-from ctc_chattering.control.evaluation import Arrival, control_settings, ControlMemory, REGULAR
-from ctc_chattering.control.handover import taken_over
-from ctc_chattering.control.laws.base import Law, law_class
 from ctc_chattering.dynamics.arm import Arm, arm_of
 from ctc_chattering.dynamics.model import Model, Scaled
 from ctc_chattering.dynamics.registry import model_of
 from ctc_chattering.errors import CtcError, ParameterError, refused_as
 from ctc_chattering.numerics.linear_algebra import Array, Vector
-from ctc_chattering.numerics.machine_code import MACHINE_CODE, PLAIN_PYTHON
 from ctc_chattering.numerics.time_grid import period_ns, seconds
 from ctc_chattering.parameters import vector
 from ctc_chattering.trajectory.buffer import Point
@@ -103,7 +103,7 @@ class Controller:
 
     Contract: `step` takes the state and the reference at sample k and returns the torque to hold
     until sample k + 1. It reads no clock. By the stamps of the states it goes on by as many
-    periods as have passed (`control_step`); without stamps that is one a call.
+    periods as have passed (`control.step`); without stamps that is one a call.
 
     Parameters
     ----------
@@ -171,7 +171,7 @@ class Controller:
         Use other gains or another law from the next step on.
 
         The filter state ξ is preserved, so that v has no step (unless b itself changes), and
-        so are integrals and estimates. `handover` says how another law takes over.
+        so are integrals and estimates. `taken_over` says how another law takes over.
         """
         law, of_law = self._successor(config)
         memory, of_current, last = self.memories

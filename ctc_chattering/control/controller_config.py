@@ -20,7 +20,6 @@ import dataclasses
 from math import inf
 from typing import ClassVar
 
-from ctc_chattering.control.switching import SWITCHINGS
 from ctc_chattering.dynamics.registry import check_model, locked_positions, RobotConfig
 from ctc_chattering.numerics.linear_algebra import Vector
 from ctc_chattering.numerics.time_grid import period_ns
@@ -30,6 +29,8 @@ from ctc_chattering.parameters import parameter
 LAWS = ('compensation', 'chattering', 'integral', 'momentum_observer', 'super_twisting',
         'slotine_li', 'friction_feedforward', 'pd_gravity', 'pid_kalman',
         'extended_state_observer', 'observer_feedback')
+#: Values of the parameter ``switching``, besides classes.
+SWITCHINGS = ('sign', 'boundary_layer', 'implicit', 'implicit_observer')
 #: Laws that serve for comparison: they say nothing before their gains are searched.
 RIVALS = ('pid_kalman', 'extended_state_observer')
 #: Lag of drives of which it is not known [s]: too much costs little, too little much.

@@ -12,21 +12,30 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
+
 """
-A state and a reference, evaluated: all that a law needs to know of them; filter and limits.
+A state and a reference, evaluated: all that a law needs to know of them.
 
-The filter (3), with b > 0, λ > 0 and a state ξ that needs no acceleration.
-
-In continuous time ``v = -b de + ξ`` with ``dξ/dt = -λ ξ + b [(λ I - Kv) de - Kp e]``, ξ(0) = 0.
+Filter
+------
+The filter (3), with b > 0, λ > 0 and a state ξ that needs no acceleration. In continuous time
+``v = -b de + ξ`` with ``dξ/dt = -λ ξ + b [(λ I - Kv) de - Kp e]``, ξ(0) = 0.
 Sampled, with the bracket held over each period h, this has the exact solution::
 
     ξ[k+1] = exp(-λ h) ξ[k] + (1 - exp(-λ h)) / λ · b [λ de - u],     u = Kv de + Kp e
 
-Limits of the torque and of its rate, and the anti-windup of the filter (3).
+Limits
+------
+Of the torque and of its rate, with the anti-windup of the filter (3). The saturation error, what
+the limits take from the torque, acts in the closed loop (8) like a perturbation: over one period
+it changes v by -b h M⁻¹ times itself. Added to ξ with the opposite sign, it leaves v as it would
+be without limits.
 
-The saturation error, what the limits take from the torque, acts in the closed loop (8) like a
-perturbation: over one period it changes v by -b h M⁻¹ times itself. Added to ξ with the opposite
-sign, it leaves v as it would be without limits.
+Delay
+-----
+Under a known input delay the law is evaluated at the state predicted for when its torque is
+applied. The prediction runs model, reference and filter ahead under the torques in transit.
+Filter and observer themselves advance with what is measured and applied.
 """
 
 from __future__ import annotations
@@ -34,8 +43,8 @@ from __future__ import annotations
 from math import exp, expm1, inf
 from typing import Any, NamedTuple, Protocol
 
+from ctc_chattering.compiled.compilable import dot, function, record, solve, some
 from ctc_chattering.control.controller_config import ControllerConfig
-from ctc_chattering.numerics.compilable import dot, function, record, solve, some
 from ctc_chattering.numerics.linear_algebra import Array, Vector
 from ctc_chattering.numerics.time_grid import period_ns, seconds
 from ctc_chattering.parameters import matrix
@@ -237,7 +246,7 @@ class ControlMemory(NamedTuple):
     xi: Array
     #: Torque sent last, shape (n,) [N·m].
     held: Array
-    #: Of a law that took over (`handover`): what its torque differed from the last one sent,
+    #: Of a law that took over (`step.taken_over`): what its torque differed from the one sent,
     #: shape (n,) [N·m]; for how many samples it is still added, -d once none of it is in transit;
     #: 1.0 before the first of them.
     difference: Array
@@ -311,3 +320,80 @@ def evaluated(settings: ControlSettings, model: Any, q: Array, dq: Array, points
     bias = dot(C, dq) + G
     N = dot(M, ddq_d + u) + bias                                     # inverse dynamics
     return State(q, dq, dq_d, ddq_d, e, de, u, v, M, C, G, bias, N, settings.zero)
+
+
+#: Rows of a torque in transit.
+ROWS = 4
+
+
+@function
+def arriving(law: Any, law_memory: Any, now: State, context: Context, memory: ControlMemory,
+             points: Array) -> State:
+    """
+    Return the state in which the torque of this sample is applied; `now` without a delay.
+
+    Parameters
+    ----------
+    law, law_memory
+        Law in force, and its memory: of what acts until the torque arrives.
+    now : State
+        Measured.
+    context, memory, points
+        As of the control step.
+
+    """
+    settings, at, xi = context.settings, now, memory.xi
+    if settings.delay == 0.0:
+        return now
+    delay, perturbation, h = int(settings.delay), law.acting(law_memory, now), settings.period
+    lossy, turn = losing(settings, memory), int(memory.turn)
+    for j in range(delay):
+        row = ROWS * ((turn + j) % delay)
+        xi = settings.filter.next_state(xi, at.de, at.u)
+        if lossy:
+            xi = xi + settings.limiter.correction(at.M, context.transit[row + 2])
+        q, dq = predict(context.models.arriving, at, context.transit[row] - perturbation, h)
+        at = evaluated(settings, context.models.arriving, q, dq, points, 3 * j + 3, xi)
+    return at
+
+
+@function
+def next_state(law: Any, law_memory: Any, last: LastSample, context: Context,
+               memory: ControlMemory, points: Array) -> tuple[Array, Array]:
+    """
+    Return q and dq, shape (n,), a period after the last sample.
+
+    Parameters
+    ----------
+    law, law_memory
+        Law in force, and its memory: of what has acted since.
+    last : LastSample
+        State and torque.
+    context, memory, points
+        As of the control step.
+
+    """
+    at = evaluated(context.settings, context.models.now, last.q, last.dq, points, 0, memory.xi)
+    return predict(context.models.now, at, last.applied - law.acting(law_memory, at),
+                   context.settings.period)
+
+
+@function
+def predict(model: Evaluates, at: State, u: Array, h: float) -> tuple[Array, Array]:
+    """
+    Return q and dq after one period under a held torque, by the midpoint rule.
+
+    Parameters
+    ----------
+    model : Model
+        As the controller knows it.
+    at : State
+        Now.
+    u : array, shape (n,)
+        Torque less the perturbation [N·m].
+    h : float
+        Period [s].
+
+    """
+    middle = at.dq + 0.5 * h * solve(at.M, u - at.bias)
+    return at.q + h * middle, at.dq + h * model.forward(at.q + 0.5 * h * at.dq, middle, u)

@@ -48,7 +48,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from ctc_chattering.numerics.compilable import every, function, record, solve, some, Truths
+from ctc_chattering.compiled.compilable import every, function, record, solve, some, Truths
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
 

@@ -57,8 +57,8 @@ from __future__ import annotations
 from math import exp
 from typing import NamedTuple
 
+from ctc_chattering.compiled.compilable import dot, every, record, solve, some
 from ctc_chattering.numerics.box_qp import nearest, nearest_and_rest
-from ctc_chattering.numerics.compilable import dot, every, record, solve, some
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.parameters import LARGEST
 import numpy as np

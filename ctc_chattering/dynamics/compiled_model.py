@@ -18,12 +18,12 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
+from ctc_chattering.compiled.compilable import function, record, solve
+from ctc_chattering.compiled.machine_code import Call, Code, invoke
+from ctc_chattering.compiled.records import numpy_record, packed, record_of, value, write
 from ctc_chattering.dynamics import tree, two_link
 from ctc_chattering.dynamics.arm import Arm, body_scratch
-from ctc_chattering.numerics.compilable import function, record, solve
 from ctc_chattering.numerics.linear_algebra import Array
-from ctc_chattering.numerics.machine_code import Call, Code, invoke
-from ctc_chattering.numerics.records import numpy_record, packed, record_of, value, write
 import numpy as np
 
 

@@ -39,8 +39,8 @@ from __future__ import annotations
 
 from math import cos, sin
 
+from ctc_chattering.compiled.compilable import function
 from ctc_chattering.dynamics.arm import Arm, BodyScratch
-from ctc_chattering.numerics.compilable import function
 from ctc_chattering.numerics.linear_algebra import Array
 
 #: Row and column of the six elements of an inertia that is kept.

@@ -32,8 +32,8 @@ from math import ceil, inf, isfinite, pi, sqrt
 from typing import Any, ClassVar, NamedTuple
 
 from ctc_chattering.errors import ParameterError
+from ctc_chattering.numerics.interpolation import quintic
 from ctc_chattering.numerics.linear_algebra import Array
-from ctc_chattering.numerics.polynomials import quintic
 from ctc_chattering.numerics.time_grid import NANOSECONDS
 from ctc_chattering.parameters import Config, parameter
 from ctc_chattering.trajectory.joint_limits import JointLimits

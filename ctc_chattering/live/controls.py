@@ -26,7 +26,7 @@ from typing import Annotated, Any, Literal
 
 from ctc_chattering.analysis.tables import in_field
 from ctc_chattering.control.controller import ControllerConfig, LAWS
-from ctc_chattering.control.switching import SWITCHINGS
+from ctc_chattering.control.controller_config import SWITCHINGS
 from ctc_chattering.controller.trips import change_steps, FACTOR
 from ctc_chattering.errors import CtcError
 from ctc_chattering.live.graph_reader import GraphReader

@@ -31,7 +31,7 @@ Programming*, 1988; with upper bounds, Júdice & Pires, 1994).
 
 from __future__ import annotations
 
-from ctc_chattering.numerics.compilable import (
+from ctc_chattering.compiled.compilable import (
     diagonal,
     dot,
     every,

@@ -12,11 +12,14 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
+
 """The control grid: sample k lies at t = k h, with h a whole number of nanoseconds."""
 
 from __future__ import annotations
 
 from ctc_chattering.errors import ParameterError
+import numpy as np
+import numpy.typing as npt
 
 NANOSECONDS = 1_000_000_000
 
@@ -49,3 +52,18 @@ def seconds(nanoseconds: int) -> float:
         return nanoseconds / NANOSECONDS
     except OverflowError:
         raise ParameterError('time', nanoseconds, 'nanoseconds that are a float in s') from None
+
+
+def missing(t: npt.NDArray[np.float64], period: float) -> npt.NDArray[np.int64]:
+    """
+    Return how many samples are missing after each sample but the last, shape (N - 1,).
+
+    Parameters
+    ----------
+    t : ndarray, shape (N,)
+        Times of the samples, increasing [s].
+    period : float
+        Sample period [s].
+
+    """
+    return np.maximum(np.rint(np.diff(t) / period).astype(np.int64) - 1, 0)

@@ -27,7 +27,7 @@ from ctc_chattering.configuration import parameter_file
 from ctc_chattering.configuration.loop_setup import Overrides, Setup
 from ctc_chattering.configuration.package_share import find_config
 from ctc_chattering.control.controller import ControllerConfig, LAWS
-from ctc_chattering.control.switching import SWITCHINGS
+from ctc_chattering.control.controller_config import SWITCHINGS
 from ctc_chattering.errors import CtcError, near, ParameterError
 from ctc_chattering.parameters import whole
 from ctc_chattering.runs.conditions import (

@@ -35,17 +35,15 @@ from typing import Any, NamedTuple
 from ctc_chattering.analysis import drawing
 from ctc_chattering.analysis.tables import rounded
 from ctc_chattering.configuration.loop_setup import Setup
-from ctc_chattering.control.control_step import step
 from ctc_chattering.control.controller import Controller
 from ctc_chattering.control.controller_config import ControllerConfig
-from ctc_chattering.control.delay_prediction import ROWS
-from ctc_chattering.control.evaluation import Context, Models
+from ctc_chattering.control.evaluation import Context, Models, ROWS
 from ctc_chattering.control.observer import drive_model
+from ctc_chattering.control.step import step
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.dynamics.registry import model_of
 from ctc_chattering.errors import CtcError
-from ctc_chattering.numerics.linear_algebra import Array, Rows, Vector
-from ctc_chattering.numerics.peak_gain import peak_gain
+from ctc_chattering.numerics.linear_algebra import Array, peak_gain, Rows, Vector
 from ctc_chattering.numerics.time_grid import period_ns, seconds
 from ctc_chattering.parameters import matrix
 from ctc_chattering.runs.recommended import desired_points

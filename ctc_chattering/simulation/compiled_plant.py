@@ -18,15 +18,21 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
+from ctc_chattering.compiled.compilable import function
+from ctc_chattering.compiled.machine_code import Call, Code
+from ctc_chattering.compiled.records import load, packed, rows, store
 from ctc_chattering.dynamics.arm import Arm
 from ctc_chattering.dynamics.compiled_model import CompiledArm, CompiledModel
-from ctc_chattering.numerics.compilable import function
 from ctc_chattering.numerics.linear_algebra import Array, Vector
-from ctc_chattering.numerics.machine_code import Call, Code
-from ctc_chattering.numerics.records import load, packed, rows, store
 from ctc_chattering.simulation.motion import Mechanism, Rigid
-from ctc_chattering.simulation.plant_step import PlantInput, PlantParameters, PlantState
-from ctc_chattering.simulation.plant_step import stepped as plant_step
+from ctc_chattering.simulation.plant_step import (
+    PlantInput,
+    PlantParameters,
+    PlantState,
+)
+from ctc_chattering.simulation.plant_step import (
+    stepped as plant_step,
+)
 import numpy as np
 
 

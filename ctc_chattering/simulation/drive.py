@@ -29,7 +29,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from ctc_chattering.numerics.compilable import function, record
+from ctc_chattering.compiled.compilable import function, record
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.simulation.sensor import quantised
 import numpy as np

@@ -29,9 +29,7 @@ from collections.abc import Sequence
 from math import inf
 from typing import Any, NamedTuple
 
-from ctc_chattering.errors import CtcError, refused_as
-from ctc_chattering.numerics.box_qp import nearest
-from ctc_chattering.numerics.compilable import (
+from ctc_chattering.compiled.compilable import (
     dot,
     function,
     record,
@@ -40,6 +38,8 @@ from ctc_chattering.numerics.compilable import (
     some,
     Truths,
 )
+from ctc_chattering.errors import CtcError, refused_as
+from ctc_chattering.numerics.box_qp import nearest
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.parameters import named_class
 import numpy as np

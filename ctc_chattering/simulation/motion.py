@@ -28,15 +28,8 @@ from __future__ import annotations
 from math import inf
 from typing import Any, NamedTuple
 
-from ctc_chattering.numerics import runge_kutta
-from ctc_chattering.numerics.compilable import (
-    function,
-    record,
-    solve_where,
-    some,
-    Truths,
-)
-from ctc_chattering.numerics.event_location import first_negative
+from ctc_chattering.compiled.compilable import function, record, solve_where, some, Truths
+from ctc_chattering.numerics.integration import first_negative, runge_kutta
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.simulation.drive import middle_error, response
 from ctc_chattering.simulation.friction import Friction, margin_of_rest, modes, reaction
@@ -244,7 +237,7 @@ def after(at: Smooth, h: float) -> tuple[Array, Array]:
         loads = (total(p, at.forces, load, at.t, 0.0),
                  total(p, at.forces, load, at.t + 0.5 * h, 0.5 * h),
                  total(p, at.forces, load, at.t + h, 0.0))
-    return runge_kutta.step(acceleration, at, at.start.q, at.start.dq, loads, h)
+    return runge_kutta(acceleration, at, at.start.q, at.start.dq, loads, h)
 
 
 @function

@@ -18,7 +18,7 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-from ctc_chattering.numerics.compilable import function, record
+from ctc_chattering.compiled.compilable import function, record
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.simulation.drive import Driven, driven, Drives
 from ctc_chattering.simulation.motion import acting, Mechanics, Mechanism, Motion

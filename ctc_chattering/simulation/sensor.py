@@ -20,7 +20,7 @@ from math import expm1
 from random import Random
 from typing import NamedTuple
 
-from ctc_chattering.numerics.compilable import function, record
+from ctc_chattering.compiled.compilable import function, record
 from ctc_chattering.numerics.linear_algebra import Array, Vector
 import numpy as np
 

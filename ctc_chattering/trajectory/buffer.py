@@ -19,8 +19,8 @@ from __future__ import annotations
 from bisect import bisect_right
 from collections.abc import Sequence
 
+from ctc_chattering.numerics.interpolation import quintic
 from ctc_chattering.numerics.linear_algebra import Vector
-from ctc_chattering.numerics.polynomials import quintic
 from ctc_chattering.numerics.time_grid import seconds
 
 Point = tuple[Vector, Vector, Vector]

@@ -27,7 +27,7 @@ from math import isfinite
 from typing import Any, NamedTuple, Protocol, TypeVar
 
 from ctc_chattering.errors import ParameterError
-from ctc_chattering.numerics.polynomials import cubic, linear, quintic
+from ctc_chattering.numerics.interpolation import cubic, linear, quintic
 from ctc_chattering.numerics.time_grid import NANOSECONDS, seconds
 from ctc_chattering.parameters import Parameter, whole
 from ctc_chattering.trajectory.buffer import Point

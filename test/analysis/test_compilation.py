@@ -30,11 +30,11 @@ from ctc_chattering.analysis.compilation import (
     way,
 )
 from ctc_chattering.analysis.result import simulate
+from ctc_chattering.compiled import machine_code
+from ctc_chattering.compiled.machine_code import Code
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.configuration.loop_setup import Setup
 from ctc_chattering.configuration.package_share import find_config
-from ctc_chattering.numerics import machine_code
-from ctc_chattering.numerics.machine_code import Code
 from ctc_commands import python
 from machine_code import compile_runs
 import numpy as np

@@ -32,7 +32,7 @@ from ctc_chattering.analysis.result import simulate
 from ctc_chattering.cli.command_line import guarded
 from ctc_chattering.cli.ctc import make_parser
 from ctc_chattering.configuration import parameter_file
-from ctc_chattering.control.switching import SWITCHINGS
+from ctc_chattering.control.controller_config import SWITCHINGS
 from ctc_chattering.simulation import closed_loop
 from ctc_chattering.simulation.closed_loop import Run
 from ctc_commands import ctc, ctc_process, python, refused

@@ -18,16 +18,15 @@ from __future__ import annotations
 
 from typing import Any
 
-from ctc_chattering.control.compiled_step import CompiledStep
-from ctc_chattering.control.control_step import PlainStep
+from ctc_chattering.compiled.build import build
 from ctc_chattering.control.controller import Controller, ControllerConfig, LAWS
+from ctc_chattering.control.controller_config import SWITCHINGS
 from ctc_chattering.control.evaluation import Arrival, REGULAR
-from ctc_chattering.control.switching import SWITCHINGS
+from ctc_chattering.control.step import CompiledStep, PlainStep
 from ctc_chattering.dynamics.arm import arm_of
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.dynamics.two_link import TwoLink
 from ctc_chattering.dynamics.urdf_model import UrdfModel
-from ctc_chattering.numerics.simd.build import build
 from machine_code import compile_step
 import numpy as np
 import pytest

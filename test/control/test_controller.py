@@ -19,7 +19,7 @@ import math
 from typing import Any
 
 from ctc_chattering.control.controller import Controller, ControllerConfig, Sample
-from ctc_chattering.control.switching import SWITCHINGS
+from ctc_chattering.control.controller_config import SWITCHINGS
 from ctc_chattering.dynamics.two_link import TwoLink
 from ctc_chattering.errors import ParameterError
 import numpy as np

@@ -14,8 +14,7 @@
 
 """The state after a known delay, against scipy."""
 
-from ctc_chattering.control.delay_prediction import predict
-from ctc_chattering.control.evaluation import State
+from ctc_chattering.control.evaluation import predict, State
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.dynamics.two_link import TwoLink
 import numpy as np

@@ -18,11 +18,7 @@ import math
 
 from ctc_chattering.control.controller import Controller, ControllerConfig
 from ctc_chattering.control.laws.chattering import Chattering
-from ctc_chattering.control.perturbation_observer import (
-    Perturbation,
-    perturbation_observer,
-    unperturbed,
-)
+from ctc_chattering.control.switching import Perturbation, perturbation_observer, unperturbed
 import numpy as np
 from oracles import Array, box_by_enumeration, estimate_of, Masses, random_spd
 import pytest

@@ -16,15 +16,17 @@
 
 from typing import Any
 
-from ctc_chattering.control.controller_config import ControllerConfig
+from ctc_chattering.control.controller_config import ControllerConfig, SWITCHINGS
 from ctc_chattering.control.evaluation import error_filter, State
-from ctc_chattering.control.perturbation_observer import perturbation_observer, unperturbed
-from ctc_chattering.control.switching import SWITCHINGS
-from ctc_chattering.control.switching.base import switching_class
-from ctc_chattering.control.switching.boundary_layer import BoundaryLayer
-from ctc_chattering.control.switching.implicit import Implicit
-from ctc_chattering.control.switching.implicit_observer import ImplicitObserver
-from ctc_chattering.control.switching.sign import Sign
+from ctc_chattering.control.switching import (
+    BoundaryLayer,
+    Implicit,
+    ImplicitObserver,
+    perturbation_observer,
+    Sign,
+    switching_class,
+    unperturbed,
+)
 from hypothesis import given, settings
 from hypothesis import strategies as st
 import numpy as np

@@ -24,7 +24,7 @@ from ctc_chattering.analysis.metrics import metrics
 from ctc_chattering.analysis.result import simulate
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.configuration.package_share import EXPERIMENTS
-from ctc_chattering.control.switching import SWITCHINGS
+from ctc_chattering.control.controller_config import SWITCHINGS
 from ctc_chattering.runs.score import Score
 import imperfections as cases
 from imperfections import Case, CaseOutcome, evaluate, to_csv

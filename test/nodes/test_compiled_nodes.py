@@ -21,9 +21,9 @@ from pathlib import Path
 
 from ctc_chattering.analysis.compilation import compile_setups
 from ctc_chattering.analysis.result import simulate
+from ctc_chattering.compiled.machine_code import HOW_TO_COMPILE
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.launch.child_process import Child
-from ctc_chattering.numerics.machine_code import HOW_TO_COMPILE
 from faults import Diagnostics, Report
 import numpy as np
 from processes import interrupt, probe

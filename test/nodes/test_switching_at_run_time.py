@@ -25,7 +25,7 @@ from ctc_chattering.analysis.terms import terms
 from ctc_chattering.bags.reader import read_bag
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.control.controller import LAWS
-from ctc_chattering.control.switching import SWITCHINGS
+from ctc_chattering.control.controller_config import SWITCHINGS
 from ctc_chattering.simulation import closed_loop
 import numpy as np
 from processes import run_bringup

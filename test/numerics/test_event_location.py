@@ -17,7 +17,7 @@
 from collections.abc import Callable
 import math
 
-from ctc_chattering.numerics import event_location
+from ctc_chattering.numerics import integration
 import pytest
 from scipy.optimize import brentq  # type: ignore[import-untyped]
 
@@ -36,7 +36,7 @@ CASES: list[tuple[Callable[[float], float], float]] = [
 
 
 def first_negative(f: Callable[[float], float], end: float, f_end: float, tol: float) -> float:
-    return event_location.first_negative(lambda g, s: float(g(s)), f, end, f_end, tol)
+    return integration.first_negative(lambda g, s: float(g(s)), f, end, f_end, tol)
 
 
 @pytest.mark.parametrize(('f', 'root'), CASES)

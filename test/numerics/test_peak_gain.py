@@ -16,7 +16,7 @@
 
 from __future__ import annotations
 
-from ctc_chattering.numerics.peak_gain import peak_gain
+from ctc_chattering.numerics.linear_algebra import peak_gain
 import numpy as np
 import pytest
 

@@ -18,7 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from ctc_chattering.numerics.polynomials import cubic, linear, quintic
+from ctc_chattering.numerics.interpolation import cubic, linear, quintic
 from hypothesis import given, settings
 from hypothesis import strategies as st
 import numpy as np

@@ -18,8 +18,8 @@ from __future__ import annotations
 
 import math
 
+from ctc_chattering.numerics.integration import runge_kutta
 from ctc_chattering.numerics.linear_algebra import Array
-from ctc_chattering.numerics.runge_kutta import step
 import numpy as np
 import pytest
 
@@ -34,7 +34,7 @@ def test_oscillators_to_fourth_order() -> None:
     for n in (50, 100):
         q, dq, no = np.array((1.0, 0.0)), np.array((0.0, 3.0)), np.zeros(2)
         for _ in range(n):
-            q, dq = step(swing, np.array((4.0, 9.0)), q, dq, (no,) * 3, 1.0 / n)
+            q, dq = runge_kutta(swing, np.array((4.0, 9.0)), q, dq, (no,) * 3, 1.0 / n)
         errors.append(max(abs(q[0] - math.cos(2.0)), abs(q[1] - math.sin(3.0)),
                           abs(dq[0] + 2.0 * math.sin(2.0)), abs(dq[1] - 3.0 * math.cos(3.0))))
     assert errors[1] < 1e-6
@@ -48,5 +48,5 @@ def test_a_load_that_changes_is_integrated_by_simpson_s_rule() -> None:
 
     h = 0.7
     first, middle, last = (np.array((s ** 3, 1.0 - s ** 2)) for s in (0.0, 0.5 * h, h))
-    _, dq = step(free, None, np.zeros(2), np.zeros(2), (first, middle, last), h)
+    _, dq = runge_kutta(free, None, np.zeros(2), np.zeros(2), (first, middle, last), h)
     assert dq == pytest.approx((h ** 4 / 4.0, h - h ** 3 / 3.0), rel=1e-14)

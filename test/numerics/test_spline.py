@@ -14,7 +14,7 @@
 
 """A spline in pieces is the spline through all."""
 
-from ctc_chattering.numerics.spline import interpolated
+from ctc_chattering.numerics.interpolation import interpolated
 import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline  # type: ignore[import-untyped]

@@ -28,12 +28,12 @@ import sys
 from typing import Any
 
 import ctc_chattering
-from ctc_chattering.numerics import compilable
+from ctc_chattering.compiled import compilable
 import pytest
 
 ROOT = Path(ctc_chattering.__file__).parent
 #: Each imports only what stands before it.
-ORDER = ('errors', 'parameters', 'numerics', 'dynamics', 'trajectory', 'control',
+ORDER = ('errors', 'parameters', 'compiled', 'numerics', 'dynamics', 'trajectory', 'control',
          'controller', 'simulation', 'configuration', 'analysis', 'ros', 'bags', 'identification',
          'nodes', 'launch', 'runs', 'live', 'cli')
 #: These know nothing of ROS.

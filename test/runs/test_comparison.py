@@ -26,8 +26,7 @@ from ctc_chattering.analysis.result import Result, simulate
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.configuration.loop_setup import Overrides, Setup
 from ctc_chattering.control.controller import LAWS
-from ctc_chattering.control.controller_config import RIVALS
-from ctc_chattering.control.switching import SWITCHINGS
+from ctc_chattering.control.controller_config import RIVALS, SWITCHINGS
 from ctc_chattering.errors import CtcError
 from ctc_chattering.runs import compare_page
 from ctc_chattering.runs.compare import (

@@ -19,12 +19,12 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+from ctc_chattering.compiled.build import build
+from ctc_chattering.compiled.records import packed
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.configuration.package_share import config_directory
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.dynamics.registry import kept_model_of
-from ctc_chattering.numerics.records import packed
-from ctc_chattering.numerics.simd.build import build
 from ctc_chattering.simulation.compiled_loop import inputs
 from ctc_chattering.simulation.compiled_plant import CompiledPlantStep
 from ctc_chattering.simulation.plant import Plant

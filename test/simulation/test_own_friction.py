@@ -23,9 +23,9 @@ from types import SimpleNamespace
 from typing import Any, NamedTuple
 
 from ctc_chattering.analysis.result import simulate
+from ctc_chattering.compiled.compilable import record
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.errors import CtcError, ParameterError
-from ctc_chattering.numerics.compilable import record
 from ctc_chattering.simulation.friction import own_friction
 from ctc_chattering.simulation.plant import Plant
 from ctc_chattering.simulation.plant_config import PlantConfig

@@ -17,9 +17,9 @@
 from __future__ import annotations
 
 from ctc_chattering.analysis.compilation import compile_setups
+from ctc_chattering.compiled.build import build
 from ctc_chattering.configuration.loop_setup import Setup
 from ctc_chattering.control.controller import Controller
-from ctc_chattering.numerics.simd.build import build
 
 
 def compile_step(law: Controller) -> None:

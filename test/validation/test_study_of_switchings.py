@@ -23,7 +23,7 @@ import re
 
 from ctc_chattering.analysis.compilation import compile_setups, COMPILED, PLAIN
 from ctc_chattering.analysis.metrics import metrics
-from ctc_chattering.control.switching import SWITCHINGS
+from ctc_chattering.control.controller_config import SWITCHINGS
 from ctc_chattering.errors import CtcError
 from ctc_chattering.runs.score import Score
 from ctc_chattering.simulation.closed_loop import simulate

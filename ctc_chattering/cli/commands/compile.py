@@ -35,7 +35,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Run `ctc compile`."""
     from ctc_chattering.analysis.compilation import compile_setup
-    from ctc_chattering.numerics.machine_code import cache_directory
+    from ctc_chattering.compiled.machine_code import cache_directory
 
     start, (_, _, setup) = time.monotonic(), load_setup(options)
     made = compile_setup(setup, options.all, say)

@@ -43,7 +43,7 @@ def run(options: argparse.Namespace) -> int:
     from ctc_chattering.analysis.compilation import can_be_compiled, PLAIN, way
     from ctc_chattering.cli.command_line import say
     from ctc_chattering.cli.progress import Progress
-    from ctc_chattering.numerics.machine_code import HOW_TO_COMPILE
+    from ctc_chattering.compiled.machine_code import HOW_TO_COMPILE
 
     file, over, setup = load_setup(options)
     if setup.plant.duration == 0.0:

@@ -33,7 +33,7 @@ from ctc_chattering.cli.options import (
 )
 from ctc_chattering.cli.presentation import print_page
 from ctc_chattering.control.controller import LAWS
-from ctc_chattering.control.switching import SWITCHINGS
+from ctc_chattering.control.controller_config import SWITCHINGS
 from ctc_chattering.errors import CtcError, given_by_user, UsageError
 
 if TYPE_CHECKING:

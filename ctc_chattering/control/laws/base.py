@@ -27,10 +27,16 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any, cast, NamedTuple, Protocol, TypeVar
 
+from ctc_chattering.compiled.compilable import record, RECORDS
 from ctc_chattering.control.controller_config import ControllerConfig, LAWS
-from ctc_chattering.control.delay_prediction import arriving, next_state
-from ctc_chattering.control.evaluation import Context, ControlMemory, LastSample, State
-from ctc_chattering.numerics.compilable import record, RECORDS
+from ctc_chattering.control.evaluation import (
+    arriving,
+    Context,
+    ControlMemory,
+    LastSample,
+    next_state,
+    State,
+)
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.parameters import named_class, Parameter
 
@@ -311,9 +317,14 @@ def with_defaults(kind: type[T], attributes: dict[str, Any]) -> type[T]:
     return record(kind)
 
 
+def class_name(name: str) -> str:
+    """Return the name of the class that a name in a parameter file stands for."""
+    return name.title().replace('_', '')
+
+
 def law_class(name: str) -> type[Law]:
     """Return the class of a law: one of `LAWS`, or ``package.module:Name``."""
-    own = name if ':' in name else f'ctc_chattering.control.laws.{name}:LAW'
+    own = name if ':' in name else f'ctc_chattering.control.laws.{name}:{class_name(name)}'
     return cast('type[Law]', named_class(
         'law', own, lambda x: x in RECORDS and hasattr(x, 'answer'), 'class marked by @law'))
 

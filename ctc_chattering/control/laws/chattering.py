@@ -19,7 +19,7 @@ Law `chattering`, equation (6) of the paper: computed torque, compensation and c
 
     τ = M (ddq_d + Kv de + Kp e) + C dq + G - C v - z                                         (6)
 
-with z in the place of Ka sgn(v), evaluated by one of `control/switching`. v reaches 0 and stays
+with z in the place of Ka sgn(v), evaluated by one of `control/switching.py`. v reaches 0 and stays
 there if Ka exceeds the perturbation on every joint. docs/theory.md derives the sampled loop, and
 what it tolerates.
 """
@@ -28,13 +28,12 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+from ctc_chattering.compiled.compilable import dot
 from ctc_chattering.control.controller_config import ControllerConfig
 from ctc_chattering.control.evaluation import State
 from ctc_chattering.control.laws.base import Applied, law, Terms
-from ctc_chattering.control.perturbation_observer import Perturbation, unperturbed
-from ctc_chattering.control.switching.base import Switching, switching_class
+from ctc_chattering.control.switching import Perturbation, Switching, switching_class, unperturbed
 from ctc_chattering.numerics.box_qp import nearest
-from ctc_chattering.numerics.compilable import dot
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
 
@@ -91,7 +90,3 @@ class Chattering(NamedTuple):
     def estimate(self, memory: Perturbation, now: State) -> Array:
         """Return P̂ of the switching."""
         return self.switching.estimate(memory, now)
-
-
-#: What the name of this module stands for.
-LAW = Chattering

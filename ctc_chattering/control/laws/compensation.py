@@ -27,10 +27,10 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+from ctc_chattering.compiled.compilable import dot
 from ctc_chattering.control.controller_config import ControllerConfig
 from ctc_chattering.control.evaluation import State
 from ctc_chattering.control.laws.base import law, Nothing, Terms
-from ctc_chattering.numerics.compilable import dot
 
 
 @law(of_the_paper=True, acts_on_v=True)
@@ -49,7 +49,3 @@ class Compensation(NamedTuple):
     def terms(self, memory: Nothing, at: State) -> tuple[Terms, Nothing]:
         """Return the terms of (2)."""
         return Terms(at.N, dot(at.C, at.v), at.zero, at.zero), memory
-
-
-#: What the name of this module stands for.
-LAW = Compensation

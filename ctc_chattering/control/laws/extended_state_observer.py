@@ -33,15 +33,14 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+from ctc_chattering.compiled.compilable import dot, record
 from ctc_chattering.control.controller_config import ControllerConfig
-from ctc_chattering.control.delay_prediction import ROWS
-from ctc_chattering.control.evaluation import Context, ControlMemory, LastSample, State
+from ctc_chattering.control.evaluation import Context, ControlMemory, LastSample, ROWS, State
 from ctc_chattering.control.feasible_reference import Desired, next_point
 from ctc_chattering.control.laws.base import Applied, law, Terms
 from ctc_chattering.control.laws.observer_feedback import Place, placed
 from ctc_chattering.control.observer import drive_model, Observed, state_observer, StateObserver
 from ctc_chattering.numerics.box_qp import nearest
-from ctc_chattering.numerics.compilable import dot, record
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.parameters import matrix
 import numpy as np
@@ -151,7 +150,3 @@ class ExtendedStateObserver(NamedTuple):
     def estimate(self, memory: ExtendedState, now: State) -> Array:
         """Return P̂ + F."""
         return memory.observed.perturbation + self.fed_forward(now.dq_d, now.ddq_d)
-
-
-#: What the name of this module stands for.
-LAW = ExtendedStateObserver

@@ -59,7 +59,3 @@ class FrictionFeedforward(NamedTuple):
     def estimate(self, memory: Nothing, now: State) -> Array:
         """Return f tanh(dq_d / ε)."""
         return self.friction * np.tanh(now.dq_d / self.width)
-
-
-#: What the name of this module stands for.
-LAW = FrictionFeedforward

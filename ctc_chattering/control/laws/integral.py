@@ -36,10 +36,10 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+from ctc_chattering.compiled.compilable import dot, record, solve, some
 from ctc_chattering.control.controller_config import ControllerConfig
 from ctc_chattering.control.evaluation import State
 from ctc_chattering.control.laws.base import Applied, law, Terms
-from ctc_chattering.numerics.compilable import dot, record, solve, some
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.parameters import matrix
 import numpy as np
@@ -91,7 +91,3 @@ class Integral(NamedTuple):
     def estimate(self, memory: Integrated, now: State) -> Array:
         """Return M x, which is P where e is at rest."""
         return dot(now.M, memory.x)
-
-
-#: What the name of this module stands for.
-LAW = Integral

@@ -38,10 +38,10 @@ from __future__ import annotations
 from math import exp
 from typing import NamedTuple
 
+from ctc_chattering.compiled.compilable import dot, record, transposed_dot
 from ctc_chattering.control.controller_config import ControllerConfig
 from ctc_chattering.control.evaluation import State
 from ctc_chattering.control.laws.base import Applied, law, Terms
-from ctc_chattering.numerics.compilable import dot, record, transposed_dot
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
 
@@ -104,7 +104,3 @@ class MomentumObserver(NamedTuple):
     def estimate(self, memory: Momentum, now: State) -> Array:
         """Return P̂."""
         return memory.perturbation
-
-
-#: What the name of this module stands for.
-LAW = MomentumObserver

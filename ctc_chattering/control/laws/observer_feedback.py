@@ -45,6 +45,7 @@ from __future__ import annotations
 from math import exp
 from typing import NamedTuple
 
+from ctc_chattering.compiled.compilable import diagonal, dot, function, record
 from ctc_chattering.control.adaptation import (
     friction_level,
     FrictionLevel,
@@ -61,12 +62,12 @@ from ctc_chattering.control.adaptation import (
     untaught,
 )
 from ctc_chattering.control.controller_config import ControllerConfig
-from ctc_chattering.control.delay_prediction import ROWS
 from ctc_chattering.control.evaluation import (
     Context,
     ControlMemory,
     Evaluates,
     LastSample,
+    ROWS,
     State,
 )
 from ctc_chattering.control.feasible_reference import (
@@ -79,7 +80,6 @@ from ctc_chattering.control.feasible_reference import (
 from ctc_chattering.control.laws.base import Applied, law, Terms
 from ctc_chattering.control.observer import drive_model, Observed, state_observer, StateObserver
 from ctc_chattering.numerics.box_qp import nearest
-from ctc_chattering.numerics.compilable import diagonal, dot, function, record
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.parameters import matrix
 import numpy as np
@@ -292,7 +292,3 @@ def placed(model: Evaluates, at: Observed) -> Place:
     """Return a state with its dynamics."""
     M, C, G = model.evaluate(at.q, at.dq)
     return Place(at, M, dot(C, at.dq) + G)
-
-
-#: What the name of this module stands for.
-LAW = ObserverFeedback

@@ -33,10 +33,10 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+from ctc_chattering.compiled.compilable import inverse_diagonal
 from ctc_chattering.control.controller_config import ControllerConfig
 from ctc_chattering.control.evaluation import State
 from ctc_chattering.control.laws.base import law, Nothing, Terms
-from ctc_chattering.numerics.compilable import inverse_diagonal
 
 
 @law()
@@ -56,7 +56,3 @@ class PdGravity(NamedTuple):
         """Return the terms of (PG1)."""
         nominal = at.u / inverse_diagonal(at.M) + at.G
         return Terms(nominal, at.zero, at.zero, at.zero), memory
-
-
-#: What the name of this module stands for.
-LAW = PdGravity

@@ -38,12 +38,18 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+from ctc_chattering.compiled.compilable import dot, record, solve, some
 from ctc_chattering.control.controller_config import ControllerConfig
-from ctc_chattering.control.delay_prediction import arriving, ROWS
-from ctc_chattering.control.evaluation import Context, ControlMemory, LastSample, State
+from ctc_chattering.control.evaluation import (
+    arriving,
+    Context,
+    ControlMemory,
+    LastSample,
+    ROWS,
+    State,
+)
 from ctc_chattering.control.laws.base import Applied, law, Terms
 from ctc_chattering.control.observer import drive_model, DriveModel
-from ctc_chattering.numerics.compilable import dot, record, solve, some
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.parameters import matrix
 import numpy as np
@@ -177,7 +183,3 @@ def kalman_gains(bandwidth: float) -> Array:
     variance = solve_discrete_are(A.T, c[:, np.newaxis], np.outer(g, g), np.eye(1))
     gains: Array = variance @ c / (variance[0, 0] + 1.0)
     return gains
-
-
-#: What the name of this module stands for.
-LAW = PidKalman

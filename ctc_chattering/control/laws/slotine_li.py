@@ -39,10 +39,10 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+from ctc_chattering.compiled.compilable import dot, inverse_diagonal, record
 from ctc_chattering.control.controller_config import ControllerConfig
 from ctc_chattering.control.evaluation import State
 from ctc_chattering.control.laws.base import Applied, law, Terms
-from ctc_chattering.numerics.compilable import dot, inverse_diagonal, record
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.parameters import matrix
 import numpy as np
@@ -119,7 +119,3 @@ class SlotineLi(NamedTuple):
     def estimate(self, memory: Adapted, now: State) -> Array:
         """Return f̂ tanh(dq_r / ε)."""
         return memory.level * self.regressor(now)
-
-
-#: What the name of this module stands for.
-LAW = SlotineLi

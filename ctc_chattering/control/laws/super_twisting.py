@@ -40,10 +40,10 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+from ctc_chattering.compiled.compilable import dot, record, solve
 from ctc_chattering.control.controller_config import ControllerConfig
 from ctc_chattering.control.evaluation import ErrorFilter, filter_of, State
 from ctc_chattering.control.laws.base import Applied, law, Terms
-from ctc_chattering.numerics.compilable import dot, record, solve
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
 
@@ -107,7 +107,3 @@ class SuperTwisting(NamedTuple):
     def acting(self, memory: Twisted, now: State) -> Array:
         """Return 0; see the module."""
         return now.zero
-
-
-#: What the name of this module stands for.
-LAW = SuperTwisting

@@ -20,8 +20,8 @@ from pathlib import Path
 from shutil import copy
 
 from ctc_chattering.analysis.compilation import codes
+from ctc_chattering.compiled.machine_code import HOW_TO_COMPILE
 from ctc_chattering.configuration import parameter_file
-from ctc_chattering.numerics.machine_code import HOW_TO_COMPILE
 from ctc_commands import ctc, ctc_process, refused
 from machine_code import compile_runs
 import pytest

@@ -15,7 +15,7 @@
 """
 Machine code of functions of records and arrays: where it is kept, and how it is called.
 
-`simd.build` makes it, with numba, once; it is then loaded in milliseconds, without numba. A
+`build` makes it, with numba, once; it is then loaded in milliseconds, without numba. A
 function is called with the addresses of its arguments, which costs less than a microsecond. What
 it computes it writes into them.
 """
@@ -33,13 +33,13 @@ import sys
 import tempfile
 from typing import Any, NamedTuple
 
+from ctc_chattering.compiled import compilable
 from ctc_chattering.errors import CtcError
-from ctc_chattering.numerics import compilable
 import numpy as np
 
 _PACKAGE = Path(__file__).parents[1]
 #: Folders with functions that are compiled.
-_FOLDERS = ('numerics', 'dynamics', 'control', 'simulation')
+_FOLDERS = ('compiled', 'numerics', 'dynamics', 'control', 'simulation')
 #: How numba calls: where the result goes, where an error goes, and one argument.
 _PROTOTYPE: Any = ctypes.CFUNCTYPE(ctypes.c_int, *[ctypes.c_void_p] * 3)
 #: What a user reads who runs plain Python in its place.

@@ -19,8 +19,8 @@ import pkgutil
 from typing import Any, NamedTuple
 
 import ctc_chattering
-from ctc_chattering.numerics import compilable
-from ctc_chattering.numerics.simd.records import _check_names
+from ctc_chattering.compiled import compilable
+from ctc_chattering.compiled.build import _check_names
 import pytest
 
 #: Folders with functions that are compiled.

@@ -25,7 +25,7 @@ import inspect
 import operator
 from typing import Any
 
-from ctc_chattering.numerics import compilable
+from ctc_chattering.compiled import compilable
 from llvmlite import ir
 from numba import types
 from numba.core import cgutils

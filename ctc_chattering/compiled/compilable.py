@@ -16,7 +16,7 @@
 What an equation is written with so that one text runs as plain Python and compiled.
 
 `function` marks a function, `record` a NamedTuple with methods. Both are ordinary Python: their
-vectors are arrays of shape (n,), their matrices arrays of shape (n, n). Compiled (`simd`), a
+vectors are arrays of shape (n,), their matrices arrays of shape (n, n). Compiled (`build`), a
 vector is one value of the processor, and the same text runs without an array being made.
 
 Such code uses on vectors: arithmetic, comparisons, ``&``, ``|``, ``[i]``, ``.all()``, ``.any()``,
@@ -32,10 +32,10 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any, TypeVar
 
-from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
 import numpy.typing as npt
 
+Array = npt.NDArray[np.float64]
 Truths = npt.NDArray[np.bool_]
 F = TypeVar('F', bound=Callable[..., Any])
 T = TypeVar('T')
@@ -115,10 +115,9 @@ def solve(matrix: Array, x: Array) -> Array:
 
 def solve_where(chosen: Truths, matrix: Array, x: Array) -> Array:
     """Return y, shape (n,), with M y = x in the rows and columns `chosen`, and 0 elsewhere."""
-    at = np.flatnonzero(chosen)
-    if len(at) == len(x):
+    if every(chosen):
         return solve(matrix, x)
-    y = np.zeros(len(x))
+    at, y = np.flatnonzero(chosen), np.zeros(len(x))
     if len(at) == 1:  # A tenth of the time.
         y[at] = x[at] / matrix[at, at]
     else:

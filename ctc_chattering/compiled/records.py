@@ -15,7 +15,7 @@
 """
 Records in the memory of NumPy records, in which compiled code finds and leaves them.
 
-What is here is plain Python; `simd` does the same in compiled code.
+What is here is plain Python; `build` does the same in compiled code.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from functools import lru_cache
 from typing import Any
 
-from ctc_chattering.numerics import compilable
+from ctc_chattering.compiled import compilable
 import numpy as np
 import numpy.typing as npt
 

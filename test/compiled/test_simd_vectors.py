@@ -18,8 +18,8 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from ctc_chattering.numerics.box_qp import nearest
-from ctc_chattering.numerics.compilable import (
+from ctc_chattering.compiled.build import register
+from ctc_chattering.compiled.compilable import (
     diagonal,
     dot,
     first,
@@ -30,8 +30,8 @@ from ctc_chattering.numerics.compilable import (
     solve,
     solve_where,
 )
-from ctc_chattering.numerics.records import load, packed, store
-from ctc_chattering.numerics.simd.records import register
+from ctc_chattering.compiled.records import load, packed, store
+from ctc_chattering.numerics.box_qp import nearest
 import numba
 import numpy as np
 from oracles import Array, inclusion_by_enumeration, random_spd

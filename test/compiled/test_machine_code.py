@@ -21,10 +21,10 @@ import subprocess
 import sys
 from typing import Any, NamedTuple
 
+from ctc_chattering.compiled import compilable, machine_code
+from ctc_chattering.compiled.machine_code import Call, Code, invoke
+from ctc_chattering.compiled.records import numpy_record, packed
 from ctc_chattering.errors import CtcError
-from ctc_chattering.numerics import compilable, machine_code
-from ctc_chattering.numerics.machine_code import Call, Code, invoke
-from ctc_chattering.numerics.records import numpy_record, packed
 import numpy as np
 import pytest
 
@@ -60,7 +60,7 @@ def _arguments(rows: int) -> tuple[Pair, Any]:
 
 def build(code: Code) -> None:
     """Compile; the module that does so is not imported by who only runs the code."""
-    import_module('ctc_chattering.numerics.simd.build').build(code)
+    import_module('ctc_chattering.compiled.build').build(code)
 
 
 @pytest.fixture(autouse=True)
@@ -104,13 +104,13 @@ def test_without_numba(tmp_path: Path) -> None:
     script = f"""
 import sys; sys.path.insert(0, {str(Path(__file__).parent)!r})
 from pathlib import Path
-from ctc_chattering.numerics import machine_code
+from ctc_chattering.compiled import machine_code
 machine_code.cache_directory = lambda: Path({str(tmp_path)!r})
 import test_machine_code as t
 code, made = machine_code.Code(t.added, t._arguments(2), 'added'), t._arguments(3)
 compiled = []
 if not code.compiled:
-    from ctc_chattering.numerics.simd import build
+    from ctc_chattering.compiled import build
     make = build._machine_code
     build._machine_code = lambda code: compiled.append(code) or make(code)
     build.build(code)
@@ -146,7 +146,7 @@ def test_the_text_of_a_user_is_part_of_what_uses_it(
         monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """Check a module of a user: what has its records is another file for another text."""
     text = ('from typing import Any, NamedTuple\n'
-            'from ctc_chattering.numerics.compilable import record\n'
+            'from ctc_chattering.compiled.compilable import record\n'
             '@record\nclass Gain(NamedTuple):\n    x: Any\n')
     path = tmp_path / 'module_of_a_user.py'
     path.write_text(text)
@@ -173,14 +173,15 @@ def test_the_text_of_a_user_is_part_of_what_uses_it(
 def test_the_text_of_the_package_is_part_of_all(
         monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     source_key = machine_code.source_key.__wrapped__
-    for name in ('numerics/simd', 'dynamics', 'control/laws', 'simulation', 'analysis'):
+    for name in ('compiled', 'numerics', 'dynamics', 'control/laws', 'simulation', 'analysis'):
         (tmp_path / name).mkdir(parents=True)
     monkeypatch.setattr(machine_code, '_PACKAGE', tmp_path)
     keys = [source_key()]
-    for name in ('numerics/simd/a', 'dynamics/b', 'control/laws/c', 'simulation/d', 'analysis/e'):
+    for name in ('compiled/a', 'numerics/b', 'dynamics/c', 'control/laws/d', 'simulation/e',
+                 'analysis/f'):
         (tmp_path / f'{name}.py').write_text('h = 1')
         keys.append(source_key())
-    assert len(set(keys)) == 5
+    assert len(set(keys)) == 6
     assert keys[-1] == keys[-2]
 
 

@@ -12,6 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
+
 """
 The control step: a law at one sample, for any model, and at the instants of the states.
 
@@ -23,16 +24,25 @@ was measured a time δ after a sample is taken back to it along the predicted mo
 
 Where clocks differ the samples follow the stamps, so that |δ| stays below 0.45 h.
 
-It is a pure function of records, so that it runs as plain Python and compiled
-(`numerics.compilable`); `Controller` is what users call. Vectors are arrays of shape (n,),
-matrices of shape (n, n).
+From one law to another the torque makes no step. The new law begins from the perturbation that
+the old one estimates; if it acts on v and the old one did not, with v = 0. What its first torque
+then still differs from the last one sent is added to it, and fades: after j samples there remains
+1 - j / J of it, with J h = `FADE`. Anti-windup keeps it out of the filter (3), as what the limits
+take from a torque. Between the two laws of the paper the chattering term comes and goes at once
+instead.
+
+The step is a pure function of records, so that it runs as plain Python and compiled
+(`compiled.compilable`): `PlainStep` and `CompiledStep`. `Controller` is what
+users call. Vectors are arrays of shape (n,), matrices of shape (n, n).
 """
 
 from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-from ctc_chattering.control.delay_prediction import ROWS
+from ctc_chattering.compiled.compilable import function, record
+from ctc_chattering.compiled.machine_code import Call, Code
+from ctc_chattering.compiled.records import load, packed, rows, store
 from ctc_chattering.control.evaluation import (
     Arrival,
     Context,
@@ -43,10 +53,13 @@ from ctc_chattering.control.evaluation import (
     LastSample,
     losing,
     Models,
+    REGULAR,
+    ROWS,
     State,
 )
-from ctc_chattering.control.laws.base import Applied, Terms
-from ctc_chattering.numerics.compilable import function, record
+from ctc_chattering.control.laws.base import Applied, Law, Terms
+from ctc_chattering.dynamics.arm import Arm
+from ctc_chattering.dynamics.compiled_model import CompiledArm, CompiledModel, EvaluatedModel
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
 
@@ -263,3 +276,170 @@ def exchanged(transit: Array, row: int, sent: Applied) -> Applied:
     transit[row + 2] = sent.excess
     transit[row + 3] = sent.clipping_error
     return applied
+
+
+def taken_over(settings: ControlSettings, before: tuple[Law, Any], law: Law, law_memory: Any,
+               memory: ControlMemory, model: Evaluates, rows: Array) -> tuple[ControlMemory, Any]:
+    """
+    Return the memories with which a law goes on after another one.
+
+    Parameters
+    ----------
+    settings : ControlSettings
+        Of the control step.
+    before : tuple
+        The old law and its memory.
+    law, law_memory
+        The new one, with what it remembers from before.
+    memory : ControlMemory
+        Of the control step, after its last sample.
+    model : Model
+        M, C and G.
+    rows : array, shape (5, n)
+        Measured q, dq and desired q, dq, ddq of the sample to come.
+
+    """
+    old, known = before
+    if law.acts_on_v and not old.acts_on_v:
+        memory = memory._replace(xi=settings.filter.b * (rows[3] - rows[1]))
+    now = evaluated(settings, model, rows[0], rows[1], rows[2:], 0, memory.xi)
+    if not (old.of_the_paper and law.of_the_paper):
+        memory = memory._replace(fading=settings.fading, fresh=1.0)
+    return memory, law.initialized(
+        law_memory, now, old.estimate(known, now) if old.estimates else None)
+
+
+#: Rows of what a step computes, those of `control.controller.Sample` in this order.
+TAU, E, DE, V, NOMINAL, COMPENSATION, ROBUST, SATURATION_ERROR = range(8)
+
+
+class ControlRecords(NamedTuple):
+    """A controller, each part a NumPy record of what it is named after, or an array."""
+
+    settings: Any
+    law: Any
+    memory: Any
+    law_memory: Any
+    last: Any
+    #: Of the model: as of `CompiledModel`.
+    call: Any
+    body: Any
+    #: Where M, C and G of the sample are kept, of the arrival of its torque, and a period later.
+    now: Any
+    arriving: Any
+    after: Any
+    #: Torques in transit, shape (4 d, n), and room for a reference, (3 (1 + d), n).
+    transit: Array
+    reference: Array
+    #: `Arrival` of the state, shape (4,).
+    arrival: Array
+    #: Position [rad] and velocity [rad/s], shape (2, n), and what is computed of it, (8, n).
+    measured: Array
+    made: Array
+
+
+class CompiledStep:
+    """
+    The control step of a controller between two changes of its settings, as `PlainStep`.
+
+    Parameters
+    ----------
+    settings, law, memories, transit
+        As of `PlainStep`.
+    arm : Arm
+        Model.
+
+    Attributes
+    ----------
+    codes : tuple of Code
+        What must be compiled, for all controllers with this law and number of joints.
+    measured, points : array, shape (2, n) and (3 (1 + d), n)
+        Of `step_at`.
+    arrival : array, shape (4,)
+        As `Arrival` is; that of a regular state until it is set.
+    made : array, shape (8, n)
+        What it computes.
+    call : Call
+        Goes on by a sample; only if there is machine code.
+
+    """
+
+    call: Call
+
+    def __init__(self, settings: ControlSettings, law: Any, memories: Memories, transit: Array,
+                 arm: Arm) -> None:
+        n = len(settings.zero)
+        self.measured, self.made = np.zeros((2, n)), np.zeros((8, n))
+        self.points = np.zeros((3 + 3 * int(settings.delay), n))
+        self.arrival, self._arrival = np.array(REGULAR), REGULAR
+        self._arm = CompiledArm(arm, n)
+        self._records = ControlRecords(
+            packed(settings), packed(law), *map(packed, memories),  # type: ignore[call-arg]
+            *self._arm.model, *(self._arm.place() for _ in range(3)), transit,
+            np.zeros_like(self.points), self.arrival, self.measured, self.made)
+        arguments = (self._records, self.points)
+        code = Code(stepped, arguments, f'control-{type(law).__name__}-{n}'.lower())
+        self.codes = *self._arm.codes, code
+        if self.compiled:
+            self.call = Call(code, arguments)
+
+    @property
+    def compiled(self) -> bool:
+        """Whether there is machine code."""
+        return all(code.compiled for code in self.codes)
+
+    @property
+    def memories(self) -> Memories:
+        """Return what is remembered; it may be set."""
+        p = self._records
+        return load(p.memory), load(p.law_memory), load(p.last)
+
+    @memories.setter
+    def memories(self, memories: Memories) -> None:
+        p = self._records
+        for fields, values in zip((p.memory, p.law_memory, p.last), memories):
+            store(fields, values)
+
+    def step(self, rows: Array, arrival: Arrival) -> list[list[float]]:
+        """Go on by a sample, and return the rows of `Sample`, shape (8, n)."""
+        self.measured[:], self.points[:] = rows[:2], rows[2:]
+        if arrival is not self._arrival:
+            self.arrival[:] = self._arrival = arrival
+        self.call()
+        made: list[list[float]] = self.made.tolist()
+        return made
+
+
+@function
+def stepped(p: ControlRecords, points: Array) -> int:
+    """
+    Go on by a sample, and set `p.made`.
+
+    Parameters
+    ----------
+    p : ControlRecords
+        After the last sample, with what is measured.
+    points : array, shape (3 (1 + d), n)
+        The reference at this sample and those of the delay; there may be more.
+
+    """
+    memory = load(p.memory)
+    like = memory.xi
+    measured = rows(p.measured, like)
+    model = CompiledModel(p.call, p.body)
+    models = Models(EvaluatedModel(model, p.now), EvaluatedModel(model, p.arriving),
+                    EvaluatedModel(model, p.after))
+    came = p.arrival
+    step, last = step_at(
+        Context(load(p.settings), models, rows(p.transit, like), rows(p.reference, like)),
+        load(p.law), memory, load(p.law_memory), load(p.last),
+        Arrival(came[0], came[1], came[2], came[3]), measured[0], measured[1],
+        rows(points, like))
+    store(p.last, last)
+    store(p.memory, step.memory)
+    store(p.law_memory, step.law_memory)
+    made, terms = rows(p.made, like), step.parts
+    made[TAU], made[E], made[DE], made[V] = step.sent.tau, step.now.e, step.now.de, step.now.v
+    made[NOMINAL], made[COMPENSATION] = terms.nominal, terms.compensation
+    made[ROBUST], made[SATURATION_ERROR] = terms.robust, step.sent.saturation_error
+    return 0

@@ -19,8 +19,8 @@ from __future__ import annotations
 import operator
 from typing import Any
 
-from ctc_chattering.numerics import compilable
-from ctc_chattering.numerics.simd.vectors import (
+from ctc_chattering.compiled import compilable
+from ctc_chattering.compiled.vectors import (
     lowered,
     overloaded,
     read,

@@ -12,16 +12,21 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""
-Polynomials that meet given values, velocities and accelerations at both ends of a span.
 
-Each is evaluated at a share s in [0, 1] of the span h [s] and returns value, first and second
-derivative by time. At s = 0 the value is the given one, to the last bit.
+"""
+Interpolation: polynomials that meet given values at both ends of a span, and long cubic splines.
+
+Each polynomial is evaluated at a share s in [0, 1] of the span h [s] and returns value, first and
+second derivative by time. At s = 0 the value is the given one, to the last bit.
 """
 
 from __future__ import annotations
 
 from typing import Any, TypeVar
+
+from ctc_chattering.numerics.linear_algebra import Array
+import numpy as np
+from scipy.interpolate import CubicSpline  # type: ignore[import-untyped]
 
 T = TypeVar('T', bound=Any)
 
@@ -56,3 +61,22 @@ def quintic(s: T, h: float, x0: float, v0: float, a0: float, x1: float, v1: floa
     return (x0 + s * (v0 + s * (c2 + s * (c3 + s * (c4 + s * c5)))),
             (v0 + s * (2.0 * c2 + s * (3.0 * c3 + s * (4.0 * c4 + s * 5.0 * c5)))) / h,
             (2.0 * c2 + s * (6.0 * c3 + s * (12.0 * c4 + s * 20.0 * c5))) / (h * h))
+
+
+#: Values of a piece, and knots around it: what one changes falls by 0.27 from knot to knot.
+_PIECE, _AROUND = 8192, 40
+
+
+def interpolated(t: Array, x: Array, at: Array) -> Array:
+    """
+    Return a cubic spline through x, shape (N, n), at the times `at`, shape (M,): shape (M, n).
+
+    Both times rise.
+    """
+    found = np.empty((len(at), *x.shape[1:]))
+    for first in range(0, len(at), _PIECE):
+        some = at[first:first + _PIECE]
+        low, high = np.searchsorted(t, (some[0], some[-1]))
+        knots = slice(max(0, int(low) - _AROUND), int(high) + _AROUND)
+        found[first:first + _PIECE] = CubicSpline(t[knots], x[knots])(some)
+    return found
