@@ -171,7 +171,7 @@ def _apart(which: Indices, after: Array, count: int) -> Indices:
 
 
 def placed(values: Array, which: Indices, stamps: Indices, before: float,
-            after: float | None = None) -> Answers:
+           after: float | None = None) -> Answers:
     """
     Return for each state its command, or the one before if it has none.
 
