@@ -22,7 +22,7 @@ whose index is not what it was.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import ExitStack
 from functools import cache
 from io import BytesIO
@@ -260,7 +260,7 @@ class Bag:
                 name: fields for name, fields in known.fielddefs.items()
                 if name not in self._reader.typestore.fielddefs})
             self._stack = stack.pop_all()
-        self.deserialize = self._reader.deserialize
+        self.deserialize: Callable[[bytes, str], Any] = self._reader.deserialize
         self.connections: list[Connection] = list(self._reader.connections)
         for x in () if self._counts else self.connections:
             self._counts[x.topic, x.msgtype] += x.msgcount
