@@ -27,15 +27,16 @@ from contextlib import closing
 from pathlib import Path
 
 from ctc_chattering.bags.bag import Bag
-from ctc_chattering.bags.command_times import answers, placed
 from ctc_chattering.bags.recording import Indices, RecordedMotion, Recording
 from ctc_chattering.bags.repair import open_bag
 from ctc_chattering.bags.signals import (
+    answers,
     COMMAND_FIELDS,
     JOINT_STATE,
     missing_topic,
     MULTI_ARRAY,
     named_topic,
+    placed,
     Signal,
     signal_topics,
     SignalTopic,

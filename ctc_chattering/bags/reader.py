@@ -25,10 +25,16 @@ from pathlib import Path
 from ctc_chattering.analysis.result import Result
 from ctc_chattering.analysis.terms import terms
 from ctc_chattering.bags.bag import Bag, nanoseconds
-from ctc_chattering.bags.command_times import answers
 from ctc_chattering.bags.recording import alone
 from ctc_chattering.bags.repair import open_bag
-from ctc_chattering.bags.signals import JOINT_STATE, MULTI_ARRAY, Signal, SignalTopic, STATE_FIELDS
+from ctc_chattering.bags.signals import (
+    answers,
+    JOINT_STATE,
+    MULTI_ARRAY,
+    Signal,
+    SignalTopic,
+    STATE_FIELDS,
+)
 from ctc_chattering.control.controller import ControllerConfig
 from ctc_chattering.dynamics.registry import model_of
 from ctc_chattering.errors import CtcError, refused_as, RejectedMessage

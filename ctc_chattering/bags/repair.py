@@ -254,15 +254,14 @@ def recover(bag: Path, target: Path) -> Recovery:
 def _metadata(bag: Path) -> tuple[Counter[str] | None, dict[str, str]]:
     """Return number of messages by topic, None if not known, and custom data, of the metadata."""
     try:
-        tree: Any = yaml.safe_load((bag / 'metadata.yaml').read_text(encoding='utf-8'))
-        info = tree['rosbag2_bagfile_information']
+        info: Any = yaml.safe_load((bag / 'metadata.yaml').read_text(encoding='utf-8')
+                                   )['rosbag2_bagfile_information']
         counts = Counter[str]()
         for topic in info['topics_with_message_count']:
-            counts[str(topic['topic_metadata']['name'])] += int(topic['message_count'])
-        custom = {str(key): str(x) for key, x in (info.get('custom_data') or {}).items()}
-        sums = {counts.total(), *(
-            [sum(int(x['message_count']) for x in info['files'])] if 'files' in info else [])}
-        return (counts if sums == {info['message_count']} else None), custom
+            counts[topic['topic_metadata']['name']] += topic['message_count']
+        is_right = {counts.total(), sum(x['message_count'] for x in info['files'])} == {
+            info['message_count']}
+        return counts if is_right else None, dict(info.get('custom_data') or {})
     except Exception:  # Of damaged metadata, anything may be wrong.
         return None, {}
 
