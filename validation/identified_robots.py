@@ -29,9 +29,8 @@ from ctc_chattering.identification.identify import Identification, identify
 from ctc_chattering.identification.model_errors import candidates
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.simulation.closed_loop import Run, simulate
-from ctc_chattering.simulation.plant import Plant
+from ctc_chattering.simulation.plant import make_plant, Plant
 from ctc_chattering.simulation.plant_config import PlantConfig
-from ctc_chattering.simulation.registry import make_plant
 from ctc_chattering.trajectory.motions import Route
 from ctc_chattering.trajectory.reference import ReferenceConfig
 from mujoco_plant import MujocoPlant

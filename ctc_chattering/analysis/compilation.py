@@ -34,7 +34,7 @@ from ctc_chattering.control.controller_config import SWITCHINGS
 from ctc_chattering.dynamics.registry import kept_model_of
 from ctc_chattering.errors import CtcError
 from ctc_chattering.simulation.closed_loop import compiled_loop_of
-from ctc_chattering.simulation.registry import make_plant
+from ctc_chattering.simulation.plant import make_plant
 
 #: How a run is computed.
 COMPILED, PLAIN = 'compiled', 'plain'

@@ -32,7 +32,7 @@ from ctc_chattering.analysis.terms import RunTerms, terms
 from ctc_chattering.configuration.loop_setup import Setup
 from ctc_chattering.control.controller import ControllerConfig
 from ctc_chattering.control.recommended_gains import LAW, recommended_gains
-from ctc_chattering.controller.health import Saturation, TermSaturation, WORTH_A_WORD
+from ctc_chattering.controller.health import Saturation, term_saturation, WORTH_A_WORD
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.dynamics.registry import kept_model_of
 from ctc_chattering.dynamics.urdf_parser import Tree
@@ -40,8 +40,7 @@ from ctc_chattering.errors import CtcError, ParameterError
 from ctc_chattering.numerics.time_grid import missing
 from ctc_chattering.simulation import closed_loop
 from ctc_chattering.simulation.closed_loop import Array, Run
-from ctc_chattering.simulation.plant import Plant
-from ctc_chattering.simulation.registry import make_plant
+from ctc_chattering.simulation.plant import make_plant, Plant
 import numpy as np
 import numpy.typing as npt
 
@@ -223,18 +222,15 @@ class Result(RunAttributes):
         The first `_REACHING` seconds after the start and after a change of parameters are not
         counted. None without a sample under a law that takes ``ka``.
         """
-        count = TermSaturation(len(self.joint_names))
-        t = self.run.t
-        inside = within(t, self.window)
-        gaps = np.append(0, self.missing) > 0
+        t, parts = self.run.t, []
+        inside, gaps = within(t, self.window), np.append(0, self.missing) > 0
         for (begin, config), (end, _) in pairwise([*self.configs, (np.inf, self.config)]):
             if config.takes('ka'):
-                for k in np.flatnonzero(inside & (t >= begin + _REACHING) & (t < end)):
-                    if gaps[k]:
-                        count.pause()
-                    count.add(self.terms.robust[k].tolist(), config.ka,
-                              config.switching_in_force)
-        return count.found() if count.samples else None
+                k = np.flatnonzero(inside & (t >= begin + _REACHING) & (t < end))
+                parts.append((
+                    np.insert(self.terms.robust[k], np.flatnonzero(gaps[k]), np.nan, axis=0),
+                    config.ka, config.switching_in_force))
+        return term_saturation(parts) or None
 
     def metrics(self) -> dict[str, Any]:
         """

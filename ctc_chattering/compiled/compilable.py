@@ -115,10 +115,9 @@ def solve(matrix: Array, x: Array) -> Array:
 
 def solve_where(chosen: Truths, matrix: Array, x: Array) -> Array:
     """Return y, shape (n,), with M y = x in the rows and columns `chosen`, and 0 elsewhere."""
-    at = np.flatnonzero(chosen)
-    if len(at) == len(x):
+    if every(chosen):
         return solve(matrix, x)
-    y = np.zeros(len(x))
+    at, y = np.flatnonzero(chosen), np.zeros(len(x))
     if len(at) == 1:  # A tenth of the time.
         y[at] = x[at] / matrix[at, at]
     else:

@@ -27,8 +27,8 @@ from ctc_chattering.errors import CtcError, ParameterError
 from ctc_chattering.numerics.time_grid import period_ns
 from ctc_chattering.parameters import C, Config
 from ctc_chattering.simulation.closed_loop import Event
+from ctc_chattering.simulation.plant import check_start
 from ctc_chattering.simulation.plant_config import PlantConfig
-from ctc_chattering.simulation.registry import check_start
 from ctc_chattering.trajectory.joint_limits import DescribedLimits
 from ctc_chattering.trajectory.motions import Route
 from ctc_chattering.trajectory.reference import make_motion, ReferenceConfig

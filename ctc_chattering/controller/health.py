@@ -31,12 +31,12 @@ from __future__ import annotations
 
 from array import array
 from collections import deque
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 import dataclasses
-from math import sqrt
+from math import nan, sqrt
 
 from ctc_chattering.control.controller import ControllerConfig, Sample
-from ctc_chattering.numerics.linear_algebra import Vector
+from ctc_chattering.numerics.linear_algebra import Array, Vector
 from ctc_chattering.numerics.time_grid import seconds
 import numpy as np
 
@@ -103,22 +103,20 @@ class LoopStatistics:
 
     def __init__(self) -> None:
         self._durations = {name: Durations() for name in (
-            'period', 'computing time', 'processor time', 'answer time')}
-        self._periods, self._computing, self._processor, self._answers = self._durations.values()
+            'period', 'computing time', 'answer time')}
+        self._periods, self._computing, self._answers = self._durations.values()
         self.samples = self.misses = 0
         self.rate = 0.0
         self._last: int | None = None
         self._seen = (0, 0)
 
-    def sample(self, begin: int, end: int, processor: int | None = None) -> None:
-        """Count a sample computed from `begin` to `end`, of it on a `processor` [ns]."""
+    def sample(self, begin: int, end: int) -> None:
+        """Count a sample computed from `begin` to `end` [ns]."""
         self.samples += 1
         last, self._last = self._last, begin
         if last is not None:
             self._periods.add(_NANO * (begin - last))
         self._computing.add(_NANO * (end - begin))
-        if processor is not None:
-            self._processor.add(_NANO * processor)
 
     def answer(self, asked: int, now: int) -> None:
         """Count an answer that came at `now` to what was sent at `asked` [ns]."""
@@ -139,12 +137,12 @@ class LoopStatistics:
 
     def too_slow(self, period: int) -> str:
         """
-        Return a line if samples take too much of the period [ns] on a processor, '' if not.
+        Return a line if samples take too much of the period [ns], '' if not.
 
-        Processor time leaves out what other processes took: it is our own. Half of the samples
-        must take more than `_TOO_MUCH` of the period; a few slow ones make no loop late.
+        Half of the samples must take more than `_TOO_MUCH` of the period; a few slow ones make no
+        loop late.
         """
-        p50 = float(self._processor.summary().get('p50 [ms]', 0.0))
+        p50 = float(self._computing.summary().get('p50 [ms]', 0.0))
         if 1e6 * p50 <= _TOO_MUCH * period:
             return ''
         return (f'the step takes {p50:.2g} ms (p50) at a period of {1e-6 * period:g} ms: too slow '
@@ -162,6 +160,8 @@ class LoopStatistics:
 WORTH_A_WORD = 0.05
 #: Mean length of a stretch at the bound from which on Ka is too small [samples].
 LONG_STRETCH = 10.0
+#: Number of the last samples that a running controller looks at.
+_LATEST = 1000
 #: Least length of a stretch that counts with switching ``sign`` [samples].
 SIGN_STRETCH = 200
 _NEAR = 1.0 - 1e-9
@@ -200,67 +200,30 @@ class Saturation:
         return f'{found}: {self.cause}' if self.cause else found
 
 
-class TermSaturation:
+def term_saturation(parts: Iterable[tuple[Array, Vector, str]]) -> list[Saturation]:
     """
-    Counts the samples at the bound, joint by joint.
+    Return how often the chattering term of each joint is at its bound.
 
     Parameters
     ----------
-    n : int
-        Number of joints.
+    parts : iterable of (term, ka, switching)
+        Chattering term of samples in a row, shape (N, n) [N·m], NaN where one is missing; its
+        bounds, shape (n,) [N·m], 0 of a joint that has no such term; how it is evaluated.
 
     """
-
-    def __init__(self, n: int) -> None:
-        self._side = [0.0] * n
-        self._length = [0] * n
-        self.clear()
-
-    def clear(self) -> None:
-        """Count from 0 again; a stretch at the bound goes on."""
-        n = len(self._side)
-        self.samples = 0
-        self._at, self._stretches = [0] * n, [0] * n
-
-    def pause(self) -> None:
-        """End all stretches: the next sample does not follow the last."""
-        self._side = [0.0] * len(self._side)
-
-    def add(self, term: Vector, ka: Vector, switching: str) -> None:
-        """
-        Count one sample.
-
-        Parameters
-        ----------
-        term : sequence of float, shape (n,)
-            Chattering term [N·m].
-        ka : sequence of float, shape (n,)
-            Its bounds [N·m]; a joint with 0 has no chattering term.
-        switching : str
-            How the term is evaluated.
-
-        """
-        self.samples += 1
+    samples, stretches = 0, list[list[int]]()
+    for term, ka, switching in parts:
         least = SIGN_STRETCH if switching == 'sign' else 1
-        for i, (z, k) in enumerate(zip(term, ka)):
-            if abs(z) < _NEAR * k or k == 0.0:
-                self._side[i] = 0.0
-                continue
-            side = 1.0 if z > 0.0 else -1.0
-            if side != self._side[i]:
-                self._side[i], self._length[i] = side, 0
-            self._length[i] += 1
-            if self._length[i] == least:
-                self._at[i] += least
-                self._stretches[i] += 1
-            elif self._length[i] > least:
-                self._at[i] += 1
-
-    def found(self) -> list[Saturation]:
-        """Return what was counted since the last `clear`, joint by joint."""
-        samples = max(self.samples, 1)
-        return [Saturation(min(at / samples, 1.0), at / max(stretches, 1))
-                for at, stretches in zip(self._at, self._stretches)]
+        side = np.where((np.abs(term) >= _NEAR * np.array(ka)) & (np.array(ka) > 0.0),
+                        np.sign(term), 0.0)
+        samples += int(np.isfinite(term[:, 0]).sum())
+        stretches = stretches or [[] for _ in ka]
+        for column, found in zip(side.T, stretches):
+            ends = np.flatnonzero(np.diff(column, append=np.nan))
+            lengths = np.diff(ends, prepend=-1)
+            found += lengths[(column[ends] != 0.0) & (lengths >= least)].tolist()
+    return [Saturation(sum(found) / samples, sum(found) / max(len(found), 1))
+            for found in stretches] if samples else []
 
 
 #: Likely cause of messages that come too late.
@@ -444,7 +407,9 @@ class ControllerHealth:
         self.rates = HealthMonitor('restarts', 'of the states refused', *_REJECTED, period)
         self.skips = HealthMonitor('', 'of the states skipped for newer ones', *_SKIPPED, period)
         self.sample_rate = SampleRate(period)
-        self._term_saturation = TermSaturation(len(names))
+        #: Under which configuration the law runs, and its last terms [N·m].
+        self._config: ControllerConfig | None = None
+        self._terms: deque[Vector] = deque(maxlen=_LATEST)
         self._rejected: Mapping[str, int] = {}
 
     def take(self, t: int, skipped: int = 0) -> None:
@@ -460,14 +425,16 @@ class ControllerHealth:
 
     def pause(self) -> None:
         """Note that the next torque does not follow the last one."""
-        self._term_saturation.pause()
+        self._terms.append((nan,) * len(self._names))
 
     def add(self, sample: Sample, config: ControllerConfig) -> None:
         """Count a sample of the law."""
         self.robust = sample.robust
         self.saturated += sample.saturation_error is not None
-        if config.takes('ka'):
-            self._term_saturation.add(sample.robust, config.ka, config.switching_in_force)
+        if config is not self._config:
+            self._config = config
+            self._terms.clear()
+        self._terms.append(sample.robust)
 
     def report(self, now: int, rejected: Mapping[str, int], simulated: bool,
                cause: str = '') -> list[tuple[int, str]]:
@@ -501,7 +468,8 @@ class ControllerHealth:
         if self.sample_rate.wrong:
             found.append((1, f'states come every {1e3 * self.sample_rate.mean:.3g} ms; '
                           f'control_period is {1e3 * seconds(self._period):g} ms'))
-        found += [(1, f'{name}: {joint}') for name, joint in zip(
-            self._names, self._term_saturation.found()) if joint.cause]
-        self._term_saturation.clear()
+        config = self._config
+        if config is not None and config.takes('ka'):
+            found += [(1, f'{name}: {joint}') for name, joint in zip(self._names, term_saturation([
+                (np.array(self._terms), config.ka, config.switching_in_force)])) if joint.cause]
         return found

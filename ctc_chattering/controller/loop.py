@@ -26,7 +26,7 @@ from ctc_chattering.controller.desired_motion import DesiredMotion
 from ctc_chattering.controller.health import ControllerHealth
 from ctc_chattering.controller.state_machine import Input, Mode
 from ctc_chattering.controller.timing import Logger, Watchdog
-from ctc_chattering.controller.trips import Trip, TripMonitor, unsafe_settings
+from ctc_chattering.controller.trips import TripMonitor, unsafe_settings
 from ctc_chattering.errors import ParameterError, RejectedMessage
 from ctc_chattering.numerics.linear_algebra import Vector
 from ctc_chattering.numerics.time_grid import NANOSECONDS, period_ns, seconds
@@ -106,7 +106,7 @@ class ControlLoop:
         self.law: Controller | None = None
         self.restart_duration = 0.0
         self.predicted_periods = self.predicted = 0
-        #: Processor time of the last answers [ns].
+        #: Time that the last answers took [ns].
         self._took: deque[int] = deque(maxlen=_SLOW)
         #: Whether the law has answered the last state, and all that were predicted after it.
         self._goes_on = False
@@ -208,12 +208,9 @@ class ControlLoop:
         late = 0 if self.simulated or self._too_slow else min(
             self._periods_since(state.t, now), self.predicted_periods)
         sample = self._step(law, state, points, at, late)
-        if (trip := self._trips.check(law, sample)) is not None:
-            self._trip(trip)
+        if not self._send_checked(law, sample):
             return None
-        self._send(sample.tau)
-        self._held, self._pending = sample.tau, None
-        self._begun = self._goes_on = True
+        self._pending, self._begun, self._goes_on = None, True, True
         self._note(state.t, sample, law.config)
         return Answer(state, points[0], sample)
 
@@ -226,9 +223,9 @@ class ControlLoop:
         """
         return not self.simulated and min(self._took, default=0) > self.period
 
-    def took(self, processor: int) -> None:
-        """Note the processor time that the last answer took [ns]."""
-        self._took.append(processor)
+    def took(self, duration: int) -> None:
+        """Note how long the last answer took [ns]."""
+        self._took.append(duration)
 
     def due(self) -> int | None:
         """
@@ -272,14 +269,8 @@ class ControlLoop:
         points = self._desired(law.instant(last.t + periods * self.period), last)
         sample = None if points is None else law.predicted_step(
             *points[0], points[1:], periods - before)
-        trip = None if sample is None else self._trips.check(law, sample)
-        self._goes_on = sample is not None and trip is None
-        if trip is not None:
-            self._trip(trip)
-        elif sample is not None:
-            self._send(sample.tau)
-            self._held = sample.tau
-            self.predicted += 1
+        self._goes_on = sample is not None and self._send_checked(law, sample)
+        self.predicted += self._goes_on
 
     def _desired(self, at: int, state: JointSample) -> list[Point] | None:
         """Return what is desired at an instant and for each sample of delay, if it is known."""
@@ -312,12 +303,18 @@ class ControlLoop:
         raise RejectedMessage('overflow', (
             f'no torque can be computed for {list(state.q)}, {list(state.dq)}'))
 
-    def _trip(self, trip: Trip) -> None:
-        """Send no torque until a reset."""
+    def _send_checked(self, law: Controller, sample: Sample) -> bool:
+        """Send the torque of a sample, or none until a reset; return whether it was sent."""
+        trip = self._trips.check(law, sample)
+        if trip is None:
+            self._send(sample.tau)
+            self._held = sample.tau
+            return True
         self.tripped = trip.reason
-        self.handle(trip.event)
+        self.handle(Input.TRIP)
         self.end_torque()
         self._log.error(f'{trip.detail}; no torque until ~/reset')
+        return False
 
     def _note(self, t: int, sample: Sample, config: ControllerConfig) -> None:
         """Note what a torque was made of, after it was sent."""

@@ -70,10 +70,8 @@ class Input(Enum):
     FOLLOW = 'follow'
     LEAD_BACK = 'lead back'
     HOLD = 'hold'
-    #: The position error exceeds `error_limit`, or has grown too much.
-    ERROR_LIMIT = 'error limit'
-    #: The feedback oscillates, and less bandwidth does not end it.
-    OSCILLATION = 'oscillation'
+    #: What `trips` finds.
+    TRIP = 'trip'
     RESET = 'reset'
     DISABLE = 'disable'
     ENABLE = 'enable'
@@ -83,8 +81,7 @@ class Input(Enum):
 _ARMED = {
     Input.FOLLOW: Mode.RUNNING, Input.LEAD_BACK: Mode.RESTARTING, Input.HOLD: Mode.HOLDING,
     Input.NO_REFERENCE: Mode.WAITING_FOR_REFERENCE, Input.SILENCE: Mode.NO_STATE,
-    Input.ERROR_LIMIT: Mode.TRIPPED, Input.OSCILLATION: Mode.TRIPPED,
-    Input.DISABLE: Mode.DISABLED}
+    Input.TRIP: Mode.TRIPPED, Input.DISABLE: Mode.DISABLED}
 
 #: The next mode, by mode and input.
 TRANSITIONS: Mapping[Mode, Mapping[Input, Mode]] = {

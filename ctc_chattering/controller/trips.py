@@ -46,7 +46,6 @@ from typing import Any, NamedTuple
 
 from ctc_chattering.control.controller import Controller, Sample
 from ctc_chattering.control.controller_config import ControllerConfig
-from ctc_chattering.controller.state_machine import Input
 from ctc_chattering.errors import ParameterError
 from ctc_chattering.numerics.linear_algebra import Vector
 from ctc_chattering.numerics.time_grid import NANOSECONDS
@@ -75,23 +74,6 @@ def joint_beyond(e: Vector, limit: Vector) -> int | None:
     return None
 
 
-class ErrorGrowth:
-    """Remembers the least error of each joint, for n joints; see (TR1)."""
-
-    def __init__(self, n: int) -> None:
-        self._least = [inf] * n
-
-    def restart(self) -> None:
-        """Forget the errors so far."""
-        self._least = [inf] * len(self._least)
-
-    def largest(self, e: Vector) -> tuple[float, int]:
-        """Return the largest g_i [rad] with the error e, shape (n,) [rad], and the joint i."""
-        size = [abs(x) for x in e]
-        self._least = least = [min(a, b) for a, b in zip(size, self._least)]
-        return max((a - b, i) for i, (a, b) in enumerate(zip(size, least)))
-
-
 #: How long a loop may seem out of control [s], and how often that is read [ns].
 _PATIENCE, _INTERVAL = 0.2, NANOSECONDS // 50
 #: Part of the bandwidth below which it is worth a word.
@@ -114,10 +96,8 @@ def _cause(law: Controller, sample: Sample, joint: int) -> str:
 
 
 class Trip(NamedTuple):
-    """Why no torque is sent until a reset."""
+    """Why no torque is sent until a reset, for the status and for the log."""
 
-    event: Input
-    #: For the status, and for the log.
     reason: str
     detail: str
 
@@ -140,13 +120,14 @@ class TripMonitor:
         self._interval = max(_INTERVAL // period, 1)
         self._samples = 0
         self._lowest = 1.0
-        #: Of (TR1), under which law, and the largest since the last warning, with its joint.
-        self._growth, self._law = ErrorGrowth(len(names)), ''
-        self._grown, self._why = (0.0, 0), ''
+        #: Of (TR1): least errors, under which law, and the largest growth since the last warning,
+        #: with its joint.
+        self._law, self._why = '', ''
+        self.restart()
 
     def restart(self) -> None:
         """Begin again with the torques."""
-        self._growth.restart()
+        self._least = [inf] * len(self._names)
         self._grown = 0.0, 0
 
     def check(self, law: Controller, sample: Sample) -> Trip | None:
@@ -154,7 +135,6 @@ class TripMonitor:
         joint = joint_beyond(sample.e, law.config.error_limit)
         if joint is not None:
             return Trip(
-                Input.ERROR_LIMIT,
                 f'the position error of {self._names[joint]} exceeded error_limit',
                 f'the position errors {[float(f"{x:.4g}") for x in sample.e]} rad exceed '
                 'error_limit')
@@ -168,7 +148,7 @@ class TripMonitor:
         if duration < _PATIENCE:
             return None
         text = f'the feedback of {law.config.law} oscillated'
-        return Trip(Input.OSCILLATION, text, f'{text} at {100.0 * part:.0f} % of its bandwidth; '
+        return Trip(text, f'{text} at {100.0 * part:.0f} % of its bandwidth; '
                     f'{_cause(law, sample, 0)}')
 
     def _lost(self, law: Controller, sample: Sample) -> Trip | None:
@@ -179,14 +159,16 @@ class TripMonitor:
             self.restart()
         if config.law != _WATCHED or min(config.error_limit) < inf:
             return None
-        self._grown = max(self._grown, self._growth.largest(e))
+        self._least = [min(abs(x), least) for x, least in zip(e, self._least)]
+        self._grown = max(self._grown, *(
+            (abs(x) - least, i) for i, (x, least) in enumerate(zip(e, self._least))))
         grown, joint = self._grown
         if grown >= 0.5 * LARGEST_GROWTH:
             self._why = _cause(law, sample, joint)
         if grown <= LARGEST_GROWTH:
             return None
         text = f'the position error of {self._names[joint]} has grown by {grown:.2f} rad'
-        return Trip(Input.ERROR_LIMIT, text, (
+        return Trip(text, (
             f'{text}, to {abs(e[joint]):.2f} rad, and exceeded the limit of '
             f'{LARGEST_GROWTH:g} rad (set error_limit to change it); {self._why}'))
 

@@ -94,17 +94,6 @@ class Elastic(Model):
         return self._model.potential_energy(q[:self._links]) + sum(
             0.5 * stiffness * (q[k] - q[i]) ** 2 for i, k, stiffness, _, _ in self._springs)
 
-    def forward_dynamics(self, q: Vector, dq: Vector, u: Vector, fixed_joints: int = 0) -> Vector:
-        """Return ddq: links and motors are coupled by the springs only."""
-        links = self._links
-        load, motors = list(u[:links]), []
-        for i, k, stiffness, damping, inertia in self._springs:
-            spring = stiffness * (q[k] - q[i]) + damping * (dq[k] - dq[i])
-            load[i] += spring
-            motors.append(0.0 if fixed_joints >> k & 1 else (u[k] - spring) / inertia)
-        return [*self._model.forward_dynamics(
-            q[:links], dq[:links], load, fixed_joints & (1 << links) - 1), *motors]
-
     def start(self, q: Vector, dq: Vector) -> tuple[list[float], list[float]]:
         """
         Return coordinates and velocities at which the springs carry the weight.

@@ -75,7 +75,7 @@ class Model(ABC):
         values: list[float] = torque.tolist()
         return values
 
-    def forward_dynamics(self, q: Vector, dq: Vector, u: Vector, fixed_joints: int = 0) -> Vector:
+    def forward_dynamics(self, q: Vector, dq: Vector, u: Vector) -> Vector:
         """
         Return ddq, shape (n,) [rad/s²], of (1) under the torque `u`.
 
@@ -83,16 +83,11 @@ class Model(ABC):
         ----------
         q, dq, u : sequence of float, shape (n,)
             Position [rad], velocity [rad/s] and the sum of all torques but C dq and G [N·m].
-        fixed_joints : int
-            Bit i set: joint i is held still by a torque of its own, so that ddq_i = 0.
 
         """
         bias = self.inverse_dynamics(q, dq, (0.0,) * self.n)
-        free = [i for i in range(self.n) if not fixed_joints >> i & 1]
-        ddq = np.zeros(self.n)
-        ddq[free] = np.linalg.solve(
-            np.array(self.mass_matrix(q))[np.ix_(free, free)], np.subtract(u, bias)[free])
-        values: list[float] = ddq.tolist()
+        values: list[float] = np.linalg.solve(
+            np.array(self.mass_matrix(q)), np.subtract(u, bias)).tolist()
         return values
 
     def mass_and_bias(self, q: Array, dq: Array) -> tuple[Array, Array]:

@@ -114,6 +114,15 @@ class TwoLink(Model):
         """Return the potential energy, 0 where both links hang down [J]."""
         return self.gravity * (7.6 * (1.0 - cos(q[0])) + 0.63 * (1.0 - cos(q[0] + q[1])))
 
+    def mass_and_bias(self, q: Array, dq: Array) -> tuple[Array, Array]:
+        """Return M(q) and C(q, dq) dq + G(q) as arrays, shapes (2, 2) and (2,)."""
+        if type(self) is not TwoLink:  # It may have terms of its own.
+            return super().mass_and_bias(q, dq)
+        m11, m12, m22, k, g1, g2 = terms(self.gravity, q.tolist())
+        v1, v2 = dq.tolist()
+        return (np.array(((m11, m12), (m12, m22))),
+                np.array((g1 - k * v2 * (v1 + v1 + v2), k * v1 * v1 + g2)))
+
     def inverse_dynamics(self, q: Vector, dq: Vector, a: Vector) -> Vector:
         """Return M(q) a + C(q, dq) dq + G(q), shape (2,)."""
         m11, m12, m22, k, g1, g2 = terms(self.gravity, q)
@@ -121,12 +130,10 @@ class TwoLink(Model):
         return (m11 * a[0] + m12 * a[1] - k * v2 * (v1 + v1 + v2) + g1,
                 m12 * a[0] + m22 * a[1] + k * v1 * v1 + g2)
 
-    def forward_dynamics(self, q: Vector, dq: Vector, u: Vector, fixed_joints: int = 0) -> Vector:
-        """Return ddq, shape (2,), with the joints of the bit mask `fixed_joints` held still."""
+    def forward_dynamics(self, q: Vector, dq: Vector, u: Vector) -> Vector:
+        """Return ddq, shape (2,), of (1) under the torque `u`."""
         m11, m12, m22, k, g1, g2 = terms(self.gravity, q)
         v1, v2 = dq
         r1, r2 = u[0] + k * v2 * (v1 + v1 + v2) - g1, u[1] - k * v1 * v1 - g2
-        if fixed_joints:
-            return 0.0 if fixed_joints & 1 else r1 / m11, 0.0 if fixed_joints & 2 else r2 / m22
         det = m11 * m22 - m12 * m12
         return (m22 * r1 - m12 * r2) / det, (m11 * r2 - m12 * r1) / det

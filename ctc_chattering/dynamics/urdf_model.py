@@ -244,10 +244,8 @@ class UrdfModel(Model):
         """Return M(q) a + C(q, dq) dq + G(q), shape (n,)."""
         return self._vector(self._pin.rnea, q, dq, a)
 
-    def forward_dynamics(self, q: Vector, dq: Vector, u: Vector, fixed_joints: int = 0) -> Vector:
-        """Return ddq, shape (n,), with the joints of the bit mask `fixed_joints` held still."""
-        if fixed_joints:
-            return super().forward_dynamics(q, dq, u, fixed_joints)
+    def forward_dynamics(self, q: Vector, dq: Vector, u: Vector) -> Vector:
+        """Return ddq, shape (n,), of (1) under the torque `u`."""
         return self._vector(self._pin.aba, q, dq, u)
 
     def _call(self, function: Any, *vectors: Vector | Array) -> Any:

@@ -25,7 +25,13 @@ from ctc_chattering.compiled.machine_code import HOW_TO_COMPILE
 from ctc_chattering.configuration.loop_setup import Values
 from ctc_chattering.configuration.node_parameters import ControllerSettings
 from ctc_chattering.control.controller import Controller, ControllerConfig, LAWS
-from ctc_chattering.control.recommended_gains import GainChoice, GAINS, model_torque
+from ctc_chattering.control.recommended_gains import (
+    GainChoice,
+    GAINS,
+    LAW,
+    model_torque,
+    recommended_gains,
+)
 from ctc_chattering.controller.loop import Answer, ControlLoop, JointSample
 from ctc_chattering.controller.state_machine import Mode
 from ctc_chattering.controller.trips import check_change, missing_limits
@@ -100,6 +106,7 @@ class ControllerNode(LoopNode[ControllerConfig, ControllerSettings]):
         model = model_of(self.config, description)
         self._loop.law = Controller(self.config, model)
         self._gains.torque = model_torque(self.config, model)
+        self._take_recommended_gains()
         self._tell_if_plain(self._loop.law)
         if missing := missing_limits(self.config, self._loop.law.model.effort_limits):
             self.get_logger().warning(f'{missing}: set them to the limits of the drives')
@@ -175,7 +182,6 @@ class ControllerNode(LoopNode[ControllerConfig, ControllerSettings]):
 
     def _answer(self, now: int) -> None:
         """Have the pending state answered, and publish what the torque is made of."""
-        begin = time.thread_time_ns()
         self._matched = self._matched or self.matched(
             self._commands, *self._terms.publishers, *self._controller_state.publishers)
         try:
@@ -191,10 +197,10 @@ class ControllerNode(LoopNode[ControllerConfig, ControllerSettings]):
                 self.failure = f'tripped: {self._loop.tripped}'  # Time would wait for a reset.
                 self.done.set_result(None)
             return
-        self._loop.took(time.thread_time_ns() - begin)
         self._publish_terms(answer)
         end = time.monotonic_ns()
-        self.statistics.sample(now, end, time.thread_time_ns() - begin)
+        self._loop.took(end - now)
+        self.statistics.sample(now, end)
         if self.in_real_time and end - now > self._loop.period:
             self.statistics.misses += 1
 
@@ -229,21 +235,27 @@ class ControllerNode(LoopNode[ControllerConfig, ControllerSettings]):
     def check(self, config: ControllerConfig) -> None:
         """Refuse a law that cannot be made, and a change that is too large."""
         values = config.as_mapping()
+        of_law, self._of_law = self._of_law, {}
         check_change(self.config.changed({  # Those of the law itself may be any.
-            name: gain for name, gain in self._of_law.items() if values[name] == gain}), config)
+            name: gain for name, gain in of_law.items() if values[name] == gain}), config)
         if self._loop.law is not None:
             self._loop.law.check(config)
 
     def completed(self, values: Mapping[str, Any]) -> Mapping[str, Any]:
         """Return the gains that go with a law which is set without any; see `GainChoice`."""
         law, named = values.get('law'), {*values, *self.parameter_service.names}
-        self._of_law = {}
         if (law in LAWS or OWN_CLASS.fullmatch(str(law))) and named.isdisjoint(GAINS):
             self._of_law = self._gains.of_law(str(law), self.config)
         if self._of_law:
             self.get_logger().info(f'law {law} is set without gains, and takes its own, not those '
                                    f'of {self.config.law}')
         return self._of_law
+
+    def _take_recommended_gains(self) -> None:
+        """Set those of a law that the node was started with and that has gains of its own."""
+        if self.config.law == LAW and self.given.keys().isdisjoint(GAINS):
+            self._of_law = recommended_gains(self.config, self._gains.torque)
+            self.parameters.assign(self._of_law)
 
     def on_change(self) -> None:
         """Have the law take what has been set."""

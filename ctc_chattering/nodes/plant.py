@@ -29,9 +29,8 @@ from ctc_chattering.ros.messages import EffortReader, Efforts, stamp, StateWrite
 from ctc_chattering.ros.node import ERROR, LoopNode, OK, qos, Status, WARN
 from ctc_chattering.ros.subscription import ValidatedSubscription
 from ctc_chattering.ros.topics import CLOCK, COMMANDS, JOINT_STATES, select
-from ctc_chattering.simulation.plant import Plant
+from ctc_chattering.simulation.plant import limits_of, make_plant, Plant
 from ctc_chattering.simulation.plant_config import PlantConfig
-from ctc_chattering.simulation.registry import limits_of, make_plant
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
@@ -230,8 +229,8 @@ class PlantNode(LoopNode[PlantConfig, PlantSettings]):
         self._robot.braking = False
 
     def _on_tick(self) -> None:
-        begin, used = time.monotonic_ns(), time.thread_time_ns()
-        plant, steps = self._robot, 1
+        begin = time.monotonic_ns()
+        plant = self._robot
         now = self.get_clock().now().nanoseconds
         if not self._begun:
             self._anchor()
@@ -241,7 +240,6 @@ class PlantNode(LoopNode[PlantConfig, PlantSettings]):
                 self._latest, self._sent = (0.0,) * len(self._names), None
             due = self._timer_grid.due(now, plant.k)
             self.statistics.misses += max(0, due - 1)
-            steps = min(max(1, due), _CATCH_UP)
             for _ in range(min(due, _CATCH_UP)):
                 if self._at_end():
                     return
@@ -256,7 +254,7 @@ class PlantNode(LoopNode[PlantConfig, PlantSettings]):
                 return
         self._publish_state()
         end = time.monotonic_ns()
-        self.statistics.sample(begin, end, (time.thread_time_ns() - used) // steps)
+        self.statistics.sample(begin, end)
         if self._sent is None and self._begun and not plant.braking:
             self._sent = end
 

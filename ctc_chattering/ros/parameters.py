@@ -129,6 +129,10 @@ class NodeParameters:
         """Return the present configuration of type `kind`."""
         return next(config for config in self.configs if isinstance(config, kind))
 
+    def assign(self, values: Mapping[str, Any]) -> None:
+        """Set parameters by name, as a request of another node would."""
+        self._node.set_parameters_atomically([_to_parameter(*item) for item in values.items()])
+
     def announce(self, t: int) -> None:
         """Publish on ``~/parameters`` what has changed: in force from the state at `t` [ns]."""
         now = {name: value for config in self.configs

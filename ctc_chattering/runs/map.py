@@ -33,7 +33,7 @@ from ctc_chattering.parameters import whole
 from ctc_chattering.runs import pool, store
 from ctc_chattering.runs.points import Refinement, Runs
 from ctc_chattering.runs.spec import MapSpec, parse, read_spec
-from ctc_chattering.simulation.registry import make_plant
+from ctc_chattering.simulation.plant import make_plant
 import pyarrow
 
 if TYPE_CHECKING:

@@ -44,7 +44,7 @@ from ctc_chattering.runs.spec import (
     Repeats,
     Uncertain,
 )
-from ctc_chattering.simulation.registry import make_plant
+from ctc_chattering.simulation.plant import make_plant
 import numpy as np
 import numpy.typing as npt
 

@@ -16,11 +16,9 @@
 
 from __future__ import annotations
 
-from array import array
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 import dataclasses
-from itertools import chain
 from typing import Any
 
 from ctc_chattering.control.controller import Controller, ControllerConfig, Sample
@@ -28,24 +26,23 @@ from ctc_chattering.controller.trips import joint_beyond
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.errors import CtcError, ParameterError
 from ctc_chattering.numerics.linear_algebra import Vector
-from ctc_chattering.numerics.time_grid import period_ns, samples, seconds
+from ctc_chattering.numerics.time_grid import period_ns, seconds
 from ctc_chattering.simulation.compiled_loop import (
     BEYOND,
     CompiledLoop,
     DIVERGED,
     DQ,
     FILTERED,
-    FINISHED,
+    NO_TORQUE,
     Q,
     SENT,
     STAMP,
 )
-from ctc_chattering.simulation.plant import diverged, Plant
+from ctc_chattering.simulation.plant import diverged, make_plant, Plant
 from ctc_chattering.simulation.plant_config import PlantConfig
-from ctc_chattering.simulation.registry import make_plant
 from ctc_chattering.trajectory.buffer import Point
 from ctc_chattering.trajectory.motions import Route
-from ctc_chattering.trajectory.reference import make_motion, reference_table, ReferenceConfig
+from ctc_chattering.trajectory.reference import reference_table, ReferenceConfig
 import numpy as np
 import numpy.typing as npt
 
@@ -174,64 +171,21 @@ def simulate(plant: PlantConfig, controller: ControllerConfig, reference: Refere
 
     """
     _check_agreement(plant, controller, reference)
-    if not (progress is None or callable(progress)):
-        raise ParameterError('progress', progress, 'None or a function of the time [s]')
     if plant.duration <= 0.0:
         raise CtcError('duration: a simulation must end; set the duration of the plant above 0')
-    robot = robot or make_plant(plant)
-    law = Controller(controller, model)
+    robot, law = robot or make_plant(plant), Controller(controller, model)
     start = tuple(zip(plant.joint_names, zip(*map(tuple, robot.measured))))
+    table = reference_table(
+        reference, route, start if reference.start_duration or route is not None else (),
+        controller.joint_names, robot.period_ns, robot.last + 1 + controller.input_delay)
+    show = progress or (lambda _: None)
+    show(0.0)
     loop = None if events else compiled_loop_of(robot, law, truth)
-    if loop is not None and loop.compiled:
-        table = reference_table(
-            reference, route, start if reference.start_duration or route is not None else (),
-            controller.joint_names, period_ns(plant.control_period),
-            robot.last + 1 + controller.input_delay)
-        run = _run_of(loop, table, robot, law, truth)
-        for at in (0.0, plant.duration) if progress is not None else ():
-            progress(at)  # type: ignore[misc]
-        return run
-    motion = make_motion(reference, route, dict(start))
-    order = [reference.joint_names.index(name) for name in controller.joint_names]
-    in_order = reference.joint_names == controller.joint_names
-    period = period_ns(plant.control_period)
-    last = samples(plant.duration, period)
-
-    def desired(at: int) -> Point:
-        point = motion.at(at)
-        if in_order:
-            return point
-        q_d, dq_d, ddq_d = ([row[i] for i in order] for row in point)
-        return q_d, dq_d, ddq_d
-
-    due = deque(sorted(events, key=lambda event: event.time))
-    record = array('d')
-    tau: Vector = ()
-    for k in range(last + 1):
-        t = seconds(k * period)
-        while due and t >= due[0].time:
-            _apply(due.popleft(), robot, law)
-        if robot.lost:
-            robot.step(tau)
-            continue
-        stamp = robot.stamp
-        at = law.instant(stamp)
-        point, *ahead = (desired(at + j * period) for j in range(controller.input_delay + 1))
-        sample = _step(law, stamp, at, *robot.measured, point, ahead)
-        tau, state = sample.tau, robot.measured
-        if truth:
-            stamp, state = k * period, (robot.q, robot.dq)
-        if stamp != at:
-            point = desired(stamp)
-        record.append(seconds(stamp))
-        record.extend(chain(*state, *point, tau, sample.v))
-        if k < last:
-            robot.step(tau)
-        if progress is not None and k % max(1, last // 100) == 0:
-            progress(t)
-    table = np.frombuffer(record).reshape(-1, 1 + 7 * robot.n)
-    q, dq, q_d, dq_d, ddq_d, tau_sent, v = np.split(table[:, 1:], 7, axis=1)
-    return Run(table[:, 0], q, dq, q_d, dq_d, ddq_d, tau_sent, v)
+    compiled = loop is not None and loop.compiled
+    rows = (_by_machine_code(loop, table, robot, law) if loop is not None and compiled
+            else _by_steps(robot, law, table, events, show, truth))
+    show(plant.duration)
+    return _run_of(rows, table, robot.period_ns, truth, compiled)
 
 
 def compiled_loop_of(robot: Plant, law: Controller, truth: bool = False) -> CompiledLoop | None:
@@ -246,29 +200,68 @@ def compiled_loop_of(robot: Plant, law: Controller, truth: bool = False) -> Comp
     return CompiledLoop(robot, plant_step, step, truth)
 
 
-def _run_of(loop: CompiledLoop, table: Array, robot: Plant, law: Controller, truth: bool
-            ) -> Run:
-    """Run machine code under a reference; raise `CtcError` as `simulate` says."""
-    period, config = period_ns(robot.config.control_period), law.config
-    end, last, joint, rows = loop.run(table, np.array(config.error_limit))
-    t = seconds(last * period)
+def _by_machine_code(loop: CompiledLoop, table: Array, robot: Plant, law: Controller) -> Array:
+    """Return what `_by_steps` does, of machine code."""
+    end, last, joint, rows = loop.run(table, np.array(law.config.error_limit))
+    t = seconds(last * robot.period_ns)
     if end == DIVERGED:
         raise diverged(t, loop.commanded)
     if end == BEYOND:
-        raise CtcError(_beyond(config, joint, t, loop.error[joint]))
-    if end != FINISHED:
-        q, dq = loop.measured.tolist()
-        raise CtcError(_no_torque(t, q, dq))
-    at = np.rint(rows[:, STAMP, 0] / period).astype(int)
-    q_d, dq_d, ddq_d = table[at].transpose(1, 0, 2)
+        raise CtcError(_beyond(law.config, joint, t, loop.error[joint]))
+    if end == NO_TORQUE:
+        raise CtcError(_no_torque(t, *loop.measured.tolist()))
+    return rows
+
+
+def _by_steps(robot: Plant, law: Controller, table: Array, events: Sequence[Event],
+              show: Callable[[float], None], truth: bool) -> Array:
+    """
+    Return stamp [ns], q, dq, tau and v of each sample that is not lost, shape (N, 5, n).
+
+    Parameters
+    ----------
+    robot, law
+        At their start.
+    table : array, shape (N + delay, 3, n)
+        Of `reference_table`.
+    events, show, truth
+        As of `simulate`.
+
+    """
+    period, last, delay = robot.period_ns, robot.last, law.config.input_delay
+    due = deque(sorted(events, key=lambda event: event.time))
+    rows, count = np.empty((last + 1, 5, robot.n)), 0
+    tau: Vector = ()
+    for k in range(last + 1):
+        t = seconds(k * period)
+        while due and t >= due[0].time:
+            _apply(due.popleft(), robot, law)
+        if not robot.lost:
+            point, *ahead = table[k:k + delay + 1].tolist()
+            sample = _step(law, robot.stamp, k * period, *robot.measured, point, ahead)
+            tau = sample.tau
+            rows[count] = ((robot.stamp,) * robot.n,
+                           *((robot.q, robot.dq) if truth else robot.measured), tau, sample.v)
+            count += 1
+        if k < last:
+            robot.step(tau)
+        if k % max(1, last // 100) == 0:
+            show(t)
+    return rows[:count]
+
+
+def _run_of(rows: Array, table: Array, period: int, truth: bool, compiled: bool) -> Run:
+    """Return the run of rows as `_by_steps` returns them, under a reference."""
     stamps = rows[:, STAMP, 0].astype(int)
+    at = np.rint(stamps / period).astype(int)
+    q_d, dq_d, ddq_d = table[at].transpose(1, 0, 2)
     if truth:
         stamps = at * period
     elif (stamps != at * period).any():
         s = (stamps - at * period)[:, np.newaxis] / 1e9
         q_d, dq_d = q_d + s * (dq_d + 0.5 * s * ddq_d), dq_d + s * ddq_d
     return Run(stamps / 1e9, rows[:, Q], rows[:, DQ], q_d, dq_d, ddq_d, rows[:, SENT],
-               rows[:, FILTERED], compiled=True)
+               rows[:, FILTERED], compiled=compiled)
 
 
 def _no_torque(t: float, q: Vector, dq: Vector) -> str:

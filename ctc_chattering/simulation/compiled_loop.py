@@ -18,7 +18,7 @@ from __future__ import annotations
 
 from copy import copy
 from functools import lru_cache
-from math import cos, isfinite, log, sin
+from math import isfinite
 from random import Random
 from typing import Any, NamedTuple
 
@@ -39,16 +39,15 @@ STAMP, Q, DQ, SENT, FILTERED = range(5)
 
 
 class Control(NamedTuple):
-    """The control step and that of the plant, which machine code calls by their addresses."""
+    """The steps of controller and plant, which machine code calls by their addresses."""
 
-    #: Addresses of the functions and of their arguments' places; of the reference with the length
-    #: of a row, and of the plant's input; where among the places the addresses of these two are.
-    step: Any
-    #: Places of the arguments of both.
-    places: Array
-    plant_places: Array
+    #: Addresses of the two functions, and of those of their arguments.
+    call: Any
+    #: `PlantInput` of the plant's step.
+    given: Any
     #: As of `CompiledStep`.
     measured: Array
+    points: Array
     arrival: Array
     made: Array
     #: Largest position error, shape (n,) [rad]; inf for any.
@@ -78,8 +77,6 @@ class CompiledLoop:
         All that must be compiled.
     measured, error : array, shape (2, n) and (n,)
         q and dq [rad, rad/s], and the position error [rad], of the last sample.
-    commanded : array, shape (n,)
-        What the drives were asked for last [N·m].
 
     """
 
@@ -88,26 +85,31 @@ class CompiledLoop:
         self.measured, self.error, self._step = step.measured, step.made[E], step
         self._plant, self._plant_step, n = plant, plant_step, plant.n
         zero = np.array(0)
-        addresses = ('function', 'places', 'points', 'stride', 'points_place', 'plant',
-                     'plant_places', 'given', 'given_place')
-        self._called = numpy_record(dict.fromkeys(addresses, zero))
+        self._call = numpy_record(dict.fromkeys(
+            ('control', 'control_places', 'plant', 'plant_places'), zero))
         self._result = numpy_record(
             {'rows': zero, 'last': zero, 'joint': zero, 'truth': np.array(int(truth))})
-        places = np.zeros(1, np.int64)
         self.code = Code(run, self._arguments(
-            np.zeros(n), no_inputs(n, 1), np.zeros((1, 5, n)), places, places), f'loop-{n}')
+            np.zeros(n), no_inputs(n, 1), np.zeros((3, n)), np.zeros((1, 5, n))), f'loop-{n}')
         self.codes = *step.codes, *plant_step.codes, self.code
 
-    def _arguments(self, error_limit: Array, given: Any, rows: Array, places: Any,
-                   plant_places: Any) -> tuple[Any, ...]:
-        step = Control(self._called, places, plant_places, self._step.measured,
-                       self._step.arrival, self._step.made, error_limit)
-        return self._plant_step.records, step, given, rows, self._result
+    def _arguments(self, error_limit: Array, inputs: Any, points: Array, rows: Array
+                   ) -> tuple[Any, ...]:
+        step, plant_step = self._step, self._plant_step
+        control = Control(self._call, plant_step.given, step.measured, step.points, step.arrival,
+                          step.made, error_limit)
+        return plant_step.records, control, inputs, points, rows, self._result
 
     @property
     def compiled(self) -> bool:
         """Whether it can run."""
         return all(code.compiled for code in self.codes)
+
+    @property
+    def commanded(self) -> Array:
+        """Return what the drives were asked for last, shape (n,) [N·m]."""
+        torque: Array = self._plant_step.records.state.driven__commanded
+        return torque
 
     def run(self, table: Array, error_limit: Array) -> tuple[int, int, int, Array]:
         """
@@ -128,17 +130,13 @@ class CompiledLoop:
             Stamp [ns], q, dq, tau, v of each sample that is not lost.
 
         """
-        call, plant, called = self._step.call, self._plant_step.call, self._called
-        given = inputs(self._plant, self._plant.last + 1)
-        out = np.empty((len(given), 5, self._plant.n))
-        called.function, called.places = call.function, call.places.ctypes.data
-        called.plant, called.plant_places = plant.function, plant.places.ctypes.data
-        called.given, called.given_place = given.ctypes.data, plant.place_of(1)
-        called.points, called.stride = table.ctypes.data, table.strides[0]
-        called.points_place = call.place_of(1)
+        for name, step in (('control', self._step), ('plant', self._plant_step)):
+            self._call[name] = step.call.function
+            self._call[f'{name}_places'] = step.call.places.ctypes.data
+        drawn = inputs(self._plant, self._plant.last + 1)
+        out = np.empty((len(drawn), 5, self._plant.n))
         end = Call(self.code, self._arguments(
-            error_limit, given, out, call.places, plant.places))()
-        self.commanded = self._plant_step.records.state.driven__commanded
+            error_limit, drawn, table.reshape(-1, self._plant.n), out))()
         return end, int(self._result.last), int(self._result.joint), out[:self._result.rows]
 
 
@@ -154,13 +152,21 @@ def inputs(plant: Plant, count: int) -> Any:
     noisy = np.array([*config.position_noise, *config.velocity_noise]) > 0.0
     noise = np.zeros((count, 2 * n))
     noise[:, noisy] = normal_numbers(
-        plant.sensor.random, count * noisy.sum()).reshape(count, -1)
+        plant.sensor.random.getstate(), count * int(noisy.sum())).reshape(count, -1)
     made['position_noise'], made['velocity_noise'] = noise[:, :n], noise[:, n:]
     return made
 
 
+@lru_cache(64)  # The runs of a map have the same seeds at every point.
+def normal_numbers(state: Any, count: int) -> Array:
+    """Return the next `count` numbers of ``gauss(0.0, 1.0)`` of a `Random` in this state."""
+    random = Random()
+    random.setstate(state)
+    return np.array([random.gauss(0.0, 1.0) for _ in range(count)])
+
+
 @function
-def run(p: CompiledPlant, c: Control, given: Any, out: Array, result: Any) -> int:
+def run(p: CompiledPlant, c: Control, drawn: Any, points: Array, out: Array, result: Any) -> int:
     """
     Run the closed loop from the first sample to the last; return how it ended.
 
@@ -168,43 +174,42 @@ def run(p: CompiledPlant, c: Control, given: Any, out: Array, result: Any) -> in
     ----------
     p, c
         Plant and controller.
-    given : array of records, shape (N,)
-        Of `PlantInput`, their torque to be filled.
+    drawn : array of records, shape (N,)
+        `PlantInput` of each sample but for the torque.
+    points : array, shape (3 (N + delay), n)
+        q_d, dq_d and ddq_d of one sample after the other.
     out : array, shape (N, 5, n)
         Rows to be filled with stamp, q, dq, tau, v of each sample that is not lost.
     result : record
         To be filled: the number of rows, the last sample, the joint that is concerned.
 
     """
-    s, n = p.state, out.shape[2]
+    s, given, n = p.state, c.given, out.shape[2]
     last, period = p.parameters.last, p.parameters.mechanics__period_ns
     before, offset = -period, 0
     for k in range(last + 1):
         result.last = k
-        tau = given[k].tau
-        if s.lost_in_a_row:
-            for i in range(n):
-                tau[i] = given[k - 1].tau[i]
-        else:
+        if not s.lost_in_a_row:  # Else the plant takes the last torque again.
             for i in range(n):
                 c.measured[0, i], c.measured[1, i] = s.shown__q[i], s.shown__dq[i]
-            c.places[c.step.points_place] = c.step.points + k * c.step.stride
+                for j in range(len(c.points)):
+                    c.points[j, i] = points[3 * k + j, i]
             stamp = k * period + round(1e9 * s.offset)
             missed, offset = periods(period, offset, stamp - before)
             for j in range(missed, -1, -1):
                 c.arrival[0] = offset / 1e9
                 c.arrival[1] = (stamp - offset - (k + j) * period) / 1e9
                 c.arrival[2], c.arrival[3] = 1 - min(j, 1), min(j, 1)
-                invoke(c.step.function, c.step.places)
+                invoke(c.call.control, c.call.control_places)
             before = stamp
             row, total = out[result.rows], 0.0
             for i in range(n):
-                row[STAMP, i], tau[i] = stamp, c.made[TAU, i]
+                given.tau[i] = c.made[TAU, i]
+                row[STAMP, i], row[SENT, i], row[FILTERED, i] = stamp, given.tau[i], c.made[V, i]
                 row[Q, i], row[DQ, i] = s.shown__q[i], s.shown__dq[i]
                 if result.truth:
                     row[Q, i], row[DQ, i] = s.motion__q[i], s.motion__dq[i]
-                row[SENT, i], row[FILTERED, i] = tau[i], c.made[V, i]
-                total += tau[i] + c.made[V, i]
+                total += row[SENT, i] + row[FILTERED, i]
             if not isfinite(total):
                 return NO_TORQUE
             for i in range(n):
@@ -213,34 +218,14 @@ def run(p: CompiledPlant, c: Control, given: Any, out: Array, result: Any) -> in
                     return BEYOND
             result.rows += 1
         if k < last:
-            c.plant_places[c.step.given_place] = c.step.given + k * given.itemsize
-            invoke(c.step.plant, c.step.plant_places)
+            given.late, given.loss, given.jitter = drawn[k].late, drawn[k].loss, drawn[k].jitter
             total = 0.0
+            for i in range(n):
+                given.position_noise[i] = drawn[k].position_noise[i]
+                given.velocity_noise[i] = drawn[k].velocity_noise[i]
+            invoke(c.call.plant, c.call.plant_places)
             for i in range(n):
                 total += s.motion__q[i] + s.motion__dq[i]
             if not isfinite(total):
                 return DIVERGED
     return FINISHED
-
-
-def normal_numbers(random: Random, count: int) -> Array:
-    """Return the next `count` numbers of ``random.gauss(0.0, 1.0)``; `random` stays as it is."""
-    return _normal_numbers(random.getstate(), count)
-
-
-@lru_cache(64)  # The runs of a map have the same seeds at every point.
-def _normal_numbers(state: Any, count: int) -> Array:
-    if not count:
-        return np.zeros(0)
-    _, (*key, position), kept = state
-    bits = np.random.MT19937()
-    bits.state = {'bit_generator': 'MT19937',
-                  'state': {'key': np.array(key, np.uint32), 'pos': position}}
-    x = np.random.Generator(bits).random((count + 1) // 2 * 2).reshape(-1, 2)
-    # Box and Muller, with functions of `math`: those of NumPy differ in the last bit.
-    angle, rest = (2.0 * np.pi * x[:, 0]).tolist(), (1.0 - x[:, 1]).tolist()
-    cosine, sine, logarithm = (np.fromiter(map(function, values), float) for function, values in (
-        (cos, angle), (sin, angle), (log, rest)))
-    radius = np.sqrt(-2.0 * logarithm)
-    made = np.stack((cosine * radius, sine * radius), 1).ravel()
-    return made[:count] if kept is None else np.concatenate(([kept], made))[:count]

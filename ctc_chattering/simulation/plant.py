@@ -28,9 +28,10 @@ from typing import Any
 from ctc_chattering.compiled.compilable import RECORDS
 from ctc_chattering.compiled.machine_code import MACHINE_CODE, PLAIN_PYTHON
 from ctc_chattering.dynamics.arm import Arm, arm_of
+from ctc_chattering.dynamics.corrected_urdf import with_payload
 from ctc_chattering.dynamics.elastic_model import Elastic
 from ctc_chattering.dynamics.model import Model
-from ctc_chattering.dynamics.registry import model_of
+from ctc_chattering.dynamics.registry import kept_model_of, model_of
 from ctc_chattering.errors import CtcError, ParameterError
 from ctc_chattering.numerics.linear_algebra import Array, Vector
 from ctc_chattering.numerics.time_grid import period_ns, samples, seconds
@@ -41,6 +42,7 @@ from ctc_chattering.simulation.motion import Mechanics, Mechanism, Motion, Rigid
 from ctc_chattering.simulation.plant_config import PlantConfig
 from ctc_chattering.simulation.plant_step import PlantInput, PlantParameters, PlantState, stepped
 from ctc_chattering.simulation.sensor import Sensor
+from ctc_chattering.trajectory.joint_limits import check_limits, DescribedLimits
 import numpy as np
 
 #: Largest step of the integrator times the fastest eigenvalue of an elastic joint.
@@ -353,3 +355,44 @@ def diverged(t: float, torque: Array) -> CtcError:
     shown = ', '.join(f'{x:.4g}' for x in torque)
     return CtcError(f'the motion of the plant diverged at t = {t:g} s, '
                     f'under a torque of [{shown}] N*m')
+
+
+def limits_of(config: PlantConfig, description: str) -> DescribedLimits | None:
+    """Return the limits of the description, which no plant keeps by itself; None without any."""
+    if config.model != 'urdf' or not description:
+        return None
+    return DescribedLimits(description, config.joint_names)
+
+
+def check_start(config: PlantConfig, description: str) -> None:
+    """Raise `CtcError` if the plant starts beyond the limits of its description."""
+    limits = limits_of(config, description)
+    if limits is not None:
+        check_limits('the start of the plant', limits,
+                     [(config.initial_position, config.initial_velocity, ())])
+
+
+def make_plant(config: PlantConfig, description: str = '', kept: bool = False) -> Plant:
+    """
+    Return the robot that `config` describes, at its start.
+
+    Parameters
+    ----------
+    config : PlantConfig
+        Of the plant.
+    description : str
+        Text of the URDF, where one is needed.
+    kept : bool
+        Take the model of the last such robot, for many runs: `kept_model_of`.
+
+    Raises
+    ------
+    CtcError
+        If there is no description, it does not have the joints, or the start is beyond its
+        limits.
+
+    """
+    check_start(config, description)
+    if config.payload:
+        description = with_payload(description, config.joint_names, config.payload)
+    return Plant(config, (kept_model_of if kept else model_of)(config, description))

@@ -172,15 +172,14 @@ def test_answers_and_the_histogram() -> None:
 
 
 def test_a_step_that_takes_too_much_of_the_period_is_named() -> None:
-    """Check that processor time counts, that of most samples, and not what others took of it."""
+    """Check that the time of most samples counts."""
     statistics = LoopStatistics()
     assert statistics.too_slow(MS) == ''
     for k in range(1000):
-        statistics.sample(k * MS, k * MS + 50 * MS, 5 * MS if k % 20 == 0 else 400_000)
+        statistics.sample(k * MS, k * MS + (5 * MS if k % 20 == 0 else 400_000))
     assert statistics.too_slow(MS) == ''
-    assert statistics.values()['processor time, p99 [ms]'] == pytest.approx(5.0)
     for k in range(2000):
-        statistics.sample(k * MS, k * MS, 600_000)
+        statistics.sample(k * MS, k * MS + 600_000)
     assert statistics.too_slow(MS) == (
         'the step takes 0.6 ms (p50) at a period of 1 ms: too slow for the sample rate')
     assert statistics.too_slow(2 * MS) == ''

@@ -22,9 +22,8 @@ from hypothesis import strategies as st
 import pytest
 
 #: By hand, a line for each state: what leads where. All else changes nothing.
-ARMED = ('follow: running, lead back: restarting, hold: holding, error limit: tripped, '
-         'oscillation: tripped, disable: disabled, silence: no state, '
-         'no reference: waiting for reference')
+ARMED = ('follow: running, lead back: restarting, hold: holding, trip: tripped, '
+         'disable: disabled, silence: no state, no reference: waiting for reference')
 EXPECTED = {
     'waiting for state': f'{ARMED}, state: waiting for reference',
     'waiting for reference': ARMED,
@@ -72,8 +71,7 @@ def test_what_forbids_torques_is_undone_by_its_own_request_only(
     present = Mode.WAITING_FOR_STATE if enabled else Mode.DISABLED
     tripped = False
     for x in events:
-        if (x in (Input.ERROR_LIMIT, Input.OSCILLATION) and present.allows_torque
-                and present is not Mode.NO_STATE):
+        if x is Input.TRIP and present.allows_torque and present is not Mode.NO_STATE:
             tripped = True
         elif x is Input.RESET:
             tripped = False

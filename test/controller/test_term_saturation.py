@@ -16,25 +16,25 @@
 
 from __future__ import annotations
 
-import itertools
+from collections.abc import Sequence
+from math import nan
 from typing import Any
 
 from ctc_chattering.analysis.terms import terms
-from ctc_chattering.control.controller import ControllerConfig
-from ctc_chattering.controller.health import Saturation, TermSaturation
+from ctc_chattering.control.controller import Controller, ControllerConfig
+from ctc_chattering.controller.health import ControllerHealth, Saturation, term_saturation
 from ctc_chattering.simulation.closed_loop import simulate
 from ctc_chattering.simulation.plant_config import PlantConfig
 from ctc_chattering.trajectory.reference import ReferenceConfig
+import numpy as np
 import pytest
 
 KA = (2.0, 3.0)
 
 
-def counted(rows: list[tuple[float, float]], switching: str = 'implicit') -> list[Saturation]:
-    count = TermSaturation(2)
-    for row in rows:
-        count.add(row, KA, switching)
-    return count.found()
+def counted(rows: Sequence[tuple[float, ...]], switching: str = 'implicit',
+            ka: tuple[float, ...] = KA) -> list[Saturation]:
+    return term_saturation([(np.array(rows), ka, switching)])
 
 
 def test_by_hand() -> None:
@@ -51,25 +51,47 @@ def test_sign_counts_long_stretches_only() -> None:
 
 def test_nothing_and_no_chattering_term() -> None:
     """Check no sample, and a joint whose ka is 0."""
-    assert TermSaturation(2).found() == [Saturation(0.0, 0.0)] * 2
-    count = TermSaturation(1)
-    count.add((0.0,), (0.0,), 'implicit')
-    assert count.found() == [Saturation(0.0, 0.0)]
+    assert term_saturation([]) == []
+    assert counted([(0.0,)], ka=(0.0,)) == [Saturation(0.0, 0.0)]
 
 
-def test_windows_and_gaps() -> None:
-    """Check that a stretch goes on through `clear`, and ends at `pause`."""
-    count = TermSaturation(1)
-    for _ in range(4):
-        count.add((1.0,), (1.0,), 'boundary_layer')
-    count.pause()
-    count.add((1.0,), (1.0,), 'boundary_layer')
-    assert count.found() == [Saturation(1.0, 2.5)]
-    count.clear()
-    for _ in range(20):
-        count.add((1.0,), (1.0,), 'boundary_layer')
-    assert count.found()[0].fraction == 1.0
-    assert count.found()[0].cause == 'ka too small'
+def test_gaps_and_parts() -> None:
+    """Check that a stretch ends where samples are missing, and that all parts count."""
+    rows = [(1.0,)] * 4 + [(nan,)] + [(1.0,)]
+    assert counted(rows, ka=(1.0,)) == [Saturation(1.0, 2.5)]
+    parts = [(np.ones((20, 1)), (1.0,), 'implicit'), (np.zeros((20, 1)), (2.0,), 'sign')]
+    assert term_saturation(parts) == [Saturation(0.5, 20.0)]
+
+
+def test_a_running_controller_looks_at_the_last_thousand_samples() -> None:
+    """Check that a pause is a gap, and that what was under other gains does not count."""
+    health = ControllerHealth(('joint1', 'joint2'), 1_000_000)
+    config = ControllerConfig(switching='implicit')
+    law = Controller(config)
+    x = (0.1, 0.2)
+    sample = law.step(x, x, x, x, x)._replace(robust=(10.0, 0.0))
+    calm = sample._replace(robust=(0.0, 0.0))
+
+    def told() -> list[str]:
+        return [text for _, text in health.report(0, {}, simulated=False)]
+
+    for k in range(100):
+        health.add(sample, config)
+        if k % 5 == 4:
+            health.pause()
+    assert told() == ['joint1: chattering term at its bound for 100 % of the samples, 5.0 at a '
+                      'stretch: noise, lag or delay too large']
+    for _ in range(1000):
+        health.add(calm, config)
+    assert told() == []
+    for _ in range(50):
+        health.add(sample, config)
+    assert told() == []
+    for _ in range(50):
+        health.add(sample, config)
+    assert 'for 10 % of the samples, 100 at a stretch: ka too small' in told()[0]
+    health.add(calm, config.changed({'kp': [99.0, 99.0]}))
+    assert told() == []
 
 
 def loop(switching: str, ka: float, observer_bandwidth: float = 200.0, **plant: Any
@@ -78,11 +100,8 @@ def loop(switching: str, ka: float, observer_bandwidth: float = 200.0, **plant: 
     config = ControllerConfig(
         switching=switching, ka=(ka, ka), observer_bandwidth=observer_bandwidth)
     run = simulate(PlantConfig(duration=3.0, **plant), config, ReferenceConfig())
-    count = TermSaturation(2)
-    rows = terms(run, [(0.0, config)]).robust.tolist()
-    for row in itertools.islice(rows, 1000, None):
-        count.add(row, config.ka, switching)
-    return count.found()
+    rows = terms(run, [(0.0, config)]).robust[1000:]
+    return term_saturation([(rows, config.ka, switching)])
 
 
 @pytest.mark.parametrize('switching', [

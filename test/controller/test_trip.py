@@ -21,7 +21,6 @@ from typing import Any
 
 from ctc_chattering.control.controller import Controller, ControllerConfig, Sample
 from ctc_chattering.control.laws.observer_feedback import Memory
-from ctc_chattering.controller.state_machine import Input
 from ctc_chattering.controller.trips import Trip, TripMonitor
 from ctc_chattering.simulation.plant import Plant
 from ctc_chattering.simulation.plant_config import PlantConfig
@@ -56,7 +55,7 @@ def test_a_fifth_of_a_second_out_of_control_trips(period: int) -> None:
     monitor = TripMonitor(['a', 'b'], period)
     assert checked(monitor, at(0.1, 0.19), 100) is None
     found = checked(monitor, at(0.1, 0.21), max(20 * MS // period, 1))
-    assert found is not None and found.event is Input.OSCILLATION
+    assert found is not None and 'oscillated' in found.reason
     assert found.detail.startswith(
         'the feedback of observer_feedback oscillated at 10 % of its bandwidth; the drives may be')
     assert 'input_delay 0 samples' in found.detail
@@ -103,21 +102,21 @@ def trip_of(rate: list[float], **gains: Any) -> tuple[Trip | None, float]:
 def test_drives_that_are_too_slow_for_the_motion_trip_before_they_diverge() -> None:
     """Check both sides, with drives of which the law knows nothing."""
     found, error = trip_of([1000.0, 200.0], **HIGH)
-    assert found is not None and found.event is Input.OSCILLATION and error < 1.0
+    assert found is not None and 'oscillated' in found.reason and error < 1.0
     assert trip_of([5000.0, 1000.0], **HIGH)[0] is None
 
 
 def test_an_error_that_runs_away_trips_before_the_feedback_oscillates_for_long() -> None:
     """Check a rate told 2.5 times too high; without (TR1) the error is 1.5 rad by the trip."""
     found, error = trip_of([400.0, 100.0], torque_rate_limit=[1000.0, 250.0])
-    assert found is not None and found.event is Input.ERROR_LIMIT and error <= 1.0
+    assert found is not None and 'position error' in found.reason and error <= 1.0
     assert found.reason == 'the position error of a has grown by 1.00 rad'
 
 
 def test_the_error_limit_comes_first() -> None:
     law = Controller(ControllerConfig(error_limit=(0.1, 0.1)))
     found = TripMonitor(['a', 'b'], MS).check(law, QUIET._replace(e=[0.0, 0.2]))
-    assert found is not None and found.event is Input.ERROR_LIMIT
+    assert found is not None and 'position error' in found.reason
     assert found.reason == 'the position error of b exceeded error_limit'
 
 
@@ -135,7 +134,7 @@ def along(errors: list[float], law: str = 'observer_feedback', limit: float = ma
 def test_an_error_that_grows_trips_and_is_warned_of_before() -> None:
     """Check both sides of (TR1), after a start 1 rad off, with an overshoot."""
     found, warned = along([-1.0, -0.2, 0.6, -0.3, 1.21])
-    assert found is not None and found.event is Input.ERROR_LIMIT
+    assert found is not None and 'position error' in found.reason
     assert found.reason == 'the position error of b has grown by 1.01 rad'
     assert 'to 1.21 rad, and exceeded the limit of 1 rad (set error_limit' in found.detail
     assert warned == []

@@ -22,9 +22,8 @@ from math import cos, pi, sin
 from ctc_chattering.dynamics.corrected_urdf import with_payload
 from ctc_chattering.dynamics.urdf_model import UrdfModel
 from ctc_chattering.errors import CtcError, ParameterError
-from ctc_chattering.simulation.plant import Plant
+from ctc_chattering.simulation.plant import make_plant, Plant
 from ctc_chattering.simulation.plant_config import PlantConfig
-from ctc_chattering.simulation.registry import make_plant
 from mujoco_plant import MujocoPlant
 import numpy as np
 import pytest

@@ -28,8 +28,8 @@ from ctc_chattering.dynamics.model_check import check_dynamics
 from ctc_chattering.dynamics.urdf_model import UrdfModel
 from ctc_chattering.dynamics.urdf_parser import Tree
 from ctc_chattering.errors import CtcError, ParameterError
+from ctc_chattering.simulation.plant import make_plant
 from ctc_chattering.simulation.plant_config import PlantConfig
-from ctc_chattering.simulation.registry import make_plant
 import mujoco
 from mujoco_plant import MujocoPlant
 import numpy as np
@@ -107,13 +107,6 @@ def test_two_links_by_hand(kind: str, order: tuple[str, str]) -> None:
             (np.array([model.potential_energy(q)]), np.array([hand_energy(p)]))]
         for made, expected in pairs:
             np.testing.assert_allclose(made, expected, rtol=0, atol=1e-10)
-        for i in range(2):
-            held = model.forward_dynamics(q, dq, given, 1 << turn[i])
-            other = 1 - i
-            assert held[turn[i]] == 0.0
-            assert held[turn[other]] == pytest.approx(
-                (x - c @ dp - g)[other] / m[other, other], abs=1e-10)
-        assert model.forward_dynamics(q, dq, given, 3) == [0.0, 0.0]
 
 
 def test_limits() -> None:
@@ -236,13 +229,9 @@ def test_panda_against_mujoco(reference: mujoco.MjModel) -> None:
     straight, mixed = UrdfModel(panda(), PANDA), rng.permutation(7)
     other = UrdfModel(panda(), [PANDA[i] for i in mixed])
     for q, dq, mass, bias in _mujoco(reference):
-        u, mask = rng.normal(size=7) * 20.0, int(rng.integers(1, 127))
-        free = [i for i in range(7) if not mask >> i & 1]
-        held = np.zeros(7)
-        held[free] = np.linalg.solve(mass[np.ix_(free, free)], (u - bias)[free])
+        u = rng.normal(size=7) * 20.0
         for model, order in ((straight, np.arange(7)), (other, mixed)):
             p, dp, force = (np.array(x)[order].tolist() for x in (q, dq, u))
-            bits = sum(1 << k for k, i in enumerate(order) if mask >> i & 1)
             np.testing.assert_allclose(
                 model.mass_matrix(p), mass[np.ix_(order, order)], atol=1e-10)
             np.testing.assert_allclose(
@@ -253,8 +242,6 @@ def test_panda_against_mujoco(reference: mujoco.MjModel) -> None:
             np.testing.assert_allclose(
                 model.forward_dynamics(p, dp, force), np.linalg.solve(mass, u - bias)[order],
                 rtol=1e-8, atol=1e-7)
-            np.testing.assert_allclose(
-                model.forward_dynamics(p, dp, force, bits), held[order], rtol=1e-8, atol=1e-7)
 
 
 @pytest.mark.parametrize('mixed', [False, True])

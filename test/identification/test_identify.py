@@ -129,8 +129,8 @@ class HeavierSecondLink(TwoLink):
     def inverse_dynamics(self, q: Vector, dq: Vector, a: Vector) -> Vector:
         return super(TwoLink, self).inverse_dynamics(q, dq, a)
 
-    def forward_dynamics(self, q: Vector, dq: Vector, u: Vector, fixed_joints: int = 0) -> Vector:
-        return super(TwoLink, self).forward_dynamics(q, dq, u, fixed_joints)
+    def forward_dynamics(self, q: Vector, dq: Vector, u: Vector) -> Vector:
+        return super(TwoLink, self).forward_dynamics(q, dq, u)
 
 
 def test_a_heavier_link_is_named_and_no_friction() -> None:
@@ -152,8 +152,8 @@ class Rotors(TwoLink):
     def inverse_dynamics(self, q: Vector, dq: Vector, a: Vector) -> Vector:
         return super(TwoLink, self).inverse_dynamics(q, dq, a)
 
-    def forward_dynamics(self, q: Vector, dq: Vector, u: Vector, fixed_joints: int = 0) -> Vector:
-        return super(TwoLink, self).forward_dynamics(q, dq, u, fixed_joints)
+    def forward_dynamics(self, q: Vector, dq: Vector, u: Vector) -> Vector:
+        return super(TwoLink, self).forward_dynamics(q, dq, u)
 
 
 def check_intervals(found: Identification, made: Recorded, scale: float = 1.0) -> None:

@@ -37,7 +37,7 @@ from ctc_chattering.identification.random_motions import (
     RandomMotions,
 )
 from ctc_chattering.simulation.closed_loop import Run, simulate
-from ctc_chattering.simulation.registry import make_plant
+from ctc_chattering.simulation.plant import make_plant
 from ctc_chattering.trajectory.joint_limits import DescribedLimits
 from ctc_chattering.trajectory.reference import make_motion
 from ctc_commands import ctc, refused

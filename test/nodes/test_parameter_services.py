@@ -225,6 +225,18 @@ def test_a_set_is_all_or_nothing_and_a_wrong_one_leaves_the_loop_as_it_was(
         loop.goes_on()
 
 
+def test_a_law_that_a_node_starts_with_takes_its_own_gains_unless_it_is_given_some() -> None:
+    with probe() as it:
+        it.start('controller', '-p', 'law:=observer_feedback')
+        it.until(lambda: any('ka: ' in line and '->' in line for line in it.lines), 'the gains')
+        assert it.get('controller', 'kp') == [1e4, 1e4]
+    with probe() as it:
+        it.start('controller', '-p', 'law:=observer_feedback', '-p', 'ka:=[60.0, 30.0]')
+        it.until(lambda: any('waits for' in line for line in it.lines), 'the node')
+        assert (it.get('controller', 'ka'), it.get('controller', 'kp')) == (
+            [60.0, 30.0], [100.0, 100.0])
+
+
 #: A law that cannot be made with every gain, and a module that says that it was imported.
 OWN = """
 from typing import NamedTuple

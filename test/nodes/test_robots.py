@@ -35,8 +35,8 @@ from ctc_chattering.configuration import parameter_file
 from ctc_chattering.control.controller import Controller, ControllerConfig
 from ctc_chattering.errors import CtcError
 from ctc_chattering.launch.child_process import Child
+from ctc_chattering.simulation.plant import make_plant
 from ctc_chattering.simulation.plant_config import PlantConfig
-from ctc_chattering.simulation.registry import make_plant
 from ctc_chattering.trajectory.buffer import Trajectory
 from ctc_chattering.trajectory.reference import ReferenceConfig, Sinusoid
 from faults import Diagnostics, ERROR, OK, Report, WARN

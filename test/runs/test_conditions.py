@@ -26,8 +26,8 @@ from ctc_chattering.control.controller import ControllerConfig
 from ctc_chattering.errors import UsageError
 from ctc_chattering.runs.compare import tasks
 from ctc_chattering.runs.conditions import condition, CONDITIONS, torque_rates
+from ctc_chattering.simulation.plant import make_plant
 from ctc_chattering.simulation.plant_config import PlantConfig
-from ctc_chattering.simulation.registry import make_plant
 from processes import CONFIG
 import pytest
 import yaml

@@ -20,14 +20,13 @@ from math import inf, pi, sin, sqrt
 from typing import Any
 
 from ctc_chattering.dynamics.elastic_model import Elastic
-from ctc_chattering.dynamics.model import Model
 from ctc_chattering.dynamics.model_check import check_dynamics
 from ctc_chattering.dynamics.two_link import TwoLink
 from ctc_chattering.errors import ParameterError
 from ctc_chattering.simulation.plant import Plant
 from ctc_chattering.simulation.plant_config import PlantConfig
 import numpy as np
-from oracles import Array, kinetic_energy, Masses, paper_c, paper_g, paper_m, states
+from oracles import Array, kinetic_energy, Masses, paper_c, paper_g, paper_m
 import pytest
 from scipy.integrate import solve_ivp  # type: ignore[import-untyped]
 
@@ -47,16 +46,6 @@ def test_the_composite_is_a_model() -> None:
     model = Elastic(TwoLink(), (inf, 300.0), (0.0, 0.0), (0.0, 0.1))
     assert (model.n, model.motors) == (3, [0, 2])
     assert all(found.passed for found in check_dynamics(model))
-
-
-def test_forward_dynamics_is_that_of_the_matrices() -> None:
-    """Check the fast form against elimination in M, C and G, with damping, any joints fixed."""
-    model = Elastic(TwoLink(), (800.0, 300.0), (2.0, 1.0), (0.4, 0.1))
-    rng = np.random.default_rng(3)
-    for fixed, (q, dq) in enumerate(states(16, 4)):
-        u = rng.normal(size=4).tolist()
-        assert model.forward_dynamics(q, dq, u, fixed) == pytest.approx(
-            Model.forward_dynamics(model, q, dq, u, fixed), rel=1e-9, abs=1e-9)
 
 
 def test_resonance_of_two_masses() -> None:
