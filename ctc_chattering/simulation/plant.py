@@ -27,7 +27,7 @@ from typing import Any
 
 from ctc_chattering.compiled.compilable import RECORDS
 from ctc_chattering.compiled.machine_code import MACHINE_CODE, PLAIN_PYTHON
-from ctc_chattering.dynamics.arm import Arm, arm_of
+from ctc_chattering.dynamics.compiled_model import Arm, arm_of
 from ctc_chattering.dynamics.corrected_urdf import with_payload
 from ctc_chattering.dynamics.elastic_model import Elastic
 from ctc_chattering.dynamics.model import Model
