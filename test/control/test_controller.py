@@ -315,13 +315,13 @@ def test_switching_is_bumpless(before: str, after: str) -> None:
         steady.step(*rows)
         changing.step(*rows)
     changing.configure(changing.config.changed({'switching': after}))
-    assert (changing.memory.xi == steady.memory.xi).all()
+    assert (changing.memories.control.xi == steady.memories.control.xi).all()
     differs = 0
     for _ in range(20):
         rows = _near(rng)
         a, b = steady.step(*rows), changing.step(*rows)
-        assert (changing.memory.xi == steady.memory.xi).all()
-        assert changing.memory.xi.any()
+        assert (changing.memories.control.xi == steady.memories.control.xi).all()
+        assert changing.memories.control.xi.any()
         assert (a.v, a.nominal) == (b.v, b.nominal)
         step = np.subtract(a.robust, b.robust)
         np.testing.assert_allclose(np.subtract(b.tau, a.tau), step, atol=1e-9)
