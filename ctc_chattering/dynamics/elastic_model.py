@@ -115,7 +115,7 @@ class Elastic(Model):
         for i, _, stiffness, damping, inertia in self._springs:
             mobility = 1.0 / inertia + np.linalg.inv(np.array(self._model.mass_matrix(q)))[i, i]
             rates.append(damping * mobility + sqrt(stiffness * mobility))
-        return max(rates)
+        return float(max(rates))
 
     def _padded(self, rows: Rows) -> list[list[float]]:
         """Return a matrix of the links with zeros for the motors."""

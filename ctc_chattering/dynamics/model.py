@@ -75,7 +75,7 @@ class Model(ABC):
 
         """
         M, bias = self.mass_and_bias(q, dq)
-        return np.linalg.solve(M, u - bias)
+        return np.array(np.linalg.solve(M, u - bias), float)
 
     def inverse_dynamics(self, q: Vector, dq: Vector, a: Vector) -> Vector:
         """Return M(q) a + C(q, dq) dq + G(q), shape (n,) [N·m], the left side of (1)."""

@@ -317,6 +317,7 @@ def reference_table(config: ReferenceConfig, route: Route | None,
     if not isinstance(motion, Transition):
         return (_kept(config, tuple(order), period, count) if route is None
                 else _samples_of(motion, order, period, count))
+    table: Array
     if route is None:  # What comes after the start does not depend on it.
         table = _kept(config.changed({'start_duration': 0.0}), tuple(order), period, count).copy()
     else:

@@ -384,4 +384,4 @@ def test_whatever_a_library_raises_is_a_refused_description(
         raise RuntimeError('out of\nluck')
     monkeypatch.setattr('pinocchio.buildReducedModel', fail)
     with pytest.raises(CtcError, match=r'RuntimeError: out of luck$'):
-        make_plant(PlantConfig(joint_names=('a', 'b'), model='urdf'), two_links())
+        make_plant(PlantConfig(joint_names=('a', 'b'), model='urdf', gravity=1.0), two_links())
