@@ -293,7 +293,10 @@ class Plant:
             If the motion leaves the range of floating-point numbers.
 
         """
-        command = [float(x) for x in tau]
+        try:
+            command = [float(x) for x in tau]
+        except (TypeError, ValueError, OverflowError):
+            command = []
         if len(command) != self.n:
             raise ParameterError('tau', tau, f'{self.n} numbers')
         if not isfinite(sum(command)):
