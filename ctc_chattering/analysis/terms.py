@@ -100,8 +100,8 @@ def terms(run: Run, configs: Sequence[tuple[float, ControllerConfig]],
             law.configure(due.pop(0)[1])
         q, dq, q_d, dq_d, ddq_d = rows[k]
         if doubtful and known and t in known:
-            law.memory = law.memory._replace(
-                xi=np.array(known[t]) + law.config.b * (dq_d - dq))
+            law.memories = law.memories._replace(control=law.memories.control._replace(
+                xi=np.array(known[t]) + law.config.b * (dq_d - dq)))
             doubtful = False
         sample = law.step(q, dq, q_d, dq_d, ddq_d,
                           points[k + 1:k + 1 + delay] if ahead is None else ahead[k],

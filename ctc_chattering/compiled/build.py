@@ -41,6 +41,7 @@ from numba.core.imputils import lower_builtin
 from numba.core.typing import templates
 from numba.core.typing.templates import AbstractTemplate, AttributeTemplate, infer_getattr
 from numba.extending import overload_method, register_jitable
+from numba.np.arrayobj import populate_array
 
 #: Functions and records that `register` has seen.
 _REGISTERED: tuple[list[Any], list[Any]] = ([], [])
@@ -235,75 +236,45 @@ def _machine_code(code: Code) -> tuple[str, bytes]:
 
 def _entry(code: Code) -> Any:
     """Return a function that takes the address of the places of all arguments."""
-    names: dict[str, Any] = {'_place': _place, '_record': _record, '_array': _array,
-                             'function': numba.extending.register_jitable(
-                                 **INTERNAL)(code.function)}
+    function = register_jitable(**INTERNAL)(code.function)
+    names: dict[str, Any] = {'function': function, 'at': _at, 'numbers': types.int64[::1]}
     place = count()
 
     def construction(argument: Layout) -> str:
         name = f'kind_{len(names)}'
+        if argument.parts:
+            names[name] = argument.kind
+            return f'{name}({", ".join(map(construction, argument.parts))})'
+        names[name] = types.Array(numba.from_dtype(argument.dtype), len(argument.shape) + 1, 'C')
         if argument.kind == 'record':
-            names[name] = numba.from_dtype(argument.dtype)
-            return f'_record(_place(places, {next(place)}), {name})'
-        if argument.kind == 'array':
-            names[name] = types.Array(
-                numba.from_dtype(argument.dtype), len(argument.shape) + 1, 'C')
-            start, length = next(place), next(place)
-            shape = ''.join(f'{x}, ' for x in argument.shape)
-            return (f'_array(_place(places, {start}), (_place(places, {length}), {shape}), '
-                    f'{name})')
-        names[name] = argument.kind
-        return f'{name}({", ".join(map(construction, argument.parts))})'
+            return f'at(places[{next(place)}], (1,), {name})[0]'
+        start, length = next(place), next(place)
+        shape = ''.join(f'{x}, ' for x in argument.shape)
+        return f'at(places[{start}], (places[{length}], {shape}), {name})'
 
     arguments = ', '.join(map(construction, code.layouts))
-    exec(f'def entry(places):\n    return function({arguments})', names)
+    exec(f'def entry(address):\n    places = at(address, ({next(place)},), numbers)\n'
+         f'    return function({arguments})', names)
     return names['entry']
 
 
 @lowered
-def _place(_typing: Any, places: Any, i: Any) -> Any:
-    """Return the i-th number at an address."""
-    def generate(_context: Any, builder: Any, _signature: Any, values: Any) -> Any:
-        start = builder.inttoptr(values[0], _INT.as_pointer())
-        return builder.load(builder.gep(start, [values[1]]))
-    return types.int64(places, i), generate
-
-
-@lowered
-def _record(_typing: Any, place: Any, kind: Any) -> Any:
-    """Return the NumPy record at an address."""
-    made = kind.instance_type
-
-    def generate(context: Any, builder: Any, _signature: Any, values: Any) -> Any:
-        return builder.inttoptr(values[0], context.get_value_type(made))
-    return made(place, kind), generate
-
-
-@lowered
-def _array(_typing: Any, place: Any, shape: Any, kind: Any) -> Any:
+def _at(_typing: Any, address: Any, shape: Any, kind: Any) -> Any:
     """Return the array at an address."""
     made = kind.instance_type
 
     def generate(context: Any, builder: Any, _signature: Any, values: Any) -> Any:
         array = context.make_array(made)(context, builder)
-        lengths = [builder.extract_value(values[1], i) for i in range(made.ndim)]
-        size = context.get_abi_sizeof(context.get_data_type(made.dtype))
-        strides = [ir.Constant(_INT, size)]
+        element = context.get_data_type(made.dtype)
+        lengths = cgutils.unpack_tuple(builder, values[1])
+        size = ir.Constant(_INT, context.get_abi_sizeof(element))
+        strides = [size]
         for length in reversed(lengths[1:]):
             strides.insert(0, builder.mul(strides[0], length))
-        array.data = builder.inttoptr(
-            values[0], context.get_data_type(made.dtype).as_pointer())
-        array.shape = cgutils.pack_array(builder, lengths)
-        array.strides = cgutils.pack_array(builder, strides)
-        array.itemsize = ir.Constant(_INT, size)
-        items = lengths[0]
-        for length in lengths[1:]:
-            items = builder.mul(items, length)
-        array.nitems = items
-        array.meminfo = cgutils.get_null_value(array.meminfo.type)
-        array.parent = cgutils.get_null_value(array.parent.type)
+        populate_array(array, builder.inttoptr(values[0], element.as_pointer()), lengths, strides,
+                       size, None)
         return array._getvalue()
-    return made(place, shape, kind), generate
+    return made(address, shape, kind), generate
 
 
 @lowered

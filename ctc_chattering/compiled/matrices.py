@@ -197,25 +197,14 @@ def _solve_where(chosen: Any, matrix: Any, x: Any) -> Any:
 
 @overloaded(compilable.inverse_diagonal)
 def _inverse_diagonal(matrix: Any) -> Any:
-    """Add up the squares of the rows of the inverse of Cholesky's factor."""
     n = matrix.n
 
     def elements(matrix: Any) -> Any:
-        lower, y = _room(n), 0.0 * _row(matrix, 0)
+        zero = 0.0 * _row(matrix, 0)
+        y = zero
         for i in range(n):
-            for j in range(i + 1):
-                rest = matrix[i, j]
-                for k in range(j):
-                    rest -= lower[i, k] * lower[j, k]
-                _set_place(lower, i, j, rest * lower[j, j] if j < i else 1.0 / np.sqrt(rest))
-        for j in range(n):
-            x = 0.0 * y
-            for i in range(j, n):
-                rest = 1.0 if i == j else 0.0
-                for k in range(j, i):
-                    rest -= lower[i, k] * x[k]
-                x = with_element(x, i, rest * lower[i, i])
-            y = with_element(y, j, total(x * x))
+            column = compilable.solve(matrix, with_element(zero, i, 1.0))
+            y = with_element(y, i, column[i])
         return y
     return elements
 

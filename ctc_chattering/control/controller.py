@@ -23,7 +23,7 @@ from typing import Any, NamedTuple, NoReturn
 
 from ctc_chattering.compiled.machine_code import MACHINE_CODE, PLAIN_PYTHON
 from ctc_chattering.control.controller_config import ControllerConfig, LAWS
-from ctc_chattering.control.evaluation import Arrival, control_settings, ControlMemory, REGULAR
+from ctc_chattering.control.evaluation import Arrival, control_settings, REGULAR
 from ctc_chattering.control.laws.base import Law, law_class
 from ctc_chattering.control.step import (
     CompiledStep,
@@ -35,7 +35,7 @@ from ctc_chattering.control.step import (
     PlainStep,
     taken_over,
 )
-from ctc_chattering.dynamics.arm import Arm, arm_of
+from ctc_chattering.dynamics.compiled_model import Arm, arm_of
 from ctc_chattering.dynamics.model import Model, Scaled
 from ctc_chattering.dynamics.registry import model_of
 from ctc_chattering.errors import CtcError, ParameterError, refused_as
@@ -84,17 +84,14 @@ class Sample(NamedTuple):
     saturation_error: Vector | None
 
 
-class _Unmeasured(NamedTuple):
-    """What was before periods that were answered without a state, and those periods."""
+class _Answered(NamedTuple):
+    """A period that was answered without a state."""
 
-    #: Stamp of the last state, and how long after its sample it was measured [ns].
-    t: int
-    offset: int
-    memories: Memories
-    transit: Array
-    #: For each period the rows that the step took, how long after their instant the sample was
-    #: [ns], and the torque in force, shape (n,).
-    answered: list[tuple[Array, int, Array]]
+    #: The rows that the step took, and how long after their instant the sample was [ns].
+    rows: Array
+    after: int
+    #: The torque in force, shape (n,) [N·m].
+    tau: Array
 
 
 class Controller:
@@ -144,10 +141,10 @@ class Controller:
         self._period = period_ns(config.control_period)
         #: Laws that are not in force, with what they remember.
         self._others: dict[str, tuple[Law, Any]] = {}
-        self._use(config, self._made(config))
+        self._use(config, self._law_of(config))
         self.reset()
 
-    def _made(self, config: ControllerConfig) -> Law:
+    def _law_of(self, config: ControllerConfig) -> Law:
         return law_class(config.law).made(config, seconds(self._period))
 
     def _use(self, config: ControllerConfig, law: Law) -> None:
@@ -156,8 +153,8 @@ class Controller:
 
     def _successor(self, config: ControllerConfig) -> tuple[Law, Any]:
         """Return the law of a configuration, with what it goes on from."""
-        law = self._made(config)
-        known = {**self._others, self.config.law: (self.law, self.law_memory)}
+        law = self._law_of(config)
+        known = {**self._others, self.config.law: (self.law, self.memories.law)}
         before, memory = known.get(config.law, (law, law.initial()))
         return law, law.reconfigured(memory, before)
 
@@ -173,12 +170,12 @@ class Controller:
         The filter state ξ is preserved, so that v has no step (unless b itself changes), and
         so are integrals and estimates. `taken_over` says how another law takes over.
         """
-        law, of_law = self._successor(config)
-        memory, of_current, last = self.memories
-        self._others[self.config.law] = self.law, of_current
+        law, memory = self._successor(config)
+        memories = self.memories
+        self._others[self.config.law] = self.law, memories.law
         self._others.pop(config.law, None)
         self._use(config, law)
-        self.memories = memory, of_law, last
+        self.memories = memories._replace(law=memory)
 
     def reset(self, bumpless: bool = False, held: Vector | None = None) -> None:
         """
@@ -201,7 +198,10 @@ class Controller:
         #: Stamp of the last state, and how long after its sample it was measured [ns].
         self._t: int | None = None
         self._offset = 0
-        self.memories = (
+        #: Periods after it that have been answered, and memories and transit before them.
+        self._answered: list[_Answered] = []
+        self._measured: tuple[Memories, Array]
+        self.memories = Memories(
             control_memory(np.zeros(n) if held is None else vector('held', held, n),
                            self.config.input_delay), self.law.initial(), first_sample(n))
 
@@ -212,24 +212,21 @@ class Controller:
 
     @memories.setter
     def memories(self, memories: Memories) -> None:
-        self._unmeasured: _Unmeasured | None = None
+        if self._t is not None:
+            self._t += len(self._answered) * self._period
+        self._answered = []
         #: What computes the steps until the next change.
         self._stepper: PlainStep | CompiledStep = PlainStep(
             self.settings, self.law, memories, self.transit, self.model)
-        compiled = self._compiled(memories)
+        compiled = self.compiled_step()
         if compiled is not None and compiled.compiled:
             self._stepper = compiled
 
-    def _compiled(self, memories: Memories) -> CompiledStep | None:
-        if self._arm is None:
-            return None
-        return CompiledStep(self.settings, self.law, memories, self.transit, self._arm)
-
     def compiled_step(self) -> CompiledStep | None:
         """Return the step from now on as machine code takes it; None where it cannot."""
-        if isinstance(self._stepper, CompiledStep):
-            return self._stepper
-        return self._compiled(self.memories)
+        if self._arm is None or isinstance(self._stepper, CompiledStep):
+            return self._stepper if isinstance(self._stepper, CompiledStep) else None
+        return CompiledStep(self.settings, self.law, self.memories, self.transit, self._arm)
 
     @property
     def compiled(self) -> bool:
@@ -242,36 +239,22 @@ class Controller:
         return MACHINE_CODE if self.compiled else PLAIN_PYTHON
 
     @property
-    def memory(self) -> ControlMemory:
-        """Return what the control step remembers."""
-        return self.memories[0]
-
-    @memory.setter
-    def memory(self, memory: ControlMemory) -> None:
-        self.memories = memory, *self.memories[1:]
-
-    @property
-    def law_memory(self) -> Any:
-        """Return what the law in force remembers."""
-        return self.memories[1]
-
-    @property
     def stability(self) -> tuple[float, float]:
         """Return part of its bandwidth that the law uses, and how long it was too much [s]."""
-        memory = self.law_memory
+        memory = self.memories.law
         return self.law.bandwidth_in_use(memory), self.law.out_of_control(memory)
 
     def _begin(self, rows: Array) -> None:
         """Begin with v = 0, or take over from another law, for `rows` as of `step`."""
-        memory, of_law, last = self.memories
+        memories = self.memories
         if self._bumpless:
-            memory = memory._replace(xi=self.settings.filter.b * (rows[3] - rows[1]))
+            memories = memories._replace(control=memories.control._replace(
+                xi=self.settings.filter.b * (rows[3] - rows[1])))
         if self._before in self._others:
-            memory, of_law = taken_over(
-                self.settings, self._others[self._before], self.law, of_law, memory, self.model,
-                rows)
+            memories = taken_over(self.settings, self._others[self._before], self.law, memories,
+                                  self.model, rows)
         self._before, self._bumpless = self.config.law, False
-        self.memories = memory, of_law, last
+        self.memories = memories
 
     def step(self, q: Vector, dq: Vector, q_d: Vector, dq_d: Vector, ddq_d: Vector,
              ahead: Sequence[Point] = (), t: int | None = None, at: int | None = None,
@@ -300,18 +283,18 @@ class Controller:
         rows = self._rows(q, dq, q_d, dq_d, ddq_d, ahead)
         if self._bumpless or self._before != self.config.law:
             self._begin(rows)
-        before = self._t
-        if t is None or (not late and (before is None or (
-                t - before == self._period and not self._offset))):
-            self._t, self._unmeasured = t, None
+        answered = self.predicted_periods
+        #: Before which the next period begins, if none is late.
+        end = None if self._t is None else self._t + (answered + 1) * self._period
+        if t is None or (not late and (end is None or (t == end and not self._offset))):
+            self._t, self._answered = t, []
             return self._step(rows, REGULAR)
         missed, offset = self._follows(t)
         after = t - offset - (t if at is None else at)
-        answered = self.predicted_periods
-        if missed < answered and self._t is not None and t < self._t + self._period:
+        if missed < answered and end is not None and t < end:
             sample = self._merged(missed, rows, offset, after, t)
         else:
-            self._t, self._offset, self._unmeasured = t, offset, None
+            self._t, self._offset, self._answered = t, offset, []
             for k in range(missed - answered, 0, -1):
                 self._step(rows, Arrival(0.0, (after - k * self._period) / 1e9, 0.0, 1.0))
             sample = self._step(rows, Arrival(offset / 1e9, after / 1e9, 1.0, float(late > 0)))
@@ -325,15 +308,12 @@ class Controller:
 
     def _follows(self, t: int) -> tuple[int, int]:
         """Return the `periods` of a state of stamp `t` since the last one that was measured."""
-        before, offset = self._t, self._offset
-        if self._unmeasured is not None:
-            before, offset = self._unmeasured.t, self._unmeasured.offset
-        return (0, 0) if before is None else periods(self._period, offset, t - before)
+        return (0, 0) if self._t is None else periods(self._period, self._offset, t - self._t)
 
     @property
     def predicted_periods(self) -> int:
         """Return how many periods after the last state `predicted_step` has answered."""
-        return len(self._unmeasured.answered) if self._unmeasured is not None else 0
+        return len(self._answered)
 
     def predicted_step(self, q_d: Vector, dq_d: Vector, ddq_d: Vector,
                        ahead: Sequence[Point] = (), periods: int = 1) -> Sample | None:
@@ -361,29 +341,25 @@ class Controller:
 
     def _predict(self, rows: Array, after: int, kept: bool) -> Sample:
         """Go on by a period without a state, at a sample `after` the instant of `rows` [ns]."""
-        assert self._t is not None
-        if self._unmeasured is None:
-            self._unmeasured = _Unmeasured(
-                self._t, self._offset, self.memories, self.transit.copy(), [])
-        self._t += self._period
+        if not self._answered:
+            self._measured = self.memories, self.transit.copy()
         sample = self._step(rows, Arrival(0.0, after / 1e9, 0.0, float(kept)))
-        self._unmeasured.answered.append((rows, after, np.array(sample.tau)))
+        self._answered.append(_Answered(rows, after, np.array(sample.tau)))
         return sample
 
     def _merged(self, missed: int, rows: Array, offset: int, after: int, t: int) -> Sample:
         """Take a state whose period has been answered; return the sample of the last period."""
-        assert self._unmeasured is not None
-        _, _, memories, self.transit[:], answered = self._unmeasured
-        for k, (predicted, later, tau) in enumerate(answered):
-            self._stepper.memories = memories[0]._replace(held=tau), *memories[1:]
+        answered, (memories, self.transit[:]) = self._answered, self._measured
+        for k, one in enumerate(answered):
+            self._stepper.memories = memories._replace(
+                control=memories.control._replace(held=one.tau))
             if k == missed:
                 sample = self._step(rows, Arrival(offset / 1e9, after / 1e9, 1.0, 1.0))
-                self._unmeasured = _Unmeasured(
-                    t, offset, self.memories, self.transit.copy(), answered[k + 1:])
+                self._measured = self.memories, self.transit.copy()
+                self._t, self._offset, self._answered = t, offset, answered[k + 1:]
             else:
-                sample = self._step(predicted, Arrival(0.0, later / 1e9, 0.0, 1.0))
+                sample = self._step(one.rows, Arrival(0.0, one.after / 1e9, 0.0, 1.0))
             memories = self.memories
-        self._t, self._offset = t + self.predicted_periods * self._period, offset
         return sample
 
     def _step(self, rows: Array, arrival: Arrival) -> Sample:

@@ -58,8 +58,7 @@ from ctc_chattering.control.evaluation import (
     State,
 )
 from ctc_chattering.control.laws.base import Applied, Law, Terms
-from ctc_chattering.dynamics.arm import Arm
-from ctc_chattering.dynamics.compiled_model import CompiledArm, CompiledModel, EvaluatedModel
+from ctc_chattering.dynamics.compiled_model import Arm, CompiledArm, CompiledModel, EvaluatedModel
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
 
@@ -83,8 +82,12 @@ class Step(NamedTuple):
     law_memory: Any
 
 
-#: What is remembered: by the control step, by the law, and of the last sample.
-Memories = tuple[ControlMemory, Any, LastSample]
+class Memories(NamedTuple):
+    """What is remembered: by the control step, by the law, and of the last sample."""
+
+    control: ControlMemory
+    law: Any
+    last: LastSample
 
 
 class PlainStep:
@@ -127,10 +130,9 @@ class PlainStep:
             Of the state.
 
         """
-        memory, of_law, last = self.memories
-        made, last = step_at(self._context, self._law, memory, of_law, last, arrival, rows[0],
-                             rows[1], rows[2:])
-        self.memories = made.memory, made.law_memory, last
+        made, last = step_at(self._context, self._law, *self.memories, arrival, rows[0], rows[1],
+                             rows[2:])
+        self.memories = Memories(made.memory, made.law_memory, last)
         now, terms, sent = made.now, made.parts, made.sent
         return [x.tolist() for x in (sent.tau, now.e, now.de, now.v, terms.nominal,
                                      terms.compensation, terms.robust, sent.saturation_error)]
@@ -278,8 +280,8 @@ def exchanged(transit: Array, row: int, sent: Applied) -> Applied:
     return applied
 
 
-def taken_over(settings: ControlSettings, before: tuple[Law, Any], law: Law, law_memory: Any,
-               memory: ControlMemory, model: Evaluates, rows: Array) -> tuple[ControlMemory, Any]:
+def taken_over(settings: ControlSettings, before: tuple[Law, Any], law: Law, memories: Memories,
+               model: Evaluates, rows: Array) -> Memories:
     """
     Return the memories with which a law goes on after another one.
 
@@ -289,24 +291,25 @@ def taken_over(settings: ControlSettings, before: tuple[Law, Any], law: Law, law
         Of the control step.
     before : tuple
         The old law and its memory.
-    law, law_memory
-        The new one, with what it remembers from before.
-    memory : ControlMemory
-        Of the control step, after its last sample.
+    law : Law
+        The new one.
+    memories : Memories
+        After the last sample; that of the law is the new one's, from before.
     model : Model
         M, C and G.
     rows : array, shape (5, n)
         Measured q, dq and desired q, dq, ddq of the sample to come.
 
     """
-    old, known = before
+    (old, known), control = before, memories.control
     if law.acts_on_v and not old.acts_on_v:
-        memory = memory._replace(xi=settings.filter.b * (rows[3] - rows[1]))
-    now = evaluated(settings, model, rows[0], rows[1], rows[2:], 0, memory.xi)
+        control = control._replace(xi=settings.filter.b * (rows[3] - rows[1]))
+    now = evaluated(settings, model, rows[0], rows[1], rows[2:], 0, control.xi)
     if not (old.of_the_paper and law.of_the_paper):
-        memory = memory._replace(fading=settings.fading, fresh=1.0)
-    return memory, law.initialized(
-        law_memory, now, old.estimate(known, now) if old.estimates else None)
+        control = control._replace(fading=settings.fading, fresh=1.0)
+    estimate = old.estimate(known, now) if old.estimates else None
+    return memories._replace(
+        control=control, law=law.initialized(memories.law, now, estimate))
 
 
 #: Rows of what a step computes, those of `control.controller.Sample` in this order.
@@ -392,7 +395,7 @@ class CompiledStep:
     def memories(self) -> Memories:
         """Return what is remembered; it may be set."""
         p = self._records
-        return load(p.memory), load(p.law_memory), load(p.last)
+        return Memories(load(p.memory), load(p.law_memory), load(p.last))
 
     @memories.setter
     def memories(self, memories: Memories) -> None:

@@ -55,12 +55,12 @@ that v is still far from 0, and is left out.
 from __future__ import annotations
 
 from math import exp
-from typing import cast, NamedTuple, Protocol, TypeVar
+from typing import cast, NamedTuple, TypeVar
 
 from ctc_chattering.compiled.compilable import dot, function, record, RECORDS, some
 from ctc_chattering.control.controller_config import ControllerConfig
 from ctc_chattering.control.evaluation import ErrorFilter, filter_of, State
-from ctc_chattering.control.laws.base import Applied, class_name, with_defaults
+from ctc_chattering.control.laws.base import Applied, class_name, Estimator, with_defaults
 from ctc_chattering.numerics.box_qp import nearest
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.parameters import named_class
@@ -156,14 +156,13 @@ def unperturbed(n: int) -> Perturbation:
 T = TypeVar('T')
 
 
-class Switching(Protocol):
-    """What a switching has; all but `made` and `term` as `laws.base.Law` has it."""
-
-    estimates: bool
+class Switching(Estimator):
+    """What a switching has; what it does not say is as in `laws.base.Law`."""
 
     @classmethod
     def made(cls, config: ControllerConfig, period: float) -> Switching:
         """Return the switching of a configuration, with the sample period [s]."""
+        raise NotImplementedError
 
     def term(self, memory: Perturbation, at: State, compensation: Array) -> tuple[Array, Array]:
         """
@@ -179,16 +178,7 @@ class Switching(Protocol):
             C v [N·m].
 
         """
-
-    def updated(self, memory: Perturbation, now: State) -> Perturbation:
-        """Return the memory improved by what the measured state has become."""
-
-    def advanced(self, memory: Perturbation, now: State, applied: Applied, correction: Array
-                 ) -> Perturbation:
-        """Return the memory a period later."""
-
-    def estimate(self, memory: Perturbation, now: State) -> Array:
-        """Return P̂; 0 for none."""
+        raise NotImplementedError
 
 
 def switching(kind: type[T]) -> type[T]:
@@ -205,7 +195,7 @@ def switching(kind: type[T]) -> type[T]:
         The class.
 
     """
-    return with_defaults(kind, {})
+    return with_defaults(kind, Switching)
 
 
 def switching_class(name: str) -> type[Switching]:

@@ -147,8 +147,9 @@ class _SteadyMotion:
         for k in range(-before, 0):
             made.step(*self._row(k * h * one, one), [
                 self._row((k + j) * h * one, one)[2:] for j in range(1, self._delay + 1)])
-        self._memories = made.memory._replace(turn=0.0), made.law_memory
-        rolled = np.roll(made.transit, -ROWS * int(made.memory.turn), axis=0)
+        control, of_law, _ = made.memories
+        self._memories = control._replace(turn=0.0), of_law
+        rolled = np.roll(made.transit, -ROWS * int(control.turn), axis=0)
         self._at = np.concatenate([*_numbers(self._memories), rolled.ravel()])
         self._y = np.concatenate([0.0 * one, _SPEED * one])
         self._points = np.array([x for j in range(self._delay + 1)

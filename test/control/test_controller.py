@@ -139,7 +139,7 @@ def test_closed_loop_is_equation_7() -> None:
         q, dq, _, _, ddq_d = rows = _inputs(rng)
         sample = controller.step(*rows)
         v = np.array(sample.v)
-        ddq = np.array(TwoLink().forward_dynamics(q, dq, sample.tau))
+        ddq = TwoLink().forward(*map(np.array, (q, dq, sample.tau)))
         rate = -(ddq_d - ddq + kv @ sample.de + kp @ sample.e) - 7.0 * v
         left = paper_m(q) @ (rate + 7.0 * v) + paper_c(q, dq) @ v + [10.0, 4.0] * np.sign(v)
         assert np.abs(left).max() < 1e-9
@@ -315,13 +315,13 @@ def test_switching_is_bumpless(before: str, after: str) -> None:
         steady.step(*rows)
         changing.step(*rows)
     changing.configure(changing.config.changed({'switching': after}))
-    assert (changing.memory.xi == steady.memory.xi).all()
+    assert (changing.memories.control.xi == steady.memories.control.xi).all()
     differs = 0
     for _ in range(20):
         rows = _near(rng)
         a, b = steady.step(*rows), changing.step(*rows)
-        assert (changing.memory.xi == steady.memory.xi).all()
-        assert changing.memory.xi.any()
+        assert (changing.memories.control.xi == steady.memories.control.xi).all()
+        assert changing.memories.control.xi.any()
         assert (a.v, a.nominal) == (b.v, b.nominal)
         step = np.subtract(a.robust, b.robust)
         np.testing.assert_allclose(np.subtract(b.tau, a.tau), step, atol=1e-9)

@@ -34,11 +34,10 @@ QUIET = Sample(ZERO, ZERO, ZERO, ZERO, ZERO, ZERO, ZERO, None)
 def at(part: float, strained: float = 0.0, law: str = 'observer_feedback') -> Controller:
     """Return a controller at a part of its bandwidth that has been too much for a time [s]."""
     made = Controller(ControllerConfig(law=law, compiled=False))
-    memory = made.law_memory
+    memory = made.memories.law
     if isinstance(memory, Memory):
         oscillation = memory.oscillation._replace(retreat=math.log(part), strained=strained)
-        control, _, last = made.memories
-        made.memories = control, memory._replace(oscillation=oscillation), last
+        made.memories = made.memories._replace(law=memory._replace(oscillation=oscillation))
     return made
 
 

@@ -163,8 +163,9 @@ def box_by_enumeration(a: Array, b: Array, bound: Array) -> Array:
 
 def estimate_of(controller: Controller) -> Array:
     """Return P̂ of law chattering."""
-    assert isinstance(controller.law_memory, Perturbation)
-    return controller.law_memory.perturbation
+    memory = controller.memories.law
+    assert isinstance(memory, Perturbation)
+    return memory.perturbation
 
 
 def inclusion_by_enumeration(mass: Array, wanted: Array, gain: Array) -> Array:

@@ -25,7 +25,8 @@ truth, and no method has the name of a field: both can then be compiled.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, cast, NamedTuple, Protocol, TypeVar
+import inspect
+from typing import Any, cast, NamedTuple, TypeVar
 
 from ctc_chattering.compiled.compilable import record, RECORDS
 from ctc_chattering.control.controller_config import ControllerConfig, LAWS
@@ -96,28 +97,66 @@ class Nothing(NamedTuple):
     nothing: float = 0.0
 
 
-class Law(Protocol):
-    """What a law has, and what it is where a law does not say."""
+class Estimator:
+    """What law and switching have for an estimate of the perturbation; by default, none."""
+
+    #: Whether there is one.
+    estimates = False
+
+    def updated(self, memory: T, now: State) -> T:
+        """Return the memory improved by what the measured state has become."""
+        return memory
+
+    def advanced(self, memory: T, now: State, applied: Applied, correction: Array) -> T:
+        """
+        Return the memory a period later.
+
+        Parameters
+        ----------
+        memory
+            After `answer`.
+        now : State
+            The measured state.
+        applied : Applied
+            Held over the period that begins.
+        correction : array, shape (n,)
+            What anti-windup adds to v: b h M⁻¹ times the excess [rad/s].
+
+        """
+        return memory
+
+    def estimate(self, memory: Any, now: State) -> Array:
+        """Return the estimate of the perturbation P, shape (n,) [N·m]; 0 for none."""
+        return now.zero
+
+
+class Law(Estimator):
+    """
+    What a law has, and what it is where a law does not say.
+
+    A law is no subclass, since a NamedTuple has no base: `law` gives it what it lacks.
+    """
 
     #: The robust term in symbols, for figures; empty for a law without one.
-    symbol: str
+    symbol = ''
     #: Whether it is law (2) or (6), and whether the filtered error v acts in it.
-    of_the_paper: bool
-    acts_on_v: bool
-    #: Whether it has an estimate of the perturbation.
-    estimates: bool
+    of_the_paper = False
+    acts_on_v = False
 
     @classmethod
     def made(cls, config: ControllerConfig, period: float) -> Law:
-        """Return the law of a configuration, with the sample period [s]."""
+        """Return the law of a configuration, with the sample period [s]; every law has its own."""
+        raise NotImplementedError
 
     def initial(self) -> Any:
         """Return the memory at the start."""
+        return Nothing()
 
-    def reconfigured(self, memory: Any, before: Any) -> Any:
+    def reconfigured(self, memory: T, before: Any) -> T:
         """Return the memory that goes on after `before`, the same law with other gains."""
+        return memory
 
-    def initialized(self, memory: Any, now: State, estimate: Array | None) -> Any:
+    def initialized(self, memory: T, now: State, estimate: Array | None) -> T:
         """
         Return the memory that takes over from another law, before the first sample.
 
@@ -131,6 +170,7 @@ class Law(Protocol):
             Perturbation as the other law estimates it [N·m].
 
         """
+        return memory
 
     def predicted_state(self, memory: Any, last: LastSample, context: Context,
                         control: ControlMemory, points: Array) -> tuple[Array, Array]:
@@ -147,8 +187,10 @@ class Law(Protocol):
             As of the control step.
 
         """
+        state: tuple[Array, Array] = next_state(self, memory, last, context, control, points)
+        return state
 
-    def corrected(self, memory: Any, q: Array, dq: Array, held: Array) -> tuple[Any, Array, Array]:
+    def corrected(self, memory: T, q: Array, dq: Array, held: Array) -> tuple[T, Array, Array]:
         """
         Return memory, position and velocity as the law takes them.
 
@@ -162,12 +204,10 @@ class Law(Protocol):
             Torque that was sent last [N·m].
 
         """
+        return memory, q, dq
 
-    def updated(self, memory: Any, now: State) -> Any:
-        """Return the memory improved by what the measured state has become."""
-
-    def answer(self, memory: Any, now: State, context: Context, control: ControlMemory,
-               points: Array) -> tuple[Terms, Any]:
+    def answer(self, memory: T, now: State, context: Context, control: ControlMemory,
+               points: Array) -> tuple[Terms, T]:
         """
         Return the terms of the torque of a sample, and the memory: `terms` at `arriving`.
 
@@ -181,87 +221,23 @@ class Law(Protocol):
             As of the control step.
 
         """
+        return self.terms(memory, arriving(self, memory, now, context, control, points))
 
-    def terms(self, memory: Any, at: State) -> tuple[Terms, Any]:
-        """Return the terms of the torque for a state, and the memory."""
-
-    def advanced(self, memory: Any, now: State, applied: Applied, correction: Array) -> Any:
-        """
-        Return the memory a period later.
-
-        Parameters
-        ----------
-        memory
-            After `answer`.
-        now : State
-            The measured state.
-        applied : Applied
-            Held over the period that begins.
-        correction : array, shape (n,)
-            What anti-windup adds to v: b h M⁻¹ times the excess [rad/s].
-
-        """
-
-    def estimate(self, memory: Any, now: State) -> Array:
-        """Return the estimate of the perturbation P, shape (n,) [N·m]; 0 for none."""
+    def terms(self, memory: T, at: State) -> tuple[Terms, T]:
+        """Return the terms of the torque for a state, and the memory; every law has its own."""
+        raise NotImplementedError
 
     def acting(self, memory: Any, now: State) -> Array:
-        """Return what the delay prediction takes for P; `estimate` if a law does not say."""
+        """Return what the delay prediction takes for P."""
+        return self.estimate(memory, now)
 
     def bandwidth_in_use(self, memory: Any) -> float:
-        """Return the part of its bandwidth that the law uses; 1 if a law does not say."""
+        """Return the part of its bandwidth that the law uses."""
+        return 1.0
 
     def out_of_control(self, memory: Any) -> float:
-        """Return for how long the loop has seemed out of control [s]; 0 if a law does not say."""
-
-
-def _initial(self: Any) -> Nothing:
-    return Nothing()
-
-
-def _reconfigured(self: Any, memory: T, before: Any) -> T:
-    return memory
-
-
-def _initialized(self: Any, memory: T, now: State, estimate: Array | None) -> T:
-    return memory
-
-
-def _predicted_state(self: Any, memory: T, last: LastSample, context: Context,
-                     control: ControlMemory, points: Array) -> tuple[Array, Array]:
-    state: tuple[Array, Array] = next_state(self, memory, last, context, control, points)
-    return state
-
-
-def _corrected(self: Any, memory: T, q: Array, dq: Array, held: Array) -> tuple[T, Array, Array]:
-    return memory, q, dq
-
-
-def _updated(self: Any, memory: T, now: State) -> T:
-    return memory
-
-
-def _answer(self: Any, memory: T, now: State, context: Context, control: ControlMemory,
-            points: Array) -> tuple[Terms, T]:
-    terms: tuple[Terms, T] = self.terms(
-        memory, arriving(self, memory, now, context, control, points))
-    return terms
-
-
-def _advanced(self: Any, memory: T, now: State, applied: Applied, correction: Array) -> T:
-    return memory
-
-
-def _estimate(self: Any, memory: Any, now: State) -> Array:
-    return now.zero
-
-
-def _bandwidth_in_use(self: Any, memory: Any) -> float:
-    return 1.0
-
-
-def _out_of_control(self: Any, memory: Any) -> float:
-    return 0.0
+        """Return for how long the loop has seemed out of control [s]."""
+        return 0.0
 
 
 def law(symbol: str = '', of_the_paper: bool = False, acts_on_v: bool = False
@@ -297,23 +273,21 @@ def law(symbol: str = '', of_the_paper: bool = False, acts_on_v: bool = False
 
     """
     def marked(kind: type[T]) -> type[T]:
-        attributes = {'symbol': symbol, 'of_the_paper': of_the_paper, 'acts_on_v': acts_on_v,
-                      'initial': _initial, 'reconfigured': _reconfigured,
-                      'initialized': _initialized, 'predicted_state': _predicted_state,
-                      'corrected': _corrected, 'answer': _answer,
-                      'bandwidth_in_use': _bandwidth_in_use, 'out_of_control': _out_of_control}
-        return with_defaults(kind, attributes)
+        with_defaults(kind, Law)
+        for name, value in (('symbol', symbol), ('of_the_paper', of_the_paper),
+                            ('acts_on_v', acts_on_v)):
+            setattr(kind, name, value)
+        return kind
     return marked
 
 
-def with_defaults(kind: type[T], attributes: dict[str, Any]) -> type[T]:
-    """Return a marked class with those of these attributes, and of `Law`, that it lacks."""
-    estimate = vars(kind).get('estimate', _estimate)
-    for name, value in {**attributes, 'estimates': estimate is not _estimate,
-                        'updated': _updated, 'advanced': _advanced, 'estimate': estimate,
-                        'acting': estimate}.items():
-        if name not in vars(kind):
-            setattr(kind, name, value)
+def with_defaults(kind: type[T], defaults: type) -> type[T]:
+    """Return a class, marked as a record, with what it lacks of a class of defaults."""
+    if 'estimate' in vars(kind) and 'estimates' not in vars(kind):
+        setattr(kind, 'estimates', True)  # noqa: B010
+    for name in dir(defaults):
+        if not name.startswith('__') and name not in vars(kind):
+            setattr(kind, name, inspect.getattr_static(defaults, name))
     return record(kind)
 
 

@@ -60,7 +60,7 @@ def test_the_velocity_of_a_constant_acceleration_has_no_lag() -> None:
     for k in range(300):
         t = 1e-3 * k
         sample = law.step([1.5 * t * t, 0.0], rest, rest, rest, rest)
-    assert law.law_memory.dq[0] == pytest.approx(3.0 * (t + 1e-3), rel=1e-6)
+    assert law.memories.law.dq[0] == pytest.approx(3.0 * (t + 1e-3), rel=1e-6)
     assert np.isfinite(sample.tau).all()
 
 
