@@ -36,13 +36,12 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 import numpy.typing as npt
 from scipy.interpolate import CubicSpline  # type: ignore[import-untyped]
-from scipy.signal import lfilter  # type: ignore[import-untyped]
 
 #: Sources of the torque.
 COMMAND, EFFORT = 'command', 'effort'
 #: Samples that are computed one by one, all parts of a stretch at once, at least, and parts at
 #: most; time before [s], and the fewest samples, after which it does not matter where they began.
-_CHUNK, _CHUNKS, _BEFORE, _FEWEST_BEFORE = 400, 40, 0.5, 60
+_CHUNK, _CHUNKS, _BEFORE, _FEWEST_BEFORE = 400, 1000, 0.5, 60
 #: Torques that are computed at once.
 _AT_ONCE = 4e6
 #: In place of no rate limit [N·m/s].
@@ -51,44 +50,26 @@ _UNLIMITED = 1e12
 
 def driven(values: Array, lag: Array, rate: Array | float, period: float) -> Array:
     """
-    Return the mean torque of drives with a lag and a rate limit over each period, shape (N, n).
+    Return the mean torque over each period of drives with a lag and a rate limit, (..., N, n).
 
-    A command is held for a period h, and the torque follows it with the lag T; with a = exp(-h/T)
-    the mean over a period is c[k] + (T/h) (1 - a) (τ[k] - c[k]), and τ[k+1] = a τ[k] + (1-a) c[k].
-    With a rate limit R it is that of (DM1).
+    A command is held for a period h, and the torque follows it with the lag T, by (DM1); without a
+    rate limit and with a = exp(-h/T) the mean over a period is c[k] + (T/h) (1 - a) (τ[k] - c[k]),
+    and τ[k+1] = a τ[k] + (1 - a) c[k].
 
     Parameters
     ----------
     values : ndarray, shape (N, n)
         Commands c [N·m].
-    lag, rate : ndarray, shape (n,)
-        T [s], and R [N·m/s], inf for none.
+    lag : ndarray, shape (..., n)
+        T [s]; several are computed at once.
+    rate : ndarray, shape (n,), or float
+        R [N·m/s], inf for none.
     period : float
         h [s].
 
     """
-    lag = np.broadcast_to(lag, values.shape[1:])
-    rate = np.broadcast_to(rate, values.shape[1:])
-    if np.isfinite(rate).any():
-        return _limited(values, lag, rate, period)
-    if not lag.any():
-        return values
-    ratio = period / np.maximum(lag, 1e-3 * period)
-    a = np.exp(-ratio)
-    share = (1.0 - a) / ratio
-    total = np.column_stack([
-        lfilter([1.0], [1.0, -decay], column) for decay, column in zip(a, values.T)])
-    before = np.concatenate((np.zeros_like(values[:1]), total[:-1]))
-    mean: Array = (1.0 - share) * values + share * (1.0 - a) * before
-    return np.where(lag > 0.0, mean, values)
-
-
-def _limited(values: Array, lag: Array, rate: Array, period: float) -> Array:
-    """
-    Return the mean torque over each period where a rate is limited, shape (..., N, n) [N·m].
-
-    Lags of shape (..., n) are computed all at once.
-    """
+    if not lag.any() and not np.isfinite(rate).any():
+        return np.broadcast_to(values, (*lag.shape[:-1], *values.shape))
     n = values.shape[1]
     warm = max(_FEWEST_BEFORE, round(_BEFORE / period))
     length = max(_CHUNK, len(values) // _CHUNKS)
@@ -119,12 +100,9 @@ def _limited(values: Array, lag: Array, rate: Array, period: float) -> Array:
 
 def driven_by_lags(values: Array, lags: Array, rate: Array, period: float) -> Iterator[Array]:
     """Yield `driven` for each lag of shape (K,) [s], the same of all joints."""
-    if not np.isfinite(rate).any():
-        yield from (driven(values, lag, rate, period) for lag in lags)
-        return
     several = max(1, int(_AT_ONCE / values.size))
     for part in np.split(lags, range(several, len(lags), several)):
-        yield from _limited(values, np.repeat(part[:, None], len(rate), axis=1), rate, period)
+        yield from driven(values, np.repeat(part[:, None], len(rate), axis=1), rate, period)
 
 
 def has(stretch: Stretch, source: str) -> Array | None:
