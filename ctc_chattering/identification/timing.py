@@ -480,7 +480,8 @@ def _noise(part: Stretch, model: Model, phi: TestFunction, source: str) -> Array
     found: Array = np.max([np.square(model.evaluate(q, still)[0]) @ np.square(one)
                            for q in some], axis=0)
     if source == EFFORT and part.effort is not None:
-        change = np.diff(np.nan_to_num(part.effort), 2, axis=0)
-        torque = median_abs_deviation(change, axis=0, scale='normal') / np.sqrt(6.0)
+        # Joint by joint, for long series.
+        torque = np.array([median_abs_deviation(np.diff(np.nan_to_num(x), 2), scale='normal')
+                           for x in part.effort.T]) / np.sqrt(6.0)
         found = found + np.square(np.linalg.norm(phi.at) * torque)
     return np.asarray(np.sqrt(found))
