@@ -158,7 +158,7 @@ _FLOOR = 1e-4
 #: deviations beyond which a point is excluded.
 _WORSE, _CLEAR = 2.5, 2.5
 #: Delays on both sides of the best one, without a rate limit, that are looked at.
-_BELOW, _ABOVE = 4, 2
+_BELOW, _ABOVE = 5, 3
 #: What a lag costs, as the logarithm of some hundred independent windows.
 _PER_LAG = 7.0
 #: Coarse rate limits, at most, the first one in fastest changes of the commands (within a period a
@@ -255,11 +255,11 @@ class DriveProfile:
         self._noise, self._allowed = np.ones(self._n), self._places
         self._unlimited = self._add(np.full(self._n, np.inf))
         best = min(self._places, key=self._cost)[0]
-        first = min([best - _BELOW, *(d for d, _ in self._allowed)])
-        last = max([best + _ABOVE, *(d for d, _ in self._allowed)])
-        self._places = [x for x in self._places if first <= x[0] <= last]
+        near = range(best - _BELOW, best + _ABOVE + 1)
+        self._places = [x for x in self._places if x[0] in near]
+        self._allowed = self._now_allowed()
         # Beside the first and the last one for the sake of shifts.
-        kept = [k for k, d in enumerate(self._delays) if first - 1 <= d <= last + 1]
+        kept = [k for k, d in enumerate(self._delays) if d + 1 in near or d - 1 in near]
         self._delays = [self._delays[k] for k in kept]
         self._unlimited = {i: x[kept] for i, x in self._unlimited.items()}
 
@@ -447,7 +447,10 @@ class DriveProfile:
             rate = self._search_rates(fastest)
             limited = np.isfinite(rate[2]) & (rate[0] > 0.0)
             if limited.any():
-                levels = [self._add(np.where(limited, x, np.inf)) for x in rate]
+                low = rate[0]
+                ratio = np.where(limited, rate[2], 1.0) / np.where(limited, low, 1.0)
+                levels = [self._add(np.where(limited, low * ratio ** part, np.inf))
+                          for part in np.linspace(0.0, 1.0, _WITHIN)]
                 rate = self._rate_table(fastest)
                 limited &= np.isfinite(rate[2])
         delays, cost = {}, {}
