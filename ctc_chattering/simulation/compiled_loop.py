@@ -48,7 +48,7 @@ class Control(NamedTuple):
     #: As of `CompiledStep`.
     measured: Array
     points: Array
-    arrival: Array
+    arrival: Any
     made: Array
     #: Largest position error, shape (n,) [rad]; inf for any.
     error_limit: Array
@@ -197,9 +197,9 @@ def run(p: CompiledPlant, c: Control, drawn: Any, points: Array, out: Array, res
             stamp = k * period + round(1e9 * s.offset)
             missed, offset = periods(period, offset, stamp - before)
             for j in range(missed, -1, -1):
-                c.arrival[0] = offset / 1e9
-                c.arrival[1] = (stamp - offset - (k + j) * period) / 1e9
-                c.arrival[2], c.arrival[3] = 1 - min(j, 1), min(j, 1)
+                c.arrival.offset = offset / 1e9
+                c.arrival.after_points = (stamp - offset - (k + j) * period) / 1e9
+                c.arrival.measured, c.arrival.kept = 1 - min(j, 1), min(j, 1)
                 invoke(c.call.control, c.call.control_places)
             before = stamp
             row, total = out[result.rows], 0.0
