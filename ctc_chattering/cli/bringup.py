@@ -23,11 +23,12 @@ import sys
 
 from ctc_chattering import __version__
 from ctc_chattering.cli.command_line import guarded, Parser
-from ctc_chattering.cli.options import add_run_options, load_setup
+from ctc_chattering.cli.options import add_overrides, add_run_options, load_setup
+from ctc_chattering.cli.presentation import progress
 from ctc_chattering.errors import given_by_user
 from ctc_chattering.launch.graph import run_graph, Stopped
 from ctc_chattering.ros import ros_arguments
-from ctc_chattering.simulation.plant_config import PACINGS
+from tqdm import tqdm
 
 
 def make_parser() -> argparse.ArgumentParser:
@@ -42,7 +43,7 @@ def make_parser() -> argparse.ArgumentParser:
                'ROS_AUTOMATIC_DISCOVERY_RANGE is set.')
     parser.add_argument('--version', action='version', version=__version__)
     add_run_options(parser)
-    parser.add_argument('--pacing', choices=PACINGS, help="instead of the file's")
+    add_overrides(parser, 'pacing')
     parser.add_argument('--record', type=Path, metavar='BAG',
                         help='record all topics into this new directory')
     parser.add_argument('--live', action='store_true', help='also show the graph in the browser')
@@ -58,7 +59,6 @@ def bringup(arguments: Sequence[str]) -> int:
     """Run the graph as the arguments, its own and those for ROS, say."""
     own, ros = ros_arguments.parse(arguments)
     options = make_parser().parse_args(own)
-    from ctc_chattering.cli.progress import Progress
     if options.live:
         from ctc_chattering.live import require_viser
         require_viser()
@@ -66,13 +66,13 @@ def bringup(arguments: Sequence[str]) -> int:
     with given_by_user(ros.assigned):
         file, over, setup = load_setup(options, ros_arguments.bringup_values(ros))
     plant = setup.plant
-    with Progress(f'experiment {plant.experiment}:', plant.duration) as progress:
+    with progress(f'experiment {plant.experiment}:', plant.duration) as moved:
         try:
-            run_graph(file, over, options.record, ['--ros-args', *ros.rest], progress,
-                      progress.write, options.live)
-            progress(plant.duration)
+            run_graph(file, over, options.record, ['--ros-args', *ros.rest], moved, tqdm.write,
+                      options.live)
+            moved(plant.duration)
         except Stopped as stopped:
-            progress.write(f'bringup: {stopped}')
+            tqdm.write(f'bringup: {stopped}')
     return 0
 
 

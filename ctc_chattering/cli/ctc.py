@@ -25,25 +25,29 @@ import sys
 from ctc_chattering import __version__
 from ctc_chattering.cli.command_line import guarded, Parser
 
-#: The subcommands with what `ctc --help` says of them; their modules are in `commands`.
+#: The subcommands with their modules, and what `ctc --help` says of them. Command NAME is the
+#: function run_NAME there; NAME_options adds its arguments.
 COMMANDS = {
-    'simulate': 'simulate an experiment without ROS',
-    'new-robot': 'write a parameter file for the robot of a URDF',
-    'compile': 'compile a law and the plant, for nodes and simulation',
-    'reproduce': "run the paper's experiments over ROS and draw its figures",
-    'compare': 'compare all laws joint by joint, on any robot',
-    'map': 'run laws over grids and random draws of parameters, and show which law fails where',
-    'tune': 'find gains with low error and low torque variation for a partly known robot',
-    'plot': 'draw the figures of bags',
-    'export': 'export the samples of a bag to NumPy or CSV',
-    'replay': 'publish a bag on its topics again',
-    'repair': 'repair a truncated or corrupted bag',
-    'live': 'show a running graph, or bags, in the browser',
-    'identify': 'identify friction, delays and model errors from bags, and derive gains',
-    'check-model': 'test the dynamics of a robot model',
-    'stability': 'compute which errors of model, lag and delay the loop tolerates',
-    'parameters': 'print all parameters of all nodes',
-    'excite': 'generate a motion that excites the friction of every joint'}
+    'simulate': ('experiments', 'simulate an experiment without ROS'),
+    'new-robot': ('robots', 'write a parameter file for the robot of a URDF'),
+    'compile': ('experiments', 'compile a law and the plant, for nodes and simulation'),
+    'reproduce': ('experiments', "run the paper's experiments over ROS and draw its figures"),
+    'compare': ('runs', 'compare all laws joint by joint, on any robot'),
+    'map': ('runs', 'run laws over grids and random draws of parameters, and show which law fails '
+                    'where'),
+    'tune': ('runs', 'find gains with low error and low torque variation for a partly known '
+                     'robot'),
+    'plot': ('bags', 'draw the figures of bags'),
+    'export': ('bags', 'export the samples of a bag to NumPy or CSV'),
+    'replay': ('bags', 'publish a bag on its topics again'),
+    'repair': ('bags', 'repair a truncated or corrupted bag'),
+    'live': ('live', 'show a running graph, or bags, in the browser'),
+    'identify': ('identification',
+                 'identify friction, delays and model errors from bags, and derive gains'),
+    'check-model': ('robots', 'test the dynamics of a robot model'),
+    'stability': ('runs', 'compute which errors of model, lag and delay the loop tolerates'),
+    'parameters': ('robots', 'print all parameters of all nodes'),
+    'excite': ('identification', 'generate a motion that excites the friction of every joint')}
 
 
 def make_parser(used: Collection[str] = COMMANDS.keys()) -> argparse.ArgumentParser:
@@ -52,13 +56,15 @@ def make_parser(used: Collection[str] = COMMANDS.keys()) -> argparse.ArgumentPar
         prog='ctc', description='Computed torque plus compensation plus chattering.')
     parser.add_argument('--version', action='version', version=__version__)
     commands = parser.add_subparsers(dest='command', required=True, metavar='COMMAND')
-    for name, summary in COMMANDS.items():
+    for name, (chapter, summary) in COMMANDS.items():
         command = commands.add_parser(name, help=summary)
         if name in used:
-            module = import_module(f'ctc_chattering.cli.commands.{name.replace("-", "_")}')
-            command.description = f'{summary[0].upper()}{summary[1:]}. {module.DETAILS}'
-            command.set_defaults(run=module.run)
-            module.add_options(command)
+            module, own = import_module(f'{__package__}.{chapter}'), name.replace('-', '_')
+            run = getattr(module, f'run_{own}')
+            details = ' '.join((run.__doc__ or '').split()).partition('`. ')[2]
+            command.description = f'{summary[0].upper()}{summary[1:]}. {details}'
+            command.set_defaults(run=run)
+            getattr(module, f'{own}_options')(command)
     return parser
 
 

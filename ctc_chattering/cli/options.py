@@ -12,12 +12,13 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Arguments that several commands share."""
+"""Arguments that several commands share; numbers are checked where they are read."""
 
 from __future__ import annotations
 
 import argparse
 from collections.abc import Callable, Mapping
+import dataclasses
 from importlib.util import find_spec
 from math import isfinite
 import os
@@ -26,36 +27,94 @@ from typing import Any
 
 from ctc_chattering.cli.command_line import say
 from ctc_chattering.configuration import parameter_file
-from ctc_chattering.configuration.loading import FROM_FILE, RECOMMENDED, with_gains
 from ctc_chattering.configuration.loop_setup import Setup
-from ctc_chattering.configuration.package_share import config_directory, find_config
-from ctc_chattering.control.controller import LAWS
-from ctc_chattering.control.controller_config import SWITCHINGS
-from ctc_chattering.errors import given_by_user, UsageError
-from ctc_chattering.parameters import Parameter
+from ctc_chattering.configuration.package_share import find_config
+from ctc_chattering.configuration.parameter_file import FROM_FILE, RECOMMENDED, with_gains
+from ctc_chattering.control.controller import ControllerConfig
+from ctc_chattering.errors import given_by_user, ParameterError, UsageError
+from ctc_chattering.parameters import Parameter, unit_text
+from ctc_chattering.simulation.plant_config import PlantConfig
 
 #: Options that override a parameter file, and the sections of their parameters.
 _SECTIONS = {'law': 'controller', 'switching': 'controller', 'control_period': '/**',
              'duration': 'plant', 'pacing': 'plant'}
+#: What makes the value of an option of its text.
+_KINDS: dict[str, Callable[[str], Any]] = {
+    'int': int, 'float': float, 'str': str,
+    'float[]': lambda text: tuple(float(x) for x in text.split(','))}
+_METAVARS = {'int': 'N', 'float': 'X', 'str': 'X', 'float[]': 'A,B,C'}
+
+
+def value_of(spec: Parameter) -> Callable[[str], Any]:
+    """Return what makes a value of text; it raises an error if the parameter refuses it."""
+    def value(text: str) -> Any:
+        try:
+            made = _KINDS[spec.kind](text)
+            spec.check(made, len(made) if isinstance(made, tuple) else 0)
+        except ParameterError as error:
+            raise UsageError(str(error)) from None
+        except ValueError:
+            raise argparse.ArgumentTypeError(
+                f'{text[:100]!r} is not allowed; allowed: {spec.allowed}') from None
+        return made
+    return value
+
+
+def add_declared(parser: argparse.ArgumentParser, spec: Parameter, flag: str = '',
+                 dest: str = '') -> None:
+    """
+    Add the option that a parameter declares: type, range, default, unit and description.
+
+    Parameters
+    ----------
+    parser : ArgumentParser
+        Of the command.
+    spec : Parameter
+        Without a default where that of another place counts.
+    flag, dest : str
+        By default the parameter's name.
+
+    """
+    name = spec.name.lstrip('-').replace('-', '_')
+    text = spec.description.rstrip('.') + (f' [{unit_text(spec.unit)}]' if spec.unit else '')
+    text += f': {" | ".join(spec.choices)}' if spec.choices else ''
+    text += ', for each joint or one for all' if spec.shape == 'n' else ''
+    if isinstance(spec.default, (int, float)) and isfinite(spec.default):
+        text += f'; default: {spec.default:g}'
+    parser.add_argument(
+        flag or f'--{name.replace("_", "-")}', dest=dest or name, type=value_of(spec),
+        default=spec.default, metavar='S' if spec.unit == 's' else _METAVARS[spec.kind],
+        help=text[0].lower() + text[1:])
+
+
+def add_number(parser: argparse.ArgumentParser, flag: str, description: str, default: Any = None,
+               kind: str = 'int', **limits: Any) -> None:
+    """Add an option of one number; `limits` are those of a `Parameter`."""
+    add_declared(parser, Parameter(flag, kind, default, description, **limits))
+
+
+def add_overrides(parser: argparse.ArgumentParser, *names: str,
+                  instead: str = "instead of the file's") -> None:
+    """Add options of parameters of plant and controller, without a default."""
+    declared = PlantConfig.parameters() | ControllerConfig.parameters()
+    for name in names:
+        add_declared(parser, dataclasses.replace(
+            declared[name], description=instead, default=None))
 
 
 def add_run_options(parser: argparse.ArgumentParser) -> None:
     """Add the options that select a run: the file, and values that override it."""
     add_loop_options(parser)
-    parser.add_argument('--switching', metavar='X',
-                        help=f"instead of the file's: {' | '.join(SWITCHINGS)}")
-    parser.add_argument('--duration', type=float, metavar='S', help="instead of the file's [s]")
+    add_overrides(parser, 'switching', 'duration')
 
 
 def add_loop_options(parser: argparse.ArgumentParser) -> None:
     """Add the file, and the options of its law and period."""
     add_params_file(parser)
-    parser.add_argument('--law', metavar='X', help=f"instead of the file's: {' | '.join(LAWS)}")
+    add_overrides(parser, 'law', 'control_period')
     parser.add_argument('--gains', choices=(FROM_FILE, RECOMMENDED),
                         help="the file's, or those recommended for observer_feedback; default: "
                              "the file's, but the recommended ones if --law chooses this law")
-    parser.add_argument('--control-period', type=float, metavar='S',
-                        help="instead of the file's [s]")
 
 
 def add_params_file(parser: argparse.ArgumentParser) -> None:
@@ -73,10 +132,10 @@ def add_urdf_options(parser: argparse.ArgumentParser, required: bool = False) ->
     """Add the options of a robot that a URDF describes."""
     parser.add_argument('--urdf', metavar='FILE', required=required,
                         help='URDF: a path or package://NAME/PATH')
-    parser.add_argument('--joints', metavar='A,B,C',
+    parser.add_argument('--joints', type=words, default=(), metavar='A,B,C',
                         help='joints in the order of the model; default: all that move')
-    parser.add_argument('--gravity', type=float, default=9.81, metavar='G',
-                        help='acceleration of gravity [m/s²], default: 9.81')
+    add_number(parser, '--gravity', 'acceleration of gravity', 9.81, 'float', unit='m/s^2',
+               minimum=0.0)
 
 
 def add_bag(parser: argparse.ArgumentParser) -> None:
@@ -106,37 +165,23 @@ def add_output(parser: argparse.ArgumentParser, default: str | None = None) -> N
                         help='replace the output of an earlier run of this command')
 
 
-def add_format(parser: argparse.ArgumentParser, first: str = 'svg') -> None:
-    """Add the option of a second format of all figures; the `first` is that of the page."""
-    parser.add_argument('--format', choices=('svg', 'pdf', 'png'), default=first,
-                        help=f'figures in this format as well; the page has them as {first}')
+def add_format(parser: argparse.ArgumentParser) -> None:
+    """Add the option of a second format of all figures."""
+    parser.add_argument('--format', choices=('svg', 'pdf', 'png'), default='svg',
+                        help='figures in this format as well; the page has them as svg')
 
 
-def add_jobs(parser: argparse.ArgumentParser, more: str = '') -> None:
-    """Add the option of the number of processes; `more` is what its help says besides."""
-    parser.add_argument('--jobs', type=int, metavar='N',
-                        help=f'number of processes, default: one per processor{more}')
+def add_jobs(parser: Any) -> None:
+    """Add the option of the number of processes: all processors, or one without dask."""
+    parser.add_argument(
+        '--jobs', type=value_of(Parameter('--jobs', 'int', None, '', minimum=1)), metavar='N',
+        default=(os.cpu_count() or 1) if find_spec('distributed') else 1,
+        help='number of processes, default: one per processor; no result depends on it')
 
 
-def find_file(text: str) -> Path:
-    """Return the parameter file that `text` names: a path, or ``panda`` for the package's own."""
-    return find_config(text)
-
-
-def is_parameter_file(text: str) -> bool:
-    """Return whether `text` names a parameter file, and no bag: one of the package, or YAML."""
-    return Path(text).suffix == '.yaml' or (
-        not Path(text).exists() and (config_directory() / f'{text}.yaml').exists())
-
-
-def overrides(options: argparse.Namespace) -> dict[str, dict[str, Any]]:
-    """Return the values that override the file's, as `parameter_file.load` takes them."""
-    result: dict[str, dict[str, Any]] = {}
-    for name, section in _SECTIONS.items():
-        value = getattr(options, name, None)
-        if value is not None:
-            result.setdefault(section, {})[name] = value
-    return result
+def words(text: str) -> tuple[str, ...]:
+    """Return the words between commas."""
+    return tuple(filter(None, map(str.strip, text.split(','))))
 
 
 def load_setup(options: argparse.Namespace, more: Mapping[str, Any] | None = None
@@ -147,7 +192,10 @@ def load_setup(options: argparse.Namespace, more: Mapping[str, Any] | None = Non
     Values by node in `more` override those of the options. Gains that are taken beside those of
     the file are said in a line.
     """
-    file, over = find_file(options.params_file), overrides(options)
+    file, over = find_config(options.params_file), dict[str, dict[str, Any]]()
+    for name, section in _SECTIONS.items():
+        if getattr(options, name, None) is not None:
+            over.setdefault(section, {})[name] = getattr(options, name)
     for node, values in (more or {}).items():
         over.setdefault(node, {}).update(values)
     with given_by_user({name for values in over.values() for name in values}):
@@ -158,13 +206,6 @@ def load_setup(options: argparse.Namespace, more: Mapping[str, Any] | None = Non
     return file, over, setup
 
 
-def check(option: str, value: float, minimum: float, exclusive: bool = False) -> None:
-    """Raise `UsageError` unless the value of an option is finite and large enough."""
-    with given_by_user([option]):
-        Parameter(option, type(value).__name__, None, '', minimum=minimum,
-                  exclusive=exclusive).check(value, 0)
-
-
 def numbers(option: str, text: str, n: int = 0, allowed: str = '',
             is_allowed: Callable[[float], bool] = isfinite) -> tuple[float, ...]:
     """
@@ -173,19 +214,11 @@ def numbers(option: str, text: str, n: int = 0, allowed: str = '',
     These are n, one for each joint or one for all; where n is 0, as many as there are.
     """
     try:
-        values = [float(x) for x in text.split(',')]
+        values = _KINDS['float[]'](text)
     except ValueError:
-        values = []
+        values = ()
     if len(values) not in (1, n or len(values) or 1) or not all(map(is_allowed, values)):
         shown = text if len(text) < 100 else f'{text[:100]}…'
         raise UsageError(f'{option}: {shown} is not allowed; allowed: a number{allowed}, or '
                          f'{n or "one for each joint,"} with commas')
-    return tuple(values * n if n and len(values) == 1 else values)
-
-
-def number_of_jobs(number: int | None) -> int:
-    """Return the number of processes; by default all processors, or one without dask."""
-    default = os.cpu_count() or 1 if find_spec('distributed') else 1
-    jobs = default if number is None else number
-    check('--jobs', jobs, 1)
-    return jobs
+    return values * n if n and len(values) == 1 else tuple(values)

@@ -12,20 +12,79 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Results of runs as figures, metrics and page, and as a table on the terminal."""
+"""What commands show: progress, results of runs as a table, and where the page is."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
+import io
 from pathlib import Path
+import sys
+from typing import Any
 
-from ctc_chattering.analysis.result import Result
-from ctc_chattering.analysis.run_names import names
-from ctc_chattering.analysis.tables import measured, print_columns
+from tqdm import tqdm
+
+#: Time between lines where there is no terminal [s].
+_SELDOM = 10.0
 
 
-def present(results: Sequence[Result], bags: Sequence[Path], out: Path,
-            extra: str = 'svg', command: str = '') -> int:
+@contextmanager
+def progress(title: str, total: float = 0.0, unit: str = 's') -> Iterator[Callable[..., None]]:
+    """
+    Yield a function of what is done, and of all there is, which shows a bar.
+
+    There is no bar before its first call: what is refused until then is one line. Where the output
+    is no terminal, there are lines, and seldom.
+
+    Parameters
+    ----------
+    title : str
+        What stands before the bar.
+    total : float
+        All there is, until a call says otherwise; 0 without an end.
+    unit : str
+        ``s`` for simulated time, otherwise of what is counted.
+
+    """
+    bars: list[Any] = []
+    terminal = sys.stderr.isatty()
+    form = '{desc}: {bar} {n_fmt}/{total_fmt} {unit} [{elapsed}]'
+    if unit == 's':
+        form = '{desc} {bar} {n:.1f} of {total:g} s [{elapsed}]' if total else '{desc} {n:.1f} s'
+    often: dict[str, Any] = {'mininterval': 0.2} if terminal else {
+        'file': _Lines(), 'mininterval': _SELDOM, 'maxinterval': _SELDOM}
+
+    def moved(done: float, whole: float = total) -> None:
+        if not bars:
+            bars.append(tqdm(desc=title, total=whole or None, unit=unit, **often,
+                             bar_format=form if terminal else form.replace('{bar} ', '')))
+        bars[0].total = whole or None
+        bars[0].n = min(done, whole) if whole else done
+        with suppress(OSError):  # Nobody reads it any more.
+            bars[0].update(0)
+    try:
+        yield moved
+    finally:
+        for bar in bars:
+            bar.close()
+
+
+class _Lines(io.TextIOBase):
+    """Prints what tqdm draws over itself as lines, each once."""
+
+    _last = ''
+
+    def write(self, text: str) -> int:
+        line = text.strip()
+        if line and line != self._last:
+            self._last = line
+            print(line, file=sys.stderr, flush=True)
+        return len(text)
+
+
+def present(results: Sequence[Any], bags: Sequence[Path], out: Path, extra: str = 'svg',
+            command: str = '') -> int:
     """Write figures, metrics, samples and page into `out`; the figures as `extra` as well."""
     from ctc_chattering.analysis.run_page import PAGE, write_runs
     print(f'drawing {len(results)} run{"s" if len(results) > 1 else ""} ...', flush=True)
@@ -40,8 +99,10 @@ def print_page(page: Path, *commands: str) -> None:
     print('; '.join([f'open {page}', *commands]))
 
 
-def print_results(results: Sequence[Result]) -> None:
-    """Print the runs' numbers in a table."""
+def print_results(results: Sequence[Any]) -> None:
+    """Print the numbers of runs, each a `Result`, in a table."""
+    from ctc_chattering.analysis.run_names import names
+    from ctc_chattering.analysis.tables import measured, print_columns
     rows: list[Sequence[str]] = [(
         'run', 'RMS e [rad]', 'max |e|_1 [rad]', 'torque variation [N*m/s]', 'v reached [s]')]
     notes = []

@@ -12,40 +12,63 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Parameter files in the syntax of ROS 2, read and checked without ROS."""
+"""
+Parameter files in the syntax of ROS 2, read and checked without ROS.
+
+`read` returns what a file says, section by section; `load` gives every node its values, checks
+them, and returns a `Setup`. `load_parameters` is `load` for users of the package: it takes names
+of the package's files, and gives a law its gains (`with_gains`).
+"""
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from operator import itemgetter
 from pathlib import Path
 from typing import Any
 
-from ctc_chattering.configuration.events import parse_events
 from ctc_chattering.configuration.loop_setup import (
     check_agreement,
     check_motion,
+    check_overrides,
     made,
     Overrides,
     Setup,
     Values,
 )
 from ctc_chattering.configuration.node_parameters import LOOP, NODES, parameters_of
-from ctc_chattering.configuration.package_share import read_description
-from ctc_chattering.configuration.trajectory_file import read_trajectory
-from ctc_chattering.configuration.yaml_file import Dumper, read_yaml
+from ctc_chattering.configuration.package_share import find_config, read_description
+from ctc_chattering.configuration.yaml_file import (
+    Dumper,
+    parse_value,
+    read_trajectory,
+    read_yaml,
+)
 from ctc_chattering.control.controller_config import ControllerConfig
-from ctc_chattering.control.recommended_gains import model_torque
+from ctc_chattering.control.recommended_gains import (
+    GainChoice,
+    GAINS,
+    LAW,
+    model_torque,
+    suitable_gains,
+)
+from ctc_chattering.controller.trips import change_steps
 from ctc_chattering.dynamics.registry import kept_model_of
-from ctc_chattering.errors import CtcError, near, UsageError
+from ctc_chattering.errors import CtcError, near, ParameterError, UsageError
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.parameters import Config
+from ctc_chattering.simulation.closed_loop import Event
 import yaml
 
 #: Section whose parameters apply to every node that has them.
 EVERY_NODE = '/**'
 #: Parameters of every ROS node; without ROS they have no effect.
 OF_ROS = ('use_sim_time', 'start_type_description_service')
+#: Whose gains a law takes: those of the file, or the recommended ones.
+FROM_FILE, RECOMMENDED = 'file', 'recommended'
+#: Duration of the smooth start that goes with recommended gains [s].
+_START = 2.0
 
 
 def load(path: Path | None, overrides: Overrides | None = None) -> Setup:
@@ -212,3 +235,176 @@ def _build(kind: type[Config], values: Values, node: str) -> Config:
     known = kind.parameters()
     return made(node, kind.from_mapping, {
         name: x for name, x in values.items() if name in known})
+
+
+def parse_events(lines: Sequence[str], configs: Mapping[str, Any],
+                 model_torque: Callable[[], Array | None] = lambda: None) -> tuple[Event, ...]:
+    """
+    Return the events that `lines` describe, each "time node parameter value".
+
+    Where no line has gains, a law comes with those that `GainChoice` decides.
+
+    Parameters
+    ----------
+    lines : sequence of str
+        The value is YAML; empty lines are ignored.
+    configs : mapping
+        Configuration of each node that can have events, at the start of the run.
+    model_torque : callable, optional
+        Returns `model_torque` of the controller; None while it is not known.
+
+    Raises
+    ------
+    CtcError
+        For a line of another form, a parameter that cannot change while the node runs,
+        or a value that is not allowed.
+
+    """
+    events = []
+    for line in filter(None, lines):
+        words = line.split(None, 3)
+        try:
+            time, (node, name, value) = float(words[0]), words[1:]
+            spec = configs[node].parameters().get(name)
+        except (ValueError, IndexError, KeyError):
+            raise ParameterError(
+                'events', line, '"time node parameter value", node ' + ' | '.join(configs)
+            ) from None
+        if not 0.0 <= time < float('inf'):
+            raise ParameterError('events', line, 'a time >= 0')
+        if spec is not None and spec.read_only:
+            raise ParameterError('events', name, 'a parameter that can change during the run')
+        try:
+            events.append((time, node, name, parse_value(value)))
+        except CtcError:
+            raise ParameterError('events', line, 'a value in YAML, not null') from None
+    events.sort(key=itemgetter(0))
+    current, choice = dict(configs), GainChoice()
+    without_gains = not any(name in GAINS for _, _, name, _ in events)
+    result = []
+    for time, node, name, value in events:
+        before, values = current[node], {name: value}
+        if name == 'law':
+            law = before.changed(values).law
+            if law == LAW != before.law:
+                choice.torque = model_torque()
+            taken = choice.of_law(law, before)
+            values |= {x: taken[x] if without_gains else before.as_mapping()[x] for x in taken}
+        current[node] = before.changed(values)
+        wanted = {x: current[node].as_mapping()[x] for x in values}
+        if node == 'controller':  # A file that names a large change confirms it.
+            old = before.as_mapping()
+            result += [Event(time, node, {x: step}) for x, value in wanted.items()
+                       for step in change_steps(before.parameters()[x], old[x], value,
+                                                len(old['joint_names']))[:-1]]
+        result.append(Event(time, node, wanted))
+    return tuple(result)
+
+
+def with_gains(path: Path | None, overrides: Overrides, gains: str | None = None
+               ) -> tuple[dict[str, dict[str, Any]], str]:
+    """
+    Return overrides with the gains that their law takes where they have none.
+
+    Parameters
+    ----------
+    path : Path or None
+        As `load` takes it.
+    overrides : mapping
+        Values by node and parameter.
+    gains : {'file', 'recommended'}, optional
+        Whose gains are taken; where left out, what `GainChoice` decides for a law that file or
+        overrides choose without gains.
+
+    Returns
+    -------
+    overrides : dict
+        With gains, and a smooth start where they are recommended ones.
+    line : str
+        What was added, for the user; empty for nothing.
+
+    Raises
+    ------
+    UsageError
+        If gains of a law are asked for that has no recommended ones.
+    CtcError
+        As `load` does.
+
+    """
+    found = {node: dict(values) for node, values in overrides.items()}
+    given = node_values(found, 'controller', 'overrides')
+    in_file = node_values(read(path) if path else {}, 'controller', str(path))
+    of_file = in_file.get('law')
+    law = given.get('law', of_file)
+    chosen = given.keys().isdisjoint(GAINS) and (
+        in_file.keys().isdisjoint(GAINS) if law == of_file == LAW
+        else (law == LAW) != (of_file == LAW))
+    if gains == FROM_FILE or (gains is None and not chosen):
+        return found, ''
+    if gains is not None and law != LAW:
+        raise UsageError(f'--gains {gains}: {law} has no recommended '
+                         f'gains; allowed with --law {LAW}')
+    setup = load(path, found)
+    torque = known_model_torque(setup.controller, setup.descriptions) if law == LAW else None
+    taken = {name: x for name, x in suitable_gains(str(law), setup.controller, torque).items()
+             if name not in given}
+    found.setdefault('controller', {}).update(taken)
+    text = ', '.join(f'{name} {_shown(x)}' for name, x in taken.items())
+    if law == LAW:
+        start = found.setdefault('reference', {}).setdefault(
+            'start_duration', max(setup.reference.start_duration, _START))
+        text += f', and start_duration {start} s for a smooth start'
+    return found, (f'law {law} takes recommended gains: {text}; --gains file takes those of the '
+                   'file')
+
+
+def _shown(value: float | tuple[float, ...]) -> str:
+    """Return a gain, once if it is the same for all joints."""
+    values = value if isinstance(value, tuple) else (value,)
+    return f'{values[0]:g}' if len(set(values)) == 1 else '/'.join(f'{x:g}' for x in values)
+
+
+def load_parameters(path: str | Path = 'friction', overrides: Overrides | None = None,
+                    gains: str | None = None) -> Setup:
+    """
+    Return the configurations of plant, controller and reference, and the events, of a file.
+
+    A law that the overrides choose without gains takes recommended ones where those of the file
+    do not suit it, as under ``ctc simulate --law``: `observer_feedback` has gains of its own.
+
+    Parameters
+    ----------
+    path : str or Path
+        A parameter file, or the name of one of the package: ``friction``, ``disturbance``,
+        ``switch``, ``switching`` (the paper's arm), ``panda``, ``ur5``.
+    overrides : mapping, optional
+        Values by node and parameter that override the file's. Nodes are ``plant``,
+        ``controller``, ``reference``, …, or ``/**`` for all that have the parameter; the
+        parameters are in docs/parameters.md.
+    gains : {'file', 'recommended'}, optional
+        Take the gains of the file in any case, or the recommended ones of `observer_feedback`.
+
+    Returns
+    -------
+    Setup
+        For `simulate`.
+
+    Raises
+    ------
+    CtcError
+        If the file cannot be read, or something in it is not allowed.
+
+    Examples
+    --------
+    >>> from ctc_chattering import load_parameters
+    >>> setup = load_parameters('friction', {
+    ...     'plant': {'duration': 6.0}, 'controller': {'law': 'integral', 'ki': 50.0}})
+    >>> setup.controller.law, setup.controller.ki
+    ('integral', (50.0, 50.0))
+
+    """
+    check_overrides('overrides', overrides or {}, (*NODES, EVERY_NODE))
+    if gains not in (None, FROM_FILE, RECOMMENDED):
+        raise ParameterError('gains', gains, f'{FROM_FILE} | {RECOMMENDED}')
+    file = find_config(path) if isinstance(path, str) else path
+    return load(file, with_gains(file, overrides or {}, gains)[0])

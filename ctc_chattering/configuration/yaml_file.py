@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""YAML files, with numbers as ROS reads them, and every key once."""
+"""YAML files, with numbers as ROS reads them, and every key once; among them waypoints."""
 
 from __future__ import annotations
 
@@ -22,7 +22,15 @@ import re
 from typing import Any
 
 from ctc_chattering.errors import CtcError, near, ParameterError
+from ctc_chattering.numerics.time_grid import NANOSECONDS, seconds
+from ctc_chattering.parameters import Parameter
+from ctc_chattering.trajectory.motions import Route
 import yaml
+
+#: Times of messages are 32-bit seconds.
+_LATEST = 2 ** 31
+#: Decimal places of positions, velocities and accelerations in a file.
+_PLACES = 8
 
 
 class Loader(yaml.SafeLoader):
@@ -107,3 +115,95 @@ def mapping(name: str, value: object, keys: Sequence[str]) -> dict[Any, Any]:
         if key not in keys:
             raise ParameterError(name, key, allowed + near(key, keys))
     return value
+
+
+def read_trajectory(path: Path, joint_names: Sequence[str]) -> Route:
+    """
+    Return the waypoints of a file, checked, in the order of `joint_names`.
+
+    The file has `joint_names` and `points`, each of these with `positions`, `time_from_start` (a
+    number of seconds, or `sec` and `nanosec`), and maybe `velocities` and `accelerations`. A
+    `header` is ignored: times count from the start of the motion.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    joint_names : sequence of str
+        Joints of the desired motion; the file is for all of them and no other.
+
+    Raises
+    ------
+    CtcError
+        With the file, the point and the allowed values.
+
+    """
+    tree = read_yaml(path)
+    try:
+        return _route(tree).ordered(joint_names)
+    except ParameterError as error:
+        raise ParameterError(f'{path}: {error.name}', error.value, error.allowed) from None
+    except RecursionError:
+        raise ParameterError(str(path), '', 'a trajectory that does not contain itself') from None
+
+
+def write_trajectory(route: Route, path: Path) -> None:
+    """
+    Write waypoints as `read_trajectory` reads them.
+
+    Parameters
+    ----------
+    route : Route
+        The waypoints.
+    path : Path
+        File to write.
+
+    Raises
+    ------
+    CtcError
+        If it cannot be written.
+
+    """
+    points = []
+    for t, point in zip(route.times, route.points):
+        rows = zip(('positions', 'velocities', 'accelerations'), point)
+        points.append({'time_from_start': seconds(t),
+                       **{name: [round(float(x), _PLACES) + 0.0 for x in row]
+                          for name, row in rows if row}})
+    text = yaml.dump({'joint_names': list(route.names), 'points': points}, Dumper=Dumper,
+                     default_flow_style=None, sort_keys=False, width=99)
+    try:
+        path.write_text(text, encoding='utf-8')
+    except OSError as error:
+        raise CtcError(f'cannot write {path}: {error.strerror or error}') from None
+
+
+def _route(tree: object) -> Route:
+    values = mapping('trajectory', tree, ('joint_names', 'points', 'header'))
+    names = Parameter('joint_names', 'str[]', (), '').coerce(values.get('joint_names'))
+    rows = values.get('points')
+    if not isinstance(rows, list):
+        raise ParameterError('points', rows, 'a list of points')
+    times, points = [], []
+    for i, row in enumerate(rows):
+        name = f'points[{i}]'
+        point = mapping(name, row, (
+            'positions', 'velocities', 'accelerations', 'effort', 'time_from_start'))
+        if point.get('effort', []) != []:
+            raise ParameterError(f'{name}.effort', point['effort'], 'none: it would not be used')
+        times.append(_nanoseconds(f'{name}.time_from_start', point.get('time_from_start')))
+        points.append((point.get('positions'), point.get('velocities', []),
+                       point.get('accelerations', [])))
+    return Route(names, times, points)  # type: ignore[arg-type]
+
+
+def _nanoseconds(name: str, value: object) -> int:
+    if isinstance(value, dict) and value and set(value) <= {'sec', 'nanosec'}:
+        sec, nanosec = value.get('sec', 0), value.get('nanosec', 0)
+        if (type(sec) is type(nanosec) is int and 0 <= sec < _LATEST
+                and 0 <= nanosec < NANOSECONDS):
+            return sec * NANOSECONDS + nanosec
+    elif (isinstance(value, (int, float)) and not isinstance(value, bool)
+            and 0 <= value < _LATEST):
+        return round(value * NANOSECONDS)
+    raise ParameterError(name, value, 'a number of seconds >= 0, or integers sec and nanosec')

@@ -23,7 +23,7 @@ import tempfile
 
 from ctc_chattering.cli import options
 from ctc_chattering.cli.command_line import guarded
-from ctc_chattering.cli.options import number_of_jobs
+from ctc_chattering.cli.ctc import make_parser
 from ctc_commands import ctc, refused, ROOT
 import pytest
 
@@ -43,7 +43,7 @@ WRONG = {
     'compare friction --jobs -1': ['--jobs', '>= 1'],
     'excite --evaluations 0': ['--evaluations', '>= 1'],
     'excite --poses 0': ['poses', '>= 1'],
-    'excite --center a': ['center', 'a number'],
+    'excite --center a': ['center', "'a'", 'numbers'],
     'excite --friction -1': ['friction', '>= 0'],
     'check-model --model two_lnk': ['did you mean two_link?'],
     'check-model --model urdf': ['--urdf'],
@@ -116,6 +116,8 @@ def test_a_defect_is_one_line_that_names_a_file_with_the_traceback(
 def test_without_dask_one_process_is_taken_unless_more_are_asked_for(
         monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr('os.cpu_count', lambda: 8)
-    assert (number_of_jobs(None), number_of_jobs(3)) == (8, 3)
-    monkeypatch.setattr(options, 'find_spec', lambda _: None)
-    assert (number_of_jobs(None), number_of_jobs(3)) == (1, 3)
+    for default in (8, 1):
+        parser = make_parser(['compare'])
+        assert parser.parse_args(['compare', 'friction']).jobs == default
+        assert parser.parse_args(['compare', 'friction', '--jobs', '3']).jobs == 3
+        monkeypatch.setattr(options, 'find_spec', lambda _: None)

@@ -292,7 +292,7 @@ def test_the_first_help_loads_no_command() -> None:
     code = ('import sys\nfrom ctc_chattering.cli.ctc import main\n'
             'try:\n    main(["--help"])\nexcept SystemExit:\n'
             '    print("loaded:", sorted(set(sys.modules) & {'
-            '"numpy", "yaml", "jinja2", "ctc_chattering.cli.commands"}))')
+            '"numpy", "yaml", "jinja2", "ctc_chattering.cli.options"}))')
     assert python('-c', code).stdout.endswith('\nloaded: []\n')
 
 

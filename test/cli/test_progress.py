@@ -24,21 +24,23 @@ import subprocess
 import sys
 import termios
 
-from ctc_chattering.cli.progress import Progress, progress_bar
+from ctc_chattering.cli.presentation import progress
 import pytest
+from tqdm import tqdm
 
 SCRIPT = """
-from ctc_chattering.cli.progress import progress_bar
-for _ in progress_bar(range(3), desc='map', unit='run'): pass
+from ctc_chattering.cli.presentation import progress
+with progress('map', unit='run') as moved:
+    for k in range(4): moved(k, 3)
 """
 
 
 def test_a_run_prints_its_begin_and_its_end(capfd: pytest.CaptureFixture[str]) -> None:
-    with Progress('friction', 2.0) as progress:
+    with progress('friction', 2.0) as moved:
         for k in range(201):
-            progress(0.01 * k)
+            moved(0.01 * k)
             if k == 100:
-                progress.write('1 s: law compensation')
+                tqdm.write('1 s: law compensation')
     said = capfd.readouterr()
     assert '\r' not in said.err and said.err.endswith('\n')
     lines = said.err.splitlines()
@@ -48,9 +50,12 @@ def test_a_run_prints_its_begin_and_its_end(capfd: pytest.CaptureFixture[str]) -
 
 
 def test_a_bar_prints_its_begin_and_its_end(capfd: pytest.CaptureFixture[str]) -> None:
-    assert list(progress_bar(range(3), desc='map', unit='run')) == [0, 1, 2]
-    with progress_bar(total=5, desc='tune', unit='run') as bar:
-        bar.update(5)
+    with progress('map', unit='run') as moved:
+        for k in range(4):
+            moved(k, 3)
+    with progress('tune', unit='run') as moved:
+        moved(0, 5)
+        moved(5, 5)
     said = capfd.readouterr().err
     assert '\r' not in said
     assert [x.partition(' [')[0] for x in said.splitlines()] == [

@@ -21,10 +21,10 @@ from pathlib import Path
 from typing import Any
 
 from ctc_chattering.configuration import parameter_file
-from ctc_chattering.configuration.loading import load_parameters, with_gains
 from ctc_chattering.configuration.loop_setup import Setup
 from ctc_chattering.configuration.node_parameters import LOOP, NODES
 from ctc_chattering.configuration.package_share import find_config
+from ctc_chattering.configuration.parameter_file import load_parameters, with_gains
 from ctc_chattering.control.recommended_gains import GAINS
 from ctc_chattering.dynamics.registry import model_of
 from ctc_chattering.errors import CtcError, UsageError

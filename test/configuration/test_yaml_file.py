@@ -20,8 +20,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from ctc_chattering.configuration import parameter_file
-from ctc_chattering.configuration.trajectory_file import read_trajectory
-from ctc_chattering.configuration.yaml_file import parse_value, read_yaml
+from ctc_chattering.configuration.yaml_file import parse_value, read_trajectory, read_yaml
 from ctc_chattering.errors import CtcError
 from ctc_chattering.ros.ros_arguments import parse
 from ctc_chattering.runs.spec import read_spec

@@ -273,8 +273,10 @@ def test_what_the_command_prints_and_writes(tmp_path: Path) -> None:
     (['--velocity-limit', '2.5'], ['velocity_limit of panda_joint1: 2.5', '2.175']),
     (['--velocity-limit', '0'], ['velocity_limit: ', '>= 1e-09']),
     (['--acceleration-limit', 'nan'], ['acceleration_limit']),
-    (['--position-range', '1,2'], ['position_range: 1,2', '7 with commas']),
-    (['--position-range', 'wide'], ['position_range: wide', 'a number, or 7 with commas']),
+    (['--position-range', '1,2'], [
+        'position_range: [1.0, 2.0]', 'one per joint (n = 7, got 2 values)']),
+    (['--position-range', 'wide'], [
+        "--position-range: 'wide'", 'numbers', 'one for all or one per joint']),
     (['--velocity-scale', '1.5'], ['velocity_scale: 1.5', '<= 1']),
     (['--friction', '-1'], ['friction', '>= 0']),
     (['--friction', '60'], ['peak torque of panda_joint', 'at most 12 N*m, its effort limit']),

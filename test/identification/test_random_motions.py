@@ -18,7 +18,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from ctc_chattering.configuration.trajectory_file import read_trajectory, write_trajectory
+from ctc_chattering.configuration.yaml_file import read_trajectory, write_trajectory
 from ctc_chattering.errors import ParameterError
 from ctc_chattering.identification.random_motions import (
     Bounds,

@@ -106,7 +106,7 @@ def test_what_is_numeric_knows_nothing_of_ros() -> None:
 @pytest.mark.parametrize('name', ctc_chattering.__all__)
 def test_each_public_name_is_there_and_typed(name: str) -> None:
     assert getattr(ctc_chattering, name) is not None
-    source = (ROOT / '__init__.py').read_text(encoding='utf-8')
+    source = (ROOT / '__init__.pyi').read_text(encoding='utf-8')
     assert name == '__version__' or f' import {name} as {name}\n' in source
 
 

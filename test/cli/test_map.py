@@ -176,7 +176,7 @@ def test_what_the_machine_cannot_do_ends_the_map(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(('words', 'expected'), [
     (('--jobs', 0), ['--jobs', '0', '>= 1']),
-    (('--jobs', 2, '--scheduler', 'tcp://a:1'), ['--jobs and --scheduler exclude']),
+    (('--jobs', 2, '--scheduler', 'tcp://a:1'), ['--scheduler: not allowed with argument --jobs']),
     (('--scheduler', 'nowhere'), ['--scheduler nowhere', 'no scheduler answers']),
     (('--explain', 'law=soft'), ['--explain law=soft', 'friction']),
     (('--explain', '24'), ['run: 24', '0 to 23'])])

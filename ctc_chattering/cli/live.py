@@ -18,24 +18,21 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable
-from contextlib import ExitStack
+from contextlib import closing, ExitStack
 from pathlib import Path
 import sys
 from typing import Any, TYPE_CHECKING
 
 from ctc_chattering.cli.command_line import say
-from ctc_chattering.cli.options import add_own, is_parameter_file, own
+from ctc_chattering.cli.options import add_number, add_own, own
+from ctc_chattering.configuration.package_share import config_directory
 from ctc_chattering.errors import CtcError, UsageError
 
 if TYPE_CHECKING:
     from ctc_chattering.live.page import Page
 
-DETAILS = ('Without a bag the page shows the running graph, and its controls change law, gains '
-           'and plant; arguments after --ros-args are for ROS, such as -r __ns:=/robot1. Two bags '
-           'are shown side by side.')
 
-
-def add_options(parser: argparse.ArgumentParser) -> None:
+def live_options(parser: argparse.ArgumentParser) -> None:
     """Add the options of `ctc live`."""
     parser.add_argument('bags', nargs='*', type=Path, metavar='BAG',
                         help='bag, or a parameter file (panda, for example): its graph is started '
@@ -47,8 +44,8 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--host', default='127.0.0.1', metavar='H',
                         help='address to listen on, default: 127.0.0.1, which other machines '
                              'cannot reach')
-    parser.add_argument('--port', type=int, metavar='N',
-                        help='port, default: the first free one from 8080 on')
+    add_number(parser, '--port', 'port, default: the first free one from 8080 on',
+               minimum=0, maximum=65535)
     parser.add_argument('--open', action=argparse.BooleanOptionalAction, default=None,
                         help='open the page in a browser here, default: if in a terminal')
     parser.add_argument('--bags-in', type=Path, default=Path(), metavar='DIR',
@@ -59,11 +56,15 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--parent', type=int, help=argparse.SUPPRESS)
 
 
-def run(options: argparse.Namespace) -> int:
-    """Run `ctc live`."""
-    if options.port is not None and not 0 <= options.port < 65536:
-        raise UsageError(f'--port {options.port}: allowed: 0 to 65535')
-    if len(options.bags) == 1 and is_parameter_file(str(options.bags[0])):
+def run_live(options: argparse.Namespace) -> int:
+    """
+    Run `ctc live`.
+
+    Without a bag the page shows the running graph, and its controls change law, gains and plant;
+    arguments after --ros-args are for ROS, such as -r __ns:=/robot1. Two bags are shown side by
+    side.
+    """
+    if len(options.bags) == 1 and _is_parameter_file(options.bags[0]):
         from ctc_chattering.cli.bringup import bringup
         return bringup([str(options.bags[0]), '--pacing', 'real_time', '--duration', '0', '--live',
                         *options.ros_args])
@@ -93,6 +94,12 @@ def run(options: argparse.Namespace) -> int:
     return 0
 
 
+def _is_parameter_file(path: Path) -> bool:
+    """Return whether a parameter file is named, and no bag: one of the package, or YAML."""
+    return path.suffix == '.yaml' or (
+        not path.exists() and (config_directory() / f'{path}.yaml').exists())
+
+
 def _serve(options: argparse.Namespace, make_page: Callable[..., Page]) -> None:
     """Serve the page until a signal comes."""
     from ctc_chattering.ros.process import collect_signals
@@ -103,11 +110,8 @@ def _serve(options: argparse.Namespace, make_page: Callable[..., Page]) -> None:
     if options.bags:
         from ctc_chattering.live.bag_page import BagPage
         runs = _runs(options)
-        page = make_page()
-        try:
+        with closing(make_page()) as page:
             BagPage(page, runs).run(stop)
-        finally:
-            page.close()
         return
     from ctc_chattering.live.graph_page import run_graph_page
     run_graph_page(make_page, stop, options.ros_args, not options.read_only, options.bags_in)

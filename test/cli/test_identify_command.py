@@ -67,7 +67,7 @@ def test_errors_are_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str])
         return text
     assert 'no such bag' in said(str(tmp_path / 'nothing'))
     assert 'no robot description: give --urdf FILE, or --model' in said(bag)
-    assert '--trials: -1 is not allowed; allowed: 0 or more' in said(bag, '--trials', '-1')
+    assert '--trials: -1 is not allowed; allowed: an integer >= 0' in said(bag, '--trials', '-1')
     assert '--torque-rate: -1' in said(bag, '--model', 'two_link', '--torque-rate', '-1')
     assert 'without a gap; at least 2 s' in said(bag, '--model', 'two_link')
     still = recorded_bag(tmp_path / 'still', made, q=np.zeros_like(made.run.q))

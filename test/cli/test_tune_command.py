@@ -112,7 +112,8 @@ def test_limits_that_nothing_keeps_are_a_failure_with_all_files(
 
 @pytest.mark.parametrize(('arguments', 'words'), [
     (['--trials', '0'], '--trials: 0 is not allowed'),
-    (['--percentile', '0'], '--percentile: 0.0 is not allowed; allowed: a number > 0 and <='),
+    (['--percentile', '0'],
+     '--percentile: 0.0 is not allowed; allowed: a finite number >= 1e-09 and <= 100'),
     (['--percentile', '101'], '--percentile: 101.0 is not allowed'),
     (['--jobs', '0'], '--jobs: 0 is not allowed'),
     (['--seed', '-1'], 'spec.yaml: seed: -1 is not allowed'),

@@ -1,0 +1,131 @@
+# Copyright 2026 The ctc_chattering maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""`ctc plot`, `export`, `replay`, `repair`: what is done with bags."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from ctc_chattering.analysis.output import prepare
+from ctc_chattering.cli.command_line import say
+from ctc_chattering.cli.options import (
+    add_bag,
+    add_format,
+    add_number,
+    add_output,
+    add_own,
+    own,
+)
+from ctc_chattering.errors import CtcError
+
+
+def plot_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options of `ctc plot`."""
+    parser.add_argument('bags', nargs='+', type=Path, metavar='BAG',
+                        help='bag, or directory of bags')
+    add_own(parser)
+    add_format(parser)
+    add_output(parser, 'plots')
+
+
+def run_plot(options: argparse.Namespace) -> int:
+    """
+    Run `ctc plot`.
+
+    Write them with metrics.json and index.html. Several bags are compared.
+    """
+    from ctc_chattering.analysis.run_page import NAMES
+    from ctc_chattering.bags.reader import find_bags, read_bag
+    from ctc_chattering.cli.presentation import present
+
+    bags, results = [], []
+    for path in options.bags:
+        found = find_bags(path)
+        for bag in found or [path]:
+            try:
+                results.append(read_bag(bag, **own(options)))
+                bags.append(bag)
+            except CtcError as error:
+                if not found:
+                    raise
+                say(f'left out: {error}')
+    if not results:
+        raise CtcError(f'no bag of this package in {", ".join(map(str, options.bags))}')
+    out = prepare(options.out, NAMES, options.overwrite)
+    return present(results, bags, out, options.format, options.said)
+
+
+def export_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options of `ctc export`."""
+    add_bag(parser)
+    add_own(parser)
+    parser.add_argument('--csv', action='store_true',
+                        help='write trajectory.csv instead of trajectory.npz')
+    add_output(parser, 'export')
+
+
+def run_export(options: argparse.Namespace) -> int:
+    """
+    Run `ctc export`.
+
+    Write trajectory.npz, which also has the gains, or trajectory.csv, with names and units of the
+    joints.
+    """
+    from ctc_chattering.analysis.result import export
+    from ctc_chattering.bags.reader import read_bag
+
+    result = read_bag(options.bag, **own(options))
+    name = 'trajectory.csv' if options.csv else 'trajectory.npz'
+    out = prepare(options.out, (name,), options.overwrite)
+    export(result, out / name)
+    print(f'{len(result.t)} samples: {out / name}')
+    return 0
+
+
+def replay_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options of `ctc replay`."""
+    add_bag(parser)
+    add_number(parser, '--rate', 'speed factor', 1.0, 'float', minimum=0.0, exclusive=True)
+    add_number(parser, '--delay', 'time to wait for subscribers first', 1.0, 'float', unit='s',
+               minimum=0.0)
+
+
+def run_replay(options: argparse.Namespace) -> int:
+    """
+    Run `ctc replay`.
+
+    With its original timing, and /clock.
+    """
+    from ctc_chattering.bags.replay import replay
+    print(f'{replay(options.bag, options.rate, options.delay)} messages')
+    return 0
+
+
+repair_options = add_bag
+
+
+def run_repair(options: argparse.Namespace) -> int:
+    """
+    Run `ctc repair`.
+
+    Every tool can read it then; the damaged bag is kept beside it.
+    """
+    from ctc_chattering.bags.repair import repair
+
+    done = repair(options.bag)
+    print(f'{options.bag}: '
+          + (f'{done[0]}; the damaged bag is now {done[1]}' if done else 'nothing to repair'))
+    return 0

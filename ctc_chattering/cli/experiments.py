@@ -1,0 +1,122 @@
+# Copyright 2026 The ctc_chattering maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""`ctc simulate`, `reproduce`, `compile`: single runs, and machine code for them."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable
+from contextlib import ExitStack
+import time
+
+from ctc_chattering.analysis.output import prepare
+from ctc_chattering.cli.command_line import say
+from ctc_chattering.cli.options import add_format, add_output, add_run_options, load_setup
+from ctc_chattering.cli.presentation import present, print_results, progress
+from ctc_chattering.configuration import parameter_file
+
+#: Simulated duration of a run without an end [s].
+_DURATION = 10.0
+_SAMPLES = 'trajectory.npz'
+
+
+def simulate_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options of `ctc simulate`."""
+    add_run_options(parser)
+    add_output(parser)
+
+
+def run_simulate(options: argparse.Namespace) -> int:
+    """
+    Run `ctc simulate`.
+
+    Write metrics.json and trajectory.npz (t, q, dq, q_d, dq_d, ddq_d, tau, v, names, units,
+    gains).
+    """
+    from ctc_chattering.analysis.compilation import can_be_compiled, PLAIN, way
+    from ctc_chattering.analysis.result import METRICS, simulate, write_metrics, write_npz
+    from ctc_chattering.compiled.machine_code import HOW_TO_COMPILE
+
+    file, over, setup = load_setup(options)
+    if setup.plant.duration == 0.0:
+        say(f'duration is 0, no end: simulating {_DURATION:g} s')
+        over.setdefault('plant', {})['duration'] = _DURATION
+        setup = parameter_file.load(file, over)
+    if options.out is not None:
+        prepare(options.out, (METRICS, _SAMPLES), options.overwrite)
+    if way(setup) == PLAIN and can_be_compiled(setup):
+        say(HOW_TO_COMPILE)
+    duration = setup.plant.duration
+    with progress(f'experiment {setup.plant.experiment}:', duration) as moved:
+        result = simulate(setup, moved)
+        moved(duration)
+    if options.out is not None:
+        write_metrics([result], options.out / METRICS)
+        write_npz(result, options.out / _SAMPLES)
+    print_results([result])
+    return 0
+
+
+def reproduce_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options of `ctc reproduce`."""
+    add_format(parser)
+    add_output(parser, 'results')
+
+
+def run_reproduce(options: argparse.Namespace) -> int:
+    """
+    Run `ctc reproduce`.
+
+    Write bags, figures, metrics.json and index.html.
+    """
+    from ctc_chattering.analysis.run_page import NAMES
+    from ctc_chattering.configuration.package_share import EXPERIMENTS
+    from ctc_chattering.runs.reproduction import BAGS, reproduce
+
+    out = prepare(options.out, (BAGS, *NAMES), options.overwrite)
+    width = max(len(experiment.name) for experiment in EXPERIMENTS)
+    shown: dict[str, Callable[..., None]] = {}
+    with ExitStack() as bars:
+        def moved(name: str, at: float, duration: float) -> None:
+            if name not in shown:
+                bars.close()  # That of the experiment before.
+                shown[name] = bars.enter_context(progress(f'{name:{width}}', duration))
+            shown[name](at)
+        results = reproduce(out, moved)
+    bags = [out / BAGS / experiment.name for experiment in EXPERIMENTS]
+    return present(results, bags, out, options.format, options.said)
+
+
+def compile_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options of `ctc compile`."""
+    add_run_options(parser)
+    parser.add_argument('--all', action='store_true', help='compile every law and switching')
+
+
+def run_compile(options: argparse.Namespace) -> int:
+    """
+    Run `ctc compile`.
+
+    Nodes, ctc simulate and all other commands then use it and run about 20 times as fast. It
+    serves all files with this law and number of joints.
+    """
+    from ctc_chattering.analysis.compilation import compile_setup
+    from ctc_chattering.compiled.machine_code import cache_directory
+
+    start, (_, _, setup) = time.monotonic(), load_setup(options)
+    made = compile_setup(setup, options.all, say)
+    print(f'{made} functions compiled in {time.monotonic() - start:.0f} s; the others were '
+          f'already compiled: {cache_directory()}')
+    return 0

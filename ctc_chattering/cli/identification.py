@@ -1,0 +1,295 @@
+# Copyright 2026 The ctc_chattering maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""`ctc excite` and `identify`: a motion that shows the friction, and what its bags tell."""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+from math import inf, isfinite
+from pathlib import Path
+
+from ctc_chattering.analysis.output import prepare
+from ctc_chattering.analysis.tables import columns, cut, paragraph, print_columns, WIDTH
+from ctc_chattering.bags.motion import read_motion
+from ctc_chattering.cli.command_line import say
+from ctc_chattering.cli.options import (
+    add_declared,
+    add_format,
+    add_number,
+    add_output,
+    add_params_file,
+    numbers,
+    words,
+)
+from ctc_chattering.cli.presentation import print_page
+from ctc_chattering.configuration import parameter_file
+from ctc_chattering.configuration.package_share import find_config, read_description
+from ctc_chattering.errors import CtcError, given_by_user, UsageError
+from ctc_chattering.identification.effort import check_effort, CURRENT, EffortNames, LINK, MOTOR
+from ctc_chattering.identification.excite import (
+    CHECK,
+    excite,
+    MOTION,
+    Plan,
+    request_of,
+    RUN,
+    write,
+)
+from ctc_chattering.identification.identified_robot import (
+    IdentifiedRobot,
+    identify,
+    NAMES,
+    PAGE,
+    VALUES,
+    write_identified,
+)
+from ctc_chattering.identification.random_motions import ExcitationConfig
+from ctc_chattering.parameters import Parameter
+import numpy as np
+
+#: What is asked of the motion: parameters that are options.
+_ASKED = {name: spec for name, spec in ExcitationConfig.parameters().items()
+          if name not in ('joint_names', 'start')}
+_ASKED['center'] = dataclasses.replace(
+    _ASKED['center'], description="centre of the motion, by default the reference's", default=None)
+_FRICTION = Parameter('friction', 'float[]', None, 'expected Coulomb friction, by default '
+                      "the plant's", unit='N*m', minimum=0.0, shape='n')
+#: Options that say what the effort is.
+_EFFORT = EffortNames('--effort', '--gear-ratio', '--torque-constant')
+
+
+def excite_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options of `ctc excite`."""
+    add_params_file(parser)
+    for spec in (*_ASKED.values(), _FRICTION):
+        add_declared(parser, spec)
+    parser.add_argument('--srdf', type=Path, metavar='FILE',
+                        help='do not check links that this SRDF allows to touch')
+    add_number(parser, '--floor', 'height of a floor in the frame of the root link', None,
+               'float', unit='m')
+    add_number(parser, '--evaluations', 'random motions, of which the first that keeps all limits '
+               'is taken', 20, minimum=1)
+    add_number(parser, '--seed', 'seed of the random motions', 0, minimum=0)
+    parser.add_argument('--for', dest='joints', type=words, default=(), metavar='A,B',
+                        help='joints that the motion is for: the others move little; default: all')
+    add_output(parser)
+
+
+def run_excite(options: argparse.Namespace) -> int:
+    """
+    Run `ctc excite`.
+
+    Slow reversals of every joint at a few poses, where it also creeps, then multisines, within the
+    limits of the description, all at random. Write motion.yaml, its waypoints, and run.yaml, the
+    parameter file with this motion under law compensation. Where the description has collision
+    shapes, links keep their distance from each other; obstacles around the robot are not known.
+    """
+    file = find_config(options.params_file)
+    # The motion of the reference is not played, and so may exceed the limits.
+    still = {'reference': {'amplitude': 0.0, 'trajectory_file': ''}}
+    setup, sections = parameter_file.load(file, still), parameter_file.read(file)
+    request = {name: x for name in _ASKED if (x := getattr(options, name)) is not None}
+    friction, n = options.friction, len(setup.controller.joint_names)
+    with given_by_user((*_ASKED, 'friction')):
+        request_of(setup, request)
+        if friction is not None:
+            friction = _FRICTION.coerce(friction, n)
+            _FRICTION.check(friction, n)
+    srdf = _text(options.srdf) if options.srdf is not None else ''
+    if options.out is not None and not options.overwrite:
+        prepare(options.out, (MOTION, RUN))  # Refused before the search rather than after it.
+    found = excite(setup, request, friction, options.evaluations, options.seed, srdf,
+                   options.floor, options.joints)
+    if options.out is not None:
+        write(found, sections, prepare(options.out, (MOTION, RUN), options.overwrite))
+    _show_motion(found)
+    if options.out is not None:
+        print(f'{len(found.excitation.route.times)} waypoints: {options.out / MOTION}; play them '
+              f'with bringup {options.out / RUN}')
+    return 0
+
+
+def _text(file: Path) -> str:
+    """Return the text of an SRDF."""
+    try:
+        return file.read_text(encoding='utf-8')
+    except (OSError, ValueError) as error:
+        raise CtcError(f'{file}: {getattr(error, "strerror", None) or "not a text file"}'
+                       ) from None
+
+
+def _show_motion(found: Plan) -> None:
+    """Print what the motion reaches of what it may, and what is foretold of it."""
+    motion, bounds = found.motion, found.bounds
+    rows: list[tuple[str, ...]] = [
+        ('joint', 'position', 'velocity', 'accel.', 'torque', 'kp', 'kv', 'sticks')]
+    for i, joint in enumerate(found.limits):
+        q = motion.q[:, i]
+        peaks = zip((np.abs(x[:, i]).max() for x in (motion.dq, motion.ddq, motion.tau)),
+                    (bounds.velocity[i], bounds.acceleration[i], found.effort[i]))
+        rows.append((
+            joint.name, f'{q.min():.2f} to {q.max():.2f}',
+            *(f'{most:.3g}/{limit:.4g}' for most, limit in peaks), f'{found.kp[i]:g}',
+            f'{found.kv[i]:g}', f'{found.hold[i]:.3f}'))
+    wide = max(map(len, columns([row[1:] for row in rows])))
+    print_columns([(cut(row[0], WIDTH - 2 - wide), *row[1:]) for row in rows])
+    (first, _), (_, last) = found.excitation.slow[0], found.excitation.creep[-1]
+    begin, end = found.excitation.sines
+    _say(f'slow reversals and creeping at {len(found.excitation.slow)} poses from {first:.1f} to '
+         f'{last:.1f} s, multisines from {begin:.1f} to {end:.1f} s')
+    _show_distances(found)
+    _warn(found)
+
+
+def _show_distances(found: Plan) -> None:
+    """Print what is known of collisions."""
+    links, near = found.checked.links, found.near
+    if links is None or near is None:
+        _say('warning: the motion is not checked for collisions of the robot with itself: '
+             f'{found.checked.reason}')
+        return
+    _say(f'nearest approach of two links: {links.text(near, CHECK * near.sample)} is kept')
+    for what, names in (('these touch at the centre', links.touching),
+                        ('no collision shapes of', links.unseen)):
+        if names:
+            _say(f'warning: not checked, {what}: {", ".join(names)}')
+
+
+def _say(text: str) -> None:
+    """Print text in lines that a terminal has room for."""
+    print('\n'.join(paragraph(text, 0)))
+
+
+def _warn(found: Plan) -> None:
+    """Print which limits are assumed, and on which joints the motion shows little."""
+    for quantity in ('velocity', 'acceleration'):
+        names = [joint.name for joint in found.limits if getattr(joint, quantity)[1] == inf]
+        if names:
+            _say(f'no {quantity} limit in the description, so the one above is assumed: '
+                 + ('all joints' if len(names) == len(found.limits) else ', '.join(names)))
+    held = [f'{joint.name} ({hold:.2g} of ±{slow:.2g} {joint.unit})' for joint, hold, slow in zip(
+        found.limits, found.hold, found.bounds.slow) if hold > 0.5 * slow]
+    if held:
+        _say('warning: friction may hold joints through much of their slow reversals: '
+             f'{", ".join(held)}; a greater position_range helps, a higher kp (a shorter '
+             'control_period allows it), or a position controller that plays the motion')
+
+
+def identify_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options of `ctc identify`."""
+    parser.add_argument('bags', nargs='+', type=Path, metavar='BAG', help='bag of the robot')
+    parser.add_argument('--validate', type=Path, metavar='BAG',
+                        help='bag that is not used for the fit, to validate it')
+    parser.add_argument('--urdf', metavar='FILE',
+                        help="URDF, a path or package://NAME/PATH, default: the bag's")
+    parser.add_argument('--model', default='', metavar='NAME',
+                        help="two_link, urdf, or package.module:Name, default: the bag's")
+    parser.add_argument('--joints', type=words, default=(), metavar='A,B,C',
+                        help="joints in the order of the commands, default: the bag's")
+    parser.add_argument('--gravity', type=float, metavar='G',
+                        help="acceleration of gravity [m/s²], default: the bag's, or 9.81")
+    parser.add_argument('--torque', choices=('command', 'effort'),
+                        help='source of the torques, default: what explains the motion better')
+    parser.add_argument('--effort', choices=(MOTOR, LINK, CURRENT),
+                        help='what the effort is: the torque of the motor, that of the link '
+                             '(sensor behind the gear), or a current; default: guessed')
+    parser.add_argument('--gear-ratio', metavar='N',
+                        help='turns of the motor per turn of the joint, where the effort is a '
+                             'torque or a current at the motor; one number or one for each joint')
+    parser.add_argument('--torque-constant', metavar='K',
+                        help='torque of the motor per ampere [N·m/A], or of the joint without '
+                             '--gear-ratio')
+    parser.add_argument('--states', default='joint_states', metavar='TOPIC',
+                        help='topic of the joint states, default: joint_states, or the only '
+                             'one that fits')
+    parser.add_argument('--commands', default='effort_controller/commands', metavar='TOPIC',
+                        help='topic of the commanded torques, default: '
+                             'effort_controller/commands, or the only one that fits; TOPIC:FIELD '
+                             'for a field of any message')
+    parser.add_argument('--torque-rate', metavar='R',
+                        help='rate limit of the drives, one number or one for each joint '
+                             '[N·m/s]')
+    parser.add_argument('--payload', action='append', metavar='KG@LINK', default=[],
+                        help='known payload at the origin of a link, as 1.3@tool0, for each bag '
+                             'in turn, 0 for none; given once, that of the last bag. A run with '
+                             'and one without it tell torque constants from masses')
+    add_number(parser, '--trials', 'number of simulated robots, drawn within the intervals, on '
+               'which the gains are tried; default: 24, or 8 without numba; 0 for none', minimum=0)
+    add_number(parser, '--seed', 'seed of the trials', 1, minimum=0)
+    add_format(parser)
+    add_output(parser, 'identified')
+
+
+def run_identify(options: argparse.Namespace) -> int:
+    """
+    Run `ctc identify`.
+
+    The bags may come from any recorder; intervals are those of 95 %. Write identified.yaml,
+    identify.json, figures and index.html.
+    """
+    said = options.effort or '', bool(options.gear_ratio), bool(options.torque_constant)
+    check_effort(*said, names=_EFFORT)
+    urdf = read_description(options.urdf) if options.urdf else ''
+    bags = [*options.bags, *filter(None, [options.validate])]
+    motions = [read_motion(bag, options.joints, urdf, options.states, options.commands,
+                           options.model) for bag in bags]
+    for note in (note for motion in motions for note in motion.notes):
+        say(note)
+    recordings = [motion.recording for motion in motions]
+    check_effort(*said, recordings, _EFFORT)
+    n = len(recordings[0].joints)
+    of_effort = {name: numbers(option, text, n, ' that is not 0',
+                               lambda x: isfinite(x) and x != 0.0)
+                 for name, option in _EFFORT._asdict().items() if name != 'side'
+                 and (text := getattr(options, name))}
+    rate = () if options.torque_rate is None else numbers(
+        '--torque-rate', options.torque_rate, n, ' above 0', lambda x: x > 0.0)
+    validation = motions.pop() if options.validate else None
+    out = prepare(options.out, NAMES, options.overwrite)
+    found = identify(motions, validation, options.model, urdf, options.gravity,
+                     options.torque or '', said[0], rate, **of_effort,
+                     payloads=_payloads(options.payload, len(motions)))
+    return _show_robot(write_identified(found, out, options.trials, options.seed, say,
+                                        options.format, options.said), out)
+
+
+def _payloads(texts: list[str], count: int) -> list[tuple[float, str]]:
+    """Return mass [kg] and link of the payload of each bag; empty without any."""
+    found = []
+    for text in texts:
+        mass, _, link = text.partition('@')
+        try:
+            found.append((float(mass), link))
+        except ValueError:
+            raise UsageError(f'--payload: {text} is not allowed; allowed: KG@LINK, as 1.3@tool0, '
+                             'or 0') from None
+    return [(0.0, '')] * (count - 1) + found if len(found) == 1 else found
+
+
+def _show_robot(found: IdentifiedRobot, out: Path) -> int:
+    """Print what was found, and where it is."""
+    print(found.results.text())
+    print()
+    if found.missing:
+        print(f'{VALUES} is not written, since it would have no gains of all joints:')
+        for line in found.missing:
+            print('\n'.join(paragraph(line)))
+        print_page(out / PAGE)
+    else:
+        print_page(out / PAGE, f'ctc simulate {out / VALUES}')
+    if not any(x.usable for x in found.results.verdicts):
+        raise CtcError(f'no joint is usable: why, and what to record, is in {out / PAGE}')
+    return 0
