@@ -114,8 +114,9 @@ class CompiledPlantStep:
         # Views that take a microsecond to make.
         self._tau, self._noise = self.given['tau'], [
             self.given[name] for name in ('position_noise', 'velocity_noise')]
-        self._rows = [self.records.state[name] for name in (
-            'motion__q', 'motion__dq', 'shown__q', 'shown__dq', 'driven__torque')]
+        self._rows = [self.records.state[part][name] for part, name in (
+            ('motion', 'q'), ('motion', 'dq'), ('shown', 'q'), ('shown', 'dq'),
+            ('driven', 'torque'))]
 
     @property
     def compiled(self) -> bool:

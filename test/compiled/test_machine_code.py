@@ -85,7 +85,7 @@ def test_as_plain_python() -> None:
 
 @pytest.mark.parametrize('wrong', [
     np.zeros((2, 2, 3), np.float32), np.zeros((2, 3, 3)), np.zeros(6),
-    numpy_record({'x': np.zeros(3), 'k': np.array(4)})])
+    numpy_record({'x': np.zeros(4), 'k': np.array(4)})])
 def test_arguments_of_another_layout_are_refused(wrong: Any) -> None:
     """Their bytes would be taken for other numbers."""
     code, (pair, table) = Code(added, _arguments(2), 'added'), _arguments(2)
