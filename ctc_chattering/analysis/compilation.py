@@ -31,7 +31,7 @@ from ctc_chattering.compiled.machine_code import Code
 from ctc_chattering.configuration.loop_setup import Setup
 from ctc_chattering.control.controller import Controller, LAWS
 from ctc_chattering.control.controller_config import SWITCHINGS
-from ctc_chattering.dynamics.registry import kept_model_of
+from ctc_chattering.dynamics.registry import model_of
 from ctc_chattering.errors import CtcError
 from ctc_chattering.simulation.closed_loop import compiled_loop_of
 from ctc_chattering.simulation.plant import make_plant
@@ -59,8 +59,8 @@ def codes(setup: Setup, parts: bool = False) -> tuple[Code, ...]:
         Then return those of the other one, which a node has use for.
 
     """
-    robot = make_plant(setup.plant, setup.descriptions.get('plant', ''), kept=True)
-    law = Controller(setup.controller, kept_model_of(
+    robot = make_plant(setup.plant, setup.descriptions.get('plant', ''))
+    law = Controller(setup.controller, model_of(
         setup.controller, setup.descriptions.get('controller', '')))
     loop = compiled_loop_of(robot, law)
     if loop is not None or not parts:

@@ -34,7 +34,7 @@ from ctc_chattering.control.controller import ControllerConfig
 from ctc_chattering.control.recommended_gains import LAW, recommended_gains
 from ctc_chattering.controller.health import Saturation, term_saturation, WORTH_A_WORD
 from ctc_chattering.dynamics.model import Model
-from ctc_chattering.dynamics.registry import kept_model_of
+from ctc_chattering.dynamics.registry import model_of
 from ctc_chattering.dynamics.urdf_parser import Tree
 from ctc_chattering.errors import CtcError, ParameterError
 from ctc_chattering.numerics.time_grid import missing
@@ -147,7 +147,7 @@ class Result(RunAttributes):
     def terms(self) -> RunTerms:
         """Return the parts of the torque, v and V; a simulation lacks what was not sent."""
         return self.computed or terms(
-            self.run, self.configs, kept_model_of(self.config, self.description), unsent=True)
+            self.run, self.configs, model_of(self.config, self.description), unsent=True)
 
     @property
     def config(self) -> ControllerConfig:
@@ -335,8 +335,8 @@ def simulate(setup: Setup, progress: Callable[[float], None] | None = None, trut
     run = closed_loop.simulate(
         setup.plant, setup.controller, setup.reference, setup.events, progress, truth,
         route=setup.route, robot=robot or make_plant(
-            setup.plant, setup.descriptions.get('plant', ''), kept=True),
-        model=model or kept_model_of(
+            setup.plant, setup.descriptions.get('plant', '')),
+        model=model or model_of(
             setup.controller, setup.descriptions.get('controller', '')))
     configs = [(0.0, setup.controller)]
     for event in setup.events:

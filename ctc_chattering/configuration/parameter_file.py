@@ -54,7 +54,7 @@ from ctc_chattering.control.recommended_gains import (
     suitable_gains,
 )
 from ctc_chattering.controller.trips import change_steps
-from ctc_chattering.dynamics.registry import kept_model_of
+from ctc_chattering.dynamics.registry import model_of
 from ctc_chattering.errors import CtcError, near, ParameterError, UsageError
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.parameters import Config
@@ -124,7 +124,7 @@ def known_model_torque(config: ControllerConfig, descriptions: Mapping[str, str]
     """Return `model_torque` of the controller; None where it waits for its description."""
     text = descriptions.get('controller', '')
     return None if config.described and not text else model_torque(
-        config, kept_model_of(config, text))
+        config, model_of(config, text))
 
 
 def dump(values: Mapping[str, Values], path: Path) -> None:

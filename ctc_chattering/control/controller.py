@@ -36,7 +36,7 @@ from ctc_chattering.control.step import (
     PlainStep,
     taken_over,
 )
-from ctc_chattering.dynamics.arm import Arm, arm_of
+from ctc_chattering.dynamics.compiled_model import Arm, arm_of
 from ctc_chattering.dynamics.model import Model, Scaled
 from ctc_chattering.dynamics.registry import model_of
 from ctc_chattering.errors import CtcError, ParameterError, refused_as

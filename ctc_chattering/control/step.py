@@ -58,8 +58,7 @@ from ctc_chattering.control.evaluation import (
     State,
 )
 from ctc_chattering.control.laws.base import Applied, Law, Terms
-from ctc_chattering.dynamics.arm import Arm
-from ctc_chattering.dynamics.compiled_model import CompiledArm, CompiledModel, EvaluatedModel
+from ctc_chattering.dynamics.compiled_model import Arm, CompiledArm, CompiledModel, EvaluatedModel
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
 

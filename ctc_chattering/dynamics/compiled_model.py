@@ -16,15 +16,51 @@
 
 from __future__ import annotations
 
+import dataclasses
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 from ctc_chattering.compiled.compilable import function, record, solve
 from ctc_chattering.compiled.machine_code import Call, Code, invoke
 from ctc_chattering.compiled.records import numpy_record, packed, record_of, value, write
 from ctc_chattering.dynamics import tree, two_link
-from ctc_chattering.dynamics.arm import Arm, body_scratch
+from ctc_chattering.dynamics.model import Model
+from ctc_chattering.dynamics.two_link import TwoLink
+from ctc_chattering.dynamics.urdf_model import Arm as Arm
+from ctc_chattering.dynamics.urdf_model import UrdfModel
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
+
+
+def arm_of(model: Model, inertia_scale: float = 1.0, gravity_scale: float = 1.0) -> Arm | None:
+    """
+    Return the numbers of a `TwoLink` or `UrdfModel`; None for another model.
+
+    Parameters
+    ----------
+    model : Model
+        Whose numbers they are.
+    inertia_scale, gravity_scale : float
+        Factors of M and C, and of G.
+
+    """
+    c, ratio = inertia_scale, gravity_scale / inertia_scale
+    if type(model) is UrdfModel:
+        arm = _bodies(model)
+        return dataclasses.replace(
+            arm, gravity=ratio * model.gravity, mass=c * arm.mass, inertia=c * arm.inertia,
+            rotor=c * arm.rotor)
+    if type(model) is not TwoLink:
+        return None
+    none, row, square = np.zeros(model.n), np.zeros((model.n, 3)), np.zeros((model.n, 3, 3))
+    return Arm(True, ratio * model.gravity, c, none.astype(np.int64), none.astype(np.bool_),
+               none.astype(np.int64), square, row, none, row, square, none)
+
+
+@lru_cache(64)
+def _bodies(model: UrdfModel) -> Arm:
+    """Return the bodies of a model; those of many runs are one model."""
+    return model.bodies()
 
 
 @record
@@ -99,7 +135,7 @@ class CompiledArm:
     """
 
     def __init__(self, arm: Arm, n: int) -> None:
-        self._n, self._arm, body = n, record_of(arm), record_of(body_scratch(n))
+        self._n, self._arm, body = n, record_of(arm), record_of(tree.body_scratch(n))
         call = numpy_record(dict.fromkeys(('function', 'places'), np.array(0)))
         self.model = CompiledModel(call, body)
         self._kept: list[Call] = []

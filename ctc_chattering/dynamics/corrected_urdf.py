@@ -28,11 +28,12 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from math import atan2, degrees, hypot
 import re
+from typing import Any
 import xml.etree.ElementTree as ET
 
 from ctc_chattering.dynamics.pseudo_inertia import parameters_of, pseudo_inertia
-from ctc_chattering.dynamics.urdf_model import UrdfModel
-from ctc_chattering.dynamics.urdf_parser import Origin, origin, parse_description, Tree
+from ctc_chattering.dynamics.urdf_model import pinocchio, UrdfModel
+from ctc_chattering.dynamics.urdf_parser import origin, parse_description, Tree
 from ctc_chattering.errors import CtcError, near, ParameterError
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
@@ -155,16 +156,14 @@ def _link_inertia(link: ET.Element) -> Array:
     about = [float(inertia.get(key, '0')) for key in _INERTIA]
     place = origin('', inertial)
     turn = np.eye(4)
-    turn[:3, :3], turn[:3, 3] = _rotation(*place.rpy), place.xyz
+    turn[:3, :3], turn[:3, 3] = _rpy().rpyToMatrix(*place.rpy), place.xyz
     found: Array = turn @ pseudo_inertia(np.array([m, 0.0, 0.0, 0.0, *about])) @ turn.T
     return found
 
 
-def _rotation(roll: float, pitch: float, yaw: float) -> Array:
-    """Return the rotation of roll, pitch and yaw."""
-    (a, b, c), (d, e, f) = np.sin((roll, pitch, yaw)), np.cos((roll, pitch, yaw))
-    return np.array([[f * e, f * b * a - c * d, f * b * d + c * a],
-                     [c * e, c * b * a + f * d, c * b * d - f * a], [-b, e * a, e * d]])
+def _rpy() -> Any:
+    """Return what Pinocchio has for roll, pitch and yaw."""
+    return pinocchio().rpy
 
 
 def _child(parent: ET.Element, tag: str, **attributes: str) -> ET.Element:
@@ -207,10 +206,11 @@ def _tilt(robot: ET.Element, elements: Mapping[str, ET.Element], tree: Tree,
         for name, (parent, _) in tree.ends.items():
             if parent == root:
                 elements[name].insert(0, note)
-                xyz, rpy = _turned(_rotation(roll, pitch, 0.0), tree.origins[name])
+                turn, old = _rpy().rpyToMatrix(roll, pitch, 0.0), tree.origins[name]
                 place = _child(elements[name], 'origin')
-                place.set('xyz', _words(xyz))
-                place.set('rpy', _words(rpy))
+                place.set('xyz', _words((turn @ old.xyz).tolist()))
+                place.set('rpy', _words(_rpy().matrixToRpy(
+                    turn @ _rpy().rpyToMatrix(*old.rpy)).tolist()))
         return
     name = _LEVEL
     while name in tree.links or name in tree.ends:
@@ -221,16 +221,6 @@ def _tilt(robot: ET.Element, elements: Mapping[str, ET.Element], tree: Tree,
     ET.SubElement(joint, 'origin', xyz='0 0 0', rpy=_words((roll, pitch, 0.0)))
     ET.SubElement(joint, 'parent', link=name)
     ET.SubElement(joint, 'child', link=root)
-
-
-def _turned(turn: Array, old: Origin) -> Origin:
-    """Return where something is after a turn of what carries it."""
-    R, xyz = turn @ _rotation(*old.rpy), (turn @ old.xyz).tolist()
-    level = hypot(R[2, 1], R[2, 2])
-    rpy = (atan2(R[2, 1], R[2, 2]), atan2(-R[2, 0], level), atan2(R[1, 0], R[0, 0]))
-    if level < _SAME:  # Pitch is a right angle: roll and yaw are one.
-        rpy = (0.0, rpy[1], atan2(-R[0, 1], R[1, 1]))
-    return Origin(xyz, rpy)
 
 
 def _verify(model: UrdfModel, parameters: Array, rotor: Sequence[float]) -> None:

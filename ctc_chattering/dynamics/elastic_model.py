@@ -27,6 +27,7 @@ from math import inf, sqrt
 
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.numerics.linear_algebra import Rows, Vector
+import numpy as np
 
 
 class Elastic(Model):
@@ -112,12 +113,9 @@ class Elastic(Model):
         """Return a bound of the joints' eigenvalues with the links at rest at `q` [1/s]."""
         rates = []
         for i, _, stiffness, damping, inertia in self._springs:
-            load = list(self._model.gravity_torque(q))
-            load[i] += 1.0
-            mobility = 1.0 / inertia + self._model.forward_dynamics(
-                q, [0.0] * self._links, load)[i]
+            mobility = 1.0 / inertia + np.linalg.inv(np.array(self._model.mass_matrix(q)))[i, i]
             rates.append(damping * mobility + sqrt(stiffness * mobility))
-        return max(rates)
+        return float(max(rates))
 
     def _padded(self, rows: Rows) -> list[list[float]]:
         """Return a matrix of the links with zeros for the motors."""

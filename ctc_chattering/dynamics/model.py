@@ -65,29 +65,23 @@ class Model(ABC):
                 np.array(self.gravity_torque(at), float))
 
     def forward(self, q: Array, dq: Array, u: Array) -> Array:
-        """Return what `forward_dynamics` does, of arrays."""
-        return np.array(self.forward_dynamics(q.tolist(), dq.tolist(), u.tolist()), float)
+        """
+        Return ddq, shape (n,) [rad/s²], of (1) under the torque `u`.
+
+        Parameters
+        ----------
+        q, dq, u : ndarray, shape (n,)
+            Position [rad], velocity [rad/s] and the sum of all torques but C dq and G [N·m].
+
+        """
+        M, bias = self.mass_and_bias(q, dq)
+        return np.array(np.linalg.solve(M, u - bias), float)
 
     def inverse_dynamics(self, q: Vector, dq: Vector, a: Vector) -> Vector:
         """Return M(q) a + C(q, dq) dq + G(q), shape (n,) [N·m], the left side of (1)."""
         torque: Array = (np.array(self.mass_matrix(q)).dot(a)
                          + np.array(self.coriolis_matrix(q, dq)).dot(dq) + self.gravity_torque(q))
         values: list[float] = torque.tolist()
-        return values
-
-    def forward_dynamics(self, q: Vector, dq: Vector, u: Vector) -> Vector:
-        """
-        Return ddq, shape (n,) [rad/s²], of (1) under the torque `u`.
-
-        Parameters
-        ----------
-        q, dq, u : sequence of float, shape (n,)
-            Position [rad], velocity [rad/s] and the sum of all torques but C dq and G [N·m].
-
-        """
-        bias = self.inverse_dynamics(q, dq, (0.0,) * self.n)
-        values: list[float] = np.linalg.solve(
-            np.array(self.mass_matrix(q)), np.subtract(u, bias)).tolist()
         return values
 
     def mass_and_bias(self, q: Array, dq: Array) -> tuple[Array, Array]:

@@ -198,7 +198,7 @@ def _load(s: _SampledState, a: Array) -> Array:
 
 def _forward(s: _SampledState) -> float:
     u = s.weight + s.size * s.x
-    ddq = np.reshape(s.model.forward_dynamics(*s.at, u.tolist()), s.x.shape)
+    ddq = s.model.forward(s.q.copy(), s.dq.copy(), u)
     error = s.mass @ ddq + s.coriolis @ s.dq + s.weight - u
     return s.torque_error(error, _load(s, ddq) + np.abs(u))
 

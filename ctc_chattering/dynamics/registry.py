@@ -113,27 +113,23 @@ def make_model(name: str, gravity: float, joint_names: tuple[str, ...] = ('joint
 
 
 def model_of(config: RobotConfig, description: str = '') -> Model:
-    """Return the model that a configuration names; `description` is the text of a URDF."""
-    return make_model(config.model, config.gravity, config.joint_names, description,
-                      locked_positions(config.locked))
-
-
-def kept_model_of(config: RobotConfig, description: str = '') -> Model:
     """
-    Return what `model_of` does, the same model for the same robot.
+    Return the model that a configuration names; `description` is the text of a URDF.
 
-    Every thread has its own; a class of yours is made anew, for it may have changed.
+    It is the same one for the same robot, and every thread has its own; a class of yours is made
+    anew, for it may have changed.
     """
-    if config.model not in MODELS:
-        return model_of(config, description)
-    return _kept(config.model, config.gravity, config.joint_names, description, config.locked,
-                 get_ident())
+    make = _kept if config.model in MODELS else _made
+    return make(config.model, config.gravity, config.joint_names, description, config.locked,
+                get_ident())
 
 
-@lru_cache(_KEPT)
-def _kept(name: str, gravity: float, joint_names: tuple[str, ...], description: str,
+def _made(name: str, gravity: float, joint_names: tuple[str, ...], description: str,
           locked: tuple[str, ...], _thread: int) -> Model:
     return make_model(name, gravity, joint_names, description, locked_positions(locked))
+
+
+_kept = lru_cache(_KEPT)(_made)
 
 
 def locked_positions(lines: Sequence[str]) -> dict[str, float]:

@@ -37,14 +37,58 @@ moves each body, added up over what a joint carries.
 
 from __future__ import annotations
 
+import dataclasses
 from math import cos, sin
 
 from ctc_chattering.compiled.compilable import function
-from ctc_chattering.dynamics.arm import Arm, BodyScratch
+from ctc_chattering.dynamics.urdf_model import Arm
 from ctc_chattering.numerics.linear_algebra import Array
+import numpy as np
 
 #: Row and column of the six elements of an inertia that is kept.
 _ROW, _COLUMN = (0, 1, 2, 0, 0, 1), (0, 1, 2, 1, 2, 2)
+
+
+@dataclasses.dataclass
+class BodyScratch:
+    """
+    Scratch of the dynamics of a tree, all in the frame of the base and about its origin.
+
+    Vectors of 3 are rows: position, angular part, linear part.
+    """
+
+    #: Rotation (n, 3, 3), origin, axis of every body.
+    rotation: Array
+    origin: Array
+    #: Motion of each joint (6), its rate of change (6), twist (6) and acceleration (6).
+    joint: Array
+    joint_rate: Array
+    twist: Array
+    acceleration: Array
+    #: Mass, first moment, inertia (6: xx, yy, zz, xy, xz, yz), of a body, then of all it carries.
+    mass: Array
+    moment: Array
+    inertia: Array
+    #: Velocity terms of the Coriolis matrix: W (3, 3) and linear momentum.
+    coupling: Array
+    momentum: Array
+    #: Force on a body: moment and force (6).
+    force: Array
+    #: State of the joints; M, C and C dq + G there.
+    q: Array
+    dq: Array
+    M: Array
+    C: Array
+    bias: Array
+
+
+def body_scratch(n: int) -> BodyScratch:
+    """Return scratch for `n` joints."""
+    def rows(*shape: int) -> Array:
+        return np.zeros((n, *shape))
+    return BodyScratch(
+        rows(3, 3), rows(3), rows(6), rows(6), rows(6), rows(6), rows(), rows(3), rows(6),
+        rows(3, 3), rows(3), rows(6), rows(), rows(), rows(n), rows(n), rows())
 
 
 @function

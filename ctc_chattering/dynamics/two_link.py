@@ -59,15 +59,6 @@ class TwoLink(Model):
     def __init__(self, gravity: float = 9.81) -> None:
         self.gravity = gravity
 
-    def evaluate(self, q: Array, dq: Array) -> tuple[Array, Array, Array]:
-        """Return M(q), C(q, dq) and G(q) as arrays, shapes (2, 2), (2, 2) and (2,)."""
-        if type(self) is not TwoLink:  # It may have terms of its own.
-            return super().evaluate(q, dq)
-        m11, m12, m22, k, *gravity = terms(self.gravity, q.tolist())
-        v1, v2 = dq.tolist()
-        return (np.array(((m11, m12), (m12, m22))),
-                np.array(((-k * v2, -k * (v1 + v2)), (k * v1, 0.0))), np.array(gravity))
-
     def inertial_parameters(self) -> Array:
         """Return the constants of M11, M12, M22, that of c2 in M12, and those of G over g."""
         return np.array((8.77, 0.76, 0.62, 0.51, 7.6, 0.63))
@@ -122,18 +113,3 @@ class TwoLink(Model):
         v1, v2 = dq.tolist()
         return (np.array(((m11, m12), (m12, m22))),
                 np.array((g1 - k * v2 * (v1 + v1 + v2), k * v1 * v1 + g2)))
-
-    def inverse_dynamics(self, q: Vector, dq: Vector, a: Vector) -> Vector:
-        """Return M(q) a + C(q, dq) dq + G(q), shape (2,)."""
-        m11, m12, m22, k, g1, g2 = terms(self.gravity, q)
-        v1, v2 = dq
-        return (m11 * a[0] + m12 * a[1] - k * v2 * (v1 + v1 + v2) + g1,
-                m12 * a[0] + m22 * a[1] + k * v1 * v1 + g2)
-
-    def forward_dynamics(self, q: Vector, dq: Vector, u: Vector) -> Vector:
-        """Return ddq, shape (2,), of (1) under the torque `u`."""
-        m11, m12, m22, k, g1, g2 = terms(self.gravity, q)
-        v1, v2 = dq
-        r1, r2 = u[0] + k * v2 * (v1 + v1 + v2) - g1, u[1] - k * v1 * v1 - g2
-        det = m11 * m22 - m12 * m12
-        return (m22 * r1 - m12 * r2) / det, (m11 * r2 - m12 * r1) / det

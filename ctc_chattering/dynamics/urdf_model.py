@@ -113,7 +113,7 @@ class UrdfModel(Model):
         for name, position in (locked or {}).items():
             if not isfinite(position):
                 raise ParameterError(f'locked, {name}', position, 'a finite number')
-        pin = _pinocchio()
+        pin = pinocchio()
         self.joint_names = tuple(joint_names)
         check_joint_names(self.joint_names)
         tree = Tree(urdf)
@@ -244,10 +244,6 @@ class UrdfModel(Model):
         """Return M(q) a + C(q, dq) dq + G(q), shape (n,)."""
         return self._vector(self._pin.rnea, q, dq, a)
 
-    def forward_dynamics(self, q: Vector, dq: Vector, u: Vector) -> Vector:
-        """Return ddq, shape (n,), of (1) under the torque `u`."""
-        return self._vector(self._pin.aba, q, dq, u)
-
     def _call(self, function: Any, *vectors: Vector | Array) -> Any:
         """Return what a function of Pinocchio gives, in its order; the next call may change it."""
         return function(
@@ -290,7 +286,7 @@ def _weak(mass: Array) -> list[int]:
     return found
 
 
-def _pinocchio() -> Any:
+def pinocchio() -> Any:
     """Return the library, which only this model needs."""
     try:
         library = importlib.import_module('pinocchio')

@@ -25,7 +25,7 @@ from ctc_chattering.analysis.tables import rounded
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.configuration.loop_setup import Setup
 from ctc_chattering.dynamics.model import Model
-from ctc_chattering.dynamics.registry import kept_model_of
+from ctc_chattering.dynamics.registry import model_of
 from ctc_chattering.errors import CtcError
 from ctc_chattering.identification.findings import ALL_JOINTS, Estimate, Finding, Kind
 from ctc_chattering.identification.friction import JointFriction
@@ -395,7 +395,7 @@ def _run(values: Values, draw: Draw) -> _TriedRun:
     except CtcError as error:
         return _TriedRun(None, np.zeros(n), str(error))
     late = run.t >= _TRIAL_START
-    model = kept_model_of(setup.controller, setup.descriptions.get('controller', ''))
+    model = model_of(setup.controller, setup.descriptions.get('controller', ''))
     limit = _NEAR * np.array(setup.controller.largest_torque(model.effort_limits))
     return _TriedRun(np.sqrt(np.square(run.q[late] - run.q_d[late]).mean(axis=0)),
                      (np.abs(run.tau[late]) >= limit).mean(axis=0), '')

@@ -24,7 +24,7 @@ from ctc_chattering.analysis.compilation import COMPILED, PLAIN
 from ctc_chattering.analysis.metrics import metrics, WINDOW, within
 from ctc_chattering.analysis.result import Result, simulate
 from ctc_chattering.configuration.loop_setup import Setup
-from ctc_chattering.dynamics.registry import kept_model_of
+from ctc_chattering.dynamics.registry import model_of
 from ctc_chattering.errors import CtcError, MachineError, refused_as
 from ctc_chattering.simulation.closed_loop import Array, Run
 import numpy as np
@@ -170,7 +170,7 @@ def slips_at_rest(run: Run, window: tuple[float, float]) -> Array:
 def limits(setup: Setup) -> list[float]:
     """Return the largest torque that controller and drives allow, shape (n,) [N·m]."""
     config, plant = setup.controller, setup.plant
-    model = kept_model_of(config, setup.descriptions.get('controller', ''))
+    model = model_of(config, setup.descriptions.get('controller', ''))
     return list(map(min, config.largest_torque(model.effort_limits), plant.torque_saturation))
 
 

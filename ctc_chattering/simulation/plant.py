@@ -27,11 +27,11 @@ from typing import Any
 
 from ctc_chattering.compiled.compilable import RECORDS
 from ctc_chattering.compiled.machine_code import MACHINE_CODE, PLAIN_PYTHON
-from ctc_chattering.dynamics.arm import Arm, arm_of
+from ctc_chattering.dynamics.compiled_model import Arm, arm_of
 from ctc_chattering.dynamics.corrected_urdf import with_payload
 from ctc_chattering.dynamics.elastic_model import Elastic
 from ctc_chattering.dynamics.model import Model
-from ctc_chattering.dynamics.registry import kept_model_of, model_of
+from ctc_chattering.dynamics.registry import model_of
 from ctc_chattering.errors import CtcError, ParameterError
 from ctc_chattering.numerics.linear_algebra import Array, Vector
 from ctc_chattering.numerics.time_grid import period_ns, samples, seconds
@@ -293,7 +293,10 @@ class Plant:
             If the motion leaves the range of floating-point numbers.
 
         """
-        command = [float(x) for x in tau]
+        try:
+            command = [float(x) for x in tau]
+        except (TypeError, ValueError, OverflowError):
+            command = []
         if len(command) != self.n:
             raise ParameterError('tau', tau, f'{self.n} numbers')
         if not isfinite(sum(command)):
@@ -336,7 +339,7 @@ def check_start(config: PlantConfig, description: str) -> None:
                      [(config.initial_position, config.initial_velocity, ())])
 
 
-def make_plant(config: PlantConfig, description: str = '', kept: bool = False) -> Plant:
+def make_plant(config: PlantConfig, description: str = '') -> Plant:
     """
     Return the robot that `config` describes, at its start.
 
@@ -346,8 +349,6 @@ def make_plant(config: PlantConfig, description: str = '', kept: bool = False) -
         Of the plant.
     description : str
         Text of the URDF, where one is needed.
-    kept : bool
-        Take the model of the last such robot, for many runs: `kept_model_of`.
 
     Raises
     ------
@@ -359,4 +360,4 @@ def make_plant(config: PlantConfig, description: str = '', kept: bool = False) -
     check_start(config, description)
     if config.payload:
         description = with_payload(description, config.joint_names, config.payload)
-    return Plant(config, (kept_model_of if kept else model_of)(config, description))
+    return Plant(config, model_of(config, description))

@@ -26,8 +26,7 @@ from typing import Any, NamedTuple
 from ctc_chattering.compiled.compilable import function, record
 from ctc_chattering.compiled.machine_code import Call, Code
 from ctc_chattering.compiled.records import load, packed, rows, store
-from ctc_chattering.dynamics.arm import Arm
-from ctc_chattering.dynamics.compiled_model import CompiledArm, CompiledModel
+from ctc_chattering.dynamics.compiled_model import Arm, CompiledArm, CompiledModel
 from ctc_chattering.numerics.linear_algebra import Array, Vector
 from ctc_chattering.simulation.drive import Driven, driven, Drives
 from ctc_chattering.simulation.motion import acting, Mechanics, Mechanism, Motion, Rigid

@@ -24,7 +24,7 @@ from bisect import bisect_right
 from collections.abc import Sequence
 from itertools import pairwise
 from math import isfinite
-from typing import Any, NamedTuple, Protocol, TypeVar
+from typing import NamedTuple, Protocol
 
 from ctc_chattering.errors import ParameterError
 from ctc_chattering.numerics.interpolation import cubic, linear, quintic
@@ -181,8 +181,6 @@ def _waypoint(name: str, point: Point, n: int) -> Point:
     return q, dq, ddq
 
 
-T = TypeVar('T', bound=Any)
-
 #: Longest time in which a robot that moves is brought to rest [s].
 BRAKING_TIME = 0.5
 
@@ -265,28 +263,13 @@ class Transition:
         if t <= self._t0:
             return self.before.at(t)
         s = seconds(t - self._t0) / self._span
-        weight = quintic(s, self._span, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0)
-        return tuple(zip(*(  # type: ignore[return-value]
-            mean(weight, joint[:3], joint[3:])
-            for joint in zip(*self.before.at(t), *self.after.at(t)))))
-
-
-def mean(weight: tuple[T, T, T], before: tuple[T, ...], after: tuple[T, ...]) -> tuple[T, T, T]:
-    """
-    Return the mean of two motions of a joint, for numbers or arrays of as many instants.
-
-    Parameters
-    ----------
-    weight : (σ, dσ/dt, d²σ/dt²)
-        Share of `after`.
-    before, after : (position, velocity, acceleration)
-        The two motions.
-
-    """
-    (w, dw, ddw), (q, dq, ddq), (x, dx, ddx) = weight, before, after
-    distance, difference = x - q, dx - dq
-    return (q + w * distance, dq + w * difference + dw * distance,
-            ddq + w * (ddx - ddq) + 2.0 * dw * difference + ddw * distance)
+        w, dw, ddw = quintic(s, self._span, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0)
+        rows = []
+        for q, dq, ddq, x, dx, ddx in zip(*self.before.at(t), *self.after.at(t)):
+            distance, difference = x - q, dx - dq
+            rows.append((q + w * distance, dq + w * difference + dw * distance,
+                         ddq + w * (ddx - ddq) + 2.0 * dw * difference + ddw * distance))
+        return tuple(zip(*rows))  # type: ignore[return-value]
 
 
 def smooth_start(motion: TimedMotion, t0: int, start: Point, duration: float) -> Transition:

@@ -34,14 +34,12 @@ from typing import ClassVar
 
 from ctc_chattering.dynamics.registry import DescribedConfig
 from ctc_chattering.errors import CtcError, ParameterError
-from ctc_chattering.numerics.interpolation import quintic
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.numerics.time_grid import NANOSECONDS, period_ns, seconds
 from ctc_chattering.parameters import parameter, whole
 from ctc_chattering.trajectory.buffer import Point
 from ctc_chattering.trajectory.joint_limits import check_limits, DescribedLimits
 from ctc_chattering.trajectory.motions import (
-    mean,
     Route,
     smooth_start,
     TimedMotion,
@@ -314,46 +312,32 @@ def reference_table(config: ReferenceConfig, route: Route | None,
         Number of samples.
 
     """
-    if route is not None:
-        return _table(config, route, start, joints, period, count)
-    return _kept(config, None, start, joints, period, count)
-
-
-def _table(config: ReferenceConfig, route: Route | None,
-           start: tuple[tuple[str, tuple[float, float]], ...], joints: tuple[str, ...],
-           period: int, count: int) -> Array:
-    motion = make_motion(config, route, dict(start))
     order = [config.joint_names.index(name) for name in joints]
+    motion = make_motion(config, route, dict(start))
     if not isinstance(motion, Transition):
-        return _samples_of(motion, order, period, count)
+        return (_kept(config, tuple(order), period, count) if route is None
+                else _samples_of(motion, order, period, count))
     table: Array
-    if route is None:  # What does not depend on the start.
-        table = reference_table(
-            config.changed({'start_duration': 0.0}), None, (), joints, period, count).copy()
+    if route is None:  # What comes after the start does not depend on it.
+        table = _kept(config.changed({'start_duration': 0.0}), tuple(order), period, count).copy()
     else:
         table = _samples_of(motion.after, order, period, count)
     inside = min(-(-motion.end // period), count)
-    braking = motion.before
-    assert isinstance(braking, Waypoints)
-    moving = min(-(-braking.end // period) + 1, inside)
-    before = _samples_of(braking, order, period, moving)
-    before = np.concatenate((before, np.repeat(before[-1:], inside - moving, axis=0)))
-    s: Array = np.array([[seconds(k * period)] for k in range(inside)]) / seconds(motion.end)
-    weight = quintic(s, seconds(motion.end), 0.0, 0.0, 0.0, 1.0, 0.0, 0.0)
-    rows = mean(weight, tuple(before.transpose(1, 0, 2)),
-                tuple(table[:inside].transpose(1, 0, 2)))
-    table[:inside] = np.stack(rows, axis=1)
+    table[:inside] = _samples_of(motion, order, period, inside)
     return table
 
 
-_kept = lru_cache(_KEPT)(_table)
+@lru_cache(_KEPT)
+def _kept(config: ReferenceConfig, order: Sequence[int], period: int, count: int) -> Array:
+    """Return the samples of a motion that is the same in many runs."""
+    return _samples_of(make_motion(config), order, period, count)
 
 
-def _samples_of(motion: TimedMotion, order: list[int], period: int, count: int) -> Array:
+def _samples_of(motion: TimedMotion, order: Sequence[int], period: int, count: int) -> Array:
     """Return the samples of a motion, of its joints in an order."""
     rows = np.array([motion.at(k * period) for k in range(count)]).reshape(count, 3, -1)
     # In the order of rows, in which the loop is compiled: for another one it would be once more.
-    table: Array = np.ascontiguousarray(rows[:, :, order])
+    table: Array = np.ascontiguousarray(rows[:, :, list(order)])
     return table
 
 

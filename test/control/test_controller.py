@@ -139,7 +139,7 @@ def test_closed_loop_is_equation_7() -> None:
         q, dq, _, _, ddq_d = rows = _inputs(rng)
         sample = controller.step(*rows)
         v = np.array(sample.v)
-        ddq = np.array(TwoLink().forward_dynamics(q, dq, sample.tau))
+        ddq = TwoLink().forward(*map(np.array, (q, dq, sample.tau)))
         rate = -(ddq_d - ddq + kv @ sample.de + kp @ sample.e) - 7.0 * v
         left = paper_m(q) @ (rate + 7.0 * v) + paper_c(q, dq) @ v + [10.0, 4.0] * np.sign(v)
         assert np.abs(left).max() < 1e-9

@@ -38,7 +38,7 @@ def test_inverse_dynamics_is_equation_1(model: Model) -> None:
         u = model.inverse_dynamics(q, dq, a.tolist())
         expected: Array = paper_m(q) @ a + paper_c(q, dq) @ dq + paper_g(q)
         np.testing.assert_allclose(u, expected, atol=1e-12)
-        np.testing.assert_allclose(model.forward_dynamics(q, dq, u), a, atol=1e-11)
+        np.testing.assert_allclose(model.forward(*map(np.array, (q, dq, u))), a, atol=1e-11)
 
 
 def _energy(model: Model, q: Array, dq: Array) -> float:
@@ -52,7 +52,7 @@ def test_power_balance() -> None:
     rng = np.random.default_rng(8)
     for q, dq in states(50, seed=3):
         u = rng.uniform(-50.0, 50.0, 2)
-        a = np.array(model.forward_dynamics(q, dq, u.tolist()))
+        a = model.forward(*map(np.array, (q, dq, u)))
         after, before = (_energy(model, q + t * np.array(dq) + 0.5 * t * t * a, dq + t * a)
                          for t in (h, -h))
         assert (after - before) / (2 * h) == pytest.approx(u @ dq, abs=1e-4)

@@ -113,8 +113,8 @@ class Faulty(Generic):
             made[0] += 1e-6
         return made
 
-    def forward_dynamics(self, q: Vector, dq: Vector, u: Vector) -> Vector:
-        made = list(super().forward_dynamics(q, dq, u))
+    def forward(self, q: Array, dq: Array, u: Array) -> Array:
+        made = super().forward(q, dq, u)
         if self.fault == 'forward':
             made[1] *= 1.0 + 1e-5
         return made

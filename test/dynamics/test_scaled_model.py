@@ -39,7 +39,7 @@ def test_products(inertia: float, gravity: float, base: type[Model]) -> None:
             (model.gravity_torque(q), g),
             *zip(model.evaluate(np.array(q), np.array(dq)), (m, c, g)),
             (model.inverse_dynamics(q, dq, a), m @ a + c @ dq + g),
-            (model.forward_dynamics(q, dq, x), np.linalg.solve(m, x - c @ dq - g))]
+            (model.forward(*map(np.array, (q, dq, x))), np.linalg.solve(m, x - c @ dq - g))]
         for made, expected in pairs:
             np.testing.assert_allclose(made, expected, rtol=1e-11, atol=1e-10)
 
@@ -50,7 +50,8 @@ def test_forward_undoes_inverse(inertia: float, gravity: float) -> None:
     model = Scaled(TwoLink(), inertia, gravity)
     for (q, dq), (a, _) in zip(states(20), states(20, seed=2)):
         tau = model.inverse_dynamics(q, dq, a)
-        np.testing.assert_allclose(model.forward_dynamics(q, dq, tau), a, rtol=1e-10, atol=1e-10)
+        np.testing.assert_allclose(model.forward(*map(np.array, (q, dq, tau))), a, rtol=1e-10,
+                                   atol=1e-10)
 
 
 def test_gravity_is_the_gradient_of_the_potential() -> None:
@@ -75,8 +76,8 @@ def test_factor_one_is_the_model() -> None:
         assert list(model.inverse_dynamics(q, dq, x)) == pytest.approx(
             list(plain.inverse_dynamics(q, dq, x)), rel=1e-14)
         np.testing.assert_allclose(
-            model.forward_dynamics(q, dq, x), plain.forward_dynamics(q, dq, x), rtol=1e-9,
-            atol=1e-9)
+            model.forward(*map(np.array, (q, dq, x))),
+            plain.forward(*map(np.array, (q, dq, x))), rtol=1e-9, atol=1e-9)
 
 
 def test_the_controller_s_parameters() -> None:

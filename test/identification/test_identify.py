@@ -126,12 +126,6 @@ class HeavierSecondLink(TwoLink):
         first = 7.6 + 0.1 * 0.85366 * 0.51 / 0.63
         return (first * 9.81 * np.sin(q[0]) + g12, g12)
 
-    def inverse_dynamics(self, q: Vector, dq: Vector, a: Vector) -> Vector:
-        return super(TwoLink, self).inverse_dynamics(q, dq, a)
-
-    def forward_dynamics(self, q: Vector, dq: Vector, u: Vector) -> Vector:
-        return super(TwoLink, self).forward_dynamics(q, dq, u)
-
 
 def test_a_heavier_link_is_named_and_no_friction() -> None:
     made = record('two_link', 5, 12.0, truth=HeavierSecondLink())
@@ -148,12 +142,6 @@ class Rotors(TwoLink):
     def mass_matrix(self, q: Vector) -> Rows:
         (m11, m12), (_, m22) = super().mass_matrix(q)
         return (m11 + 0.5, m12), (m12, m22 + 0.4)
-
-    def inverse_dynamics(self, q: Vector, dq: Vector, a: Vector) -> Vector:
-        return super(TwoLink, self).inverse_dynamics(q, dq, a)
-
-    def forward_dynamics(self, q: Vector, dq: Vector, u: Vector) -> Vector:
-        return super(TwoLink, self).forward_dynamics(q, dq, u)
 
 
 def check_intervals(found: Identification, made: Recorded, scale: float = 1.0) -> None:

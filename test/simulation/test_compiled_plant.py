@@ -24,7 +24,7 @@ from ctc_chattering.compiled.records import packed
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.configuration.package_share import config_directory
 from ctc_chattering.dynamics.model import Model
-from ctc_chattering.dynamics.registry import kept_model_of
+from ctc_chattering.dynamics.registry import model_of
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.simulation.compiled_loop import inputs
 from ctc_chattering.simulation.plant import Plant
@@ -120,7 +120,7 @@ def test_one_step_is_the_same(name: str, own: str, count: int, monkeypatch: pyte
     monkeypatch.syspath_prepend(EXAMPLES)
     setup = parameter_file.load(config_directory() / f'{name}.yaml',
                                 {'plant': {'friction_model': own}})
-    model = kept_model_of(setup.plant, setup.descriptions.get('plant', ''))
+    model = model_of(setup.plant, setup.descriptions.get('plant', ''))
     rng, modes = np.random.default_rng(1), 0
     for _ in range(count):
         largest, seen = compared(random_config(setup.plant, rng), model, rng)
