@@ -205,7 +205,8 @@ class ControlLoop:
             self.motion.pass_over(state.t, driven=allowed)
             self.handle(Input.NO_REFERENCE)
             return None
-        late = 0 if self.simulated or self._too_slow else min(
+        # What moved the robot before the first torque is not known: a brake, or another controller.
+        late = 0 if self.simulated or self._too_slow or self._held is None else min(
             self._periods_since(state.t, now), self.predicted_periods)
         sample = self._step(law, state, points, at, late)
         if not self._send_checked(law, sample):
