@@ -205,7 +205,7 @@ class ControlLoop:
             self.motion.pass_over(state.t, driven=allowed)
             self.handle(Input.NO_REFERENCE)
             return None
-        # What moved the robot before the first torque is not known: a brake, or another controller.
+        # Before the first torque it is not known what moved the robot, such as a brake.
         late = 0 if self.simulated or self._too_slow or self._held is None else min(
             self._periods_since(state.t, now), self.predicted_periods)
         sample = self._step(law, state, points, at, late)
