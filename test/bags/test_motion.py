@@ -108,12 +108,6 @@ def test_two_publishers_of_commands_or_states(tmp_path: Path) -> None:
     with pytest.raises(CtcError, match='two publishers of joint states'):
         read_motion(write(tmp_path / 'states', sorted(
             [*messages, *other], key=lambda message: message[1])))
-    renamed = [('/left' + topic, t, message) for topic, t, message in messages]
-    with pytest.raises(CtcError, match=r'several topics: /joint_states .*, /left/joint_states '):
-        read_motion(write(tmp_path / 'topics', [*messages, *renamed]))
-    found = read_motion(tmp_path / 'topics', states='/left/joint_states',
-                        commands='/effort_controller/commands')
-    assert found.recording.q == pytest.approx(x.q)
 
 
 def test_a_torque_that_is_no_longer_commanded_is_not_known(tmp_path: Path) -> None:

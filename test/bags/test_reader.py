@@ -18,7 +18,6 @@ from __future__ import annotations
 
 from array import array
 from collections.abc import Callable
-import dataclasses
 from pathlib import Path
 
 from bags import (
@@ -275,13 +274,6 @@ def test_a_bag_with_the_old_name_of_the_file(tmp_path: Path) -> None:
     same(read_bag(tmp_path / 'run').run, RESULT.run)
     file.unlink()
     same(read_bag(tmp_path / 'run').run, RESULT.run)
-
-
-def test_the_run_of_these_tests() -> None:
-    """Check that the run of these tests has 201 samples and three configurations."""
-    assert RESULT.run.t.shape == (201,)
-    assert [t for t, _ in RESULT.configs] == [0.0, 0.1, 0.15]
-    assert dataclasses.asdict(RESULT.configs[2][1])['ka'] == (8.0, 9.0)
 
 
 def lossy(drop: Callable[[int], bool], commands: bool, effort: bool = True) -> list[Entry]:

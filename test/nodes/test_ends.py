@@ -79,9 +79,8 @@ def nothing_raised(it: Probe) -> None:
     assert [x for x in it.lines if 'Traceback' in x or 'Error' in x or 'xception' in x] == []
 
 
-@pytest.mark.parametrize(('pacing', 'together'), [
-    ('lockstep', False), *(pytest.param(*x, marks=pytest.mark.slow) for x in (
-        ('lockstep', True), ('real_time', True), ('real_time', False)))])
+@pytest.mark.slow
+@pytest.mark.parametrize(('pacing', 'together'), [('lockstep', False), ('real_time', True)])
 def test_a_running_graph_ends_soon_on_a_loaded_machine(
         pacing: str, together: bool, tmp_path: Path) -> None:
     """In any order while messages flow at the full rate, or all at once and asked twice."""
@@ -122,12 +121,11 @@ def flood(it: Probe) -> Iterator[None]:
         thread.join()
 
 
-@pytest.mark.parametrize(  # In lockstep a spin does not come back while there are messages.
-    'pacing', ['lockstep', pytest.param('real_time', marks=pytest.mark.slow)])
-def test_nodes_end_soon_in_a_flood_of_messages(pacing: str, tmp_path: Path) -> None:
-    dice = random.Random(pacing)
+def test_nodes_end_soon_in_a_flood_of_messages(tmp_path: Path) -> None:
+    """In lockstep: there a spin does not come back while there are messages."""
+    dice = random.Random('lockstep')
     with probe() as it:
-        children = [start(it, name, tmp_path / 'bag', pacing) for name in NODES]
+        children = [start(it, name, tmp_path / 'bag') for name in NODES]
         with flood(it):
             for child in dice.sample(children, len(children)):
                 end([child], dice.choice(NUMBERS))
@@ -141,8 +139,8 @@ def takes_signals(child: child_process.Child) -> bool:
     return all(caught >> (number - 1) & 1 for number in NUMBERS)
 
 
-@pytest.mark.parametrize(
-    'round_', [0, *(pytest.param(k, marks=pytest.mark.slow) for k in (1, 2))])
+@pytest.mark.slow
+@pytest.mark.parametrize('round_', range(3))
 def test_nodes_end_soon_at_any_moment_of_their_start(round_: int, tmp_path: Path) -> None:
     """All start at once, which keeps the machine busy, and each is stopped at a random moment."""
     dice = random.Random(round_)
@@ -158,9 +156,8 @@ def test_nodes_end_soon_at_any_moment_of_their_start(round_: int, tmp_path: Path
         nothing_raised(it)
 
 
-@pytest.mark.parametrize(
-    'number', [signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.slow)])
-def test_bringup_ends_soon_on_a_loaded_machine(number: signal.Signals, tmp_path: Path) -> None:
+@pytest.mark.slow
+def test_bringup_ends_soon_on_a_loaded_machine(tmp_path: Path) -> None:
     bag = tmp_path / 'bag'
     with bringup('--params-file', str(CONFIG / 'friction.yaml'), '--duration', '0',
                  '--record', str(bag)) as process:
@@ -170,8 +167,8 @@ def test_bringup_ends_soon_on_a_loaded_machine(number: signal.Signals, tmp_path:
         assert set(pids) == set(NODES)
         with load():
             watch = Stopwatch(process.pid, *pids.values())
-            process.send_signal(number)
-            process.send_signal(number)
+            process.send_signal(signal.SIGTERM)
+            process.send_signal(signal.SIGTERM)
             took = watch.end(process)
             output, _ = process.communicate(timeout=PATIENCE)
     assert process.returncode == 0, output

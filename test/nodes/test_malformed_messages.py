@@ -88,8 +88,9 @@ def send(it: Probe, publisher: Any, messages: list[bytes]) -> None:
 
 
 @pytest.mark.parametrize(('topic', 'arguments'), [
-    (JOINT_STATES, ()), (REFERENCE, ()), (CLOCK, ()), (COMMANDS, ('-p', 'pacing:=lockstep')),
-    (COMMANDS, ('-p', 'pacing:=real_time'))])
+    (JOINT_STATES, ()), *(pytest.param(*x, marks=pytest.mark.slow) for x in (
+        (REFERENCE, ()), (CLOCK, ()), (COMMANDS, ('-p', 'pacing:=lockstep')),
+        (COMMANDS, ('-p', 'pacing:=real_time'))))])
 def test_a_node_alone_refuses_counts_and_runs_on(topic: str, arguments: tuple[str, ...]) -> None:
     kind, name = KINDS[topic], READERS[topic][0]
     # Each time that goes back or leaps has the reference publish its motion again.
@@ -143,13 +144,11 @@ def test_a_node_alone_refuses_counts_and_runs_on(topic: str, arguments: tuple[st
         assert not any('Traceback' in line or 'sequence size' in line for line in it.lines)
 
 
-@pytest.mark.parametrize(
-    'pacing', ['lockstep', pytest.param('real_time', marks=pytest.mark.slow)])
-def test_a_torque_from_which_no_motion_follows_ends_the_plant_in_one_line(pacing: str) -> None:
+def test_a_torque_from_which_no_motion_follows_ends_the_plant_in_one_line() -> None:
     with probe() as it:
         publisher = it.node.create_publisher(KINDS[COMMANDS].type, COMMANDS, 10)
         states = it.listen(JointState, JOINT_STATES, raw=True)
-        child = it.start('plant', '-p', f'pacing:={pacing}')
+        child = it.start('plant', '-p', 'pacing:=lockstep')
         it.until(lambda: states and publisher.get_subscription_count(), 'the plant')
 
         def ended() -> bool:

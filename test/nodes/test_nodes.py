@@ -20,6 +20,7 @@ import itertools
 import math
 from pathlib import Path
 import signal
+from typing import Any
 
 from controller_process import ControllerUnderTest
 from ctc_chattering.configuration.node_parameters import parameters_of
@@ -39,79 +40,76 @@ from std_msgs.msg import Float64MultiArray
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 pytestmark = pytest.mark.ros
+NODES = ('plant', 'controller', 'reference', 'recorder')
 
 
-def test_the_controller_finds_its_joints_by_name() -> None:
-    """Extra joints, any order, no efforts, a reference in another order: the law's torque."""
+def test_the_controller_finds_its_joints_by_name_and_says_what_the_torque_is_made_of() -> None:
+    """
+    Extra joints, any order, no efforts, a reference in another order: the law's torque.
+
+    The first state waits for its reference, bad ones are passed over, and every second sample is
+    told.
+    """
     motion = [Sinusoid(ReferenceConfig()).at(k * MS) for k in range(20)]
     law = Controller(ControllerConfig())
     with probe() as it:
-        controller = ControllerUnderTest(it)
-        controller.references.publish(reference(
-            ['gripper', 'joint2', 'joint1'],
-            [[[9.0, *reversed(row)] for row in point] for point in motion]))
-        orders = (('joint1', 'joint2'), ('wheel', 'joint2', 'joint1'), ('joint2', 'x', 'joint1'))
-        for k in range(12):
-            joints = {'joint1': (0.1 * k, 0.2), 'joint2': (-0.3, 0.01 * k),
-                      'wheel': (7.0, math.nan), 'x': (math.inf, 6.0)}
-            found = controller.answer(state(k * MS, **{
-                name: joints[name] for name in orders[k % 3]}))
-            expected = law.step((0.1 * k, -0.3), (0.2, 0.01 * k), *motion[k]).tau
-            assert found == list(expected)
-        assert [x.label for x in controller.commands[-1].layout.dim] == ['joint1', 'joint2']
-
-
-def test_a_state_waits_for_its_reference_and_bad_states_are_passed_over() -> None:
-    motion = [Sinusoid(ReferenceConfig()).at(k * MS) for k in range(5)]
-    law = Controller(ControllerConfig())
-    with probe() as it:
-        controller = ControllerUnderTest(it)
-        good = {'joint1': (0.1, 0.0), 'joint2': (0.2, 0.0)}
+        heard = {name: it.listen(JointState, f'controller/{name}')
+                 for name in ('tracking', 'filter', 'torques')}
+        controller = ControllerUnderTest(it, '-p', 'state_decimation:=2')
+        good = {'joint1': (0.0, 0.2), 'joint2': (-0.3, 0.0)}
         controller.states.publish(state(0, **good))
         for bad in (state(0, joint1=(0.0, 0.0)), state(0, **{**good, 'joint2': (math.nan, 0.0)}),
                     JointState(name=['joint1', 'joint2'], position=[0.0, 0.0])):
             controller.states.publish(bad)
         it.until(lambda: any('refused' in line for line in it.lines), 'the refusal')
         assert controller.commands == []
-        controller.references.publish(reference(['joint1', 'joint2'], motion))
+        controller.references.publish(reference(
+            ['gripper', 'joint2', 'joint1'],
+            [[[9.0, *reversed(row)] for row in point] for point in motion]))
         it.until(lambda: controller.commands, 'the torque')
-        expected = law.step((0.1, 0.2), (0.0, 0.0), *motion[0]).tau
-        assert list(controller.commands[0].data) == list(expected)
-        expected = law.step((0.1, 0.2), (0.0, 0.0), *motion[1]).tau
-        assert controller.answer(state(MS, **good)) == list(expected)
-        assert len(controller.commands) == 2
-
-
-def test_the_state_topics_say_what_the_torque_is_made_of() -> None:
-    motion = [Sinusoid(ReferenceConfig()).at(k * MS) for k in range(5)]
-    law = Controller(ControllerConfig())
-    with probe() as it:
-        heard = {name: it.listen(JointState, f'controller/{name}')
-                 for name in ('tracking', 'filter', 'torques')}
-        controller = ControllerUnderTest(it, '-p', 'state_decimation:=2')
-        controller.references.publish(reference(['joint1', 'joint2'], motion))
-        for k in range(4):
-            controller.answer(state(k * MS, joint1=(0.1, 0.2), joint2=(0.3, 0.4)))
-            sample = law.step((0.1, 0.3), (0.2, 0.4), *motion[k])
-            if k == 2:
-                third = sample
-        it.until(lambda: all(len(x) == 2 for x in heard.values()), 'every second sample')
+        orders = (('joint1', 'joint2'), ('wheel', 'joint2', 'joint1'), ('joint2', 'x', 'joint1'))
+        for k in range(11):
+            joints = {'joint1': (0.1 * k, 0.2), 'joint2': (-0.3, 0.01 * k),
+                      'wheel': (7.0, math.nan), 'x': (math.inf, 6.0)}
+            if k:
+                controller.answer(state(k * MS, **{
+                    name: joints[name] for name in orders[k % 3]}))
+            last = law.step((0.1 * k, -0.3), (0.2, 0.01 * k), *motion[k])
+            assert list(controller.commands[-1].data) == list(last.tau)
+        assert len(controller.commands) == 11
+        assert [x.label for x in controller.commands[-1].layout.dim] == ['joint1', 'joint2']
+        it.until(lambda: all(len(x) == 6 for x in heard.values()), 'every second sample')
         for messages in heard.values():
-            assert [m.header.stamp for m in messages] == [stamp(0), stamp(2 * MS)]
+            assert [m.header.stamp for m in messages] == [stamp(k * MS) for k in range(0, 11, 2)]
         tracking, filtered, parts = (heard[x][-1] for x in ('tracking', 'filter', 'torques'))
         assert tracking.name == ['joint1/desired', 'joint2/desired', 'joint1/error',
                                  'joint2/error']
-        assert list(tracking.position) == [*motion[2][0], *third.e]
-        assert list(tracking.velocity) == [*motion[2][1], *third.de]
-        assert list(filtered.velocity) == list(third.v)
+        assert list(tracking.position) == [*motion[10][0], *last.e]
+        assert list(tracking.velocity) == [*motion[10][1], *last.de]
+        assert list(filtered.velocity) == list(last.v)
         named = dict(zip(parts.name, parts.effort))
-        assert named.pop('V') == law.lyapunov((0.1, 0.3), third.v)
+        assert named.pop('V') == law.lyapunov((1.0, -0.3), last.v)
         total = [sum(value for name, value in named.items() if name.startswith(joint))
                  for joint in ('joint1/', 'joint2/')]
-        assert total == pytest.approx(list(third.tau), rel=1e-12)
+        assert total == pytest.approx(list(last.tau), rel=1e-12)
 
 
-def test_a_law_set_in_mid_run_takes_effect_at_the_next_sample() -> None:
+#: What may not be set, with a part of the reason.
+REFUSED: list[tuple[str, Any, str]] = [
+    ('law', 'nonsense', "law: 'nonsense' is not allowed; allowed: compensation | chattering"),
+    ('law', 5, 'law: 5 is not allowed'), ('kp', [1.0] * 3, 'kp: [1.0, 1.0, 1.0] is not allowed'),
+    ('kp', [1.0, 2.0, 3.0, 1.0], 'symmetric positive definite'),
+    ('kv', [-1.0, 1.0], 'kv: [-1.0, 1.0] is not allowed'),
+    ('ka', [math.nan, 1.0], 'ka: [nan, 1.0] is not allowed'),
+    ('lambda', 0.0, 'lambda out of range Min: 1e-09'), ('lambda', math.nan, 'lambda'),
+    ('b', -1.0, 'b'), ('b', 5e-324, 'b out of range Min: 0.001'),
+    ('b', 1e308, 'b out of range Min: 0.001'),
+    ('switching', 'magic', "switching: 'magic' is not allowed; allowed: sign"),
+    ('effort_limit', [0.0, 1.0], 'effort_limit: [0.0, 1.0] is not allowed'),
+    ('model', 'two_link', 'read-only'), ('joint_names', ['a', 'b'], 'read-only')]
+
+
+def test_a_law_set_in_mid_run_takes_effect_at_the_next_sample_and_a_refused_one_does_not() -> None:
     """As `ros2 param set` would: the chattering term goes and comes, v is preserved."""
     motion = [Sinusoid(ReferenceConfig()).at(k * MS) for k in range(40)]
     law = Controller(ControllerConfig())
@@ -126,6 +124,13 @@ def test_a_law_set_in_mid_run_takes_effect_at_the_next_sample() -> None:
                 name, value = changes[k]
                 assert it.set('controller', name, value).successful
                 law.configure(law.config.changed({name: value}))
+            if k < len(REFUSED):
+                name, value, reason = REFUSED[k]
+                before = it.get('controller', name)
+                result = it.set('controller', name, value)
+                assert not result.successful
+                assert reason in result.reason
+                assert it.get('controller', name) == before
             q, dq = (0.1 + 0.01 * k, 0.3), (0.2, 0.4)
             expected = law.step(q, dq, *motion[k]).tau
             assert controller.answer(state(
@@ -135,32 +140,8 @@ def test_a_law_set_in_mid_run_takes_effect_at_the_next_sample() -> None:
         assert len(told[0].new_parameters) == len(parameters_of('controller'))
         assert [(m.stamp, [p.name for p in m.changed_parameters]) for m in told[1:]] == [
             (stamp(k * MS), [name]) for k, (name, _) in changes.items()]
-
-
-def test_what_may_not_be_set_is_refused_with_the_reason_and_changes_nothing() -> None:
-    with probe() as it:
-        it.start('controller')
-        for name, value, reason in (
-                ('law', 'nonsense', "law: 'nonsense' is not allowed; allowed: compensation | "
-                                    'chattering'),
-                ('law', 5, 'law: 5 is not allowed'),
-                ('kp', [1.0] * 3, 'kp: [1.0, 1.0, 1.0] is not allowed'),
-                ('kp', [1.0, 2.0, 3.0, 1.0], 'symmetric positive definite'),
-                ('kv', [-1.0, 1.0], 'kv: [-1.0, 1.0] is not allowed'),
-                ('ka', [math.nan, 1.0], 'ka: [nan, 1.0] is not allowed'),
-                ('lambda', 0.0, 'lambda out of range Min: 1e-09'),
-                ('lambda', math.nan, 'lambda'), ('b', -1.0, 'b'),
-                ('switching', 'magic', "switching: 'magic' is not allowed; allowed: sign"),
-                ('effort_limit', [0.0, 1.0], 'effort_limit: [0.0, 1.0] is not allowed'),
-                ('model', 'two_link', 'read-only'), ('joint_names', ['a', 'b'], 'read-only')):
-            before = it.get('controller', name)
-            result = it.set('controller', name, value)
-            assert not result.successful
-            assert reason in result.reason
-            assert it.get('controller', name) == before
-        assert it.set('controller', 'ka', [3, 4]).successful
-        assert it.get('controller', 'ka') == [3.0, 4.0]
-        assert not any(' -> ' in line and 'ka' not in line for line in it.lines)
+        assert [line.split(']: ')[1].split(': ')[0] for line in it.lines if ' -> ' in line] == [
+            name for name, _ in changes.values()]
 
 
 def test_one_number_is_for_all_joints_and_every_change_is_logged() -> None:
@@ -185,57 +166,47 @@ def test_one_number_is_for_all_joints_and_every_change_is_logged() -> None:
             'effort_limit: [inf, inf] -> [50.0, 50.0]']
 
 
-@pytest.mark.parametrize('name', ['plant', 'controller', 'reference', 'recorder'])
-def test_every_parameter_is_described_and_a_signal_ends_the_node(
-        name: str, tmp_path: Path) -> None:
+def test_every_parameter_is_described_and_a_signal_ends_the_node(tmp_path: Path) -> None:
     with probe() as it:
-        child = it.start(name, *(('-p', f'bag:={tmp_path}/bag') if name == 'recorder' else ()))
-        listed = it.call(ListParameters, f'/{name}/list_parameters', ListParameters.Request())
-        names = [x for x in listed.result.names if x in parameters_of(name)]
-        assert set(names) == set(parameters_of(name))
-        descriptors = it.call(DescribeParameters, f'/{name}/describe_parameters',
-                              DescribeParameters.Request(names=names)).descriptors
-        for found in descriptors:
-            spec = parameters_of(name)[found.name]
-            assert found.description.startswith(spec.description)
-            assert found.read_only == spec.read_only
-            if spec.kind == 'float' and spec.minimum == 0.0 and not spec.infinite:
-                least = found.floating_point_range[0].from_value
-                assert 0.0 < least <= 1e-9 if spec.exclusive else least == 0.0
-        assert interrupt(child, signal.SIGTERM if name == 'plant' else signal.SIGINT) < 1.0
-        assert child.status == 0
+        children = {name: it.start(name, *(
+            ('-p', f'bag:={tmp_path}/bag') if name == 'recorder' else ())) for name in NODES}
+        for name, child in children.items():
+            listed = it.call(
+                ListParameters, f'/{name}/list_parameters', ListParameters.Request())
+            names = [x for x in listed.result.names if x in parameters_of(name)]
+            assert set(names) == set(parameters_of(name))
+            descriptors = it.call(DescribeParameters, f'/{name}/describe_parameters',
+                                  DescribeParameters.Request(names=names)).descriptors
+            for found in descriptors:
+                spec = parameters_of(name)[found.name]
+                assert found.description.startswith(spec.description)
+                assert found.read_only == spec.read_only
+                if spec.kind == 'float' and spec.minimum == 0.0 and not spec.infinite:
+                    least = found.floating_point_range[0].from_value
+                    assert 0.0 < least <= 1e-9 if spec.exclusive else least == 0.0
+            assert interrupt(child, signal.SIGTERM if name == 'plant' else signal.SIGINT) < 1.0
+            assert child.status == 0
         assert not any('Traceback' in line for line in it.lines)
 
 
-@pytest.mark.parametrize(('name', 'arguments', 'status', 'message'), [
-    ('controller', ('-p', 'law:=nonsense'), 2, "law: 'nonsense' is not allowed; allowed: "),
-    ('plant', ('-p', 'coulomb_friction:=[-1.0, .nan]'), 2, 'coulomb_friction: [-1.0, nan]'),
-    ('reference', ('-p', 'joint_names:=[a, a]'), 2, "joint_names: ['a', 'a'] is not allowed"),
-    ('recorder', ('-p', 'bag:=/'), 1, '/: exists already'),
-    ('plant', ('--params-file', 'none.yaml'), 2, '--params-file none.yaml: there is no such file'),
-])
-def test_a_wrong_start_is_refused_in_one_line(
-        name: str, arguments: tuple[str, ...], status: int, message: str) -> None:
+def test_a_wrong_start_is_refused_in_one_line(tmp_path: Path) -> None:
+    unknown = tmp_path / 'unknown.yaml'
+    unknown.write_text('controller: {ros__parameters: {gravitty: 9.81}}')
     with probe() as it:
-        child = it.start(name, *arguments)
-        it.until(lambda: child.status is not None, 'the end')
-        child.exit_report()
-        assert child.status == status
-        assert len(it.lines) == 1
-        assert it.lines[0].startswith(f'[{name}] {name}: {message}')
-
-
-@pytest.mark.parametrize('name', ['plant', 'controller'])
-def test_an_unknown_parameter_in_the_file_is_refused(name: str, tmp_path: Path) -> None:
-    file = tmp_path / 'params.yaml'
-    file.write_text(f'{name}: {{ros__parameters: {{gravitty: 9.81}}}}')
-    with probe() as it:
-        child = it.start(name, '--params-file', str(file))
-        it.until(lambda: child.status is not None, 'the end')
-        child.exit_report()
-        assert child.status == 1
-        assert len(it.lines) == 1
-        assert f'{name} has no parameter gravitty' in it.lines[0]
+        children = [(it.start(name, *arguments), status, message)
+                    for name, arguments, status, message in (
+            ('controller', ('-p', 'law:=nonsense'), 2, "law: 'nonsense' is not allowed; allowed:"),
+            ('plant', ('-p', 'coulomb_friction:=[-1.0, .nan]'), 2, 'coulomb_friction: [-1.0, '),
+            ('reference', ('-p', 'joint_names:=[a, a]'), 2, "joint_names: ['a', 'a'] is not"),
+            ('recorder', ('-p', 'bag:=/'), 1, '/: exists already'),
+            ('plant', ('--params-file', 'none.yaml'), 2, '--params-file none.yaml: there is no '),
+            ('controller', ('--params-file', str(unknown)), 1, 'no parameter gravitty'))]
+        for child, status, message in children:
+            it.until(lambda child=child: child.status is not None, 'the end')  # type: ignore
+            child.exit_report()
+            assert (child.status, len(child.tail)) == (status, 1), child.tail
+            assert child.tail[0].startswith(f'{child.name}: ')
+            assert message in child.tail[0]
 
 
 def test_the_plant_in_lockstep_takes_torques_by_label_and_holds_time() -> None:

@@ -28,11 +28,11 @@ from ctc_chattering.bags.reader import read_bag
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.control.controller import Controller, ControllerConfig
 from ctc_chattering.numerics.linear_algebra import Vector
-from faults import Diagnostics, ERROR, nodes_of, OK, WARN
+from faults import Diagnostics, ERROR, nodes_of
 from processes import bringup, CONFIG, PATIENCE, Probe, probe, wait_for
 import pytest
 from recorded_runs import assert_equal
-from ros_messages import COMMANDS, MS, ns, reference, state
+from ros_messages import COMMANDS, MS, reference, state
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 from trajectory_msgs.msg import JointTrajectory
@@ -111,48 +111,3 @@ def test_in_lockstep_nothing_trips_and_nothing_changes(tmp_path: Path) -> None:
     for report in reports:
         assert report['restarts'] == report['timeouts, state'] == '0'
         assert report['timeouts, reference'] == '0'
-
-
-def test_in_lockstep_time_goes_on_where_the_motion_ends_at_rest() -> None:
-    with probe() as it:
-        diagnostics = Diagnostics(it)
-        states = it.listen(JointState, 'joint_states')
-        chunks = it.node.create_publisher(JointTrajectory, 'reference', 10)
-        it.start('controller')
-        it.until(chunks.get_subscription_count, 'the controller')
-        chunks.publish(reference(['joint1', 'joint2'], [
-            [[0.1 * k, 0.0], [0.1, 0.0] if k < 2 else ZERO, ZERO] for k in range(3)]))
-        it.start('plant', '-p', 'pacing:=lockstep')
-        it.until(lambda: states and ns(states[-1].header.stamp) > 300 * MS, 'time')
-        report = diagnostics.until('controller', lambda r: r.level == OK, 'health')
-        assert report.message == 'running'
-        assert report.count('timeouts, reference') == 0
-        assert report.count('restarts') == 0
-
-
-def test_in_lockstep_the_plant_says_what_it_waits_for() -> None:
-    """Kill the controller: simulated time stands still until there is another one."""
-    with probe() as it:
-        diagnostics = Diagnostics(it)
-        states = it.listen(JointState, 'joint_states', 10_000)
-        it.start('plant', '-p', 'pacing:=lockstep')
-        controller = it.start('controller')
-        it.start('reference')
-        it.until(lambda: len(states) > 100, 'motion')
-        controller.signal(signal.SIGKILL)
-
-        def said() -> list[float]:
-            """Return when the plant said what it waits for [s]."""
-            return [float(line.split('[')[3].split(']')[0]) for line in it.lines
-                    if 'waiting for the answer on effort_controller/commands to the state' in line]
-
-        it.until(lambda: len(said()) >= 2, 'two reports')
-        assert said()[1] - said()[0] > 2.5
-        report = diagnostics.next('plant')
-        assert report.level == WARN
-        assert 'waiting for the answer on effort_controller/commands' in report.message
-        stood = states[-1].header.stamp
-        it.until(lambda: len(states) > 0, 'the last state')
-        it.start('controller')
-        it.until(lambda: ns(states[-1].header.stamp) > ns(stood) + 200 * MS, 'motion')
-        assert diagnostics.until('plant', lambda r: 'running' in r.message, 'health')

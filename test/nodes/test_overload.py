@@ -58,6 +58,7 @@ def stop_at_random(it: Probe, seed: int = 1) -> int:
     return STOPS
 
 
+@pytest.mark.slow
 def test_the_motion_stays_bounded_and_recovers() -> None:
     """
     Check the motion, and what both nodes say of it.

@@ -17,8 +17,7 @@
 from __future__ import annotations
 
 from ast import literal_eval
-from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import closing
 import itertools
 import os
@@ -27,73 +26,30 @@ import random
 import resource
 import signal
 import time
-from typing import Any, NamedTuple
+from typing import Any
 
 from bags import joint_state
-from ctc_chattering.analysis.result import simulate
-from ctc_chattering.bags.reader import read_bag
-from ctc_chattering.bags.repair import is_damaged, open_bag, repair
-from ctc_chattering.configuration import parameter_file
-from ctc_chattering.errors import CtcError
+from ctc_chattering.bags.repair import open_bag
 from ctc_chattering.launch import child_process
-from ctc_chattering.numerics.time_grid import NANOSECONDS
-from ctc_chattering.ros.messages import read_state, StateMessage
-from ctc_chattering.ros.subscription import with_info
+from ctc_chattering.ros.messages import read_state
 from ctc_chattering.ros.topics import COMMANDS, DIAGNOSTICS, JOINT_STATES, ROBOT_DESCRIPTION
-from faults import Diagnostics, ERROR, OK
-from mcap.reader import make_reader
+from faults import Diagnostics, ERROR
 import numpy as np
-from processes import CONFIG, PATIENCE, Probe, probe, run_bringup, Stopwatch
+from processes import PATIENCE, Probe, probe, Stopwatch
 import pytest
 from rclpy.duration import Duration
-from rclpy.executors import SingleThreadedExecutor
-from rclpy.experimental.events_executor import EventsExecutor
 from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, QoSProfile
-from recorded_runs import assert_equal, counts, metadata
-from rosbags.highlevel import AnyReader
+from recorded_runs import metadata
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray, String
 
 pytestmark = pytest.mark.ros
-STATES, TORQUES = f'/{JOINT_STATES}', f'/{COMMANDS}'
-PERIOD = 1_000_000
-#: What a killed recorder may lose, beside what comes while it waits for a processor [ns].
-LOSS = NANOSECONDS
-#: Recorders killed in each graph, by pacing (lockstep is slow), and those alive at the same time.
-KILLS, ALIVE = {'lockstep': 6, 'real_time': 2}, 2
+STATES = f'/{JOINT_STATES}'
+
+
 #: Largest size of a bag without a message [bytes].
 EMPTY = 500
-
-
-class Seen(NamedTuple):
-    """A message that was published: its bytes, when [ns], and its publisher's number."""
-
-    data: bytes
-    t: int
-    number: int
-
-
-class Witness:
-    """Sees what is published, as fast as it comes, and when it was."""
-
-    def __init__(self, it: Probe) -> None:
-        old, it.executor = it.executor, EventsExecutor(context=it.context)
-        assert isinstance(old, SingleThreadedExecutor)
-        old.remove_node(it.node)
-        it.executor.add_node(it.node)
-        self.states, self.commands = (self._listen(it, kind, topic) for kind, topic in (
-            (JointState, JOINT_STATES), (Float64MultiArray, COMMANDS)))
-
-    def _listen(self, it: Probe, kind: Any, topic: str) -> list[Seen]:
-        seen: list[Seen] = []
-
-        def on_message(data: bytes, info: Mapping[str, Any]) -> None:
-            seen.append(Seen(
-                bytes(data), info['source_timestamp'], info['publication_sequence_number']))
-
-        it.node.create_subscription(kind, topic, with_info(on_message), 100_000, raw=True)
-        return seen
 
 
 def recorded(bag: Path) -> dict[str, list[bytes]]:
@@ -105,145 +61,9 @@ def recorded(bag: Path) -> dict[str, list[bytes]]:
     return found
 
 
-class Killed(NamedTuple):
-    """A recorder's bag, and when the recorder was killed [ns]."""
-
-    bag: Path
-    end: int
-    #: Whether it said before that messages were dropped on the way.
-    dropped: bool
-    #: For how long others kept the processor from it [ns].
-    waited: int
-
-
 def size(bag: Path) -> int:
     file = bag / f'{bag.name}_0.mcap'
     return file.stat().st_size if file.exists() else 0
-
-
-def kill_at_random(it: Probe, folder: Path, dice: random.Random, kills: int) -> list[Killed]:
-    """Start so many recorders, and kill each of them at a random moment of its life."""
-    killed: list[Killed] = []
-    running: dict[Path, tuple[child_process.Child, float]] = {}
-    watches: dict[Path, Stopwatch] = {}
-    begun: dict[Path, int] = {}
-    started = 0
-
-    def due() -> bool:
-        now = time.time_ns()
-        for bag in running:
-            if bag not in begun and size(bag) > EMPTY:
-                begun[bag] = now
-        return any(now - begin > 1e9 * running[bag][1] for bag, begin in begun.items())
-
-    while len(killed) < kills:
-        while started < kills and len(running) < ALIVE:
-            bag = folder / f'bag{started}'
-            running[bag] = it.start('recorder', '-p', f'bag:={bag}'), dice.uniform(0.0, 1.5)
-            watches[bag] = Stopwatch(running[bag][0].process.pid)
-            started += 1
-        it.until(due, 'the moment')
-        bag = min(begun, key=lambda x: begun[x] + 1e9 * running[x][1])
-        child, _ = running.pop(bag)
-        del begun[bag]
-        waited = round(1e9 * watches[bag].waited())
-        end = time.time_ns()
-        child.signal(signal.SIGKILL)
-        killed.append(Killed(bag, end, 'were dropped' in child.exit_report(), waited))
-    return killed
-
-
-@pytest.mark.parametrize(
-    'pacing', [pytest.param('lockstep', marks=pytest.mark.slow), 'real_time'])
-def test_recorders_killed_at_random_moments_lose_a_second_at_most(
-        pacing: str, tmp_path: Path) -> None:
-    """
-    Check that nothing is missing before, unless a recorder that could not keep up said so.
-
-    The loop goes on, with at most the pause of docs/safety.md; others can read the mended bag.
-    What was published, and when, says a witness; in lockstep every state in every bag equals the
-    simulation, to the last bit, and none is missing between two.
-    """
-    period: tuple[str, ...] = ()
-    law: tuple[str, ...] = ()
-    if pacing == 'real_time':
-        period = '-p', 'control_period:=0.002'  # The machine has others to serve.
-        # Less than the friction: such a motion does not diverge, however late its torques are.
-        law = '-p', 'effort_limit:=[1.0, 1.0]'
-    with probe() as it:
-        reports, witness = Diagnostics(it), Witness(it)
-        loop = [it.start('plant', '-p', f'pacing:={pacing}', *period),
-                it.start('controller', '-p', 'state_timeout:=5.0', *period, *law),
-                it.start('reference')]
-        it.until(lambda: len(witness.commands) > 100, 'motion')
-        killed = kill_at_random(it, tmp_path, random.Random(pacing), KILLS[pacing])
-        count = len(witness.commands)
-        it.until(lambda: len(witness.commands) > count + 100, 'that the loop goes on')
-        report = reports.next('controller')
-        assert (report.count('restarts'), report.count('timeouts, state')) == (0, 0)
-        assert [child.status for child in loop] == [None] * 3
-        assert not any('Traceback' in line for line in it.lines)
-
-    published = [(read_state(x.data), x.t) for x in witness.states]
-    whole = latest = 0
-    states: list[StateMessage] = []
-    for bag, end, overrun, waited in killed:
-        assert is_damaged(bag)
-        done = repair(bag)
-        assert done is not None
-        assert len(others(bag)) == done[0].span.count > 0
-        mine = [read_state(data) for data in recorded(bag).get(STATES, [])]
-        have = {x.t for x in mine}
-        missing = [end - t for x, t in published if mine and mine[0].t <= x.t
-                   and x.t not in have]
-        assert overrun or max(missing, default=0) <= LOSS + waited, bag
-        try:
-            whole += len(read_bag(bag).run.t) > 100 and not overrun
-        except CtcError as error:  # It was killed before it had met all of the graph.
-            assert any(x in str(error) for x in ('no message on', 'no reference', 'no state on'))
-        states += mine
-        latest = max(latest, *(x.t for x in mine[-1:]), 0)
-        if pacing == 'lockstep' and not overrun:
-            steps = {b.t - a.t for a, b in itertools.pairwise(mine)}
-            assert steps <= {0, PERIOD}  # A state that is not answered at once is sent again.
-    assert whole >= KILLS[pacing] // 2
-    if pacing == 'lockstep':
-        expected = simulate(parameter_file.load(None, {'plant': {'duration': latest / 1e9}})).run
-        rows = np.array([x.t // PERIOD for x in states])
-        assert np.array_equal(np.array([x.position for x in states]), expected.q[rows])
-        assert np.array_equal(np.array([x.velocity for x in states]), expected.dq[rows])
-
-
-def others(bag: Path) -> list[bytes]:
-    """Return the messages that both `rosbags` and `mcap` find in a bag, without help of ours."""
-    with AnyReader([bag]) as reader:
-        found = [bytes(data) for _, _, data in reader.messages()]
-    with (bag / f'{bag.name}_0.mcap').open('rb') as stream:
-        assert Counter(found) == Counter(
-            message.data for _, _, message in make_reader(stream).iter_messages())
-    return found
-
-
-def test_a_second_at_1_khz_hold_every_sample_and_equal_the_simulation(tmp_path: Path) -> None:
-    bag, file = tmp_path / 'bag', CONFIG / 'friction.yaml'
-    status, output = run_bringup(
-        '--params-file', str(file), '--duration', '1', '--record', str(bag))
-    assert status == 0, output
-    assert 'were dropped' not in output
-    assert_equal(read_bag(bag), simulate(parameter_file.load(file, {'plant': {'duration': 1.0}})))
-    found = counts(bag)
-    stamps = [read_state(data).t for data in recorded(bag)[STATES]]
-    # A state whose answer took long is sent again, and so is the answer.
-    assert stamps == sorted(stamps) and sorted(set(stamps)) == [k * PERIOD for k in range(1001)]
-    assert len(stamps) == found[STATES]
-    assert found[TORQUES] >= 1001
-    assert found['/clock'] >= 101
-    for topic in ('tracking', 'filter', 'torques'):
-        assert found[f'/controller/{topic}'] == 101
-    assert not metadata(bag)['custom_data']
-    said = dropped(bag)
-    assert said
-    assert set(said) == {(OK, '0')}
 
 
 def test_messages_without_a_pause_do_not_keep_it_from_the_disk(tmp_path: Path) -> None:

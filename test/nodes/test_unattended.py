@@ -36,13 +36,16 @@ def ns(message: JointState) -> int:
     return int(message.header.stamp.sec) * 10 ** 9 + int(message.header.stamp.nanosec)
 
 
-def test_unused_references_are_discarded() -> None:
+def test_unused_references_are_discarded_and_a_time_without_a_clock_is_reported() -> None:
     """Send more than a minute to a controller that is disabled, without a state and with one."""
     with probe() as it:
         reports = Diagnostics(it)
         states = it.node.create_publisher(JointState, 'joint_states', 10)
         chunks = it.node.create_publisher(JointTrajectory, 'reference', 1000)
         it.start('controller', '-p', 'enabled:=false')
+        it.start('reference', '-p', 'use_sim_time:=true', '-r', 'reference:=elsewhere')
+        reports.until('reference', lambda r: 'but /clock has no publisher' in r.message,
+                      'the warning')
         it.until(lambda: states.get_subscription_count() and chunks.get_subscription_count(),
                  'the controller')
         chunk = reference(JOINTS, [[[0.1, 0.2], [0.3, 0.4], ZERO]] * CHUNK)
@@ -59,14 +62,6 @@ def test_unused_references_are_discarded() -> None:
             return 0 < report.count(held) <= CHUNK
 
         reports.until('controller', ahead, 'what is ahead')
-
-
-def test_use_sim_time_without_a_clock_is_reported() -> None:
-    with probe() as it:
-        reports = Diagnostics(it)
-        it.start('reference', '-p', 'use_sim_time:=true')
-        reports.until('reference', lambda r: 'but /clock has no publisher' in r.message,
-                      'the warning')
 
 
 def test_a_state_of_another_time_does_not_begin_that_of_the_reference() -> None:

@@ -26,9 +26,6 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 from trajectory_msgs.msg import JointTrajectory
 
-#: A law that a machine does not upset which is late by many samples.
-PATIENT = ['-p', 'law:=compensation', '-p', 'kp:=[25.0,25.0]', '-p', 'kv:=[10.0,10.0]']
-
 
 class ControllerUnderTest:
     """A controller process between our states and references, in our time, and its torques."""
