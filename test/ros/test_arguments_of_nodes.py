@@ -113,6 +113,9 @@ def test_what_means_nothing_is_refused_in_one_line_with_status_2(
 
 @pytest.mark.parametrize(('arguments', 'words'), [
     (['--laws', 'compensation'], ['--laws']), (['--pacing', 'fast'], ['fast', 'lockstep']),
+    (['--params-file', 'missing.yaml'], ['missing.yaml: no such file']),
+    (['--duration', 'nan'], ['bringup: duration: nan is not allowed']),
+    (['--control-period', '0.0'], ['control_period: 0.0 is not allowed']),
     (['--ros-args', '-p', 'lawx:=foo'], ['lawx', 'law']),
     (['--ros-args', '-p', 'nod:law:=x'], ['nod', 'controller']),
     (['--ros-args', '-r', '__node:=foo'], ['__node']),
@@ -125,6 +128,15 @@ def test_bringup_refuses_what_means_nothing(
     error = capsys.readouterr().err
     assert len(error.splitlines()) == 1
     assert [word for word in words if word not in error] == []
+
+
+def test_bringup_overwrites_nothing_and_refuses_an_event_that_a_running_node_would(
+        file: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert bringup.main(['--record', '/']) == 1
+    assert capsys.readouterr().err == 'bringup: /: exists already, not overwritten\n'
+    file.write_text("bringup: {ros__parameters: {events: ['1.0 controller ka [-1.0, 0.0]']}}")
+    assert bringup.main(['--params-file', str(file)]) == 1
+    assert capsys.readouterr().err.startswith('bringup: ka: [-1.0, 0.0] is not allowed')
 
 
 def test_arguments_of_bringup_for_ros_stand_above_its_own(file: Path) -> None:
