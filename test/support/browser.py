@@ -101,7 +101,8 @@ def eventually(done: Callable[[], Any], what: str, page: Any) -> None:
     """Wait until `done` says so, and let the page go on meanwhile."""
     deadline = time.monotonic() + PATIENCE
     while not done():
-        assert time.monotonic() < deadline, f'waited in vain for {what}'
+        assert time.monotonic() < deadline, (
+            f'waited in vain for {what}: {page.locator("body").inner_text()[:900]}')
         page.wait_for_timeout(50)
 
 
