@@ -28,7 +28,6 @@ from ctc_chattering.cli.presentation import progress
 from ctc_chattering.errors import given_by_user
 from ctc_chattering.launch.graph import run_graph, Stopped
 from ctc_chattering.ros import ros_arguments
-from tqdm import tqdm
 
 
 def make_parser() -> argparse.ArgumentParser:
@@ -59,6 +58,7 @@ def bringup(arguments: Sequence[str]) -> int:
     """Run the graph as the arguments, its own and those for ROS, say."""
     own, ros = ros_arguments.parse(arguments)
     options = make_parser().parse_args(own)
+    from tqdm import tqdm
     if options.live:
         from ctc_chattering.live import require_viser
         require_viser()

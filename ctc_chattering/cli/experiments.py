@@ -23,7 +23,7 @@ import time
 
 from ctc_chattering.analysis.output import prepare
 from ctc_chattering.cli.command_line import say
-from ctc_chattering.cli.options import add_format, add_output, add_run_options, load_setup
+from ctc_chattering.cli.options import add_output, add_run_options, load_setup
 from ctc_chattering.cli.presentation import present, print_results, progress
 from ctc_chattering.configuration import parameter_file
 
@@ -35,7 +35,7 @@ _SAMPLES = 'trajectory.npz'
 def simulate_options(parser: argparse.ArgumentParser) -> None:
     """Add the options of `ctc simulate`."""
     add_run_options(parser)
-    add_output(parser)
+    add_output(parser, figures=False)
 
 
 def run_simulate(options: argparse.Namespace) -> int:
@@ -71,7 +71,6 @@ def run_simulate(options: argparse.Namespace) -> int:
 
 def reproduce_options(parser: argparse.ArgumentParser) -> None:
     """Add the options of `ctc reproduce`."""
-    add_format(parser)
     add_output(parser, 'results')
 
 

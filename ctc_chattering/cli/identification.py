@@ -22,12 +22,11 @@ from math import inf, isfinite
 from pathlib import Path
 
 from ctc_chattering.analysis.output import prepare
-from ctc_chattering.analysis.tables import columns, cut, paragraph, print_columns, WIDTH
+from ctc_chattering.analysis.tables import fitted, paragraph
 from ctc_chattering.bags.motion import read_motion
 from ctc_chattering.cli.command_line import say
 from ctc_chattering.cli.options import (
     add_declared,
-    add_format,
     add_number,
     add_output,
     add_params_file,
@@ -76,8 +75,8 @@ def excite_options(parser: argparse.ArgumentParser) -> None:
     add_params_file(parser)
     for spec in (*_ASKED.values(), _FRICTION):
         add_declared(parser, spec)
-    parser.add_argument('--srdf', type=Path, metavar='FILE',
-                        help='do not check links that this SRDF allows to touch')
+    parser.add_argument('--srdf', metavar='FILE', help='SRDF, a path or package://NAME/PATH: '
+                        'links that it allows to touch are not checked')
     add_number(parser, '--floor', 'height of a floor in the frame of the root link', None,
                'float', unit='m')
     add_number(parser, '--evaluations', 'random motions, of which the first that keeps all limits '
@@ -85,7 +84,7 @@ def excite_options(parser: argparse.ArgumentParser) -> None:
     add_number(parser, '--seed', 'seed of the random motions', 0, minimum=0)
     parser.add_argument('--for', dest='joints', type=words, default=(), metavar='A,B',
                         help='joints that the motion is for: the others move little; default: all')
-    add_output(parser)
+    add_output(parser, figures=False)
 
 
 def run_excite(options: argparse.Namespace) -> int:
@@ -108,7 +107,7 @@ def run_excite(options: argparse.Namespace) -> int:
         if friction is not None:
             friction = _FRICTION.coerce(friction, n)
             _FRICTION.check(friction, n)
-    srdf = _text(options.srdf) if options.srdf is not None else ''
+    srdf = read_description(options.srdf) if options.srdf else ''
     if options.out is not None and not options.overwrite:
         prepare(options.out, (MOTION, RUN))  # Refused before the search rather than after it.
     found = excite(setup, request, friction, options.evaluations, options.seed, srdf,
@@ -120,15 +119,6 @@ def run_excite(options: argparse.Namespace) -> int:
         print(f'{len(found.excitation.route.times)} waypoints: {options.out / MOTION}; play them '
               f'with bringup {options.out / RUN}')
     return 0
-
-
-def _text(file: Path) -> str:
-    """Return the text of an SRDF."""
-    try:
-        return file.read_text(encoding='utf-8')
-    except (OSError, ValueError) as error:
-        raise CtcError(f'{file}: {getattr(error, "strerror", None) or "not a text file"}'
-                       ) from None
 
 
 def _show_motion(found: Plan) -> None:
@@ -144,8 +134,7 @@ def _show_motion(found: Plan) -> None:
             joint.name, f'{q.min():.2f} to {q.max():.2f}',
             *(f'{most:.3g}/{limit:.4g}' for most, limit in peaks), f'{found.kp[i]:g}',
             f'{found.kv[i]:g}', f'{found.hold[i]:.3f}'))
-    wide = max(map(len, columns([row[1:] for row in rows])))
-    print_columns([(cut(row[0], WIDTH - 2 - wide), *row[1:]) for row in rows])
+    print('\n'.join(fitted(rows, 0)))
     (first, _), (_, last) = found.excitation.slow[0], found.excitation.creep[-1]
     begin, end = found.excitation.sines
     _say(f'slow reversals and creeping at {len(found.excitation.slow)} poses from {first:.1f} to '
@@ -229,7 +218,6 @@ def identify_options(parser: argparse.ArgumentParser) -> None:
     add_number(parser, '--trials', 'number of simulated robots, drawn within the intervals, on '
                'which the gains are tried; default: 24, or 8 without numba; 0 for none', minimum=0)
     add_number(parser, '--seed', 'seed of the trials', 1, minimum=0)
-    add_format(parser)
     add_output(parser, 'identified')
 
 

@@ -155,20 +155,18 @@ def own(options: argparse.Namespace) -> dict[str, str]:
     return {name: getattr(options, name) for name in ('model', 'law', 'switching')}
 
 
-def add_output(parser: argparse.ArgumentParser, default: str | None = None) -> None:
-    """Add the options of the directory to write into."""
+def add_output(parser: argparse.ArgumentParser, default: str | None = None,
+               figures: bool = True) -> None:
+    """Add the options of the directory to write into, and of a second format of `figures`."""
+    if figures:
+        parser.add_argument('--format', choices=('svg', 'pdf', 'png'), default='svg',
+                            help='figures in this format as well; the page has them as svg')
     parser.add_argument(
         '--out', type=Path, metavar='DIR', default=default and Path(default),
         help=f'output directory, default: {default}' if default
         else 'output directory; without it, results are only printed')
     parser.add_argument('--overwrite', action='store_true',
                         help='replace the output of an earlier run of this command')
-
-
-def add_format(parser: argparse.ArgumentParser) -> None:
-    """Add the option of a second format of all figures."""
-    parser.add_argument('--format', choices=('svg', 'pdf', 'png'), default='svg',
-                        help='figures in this format as well; the page has them as svg')
 
 
 def add_jobs(parser: Any) -> None:

@@ -27,7 +27,6 @@ from ctc_chattering.analysis.output import prepare, write_json, writing
 from ctc_chattering.cli.command_line import say
 from ctc_chattering.cli.options import (
     add_declared,
-    add_format,
     add_jobs,
     add_loop_options,
     add_number,
@@ -74,7 +73,6 @@ def compare_options(parser: argparse.ArgumentParser) -> None:
     add_jobs(parser)
     parser.add_argument('--ros', action='store_true',
                         help='run the nodes and evaluate their bags instead of simulating')
-    add_format(parser)
     add_output(parser)
 
 
@@ -120,7 +118,6 @@ def map_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--explain', metavar='POINT',
                         help='write and plot one run, given by its number or by name=value,... of '
                              'axes, law and repeat')
-    add_format(parser)
     add_output(parser, 'map')
 
 
@@ -250,7 +247,6 @@ def tune_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--seed', type=int, metavar='S',
                         help="seed of search and draws, default: the spec's, or 0")
     add_jobs(parser)
-    add_format(parser)
     add_output(parser, 'tuned')
 
 
@@ -325,7 +321,6 @@ def stability_options(parser: argparse.ArgumentParser) -> None:
     add_declared(parser, dataclasses.replace(
         declared['input_delay'], default=None,
         description="true delay in samples, instead of the plant's"), '--delay')
-    add_format(parser)
     add_output(parser)
 
 

@@ -154,8 +154,8 @@ NODES: dict[str, Sequence[type[Config]]] = {
 }
 
 
-#: Parameters by which bringup and the live page drive the nodes: no user sets them in a file.
-INTERNAL = ('wait_for', 'hold_at')
+#: Parameters by which bringup, the live page and tests drive the nodes: no user sets them.
+INTERNAL = ('wait_for', 'hold_at', 'compiled')
 
 #: The nodes of the control loop.
 LOOP = ('plant', 'controller', 'reference')

@@ -122,7 +122,7 @@ class RosArguments:
         if not any(sections.values()):
             raise UsageError(
                 f'--params-file {file}: no section is for {" or ".join(paths.values())}; there is '
-                + ', '.join(name for name, _ in parameter_file.full_sections(file)))
+                + ', '.join(parameter_file.full_sections(file)))
         return {x: parameter_file.node_values(mine, x, str(file)) for x, mine in sections.items()}
 
 
@@ -133,7 +133,7 @@ def _sections_for(path: str, executable: str, file: Path) -> dict[str, Values]:
     A section without a namespace is for that node in any namespace.
     """
     found: dict[str, Values] = {}
-    for name, values in parameter_file.full_sections(file):
+    for name, values in parameter_file.full_sections(file).items():
         pattern = re.escape(name).replace(r'/\*\*', r'(/\w+)*').replace(r'\*', r'\w+')
         if re.fullmatch(pattern, path) or name == f'/{path.rsplit("/", 1)[1]}':
             section = parameter_file.EVERY_NODE if '*' in name.rsplit('/', 1)[1] else executable
