@@ -132,8 +132,9 @@ def run_map(options: argparse.Namespace) -> int:
     from ctc_chattering.runs.points import Runs
     from ctc_chattering.runs.store import PAGE
 
-    if find_spec('pandas') is None:  # It is needed at the end, and takes time to import.
-        raise ModuleNotFoundError(name='pandas')
+    for needed in ('matplotlib', 'pandas'):  # At the end; they take time to import.
+        if find_spec(needed) is None:
+            raise ModuleNotFoundError(name=needed)
     spec = map_spec(options.spec)
     if options.explain is not None:
         return _explain(Runs(spec), options)
