@@ -16,19 +16,25 @@
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import closing
 import dataclasses
 import itertools
 from pathlib import Path
-import sys
-from typing import Any, NamedTuple
 
 from ctc_chattering.analysis.result import Result
 from ctc_chattering.analysis.terms import terms
-from ctc_chattering.bags.bag import Bag, BagTopics, nanoseconds
+from ctc_chattering.bags.bag import Bag, nanoseconds
+from ctc_chattering.bags.recording import alone
 from ctc_chattering.bags.repair import open_bag
+from ctc_chattering.bags.signals import (
+    answers,
+    JOINT_STATE,
+    MULTI_ARRAY,
+    Signal,
+    SignalTopic,
+    STATE_FIELDS,
+)
 from ctc_chattering.control.controller import ControllerConfig
 from ctc_chattering.dynamics.registry import model_of
 from ctc_chattering.errors import CtcError, refused_as, RejectedMessage
@@ -42,7 +48,7 @@ from ctc_chattering.trajectory.buffer import Trajectory
 import numpy as np
 
 #: Longest step between two states that is accepted at once [periods], and the number of states
-#: that must follow a longer one.
+#: that must stand together beside a longer one.
 _FEW = 20
 
 
@@ -72,9 +78,9 @@ def read_bag(path: str | Path, model: str | type = '', law: str | type = '',
 
     """
     path = Path(path)
-    with closing(open_bag(path)) as reader, refused_as(f'{path}: damaged'):
-        return _RunTopics(reader, path, {name: value for name, value in (
-            ('model', model), ('law', law), ('switching', switching)) if value}).result()
+    with closing(open_bag(path)) as bag, refused_as(f'{path}: damaged'):
+        return _run(bag, {name: value for name, value in (
+            ('model', model), ('law', law), ('switching', switching)) if value})
 
 
 def find_bags(directory: Path) -> list[Path]:
@@ -95,172 +101,106 @@ def _is_bag(path: Path) -> bool:
         x.name == 'metadata.yaml' or x.suffix in ('.mcap', '.db3') for x in path.iterdir())
 
 
-class _StampedState(NamedTuple):
-    """A joint state: stamp [ns], (position, velocity, effort), shape (3, n), and log time [ns]."""
+def _run(bag: Bag, own: Mapping[str, object]) -> Result:
+    """Return the run; `own` stands in the place of classes that the bag names."""
+    history = bag.parameters('controller', ControllerConfig, own)
+    if not history:
+        raise CtcError(f'{bag.path}: not a bag of this package: no message on '
+                       f'controller/{topics.PARAMETERS}')
+    since, config = history[0]
+    names, period = config.joint_names, period_ns(config.control_period)
+    states = _states(bag, names, since, period)
+    if not len(states.stamps):
+        raise CtcError(f'{bag.path}: no state on {topics.JOINT_STATES} that was answered')
+    trajectory, start = _trajectory(bag, names)
+    points = [p for t in states.stamps.tolist() if (p := trajectory.at(t))]
+    if not points:
+        raise CtcError(f'{bag.path}: no {topics.REFERENCE} for the state at '
+                       f'{seconds(int(states.stamps[0])):g} s')
+    # A recorder that is started during a run receives states before the first reference.
+    unknown = len(states.stamps) - len(points)
+    tau = _torques(bag, names, states, period)[unknown:]
+    q, dq, _ = states.where(slice(unknown, None)).values
+    stamps = states.stamps[unknown:].tolist()
+    q_d, dq_d, ddq_d = (np.array(rows) for rows in zip(*points))
+    times = np.array([seconds(t - start) for t in stamps])
+    run = Run(times, q, dq, q_d, dq_d, ddq_d, tau, np.zeros_like(q))
+    configs = [(seconds(t - start), x) for t, x in history]
+    plants = bag.parameters('plant', PlantConfig, {'friction_model': '', **own})
+    experiment = (plants[0][1].experiment if plants else '') or bag.path.name
+    description = bag.description()
+    known = None
+    if missing(times, config.control_period).any():
+        published = _signal(bag, f'controller/{topics.FILTER}', JOINT_STATE, ('velocity',), names)
+        known = {seconds(t - start): v for t, v in zip(
+            published.stamps.tolist(), published.values[0].tolist())}
+    ahead = [[trajectory.at(t + k * period) or points[-1]
+              for k in range(1, config.input_delay + 1)] for t in stamps]
+    computed = terms(run, configs, model_of(config, description), known,
+                     any(plant.sample_loss for _, plant in plants), ahead)
+    return Result(experiment, configs, dataclasses.replace(run, v=computed.v), computed,
+                  description, bag.path.resolve().name)
 
-    t: int
-    row: Array
-    recorded: int
+
+def _signal(bag: Bag, name: str, kind: str, fields: tuple[str, ...], joints: Sequence[str]
+            ) -> Signal:
+    """Return our joints' values on a topic; the first two fields of a message must be finite."""
+    found = SignalTopic(bag, name, kind, fields, tuple(
+        x for x in bag.named(name) if x.msgtype == kind)).read(joints)
+    return found.where(np.isfinite(np.hstack(found.values[:2])).all(axis=1))
 
 
-class _RunTopics(BagTopics):
-    """The topics of a bag with a run of this package."""
+def _states(bag: Bag, joints: Sequence[str], since: int, period: int) -> Signal:
+    """
+    Return the states from time `since` [ns] on, each stamp once, sorted by time.
 
-    def __init__(self, reader: Bag, path: Path, own: Mapping[str, object]) -> None:
-        super().__init__(reader, path)
-        self._own = own
-        self._history = self.parameters('controller', ControllerConfig, own)
-        if not self._history:
-            raise CtcError(f'{path}: not a bag of this package: no message on '
-                           f'controller/{topics.PARAMETERS}')
-        config = self._history[0][1]
-        self._names = config.joint_names
-        self._period = period_ns(config.control_period)
+    Less than `_FEW` states with steps of more than `_FEW` periods on both sides are left out.
+    """
+    found = _signal(bag, topics.JOINT_STATES, JOINT_STATE, STATE_FIELDS[JOINT_STATE], joints)
+    found = found.where(found.stamps >= since)
+    stamps, first = np.unique(found.stamps, return_index=True)
+    found = found.where(np.sort(first[~alone(stamps, _FEW * period, _FEW)]))
+    return found.where(np.diff(np.maximum.accumulate(found.stamps), prepend=since - 1) > 0)
 
-    def result(self) -> Result:
-        """Return the run."""
-        states, repeats = self._states(self._history[0][0])
-        if not states:
-            raise CtcError(f'{self.path}: no state on {topics.JOINT_STATES} that was answered')
-        trajectory, start = self._trajectory()
-        points = [p for state in states if (p := trajectory.at(state.t))]
-        if not points:
-            raise CtcError(f'{self.path}: no {topics.REFERENCE} for the state at '
-                           f'{seconds(states[0].t):g} s')
-        # A recorder that is started during a run receives states before the first reference.
-        unknown = len(states) - len(points)
-        tau = self._torques(states, repeats)[unknown:]
-        q, dq, _ = np.array([state.row for state in states[unknown:]]).transpose(1, 0, 2)
-        q_d, dq_d, ddq_d = (np.array(rows) for rows in zip(*points))
-        times = np.array([seconds(state.t - start) for state in states[unknown:]])
-        run = Run(times, q, dq, q_d, dq_d, ddq_d, tau, np.zeros_like(q))
-        configs = [(seconds(t - start), config) for t, config in self._history]
-        plants = self.parameters('plant', PlantConfig, {'friction_model': '', **self._own})
-        experiment = (plants[0][1].experiment if plants else '') or self.path.name
-        description = self.description()
-        known = self._filtered_error(start) if missing(
-            times, configs[0][1].control_period).any() else None
-        ahead = [[trajectory.at(state.t + k * self._period) or points[-1]
-                  for k in range(1, configs[0][1].input_delay + 1)] for state in states[unknown:]]
-        computed = terms(run, configs, model_of(configs[0][1], description), known,
-                         any(plant.sample_loss for _, plant in plants), ahead)
-        return Result(experiment, configs, dataclasses.replace(run, v=computed.v), computed,
-                      description, self.path.resolve().name)
 
-    def _filtered_error(self, start: int) -> dict[float, list[float]]:
-        """Return v as the controller published it [rad/s] by time since `start` [s]."""
-        found = {}
-        for _, message in self.messages(f'controller/{topics.FILTER}'):
-            (v,) = self._select(message.name, message.velocity)
-            if np.isfinite(v).all():
-                found[seconds(nanoseconds(message.header.stamp) - start)] = v.tolist()
-        return found
-
-    def _select(self, names: Sequence[str], *rows: Any) -> Array:
-        """Return our joints' values out of rows of a message; nan if it would be rejected."""
+def _trajectory(bag: Bag, joints: Sequence[str]) -> tuple[Trajectory, int]:
+    """Return the reference and the time of its first point [ns]."""
+    trajectory, start = Trajectory(), 0
+    for _, message in bag.read(bag.named(topics.REFERENCE)):
+        first = nanoseconds(message.header.stamp)
+        times = [first + nanoseconds(p.time_from_start) for p in message.points]
         try:
-            with np.errstate(all='ignore'):
-                return np.array(select(self._names, names, *rows))
+            rows = [np.array(select(joints, message.joint_names, p.positions, p.velocities,
+                                    p.accelerations)).tolist() for p in message.points]
         except RejectedMessage:
-            return np.full((len(rows), len(self._names)), np.nan)
+            continue
+        if all(a < b for a, b in itertools.pairwise(times)):
+            if not len(trajectory) and times:
+                start = times[0]
+            trajectory.extend(times, rows)
+    return trajectory, start
 
-    def _valid_states(self, since: int) -> Iterator[_StampedState]:
-        """Yield the states from time `since` [ns] on that a controller would accept."""
-        for recorded, message in self.messages(topics.JOINT_STATES):
-            t = nanoseconds(message.header.stamp)
-            effort = message.effort if len(message.effort) else np.zeros(len(message.name))
-            row = self._select(message.name, message.position, message.velocity)
-            if t >= since and np.isfinite(row).all():
-                row = np.vstack((row, self._select(message.name, effort)))
-                yield _StampedState(t, row, recorded)
 
-    def _states(self, since: int) -> tuple[list[_StampedState], Counter[int]]:
-        """
-        Return the states, each stamp once, sorted by time, and how often one was repeated.
+def _torques(bag: Bag, joints: Sequence[str], states: Signal, period: int) -> Array:
+    """
+    Return the torque that answers each state, shape (N, n); nan where it is unknown.
 
-        A step of more than `_FEW` periods needs `_FEW` states that confirm it.
-        """
-        states: list[_StampedState] = []
-        pending: list[_StampedState] = []
-        rejected = 0
-        repeats: Counter[int] = Counter()
-        for state in self._valid_states(since):
-            step = state.t - states[-1].t if states else 1
-            if step <= 0:
-                repeats[state.t] += step == 0 and np.array_equal(state.row, states[-1].row)
-            elif not states or step <= _FEW * self._period:
-                states.append(state)
-                pending, rejected = [], 0
-            elif not pending or (
-                    self._period <= 2 * (state.t - pending[-1].t) <= 2 * _FEW * self._period):
-                pending.append(state)
-                if len(pending) == _FEW:
-                    states += pending
-                    pending = []
-            else:
-                rejected += 1
-                if rejected > 10 * _FEW:
-                    pending, rejected = [], 0
-        return states, repeats
-
-    def _trajectory(self) -> tuple[Trajectory, int]:
-        """Return the reference and the time of its first point [ns]."""
-        trajectory, start = Trajectory(), 0
-        for _, message in self.messages(topics.REFERENCE):
-            first = nanoseconds(message.header.stamp)
-            times = [first + nanoseconds(p.time_from_start) for p in message.points]
-            rows = [self._select(message.joint_names, p.positions, p.velocities, p.accelerations)
-                    for p in message.points]
-            if np.isfinite(rows).all() and all(a < b for a, b in itertools.pairwise(times)):
-                if not len(trajectory) and times:
-                    start = times[0]
-                trajectory.extend(times, [row.tolist() for row in rows])
-        return trajectory, start
-
-    def _commands(self, states: Sequence[_StampedState], repeats: Counter[int]
-                  ) -> tuple[list[Array], list[int]]:
-        """Return torques and log times [ns], without those that answer a repeated state."""
-        commands: list[Array] = []
-        recorded: list[int] = []
-        left = 0
-        for t, message in self.messages(topics.COMMANDS):
-            labels = [dim.label for dim in message.layout.dim] or self._names
-            (tau,) = self._select(labels, message.data)
-            if not np.isfinite(tau).all():
-                continue
-            if left and np.array_equal(tau, commands[-1]):
-                left -= 1
-                continue
-            left = repeats[states[min(len(commands), len(states) - 1)].t]
-            commands.append(tau)
-            recorded.append(t)
-        return commands, recorded
-
-    def _torques(self, states: Sequence[_StampedState], repeats: Counter[int]) -> Array:
-        """
-        Return the torque that answers each state; nan where it is unknown.
-
-        Commands have no stamp. If there are as many as states, as in lockstep, they answer them
-        one by one. Otherwise the torque is the effort in the next state; if that state is missing
-        or has no effort, it is the first command recorded after the state, unless that came later
-        than usual.
-        """
-        commands, recorded = self._commands(states, repeats)
-        if len(commands) == len(states):
-            return np.array(commands)
-        effort = np.array([state.row[2] for state in states])
-        tau = np.full_like(effort, np.nan)
-        consecutive = missing(np.array([state.t for state in states], float), self._period) == 0
-        tau[:-1][consecutive] = effort[1:][consecutive]
-        times = np.array([state.recorded for state in states])
-        answer = np.searchsorted(recorded, times)
-        delay = np.array([*recorded, sys.maxsize])[answer] - times
-        # A command that comes later than usual may answer a state that is missing.
-        latest = np.median(delay) + 0.5 * np.median(np.diff(times, append=times[-1:]))
-        until_next = np.append(times[1:], sys.maxsize) - times
-        known = (delay < until_next) & (delay <= latest)
-        for k in np.flatnonzero(known & ~np.isfinite(tau).all(axis=1)).tolist():
-            tau[k] = commands[answer[k]]
-        if not np.isfinite(tau[-1]).all():
-            tau[-1] = effort[-1]
-        return tau
+    Commands have no stamp. If there are as many as states, as in lockstep, they answer them one by
+    one. Otherwise their times tell; where these do not, it is the effort in the next state.
+    """
+    commands = _signal(bag, topics.COMMANDS, MULTI_ARRAY, ('data',), joints)
+    if len(commands.logged) == len(states.logged):
+        return commands.values[0]
+    effort = states.values[2]
+    reported, answered = np.full((2, *effort.shape), np.nan)
+    consecutive = missing(states.stamps.astype(float), period) == 0
+    reported[:-1][consecutive] = effort[1:][consecutive]
+    is_sure = False
+    if len(commands.logged):
+        found = answers(commands.values[0], commands.logged, states.stamps, states.logged)
+        answered[found.own], is_sure = found.command[found.own], found.late == (0.0, 0.0)
+    first, second = (answered, reported) if is_sure else (reported, answered)
+    tau: Array = np.where(np.isfinite(first), first, second)
+    if not np.isfinite(tau[-1]).all():
+        tau[-1] = effort[-1]
+    return tau

@@ -24,7 +24,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 import dataclasses
 from itertools import pairwise
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from ctc_chattering.control.controller_config import ControllerConfig
 from ctc_chattering.errors import CtcError
@@ -32,21 +32,19 @@ from ctc_chattering.numerics.interpolation import interpolated
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
 import numpy.typing as npt
+from scipy.ndimage import median_filter  # type: ignore[import-untyped]
 
 Indices = npt.NDArray[np.intp]
 
-#: Steps from the stamp before to the one after a late message, at least [periods].
-_HOLE = 1.5
-#: Most breaks, and part of all states whose stamps may be wrong; with more, they are of no use.
-_MOST_BREAKS, _ALONE = 20, 0.01
+#: Samples around one over which its clock and its period are taken.
+_AROUND = 41
+#: Difference from the clock around it beyond which a stamp is of no use, step back of the clock
+#: that splits [periods], and part by which a period may differ.
+_FAR, _BACK, _OTHER = 100.0, 1.5, 0.25
+#: Most breaks, and part of all stamps that may be of no use; with more, all are.
+_MOST_BREAKS, _MOST_FAR = 20, 0.01
 #: Time that is put in the place of a break [s], and periods of it at least.
 _PAUSE, _PERIODS = 0.1, 20.0
-#: Gap on both sides [s] of stamps that are fewer than this, and of no use.
-_FAR, _FEW = 10.0, 10
-#: Samples over which a period is taken, and the part by which it may differ.
-_AROUND, _OTHER = 40, 0.25
-#: Stamps that are looked at together.
-_AT_ONCE = 10_000
 
 
 class StampBreak(NamedTuple):
@@ -122,134 +120,99 @@ def ordered(name: str, t: Array, *contents: Array) -> StampOrder:
         repeated[twice] &= (values[by_time[twice + 1]] == values[by_time[twice]]).all(axis=1)
     arrived = np.sort(by_time[np.append(True, ~repeated)]) if len(by_time) else by_time
     stamps = t[arrived]
+    if len(stamps) < 2:
+        return StampOrder(arrived, stamps, ())
     step = np.diff(stamps)
+    _check_one_publisher(name, step)
     period = float(np.median(step[step > 0.0])) if (step > 0.0).any() else 0.0
-    parts, wrong = _parts(name, stamps, period)
-    index, at, breaks = _joined(parts, stamps, period)
-    _check_one_publisher(name, at)
-    alone = _alone(at)
-    index, at, count = index[~alone], at[~alone], len(wrong) + int(alone.sum())
-    if count:
-        breaks.append(StampBreak(float(stamps[wrong[0]] - stamps[0]) if wrong else 0.0, 0.0, count,
-                                 f'{count} stamps are far from those before and after them'))
-    good, more = _one_period(at, period)
-    return StampOrder(arrived[index[good]], at[good], tuple(sorted([*breaks, *more])))
+    # Medians do not change by single messages that are late or have a wrong stamp.
+    clock = stamps - period * np.arange(len(stamps))
+    far = np.abs(clock - median_filter(clock, _AROUND)) > _FAR * period
+    keep = np.flatnonzero(~far)
+    others = _other_periods(stamps[keep], period)
+    left_out = [keep[first:last] for first, last in others]
+    keep = np.delete(keep, np.r_[tuple(slice(*x) for x in others)] if others else [])
+    cuts = [int(keep[k]) for k in _set_back(stamps[keep], period)] if len(keep) else []
+    if not period or 2 * len(keep) < len(stamps) or len(cuts) > _MOST_BREAKS or (
+            far.sum() > max(1.0, _MOST_FAR * len(stamps))):
+        raise CtcError(f'{name}: the stamps stand still or run back {len(cuts)} times, and '
+                       f'{len(stamps) - len(keep)} stamps stand in two states or in no order: are '
+                       'there two publishers of joint states, or are stamps coarser than the '
+                       'period?')
+    breaks, begin = [], float(stamps[keep].min())
+    for cut, end in pairwise([*cuts, len(stamps)]):
+        before = float(stamps[keep[keep < cut]].max())
+        after = float(stamps[keep[(cut <= keep) & (keep < end)]].min())
+        back = before + period - after
+        breaks.append(StampBreak(before - begin, back, 0, f'the stamps run back by {back:.3g} s'))
+        stamps[cut:] += before + max(_PAUSE, _PERIODS * period) - after
+    if far.any():
+        breaks.append(StampBreak(
+            float(np.flatnonzero(far)[0]) * period, 0.0, int(far.sum()),
+            f'{far.sum()} stamps are far from those before and after them'))
+    for part in left_out:
+        length, inside = float(np.ptp(stamps[part])), np.diff(stamps[part])
+        # Two series at once have uneven steps; their mean says more.
+        typical = min(float(inside.mean()), float(np.median(inside)))
+        breaks.append(StampBreak(
+            float(stamps[part[0]] - begin), length, len(part),
+            f'{length:.3g} s have a state every {typical:.3g} s, all else every {period:.3g} s: '
+            'another period, or two clocks at once'))
+    keep = keep[np.argsort(stamps[keep], kind='stable')]
+    keep = keep[np.diff(stamps[keep], prepend=-np.inf) > 0.0]
+    return StampOrder(arrived[keep], stamps[keep], tuple(sorted(breaks)))
 
 
-def _joined(parts: list[Indices], t: Array, period: float
-            ) -> tuple[Indices, Array, list[StampBreak]]:
-    """Return the parts one after the other, with pauses between them, and the breaks."""
-    keep: list[Indices] = []
-    times: list[Array] = []
-    breaks: list[StampBreak] = []
-    shift = 0.0
-    for part in parts:
-        order = part[np.argsort(t[part], kind='stable')]
-        mine = t[order]
-        if times:
-            end = float(times[-1][-1])
-            back = end + period - float(mine[0]) - shift
-            breaks.append(StampBreak(end - float(times[0][0]), back, 0,
-                                     f'the stamps run back by {back:.3g} s'))
-            shift = end + max(_PAUSE, _PERIODS * period) - float(mine[0])
-        keep.append(order)
-        times.append(mine + shift)
-    return np.concatenate(keep), np.concatenate(times), breaks
-
-
-def _alone(t: Array) -> npt.NDArray[np.bool_]:
-    """Return which of sorted stamps are few, and far from all others."""
-    edges = [0, *(np.flatnonzero(np.diff(t) > _FAR) + 1).tolist(), len(t)]
-    found = np.zeros(len(t), bool)
-    for first, last in pairwise(edges):
-        found[first:last] = len(edges) > 2 and last - first < _FEW
-    return found
-
-
-def _parts(name: str, t: Array, period: float) -> tuple[list[Indices], list[int]]:
-    """Return the states between two breaks, in the order of arrival, and those left out."""
-    parts: list[Indices] = []
-    wrong: list[int] = []
-    start, t = 0, t.copy()
-    while True:
-        k, alone = _break(t, start, period)
-        if k < 0:
-            break
-        if len(parts) >= _MOST_BREAKS or len(wrong) > max(1.0, _ALONE * len(t)):
-            raise CtcError(f'{name}: the stamps stand still or run back {len(parts)} times, and '
-                           f'{len(wrong)} stamps stand in two states or in no order: are there '
-                           'two publishers of joint states, or are stamps coarser than the '
-                           'period?')
-        if alone:
-            wrong.append(k)
-            t[k] = np.nan
-        else:
-            parts.append(np.arange(start, k))
-            start = k
-    parts.append(np.arange(start, len(t)))
-    return [part[np.isfinite(t[part])] for part in parts], wrong
-
-
-def _break(t: Array, start: int, period: float) -> tuple[int, bool]:
-    """Return the first state from `start` on whose stamp runs back, and whether it is alone."""
-    top = np.fmax.accumulate(t[start:])
-    late = np.flatnonzero(t[start + 1:] <= top[:-1]) + start + 1
-    for k in late.tolist():
-        before = t[start:k]
-        below, above = before[before <= t[k]], before[before >= t[k]]
-        if len(below) and len(above) and above.min() - below.max() > _HOLE * period:
-            continue
-        if k + 1 < len(t) and 0.0 < t[k + 1] - top[k - 1 - start] < 3.0 * period:
-            return k, True
-        # States before it that seemed late came after the break as well.
-        known = set(late.tolist())
-        while k - 1 in known and t[k - 1] < t[k]:
-            k -= 1
-        return k, False
-    return -1, False
-
-
-def _check_one_publisher(name: str, t: Array) -> None:
-    """Raise `CtcError` if the stamps are those of two interleaved series."""
-    step = np.diff(t)
+def _check_one_publisher(name: str, step: Array) -> None:
+    """Raise `CtcError` if steps are those of two interleaved series."""
     # Two series with the period h and a phase: the steps a, h - a, a, h - a, ...
     two = 0.5 * (step[:-1] + step[1:])
     uneven = np.abs(step[:-1] - step[1:]) > 0.2 * two
-    if uneven.mean() > 0.8 and np.std(two) < 0.2 * np.mean(two):
+    if len(two) and uneven.mean() > 0.8 and np.ptp(np.percentile(two, (10.0, 90.0))) < (
+            0.4 * np.median(two)):
         low, high = np.percentile(step, (25.0, 75.0))
         raise CtcError(f'{name}: the stamps have no period: steps of {low:.2e} s and {high:.2e} s '
                        'in turn; are there two publishers of joint states?')
 
 
-def _one_period(t: Array, period: float) -> tuple[npt.NDArray[np.bool_], list[StampBreak]]:
-    """Return which states have the common period, and the parts that have another one."""
+def _regions(mask: npt.NDArray[np.bool_]) -> list[tuple[int, int]]:
+    """Return where a mask is set, as first and last plus one of each run of indices."""
+    edges = np.flatnonzero(np.diff(np.concatenate(([False], mask, [False])).astype(int)))
+    return [(int(first), int(last)) for first, last in edges.reshape(-1, 2)]
+
+
+def _other_periods(t: Array, period: float) -> list[tuple[int, int]]:
+    """Return first and last plus one of the states of each part that has another period."""
     step = np.diff(t)
     if len(step) < 4 * _AROUND:
-        return np.ones(len(t), bool), []
-    around = np.lib.stride_tricks.sliding_window_view(step, _AROUND)
-    mean, middle = (np.concatenate([f(some, axis=1) for some in np.array_split(
-        around, len(around) // _AT_ONCE + 1)]) for f in (np.mean, np.median))
-    other = (mean < (1.0 - _OTHER) * period) | (middle > (1.0 + _OTHER) * period)
-    good = np.ones(len(t), bool)
-    breaks = []
-    edges = np.flatnonzero(np.diff(np.concatenate(([False], other, [False])).astype(int)))
-    for first, last in edges.reshape(-1, 2):
-        end = min(last + _AROUND, len(t))
-        if not good[first]:
-            first = int(np.flatnonzero(good[first:end])[0]) + first if good[first:end].any(
-                ) else end
-        if first == end:
-            continue
-        good[first:end] = False
-        length = float(t[end - 1] - t[first])
-        # Two series at once have uneven steps; their mean says more.
-        inside = step[first:end - 1]
-        typical = float(inside.mean() if inside.mean() < period else np.median(inside))
-        breaks.append(StampBreak(
-            float(t[first] - t[0]), length, int(end - first), f'{length:.3g} s have a state every '
-            f'{typical:.3g} s, all else every {period:.3g} s: another period, or two clocks '
-            'at once'))
-    return good, breaks
+        return []
+    slow = median_filter(step, _AROUND) > (1.0 + _OTHER) * period
+    # Two series at once have uneven steps, two of which are a period.
+    fast = median_filter(t[2:] - t[:-2], _AROUND) < 2.0 * (1.0 - _OTHER) * period
+    other = np.zeros(len(t), bool)
+    other[:-1] |= slow
+    other[1:] |= slow
+    other[1:-1] |= fast
+    return _regions(other)
+
+
+def _set_back(t: Array, period: float) -> list[int]:
+    """Return the first states after which the clock is behind what it was."""
+    clock = median_filter(t - period * np.arange(len(t)), _AROUND)
+    at, half = np.arange(1, len(t)), _AROUND // 2
+    ahead = clock[np.minimum(at + half, len(t) - 1)] - clock[np.maximum(at - 1 - half, 0)]
+    step = np.diff(t)
+    return [first + 1 + int(np.argmin(step[first:last]))
+            for first, last in _regions(ahead < -_BACK * period)]
+
+
+def alone(t: npt.NDArray[Any], gap: float, few: int) -> npt.NDArray[np.bool_]:
+    """Return which of sorted stamps are less than `few` between steps of more than `gap`."""
+    edges = [0, *(np.flatnonzero(np.diff(t) > gap) + 1).tolist(), len(t)]
+    found = np.zeros(len(t), bool)
+    for first, last in pairwise(edges):
+        found[first:last] = len(edges) > 2 and last - first < few
+    return found
 
 
 #: Most samples missing at a stretch that are interpolated.

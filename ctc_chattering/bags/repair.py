@@ -17,24 +17,49 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Iterator
 from contextlib import closing
 import dataclasses
+from io import BytesIO
 from pathlib import Path
+import re
 import shutil
 import sys
 import tempfile
 from typing import Any
 import weakref
+import zlib
 
-from ctc_chattering.bags.bag import Bag, damaged
-from ctc_chattering.bags.mcap_file import DamagedFile, UnknownDefinition, unpacked
-from ctc_chattering.bags.writer import BagWriter, Span, TopicType
+from ctc_chattering.bags.bag import (
+    Bag,
+    damaged,
+    index_of,
+    MAGIC,
+    mapped,
+    records,
+    UnknownDefinition,
+    unpacked,
+    unpacked_chunk,
+)
+from ctc_chattering.bags.writer import BagWriter, DESCRIPTIONS, Span, TopicType
 from ctc_chattering.errors import CtcError
 from ctc_chattering.numerics.time_grid import seconds
+from mcap.data_stream import ReadDataStream
+from mcap.opcode import Opcode
+from mcap.records import Attachment, Channel, Chunk, Message, Schema
+from mcap.stream_reader import breakup_chunk
 import yaml
 
 #: What a message that is compressed by itself begins with; no other one does.
 _ZSTD = b'\x28\xb5\x2f\xfd'
+#: A chunk: its length, times, size, checksum, and what it is packed with.
+_CHUNK_START = re.compile(
+    rb'\x06(?=.{5}\0{3}.{28}(?:\0{4}|\x04\0{3}zstd|\x03\0{3}lz4))', re.DOTALL)
+#: An attachment with descriptions: its length, no times, and its name.
+_DESCRIPTIONS_START = re.compile(
+    rb'\x09(?=.{5}\0{19}%c\0{3}%s)' % (len(DESCRIPTIONS), DESCRIPTIONS.encode()), re.DOTALL)
+#: Latest time that a bag can have [ns].
+_LATEST = 2 ** 63 - 1
 
 
 @dataclasses.dataclass
@@ -72,6 +97,112 @@ class Recovery:
                 + (f' ({topics})' if topics else '') + f', {self.lost} bytes unreadable')
 
 
+class _DamagedFile:
+    """
+    What can be read of an MCAP file: whole chunks, by their checksums, and the records in them.
+
+    Chunks are looked for byte by byte. Without any, the records before the first wrong one are
+    taken.
+
+    Parameters
+    ----------
+    path : Path
+
+    Attributes
+    ----------
+    counts : Counter or None
+        Number of messages by topic, as the index has it; None without it.
+    lost : int
+        Bytes that could not be read; complete after `messages`.
+
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._data, self.lost = mapped(path), 0
+        self._known: dict[tuple[type, int], Any] = {}
+        self.counts: Counter[str] | None = None
+        try:
+            summary = index_of(path, self._data)
+        except Exception:  # A damaged index may raise any exception.
+            summary = None
+        if summary:
+            self._known.update({(Schema, x): schema for x, schema in summary.schemas.items()})
+            self._known.update({(Channel, x): item for x, item in summary.channels.items()})
+        for match in _DESCRIPTIONS_START.finditer(self._data):
+            _, start, end = _record(self._data, match.start())
+            content = self._data[start:end]
+            if content[-4:] == zlib.crc32(content[:-4]).to_bytes(4, 'little'):
+                stream = ReadDataStream(BytesIO(content))
+                list(self._messages(_records(Attachment.read(stream).data)))
+        if summary and summary.statistics:
+            self.counts = Counter({
+                summary.channels[x].topic: count for x, count in
+                summary.statistics.channel_message_counts.items() if x in summary.channels})
+
+    def messages(self) -> Iterator[tuple[Channel, Schema, Message]]:
+        """Yield the messages in the order of the file."""
+        place = len(MAGIC)
+        for begin, end, content in self._parts():
+            self._skip(place, begin)
+            place = end
+            yield from self._messages(content)
+        end = len(self._data)
+        self._skip(place, end - len(MAGIC) if self._data[-len(MAGIC):] == MAGIC else end)
+
+    def _parts(self) -> Iterator[tuple[int, int, list[Any]]]:
+        """Yield begin, end and records of the parts of the file that are whole."""
+        data, place = self._data, 0
+        for match in _CHUNK_START.finditer(data):
+            begin = match.start()
+            _, start, end = _record(data, begin)
+            if place <= begin < end:
+                try:
+                    found = _records(unpacked_chunk(data[start:end])[1])
+                except Exception:  # A damaged chunk may raise any exception.
+                    continue
+                place = end
+                yield begin, end, found
+        if not place:
+            end = len(MAGIC)
+            for _, _, stop in records(data, end, len(data)):
+                if not 0 < _record(data, stop)[0] <= Opcode.DATA_END:
+                    break
+                end = stop
+            yield len(MAGIC), end, _records(data[len(MAGIC):end])
+
+    def _skip(self, begin: int, end: int) -> None:
+        """Count the bytes between two parts that cannot be read."""
+        for kind, start, stop in records(self._data, begin, end):
+            self.lost += (stop - start) * (kind == Opcode.CHUNK)
+            begin = stop
+        self.lost += end - begin
+
+    def _messages(self, found: list[Any]) -> Iterator[tuple[Channel, Schema, Message]]:
+        """Yield the messages that have a type and a possible time, and take the descriptions."""
+        for x in found:
+            if not isinstance(x, Message):
+                self._known[type(x), x.id] = x
+                continue
+            channel = self._known.get((Channel, x.channel_id))
+            schema = channel and self._known.get((Schema, channel.schema_id))
+            if channel is None or schema is None or x.log_time > _LATEST:
+                self.lost += len(x.data)
+            else:
+                yield channel, schema, x
+
+
+def _record(data: Any, begin: int) -> tuple[int, int, int]:
+    """Return kind, begin of the content, and end of a record; three times 0 if it is cut off."""
+    return next(records(data, begin, len(data)), (0, 0, 0))
+
+
+def _records(content: bytes) -> list[Any]:
+    """Return schemas, channels and messages; raise an exception of any kind if one is damaged."""
+    if [0, *(end for _, _, end in records(content, 0, len(content)))][-1] != len(content):
+        raise CtcError('a record is cut off')
+    return breakup_chunk(Chunk('', content, 0, 0, 0, len(content)))
+
+
 def recover(bag: Path, target: Path) -> Recovery:
     """
     Write all that can be read of a damaged bag as a new bag.
@@ -94,16 +225,17 @@ def recover(bag: Path, target: Path) -> Recovery:
     numbers, indexed, is_indexed = Counter[str](), Counter[str](), True
     try:
         for path in sorted(bag.glob('*.mcap'), key=lambda x: (len(x.name), x.name)):
-            file = DamagedFile(path)
-            for channel, schema, t, number, data in file.messages():
-                if channel.topic not in recording.counts:
-                    recording.add_topic(channel.topic, TopicType(
+            file = _DamagedFile(path)
+            for channel, schema, message in file.messages():
+                topic, data = channel.topic, message.data
+                if topic not in recording.counts:
+                    recording.add_topic(topic, TopicType(
                         schema.name, schema.encoding, schema.data, channel.metadata))
-                recording.add_message(channel.topic, t, (
+                recording.add_message(topic, message.log_time, (
                     unpacked(data, 'zstd') if data.startswith(_ZSTD) else data))
-                numbers[channel.topic] = max(numbers[channel.topic], number)
+                numbers[topic] = max(numbers[topic], message.sequence)
             found.lost += file.lost
-            indexed.update(file.counts or {})
+            indexed += file.counts or Counter()
             is_indexed &= file.counts is not None
         found.is_counted = is_indexed or written is not None
         found.missing = dict(
@@ -122,15 +254,14 @@ def recover(bag: Path, target: Path) -> Recovery:
 def _metadata(bag: Path) -> tuple[Counter[str] | None, dict[str, str]]:
     """Return number of messages by topic, None if not known, and custom data, of the metadata."""
     try:
-        tree: Any = yaml.safe_load((bag / 'metadata.yaml').read_text(encoding='utf-8'))
-        info = tree['rosbag2_bagfile_information']
+        info: Any = yaml.safe_load((bag / 'metadata.yaml').read_text(encoding='utf-8')
+                                   )['rosbag2_bagfile_information']
         counts = Counter[str]()
         for topic in info['topics_with_message_count']:
-            counts[str(topic['topic_metadata']['name'])] += int(topic['message_count'])
-        custom = {str(key): str(x) for key, x in (info.get('custom_data') or {}).items()}
-        sums = {counts.total(), *(
-            [sum(int(x['message_count']) for x in info['files'])] if 'files' in info else [])}
-        return (counts if sums == {info['message_count']} else None), custom
+            counts[topic['topic_metadata']['name']] += topic['message_count']
+        is_right = {counts.total(), sum(x['message_count'] for x in info['files'])} == {
+            info['message_count']}
+        return counts if is_right else None, dict(info.get('custom_data') or {})
     except Exception:  # Of damaged metadata, anything may be wrong.
         return None, {}
 
@@ -156,12 +287,11 @@ def open_bag(path: Path) -> Bag:
         return _copied(path, 'not closed properly') if is_damaged(path) else Bag(path, path)
     except UnknownDefinition as error:
         return _copied(path, f'{error}, and is read without it')
-    except CtcError as error:
-        if str(path) in str(error):
-            raise
-        raise damaged(path, error) from None
     except Exception as error:  # Damaged YAML or MCAP may raise any exception.
-        if path.is_dir() and any(path.glob('*.mcap')):
+        is_ours = isinstance(error, CtcError)
+        if is_ours and str(path) in str(error):
+            raise
+        if is_ours or (path.is_dir() and any(path.glob('*.mcap'))):
             raise damaged(path, error) from None
         raise CtcError(f'{path}: not a bag: {" ".join(str(error).split())}') from None
 

@@ -22,21 +22,22 @@ they are. What each of them would send next is remembered, also of those that ha
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 import dataclasses
 import os
 from pathlib import Path
 import time
 from typing import Any, BinaryIO, NamedTuple
 
-from ctc_chattering.bags.mcap_file import is_readable
+from ctc_chattering.bags.bag import is_readable
 from ctc_chattering.errors import CtcError
 from ctc_chattering.numerics.time_grid import NANOSECONDS
 from mcap.data_stream import RecordBuilder
 from mcap.records import Channel, Schema
 from mcap.writer import Writer
+from rosbags.rosbag2.metadata import dump_qos_v9, parse_qos
 from rosbags.typesys import get_typestore, Stores
 import yaml
 
@@ -88,29 +89,21 @@ class SequenceTracker:
     def __init__(self) -> None:
         self._next: dict[int, None] = {}
 
-    def follows(self, number: int) -> bool:
-        """Return whether a message is one that was expected; if not, ask `lost`."""
-        if number not in self._next:
-            return False
-        del self._next[number]
-        self._next[number + 1] = None
-        return True
-
-    def lost(self, number: int, publishers: int) -> int:
+    def lost(self, number: int, publishers: Callable[[], int]) -> int:
         """
-        Return how many messages are missing before one that was not expected.
+        Return how many messages are missing before one.
 
         Parameters
         ----------
         number : int
             The publisher's number of the message.
-        publishers : int
-            How many there are now. With several, it is not known whose message is missing, and a
-            number never seen may be a new publisher's; then it is 0.
+        publishers : callable
+            Returns how many there are now. With several, it is not known whose message is
+            missing, and a number never seen may be a new publisher's; then it is 0.
 
         """
-        before = None
-        if publishers == 1:
+        before = number if number in self._next else None
+        if before is None and publishers() == 1:
             before = max((x for x in self._next if x < number), default=None)
         if before is not None:
             del self._next[before]
@@ -125,15 +118,8 @@ class SequenceTracker:
 _FILE_AGE = 600.0
 #: Size at which a chunk is ended [bytes]: compressing takes some times as much memory.
 _CHUNK = 1 << 18
-#: What files of this package have in their header: in these, messages are numbered.
-LIBRARY = 'ctc_chattering'
-#: What a policy may be, in the order of its numbers in bags before ROS 2 Jazzy.
-_POLICIES = {
-    'history': ('system_default', 'keep_last', 'keep_all', 'unknown'),
-    'reliability': ('system_default', 'reliable', 'best_effort', 'unknown', 'best_available'),
-    'durability': ('system_default', 'transient_local', 'volatile', 'unknown', 'best_available'),
-    'liveliness': ('system_default', 'automatic', 'manual_by_node', 'manual_by_topic', 'unknown',
-                   'best_available')}
+#: Name of an attachment with the schemas and channels of the chunk beside it.
+DESCRIPTIONS = 'descriptions'
 #: The time at which a bag without messages begins [ns].
 _NEVER = 2 ** 63 - 1
 
@@ -163,14 +149,11 @@ class TopicType(NamedTuple):
         return (self.kind, *(definition if is_readable(self.kind, *definition) else ('', b'')))
 
     @property
-    def profiles(self) -> list[dict[str, Any]]:
+    def profiles(self) -> list[Any]:
         """Profiles of the publishers, with names of their policies; none if they are damaged."""
         try:
-            found = yaml.safe_load(self.metadata.get('offered_qos_profiles', '')) or []
-            return [{**profile, **{
-                key: names[profile[key]] if isinstance(profile[key], int) else profile[key]
-                for key, names in _POLICIES.items()}} for profile in found]
-        except (yaml.YAMLError, LookupError, TypeError, ValueError):
+            return dump_qos_v9(parse_qos(self.metadata.get('offered_qos_profiles', '')))
+        except Exception:  # Of arbitrary text, any.
             return []
 
 
@@ -293,16 +276,13 @@ class BagWriter:
         """Add a message of a topic that `add_topic` was called for, with log time `t` [ns]."""
         if self._stream.closed:
             return
-        try:
+        with self._or_abandon():
             if self._flushed - self._begun >= _FILE_AGE:
                 self._end_file()
                 self._begin_file()
             channel = self._channels.get(topic) or self._add_channel(topic)
             number = (self.counts[topic] + 1) & 0xffffffff
             self._writer.add_message(channel, t, data, t, number)
-        except OSError:
-            self.abandon()
-            raise
         span = self._span
         span.count += 1
         span.begin, span.end = min(t, span.begin), max(t, span.end)
@@ -321,14 +301,22 @@ class BagWriter:
         """
         if self._stream.closed:
             return
-        try:
+        with self._or_abandon():
+            # The first chunk with messages of a topic has its type. A damaged chunk must not take
+            # it along: it stands on both sides of that chunk as well.
             descriptions = self._descriptions.end()
-            self._stream.write(descriptions)
+            self._describe(descriptions)
             self._writer.flush()
-            self._stream.write(descriptions)
+            self._describe(descriptions)
             self._stream.flush()
             self._sync.begin(self._stream.fileno())
             self._flushed = self._clock()
+
+    @contextmanager
+    def _or_abandon(self) -> Iterator[None]:
+        """Abandon the bag after an error of the disk, which is raised again."""
+        try:
+            yield
         except OSError:
             self.abandon()
             raise
@@ -344,16 +332,13 @@ class BagWriter:
         """Write index and metadata; without them, tools cannot open the bag."""
         if self._stream.closed:
             return
-        try:
+        with self._or_abandon():
             self._end_file()
             file = self.path / 'metadata.yaml.tmp'
             # Keys are sorted: of metadata that are cut off, the version is missing.
             file.write_text(yaml.safe_dump(
                 {'rosbag2_bagfile_information': self._information()}), encoding='utf-8')
             file.replace(self.path / 'metadata.yaml')
-        except OSError:
-            self.abandon()
-            raise
 
     def _begin_file(self) -> None:
         """Begin a file, named as the recorder of ROS names it."""
@@ -362,12 +347,16 @@ class BagWriter:
         self._channels: dict[str, int] = {}
         self._schemas: dict[tuple[str, str, bytes], int] = {}
         self._begun = self._flushed = self._clock()
-        #: The first chunk with messages of a topic has its type. A damaged chunk must not take it
-        #: along: it stands outside as well, on both sides of that chunk.
+        #: Of topics that are new since the last flush.
         self._descriptions: Any = RecordBuilder()
         self._stream: BinaryIO = self.file.open('xb')
         self._writer: Any = Writer(self._stream, chunk_size=_CHUNK)
-        self._writer.start('ros2', LIBRARY)
+        self._writer.start('ros2', 'ctc_chattering')
+
+    def _describe(self, descriptions: bytes) -> None:
+        """Write schemas and channels, if there are any, with a checksum."""
+        if descriptions:
+            self._writer.add_attachment(0, 0, DESCRIPTIONS, 'application/mcap', descriptions)
 
     def _end_file(self) -> None:
         """Write the index of a file."""

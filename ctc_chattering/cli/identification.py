@@ -145,10 +145,10 @@ def _show_motion(found: Plan) -> None:
 
 def _show_distances(found: Plan) -> None:
     """Print what is known of collisions."""
-    links, near = found.checked.links, found.near
+    links, near = found.links, found.near
     if links is None or near is None:
         _say('warning: the motion is not checked for collisions of the robot with itself: '
-             f'{found.checked.reason}')
+             f'{found.unchecked}')
         return
     _say(f'nearest approach of two links: {links.text(near, CHECK * near.sample)} is kept')
     for what, names in (('these touch at the centre', links.touching),

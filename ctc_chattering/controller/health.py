@@ -33,6 +33,7 @@ from array import array
 from collections import deque
 from collections.abc import Iterable, Mapping, Sequence
 import dataclasses
+from itertools import pairwise
 from math import nan, sqrt
 
 from ctc_chattering.control.controller import ControllerConfig, Sample
@@ -235,8 +236,8 @@ _REJECTED = 0.01, 0.1
 _SKIPPED = 0.2, 0.5
 #: Rejected messages that say nothing about the states of the robot.
 _UNRELATED = 'second_publisher'
-#: Share by which the mean period may differ from what it should be, and windows in a row that
-#: must differ by more.
+#: Share by which the mean period may differ from what it should be, and times in a row between two
+#: reports in which it must differ by more.
 TOLERANCE, PATIENCE = 0.2, 3
 
 
@@ -322,57 +323,6 @@ class HealthMonitor:
         return f'{", ".join(found)}: {cause}'
 
 
-class SampleRate:
-    """
-    Compares the mean period of stamps with what it should be.
-
-    Parameters
-    ----------
-    period : int
-        What it should be [ns].
-
-    Attributes
-    ----------
-    mean : float
-        Mean period over the last window that had one [s]; 0 before.
-
-    """
-
-    def __init__(self, period: int) -> None:
-        self._period = period
-        #: Stamps of the window [ns].
-        self._stamps: list[int] = []
-        self._skipped = self._strange = 0
-        self.mean = 0.0
-
-    def note(self, t: int, skipped: int = 0) -> None:
-        """Count a sample of stamp `t` [ns], and those `skipped` between the last one and it."""
-        self._skipped += skipped if self._stamps else 0
-        self._stamps.append(t)
-
-    def pause(self) -> None:
-        """Do not count the time to the next sample; start the window again."""
-        self._stamps.clear()
-        self._skipped = 0
-
-    def rotate(self) -> None:
-        """Evaluate the window and start the next one; without a period it says nothing."""
-        if len(self._stamps) < 2:
-            return
-        mean = (self._stamps[-1] - self._stamps[0]) / (
-            len(self._stamps) - 1 + self._skipped)
-        del self._stamps[:-1]
-        self._skipped = 0
-        self.mean = seconds(round(mean))
-        wrong = abs(mean - self._period) > TOLERANCE * self._period
-        self._strange = self._strange + 1 if wrong else 0
-
-    @property
-    def wrong(self) -> bool:
-        """Whether the period has been wrong for a while."""
-        return self._strange >= PATIENCE
-
-
 class ControllerHealth:
     """
     Counts what a controller takes and sends, for a report once a second.
@@ -395,8 +345,6 @@ class ControllerHealth:
         Of restarts and rejected states.
     skips : HealthMonitor
         Of states skipped for newer ones.
-    sample_rate : SampleRate
-        Of the states' stamps.
 
     """
 
@@ -406,7 +354,10 @@ class ControllerHealth:
         self.robust: Vector = ()
         self.rates = HealthMonitor('restarts', 'of the states refused', *_REJECTED, period)
         self.skips = HealthMonitor('', 'of the states skipped for newer ones', *_SKIPPED, period)
-        self.sample_rate = SampleRate(period)
+        #: Stamp [ns] of the last state, and its number with those skipped; the same at the last
+        #: reports since a restart.
+        self._latest = 0, 0
+        self._stamps: deque[tuple[int, int]] = deque(maxlen=PATIENCE + 1)
         #: Under which configuration the law runs, and its last terms [N·m].
         self._config: ControllerConfig | None = None
         self._terms: deque[Vector] = deque(maxlen=_LATEST)
@@ -415,13 +366,20 @@ class ControllerHealth:
     def take(self, t: int, skipped: int = 0) -> None:
         """Count a state of stamp `t` [ns]; so many have been `skipped` so far."""
         self.taken += 1
-        self.sample_rate.note(t, skipped - self.skipped)
         self.skipped = skipped
+        self._latest = t, self.taken + skipped
+        if not self._stamps:
+            self._stamps.append(self._latest)
 
     def restart(self) -> None:
         """Count a restart: the next state does not follow the last one."""
         self.restarts += 1
-        self.sample_rate.pause()
+        self._stamps.clear()
+
+    @property
+    def periods(self) -> list[int]:
+        """Return the mean periods of the stamps between the last reports [ns]."""
+        return [round((t - t0) / (k - k0)) for (t0, k0), (t, k) in pairwise(self._stamps)]
 
     def pause(self) -> None:
         """Note that the next torque does not follow the last one."""
@@ -459,14 +417,17 @@ class ControllerHealth:
         self.rates.note(now, self.restarts, total, self.taken + total, ', '.join(
             kind for kind, n in self._rejected.items() if n > before.get(kind, 0)))
         self.skips.note(now, 0, self.skipped, self.taken + self.skipped, '')
-        self.sample_rate.rotate()
+        if self._stamps and self._latest != self._stamps[-1]:
+            self._stamps.append(self._latest)
         found = []
         for monitor in (self.rates, self.skips):
             monitor.cause = cause
             if monitor.level and not simulated:
                 found.append((monitor.level, str(monitor)))
-        if self.sample_rate.wrong:
-            found.append((1, f'states come every {1e3 * self.sample_rate.mean:.3g} ms; '
+        periods = self.periods
+        if len(periods) == PATIENCE and all(
+                abs(x - self._period) > TOLERANCE * self._period for x in periods):
+            found.append((1, f'states come every {1e3 * seconds(periods[-1]):.3g} ms; '
                           f'control_period is {1e3 * seconds(self._period):g} ms'))
         config = self._config
         if config is not None and config.takes('ka'):

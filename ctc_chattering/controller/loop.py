@@ -106,7 +106,7 @@ class ControlLoop:
         self.law: Controller | None = None
         self.restart_duration = 0.0
         self.predicted_periods = self.predicted = 0
-        #: Time that the last answers took [ns].
+        #: Processor time of the last answers [ns].
         self._took: deque[int] = deque(maxlen=_SLOW)
         #: Whether the law has answered the last state, and all that were predicted after it.
         self._goes_on = False
@@ -223,9 +223,9 @@ class ControlLoop:
         """
         return not self.simulated and min(self._took, default=0) > self.period
 
-    def took(self, duration: int) -> None:
-        """Note how long the last answer took [ns]."""
-        self._took.append(duration)
+    def took(self, processor: int) -> None:
+        """Note the processor time that the last answer took [ns]."""
+        self._took.append(processor)
 
     def due(self) -> int | None:
         """

@@ -27,7 +27,7 @@ from typing import NamedTuple
 
 from ctc_chattering.bags.recording import Recording, Stretch
 from ctc_chattering.errors import CtcError, ParameterError, UsageError
-from ctc_chattering.identification.drive_torque import COMMAND, EFFORT, has
+from ctc_chattering.identification.drives import COMMAND, EFFORT, has
 from ctc_chattering.identification.findings import ALL_JOINTS, Finding, Kind
 from ctc_chattering.identification.least_squares import correlation_length
 from ctc_chattering.identification.weak_form import TestFunction

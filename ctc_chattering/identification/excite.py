@@ -16,7 +16,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 import dataclasses
 from math import inf
 from pathlib import Path
@@ -36,7 +36,6 @@ from ctc_chattering.identification.random_motions import (
     Excitation,
     ExcitationConfig,
     Quintics,
-    RandomMotion,
     RandomMotions,
 )
 from ctc_chattering.numerics.linear_algebra import Array
@@ -51,9 +50,8 @@ MOTION, RUN = 'motion.yaml', 'run.yaml'
 ADVICE = 'choose smaller limits, a smaller position_range or another centre'
 #: By what random motions are scaled one after the other until they keep all limits.
 _SMALLER = (1.0, 0.7, 0.5, 0.35, 0.25, 0.15)
-#: Step in which distances are checked at first and at the end [s], by how much a motion shrinks
-#: that is too near then, and how often it may.
-_STEP, CHECK, _SHRINK, _TIMES = 0.025, 0.005, 0.98, 50
+#: Steps in which distances are checked one after the other [s].
+_STEP, CHECK = 0.025, 0.005
 #: Part of a largest torque that is used, since it is computed in steps [s].
 _TORQUE, _TORQUE_STEP = 0.97, 0.05
 #: Step in which a motion is evaluated for what is reported [s].
@@ -91,8 +89,8 @@ class Played:
         Time [s].
     q, dq, ddq : ndarray, shape (N, n)
         Position [rad], velocity [rad/s] and acceleration [rad/s²].
-    inertial, gravity, tau : ndarray, shape (N, n)
-        M ddq + C dq; G; both with friction [N·m].
+    tau : ndarray, shape (N, n)
+        Torque with friction [N·m].
 
     """
 
@@ -100,15 +98,7 @@ class Played:
     q: Array
     dq: Array
     ddq: Array
-    inertial: Array
-    gravity: Array
     tau: Array
-
-    @property
-    def peak_torque(self) -> Array:
-        """Largest torque of each joint, shape (n,) [N·m]."""
-        peak: Array = np.abs(self.tau).max(axis=0)
-        return peak
 
 
 def played(path: Quintics, model: Model, friction: AssumedFriction, step: float = _FINE
@@ -130,11 +120,14 @@ def played(path: Quintics, model: Model, friction: AssumedFriction, step: float 
     """
     t = np.arange(round(path.times[-1] / NANOSECONDS / step) + 1) * step
     q, dq, ddq = path.at(t)
-    gravity = np.array([model.gravity_torque(row) for row in q.tolist()])
-    inertial = np.array([model.inverse_dynamics(*point) for point in zip(
-        q.tolist(), dq.tolist(), ddq.tolist())]) - gravity
-    return Played(t, q, dq, ddq, inertial, gravity,
-                  friction.added(inertial + gravity, dq))
+    return Played(t, q, dq, ddq, torques(model, (q, dq, ddq), friction))
+
+
+def torques(model: Model, motion: Iterable[Array], friction: AssumedFriction) -> Array:
+    """Return the torque of position, velocity and acceleration, each (N, n), (N, n) [N·m]."""
+    q, dq, ddq = motion
+    smooth = [model.inverse_dynamics(*x) for x in zip(q.tolist(), dq.tolist(), ddq.tolist())]
+    return friction.added(np.array(smooth), dq)
 
 
 def sticking(model: Model, positions: Array, kp: Array, friction: AssumedFriction) -> Array:
@@ -224,61 +217,30 @@ class MotionSearch:
         drawn = [self._motions.draw(rng) for _ in range(count)]
         for size in _SMALLER:
             for one in drawn:
-                refusal = self._beyond(one, size)
+                found = self._motions.motion(one, size)
+                refusal, nearest = self._beyond(found)
                 if not refusal:
-                    return self._kept(one, size)
+                    return found, nearest
         raise CtcError(refusal)
 
-    def _beyond(self, drawn: RandomMotion, size: float) -> str:
-        """Return which limit a motion does not keep; empty if it keeps all."""
-        found = self._motions.motion(drawn, size)
+    def _beyond(self, found: Excitation) -> tuple[str, Approach | None]:
+        """Return which limit a motion does not keep, empty if all, and the nearest approach."""
         t = np.arange(0.0, found.path.times[-1] / NANOSECONDS, _TORQUE_STEP)
-        torque = np.array([np.abs(self._friction.added(np.array(self._model.inverse_dynamics(
-            *(x.tolist() for x in point))), point[1]))
-            for point in found.path.at(t).transpose(1, 0, 2)])
+        torque = np.abs(torques(self._model, found.path.at(t), self._friction))
         k, i = np.unravel_index(int((torque / self._effort).argmax()), torque.shape)
         if torque[k, i] > _TORQUE * self._effort[i]:
             return (f'peak torque of {found.names[i]}: {torque[k, i]:.4g} is not allowed; at most '
-                    f'{self._effort[i]:g} N*m, its effort limit: {ADVICE}')
-        return self._too_near(found, _STEP)[0]
-
-    def _too_near(self, found: Excitation, step: float) -> tuple[str, Approach | None]:
-        """Return which links come too near, in words, and the nearest approach."""
+                    f'{self._effort[i]:g} N*m, its effort limit: {ADVICE}'), None
         if self._links is None:
             return '', None
-        t = np.arange(0.0, found.path.times[-1] / NANOSECONDS + step, step)
-        nearest = self._links.nearest(found.path.at(t)[0])
-        return '' if nearest.spare >= 0.0 else (
-            'the motion is refused; nearest approach of two links: '
-            f'{self._links.text(nearest, float(t[nearest.sample]))} is needed: {ADVICE}'), nearest
-
-    def _kept(self, drawn: RandomMotion, size: float) -> tuple[Excitation, Approach | None]:
-        """Return a motion, smaller if in small steps links come too near, and its approach."""
-        for _ in range(_TIMES):
-            found = self._motions.motion(drawn, size)
-            text, nearest = self._too_near(found, CHECK)
-            if not text:
-                return found, nearest
-            size *= _SHRINK
-        raise CtcError(text)
-
-
-@dataclasses.dataclass(frozen=True)
-class Checked:
-    """
-    What is known of collisions of the robot with itself.
-
-    Attributes
-    ----------
-    links : SelfCollision or None
-        What was checked.
-    reason : str
-        Why nothing was.
-
-    """
-
-    links: SelfCollision | None
-    reason: str = ''
+        for step in (_STEP, CHECK):  # Most that come too near do so in large steps already.
+            t = np.arange(0.0, found.path.times[-1] / NANOSECONDS + step, step)
+            nearest = self._links.nearest(found.path.at(t)[0])
+            if nearest.spare < 0.0:
+                return ('the motion is refused; nearest approach of two links: '
+                        f'{self._links.text(nearest, float(t[nearest.sample]))} is needed: '
+                        f'{ADVICE}'), nearest
+        return '', nearest
 
 
 @dataclasses.dataclass(frozen=True)
@@ -298,8 +260,10 @@ class Plan:
         As it is played.
     effort : ndarray
         Largest torques [N·m]; inf for unlimited.
-    checked : Checked
-        Distances of links.
+    links : SelfCollision or None
+        What was checked for collisions of the robot with itself.
+    unchecked : str
+        Why nothing was.
     near : Approach or None
         Where links have the least to spare, of samples of 5 ms.
     kp, kv : ndarray
@@ -314,7 +278,8 @@ class Plan:
     excitation: Excitation
     motion: Played
     effort: Array
-    checked: Checked
+    links: SelfCollision | None
+    unchecked: str
     near: Approach | None
     kp: Array
     kv: Array
@@ -395,11 +360,11 @@ def excite(setup: Setup, request: Mapping[str, Any] | None = None,
     assumed = AssumedFriction(coulomb, np.array(plant.viscous_friction))
     effort = np.minimum(
         controller.largest_torque(model.effort_limits), plant.torque_saturation)
-    kept = _checked(setup, config, allowed_pairs(srdf) if srdf else (), floor)
+    links, reason = _checked(setup, config, allowed_pairs(srdf) if srdf else (), floor)
     only = [names.index(name) for name in joints]
     share = np.where(np.isin(np.arange(len(names)), only), 1.0, _OTHERS) if only else None
     motions = RandomMotions(config, bounds, share)
-    found, approach = MotionSearch(motions, model, assumed, effort, kept.links).first(
+    found, approach = MotionSearch(motions, model, assumed, effort, links).first(
         evaluations, seed)
     motion = played(found.path, model, assumed)
     slow = [round((a + b) / 2.0 / (motion.t[1] - motion.t[0])) for a, b in found.slow]
@@ -407,16 +372,16 @@ def excite(setup: Setup, request: Mapping[str, Any] | None = None,
     hold = sticking(model, motion.q[slow], kp, assumed)
     delay = controller.control_period * (1 + controller.input_delay)
     higher, kv = gains(kp, kv, hold, bounds.slow, delay)
-    return Plan(limits, bounds, found, motion, effort, kept, approach, higher, kv,
+    return Plan(limits, bounds, found, motion, effort, links, reason, approach, higher, kv,
                 hold * kp / higher)
 
 
 def _checked(setup: Setup, config: ExcitationConfig, allowed: Collection[frozenset[str]],
-             floor: float | None) -> Checked:
-    """Return the distances that can be checked, or why none can."""
+             floor: float | None) -> tuple[SelfCollision | None, str]:
+    """Return the distances that can be checked, or None and why none can."""
     description = setup.descriptions.get('controller', '')
     if not description:
-        return Checked(None, 'there is no description of its links')
+        return None, 'there is no description of its links'
     try:
         links = SelfCollision(
             description, config.joint_names, locked_positions(setup.controller.locked),
@@ -424,11 +389,11 @@ def _checked(setup: Setup, config: ExcitationConfig, allowed: Collection[frozens
     except MachineError:
         raise
     except CtcError as error:
-        return Checked(None, str(error))
+        return None, str(error)
     if not links.pairs:
         why = f' ({", ".join(links.unseen)})' if links.unseen else ''
-        return Checked(None, f'no two links have collision shapes{why}')
-    return Checked(links)
+        return None, f'no two links have collision shapes{why}'
+    return links, ''
 
 
 def _limits(description: str, names: tuple[str, ...]) -> tuple[JointLimits, ...]:

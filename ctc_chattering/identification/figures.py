@@ -21,8 +21,8 @@ from pathlib import Path
 
 from ctc_chattering.analysis.drawing import FigureFile, legend_of, panel, REFERENCE, save, sheet
 from ctc_chattering.identification.identify import Identification
-from ctc_chattering.identification.least_squares import BENT, stribeck_velocity, TermKind
-from ctc_chattering.identification.perturbation import MeasuredPerturbation
+from ctc_chattering.identification.least_squares import BENT, TermKind
+from ctc_chattering.identification.perturbation import friction_at, MeasuredPerturbation
 from ctc_chattering.identification.results import IdentificationResults, Validation
 from ctc_chattering.identification.verdict import Verdict
 from ctc_chattering.numerics.linear_algebra import Array
@@ -77,7 +77,8 @@ def _friction(found: Identification, verdicts: Sequence[Verdict]) -> _Named:
             mine_speed = speed[np.sign(speed) == sign]
             if len(mine_speed):
                 v = sign * np.linspace(np.abs(mine_speed).min(), np.abs(mine_speed).max(), _POINTS)
-                value, half = _curve(found, i, v)
+                value, half = (x[:, i] for x in friction_at(
+                    found, np.repeat(v[:, None], len(panels), axis=1), 0.0))
                 left = found.unexplained[i] if found.unexplained else None
                 half = half + (left.off if left else 0.0)
                 axes.fill_between(v, value - half, value + half, color=_BAND, linewidth=0)
@@ -85,23 +86,6 @@ def _friction(found: Identification, verdicts: Sequence[Verdict]) -> _Named:
     return 'friction', figure, ('Dots: torque less the corrected model, in windows of 0.1 s in '
                                 'which the joint slides one way. Line: the fit with its interval '
                                 'of 95 %; a joint that is not usable has none.')
-
-
-def _curve(found: Identification, i: int, v: Array) -> tuple[Array, Array]:
-    """Return the fitted friction of joint i at velocities of one sign, and half its interval."""
-    fit, spread = found.selected.fit, found.selected.spread
-    columns = np.zeros((len(v), len(fit.terms)))
-    for k, term in enumerate(fit.terms):
-        if term.joint != i:
-            continue
-        if term.kind in (TermKind.FORWARDS, TermKind.BACKWARDS):
-            columns[:, k] = np.sign(v) * ((v > 0.0) == (term.kind == TermKind.FORWARDS))
-        elif term.kind == TermKind.VISCOUS:
-            columns[:, k] = v
-        elif term.kind == TermKind.STRIBECK:
-            columns[:, k] = np.sign(v) * np.exp(-np.square(v / stribeck_velocity(term.which)))
-    half = spread.factor * np.sqrt(np.einsum('tp,pq,tq->t', columns, spread.covariance, columns))
-    return columns @ fit.value, half
 
 
 def _perturbation(run: MeasuredPerturbation, ka: Array, verdicts: Sequence[Verdict]) -> _Named:

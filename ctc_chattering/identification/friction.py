@@ -23,7 +23,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 import dataclasses
-from typing import NamedTuple
 
 from ctc_chattering.identification.attribution import (
     explain,
@@ -101,28 +100,21 @@ def further_terms(data: Data, terms: Sequence[Term], joints: Sequence[str], leve
     found: list[Term] = []
     for i in range(len(joints)):
         used = data.way[:, i] != 0.0
-        if not used.any() or not _isfriction_terms(terms, i):
+        if not any(term.joint == i for term in terms):
             continue
         speed = np.abs(data.velocity[used, i])
         slow = [k for k, v in enumerate(STRIBECK) if (speed < v).sum() >= _SLOW]
-        options = {TermKind.STRIBECK: [Term(TermKind.STRIBECK, i, k) for k in slow],
-                   TermKind.LOAD: [Term(TermKind.LOAD, i, which) for which in (0, 1)]}
         largest = float(data.load[used, i].max(initial=0.0))
-        size = _NEGLIGIBLE * levels[i]
-        least = {TermKind.STRIBECK: size, TermKind.LOAD: size / max(largest, 1e-12)}
-        while options:
-            tried = [(kind, _best(data, [*terms, *found], choices, i))
-                     for kind, choices in options.items()]
-            better = [(best, kind) for kind, best in tried
-                      if best is not None and best.value > least[kind]]
-            if not better:
-                break
-            best, kind = max(better, key=lambda x: x[0].gain)
-            found.append(best.term)
-            del options[kind]
-        for kind in options:
-            missing[kind, i] = NONE
-        if TermKind.STRIBECK in options:
+        least = {TermKind.STRIBECK: _NEGLIGIBLE * levels[i],
+                 TermKind.LOAD: _NEGLIGIBLE * levels[i] / max(largest, 1e-12)}
+        options = [*(Term(TermKind.STRIBECK, i, k) for k in slow),
+                   *(Term(TermKind.LOAD, i, which) for which in (0, 1))]
+        while best := _best(data, [*terms, *found], options, least, i):
+            found.append(best)
+            options = [x for x in options if x.kind != best.kind]
+            del least[best.kind]
+        missing.update({(kind, i): NONE for kind in least})
+        if TermKind.STRIBECK in least:
             bound = _excluded(data, [*terms, *found], i, levels[i]) if slow else None
             missing[TermKind.STRIBECK, i] = (
                 f'{joints[i]} does not slide slowly enough: at least '
@@ -159,19 +151,12 @@ def coulomb_level(data: Data, terms: Sequence[Term], i: int) -> float:
     return max(float(np.mean(levels)), 0.0)
 
 
-class _Gain(NamedTuple):
-    """A further term with its coefficient, and by how much it helps."""
-
-    term: Term
-    value: float
-    gain: float
-
-
-def _best(data: Data, terms: Sequence[Term], options: Sequence[Term], i: int) -> _Gain | None:
-    """Return the best of further terms of joint i, if it clearly helps."""
+def _best(data: Data, terms: Sequence[Term], options: Sequence[Term],
+          least: Mapping[TermKind, float], i: int) -> Term | None:
+    """Return the best of further terms of joint i above the least sizes, if it clearly helps."""
     used, y = data.way[:, i] != 0.0, data.residual[data.way[:, i] != 0.0, i]
     rest, basis = _beside(data, terms, i)
-    before = least = float(rest.dot(rest))
+    before = lowest = float(rest.dot(rest))
     best, after = None, rest
     for option in options:
         whole = data.columns([option])[used, i, 0]
@@ -181,11 +166,11 @@ def _best(data: Data, terms: Sequence[Term], options: Sequence[Term], i: int) ->
             continue
         value = float(column.dot(rest)) / power
         squares = before - value ** 2 * power
-        if value > 0.0 and squares < least:
-            best, least, after = (option, value), squares, rest - value * column
-    least += len(y) * float(data.floor[i if len(data.floor) > 1 else 0]) ** 2
-    gain = (before - least) / max(least, 1e-300) * len(y)
-    return _Gain(*best, gain) if best and gain > _GAIN * correlation_length(after) else None
+        if value > least[option.kind] and squares < lowest:
+            best, lowest, after = option, squares, rest - value * column
+    floor = len(y) * float(data.floor[i if len(data.floor) > 1 else 0]) ** 2
+    gain = (before - lowest - floor) / max(lowest + floor, 1e-300) * len(y)
+    return best if gain > _GAIN * correlation_length(after) else None
 
 
 def _beside(data: Data, terms: Sequence[Term], i: int) -> tuple[Array, Array]:
@@ -219,11 +204,6 @@ def refined(data: Data, terms: Sequence[Term]) -> list[Term]:
         found = moved
     return [*found, *(Term(TermKind.STRIBECK_SLOPE, term.joint, term.which) for term in found
                       if term.kind == TermKind.STRIBECK)]
-
-
-def _isfriction_terms(terms: Sequence[Term], i: int) -> bool:
-    """Return whether Coulomb friction of joint i is among the terms."""
-    return Term(TermKind.FORWARDS, i) in terms or Term(TermKind.BACKWARDS, i) in terms
 
 
 def without_weak(data: Data, terms: Sequence[Term], missing: dict[tuple[TermKind, int], str]
@@ -307,7 +287,12 @@ class Selected:
     def combined(self, weights: Mapping[Term, float]) -> tuple[float, float]:
         """Return value and half the interval of a sum of terms of the fit with weights."""
         row = np.array([weights.get(term, 0.0) for term in self.fit.terms])
-        return float(row @ self.fit.value), self.spread.half(row)
+        return float(row @ self.fit.value), float(self.spread.half(row))
+
+    def torque(self, data: Data, kinds: Sequence[TermKind]) -> tuple[Array, Array]:
+        """Return the torque of terms of some kinds, and half its interval, each (J, n) [N·m]."""
+        columns = data.columns(self.fit.terms) * [x.kind in kinds for x in self.fit.terms]
+        return columns @ self.fit.value, self.spread.half(columns)
 
 
 def select(data: Data, joints: Sequence[str], columns: ErrorColumns | None = None,
@@ -385,10 +370,9 @@ def _scales_beside(projected: Projected, found: Explanation, options: Sequence[C
 
 def _containing(fit: Fit, errors: Spread, other: Fit) -> Spread:
     """Return the spread with intervals of friction that contain another fit's as well."""
-    off = np.array([other.of(term) - value if term in other.terms and term.joint >= 0
-                    and term.kind not in BENT else 0.0
-                    for term, value in zip(fit.terms, fit.value)]) / errors.factor
-    return dataclasses.replace(errors, covariance=errors.covariance + np.outer(off, off))
+    return errors.wider(np.array([
+        other.of(term) - value if term in other.terms and term.joint >= 0
+        and term.kind not in BENT else 0.0 for term, value in zip(fit.terms, fit.value)]))
 
 
 def _common(projected: Projected, causes: Explanation, options: Sequence[Cause]) -> float:
@@ -409,21 +393,20 @@ def _common(projected: Projected, causes: Explanation, options: Sequence[Cause])
 def _in_doubt(fit: Fit, errors: Spread, projected: Projected, causes: Explanation,
               beside: Explanation, options: Sequence[Cause], loaded: bool) -> Spread:
     """Return the spread with what the scales of torques may be off by."""
-    covariance = errors.covariance.copy()
     common = max(0.0 if loaded else _common(projected, causes, options),
                  max((abs(float(x[0])) for cause, x in zip(beside.causes, beside.values)
                       if cause.kind == CauseKind.SCALE), default=0.0))
-    doubts = {-1: common / errors.factor}
+    doubts = {-1: common}
     for option in options:
         if option.kind == CauseKind.SCALE and option.which != ALL and not any(
                 option is x for x in beside.causes):
-            doubts[option.which] = min(projected.deviation(beside, option, True), _SCALE)
+            doubts[option.which] = errors.factor * min(
+                projected.deviation(beside, option, True), _SCALE)
     for i, doubt in doubts.items():
-        off = doubt * np.array([
+        errors = errors.wider(doubt * np.array([
             value if term.kind not in _DRIVE and term.joint >= 0 and i in (-1, term.joint)
-            else 0.0 for term, value in zip(fit.terms, fit.value)])
-        covariance += np.outer(off, off)
-    return dataclasses.replace(errors, covariance=covariance)
+            else 0.0 for term, value in zip(fit.terms, fit.value)]))
+    return errors
 
 
 def _mixed(columns: ErrorColumns, found: Explanation) -> tuple[Array, list[Term]]:
@@ -466,8 +449,7 @@ def _other_load(data: Data, fit: Fit, errors: Spread) -> Spread:
                for term in fit.terms]
     other = solve(data, swapped)
     own = [term.joint >= 0 and term.kind not in BENT for term in fit.terms]
-    off = _FORM * np.where(own, other.value - fit.value, 0.0) / errors.factor
-    return dataclasses.replace(errors, covariance=errors.covariance + np.outer(off, off))
+    return errors.wider(_FORM * np.where(own, other.value - fit.value, 0.0))
 
 
 def _final(data: Data, terms: Sequence[Term], missing: dict[tuple[TermKind, int], str]

@@ -31,7 +31,7 @@ from ctc_chattering.control.recommended_gains import (
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.identification.findings import ALL_JOINTS, Finding, Kind
 from ctc_chattering.identification.identify import Identification
-from ctc_chattering.identification.least_squares import TermKind
+from ctc_chattering.identification.least_squares import Data, TermKind
 from ctc_chattering.identification.perturbation import MeasuredPerturbation, perturbation_bound
 from ctc_chattering.identification.verdict import verdicts
 from ctc_chattering.identification.weak_form import position_noise
@@ -184,21 +184,17 @@ def inertia_findings(found: Identification, model: Model, positions: Array) -> I
 
 def _ratios(found: Identification, model: Model, positions: Array) -> Array:
     """Return the interval of M_ii of the robot over that of the model, shape (n, 2)."""
-    fit, spread, n = found.selected.fit, found.selected.spread, model.n
-    mine = [k for k, term in enumerate(fit.terms) if term.kind == TermKind.MODEL]
-    if not mine or found.columns is None:
+    mixing, n = found.selected.mixing, model.n
+    if found.columns is None or not mixing.size:
         return np.ones((n, 2))
-    mixing = found.selected.mixing[:, [int(fit.terms[k].which) for k in mine]]
-    covariance, zero = spread.covariance[np.ix_(mine, mine)], np.zeros(n)
-    ratios = []
+    zero, ratios = np.zeros(n), []
     for q in positions[::max(1, len(positions) // _POSES)]:
         mass = np.diagonal(model.mass_matrix(q.tolist()))
         rest = found.columns.at(q, zero, zero)
         columns = np.array([(found.columns.at(q, zero, x) - rest)[i]
                             for i, x in enumerate(np.eye(n))]) @ mixing
-        half = spread.factor * np.sqrt(np.maximum(
-            np.einsum('np,pq,nq->n', columns, covariance, columns), 0.0))
-        change = columns @ fit.value[mine]
+        state = Data.at(np.ones((1, n)), zero[None], zero[None], columns[None])
+        change, half = (x[0] for x in found.selected.torque(state, (TermKind.MODEL,)))
         ratios.append(1.0 + np.stack((change - half, change + half), axis=1) / mass[:, None])
     middle: Array = np.median(ratios, axis=0)
     return middle

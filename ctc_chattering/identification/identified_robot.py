@@ -37,7 +37,7 @@ from ctc_chattering.identification.effort import in_torques, PerJoint
 from ctc_chattering.identification.findings import ALL_JOINTS, Finding, Kind, Severity
 from ctc_chattering.identification.gains import recommend, Recommendation
 from ctc_chattering.identification.identify import Identification
-from ctc_chattering.identification.least_squares import BENT, TermKind
+from ctc_chattering.identification.least_squares import ERRORS, TermKind
 from ctc_chattering.identification.model_errors import candidates, CauseKind, ModelError
 from ctc_chattering.identification.perturbation import perturbation
 from ctc_chattering.identification.results import IdentificationResults, validate
@@ -118,7 +118,7 @@ def with_correction(before: Identification, after: Identification, name: str
         Of the file that has the correction.
 
     """
-    friction = _friction(after)
+    friction, _ = after.selected.torque(after.data, [x for x in TermKind if x not in ERRORS])
     was, now = (np.sqrt(np.square(np.where(x.data.used(), x.data.residual - friction, 0.0)).sum(
         axis=0)) for x in (before, after))
     worse = [{x.joint for x in found.findings if x.severity == Severity.REFUSED}
@@ -139,15 +139,6 @@ def with_correction(before: Identification, after: Identification, name: str
                     x.reason else x for x in after.findings), Finding(
             Kind.NOTE, ALL_JOINTS, f'the URDF is corrected in {name}, which changes the '
             f'torque by {text} N*m RMS in this motion'), *cured))
-
-
-def _friction(found: Identification) -> Array:
-    """Return the friction as identified in each window, shape (J, n) [N·m]."""
-    fit = found.selected.fit
-    mine = [k for k, term in enumerate(fit.terms)
-            if term.kind not in (TermKind.MODEL, TermKind.SCALE, *BENT)]
-    torque: Array = found.data.columns(fit.terms)[:, :, mine] @ fit.value[mine]
-    return torque
 
 
 def _words(finding: Finding) -> tuple[int, str]:

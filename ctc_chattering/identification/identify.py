@@ -24,7 +24,7 @@ from ctc_chattering.dynamics.model import Model
 from ctc_chattering.errors import CtcError
 from ctc_chattering.identification.attribution import Projected
 from ctc_chattering.identification.bodies import ConsistentBodies, judged, left_over
-from ctc_chattering.identification.drive_torque import COMMAND, EFFORT, has
+from ctc_chattering.identification.drives import COMMAND, EFFORT, has
 from ctc_chattering.identification.effort import placed_unevenly, torque_sides
 from ctc_chattering.identification.findings import ALL_JOINTS, Estimate, Finding, Severity
 from ctc_chattering.identification.friction import joint_friction, JointFriction, select, Selected
@@ -289,18 +289,22 @@ def _tested(found: Identification, states: WindowStates) -> Identification:
 
 def _common_period(recordings: Sequence[Recording]) -> float:
     """Return the period of recordings; raise `CtcError` if they do not belong together."""
-    first = recordings[0]
+    first, period = recordings[0], recordings[0].period
     for other in recordings[1:]:
-        if other.joints != first.joints:
-            raise CtcError(f'{other.name}: joints {list(other.joints)}; those of {first.name}: '
-                           f'{list(first.joints)}')
-        if abs(other.period - first.period) > 0.02 * first.period:
-            raise CtcError(f'{other.name}: a period of {other.period:.4g} s; that of '
-                           f'{first.name}: {first.period:.4g} s')
-    period = first.period
+        check_alike(other, first.joints, period, first.name)
     nearest = round(period * 1e6) * 1e-6
     # Rounded only where the grid does not drift from the stamps by that.
     return nearest if abs(nearest - period) * len(first.t) < _ROUNDED * period else period
+
+
+def check_alike(recording: Recording, joints: tuple[str, ...], period: float, name: str) -> None:
+    """Raise `CtcError` if a recording has not the joints or about the period of another one."""
+    if recording.joints != joints:
+        raise CtcError(f'{recording.name}: joints {list(recording.joints)}; those of {name}: '
+                       f'{list(joints)}')
+    if abs(recording.period - period) > 0.02 * period:
+        raise CtcError(f'{recording.name}: a period of {recording.period:.4g} s; that of {name}: '
+                       f'{period:.4g} s')
 
 
 def _timed(parts: Sequence[Stretch], rows: Sequence[Rows], phi: TestFunction, source: str,

@@ -55,6 +55,11 @@ class TermKind(Enum):
     FADING = 'fading torque'
 
 
+#: Kinds of friction; slopes of its columns are 0 in a fit, and there for the sake of intervals.
+FRICTION = (TermKind.FORWARDS, TermKind.BACKWARDS, TermKind.VISCOUS, TermKind.STRIBECK,
+            TermKind.LOAD)
+#: Kinds of errors of the model and of the drives.
+ERRORS = (TermKind.MODEL, TermKind.SCALE, TermKind.DEAD_BAND, TermKind.FADING)
 #: Kinds of what a drive makes of a command, those with a column in `Data.bent`.
 BENT = (TermKind.DEAD_BAND, TermKind.FADING)
 
@@ -152,6 +157,24 @@ class Data:
                    bent=np.zeros((*torque.shape, 2)) if bent is None else np.where(
                        known[:, :, None], np.concatenate(list(bent)), 0.0))
 
+    @classmethod
+    def at(cls, way: Array, velocity: Array, torque: Array, more: Array) -> Data:
+        """
+        Return states instead of windows; S states.
+
+        Parameters
+        ----------
+        way, velocity, torque : ndarray, shape (S, n)
+            Direction, velocity [rad/s], and torque of the drives [N·m].
+        more : ndarray, shape (S, n, m)
+            Torque of each column of the model's errors [N·m].
+
+        """
+        zero, load = np.zeros_like(way), np.abs(torque)
+        slow = np.exp(-np.square(velocity[:, :, None] / STRIBECK))
+        return cls(zero[:, 0], velocity, way, more, way[:, :, None] * slow, load, zero, zero, (0,),
+                   torque, motor=load, bent=np.stack((np.sign(torque), torque * load), axis=2))
+
     def loaded(self, levels: Array) -> Data:
         """
         Return it with the load of motors that also overcome Coulomb friction, shape (n,) [N·m].
@@ -169,25 +192,24 @@ class Data:
         """Return the design, shape (J, n, terms); 0 in rows that are not used."""
         found = np.zeros((*self.way.shape, len(terms)))
         for k, (kind, i, which) in enumerate(terms):
+            mine = slice(None) if i < 0 else slice(i, i + 1)
+            way = self.way[:, mine]
             if kind == TermKind.MODEL:
-                found[:, :, k] = self.more[:, :, int(which)] * (self.way != 0.0)
+                column = self.more[:, mine, int(which)]
             elif kind == TermKind.SCALE:
-                mine = slice(None) if i < 0 else slice(i, i + 1)
-                found[:, mine, k] = -self.torque[:, mine] * (self.way[:, mine] != 0.0)
+                column = -self.torque[:, mine]
             elif kind in BENT:
-                found[:, i, k] = self.bent[:, i, BENT.index(kind)] * (self.way[:, i] != 0.0)
+                column = self.bent[:, mine, BENT.index(kind)]
             elif kind in (TermKind.STRIBECK, TermKind.STRIBECK_SLOPE):
-                weights = interpolation(which, kind == TermKind.STRIBECK_SLOPE)
-                found[:, i, k] = self.stribeck[:, i] @ weights * (self.way[:, i] != 0.0)
+                column = self.stribeck[:, mine] @ interpolation(
+                    which, kind == TermKind.STRIBECK_SLOPE)
             elif kind == TermKind.LOAD:
-                found[:, i, k] = self.way[:, i] * (self.motor if which else self.load)[:, i]
-            elif kind == TermKind.LAG_SLOPE:
-                found[:, i, k] = self.late[:, i] * (self.way[:, i] != 0.0)
-            elif kind == TermKind.VISCOUS:
-                found[:, i, k] = self.velocity[:, i] * (self.way[:, i] != 0.0)
+                column = way * (self.motor if which else self.load)[:, mine]
+            elif kind in (TermKind.LAG_SLOPE, TermKind.VISCOUS):
+                column = (self.late if kind == TermKind.LAG_SLOPE else self.velocity)[:, mine]
             else:
-                sign = 1.0 if kind == TermKind.FORWARDS else -1.0
-                found[:, i, k] = np.where(self.way[:, i] == sign, sign, 0.0)
+                column = way * (way == (1.0 if kind == TermKind.FORWARDS else -1.0))
+            found[:, mine, k] = column * (way != 0.0)
         return found
 
     def used(self) -> Array:
@@ -355,9 +377,16 @@ class Spread:
         found: Array = np.sqrt(np.maximum(self.covariance.diagonal(), 0.0))
         return found
 
-    def half(self, weights: Array) -> float:
-        """Return half the interval of the sum of the coefficients with `weights`, shape (p,)."""
-        return self.factor * sqrt(max(float(weights @ self.covariance @ weights), 0.0))
+    def wider(self, off: Array) -> Spread:
+        """Return it with intervals that are longer by what coefficients are off, shape (p,)."""
+        off = off / self.factor
+        return dataclasses.replace(self, covariance=self.covariance + np.outer(off, off))
+
+    def half(self, weights: Array) -> Array:
+        """Return half the interval of sums of the coefficients with weights, shape (..., p)."""
+        power = (weights @ self.covariance * weights).sum(axis=-1)
+        found: Array = self.factor * np.sqrt(np.maximum(power, 0.0))
+        return found
 
 
 def correlation_length(x: Array) -> float:

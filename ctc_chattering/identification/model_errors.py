@@ -286,6 +286,8 @@ class CauseKind(Enum):
 
 #: What a drive makes of its command: columns beside those of the model's errors.
 DRIVE = (CauseKind.SCALE, CauseKind.DEAD_BAND, CauseKind.FADING)
+#: Those that change inertias of links, as rotors do.
+BODIES = (CauseKind.LINK, CauseKind.MASSES, CauseKind.CENTRE, CauseKind.BODY)
 
 
 class Cause(NamedTuple):

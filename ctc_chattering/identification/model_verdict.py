@@ -27,6 +27,7 @@ from ctc_chattering.identification.friction import drive_terms, JointFriction, S
 from ctc_chattering.identification.least_squares import Term, TermKind
 from ctc_chattering.identification.model_errors import (
     ALL,
+    BODIES,
     Cause,
     CauseKind,
     DRIVE,
@@ -46,8 +47,6 @@ _TRUSTED = 1e-4
 _TURNED = 0.1
 #: Part of the Coulomb friction below which another friction is nothing (viscous: at 1 rad/s).
 _NOTHING = 1e-4
-#: Causes that change inertias of links, as rotors do.
-_BODIES = (CauseKind.LINK, CauseKind.MASSES, CauseKind.CENTRE, CauseKind.BODY)
 _RECORD = 'record a motion with more speed and larger accelerations of all joints'
 _CORRECT = 'correct the description'
 
@@ -116,7 +115,7 @@ class ModelVerdict:
     def rotor(self) -> list[Estimate]:
         """Return the inertia of rotors that the model lacks, length n [kg·m²]."""
         found = [self._none() for _ in self._joints]
-        if any(cause.kind in _BODIES for cause, _ in self._found):
+        if any(cause.kind in BODIES for cause, _ in self._found):
             found = [Estimate.none('beside another error of a body no motion tells it from that'
                                    )] * len(found)
         for cause, numbers in self._found:

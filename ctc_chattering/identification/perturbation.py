@@ -25,25 +25,13 @@ from ctc_chattering.analysis.tables import rounded
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.identification.findings import Finding, Kind
 from ctc_chattering.identification.identify import Identification
-from ctc_chattering.identification.least_squares import (
-    BENT,
-    Data,
-    Fit,
-    stribeck_velocity,
-    Term,
-    TermKind,
-)
+from ctc_chattering.identification.least_squares import Data, ERRORS, FRICTION
 from ctc_chattering.identification.verdict import verdicts
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
 import numpy.typing as npt
 
 Flags = npt.NDArray[np.bool_]
-#: Part of the friction that an unexplained torque may have on a run not used for the fit.
-_GOOD = 0.05
-#: Kinds of friction; all other terms are errors of the model. Slopes are 0 in a fit.
-_FRICTION = (TermKind.FORWARDS, TermKind.BACKWARDS, TermKind.VISCOUS, TermKind.STRIBECK,
-             TermKind.STRIBECK_SLOPE, TermKind.LOAD, TermKind.LAG_SLOPE)
 #: An outlier is this many times beyond the bound of what is unexplained, and this part of P.
 _FAR, _SEEN = 3.0, 0.1
 #: What a joint at rest may have beyond the friction of sliding, in bounds of what is unexplained.
@@ -155,12 +143,6 @@ class MeasuredPerturbation:
         return (np.sqrt(np.square(whole).sum(axis=0) / count),
                 np.sqrt(np.square(rest).sum(axis=0) / count))
 
-    def good(self) -> Flags:
-        """Return for which joints what was identified predicts P, shape (n,)."""
-        whole, rest = self.misfit()
-        found: Flags = rest <= _GOOD * whole
-        return found
-
 
 def perturbation(found: Identification, data: Data | None = None) -> MeasuredPerturbation:
     """
@@ -175,10 +157,10 @@ def perturbation(found: Identification, data: Data | None = None) -> MeasuredPer
 
     """
     fit, data = found.selected.fit, data or found.data
-    columns, used = data.columns(fit.terms), data.used()
-    error = _error(fit, data, columns)
+    used, error = data.used(), _error(found, data)
     # The slopes of Stribeck columns are 0, and in the fit for the sake of intervals.
-    rest = np.where(used, np.abs(data.residual - columns @ fit.value), np.nan)
+    predicted = np.where(used, data.columns(fit.terms) @ fit.value, np.nan)
+    rest = np.abs(data.residual - predicted)
     bound = np.array([tail_bound(x[np.isfinite(x)]) for x in rest.T])
     size = np.array([np.median(np.abs(x[mine])) if mine.any() else 0.0
                      for x, mine in zip(data.residual.T, used.T)])
@@ -186,8 +168,8 @@ def perturbation(found: Identification, data: Data | None = None) -> MeasuredPer
     trusted = ~_widened(far)
     tail = np.array([tail_bound(x[np.isfinite(x) & trusted]) for x in rest.T])
     run = MeasuredPerturbation(
-        data.t, data.residual, np.where(used, columns @ fit.value, np.nan),
-        np.abs(error) + _friction(fit, data), trusted, tail,
+        data.t, data.residual, predicted,
+        np.abs(error) + _largest_friction(found, data.velocity, data.load, 0.0), trusted, tail,
         np.abs(error[trusted]).max(axis=0, initial=0.0), np.zeros(len(tail)))
     return dataclasses.replace(run, impact=_impact(found, run)) if data is found.data else run
 
@@ -223,34 +205,42 @@ def _widened(far: Flags) -> Flags:
     return found
 
 
-def _error(fit: Fit, data: Data, columns: Array) -> Array:
+def _error(found: Identification, data: Data) -> Array:
     """Return the torque of errors of the model in each window, shape (J, n) [N·m]."""
-    errors = [k for k, term in enumerate(fit.terms) if term.kind not in _FRICTION]
-    error: Array = columns[:, :, errors] @ fit.value[errors]
+    error, _ = found.selected.torque(data, ERRORS)
     for i, used in enumerate(data.used().T):
-        if errors and used.any():
+        if used.any():
             # Of a window in which the joint does not slide: between those in which it does.
             error[:, i] = np.interp(np.arange(len(used)), np.flatnonzero(used), error[used, i])
     return error
 
 
-def _friction(fit: Fit, data: Data) -> Array:
-    """Return the largest friction that the fit allows in each window, shape (J, n) [N·m]."""
-    n = data.way.shape[1]
-    friction = np.zeros_like(data.way)
-    level = np.zeros(n)
-    for term, value in zip(fit.terms, fit.value):
-        i = term.joint
-        if term.kind in (TermKind.FORWARDS, TermKind.BACKWARDS):
-            level[i] = max(level[i], abs(value))
-        elif term.kind == TermKind.VISCOUS:
-            friction[:, i] += value * np.abs(data.velocity[:, i])
-        elif term.kind == TermKind.LOAD:
-            friction[:, i] += value * data.load[:, i]
-        elif term.kind == TermKind.STRIBECK:
-            speed = np.abs(data.velocity[:, i]) / stribeck_velocity(term.which)
-            friction[:, i] += value * np.exp(-np.square(speed))
-    return friction + level
+def friction_at(found: Identification, velocity: Array, load: Array | float
+                ) -> tuple[Array, Array]:
+    """
+    Return friction, and half its interval, each of shape (S, n) [N·m].
+
+    Parameters
+    ----------
+    found : Identification
+        What was identified.
+    velocity : ndarray, shape (S, n)
+        Of sliding [rad/s]; the sign of a zero is its direction.
+    load : ndarray, shape (n,) or (S, n), or float
+        Torque of the drives [N·m].
+
+    """
+    states = Data.at(np.copysign(1.0, velocity), velocity, np.broadcast_to(load, velocity.shape),
+                     np.zeros((*velocity.shape, found.selected.mixing.shape[1])))
+    return found.selected.torque(states, FRICTION)
+
+
+def _largest_friction(found: Identification, velocity: Array, load: Array, halves: float) -> Array:
+    """Return the larger friction of both directions, with halves of its interval, (S, n)."""
+    both = [np.abs(value) + halves * half for value, half in (
+        friction_at(found, np.copysign(velocity, sign), load) for sign in (1.0, -1.0))]
+    larger: Array = np.maximum(*both)
+    return larger
 
 
 #: Random states, and speeds at which friction is looked up.
@@ -371,12 +361,11 @@ def fastest_perturbation(found: Identification, run: MeasuredPerturbation, model
     error = _largest_error(found, tau, (q, dq, ddq))
     most = np.abs(tau).max(axis=0)
     load = np.minimum(most + error, limits.effort)
-    friction = np.array([_largest_friction(found, i, limits.velocity[i], load[i])
-                         for i in range(model.n)])
+    friction = _largest_friction(found, np.linspace(0.0, limits.velocity, _SPEEDS), load, 1.0)
     often = limits.acceleration / np.maximum(limits.velocity, 1e-12)
     # Parts that hit each other do so with a momentum that grows with the speed.
     faster = limits.velocity / np.maximum(np.abs(found.data.velocity).max(axis=0), 1e-12)
-    return FastestPerturbation(limits, friction, error,
+    return FastestPerturbation(limits, friction.max(axis=0), error,
                                run.tail + run.impact * np.maximum(faster, 1.0), often * most)
 
 
@@ -398,61 +387,14 @@ def _torques(model: Model, q: Array, dq: Array, ddq: Array) -> Array:
 
 def _largest_error(found: Identification, tau: Array, states: tuple[Array, Array, Array]) -> Array:
     """Return the largest torque of errors of the model, shape (n,) [N·m]."""
-    fit, spread = found.selected.fit, found.selected.spread
-    mine = [k for k, term in enumerate(fit.terms)
-            if term.kind in (TermKind.MODEL, TermKind.SCALE, *BENT)]
-    if not mine:
-        return np.zeros(tau.shape[1])
-    columns = np.stack([_error_column(fit.terms[k], tau) for k in mine], axis=2)
-    models = [j for j, k in enumerate(mine) if fit.terms[k].kind == TermKind.MODEL]
-    if models and found.columns is not None:
-        which = [int(fit.terms[mine[j]].which) for j in models]
-        every = np.array([found.columns.at(*rows) for rows in zip(*states)])
-        columns[:, :, models] = every @ found.selected.mixing[:, which]
-    covariance = spread.covariance[np.ix_(mine, mine)]
-    half = spread.factor * np.sqrt(np.maximum(
-        np.einsum('snp,pq,snq->sn', columns, covariance, columns), 0.0))
-    largest: Array = (np.abs(columns @ fit.value[mine]) + half).max(axis=0)
+    mixing = found.selected.mixing
+    more = np.zeros((*tau.shape, mixing.shape[1]))
+    if found.columns is not None and mixing.size:
+        more = np.array([found.columns.at(*rows) for rows in zip(*states)]) @ mixing
+    value, half = found.selected.torque(
+        Data.at(np.ones_like(tau), states[1], tau, more), ERRORS)
+    largest: Array = (np.abs(value) + half).max(axis=0)
     return largest
-
-
-def _error_column(term: Term, tau: Array) -> Array:
-    """Return the column of what a drive makes of the torque, shape (S, n) [N·m]; else 0."""
-    column = np.zeros_like(tau)
-    if term.kind != TermKind.MODEL:
-        joints = range(tau.shape[1]) if term.joint < 0 else [term.joint]
-        mine = tau[:, joints]
-        column[:, joints] = {TermKind.SCALE: -mine, TermKind.DEAD_BAND: np.sign(mine),
-                             TermKind.FADING: mine * np.abs(mine)}[term.kind]
-    return column
-
-
-def _largest_friction(found: Identification, i: int, fastest: float, load: float) -> float:
-    """Return the largest friction of joint i up to a speed [rad/s], under a load [N·m]."""
-    fit, spread = found.selected.fit, found.selected.spread
-    speed = np.linspace(0.0, fastest, _SPEEDS)
-    largest = 0.0
-    if not fit.terms:
-        return largest
-    for way in (TermKind.FORWARDS, TermKind.BACKWARDS):
-        columns = np.stack([_column(term, way, speed, load) if term.joint == i
-                            else np.zeros(_SPEEDS) for term in fit.terms], axis=1)
-        half = spread.factor * np.sqrt(np.maximum(
-            np.einsum('sp,pq,sq->s', columns, spread.covariance, columns), 0.0))
-        largest = max(largest, float((np.abs(columns @ fit.value) + half).max()))
-    return largest
-
-
-def _column(term: Term, way: TermKind, speed: Array, load: float) -> Array:
-    """Return the column of a term of friction at speeds in one direction, in that direction."""
-    if term.kind == TermKind.VISCOUS:
-        return speed
-    if term.kind == TermKind.STRIBECK:
-        found: Array = np.exp(-np.square(speed / stribeck_velocity(term.which)))
-        return found
-    if term.kind == TermKind.LOAD:
-        return np.full_like(speed, load)
-    return np.full_like(speed, float(term.kind == way))
 
 
 #: ka over the largest |P|.

@@ -26,11 +26,11 @@ from typing import Any
 from ctc_chattering.analysis import page
 from ctc_chattering.analysis.drawing import FigureFile
 from ctc_chattering.analysis.markup import fragment
-from ctc_chattering.analysis.tables import fitted, paragraph, shown, Table, with_interval
+from ctc_chattering.analysis.tables import fitted, paragraph, shown, Table
 from ctc_chattering.bags.recording import Recording, stretches
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.errors import CtcError
-from ctc_chattering.identification.drive_torque import has
+from ctc_chattering.identification.drives import has
 from ctc_chattering.identification.findings import (
     ALL_JOINTS,
     Estimate,
@@ -41,8 +41,8 @@ from ctc_chattering.identification.findings import (
     Severity,
 )
 from ctc_chattering.identification.gains import Recommendation
-from ctc_chattering.identification.identify import Identification
-from ctc_chattering.identification.model_errors import ModelError
+from ctc_chattering.identification.identify import check_alike, Identification
+from ctc_chattering.identification.model_errors import BODIES, ModelError
 from ctc_chattering.identification.perturbation import MeasuredPerturbation, perturbation
 from ctc_chattering.identification.timing import lag_in_words
 from ctc_chattering.identification.verdict import (
@@ -81,7 +81,7 @@ class Validation:
 
     def findings(self, ka: Sequence[float | None]) -> Iterator[Finding]:
         """
-        Yield what this run says against the numbers of a joint.
+        Yield what this run says of the numbers of each joint.
 
         Parameters
         ----------
@@ -89,40 +89,38 @@ class Validation:
             Recommended [N·m]; None for a joint that is not usable.
 
         """
-        whole, rest = self.run.misfit()
-        good, peak = self.run.good(), self.run.peak
         moved = np.isfinite(self.run.predicted).sum(axis=0) > 0
-        for i, most in enumerate(ka):
+        for i, (whole, rest, peak, most) in enumerate(zip(*self.run.misfit(), self.run.peak, ka)):
             if not moved[i]:
                 yield Finding(Kind.NOTE, i, f'it hardly moves in {self.name}')
                 continue
-            if not good[i]:
-                part = rest[i] / max(whole[i], 1e-12)
+            part = rest / max(whole, 1e-12)
+            if part > Kind.NOT_PREDICTED.care:
                 yield Finding(
                     Kind.NOT_PREDICTED, i,
-                    f'{part:.0%} of P, {rest[i]:.3g} N*m RMS, are not predicted in {self.name}',
+                    f'{part:.0%} of P, {rest:.3g} N*m RMS, are not predicted in {self.name}',
                     'record a motion like that one too, and give both bags', part)
-            if most is not None and peak[i] > most:
+            if most is not None and peak > most:
                 yield Finding(
-                    Kind.BEYOND_KA, i, f'|P| reaches {peak[i]:.3g} N*m in {self.name}, beyond '
-                    f'ka = {most:.3g} N*m', 'record a motion like that one too', peak[i] / most)
+                    Kind.BEYOND_KA, i, f'|P| reaches {peak:.3g} N*m in {self.name}, beyond '
+                    f'ka = {most:.3g} N*m', 'record a motion like that one too', peak / most)
 
-    def verdicts(self, joints: Sequence[str], ka: Sequence[float]) -> list[tuple[bool, str]]:
+    def verdicts(self, joints: Sequence[str], ka: Sequence[float | None]
+                 ) -> list[tuple[bool, str]]:
         """Return for each joint whether prediction and ka hold, and why."""
-        whole, rest = self.run.misfit()
-        good, peak = self.run.good(), self.run.peak
-        moved = np.isfinite(self.run.predicted).sum(axis=0) > 0
+        mine = [[x for x in self.findings(ka) if x.joint == i] for i in range(len(joints))]
         found = []
-        for i, name in enumerate(joints):
-            if not moved[i]:
+        for name, one, whole, rest, peak, most in zip(
+                joints, mine, *self.run.misfit(), self.run.peak, ka):
+            if one and one[0].kind == Kind.NOTE:
                 found.append((False, f'{name}: hardly moves in this run'))
                 continue
-            held = peak[i] <= ka[i]
-            found.append((bool(good[i] and held), (
-                f'{name}: {rest[i]:.3g} N*m RMS of {whole[i]:.3g} N*m of friction and errors of '
-                f'the model are not predicted ({rest[i] / max(whole[i], 1e-12):.2%}); |P| reaches '
-                f'{peak[i]:.3g} N*m, ' + ('within' if held else 'beyond')
-                + f' ka = {ka[i]:.3g} N*m')))
+            held = '' if most is None else (
+                f', {"within" if peak <= most else "beyond"} ka = {most:.3g} N*m')
+            found.append((most is not None and not one, (
+                f'{name}: {rest:.3g} N*m RMS of {whole:.3g} N*m of friction and errors of the '
+                f'model are not predicted ({rest / max(whole, 1e-12):.2%}); |P| reaches '
+                f'{peak:.3g} N*m{held}')))
         return found
 
 
@@ -145,13 +143,8 @@ def validate(found: Identification, recording: Recording, model: Model) -> Valid
         If the run has other joints, another period, or no torque of the same source.
 
     """
-    if recording.joints != found.joints:
-        raise CtcError(f'{recording.name}: joints {list(recording.joints)}; those identified: '
-                       f'{list(found.joints)}')
     period = found.clock.period
-    if abs(recording.period - period) > 0.02 * period:
-        raise CtcError(f'{recording.name}: a period of {recording.period:.4g} s; that of the '
-                       f'identified run: {period:.4g} s')
+    check_alike(recording, found.joints, period, 'the identified run')
     parts = [part for part in stretches(recording, period)
              if len(part.q) * period > 1.0 and has(part, found.timing.source) is not None]
     if not parts:
@@ -223,7 +216,7 @@ def cell(number: Estimate) -> str:
         return ' '.join(number.reason.split()[:3])
     if number.value is None:
         return 'none' if number.reason == NONE else NO_NUMBER
-    return with_interval(number.value, number.half)
+    return str(dataclasses.replace(number, unit=''))
 
 
 def missing(found: Identification, verdicts: Sequence[Verdict]) -> Iterator[str]:
@@ -331,8 +324,7 @@ class IdentificationResults:
     def _validated(self) -> list[tuple[bool, str]]:
         """Return whether each joint is predicted on the other run, and why."""
         assert self.validation is not None
-        return self.validation.verdicts(self.found.joints, [
-            np.nan if x is None else x for x in self.recommended.ka])
+        return self.validation.verdicts(self.found.joints, self.recommended.ka)
 
     def _time(self) -> Iterator[str]:
         """Yield what the stamps say, and the delay."""
@@ -366,7 +358,10 @@ class IdentificationResults:
                     offset.half, _OFFSET * abs(friction.coulomb.value or 0.0)):
                 yield (f'{joint}: friction differs by direction, or a constant torque of {offset} '
                        'is missing in the model; no motion distinguishes these')
-        if found.selected.attributed and not any(x.value is not None for _, x in found.errors):
+        chosen = found.selected.explanation
+        masses = any(x.value is not None for _, x in found.errors) or (
+            chosen is not None and any(x.kind in BODIES for x in chosen.causes))
+        if found.selected.attributed and not masses:
             yield 'no mass error is visible'
 
     def text(self) -> str:

@@ -29,8 +29,14 @@ from typing import NamedTuple
 
 from ctc_chattering.bags.recording import Indices, Stretch
 from ctc_chattering.dynamics.model import Model
-from ctc_chattering.identification.drive_search import DriveScan, DriveSearch
-from ctc_chattering.identification.drive_torque import COMMAND, EFFORT, has, weak_torque
+from ctc_chattering.identification.drives import (
+    COMMAND,
+    DriveProfile,
+    EFFORT,
+    has,
+    LAGS,
+    weak_torque,
+)
 from ctc_chattering.identification.findings import ALL_JOINTS, Estimate, Finding, Kind
 from ctc_chattering.identification.least_squares import Data, orthonormal, Term, TermKind
 from ctc_chattering.identification.weak_form import position_noise, TestFunction
@@ -43,10 +49,8 @@ from scipy.stats import median_abs_deviation  # type: ignore[import-untyped]
 Flags = npt.NDArray[np.bool_]
 #: Longest delay that is looked for [samples], and [s].
 _MOST, _LONGEST = 20, 0.05
-#: Lags of the scan [s].
-LAGS = (0.0, *(0.0003 * 1.5 ** k for k in range(13)))
-#: Delays on both sides of the best one that are looked at, and lags above the best ones.
-_BELOW, _ABOVE, _LAGS_ABOVE = 4, 2, 4
+#: Delays that are looked at above the one that is best without a lag.
+_ABOVE = 2
 #: Longest part of the recording that delay and lag are taken from, in pieces so long [s].
 _ENOUGH, _PIECE = 60.0, 15.0
 #: Alignments of a measured effort: of the period before, at the instant, of the period after.
@@ -279,20 +283,13 @@ def _of_commands(parts: Sequence[Stretch], rows: Sequence[Rows], phi: TestFuncti
     # What commands in wrong places do to the torque is not a shift alone.
     far = _FARTHER if uneven else 1.0
     shifts = sorted({max(far * late[0], -1.0), 0.0, min(far * late[1], 1.0)})
-    delays, lags = _region(profile, parts, rows, phi, moving)
-    if uneven:
-        delays = range(-1, delays.stop)
-    while True:
-        scan = DriveScan(parts, rows, profile, phi, delays, LAGS[:lags], uneven)
-        search = DriveSearch(scan, moving, shifts)
-        fastest = None if uneven else _fastest(parts)
-        if fastest is not None:
-            search.search_rates(fastest)
-        found = search.found(fastest)
-        longest = max(float(x[2].max()) for x in found.delays.values())
-        if lags == len(LAGS) or longest < 0.99 * LAGS[lags - 1]:
-            break
-        lags = len(LAGS)
+    most = min(_MOST, int(_LONGEST / profile.period))
+    alone = np.array([profile.squares(delay) for delay in range(most + 1)])
+    scale = np.where(moving & (alone.min(axis=0) > 0.0), alone.min(axis=0), np.inf)
+    # A lag can only take the place of a part of the delay that is best without one.
+    last = min(most, int(np.argmin((alone / scale).sum(axis=1))) + _ABOVE)
+    found = DriveProfile(parts, rows, profile.data, profile.unexplained, phi, range(-1, last + 2),
+                         moving, shifts, uneven).found(None if uneven else _fastest(parts))
     if uneven:
         for lags_of in found.delays.values():
             margin = far * (late[1] - late[0]) * profile.period * moving
@@ -305,24 +302,6 @@ def _of_commands(parts: Sequence[Stretch], rows: Sequence[Rows], phi: TestFuncti
         float(np.ptp(x[:, moving], axis=0).max()) for x in found.delays.values()) > _WIDE
     return Timing(COMMAND, float(found.best), mine[1], error, found.delays, found.misfit,
                   _any_rate(n) if wide else found.rate, moving)
-
-
-def _region(profile: Profile, parts: Sequence[Stretch], rows: Sequence[Rows], phi: TestFunction,
-            moving: Flags) -> tuple[range, int]:
-    """Return delays among which the true one is, and how many of the lags."""
-    most = min(_MOST, int(_LONGEST / profile.period))
-    alone = np.array([profile.squares(delay) for delay in range(most + 1)])
-    scale = np.where(moving & (alone.min(axis=0) > 0.0), alone.min(axis=0), np.inf)
-    # A lag can only take the place of a part of the delay that is best without one.
-    last = min(most, int(np.argmin((alone / scale).sum(axis=1))) + _ABOVE)
-    level = DriveScan(parts, rows, profile, phi, range(last + 1), LAGS).level(
-        np.full(len(moving), np.inf))
-    table = np.stack([x.diagonal().reshape(last + 1, -1) for x in level.products], axis=2)
-    scale = np.where(moving & (table.min(axis=(0, 1)) > 0.0), table.min(axis=(0, 1)), np.inf)
-    best = int(np.argmin((table / scale).min(axis=1).sum(axis=1)))
-    first = max(0, best - _BELOW)
-    lag = int(table[first:, :, moving].argmin(axis=1).max())
-    return range(first - 1, min(last, best + _ABOVE) + 2), min(lag + _LAGS_ABOVE, len(LAGS))
 
 
 def _fastest(parts: Sequence[Stretch]) -> Array:

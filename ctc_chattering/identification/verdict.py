@@ -20,7 +20,7 @@ from collections.abc import Iterator, Sequence
 from math import inf, isfinite
 from typing import Any, NamedTuple
 
-from ctc_chattering.identification.drive_torque import EFFORT
+from ctc_chattering.identification.drives import EFFORT
 from ctc_chattering.identification.findings import (
     ALL_JOINTS,
     Estimate,

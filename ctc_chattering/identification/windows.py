@@ -16,9 +16,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 import dataclasses
-from typing import NamedTuple
 
 from ctc_chattering.bags.recording import Indices, Stretch
 from ctc_chattering.dynamics.model import Model
@@ -91,7 +90,7 @@ class Rows:
         h, q, n = stretch.period, stretch.q, stretch.q.shape[1]
         margin = max(smoothing_half(h), round(SETTLING / h)) + 1
         centres, least = phi.centres(len(q), margin), least_velocity(q, h)
-        sides = [_sides(_WindowMotion.of(q, h, some, phi.half, least), model, phi, errors, some)
+        sides = [_sides(q, h, model, phi, errors, some, least)
                  for some in phi.blocks(centres) if len(some)]
         way, base, weight, load, velocity, stribeck, more = map(
             np.concatenate, zip(*sides)) if sides else (
@@ -104,57 +103,27 @@ class Rows:
         return Rows(**{**mine, 'centres': mine['centres'] - first})
 
 
-class _WindowMotion(NamedTuple):
+def _sides(q: Array, period: float, model: Model, phi: TestFunction, errors: ErrorColumns | None,
+           centres: Indices, least: Array) -> tuple[Array, ...]:
     """
-    The motion under some windows that follow each other; N samples, n joints.
-
-    Attributes
-    ----------
-    first : int
-        First sample.
-    place, dq, ddq, moved : ndarray, shape (N, n)
-        Smoothed, and velocities as differences of positions.
-    slide : ndarray, shape (N, n)
-        Direction of sliding.
-
-    """
-
-    first: int
-    place: Array
-    dq: Array
-    ddq: Array
-    moved: Array
-    slide: Array
-
-    @classmethod
-    def of(cls, q: Array, period: float, centres: Indices, half: int, least: Array
-           ) -> _WindowMotion:
-        """Return the motion under windows in a stretch with positions q, shape (M, n)."""
-        first, last = int(centres[0]) - half, int(centres[-1]) + half + 1
-        # What a sample of the directions depends on.
-        around = 2 * smoothing_half(period)
-        begin = max(first - around, 0)
-        wide = q[begin:last + around]
-        place, dq, ddq = smoothed(wide, period)
-        moved = np.empty_like(wide)
-        moved[1:-1] = (wide[2:] - wide[:-2]) / (2.0 * period)
-        moved[0], moved[-1] = dq[0], dq[-1]
-        mine = slice(first - begin, last - begin)
-        return cls(first, *(x[mine] for x in (
-            place, dq, ddq, moved, sliding(dq, least, period))))
-
-
-def _sides(motion: _WindowMotion, model: Model, phi: TestFunction, errors: ErrorColumns | None,
-           centres: Indices) -> tuple[Array, ...]:
-    """
-    Return what `Rows` have of windows.
+    Return what `Rows` have of windows that follow each other, of positions q, shape (N, n).
 
     That is the direction, the model's left side, its weight and load, the velocity, the Stribeck
     columns, and those of the model's errors.
     """
-    first, place, dq, ddq, moved, slide = motion
+    first, last = int(centres[0]) - phi.half, int(centres[-1]) + phi.half + 1
+    # What a sample of the directions depends on.
+    around = 2 * smoothing_half(period)
+    begin = max(first - around, 0)
+    wide = q[begin:last + around]
+    place, dq, ddq = smoothed(wide, period)
+    moved = np.empty_like(wide)
+    moved[1:-1] = (wide[2:] - wide[:-2]) / (2.0 * period)
+    moved[0], moved[-1] = dq[0], dq[-1]
+    place, dq, ddq, moved, slide = (x[first - begin:last - begin] for x in (
+        place, dq, ddq, moved, sliding(dq, least, period)))
     at = centres - first
-    dynamics = Dynamics.along(place, dq, phi.period, model)
+    dynamics = Dynamics.along(place, dq, period, model)
     more = errors.weak(place, dq, moved, phi, at) if errors else np.empty(
         (len(centres), place.shape[1], 0))
     windows = sliding_window_view(slide, 2 * phi.half + 1, axis=0)[at - phi.half]
@@ -171,11 +140,6 @@ def least_velocity(q: Array, period: float) -> Array:
     fast = [np.percentile(np.abs(smooth(x, period, 1)), 99.0) for x in q.T]
     return np.maximum(_DEVIATIONS * velocity_deviation(period) * position_noise(q, period),
                       _PART * np.array(fast))
-
-
-def columns(x: Array) -> Iterator[Array]:
-    """Yield the columns of an array of shape (N, n), each of shape (N, 1)."""
-    yield from (x[:, i:i + 1] for i in range(x.shape[1]))
 
 
 def sliding(dq: Array, least: Array, period: float) -> Array:
@@ -244,7 +208,8 @@ class WindowStates:
     def _of(part: Stretch, rows: Rows, phi: TestFunction) -> tuple[Array, Array, Array]:
         found = []
         # Joint by joint, for long series.
-        for q, least in zip(columns(part.q), least_velocity(part.q, part.period)):
+        for i, least in enumerate(least_velocity(part.q, part.period)):
+            q = part.q[:, i:i + 1]
             bend = -phi.sums(np.gradient(q, part.period, axis=0), phi.slope, rows.centres)
             place, dq = (smooth(q, part.period, order) for order in range(2))
             position = phi.sums(place, phi.at, rows.centres)

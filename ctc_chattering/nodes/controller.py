@@ -182,6 +182,7 @@ class ControllerNode(LoopNode[ControllerConfig, ControllerSettings]):
 
     def _answer(self, now: int) -> None:
         """Have the pending state answered, and publish what the torque is made of."""
+        begin = time.thread_time_ns()
         self._matched = self._matched or self.matched(
             self._commands, *self._terms.publishers, *self._controller_state.publishers)
         try:
@@ -197,9 +198,9 @@ class ControllerNode(LoopNode[ControllerConfig, ControllerSettings]):
                 self.failure = f'tripped: {self._loop.tripped}'  # Time would wait for a reset.
                 self.done.set_result(None)
             return
+        self._loop.took(time.thread_time_ns() - begin)
         self._publish_terms(answer)
         end = time.monotonic_ns()
-        self._loop.took(end - now)
         self.statistics.sample(now, end)
         if self.in_real_time and end - now > self._loop.period:
             self.statistics.misses += 1
@@ -282,7 +283,7 @@ class ControllerNode(LoopNode[ControllerConfig, ControllerSettings]):
         if self.problem:
             level, message = ERROR, self.problem
         return Status(level, message, {
-            'period of the stamps, mean [ms]': 1e3 * loop.health.sample_rate.mean,
+            'period of the stamps, mean [ms]': 1e3 * seconds((loop.health.periods or [0])[-1]),
             'law': config.law, **({'switching': config.switching}
                                   if config.takes('switching') else {}),
             'computed by': loop.law.computed_by if loop.law else '',

@@ -141,9 +141,9 @@ class RecorderNode(BaseNode):
     def _record(self, topic: _Recorded, data: bytes, info: Mapping[str, Any]) -> None:
         """Record a message."""
         number = info.get('publication_sequence_number')
-        if number and not topic.sequence.follows(number):
+        if number:
             self._lose(topic.name, topic.sequence.lost(
-                number, self.count_publishers(topic.name)))
+                number, lambda: self.count_publishers(topic.name)))
         if topic.timing is not None:
             topic.timing.receive(data, info)
             is_clock = topic.timing.topic == CLOCK

@@ -27,8 +27,8 @@ from ctc_chattering.compiled.machine_code import Call, Code, invoke
 from ctc_chattering.compiled.records import numpy_record
 from ctc_chattering.control.step import CompiledStep, E, periods, TAU, V
 from ctc_chattering.numerics.linear_algebra import Array
-from ctc_chattering.simulation.compiled_plant import CompiledPlant, CompiledPlantStep, no_inputs
 from ctc_chattering.simulation.plant import Plant
+from ctc_chattering.simulation.plant_step import CompiledPlant, CompiledPlantStep, no_inputs
 import numpy as np
 
 #: How a run ends, and the sample: at its end, without a finite torque, with a position error

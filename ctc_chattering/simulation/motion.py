@@ -140,9 +140,6 @@ class Smooth(NamedTuple):
     #: Time of its start [s], and command less the friction of sliding near rest [N·m].
     t: float
     load: Array
-    #: The arm, and whether friction depends on the velocity, as `mechanism` has them.
-    model: Any
-    rubbing: float
     #: Which joints stick.
     stuck: Truths
 
@@ -222,9 +219,8 @@ def in_motion(mechanism: Mechanism, now: Acting, load: Array, dq: Array, mode: A
 @function
 def acceleration(at: Smooth, q: Array, dq: Array, u: Array) -> Array:
     """Return ddq of (1), shape (n,) [rad/s²]; `u` has the friction near rest subtracted."""
-    if at.rubbing:
-        u = in_motion(at.mechanism, at.forces, u, dq, at.start.mode)
-    M, bias = at.model.mass_and_bias(q, dq)
+    u = in_motion(at.mechanism, at.forces, u, dq, at.start.mode)
+    M, bias = at.mechanism.model.mass_and_bias(q, dq)
     return solve_where(~at.stuck, M, u - bias)
 
 
@@ -232,11 +228,9 @@ def acceleration(at: Smooth, q: Array, dq: Array, u: Array) -> Array:
 def after(at: Smooth, h: float) -> tuple[Array, Array]:
     """Return q and dq after `h` [s] in the present modes, to fourth order."""
     p, load = at.mechanism.mechanics, at.load
-    loads = load, load, load
-    if p.disturbed or not p.ideal or at.forces.pushed:
-        loads = (total(p, at.forces, load, at.t, 0.0),
-                 total(p, at.forces, load, at.t + 0.5 * h, 0.5 * h),
-                 total(p, at.forces, load, at.t + h, 0.0))
+    loads = (total(p, at.forces, load, at.t, 0.0),
+             total(p, at.forces, load, at.t + 0.5 * h, 0.5 * h),
+             total(p, at.forces, load, at.t + h, 0.0))
     return runge_kutta(acceleration, at, at.start.q, at.start.dq, loads, h)
 
 
@@ -249,7 +243,7 @@ def margin(at: Smooth, h: float, q: Array, dq: Array) -> float:
         return sliding
     u = total(at.mechanism.mechanics, at.forces, at.load, at.t + h, 0.0)
     u = in_motion(at.mechanism, at.forces, u, dq, mode)
-    M, bias = at.model.mass_and_bias(q, dq)
+    M, bias = at.mechanism.model.mass_and_bias(q, dq)
     return min(sliding, margin_of_rest(
         reaction(M, bias, u, at.stuck), at.forces.breakaway, at.stuck))
 
@@ -273,11 +267,9 @@ def decided(mechanism: Mechanism, now: Acting, q: Array, dq: Array, t: float) ->
 @function
 def integrated(mechanism: Mechanism, now: Acting, start: Motion, t: float, h: float) -> Motion:
     """Return the motion after `h` [s] from `t` [s], through any change of mode."""
-    q, dq, friction = start.q, start.dq, mechanism.mechanics.friction
-    rubbing = friction.by_velocity + friction.own
+    q, dq = start.q, start.dq
     for event in range(_MAX_EVENTS + 1):
-        at = Smooth(mechanism, now, start, t, now.commanded - start.friction,
-                    mechanism.model, rubbing, start.stuck != 0.0)
+        at = Smooth(mechanism, now, start, t, now.commanded - start.friction, start.stuck != 0.0)
         q, dq = after(at, h)
         held = margin(at, h, q, dq)
         if not held < 0.0 or event == _MAX_EVENTS:  # Not a number: the motion has diverged.

@@ -35,12 +35,17 @@ from ctc_chattering.dynamics.registry import model_of
 from ctc_chattering.errors import CtcError, ParameterError
 from ctc_chattering.numerics.linear_algebra import Array, Vector
 from ctc_chattering.numerics.time_grid import period_ns, samples, seconds
-from ctc_chattering.simulation.compiled_plant import CompiledPlantStep, Shown
 from ctc_chattering.simulation.drive import Driven, Drives
 from ctc_chattering.simulation.friction import Friction, own_friction
 from ctc_chattering.simulation.motion import Mechanics, Mechanism, Motion, Rigid
 from ctc_chattering.simulation.plant_config import PlantConfig
-from ctc_chattering.simulation.plant_step import PlantInput, PlantParameters, PlantState, stepped
+from ctc_chattering.simulation.plant_step import (
+    CompiledPlantStep,
+    PlainPlantStep,
+    PlantInput,
+    PlantParameters,
+    PlantState,
+)
 from ctc_chattering.simulation.sensor import Sensor
 from ctc_chattering.trajectory.joint_limits import check_limits, DescribedLimits
 import numpy as np
@@ -66,38 +71,6 @@ class _ElasticJoints:
         """Return what the encoders see of values of the coordinates: motors or links."""
         values: Array = x[self._seen]
         return values
-
-
-class PlainPlantStep:
-    """
-    The step of a plant between two changes of its parameters, in plain Python.
-
-    Parameters
-    ----------
-    mechanism, parameters, state, transit
-        As of `plant_step.stepped`; `state` is the present one.
-
-    """
-
-    compiled = False
-
-    def __init__(self, mechanism: Mechanism, parameters: PlantParameters, state: PlantState,
-                 transit: Array) -> None:
-        self.state, self.transit = state, transit
-        self._mechanism, self._parameters = mechanism, parameters
-
-    @np.errstate(all='ignore')  # What overflows shows in the state.
-    def go_on(self, given: PlantInput) -> None:
-        """Go on by a sample."""
-        self.state = stepped(self._mechanism, self._parameters, self.state, self.transit, given)
-
-    def shown(self) -> Shown:
-        """Return what is known of the present sample."""
-        motion, measured, torque = self.state.motion, self.state.shown, self.state.driven.torque
-        n = len(torque)  # Links come before motors.
-        return Shown(motion.q[:n].tolist(), motion.dq[:n].tolist(),
-                     (measured.q.tolist(), measured.dq.tolist()), torque.tolist(),
-                     self.state.offset, self.state.lost_in_a_row)
 
 
 class Plant:
@@ -132,6 +105,8 @@ class Plant:
         Whether that measurement is not sent: `step` then takes the last torque again.
     config : PlantConfig
         In force.
+    parameters : PlantParameters
+        What follows from it.
 
     """
 
@@ -192,9 +167,11 @@ class Plant:
     def _begin(self, config: PlantConfig, state: PlantState, transit: Array) -> None:
         """Go on from a state with other parameters."""
         self.config = config
-        mechanics, drives = self.mechanics(), self._drives()
-        parameters = PlantParameters(mechanics, drives, self.sensor.encoders, config.sample_loss,
-                                     config.sample_jitter, self.last)
+        drives = self._drives()
+        mechanics = self._mechanics(drives.ideal)
+        self.parameters = parameters = PlantParameters(
+            mechanics, drives, self.sensor.encoders, config.sample_loss, config.sample_jitter,
+            self.last)
         #: As machine code takes the step from now on; None where it cannot.
         self._compiled: CompiledPlantStep | None = None
         if self._arm is not None:
@@ -217,14 +194,9 @@ class Plant:
             np.array(config.torque_resolution), np.array(config.torque_saturation),
             np.array(config.actuator_lag), np.array(config.torque_rate_limit),
             float(any(config.torque_resolution)), float(min(config.torque_saturation) < inf),
-            float(self._ideal))
+            float(not any(config.actuator_lag) and min(config.torque_rate_limit) == inf))
 
-    @property
-    def _ideal(self) -> bool:
-        """Whether no drive has a lag or a rate limit."""
-        return not any(self.config.actuator_lag) and min(self.config.torque_rate_limit) == inf
-
-    def mechanics(self) -> Mechanics:
+    def _mechanics(self, ideal: float) -> Mechanics:
         """Return what acts on the coordinates: disturbance on links, the rest on motors."""
         config, more = self.config, (0.0,) * (self._coupled.n - self.n)
         if config.disturbance_push != self._push:
@@ -256,21 +228,16 @@ class Plant:
             on_links(config.disturbance_amplitude), on_links(config.disturbance_frequency),
             float(any(config.disturbance_amplitude)), on_links(self._push),
             self._push_end if any(self._push) else 0, on_motors(config.actuator_lag),
-            on_motors(config.torque_rate_limit, inf), float(self._ideal), friction)
+            on_motors(config.torque_rate_limit, inf), ideal, friction)
 
     def compiled_step(self) -> CompiledPlantStep | None:
         """Return the step from now on as machine code takes it; None where it cannot."""
         return self._compiled
 
     @property
-    def compiled(self) -> bool:
-        """Whether the next step is machine code."""
-        return self._stepper.compiled
-
-    @property
     def computed_by(self) -> str:
         """Return what computes the next step."""
-        return MACHINE_CODE if self.compiled else PLAIN_PYTHON
+        return MACHINE_CODE if self._stepper.compiled else PLAIN_PYTHON
 
     @property
     def state(self) -> PlantState:

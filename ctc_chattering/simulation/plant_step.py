@@ -12,17 +12,26 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The simulated robot from sample to sample: drives, motion, sensors, and what is lost."""
+"""
+The simulated robot from sample to sample: drives, motion, sensors, and what is lost.
+
+`stepped` says what happens; `PlainPlantStep` and `CompiledPlantStep` run it, in plain Python and
+as machine code on records in memory.
+"""
 
 from __future__ import annotations
 
 from typing import Any, NamedTuple
 
 from ctc_chattering.compiled.compilable import function, record
-from ctc_chattering.numerics.linear_algebra import Array
+from ctc_chattering.compiled.machine_code import Call, Code
+from ctc_chattering.compiled.records import load, packed, rows, store
+from ctc_chattering.dynamics.compiled_model import Arm, CompiledArm, CompiledModel
+from ctc_chattering.numerics.linear_algebra import Array, Vector
 from ctc_chattering.simulation.drive import Driven, driven, Drives
-from ctc_chattering.simulation.motion import acting, Mechanics, Mechanism, Motion
+from ctc_chattering.simulation.motion import acting, Mechanics, Mechanism, Motion, Rigid
 from ctc_chattering.simulation.sensor import Encoders, Measured, measured, off_the_grid
+import numpy as np
 
 #: Most samples in a row that are lost: the controller takes a gap of three periods for no outage.
 _MOST_LOST = 2
@@ -113,3 +122,155 @@ def stepped(mechanism: Mechanism, p: PlantParameters, state: PlantState, transit
                      given.position_noise, given.velocity_noise)
     return PlantState(k + 1, drives, motion, shown, offset, lost_in_a_row(
         p.sample_loss, given.loss, state.lost_in_a_row, k + 1, p.last))
+
+
+class Shown(NamedTuple):
+    """What is known of a sample without its whole state; lists of n floats."""
+
+    #: Position [rad] and velocity [rad/s], true and as measured.
+    q: Vector
+    dq: Vector
+    measured: tuple[Vector, Vector]
+    #: Torque of the drives [N·m].
+    torque: Vector
+    #: As of `PlantState`.
+    offset: float
+    lost_in_a_row: int
+
+
+class PlainPlantStep:
+    """
+    The step of a plant between two changes of its parameters, in plain Python.
+
+    Parameters
+    ----------
+    mechanism, parameters, state, transit
+        As of `stepped`; `state` is the present one.
+
+    """
+
+    compiled = False
+
+    def __init__(self, mechanism: Mechanism, parameters: PlantParameters, state: PlantState,
+                 transit: Array) -> None:
+        self.state, self.transit = state, transit
+        self._mechanism, self._parameters = mechanism, parameters
+
+    @np.errstate(all='ignore')  # What overflows shows in the state.
+    def go_on(self, given: PlantInput) -> None:
+        """Go on by a sample."""
+        self.state = stepped(self._mechanism, self._parameters, self.state, self.transit, given)
+
+    def shown(self) -> Shown:
+        """Return what is known of the present sample."""
+        motion, measured, torque = self.state.motion, self.state.shown, self.state.driven.torque
+        n = len(torque)  # Links come before motors.
+        return Shown(motion.q[:n].tolist(), motion.dq[:n].tolist(),
+                     (measured.q.tolist(), measured.dq.tolist()), torque.tolist(),
+                     self.state.offset, self.state.lost_in_a_row)
+
+
+class CompiledPlant(NamedTuple):
+    """A plant as compiled code takes it."""
+
+    #: As of `CompiledModel`; own friction, `PlantParameters`, `PlantState`: NumPy records.
+    call: Any
+    body: Any
+    own: Any
+    parameters: Any
+    state: Any
+    #: Torques in transit, shape (delay, n), at least one row [N·m].
+    transit: Array
+
+
+def no_inputs(n: int, count: int) -> Any:
+    """Return `count` records of `PlantInput` with zeros."""
+    zero = np.zeros(n)
+    return np.zeros(count, packed(PlantInput(zero, 0.0, 0.0, 0.0, zero, zero)).dtype)
+
+
+class CompiledPlantStep:
+    """
+    The step of a plant between two changes of its parameters.
+
+    Parameters
+    ----------
+    arm : Arm
+        Model.
+    own
+        Own friction.
+    parameters, state : PlantParameters, PlantState
+        As they are now.
+    transit : array, shape (delay, n)
+        Torques in transit [N·m], at least one row.
+
+    Attributes
+    ----------
+    codes : tuple of Code
+        What must be compiled, for all plants with this friction and number of joints.
+    records : CompiledPlant
+        Parameters and state.
+    given : record
+        `PlantInput` of the next sample.
+    call : Call
+        Goes on by a sample; only if there is machine code.
+
+    """
+
+    call: Call
+
+    def __init__(self, arm: Arm, own: Any, parameters: PlantParameters, state: PlantState,
+                 transit: Array) -> None:
+        n = len(state.motion.q)
+        self._arm, self.given = CompiledArm(arm, n), no_inputs(n, 1)[0]
+        self.records = CompiledPlant(
+            *self._arm.model, packed(own), packed(parameters), packed(state),
+            transit.copy())
+        arguments = (self.records, self.given)
+        code = Code(called, arguments, f'plant-{n}')
+        self.codes = *self._arm.codes, code
+        if self.compiled:
+            self.call = Call(code, arguments)
+        # Views that take a microsecond to make.
+        self._rows = [self.records.state[name] for name in (
+            'motion__q', 'motion__dq', 'shown__q', 'shown__dq', 'driven__torque')]
+
+    @property
+    def compiled(self) -> bool:
+        """Whether there is machine code."""
+        return all(code.compiled for code in self.codes)
+
+    @property
+    def state(self) -> PlantState:
+        """Return the present state."""
+        state: PlantState = load(self.records.state)
+        return state
+
+    @property
+    def transit(self) -> Array:
+        """Return the torques in transit, shape (delay, n) [N·m]."""
+        return self.records.transit
+
+    def go_on(self, given: PlantInput) -> None:
+        """Go on by a sample."""
+        for name, x in zip(given._fields, given):
+            self.given[name] = x
+        self.call()
+
+    def shown(self) -> Shown:
+        """Return what is known of the present sample."""
+        q, dq, measured_q, measured_dq, torque = [row.tolist() for row in self._rows]
+        s = self.records.state
+        return Shown(q, dq, (measured_q, measured_dq), torque, float(s['offset']),
+                     int(s['lost_in_a_row']))
+
+
+@function
+def called(p: CompiledPlant, given: Any) -> int:
+    """Go on by one control period, as a function that is called by its address."""
+    parameters, state = load(p.parameters), load(p.state)
+    mechanism = Mechanism(
+        CompiledModel(p.call, p.body), load(p.own), parameters.mechanics, Rigid(1.0))
+    store(p.state, stepped(
+        mechanism, parameters, state, rows(p.transit, state.motion.q), load(given)))
+    return 0

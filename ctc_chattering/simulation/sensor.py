@@ -139,19 +139,16 @@ class Sensor:
                  seed: int, velocity: str = 'exact', cutoff: float = 1.0, period: float = 1.0
                  ) -> None:
         exact = velocity == 'exact'
-        self.perfect = exact and not (
-            any(resolution) or any(position_noise) or any(velocity_noise))
+        perfect = exact and not any((*resolution, *position_noise, *velocity_noise))
         self.encoders = Encoders(
             np.array(resolution), np.array(position_noise), np.array(velocity_noise),
             -expm1(-cutoff * period) if velocity == 'filtered' else 1.0, period, float(exact),
-            float(self.perfect))
+            float(perfect))
         self.random, self._none = Random(seed), np.zeros(len(resolution))
 
     def first(self, q: Array, dq: Array) -> Measured:
         """Return what is measured of the state at the start, with noise of its own."""
         sensor = self.encoders
-        if self.perfect:
-            return Measured(q, dq)
         before = Measured(q, dq)
         if not sensor.exact:
             last = q - sensor.period * dq + sensor.position_noise * self.noise(
@@ -162,6 +159,6 @@ class Sensor:
 
     def noise(self, deviation: Array) -> Array:
         """Return noise of the deviation 1 where there is any; nothing else is drawn."""
-        if self.perfect:
+        if self.encoders.perfect:
             return self._none
         return np.array([self.random.gauss(0.0, 1.0) if s else 0.0 for s in deviation.tolist()])

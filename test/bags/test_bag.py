@@ -88,9 +88,7 @@ def test_a_type_that_only_the_bag_defines(
         writer.add_message(channel, 7, data, 7)
         writer.finish()  # type: ignore[no-untyped-call]
     with closing(open_bag(tmp_path / 'file.mcap')) as reader:
-        ((connection, t, data),) = reader.messages()
-        reader.check_type(connection)
-        found = reader.deserialize(data, connection.msgtype)
+        ((t, found),) = reader.read(reader.named('thing'))
     assert (t, found.header.stamp.sec, found.x.tolist()) == (7, 1, [1.5, -2.5])
 
 

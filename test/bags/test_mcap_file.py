@@ -28,7 +28,7 @@ import subprocess
 import sys
 from typing import Any
 
-from ctc_chattering.bags.mcap_file import check
+from ctc_chattering.bags.bag import check
 from ctc_chattering.bags.repair import open_bag
 from ctc_chattering.errors import CtcError
 from mcap.data_stream import RecordBuilder

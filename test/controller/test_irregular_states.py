@@ -169,7 +169,7 @@ class RealTime:
     stamped : bool
         Whether the law is told the stamps.
     slow : tuple of float
-        Time of the answers in turn [periods].
+        Processor time of the answers in turn [periods].
 
     """
 

@@ -16,11 +16,10 @@
 
 from __future__ import annotations
 
-import dataclasses
 from typing import Any
 
 from ctc_chattering.bags.recording import Stretch
-from ctc_chattering.identification.drive_search import DriveScan, DriveSearch, DriveSet
+from ctc_chattering.identification.drives import DriveProfile, DriveSet
 from ctc_chattering.identification.least_squares import Data
 from ctc_chattering.identification.weak_form import TestFunction
 from ctc_chattering.identification.windows import Rows
@@ -31,18 +30,6 @@ import pytest
 
 H, COUNT = 1e-3, 8000
 PHI = TestFunction(H)
-LAGS = (0.0, *(0.0003 * 1.5 ** k for k in range(9)))
-
-
-@dataclasses.dataclass
-class Unexplained:
-    """Torques of which nothing else is fitted."""
-
-    data: Data
-    count: Array
-
-    def unexplained(self, torque: Array, i: int) -> Array:
-        return torque if i == 0 else np.zeros(0)
 
 
 def driven_torque(command: Array, lag: float, rate: float) -> Array:
@@ -78,12 +65,9 @@ def searched(command: Array, torque: Array, noise: float, seed: int,
     rows = Rows(**fields, centres=centres, base=base, gravity=0.0 * one, load=one)
     part = Stretch(0.0, H, np.zeros((COUNT, 1)), None, command[:, None])
     data = Data.of([rows], [PHI.sums(command[:, None], PHI.over, centres)])
-    search = DriveSearch(DriveScan([part], [rows], Unexplained(data, one.sum(axis=0)), PHI,
-                                   range(-1, 6), LAGS), np.array([True]), [0.0])
-    fastest = np.abs(np.diff(command)).max(keepdims=True) / H
-    if rates:
-        search.search_rates(fastest)
-    return search.found(fastest if rates else None)
+    profile = DriveProfile([part], [rows], data, lambda torque, _: torque, PHI, range(-1, 6),
+                           np.array([True]))
+    return profile.found(np.abs(np.diff(command)).max(keepdims=True) / H if rates else None)
 
 
 def late(torque: Array, delay: int) -> Array:

@@ -67,7 +67,8 @@ def results(refused: int = 2) -> IdentificationResults:
         unexplained=(), encoder=[Estimate(1e-5)] * n, noise=[none] * n, velocity_lag=[
             Estimate.none('it hardly accelerates')] * n, scale=numbers, rotor=numbers,
         rate=n * rate, tilt=(), bodies=None, side='', errors=[], duration=20.0,
-        selected=SimpleNamespace(attributed=True), clock=Clock(1e-3, 0.0, 1e-3, 0, ()),
+        selected=SimpleNamespace(attributed=True, explanation=None),
+        clock=Clock(1e-3, 0.0, 1e-3, 0, ()),
         data=SimpleNamespace(
             torque=np.zeros((1, n)), way=np.zeros((1, n))))
     recommended = SimpleNamespace(

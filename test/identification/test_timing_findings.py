@@ -16,11 +16,11 @@
 
 from __future__ import annotations
 
+from ctc_chattering.identification.drives import LAGS
 from ctc_chattering.identification.findings import Severity
 from ctc_chattering.identification.timing import (
     drives_in_words,
     lag_in_words,
-    LAGS,
     rate_limits,
     Timing,
     timing_findings,

@@ -21,7 +21,7 @@ from functools import cache
 
 from ctc_chattering.bags.recording import stretches
 from ctc_chattering.errors import CtcError
-from ctc_chattering.identification.drive_torque import COMMAND
+from ctc_chattering.identification.drives import COMMAND
 from ctc_chattering.identification.effort import TorqueWindows, weak_torques
 from ctc_chattering.identification.weak_form import TestFunction
 from ctc_chattering.identification.windows import Rows

@@ -17,7 +17,7 @@
 from __future__ import annotations
 
 from ctc_chattering.dynamics.two_link import TwoLink
-from ctc_chattering.identification.drive_torque import driven, weak_torque
+from ctc_chattering.identification.drives import driven, weak_torque
 from ctc_chattering.identification.weak_form import (
     Dynamics,
     position_noise,

@@ -26,9 +26,9 @@ from ctc_chattering.configuration.package_share import config_directory
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.dynamics.registry import model_of
 from ctc_chattering.simulation.compiled_loop import inputs
-from ctc_chattering.simulation.compiled_plant import CompiledPlantStep
 from ctc_chattering.simulation.plant import Plant
 from ctc_chattering.simulation.plant_config import PlantConfig
+from ctc_chattering.simulation.plant_step import CompiledPlantStep
 import numpy as np
 import pytest
 

@@ -25,7 +25,7 @@ import pytest
 
 
 def disturbance(amplitude: Vector, frequency: Vector, t: float) -> Vector:
-    mechanics = Plant(PlantConfig()).mechanics()._replace(
+    mechanics = Plant(PlantConfig()).parameters.mechanics._replace(
         amplitude=np.array(amplitude), frequency=np.array(frequency), disturbed=1.0)
     nothing = np.zeros(len(amplitude))
     loads: list[float] = total(
