@@ -18,7 +18,7 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
-from math import inf, isfinite
+from math import inf
 from pathlib import Path
 
 from ctc_chattering.analysis.output import prepare
@@ -30,7 +30,7 @@ from ctc_chattering.cli.options import (
     add_number,
     add_output,
     add_params_file,
-    numbers,
+    for_each,
     words,
 )
 from ctc_chattering.cli.presentation import print_page
@@ -66,7 +66,12 @@ _ASKED['center'] = dataclasses.replace(
     _ASKED['center'], description="centre of the motion, by default the reference's", default=None)
 _FRICTION = Parameter('friction', 'float[]', None, 'expected Coulomb friction, by default '
                       "the plant's", unit='N*m', minimum=0.0, shape='n')
-#: Options that say what the effort is.
+#: Options that say what the effort is, and numbers of it.
+_OF_EFFORT = {
+    'gear_ratio': 'turns of the motor per turn of the joint, where the effort is a torque or a '
+                  'current at the motor',
+    'torque_constant': 'torque of the motor per ampere [N·m/A], or of the joint without '
+                       '--gear-ratio'}
 _EFFORT = EffortNames('--effort', '--gear-ratio', '--torque-constant')
 
 
@@ -105,7 +110,7 @@ def run_excite(options: argparse.Namespace) -> int:
     with given_by_user((*_ASKED, 'friction')):
         request_of(setup, request)
         if friction is not None:
-            friction = _FRICTION.coerce(friction, n)
+            friction = for_each(friction, n)
             _FRICTION.check(friction, n)
     srdf = read_description(options.srdf) if options.srdf else ''
     if options.out is not None and not options.overwrite:
@@ -195,12 +200,8 @@ def identify_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--effort', choices=(MOTOR, LINK, CURRENT),
                         help='what the effort is: the torque of the motor, that of the link '
                              '(sensor behind the gear), or a current; default: guessed')
-    parser.add_argument('--gear-ratio', metavar='N',
-                        help='turns of the motor per turn of the joint, where the effort is a '
-                             'torque or a current at the motor; one number or one for each joint')
-    parser.add_argument('--torque-constant', metavar='K',
-                        help='torque of the motor per ampere [N·m/A], or of the joint without '
-                             '--gear-ratio')
+    for name, text in _OF_EFFORT.items():
+        add_declared(parser, Parameter(name, 'float[]', None, text, shape='n'))
     parser.add_argument('--states', default='joint_states', metavar='TOPIC',
                         help='topic of the joint states, default: joint_states, or the only '
                              'one that fits')
@@ -208,9 +209,8 @@ def identify_options(parser: argparse.ArgumentParser) -> None:
                         help='topic of the commanded torques, default: '
                              'effort_controller/commands, or the only one that fits; TOPIC:FIELD '
                              'for a field of any message')
-    parser.add_argument('--torque-rate', metavar='R',
-                        help='rate limit of the drives, one number or one for each joint '
-                             '[N·m/s]')
+    add_declared(parser, Parameter('torque_rate', 'float[]', None, 'rate limit of the drives',
+                                   unit='N*m/s', minimum=0.0, exclusive=True, shape='n'))
     parser.add_argument('--payload', action='append', metavar='KG@LINK', default=[],
                         help='known payload at the origin of a link, as 1.3@tool0, for each bag '
                              'in turn, 0 for none; given once, that of the last bag. A run with '
@@ -228,7 +228,8 @@ def run_identify(options: argparse.Namespace) -> int:
     The bags may come from any recorder; intervals are those of 95 %. Write identified.yaml,
     identify.json, figures and index.html.
     """
-    said = options.effort or '', bool(options.gear_ratio), bool(options.torque_constant)
+    said = (options.effort or '', options.gear_ratio is not None,
+            options.torque_constant is not None)
     check_effort(*said, names=_EFFORT)
     urdf = read_description(options.urdf) if options.urdf else ''
     bags = [*options.bags, *filter(None, [options.validate])]
@@ -239,17 +240,16 @@ def run_identify(options: argparse.Namespace) -> int:
     recordings = [motion.recording for motion in motions]
     check_effort(*said, recordings, _EFFORT)
     n = len(recordings[0].joints)
-    of_effort = {name: numbers(option, text, n, ' that is not 0',
-                               lambda x: isfinite(x) and x != 0.0)
-                 for name, option in _EFFORT._asdict().items() if name != 'side'
-                 and (text := getattr(options, name))}
-    rate = () if options.torque_rate is None else numbers(
-        '--torque-rate', options.torque_rate, n, ' above 0', lambda x: x > 0.0)
+    numbers = {name: for_each(x, n) for name in ('torque_rate', *_OF_EFFORT)
+               if (x := getattr(options, name)) is not None}
     validation = motions.pop() if options.validate else None
+    if not options.overwrite:
+        prepare(options.out, NAMES)  # Refused before the search rather than after it.
+    with given_by_user(numbers):
+        found = identify(motions, validation, options.model, urdf, options.gravity,
+                         options.torque or '', said[0], **numbers,
+                         payloads=_payloads(options.payload, len(motions)))
     out = prepare(options.out, NAMES, options.overwrite)
-    found = identify(motions, validation, options.model, urdf, options.gravity,
-                     options.torque or '', said[0], rate, **of_effort,
-                     payloads=_payloads(options.payload, len(motions)))
     return _show_robot(write_identified(found, out, options.trials, options.seed, say,
                                         options.format, options.said), out)
 

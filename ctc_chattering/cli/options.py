@@ -182,6 +182,11 @@ def words(text: str) -> tuple[str, ...]:
     return tuple(filter(None, map(str.strip, text.split(','))))
 
 
+def for_each(values: tuple[float, ...], n: int) -> tuple[float, ...]:
+    """Return one number for each of n joints, of one for all; others as they are."""
+    return values * n if len(values) == 1 else values
+
+
 def load_setup(options: argparse.Namespace, more: Mapping[str, Any] | None = None
                ) -> tuple[Path, Any, Setup]:
     """
@@ -202,21 +207,3 @@ def load_setup(options: argparse.Namespace, more: Mapping[str, Any] | None = Non
     if line:
         say(line)
     return file, over, setup
-
-
-def numbers(option: str, text: str, n: int = 0, allowed: str = '',
-            is_allowed: Callable[[float], bool] = isfinite) -> tuple[float, ...]:
-    """
-    Return the numbers of an option; raise `UsageError` for others.
-
-    These are n, one for each joint or one for all; where n is 0, as many as there are.
-    """
-    try:
-        values = _KINDS['float[]'](text)
-    except ValueError:
-        values = ()
-    if len(values) not in (1, n or len(values) or 1) or not all(map(is_allowed, values)):
-        shown = text if len(text) < 100 else f'{text[:100]}…'
-        raise UsageError(f'{option}: {shown} is not allowed; allowed: a number{allowed}, or '
-                         f'{n or "one for each joint,"} with commas')
-    return values * n if n and len(values) == 1 else tuple(values)

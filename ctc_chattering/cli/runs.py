@@ -32,7 +32,6 @@ from ctc_chattering.cli.options import (
     add_number,
     add_output,
     load_setup,
-    numbers,
     words,
 )
 from ctc_chattering.cli.presentation import present, print_page, progress
@@ -40,6 +39,7 @@ from ctc_chattering.configuration import parameter_file
 from ctc_chattering.configuration.package_share import find_config
 from ctc_chattering.control.controller import LAWS
 from ctc_chattering.errors import CtcError, given_by_user
+from ctc_chattering.parameters import Parameter
 from ctc_chattering.simulation.plant_config import PlantConfig
 
 if TYPE_CHECKING:
@@ -232,12 +232,12 @@ def tune_options(parser: argparse.ArgumentParser) -> None:
     for name, first in (('law', 'observer_feedback'), ('switching', 'implicit_observer')):
         parser.add_argument(f'--{name}', metavar='X',
                             help=f"instead of the spec's; without a spec {first}")
-    for flag, name, text in (
-            ('--torque-limit', 'torque_limit', 'largest torque [N·m]'),
-            ('--torque-rate', 'torque_rate_limit', 'largest change of the torque sent [N·m/s]')):
-        parser.add_argument(flag, dest=name, metavar='A,B,C',
-                            help=f'{text}: a number per joint, or one for all; default: those of '
-                                 'the file and the description')
+    for flag, name, text, unit in (
+            ('--torque-limit', 'torque_limit', 'largest torque', 'N*m'),
+            ('--torque-rate', 'torque_rate_limit', 'largest change of the torque sent', 'N*m/s')):
+        add_declared(parser, Parameter(
+            name, 'float[]', None, f'{text}, by default of the file and the description',
+            unit=unit, minimum=0.0, exclusive=True, infinite=True, shape='n'), flag)
     add_number(parser, '--trials', 'gains to try', 200, minimum=1)
     add_number(parser, '--percentile', 'percentile of error and torque variation over the draws, '
                '100 for the worst case', 95.0, 'float', minimum=0.0, exclusive=True, maximum=100.0)
@@ -306,7 +306,7 @@ def _with_options(tree: Any, options: argparse.Namespace) -> Any:
     section = {key: given.pop(key) for key in _OF_TUNE if key in given}
     for key in ('torque_limit', 'torque_rate_limit'):
         if key in section:
-            limits = numbers(f'tune.{key}', section[key])
+            limits = section[key]
             section[key] = list(limits) if len(limits) > 1 else limits[0]
     return {**tree, **given, **({'tune': {**(tree.get('tune') or {}), **section}}
                                 if section else {})}
