@@ -33,7 +33,7 @@ from ctc_chattering.live.health import NodeReport
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.numerics.time_grid import NANOSECONDS, seconds
 from ctc_chattering.ros import topics
-from ctc_chattering.ros.messages import message_type, read_stamp, StateMessage, StateReader
+from ctc_chattering.ros.messages import message_type, read_stamp, read_state, StateMessage
 from ctc_chattering.ros.node import BaseNode, qos
 from ctc_chattering.ros.subscription import MatchingSubscription, ValidatedSubscription
 from ctc_chattering.ros.topics import select
@@ -180,11 +180,11 @@ class GraphReader(BaseNode):
         self._take_names(())
         fast = QoSProfile(depth=_KEPT, reliability=ReliabilityPolicy.BEST_EFFORT)
         once = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
-        self._follow(topics.JOINT_STATES, StateReader().read, self._on_state, fast,
+        self._follow(topics.JOINT_STATES, read_state, self._on_state, fast,
                      lambda: self.names)
         for topic, take in ((topics.TRACKING, self._on_tracking), (topics.FILTER, self._on_filter),
                             (topics.TORQUES, self._on_torques)):
-            self._follow(f'controller/{topic}', StateReader().read, take, fast)
+            self._follow(f'controller/{topic}', read_state, take, fast)
         self._follow(topics.REFERENCE, bytes, lambda _: None, once)
         self._follow(topics.CLOCK, read_stamp, self._on_clock, once)
         for node in _NODES:

@@ -32,21 +32,21 @@ from ctc_chattering.control.recommended_gains import (
     model_torque,
     recommended_gains,
 )
-from ctc_chattering.controller.loop import Answer, ControlLoop, JointSample
+from ctc_chattering.controller.loop import ControlLoop, JointSample
 from ctc_chattering.controller.state_machine import Mode
 from ctc_chattering.controller.trips import check_change, missing_limits
 from ctc_chattering.dynamics.registry import model_of
 from ctc_chattering.errors import RejectedMessage
-from ctc_chattering.nodes.control_terms import ControllerState, ControlTerms
+from ctc_chattering.nodes.control_terms import ControlTerms
 from ctc_chattering.numerics.time_grid import seconds
 from ctc_chattering.parameters import OWN_CLASS
 from ctc_chattering.ros.messages import (
-    EffortWriter,
+    effort_writer,
     LATEST,
+    read_chunk,
+    read_state,
     StateMessage,
-    StateReader,
     TrajectoryChunk,
-    TrajectoryReader,
 )
 from ctc_chattering.ros.node import ERROR, LoopNode, qos, Status, TICK
 from ctc_chattering.ros.subscription import ValidatedSubscription
@@ -82,11 +82,10 @@ class ControllerNode(LoopNode[ControllerConfig, ControllerSettings]):
         self._commands = self.create_publisher(Float64MultiArray, COMMANDS, qos())
         self._names = config.joint_names
         self._terms = ControlTerms(self, self._names)
-        self._controller_state = ControllerState(self, self._names)
         self._gains = GainChoice()
         #: The gains that came with the law of the last request.
         self._of_law: dict[str, Any] = {}
-        writer = EffortWriter(self._names)
+        writer = effort_writer(self._names)
         self._loop = ControlLoop(
             config, settings.state_timeout, settings.reference_timeout, settings.enabled,
             lambda tau: self._commands.publish(writer.write(tau)),
@@ -115,10 +114,9 @@ class ControllerNode(LoopNode[ControllerConfig, ControllerSettings]):
                 String, f'~/{ROBOT_DESCRIPTION}', qos(1, latched=True))
             self._described.publish(String(data=description))
         reference = ValidatedSubscription(
-            self, JointTrajectory, REFERENCE, TrajectoryReader().read, self._on_reference,
-            qos())
+            self, JointTrajectory, REFERENCE, read_chunk, self._on_reference, qos())
         states = ValidatedSubscription(
-            self, JointState, JOINT_STATES, StateReader().read, self._on_state, qos(),
+            self, JointState, JOINT_STATES, read_state, self._on_state, qos(),
             lambda: self._names, newest=False)
         self.inputs = [states, reference]
 
@@ -152,7 +150,7 @@ class ControllerNode(LoopNode[ControllerConfig, ControllerSettings]):
         self.lockstep, self.inputs[0].newest = self._clock_published, not self._clock_published
         if self._loop.take_state(JointSample(state.t, q, dq), now, self._clock_published,
                                  self.inputs[0].skipped):
-            self._terms.restart()
+            self._terms.count = 0
             self.parameters.changed = True
             self.get_logger().info(
                 f'time restarts at {seconds(state.t):.3f} s', throttle_duration_sec=1.0)
@@ -183,8 +181,7 @@ class ControllerNode(LoopNode[ControllerConfig, ControllerSettings]):
     def _answer(self, now: int) -> None:
         """Have the pending state answered, and publish what the torque is made of."""
         begin = time.thread_time_ns()
-        self._matched = self._matched or self.matched(
-            self._commands, *self._terms.publishers, *self._controller_state.publishers)
+        self._matched = self._matched or self.matched(self._commands, *self._terms.publishers)
         try:
             answer = self._loop.answer(self._matched, now)
         except RejectedMessage as rejected:
@@ -199,20 +196,14 @@ class ControllerNode(LoopNode[ControllerConfig, ControllerSettings]):
                 self.done.set_result(None)
             return
         self._loop.took(time.thread_time_ns() - begin)
-        self._publish_terms(answer)
+        assert self._loop.law is not None
+        self._terms.publish(answer, self.settings.state_decimation, self._loop.law)
+        if self.parameters.changed:
+            self.parameters.announce(answer.state.t)
         end = time.monotonic_ns()
         self.statistics.sample(now, end)
         if self.in_real_time and end - now > self._loop.period:
             self.statistics.misses += 1
-
-    def _publish_terms(self, answer: Answer) -> None:
-        t, law = answer.state.t, self._loop.law
-        if self._terms.due(self.settings.state_decimation) and law is not None:
-            self._terms.publish(t, answer.point, answer.sample,
-                                law.lyapunov(answer.state.q, answer.sample.v))
-            self._controller_state.publish(answer)
-        if self.parameters.changed:
-            self.parameters.announce(t)
 
     def finish(self) -> None:
         """Leave no torque behind."""
@@ -287,13 +278,11 @@ class ControllerNode(LoopNode[ControllerConfig, ControllerSettings]):
             'law': config.law, **({'switching': config.switching}
                                   if config.takes('switching') else {}),
             'computed by': loop.law.computed_by if loop.law else '',
-            'robust term [N·m]': ', '.join(f'{x:.4g}' for x in loop.health.robust),
             'points of the reference': len(loop.motion),
             'saturated samples': loop.health.saturated, 'restarts': loop.health.restarts,
             'restarts per second': loop.health.rates.events_per_second,
             'timeouts, state': loop.watchdog.outages,
             'timeouts, reference': loop.reference_outages,
-            'periods without a state, answered': loop.predicted,
             'time': 'simulated' if loop.simulated else 'real'})
 
 

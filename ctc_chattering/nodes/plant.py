@@ -25,7 +25,7 @@ from ctc_chattering.controller.timing import LockstepExchange, TimerGrid, Watchd
 from ctc_chattering.errors import CtcError, UsageError
 from ctc_chattering.numerics.linear_algebra import Vector
 from ctc_chattering.numerics.time_grid import NANOSECONDS, period_ns, samples, seconds
-from ctc_chattering.ros.messages import EffortReader, Efforts, stamp, StateWriter
+from ctc_chattering.ros.messages import Efforts, read_efforts, stamp, state_writer
 from ctc_chattering.ros.node import ERROR, LoopNode, OK, qos, Status, WARN
 from ctc_chattering.ros.subscription import ValidatedSubscription
 from ctc_chattering.ros.topics import CLOCK, COMMANDS, JOINT_STATES, select
@@ -77,7 +77,7 @@ class PlantNode(LoopNode[PlantConfig, PlantSettings]):
         self._health = HealthMonitor(
             'outages', 'of the samples without a new command', 0.2, 0.5, self._period)
         self.on_change()
-        self._writer = StateWriter(config.joint_names)
+        self._writer = state_writer(self._names)
         lockstep = self.lockstep = config.pacing == 'lockstep'
         # The clock first: who hears of it knows that a state can wait.
         self._ticker = self.create_publisher(Clock, CLOCK, qos()) if lockstep else None
@@ -89,7 +89,7 @@ class PlantNode(LoopNode[PlantConfig, PlantSettings]):
         self._robot = make_plant(self.config, description)
         self._limits = limits_of(self.config, description)
         self.inputs = [ValidatedSubscription(
-            self, Float64MultiArray, COMMANDS, EffortReader().read,
+            self, Float64MultiArray, COMMANDS, read_efforts,
             self._on_command if self.in_real_time else self._on_answer, qos(),
             newest=True if self.in_real_time else None)]
         if self.in_real_time:
@@ -280,7 +280,7 @@ class PlantNode(LoopNode[PlantConfig, PlantSettings]):
     def _publish_state(self) -> None:
         robot = self._robot
         self._states.publish(self._writer.write(
-            self._start + robot.stamp, *robot.measured, robot.applied))
+            *robot.measured, robot.applied, t=self._start + robot.stamp))
 
     def _torques(self, efforts: Efforts) -> Vector:
         """Return the torques of a message in our order."""

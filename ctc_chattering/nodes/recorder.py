@@ -29,7 +29,7 @@ from ctc_chattering.configuration.loop_setup import Values
 from ctc_chattering.configuration.node_parameters import RecorderSettings
 from ctc_chattering.numerics.time_grid import NANOSECONDS
 from ctc_chattering.ros.messages import message_type, read_stamp
-from ctc_chattering.ros.node import BaseNode, ERROR, NAP, OK, qos, Status, WARN
+from ctc_chattering.ros.node import BaseNode, ERROR, NAP, OK, qos, Status
 from ctc_chattering.ros.parameters import NodeParameters
 from ctc_chattering.ros.process import enlarge_receive_buffers
 from ctc_chattering.ros.subscription import MatchingSubscription, ValidatedSubscription
@@ -46,8 +46,6 @@ _FLUSH = 0.3
 _SLICE = 0.02
 #: So many messages wait until a state or a clock tells what the time is.
 _EARLY = 500
-#: Without a state of those who publish them, for so long, something is worth a word [ns].
-_SILENCE = 3 * NANOSECONDS
 #: How long it takes messages that came before the end, while more are to come [ns].
 _DRAIN = NANOSECONDS // 5
 
@@ -103,9 +101,9 @@ class RecorderNode(BaseNode):
         self._sent = 0
         self._dropped: Counter[str] = Counter()
         self._flushed = self._reported = time.monotonic()
-        self._heard = time.monotonic_ns()
         self._received_before = 0
         self._time = LogTime()
+        self._clock_topic = self.resolve_topic_name(CLOCK)
         self._simulated: bool | None = None
         self._early: list[tuple[_Recorded, int, bytes]] = []
         #: What was taken and came after the batch began: arrival [ns], topic, data, information.
@@ -146,13 +144,8 @@ class RecorderNode(BaseNode):
                 number, lambda: self.count_publishers(topic.name)))
         if topic.timing is not None:
             topic.timing.receive(data, info)
-            is_clock = topic.timing.topic == CLOCK
-            if not is_clock:
-                self._heard = time.monotonic_ns()
-            if self._simulated is None:
-                self._begin(is_clock or self.count_publishers(CLOCK) > 0)
-        elif self._simulated is None and len(self._early) >= _EARLY:
-            self._begin(self.count_publishers(CLOCK) > 0)
+        if self._simulated is None and (topic.timing or len(self._early) >= _EARLY):
+            self._begin(topic.name == self._clock_topic or self.count_publishers(CLOCK) > 0)
         t = self._time.now if self._simulated else (
             info.get('received_timestamp') or self.get_clock().now().nanoseconds)
         if self._simulated is None:
@@ -188,10 +181,6 @@ class RecorderNode(BaseNode):
         level, message = OK, f'recording to {self._recording.path}'
         if self.failure is not None:
             level, message = ERROR, self.failure
-        elif (time.monotonic_ns() - self._heard > _SILENCE and not self._simulated
-              and self.count_publishers(JOINT_STATES)):
-            level = WARN
-            message = f'{JOINT_STATES}: nothing arrives, although it is published'
         elif lost:
             level, message = ERROR, f'{lost} messages were dropped'
         return Status(level, message, {
@@ -235,8 +224,6 @@ class RecorderNode(BaseNode):
                 return
             # When the others have ended, there is time for all that they have sent.
             if time.time_ns() - begin > _DRAIN and self.count_publishers(JOINT_STATES):
-                self.get_logger().warning(
-                    'asked to stop while messages arrived faster than they could be recorded')
                 return
             time.sleep(_SLICE)
 

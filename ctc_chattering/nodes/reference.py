@@ -25,15 +25,15 @@ from ctc_chattering.configuration.loop_setup import Values
 from ctc_chattering.configuration.node_parameters import ReferenceSettings
 from ctc_chattering.configuration.yaml_file import read_trajectory
 from ctc_chattering.errors import CtcError, RejectedMessage
-from ctc_chattering.numerics.time_grid import NANOSECONDS, period_ns, seconds
+from ctc_chattering.numerics.time_grid import NANOSECONDS, period_ns
 from ctc_chattering.ros.messages import (
     LATEST,
+    read_chunk,
     read_stamp,
+    read_state,
     StateMessage,
-    StateReader,
+    trajectory,
     TrajectoryChunk,
-    TrajectoryReader,
-    TrajectoryWriter,
 )
 from ctc_chattering.ros.node import ERROR, LoopNode, OK, qos, Status, WARN
 from ctc_chattering.ros.subscription import ValidatedSubscription
@@ -47,7 +47,7 @@ from trajectory_msgs.msg import JointTrajectory
 
 #: Time between two attempts to begin, where the start is refused [ns].
 _RETRY = 5 * NANOSECONDS
-#: A stamp that is further from the node's clock is from another clock, or wrong [ns].
+#: By how much stamp and arrival of two states may differ in their distance [ns].
 _IN_STEP = NANOSECONDS // 4
 
 
@@ -55,11 +55,13 @@ class ReferenceNode(LoopNode[ReferenceConfig, ReferenceSettings]):
     """
     Publishes chunks of the motion, each before it is needed.
 
-    With a publisher of ``clock``, the motion is a function of that time; otherwise of the node
-    clock's time since the first joint state received while there was a subscriber, in terms of
-    the stamps of the states, whatever clock they are from. Waypoints that come on
-    ``~/joint_trajectory`` take the place of the motion, and a sinusoid whose parameters are set
-    takes theirs: it passes from one into the other without a jump.
+    With a publisher of ``clock``, the motion is a function of that time. Otherwise time is that of
+    the states' stamps, of any clock, and goes on with the node's: it begins with the first state
+    received while there was a subscriber, if its stamp is as far from the node's clock as that of
+    the state before, or near the node's clock; other states are passed over.
+
+    Waypoints on ``~/joint_trajectory`` take the place of the motion, and a sinusoid whose
+    parameters are set takes theirs: it passes from one into the other without a jump.
     """
 
     def __init__(self, values: Values | None = None) -> None:
@@ -75,22 +77,19 @@ class ReferenceNode(LoopNode[ReferenceConfig, ReferenceSettings]):
         horizon = round(self.settings.horizon * NANOSECONDS)
         self._ahead = max(4, horizon // self._period)
         self._piece = self._ahead // 4
-        self._writer = TrajectoryWriter(config.joint_names, self._piece, self._period)
         self._publisher = self.create_publisher(JointTrajectory, REFERENCE, qos())
         self._simulated = False
         self._start: int | None = None
         self._now: int | None = None
-        #: What the states' stamps are ahead of the node's clock, where that matters [ns].
+        #: What the stamps of the states are ahead of the node's clock [ns].
         self._lead = 0
-        #: The same of another clock that states seem to be from, and since when that is so [ns].
-        self._other = 0, 0
-        self._next = self._pieces = 0
+        self._next = 0
         self._subscribers = 0
         self._states: ValidatedSubscription[StateMessage] | None = None
         self.inputs = [
             ValidatedSubscription(self, Clock, CLOCK, read_stamp, self._on_clock, qos()),
             ValidatedSubscription(
-                self, JointTrajectory, f'~/{JOINT_TRAJECTORY}', TrajectoryReader().read,
+                self, JointTrajectory, f'~/{JOINT_TRAJECTORY}', read_chunk,
                 self._on_route, qos(10))]
         self.find_description()
 
@@ -135,7 +134,7 @@ class ReferenceNode(LoopNode[ReferenceConfig, ReferenceSettings]):
         begun = self._start is not None and self._plan.motion is not None
         if self._states is None and not begun:
             self._states = ValidatedSubscription(
-                self, JointState, JOINT_STATES, StateReader().read, self._on_state, qos(10),
+                self, JointState, JOINT_STATES, read_state, self._on_state, qos(10),
                 lambda: self.config.joint_names)
         elif self._states is not None and begun:
             self._states.subscription.destroy()
@@ -154,11 +153,7 @@ class ReferenceNode(LoopNode[ReferenceConfig, ReferenceSettings]):
             return Status(ERROR, problem, {})
         if self._now is None or self._plan.motion is None:
             return Status(WARN, f'waiting for {JOINT_STATES} or {CLOCK}', {})
-        values = {'time of the motion [s]': seconds(self._now), 'published chunks': self._pieces,
-                  'time': 'simulated' if self._simulated else 'real'}
-        if not self._subscribers:
-            return Status(WARN, f'no subscriber to {REFERENCE}', values)
-        return Status(OK, 'running', values)
+        return Status(OK, 'running', {'time': 'simulated' if self._simulated else 'real'})
 
     def _on_clock(self, now: int, _arrival: int) -> None:
         if self._start is not None and not self._simulated:
@@ -182,7 +177,10 @@ class ReferenceNode(LoopNode[ReferenceConfig, ReferenceSettings]):
         if self.count_publishers(CLOCK) == 0:
             if not self._publisher.get_subscription_count() or not self.matched(self._publisher):
                 return
-            if not self._is_in_step(t, self.get_clock().now().nanoseconds):
+            before, lead = self._lead, t - self.get_clock().now().nanoseconds
+            if self._start is None:
+                self._lead = lead
+            if abs(lead - before) >= _IN_STEP or not 0 <= t <= LATEST:
                 return
             if self._start is None:
                 self._start = t
@@ -204,25 +202,6 @@ class ReferenceNode(LoopNode[ReferenceConfig, ReferenceSettings]):
         except CtcError as error:
             self._refusal, self._retry = str(error), now + _RETRY
             self.get_logger().error(self._refusal)
-
-    def _is_in_step(self, t: int, now: int) -> bool:
-        """
-        Return whether a stamp goes with the node's clock at `now` [ns].
-
-        Before the start a source may show that its stamps are from another clock, by states that
-        keep the same distance from ours for a while.
-        """
-        lead = t - now
-        if abs(lead - self._lead) < _IN_STEP:
-            return True
-        if self._start is None and 0 <= t <= LATEST:
-            other, since = self._other
-            if abs(lead - other) >= _IN_STEP:
-                self._other = lead, now
-            elif now - since > _IN_STEP:
-                self._lead = lead
-                return True
-        return False
 
     def _on_route(self, chunk: TrajectoryChunk, _arrival: int) -> None:
         """Go through waypoints, after what has been published already."""
@@ -255,11 +234,10 @@ class ReferenceNode(LoopNode[ReferenceConfig, ReferenceSettings]):
         first = self._now // self._period
         self._next = max(self._next, first)
         while self._next < first + self._ahead:
-            self._publisher.publish(self._writer.write(
-                (self._start or 0) + self._next * self._period,
-                [self._plan.motion.at((self._next + k) * self._period)
-                 for k in range(self._piece)]))
-            self._pieces += 1
+            self._publisher.publish(trajectory(
+                self._plan.config.joint_names, (self._start or 0) + self._next * self._period,
+                self._period, [self._plan.motion.at((self._next + k) * self._period)
+                               for k in range(self._piece)]))
             self._next += self._piece
 
 

@@ -16,28 +16,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 import importlib
-from operator import itemgetter
 import os
 from pathlib import Path
 import struct
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, NamedTuple
 
 from builtin_interfaces.msg import Duration, Time
 from ctc_chattering.errors import CtcError
 from ctc_chattering.numerics.time_grid import NANOSECONDS, seconds
 import rclpy
-from rclpy.serialization import serialize_message
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Float64MultiArray, MultiArrayDimension
+from std_msgs.msg import Header
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
-#: Fields of a layout: a time (seconds, nanoseconds), a string, a sequence of doubles, all that
-#: follows.
-TIME, STRING, DOUBLES, REST = 'iI', 'string', 'doubles', 'rest'
-#: Size of the encapsulation [bytes].
-_BEGIN = 4
 #: Position, velocity and acceleration.
 Point = tuple[Sequence[float], Sequence[float], Sequence[float]]
 
@@ -69,220 +62,94 @@ class TrajectoryChunk(NamedTuple):
     start: int = 0
 
 
-def byte_order(data: bytes) -> str:
-    """Return the byte order of a message as `struct` has it."""
-    order = {b'\0\0': '>', b'\0\1': '<'}.get(data[:2])
-    if order is None:
-        raise CtcError('the encapsulation of the message is not CDR')
-    return order
-
-
-class Template:
+class _Fields:
     """
-    The `struct` of all messages that differ from the last one in numbers only.
+    Takes the fields of a serialized message, one after the other.
 
-    Its values are the encapsulation, the numbers, and the counts and bytes between them.
+    rclpy's `deserialize_message` takes as long, reads some incomplete messages as whole ones, and
+    writes to the terminal about others.
 
-    Attributes
+    Parameters
     ----------
-    layout : tuple
-        The fields of the message: `TIME`, `STRING`, `DOUBLES`, `REST`, the size of other numbers
-        of four bytes, or a list with the fields of an element of a sequence.
-    fields : tuple
-        The layout with a str for a string, a tuple for a sequence, the slice of the values for
-        times and doubles, and nothing for other numbers.
-    rows : list of slice
-        Where the values have doubles.
+    data : bytes
+        The message: CDR in either byte order.
+
+    Raises
+    ------
+    CtcError
+        If the message is not CDR, as by the other methods if it is incomplete.
 
     """
 
-    layout: ClassVar[tuple[Any, ...]]
+    def __init__(self, data: bytes) -> None:
+        order = {b'\0\0': '>', b'\0\1': '<'}.get(data[:2])
+        if order is None:
+            raise CtcError('the encapsulation of the message is not CDR')
+        self._order, self._data, self._at = order, memoryview(data)[4:], 0
 
-    def __init__(self) -> None:
-        self._struct = struct.Struct('')
-        self._constants: Callable[[Any], Any] = tuple
-        self._expected: Any = None
-
-    def unpack(self, data: bytes) -> tuple[Any, ...]:
-        """Return the values of a message; raise `CtcError` if it is incomplete or not CDR."""
+    def numbers(self, code: str, size: int, count: int = 1) -> tuple[Any, ...]:
+        """Return `count` numbers that have a `code` of `struct`, and a `size` [bytes]."""
+        begin = self._at + -self._at % size
+        self._at = begin + size * count
         try:
-            values = self._struct.unpack_from(data)
-            if self._constants(values) == self._expected:
-                return values
+            return struct.unpack_from(f'{self._order}{count}{code}', self._data, begin)
         except struct.error:
-            pass
-        return self.parse(data)
+            raise CtcError('the message is incomplete: '
+                           f'{len(self._data)} of {self._at} bytes') from None
 
-    def parse(self, data: bytes) -> tuple[Any, ...]:
-        """Take the template from a message, and return its values."""
-        self._data, self._order = data, byte_order(data)
-        self._codes, self._at, self._size = f'{self._order}{_BEGIN}s', _BEGIN, 1
-        self._places = [0]
-        self.rows: list[slice] = []
-        self.fields = self._parse(self.layout)
-        self._struct = struct.Struct(self._codes)
-        self._constants = itemgetter(*self._places)
-        values = self._struct.unpack_from(data)
-        self._expected = self._constants(values)
-        return values
+    def count(self) -> int:
+        """Return a count of what follows."""
+        return int(self.numbers('I', 4)[0])
 
-    def _parse(self, part: Any) -> Any:
-        """Return the fields of a part of the layout that begins at byte `_at`."""
-        if isinstance(part, tuple):
-            fields = [x for x in map(self._parse, part) if x is not None]
-            return tuple(fields) if len(fields) > 1 else fields[0]
-        if part == TIME:
-            return self._append(TIME, 4, 8, 2)
-        if part == REST:
-            part = len(self._data) - self._at
-        if isinstance(part, int):
-            self._constant(f'{part}s', 4, part)
-            return None
-        count = self._constant('I', 4, 4)
-        if part == STRING:
-            text = self._constant(f'{count}s', 1, count)
-            return text.partition(b'\0')[0].decode(errors='replace')
-        if part == DOUBLES:
-            row = self._append(f'{count}d', 8, 8 * count, count) if count else slice(0)
-            self.rows += [row] * bool(count)
-            return row
-        return tuple([self._parse(x) for _ in range(count) for x in part])
+    def time(self) -> int:
+        """Return a time [ns]."""
+        return int(self.numbers('i', 4)[0] * NANOSECONDS + self.count())
 
-    def _append(self, code: str, alignment: int, length: int, count: int = 1) -> slice:
-        """Append `count` values, `length` bytes together; return their slice."""
-        padding = (_BEGIN - self._at) % alignment
-        self._codes += f'{padding}x{code}'
-        self._at += padding + length
-        self._size += count
-        if self._at > len(self._data):
-            raise CtcError(f'the message is incomplete: {len(self._data)} of {self._at} bytes')
-        return slice(self._size - count, self._size)
+    def text(self) -> str:
+        """Return a string."""
+        text: bytes = self.numbers('s', 1, self.count())[0]
+        return text.partition(b'\0')[0].decode(errors='replace')
 
-    def _constant(self, code: str, alignment: int, length: int) -> Any:
-        """Append a value that the next message must have as well, and return it."""
-        self._places.append(self._append(code, alignment, length).start)
-        return struct.unpack_from(self._order + code, self._data, self._at - length)[0]
+    def texts(self) -> tuple[str, ...]:
+        """Return a sequence of strings."""
+        return tuple([self.text() for _ in range(self.count())])
+
+    def doubles(self) -> tuple[float, ...]:
+        """Return a sequence of doubles."""
+        count = self.count()
+        return self.numbers('d', 8, count) if count else ()
 
 
-class StateReader(Template):
-    """Deserializes `JointState` messages."""
-
-    layout = TIME, STRING, [STRING], DOUBLES, DOUBLES, DOUBLES
-
-    def read(self, data: bytes) -> StateMessage:
-        """Return the content of a message; raise `CtcError` if it is malformed."""
-        x = self.unpack(data)
-        time, _, names, position, velocity, effort = self.fields
-        sec, nanosec = x[time]
-        return StateMessage(
-            sec * NANOSECONDS + nanosec, names, x[position], x[velocity], x[effort])
+def read_state(data: bytes) -> StateMessage:
+    """Return the content of a serialized `JointState`; raise `CtcError` if it is malformed."""
+    it = _Fields(data)
+    t, _ = it.time(), it.text()
+    return StateMessage(t, it.texts(), it.doubles(), it.doubles(), it.doubles())
 
 
-class EffortReader(Template):
-    """Deserializes `Float64MultiArray` messages."""
-
-    layout = [(STRING, 8)], 4, DOUBLES
-
-    def read(self, data: bytes) -> Efforts:
-        """Return the content of a message; raise `CtcError` if it is malformed."""
-        x = self.unpack(data)
-        names, values = self.fields
-        return Efforts(names, x[values])
+def read_efforts(data: bytes) -> Efforts:
+    """Return the content of a `Float64MultiArray`; raise `CtcError` if it is malformed."""
+    it = _Fields(data)
+    names = tuple([(it.text(), it.count(), it.count())[0] for _ in range(it.count())])
+    it.count()  # The offset of the data.
+    return Efforts(names, it.doubles())
 
 
-#: The fields of a `JointTrajectoryPoint`.
-_POINT = DOUBLES, DOUBLES, DOUBLES, DOUBLES, TIME
+def read_chunk(data: bytes) -> TrajectoryChunk:
+    """
+    Return the content of a serialized `JointTrajectory`; raise `CtcError` if it is malformed.
 
-
-class TrajectoryReader(Template):
-    """Deserializes `JointTrajectory` messages; missing velocities and accelerations are empty."""
-
-    layout = TIME, STRING, [STRING], [_POINT]
-
-    def read(self, data: bytes) -> TrajectoryChunk:
-        """Return the content of a message; raise `CtcError` if it is malformed."""
-        x = self.unpack(data)
-        time, _, names, points = self.fields
-        sec, nanosec = x[time]
-        start = sec * NANOSECONDS + nanosec
-        times = [start + x[at.start] * NANOSECONDS + x[at.start + 1] for *_, at in points]
-        return TrajectoryChunk(names, times, [(x[q], x[dq], x[ddq]) for q, dq, ddq, *_ in points],
-                               start)
-
-
-class _Writer(Template):
-    """Serializes messages that differ from `message`, of ROS or bytes, in stamp and doubles."""
-
-    def __init__(self, message: Any) -> None:
-        super().__init__()
-        data = message if isinstance(message, bytes) else bytes(serialize_message(message))
-        self._values = self.parse(data)
-
-    def _write(self, rows: Sequence[Sequence[float]], t: int | None = None) -> bytes:
-        values = list(self._values)
-        if t is not None:
-            values[self.fields[0]] = divmod(t, NANOSECONDS)
-        for place, row in zip(self.rows, rows):
-            values[place] = row
-        return self._struct.pack(*values)
-
-
-class StateWriter(_Writer):
-    """Serializes `JointState` messages that have `names` and `fields`, of position to effort."""
-
-    layout = StateReader.layout
-
-    def __init__(self, names: Sequence[str],
-                 fields: Sequence[str] = ('position', 'velocity', 'effort')) -> None:
-        zeros = [0.0] * len(names)
-        super().__init__(JointState(name=list(names), **dict.fromkeys(fields, zeros)))
-
-    def write(self, t: int, *rows: Sequence[float]) -> bytes:
-        """Return the message with stamp `t` [ns] and `rows`, each of shape (n,)."""
-        return self._write(rows, t)
-
-
-class EffortWriter(_Writer):
-    """Serializes `Float64MultiArray` messages with `names` as labels of the dimensions."""
-
-    layout = EffortReader.layout
-
-    def __init__(self, names: Sequence[str]) -> None:
-        message = Float64MultiArray(data=[0.0] * len(names))
-        message.layout.dim = [MultiArrayDimension(label=x, size=1, stride=1) for x in names]
-        super().__init__(message)
-
-    def write(self, values: Sequence[float]) -> bytes:
-        """Return the message with `values`, shape (n,)."""
-        return self._write((values,))
-
-
-class TrajectoryWriter(_Writer):
-    """Serializes `JointTrajectory` messages of `count` points, one every `period` [ns]."""
-
-    layout = TrajectoryReader.layout
-
-    def __init__(self, names: Sequence[str], count: int, period: int) -> None:
-        zeros = [0.0] * len(names)
-        times = [divmod(k * period, NANOSECONDS) for k in range(count)]
-        super().__init__(JointTrajectory(joint_names=list(names), points=[
-            JointTrajectoryPoint(positions=zeros, velocities=zeros, accelerations=zeros,
-                                 time_from_start=Duration(sec=sec, nanosec=nanosec))
-            for sec, nanosec in times]))
-
-    def write(self, t: int, points: Sequence[Point]) -> bytes:
-        """Return the message whose first point is at `t` [ns]."""
-        return self._write([row for point in points for row in point], t)
-
-
-class ControllerStateWriter(_Writer):
-    """Serializes `JointTrajectoryControllerState` messages with the filled fields of `message`."""
-
-    layout = TIME, STRING, [STRING], _POINT, _POINT, _POINT, _POINT, REST
-
-    def write(self, t: int, rows: Sequence[Sequence[float]]) -> bytes:
-        """Return the message with stamp `t` [ns] and `rows`, each of shape (n,)."""
-        return self._write(rows, t)
+    Missing velocities and accelerations are empty.
+    """
+    it = _Fields(data)
+    start, _, names = it.time(), it.text(), it.texts()
+    times: list[int] = []
+    points: list[Point] = []
+    for _ in range(it.count()):
+        points.append((it.doubles(), it.doubles(), it.doubles()))
+        it.doubles()  # The efforts.
+        times.append(start + it.time())
+    return TrajectoryChunk(names, times, points, start)
 
 
 #: Where a package of ROS lists its interfaces, in each prefix.
@@ -321,6 +188,72 @@ def stamp(nanoseconds: int) -> Time:
     return Time(sec=sec, nanosec=nanosec)
 
 
+class Writer:
+    """
+    Serializes messages of the control loop that end with rows of doubles.
+
+    Plant and controller answer each other by them: to have ROS convert them field by field takes
+    more than a tenth of a control cycle.
+
+    Parameters
+    ----------
+    head : sequence of str and int
+        Strings and numbers before the rows; the first two are the stamp if there is one.
+    rows, n : int
+        How many rows there are, and the numbers in each.
+
+    """
+
+    def __init__(self, head: Sequence[str | int], rows: int, n: int) -> None:
+        data = bytearray()
+        for item in head:
+            text = item.encode() + b'\0' if isinstance(item, str) else b''
+            data += bytes(-len(data) % 4)
+            data += struct.pack('<I', item if isinstance(item, int) else len(text)) + text
+        self._head = bytearray(b'\0\1\0\0') + data
+        code, at = f'<{-len(data) % 4}x', len(data) + -len(data) % 4
+        for _ in range(rows):
+            padding = -(at + 4) % 8
+            code += f'I{padding}x{n}d'
+            at += 4 + padding + 8 * n
+        self._n, self._struct = n, struct.Struct(code)
+
+    def write(self, *rows: Sequence[float], t: int | None = None) -> bytes:
+        """Return the message with `rows`, each of shape (n,), and stamp `t` [ns] if it has one."""
+        if t is not None:
+            struct.pack_into('<iI', self._head, 4, *divmod(t, NANOSECONDS))
+        return bytes(self._head) + self._struct.pack(
+            *(x for row in rows for x in (self._n, *row)))
+
+
+def state_writer(names: Sequence[str]) -> Writer:
+    """Return what writes `JointState` messages: positions, velocities, efforts."""
+    return Writer((0, 0, '', len(names), *names), 3, len(names))
+
+
+def effort_writer(names: Sequence[str]) -> Writer:
+    """Return what writes `Float64MultiArray` messages, labelled with `names`."""
+    labels = [x for name in names for x in (name, 1, 1)]
+    return Writer((len(names), *labels, 0), 1, len(names))
+
+
+def joint_state(t: int, names: Sequence[str], **rows: Sequence[float]) -> JointState:
+    """Return a `JointState` with stamp `t` [ns]; `rows` are its fields, each of shape (n,)."""
+    return JointState(header=Header(stamp=stamp(t)), name=names, **rows)
+
+
+def trajectory(names: Sequence[str], t: int, period: int, points: Sequence[Point]
+               ) -> JointTrajectory:
+    """Return a `JointTrajectory` of `points`, the first at `t` [ns], one every `period` [ns]."""
+    message = JointTrajectory(header=Header(stamp=stamp(t)), joint_names=names)
+    for k, (q, dq, ddq) in enumerate(points):
+        sec, nanosec = divmod(k * period, NANOSECONDS)
+        message.points.append(JointTrajectoryPoint(
+            positions=q, velocities=dq, accelerations=ddq,
+            time_from_start=Duration(sec=sec, nanosec=nanosec)))
+    return message
+
+
 def read_stamp(data: bytes) -> int:
     """
     Return the time in a `Clock`, or in a header, at the beginning of a serialized message [ns].
@@ -331,10 +264,8 @@ def read_stamp(data: bytes) -> int:
         If the message is incomplete, or this is no time from 0 to `LATEST`.
 
     """
-    try:
-        sec, nanosec = struct.unpack_from(byte_order(data) + TIME, data, 4)
-    except struct.error:
-        raise CtcError(f'the message is incomplete: {len(data)} bytes') from None
+    it = _Fields(data)
+    (sec,), nanosec = it.numbers('i', 4), it.count()
     t = sec * NANOSECONDS + nanosec
     if not (0 <= t <= LATEST and nanosec < NANOSECONDS):
         raise CtcError(

@@ -32,7 +32,7 @@ from ctc_chattering.errors import CtcError, UsageError
 from ctc_chattering.numerics.time_grid import NANOSECONDS
 from ctc_chattering.parameters import Config
 from ctc_chattering.ros.parameters import NodeParameters, TolerantParameterService
-from ctc_chattering.ros.process import check_security, collect_signals, end_after, use_profile
+from ctc_chattering.ros.process import check_security, end_after, use_profile
 from ctc_chattering.ros.real_time import garbage_off_the_loop, RealTime
 from ctc_chattering.ros.subscription import (
     compatible,
@@ -382,16 +382,16 @@ class LoopNode(BaseNode, Generic[C, S]):
 
 #: What `run` waits at the end for the last messages to arrive, all together [s]: after a signal,
 #: and without one; and between two looks for signals.
-_FAREWELL, _PATIENCE, _SLICE = 0.25, 5.0, 0.1
+_FAREWELL, _PATIENCE, _SLICE = 0.2, 5.0, 0.05
 #: How long the middleware may take after that to leave the graph [s]: Fast DDS hangs now and then
 #: where others leave at the same time.
 _LEAVE = 0.3
 
 
-def run(make_node: Callable[[], BaseNode], name: str,
-        arguments: Sequence[str] = (), stop: list[int] | None = None) -> int:
+def run(make_node: Callable[[], BaseNode], name: str, arguments: Sequence[str],
+        stop: Sequence[int]) -> int:
     """
-    Run a node until it is done, or SIGINT or SIGTERM comes; the process then ends, too.
+    Run a node until it is done, or a signal comes; the process then ends, too.
 
     Parameters
     ----------
@@ -401,8 +401,8 @@ def run(make_node: Callable[[], BaseNode], name: str,
         The executable, for messages.
     arguments : sequence of str
         Arguments for ROS.
-    stop : list of int, optional
-        Fills with the signals that come, where they are collected already.
+    stop : sequence of int
+        Fills with the signals that come.
 
     Returns
     -------
@@ -411,35 +411,33 @@ def run(make_node: Callable[[], BaseNode], name: str,
         of the arguments.
 
     """
-    stop = collect_signals() if stop is None else stop
     try:
-        node = prepare(make_node, name, arguments, stop)
+        check_security()
+        use_profile()
+        rclpy.init(args=[name, *arguments], signal_handler_options=SignalHandlerOptions.NO)
+        node = make_node()
     except Exception as error:  # Of ROS, too, in one line.
-        status = _failed(name, error)
         rclpy.try_shutdown()
-        return status
-    status = 1
+        return _failed(name, error)
+    node.stop, status = stop, 1
     try:
+        node.get_logger().info(node.introduction())
         spin_until_stopped(node)
         status = 0
     except CtcError as error:
         status = _failed(name, error)
         node.failure = node.failure or str(error)
     finally:
-        shut_down(node, status)
-    return 1 if node.failure else status
-
-
-def prepare(make_node: Callable[[], BaseNode], name: str, arguments: Sequence[str],
-            stop: Sequence[int]) -> BaseNode:
-    """Start ROS and make the node; the arguments are those of `run`."""
-    check_security()
-    use_profile()
-    rclpy.init(args=[name, *arguments], signal_handler_options=SignalHandlerOptions.NO)
-    node = make_node()
-    node.stop = stop
-    node.get_logger().info(node.introduction())
-    return node
+        node.finish()
+        node.report_end()
+        if node.scheduling:  # Whatever holds the end up must not hold up others.
+            node.scheduling.update(False)
+        wait_for_all_acked(node, stop)
+        status = 1 if node.failure else status
+        end_after(_LEAVE, status)
+        node.destroy_node()
+        rclpy.try_shutdown()
+    return status
 
 
 @np.errstate(all='ignore')  # What overflows in the law shows in its torque.
@@ -459,18 +457,6 @@ def spin_until_stopped(node: BaseNode) -> None:
         executor.remove_node(node)
 
 
-def shut_down(node: BaseNode, status: int) -> None:
-    """Have a node send its last messages and leave the graph; `status` if that hangs."""
-    node.finish()
-    node.report_end()
-    if node.scheduling:  # Whatever holds the end up must not hold up others.
-        node.scheduling.update(False)
-    wait_for_all_acked(node, node.stop)
-    end_after(_LEAVE, 1 if node.failure else status)
-    node.destroy_node()
-    rclpy.try_shutdown()
-
-
 def _failed(name: str, error: Exception) -> int:
     """Report an error on one line and return the exit status."""
     print(f'{name}: {" ".join(str(error).split())}', file=sys.stderr, flush=True)
@@ -486,9 +472,6 @@ def wait_for_all_acked(node: Node, stop: Sequence[int]) -> None:
     """
     begin = time.monotonic()
     for publisher in list(node.publishers):
-        while True:
-            left = begin + (_FAREWELL if stop else _PATIENCE) - time.monotonic()
-            if publisher.wait_for_all_acked(Duration(seconds=min(max(0.0, left), _SLICE))):
-                break
-            if left <= 0.0:
+        while not publisher.wait_for_all_acked(Duration(seconds=_SLICE)):
+            if time.monotonic() - begin > (_FAREWELL if stop else _PATIENCE):
                 return

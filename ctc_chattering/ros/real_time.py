@@ -68,12 +68,13 @@ class RealTime:
     def __init__(self, settings: RealTimeSettings) -> None:
         self._settings = settings
         self._asked = False
-        self.outcome = self._told = _NORMAL
+        self.outcome = _NORMAL
         if settings.cpu_affinity >= 0:
             _pin(settings.cpu_affinity)
 
     def update(self, needed: bool) -> str:
         """Ask for it or give it back, by `needed`; return a line to be logged, or nothing."""
+        before = self.outcome
         if needed and not self._asked:
             self.outcome = '; '.join(filter(None, (
                 _ask_for_priority(self._settings.thread_priority),
@@ -83,9 +84,7 @@ class RealTime:
                 _schedule(0)
             self.outcome = _NORMAL
         self._asked = needed
-        line = self.outcome if self.outcome != self._told else ''
-        self._told = self.outcome
-        return line
+        return self.outcome if self.outcome != before else ''
 
 
 def _for_all_threads(function: Callable[..., None], *arguments: Any) -> None:

@@ -13,72 +13,53 @@
 # limitations under the License.
 
 """
-The arguments after ``--ros-args``: parameters are ours, all others are parsed by rcl.
+The arguments after ``--ros-args``: parameters are read as in `ctc simulate`, rcl has the rest.
 
-rcl refuses a list of integers and other numbers, silently ignores arguments for unknown nodes or
-parameters, and between a node's own section and ``/**`` the first one in a file has precedence for
-all that follow. Here the last one wins, a node's own section has precedence over ``/**`` of the
-same file, and unknown names are refused. What rcl parses is compared with the names that exist.
+rcl would ignore ``-p`` for a parameter that a file gives in the node's own section, and what is
+for unknown nodes or parameters, and it refuses a list of integers and other numbers. Here the last
+one wins, a node's own section has precedence over ``/**`` of the same file, and a name that is not
+declared is refused.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-import dataclasses
 from itertools import pairwise
 from pathlib import Path
 import re
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.configuration.loop_setup import Values
 from ctc_chattering.configuration.node_parameters import NODES, parameters_of
 from ctc_chattering.configuration.yaml_file import parse_value
 from ctc_chattering.errors import CtcError, near, UsageError
-from ctc_chattering.ros.topics import TOPICS
 
-_ASSIGN, _REMAP = ('-p', '--param'), ('-r', '--remap')
-#: Last parts of the names that a remap may name, beside those of `TOPICS`.
-_NAMES = {'enable', 'reset', 'rosout', 'parameter_events', 'set_parameters', 'get_parameters',
-          'set_parameters_atomically', 'list_parameters', 'describe_parameters',
-          'get_parameter_types', 'get_type_description'}
+_FILE = '--params-file'
+_RULE = re.compile(r'(?:(?P<node>\w+):)?(?P<name>[^:=\s]+):=(?P<value>.*)', re.DOTALL)
 
 
-class _Assignment(NamedTuple):
-    """The argument ``-p node:name:=value``; `node` is empty for every node."""
-
-    node: str
-    name: str
-    value: Any
-
-
-@dataclasses.dataclass(frozen=True)
-class RosArguments:
+class RosArguments(NamedTuple):
     """
     The arguments after ``--ros-args``.
 
     Attributes
     ----------
-    node : str or None
-        Name that ``__node`` gives.
-    namespace : str
-        Namespace that ``__ns`` gives.
-    sources : tuple of Path or _Assignment
-        Parameter files and single parameters, in order.
+    sources : tuple of (str, str)
+        Flags of parameters with their values, in order: files, and rules of single parameters.
     rest : tuple of str
         Arguments for ROS itself: remaps, logging, security.
 
     """
 
-    node: str | None = None
-    namespace: str = '/'
-    sources: tuple[Path | _Assignment, ...] = ()
+    sources: tuple[tuple[str, str], ...] = ()
     rest: tuple[str, ...] = ()
 
     @property
     def assigned(self) -> set[str]:
         """Return the parameters that ``-p`` gives."""
-        return {source.name for source in self.sources if isinstance(source, _Assignment)}
+        return {found['name'] for flag, text in self.sources
+                if flag != _FILE and (found := _RULE.fullmatch(text))}
 
     def values(self, executables: Sequence[str]) -> dict[str, Values]:
         """
@@ -92,11 +73,17 @@ class RosArguments:
             For a file that is none.
 
         """
-        names = {executable: self.node or executable for executable in executables}
+        remaps: dict[str, str] = {}
+        for flag, rule in pairwise(self.rest):
+            if flag in ('-r', '--remap'):
+                left, _, right = rule.partition(':=')
+                remaps.setdefault(left.rpartition(':')[2], right)  # The first one wins in ROS.
+        namespace = '/' + remaps.get('__ns', '').strip('/')
+        names = {x: remaps.get('__node', remaps.get('__name', x)) for x in executables}
         found: dict[str, Values] = {executable: {} for executable in executables}
-        for source in self.sources:
-            given = (self._in_file(source, names) if isinstance(source, Path)
-                     else _assigned(source, names))
+        for flag, text in self.sources:
+            given = (_in_file(Path(text), namespace, names) if flag == _FILE
+                     else _assigned(f'{flag} {text}', text, names))
             for executable, values in given.items():
                 found[executable] |= values
         return found
@@ -113,54 +100,53 @@ class RosArguments:
                 name: value for name, value in values.items() if name in config.parameters()})
         return values
 
-    def _in_file(self, file: Path, names: Mapping[str, str]) -> dict[str, Values]:
-        """Return what a file has for the nodes called `names`, by executable."""
-        if not file.exists():
-            raise UsageError(f'--params-file {file}: there is no such file')
-        paths = {x: f'{self.namespace.rstrip("/")}/{node}' for x, node in names.items()}
-        sections = {x: _sections_for(path, x, file) for x, path in paths.items()}
-        if not any(sections.values()):
-            raise UsageError(
-                f'--params-file {file}: no section is for {" or ".join(paths.values())}; there is '
-                + ', '.join(parameter_file.full_sections(file)))
-        return {x: parameter_file.node_values(mine, x, str(file)) for x, mine in sections.items()}
 
-
-def _sections_for(path: str, executable: str, file: Path) -> dict[str, Values]:
+def _in_file(file: Path, namespace: str, names: Mapping[str, str]) -> dict[str, Values]:
     """
-    Return what a file has for the node at `path`: under its executable's name, and ``/**``.
+    Return what a file has for the nodes called `names`, by executable.
 
     A section without a namespace is for that node in any namespace.
     """
+    if not file.exists():
+        raise UsageError(f'{_FILE} {file}: there is no such file')
     found: dict[str, Values] = {}
-    for name, values in parameter_file.full_sections(file).items():
-        pattern = re.escape(name).replace(r'/\*\*', r'(/\w+)*').replace(r'\*', r'\w+')
-        if re.fullmatch(pattern, path) or name == f'/{path.rsplit("/", 1)[1]}':
-            section = parameter_file.EVERY_NODE if '*' in name.rsplit('/', 1)[1] else executable
-            found.setdefault(section, {}).update(values)
-    return found
-
-
-def _assigned(given: _Assignment, names: Mapping[str, str]) -> dict[str, Values]:
-    """Return what an assignment has for the nodes called `names`, by executable."""
-    asked = [x for x, node in names.items() if given.node in ('', node)]
-    if not asked:
-        raise UsageError(f'-p {given.node}:{given.name}: no node is called {given.node} here; '
-                         + ' | '.join(names.values()))
-    found = {x: {given.name: given.value} for x in asked
-             if given.name in (*parameters_of(x), *parameter_file.OF_ROS)}
+    everything = parameter_file.full_sections(file)
+    for executable, node in names.items():
+        sections: dict[str, Values] = {}
+        for name, values in everything.items():
+            pattern = re.escape(name).replace(r'/\*\*', r'(/\w+)*').replace(r'\*', r'\w+')
+            if re.fullmatch(pattern, f'{namespace.rstrip("/")}/{node}') or name == f'/{node}':
+                wild = '*' in name.rsplit('/', 1)[1]
+                sections.setdefault(
+                    parameter_file.EVERY_NODE if wild else executable, {}).update(values)
+        if sections:
+            found[executable] = parameter_file.node_values(sections, executable, str(file))
     if not found:
-        raise UsageError(f'-p {given.name}: {_hint(given.name, asked)}')
+        raise UsageError(f'{_FILE} {file}: no section is for {" or ".join(names.values())} in '
+                         f'namespace {namespace}; there is '
+                         + ', '.join(everything))
     return found
 
 
-def _hint(name: str, executables: Sequence[str]) -> str:
-    """Return what to say of a parameter that none of the executables has."""
-    if name.startswith('qos_overrides.'):
-        return 'the QoS of topics is fixed'
-    known = {x for y in executables for x in parameters_of(y)}
-    return (f'{" | ".join(executables)}: no parameter of this name'
-            + (near(name, known) or '; ctc parameters lists them'))
+def _assigned(where: str, rule: str, names: Mapping[str, str]) -> dict[str, Values]:
+    """Return what ``-p`` gives to the nodes called `names`, by executable."""
+    match = _RULE.fullmatch(rule)
+    if match is None:
+        raise UsageError(f'{where}: this is not NAME:=VALUE, nor NODE:NAME:=VALUE')
+    node, name, text = match.groups()
+    asked = {x: (*parameters_of(x), *parameter_file.OF_ROS)
+             for x in names if node in (None, names[x])}
+    if not asked:
+        raise UsageError(f'{where}: no node is called {node} here; ' + ' | '.join(names.values()))
+    known = {x for parameters in asked.values() for x in parameters}
+    if name not in known:
+        raise UsageError(f'{where}: {" | ".join(asked)}: no parameter of this name'
+                         + (near(name, known) or '; ctc parameters lists them'))
+    try:
+        value = parse_value(text)
+    except CtcError as error:
+        raise UsageError(f'{where}: {error}') from None
+    return {x: {name: value} for x, parameters in asked.items() if name in parameters}
 
 
 def parse(arguments: Sequence[str]) -> tuple[list[str], RosArguments]:
@@ -182,70 +168,29 @@ def parse(arguments: Sequence[str]) -> tuple[list[str], RosArguments]:
     Raises
     ------
     UsageError
-        For an argument that ROS does not have.
+        For an argument that rcl refuses.
 
     """
     own: list[str] = []
     rest: list[str] = []
-    sources: list[Path | _Assignment] = []
+    sources: list[tuple[str, str]] = []
     words, into = iter(arguments), own
     for word in words:
         if word == '--ros-args':
             into = rest
-        elif into is own or word not in (*_ASSIGN, '--params-file', '--'):
+        elif into is own or word not in ('-p', '--param', _FILE, '--'):
             into.append(word)
         elif word == '--':
             into = own
-        elif (value := next(words, '--')).startswith('--'):
-            raise UsageError(f'{word} needs a value')
         else:
-            sources.append(_assignment(word, value) if word in _ASSIGN else Path(value))
-    names = dict(reversed([  # The first one wins in ROS.
-        _remap(*pair) for pair in pairwise(rest) if pair[0] in _REMAP]))
+            sources.append((word, next(words, '')))
     if rest:
-        _check(rest)
-    return own, RosArguments(names.get('node'), names.get('ns', '/'), tuple(sources), tuple(rest))
-
-
-def _check(arguments: Sequence[str]) -> None:
-    """Have rcl parse arguments for ROS; raise `UsageError` for what it refuses."""
-    from rclpy.impl.implementation_singleton import rclpy_implementation as rcl
-    try:
-        rcl.rclpy_remove_ros_args(['--ros-args', *arguments])
-    except rcl.UnknownROSArgsError as error:
-        words = ' '.join(re.findall("'(.*?)'", str(error)))
-        raise UsageError(f'{words} is not a ROS argument (it follows --ros-args)') from None
-    except rcl.RCLInvalidROSArgsError as error:
-        raise UsageError(str(error).partition(', at /')[0]) from None
-
-
-def _assignment(flag: str, rule: str) -> _Assignment:
-    """Return the assignment of ``-p``."""
-    match = re.fullmatch(r'(?:(\w+):)?([^:=\s]+):=(.*)', rule, re.DOTALL)
-    if match is None:
-        raise UsageError(f'{flag} {rule}: this is not NAME:=VALUE, nor NODE:NAME:=VALUE')
-    node, name, text = match.groups()
-    try:
-        return _Assignment(node or '', name, parse_value(text))
-    except CtcError as error:
-        raise UsageError(f'{flag} {rule}: {error}') from None
-
-
-def _remap(flag: str, rule: str) -> tuple[str, str]:
-    """Return the name that ``-r`` changes, and the new one."""
-    left, separator, right = rule.partition(':=')
-    name = re.sub(r'^\w+:', '', left).removeprefix('rostopic://').removeprefix('rosservice://')
-    if not separator or not left or not right:
-        raise UsageError(f'{flag} {rule}: this is not FROM:=TO')
-    last = name.rsplit('/', 1)[-1]
-    if name in ('__node', '__name'):
-        return 'node', right
-    if name == '__ns':
-        return 'ns', right if right.startswith('/') else f'/{right}'
-    if last not in _NAMES | {topic.rsplit('/', 1)[-1] for topic in TOPICS}:
-        raise UsageError(f'{flag} {rule}: no topic or service is called {name}; topics: '
-                         + ', '.join(TOPICS))
-    return left, right
+        from rclpy.impl.implementation_singleton import rclpy_implementation as rcl
+        try:
+            rcl.rclpy_remove_ros_args(['--ros-args', *rest])
+        except RuntimeError as error:
+            raise UsageError(f'ROS refuses what follows --ros-args: {error}') from None
+    return own, RosArguments(tuple(sources), tuple(rest))
 
 
 def bringup_values(ros: RosArguments) -> dict[str, Values]:
@@ -260,7 +205,7 @@ def bringup_values(ros: RosArguments) -> dict[str, Values]:
         For what would rename nodes, or concerns none of them.
 
     """
-    if ros.node is not None or any(re.match(r'\w+:__', word) for word in ros.rest):
+    if any(re.match(r'__(node|name):=|\w+:__', word) for word in ros.rest):
         raise UsageError('-r __node:=… and a namespace for one node only are not possible here: '
                          'the nodes would not find each other; -r __ns:=… is for all')
     return ros.values(list(NODES))

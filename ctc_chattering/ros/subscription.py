@@ -116,9 +116,6 @@ class MatchingSubscription:
         if offers and not any(compatible(offer, self._profile) for offer in offers):
             self._node.destroy_subscription(self.current)
             self._profile = weakened(self._profile, offers)
-            self._node.get_logger().info(
-                f'{name}: subscribed as {self._profile.reliability.name}, '
-                f'{self._profile.durability.name}: its publishers offer nothing better')
             self.current = self._subscribe()
 
     def destroy(self) -> None:
@@ -234,10 +231,7 @@ def with_info(callback: Callable[[bytes, Mapping[str, Any]], None]) -> Callable[
     information, EventsExecutor with one tuple of both. What is returned takes either.
     """
     def both(*arguments: Any) -> None:
-        if len(arguments) == 1:
-            callback(*arguments[0])
-        else:
-            callback(*arguments)
+        callback(*(arguments if len(arguments) > 1 else arguments[0]))
 
     setattr(both, '__signature__', _SIGNATURE)  # noqa: B010
     return both

@@ -27,7 +27,7 @@ from bags import chunk, efforts, state
 from ctc_chattering.analysis.result import simulate
 from ctc_chattering.bags.reader import read_bag
 from ctc_chattering.configuration import parameter_file
-from ctc_chattering.ros.messages import EffortReader, read_stamp, StateReader, TrajectoryReader
+from ctc_chattering.ros.messages import read_chunk, read_efforts, read_stamp, read_state
 from ctc_chattering.ros.topics import CLOCK, COMMANDS, JOINT_STATES, REFERENCE
 from faults import clock, Diagnostics, JOINTS, Kind, KINDS, malformed
 import numpy as np
@@ -39,11 +39,11 @@ from sensor_msgs.msg import JointState
 pytestmark = pytest.mark.ros
 COUNT = 1000
 #: Who reads a topic, and how.
-READERS: dict[str, tuple[str, Callable[[], Callable[[bytes], Any]]]] = {
-    JOINT_STATES: ('controller', lambda: StateReader().read),
-    COMMANDS: ('plant', lambda: EffortReader().read),
-    REFERENCE: ('controller', lambda: TrajectoryReader().read),
-    CLOCK: ('reference', lambda: read_stamp)}
+READERS: dict[str, tuple[str, Callable[[bytes], Any]]] = {
+    JOINT_STATES: ('controller', read_state),
+    COMMANDS: ('plant', read_efforts),
+    REFERENCE: ('controller', read_chunk),
+    CLOCK: ('reference', read_stamp)}
 #: By what a topic's messages are refused when there is only one publisher.
 REFUSALS = {
     JOINT_STATES: {'undecodable', 'joints', 'length', 'not_finite', 'stamp', 'repeated',
@@ -55,7 +55,7 @@ REFUSALS = {
 
 def undecodable(kind: Kind, messages: list[bytes]) -> int:
     """Return how many are no messages at all."""
-    read, count = READERS[kind.topic][1](), 0
+    read, count = READERS[kind.topic][1], 0
     for data in messages:
         try:
             read(data)
@@ -67,7 +67,7 @@ def undecodable(kind: Kind, messages: list[bytes]) -> int:
 def is_huge(data: bytes) -> bool:
     """Return whether these are torques from which no motion can be computed: such a run ends."""
     try:
-        values = EffortReader().read(data).values
+        values = read_efforts(data).values
     except Exception:
         return False
     return any(math.isfinite(x) and abs(x) > 1e6 for x in values)
@@ -136,7 +136,7 @@ def test_a_node_alone_refuses_counts_and_runs_on(topic: str, arguments: tuple[st
             if other is not None:
                 other.publish(now[others[topic]])
             return bool(answers) if topic != COMMANDS else any(
-                list(StateReader().read(x).effort) == [0.2, 0.1] for x in answers)
+                list(read_state(x).effort) == [0.2, 0.1] for x in answers)
 
         it.until(answered, 'an answer')
         assert child.status is None

@@ -37,7 +37,7 @@ from ctc_chattering.configuration import parameter_file
 from ctc_chattering.errors import CtcError
 from ctc_chattering.launch import child_process
 from ctc_chattering.numerics.time_grid import NANOSECONDS
-from ctc_chattering.ros.messages import StateMessage, StateReader
+from ctc_chattering.ros.messages import read_state, StateMessage
 from ctc_chattering.ros.subscription import with_info
 from ctc_chattering.ros.topics import COMMANDS, DIAGNOSTICS, JOINT_STATES, ROBOT_DESCRIPTION
 from faults import Diagnostics, ERROR, OK
@@ -184,8 +184,7 @@ def test_recorders_killed_at_random_moments_lose_a_second_at_most(
         assert [child.status for child in loop] == [None] * 3
         assert not any('Traceback' in line for line in it.lines)
 
-    read = StateReader().read
-    published = [(read(x.data), x.t) for x in witness.states]
+    published = [(read_state(x.data), x.t) for x in witness.states]
     whole = latest = 0
     states: list[StateMessage] = []
     for bag, end, overrun, waited in killed:
@@ -193,7 +192,7 @@ def test_recorders_killed_at_random_moments_lose_a_second_at_most(
         done = repair(bag)
         assert done is not None
         assert len(others(bag)) == done[0].span.count > 0
-        mine = [read(data) for data in recorded(bag).get(STATES, [])]
+        mine = [read_state(data) for data in recorded(bag).get(STATES, [])]
         have = {x.t for x in mine}
         missing = [end - t for x, t in published if mine and mine[0].t <= x.t
                    and x.t not in have]
@@ -233,8 +232,7 @@ def test_a_second_at_1_khz_hold_every_sample_and_equal_the_simulation(tmp_path: 
     assert 'were dropped' not in output
     assert_equal(read_bag(bag), simulate(parameter_file.load(file, {'plant': {'duration': 1.0}})))
     found = counts(bag)
-    reader = StateReader()
-    stamps = [reader.read(data).t for data in recorded(bag)[STATES]]
+    stamps = [read_state(data).t for data in recorded(bag)[STATES]]
     # A state whose answer took long is sent again, and so is the answer.
     assert stamps == sorted(stamps) and sorted(set(stamps)) == [k * PERIOD for k in range(1001)]
     assert len(stamps) == found[STATES]
@@ -328,7 +326,7 @@ def test_what_is_dropped_is_counted_exactly_and_said(
     published = next(sent)
 
     def recorded_stamps() -> list[int]:
-        return [StateReader().read(x).t for x in recorded(bag)[STATES]]
+        return [read_state(x).t for x in recorded(bag)[STATES]]
 
     def complete() -> bool:
         dropped, found = reports.next('recorder').count('dropped'), recorded_stamps()
@@ -381,7 +379,7 @@ def test_what_comes_while_it_has_no_processor_is_kept_by_the_kernel(
     it.until(over, 'that all is recorded or dropped')
     child.signal(signal.SIGINT)
     assert child.process.wait(PATIENCE) == 0
-    found = [StateReader().read(x).t for x in recorded(bag)[STATES]]
+    found = [read_state(x).t for x in recorded(bag)[STATES]]
     assert [t for t in found if 0 < t < 301] == list(range(1, 301))
 
 

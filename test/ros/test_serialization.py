@@ -12,13 +12,12 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Readers and writers against the (de)serialization of ROS."""
+"""What we read and write against the (de)serialization of ROS."""
 
 from __future__ import annotations
 
 from array import array
 from collections.abc import Callable, Iterable, Sequence
-import functools
 import itertools
 import math
 import os
@@ -26,32 +25,29 @@ import random
 import struct
 import subprocess
 import sys
-from time import perf_counter
 from typing import Any
 
 from bags import Cdr, chunk, efforts, state
 from builtin_interfaces.msg import Time
 from ctc_chattering.errors import CtcError
 from ctc_chattering.ros.messages import (
-    ControllerStateWriter,
-    EffortReader,
-    EffortWriter,
+    effort_writer,
+    joint_state,
     message_type,
     Point,
+    read_chunk,
+    read_efforts,
     read_stamp,
+    read_state,
     stamp,
-    StateReader,
-    StateWriter,
-    TrajectoryReader,
-    TrajectoryWriter,
+    state_writer,
+    trajectory,
 )
 from faults import KINDS, mutated
 from hypothesis import given, settings
 from hypothesis import strategies as st
-import numpy as np
 import pytest
 from rclpy.serialization import deserialize_message, serialize_message
-from robot_messages import STORE, TRAJECTORY_STATE, trajectory_state
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray, Header, MultiArrayDimension
@@ -77,8 +73,8 @@ def state_by_ros(data: bytes) -> Answer:
     return ns(m.header.stamp), tuple(m.name), *map(bits, (m.position, m.velocity, m.effort))
 
 
-def state_by_us(reader: StateReader, data: bytes) -> Answer:
-    s = reader.read(data)
+def state_by_us(data: bytes) -> Answer:
+    s = read_state(data)
     return s.t, s.names, bits(s.position), bits(s.velocity), bits(s.effort)
 
 
@@ -87,8 +83,8 @@ def efforts_by_ros(data: bytes) -> Answer:
     return tuple(x.label for x in m.layout.dim), bits(m.data)
 
 
-def efforts_by_us(reader: EffortReader, data: bytes) -> Answer:
-    e = reader.read(data)
+def efforts_by_us(data: bytes) -> Answer:
+    e = read_efforts(data)
     return e.names, bits(e.values)
 
 
@@ -99,15 +95,15 @@ def chunk_by_ros(data: bytes) -> Answer:
          bits(p.accelerations)) for p in m.points]
 
 
-def chunk_by_us(reader: TrajectoryReader, data: bytes) -> Answer:
-    p = reader.read(data)
+def chunk_by_us(data: bytes) -> Answer:
+    p = read_chunk(data)
     return p.names, [(t, *map(bits, rows)) for t, rows in zip(p.times, p.points, strict=True)]
 
 
-Kind = tuple[Callable[[], Any], Callable[[Any, bytes], Answer], Callable[[bytes], Answer]]
-STATE: Kind = StateReader, state_by_us, state_by_ros
-EFFORTS: Kind = EffortReader, efforts_by_us, efforts_by_ros
-CHUNK: Kind = TrajectoryReader, chunk_by_us, chunk_by_ros
+Kind = tuple[Callable[[bytes], Answer], Callable[[bytes], Answer]]
+STATE: Kind = state_by_us, state_by_ros
+EFFORTS: Kind = efforts_by_us, efforts_by_ros
+CHUNK: Kind = chunk_by_us, chunk_by_ros
 
 
 def samples(names: Sequence[str], shift: float, count: int = 3) -> list[tuple[Kind, bytes]]:
@@ -123,7 +119,6 @@ def samples(names: Sequence[str], shift: float, count: int = 3) -> list[tuple[Ki
 def test_what_ros_serializes(names: tuple[str, ...], frame: str) -> None:
     """Check 4 messages of each kind as ROS writes them, odd numbers in the third."""
     n = len(names)
-    readers = StateReader(), EffortReader(), TrajectoryReader()
     for k in range(4):
         rows = [array('d', [ODD[(i + j) % 8] if k == 2 else i + j / 7 for i in range(n)])
                 for j in range(3)]
@@ -131,34 +126,16 @@ def test_what_ros_serializes(names: tuple[str, ...], frame: str) -> None:
         message.header.frame_id = frame
         message.header.stamp = stamp(-1 + k * 10 ** 9)
         data = serialize_message(message)
-        assert state_by_us(readers[0], data) == state_by_ros(data)
+        assert state_by_us(data) == state_by_ros(data)
         command = Float64MultiArray(data=rows[0])
         command.layout.dim = [MultiArrayDimension(label=x) for x in names]
         data = serialize_message(command)
-        assert efforts_by_us(readers[1], data) == efforts_by_ros(data)
+        assert efforts_by_us(data) == efforts_by_ros(data)
         motion = JointTrajectory(header=message.header, joint_names=names, points=[
             JointTrajectoryPoint(positions=rows[0], velocities=rows[1], accelerations=rows[2])
             for _ in range(1 + k % 2)])
         data = serialize_message(motion)
-        assert chunk_by_us(readers[2], data) == chunk_by_ros(data)
-
-
-@pytest.mark.parametrize('kind', range(4))
-def test_reading_is_fast(kind: int) -> None:
-    """Check a factor of 3 for messages of one layout, best of several."""
-    (make, _, _), data = samples(('joint1', 'joint2'), 1.0, 50)[kind]
-    ros_type = (JointState, Float64MultiArray, Float64MultiArray, JointTrajectory)[kind]
-    read = make().read
-
-    def best(call: Callable[[], object]) -> float:
-        spent = []
-        for _ in range(15):
-            begin = perf_counter()
-            for _ in range(40):
-                call()
-            spent.append(perf_counter() - begin)
-        return min(spent)
-    assert best(lambda: deserialize_message(data, ros_type)) > 3 * best(lambda: read(data))
+        assert chunk_by_us(data) == chunk_by_ros(data)
 
 
 doubles = st.floats() | st.sampled_from(ODD) | st.just(1.0)
@@ -199,16 +176,14 @@ def any_piece(draw: Any) -> bytes:
 
 @pytest.mark.parametrize(('kind', 'messages'), [
     (STATE, any_state()), (EFFORTS, any_efforts()), (CHUNK, any_piece())])
-def test_any_sequence(kind: Kind, messages: st.SearchStrategy[bytes]) -> None:
-    """Check that a reader returns what ROS returns, whatever it has read before."""
-    make, ours, theirs = kind
+def test_any_message(kind: Kind, messages: st.SearchStrategy[bytes]) -> None:
+    """Check that we read what ROS reads."""
+    ours, theirs = kind
 
-    @settings(max_examples=60)
-    @given(st.lists(messages, min_size=1, max_size=6))
-    def check(sequence: list[bytes]) -> None:
-        reader = make()
-        for data in [*sequence, *sequence]:
-            assert ours(reader, data) == theirs(data)
+    @settings(max_examples=200)
+    @given(messages)
+    def check(data: bytes) -> None:
+        assert ours(data) == theirs(data)
     check()
 
 
@@ -226,18 +201,16 @@ def attempt(read: Callable[[bytes], Answer], data: bytes) -> Answer | None:
 @pytest.mark.parametrize('index', range(4))
 def test_damaged_messages(index: int) -> None:
     """
-    Check that a part of a message never passes for a whole one, and leaves the reader sound.
+    Check that a part of a message never passes for a whole one.
 
     rclpy takes a row of a `JointTrajectory` that is cut off at its count for an empty one.
     """
-    (make, ours, theirs), data = samples(('a', 'bcd'), 1.0)[index]
-    reader = make()
-    good = ours(reader, data)
+    (ours, theirs), data = samples(('a', 'bcd'), 1.0)[index]
     for bad in (*(data[:end] for end in range(len(data))), os.urandom(3), b'\xff' * len(data)):
         expected = attempt(theirs, bad)
-        assert attempt(functools.partial(ours, reader), bad) is None
+        assert attempt(ours, bad) is None
         assert expected is None or (index == 3 and b'' in expected[1][-1])
-    assert ours(reader, data) == good == theirs(data)
+    assert ours(data) == theirs(data)
 
 
 #: Reads mutated messages of one kind in a process with limited memory; prints how many were read.
@@ -246,11 +219,9 @@ import random, resource, sys
 from faults import KINDS, mutated
 from ctc_chattering.ros.topics import COMMANDS, JOINT_STATES, REFERENCE
 from ctc_chattering.ros import messages
-from ctc_chattering.ros.messages import read_stamp
 kind, dice, count = KINDS[sys.argv[1]], random.Random(1), 0
-reader = {JOINT_STATES: messages.StateReader, COMMANDS: messages.EffortReader,
-          REFERENCE: messages.TrajectoryReader}.get(kind.topic)
-read = reader().read if reader else read_stamp
+read = {JOINT_STATES: messages.read_state, COMMANDS: messages.read_efforts,
+        REFERENCE: messages.read_chunk}.get(kind.topic, messages.read_stamp)
 read(kind.valid)
 size = int(open('/proc/self/statm').read().split()[0]) * resource.getpagesize()
 resource.setrlimit(resource.RLIMIT_AS, (size + 2 ** 27, size + 2 ** 27))
@@ -281,13 +252,13 @@ def test_thousands_of_mutated_messages_do_no_harm(topic: str) -> None:
 def test_what_is_read_of_a_mutated_message_is_what_ros_reads(
         index: int, capfd: pytest.CaptureFixture[str]) -> None:
     """Check that we refuse what ROS reads only where it complains, or takes it for no CDR."""
-    make, ours, theirs = (STATE, EFFORTS, CHUNK)[index]
-    reader, dice = make(), random.Random(index)
+    ours, theirs = (STATE, EFFORTS, CHUNK)[index]
+    dice = random.Random(index)
     for _ in range(1000):
         data = mutated(list(KINDS.values())[index], dice)
         expected = attempt(theirs, data)
         complaint = capfd.readouterr().err
-        found = attempt(functools.partial(ours, reader), data)
+        found = attempt(ours, data)
         if complaint or data[:2] not in (b'\0\0', b'\0\1'):
             assert found is None
         else:
@@ -300,70 +271,54 @@ def test_what_is_read_of_a_mutated_message_is_what_ros_reads(
 def test_bytes_behind_a_message(index: int, extra: int) -> None:
     """Check that what rclpy passes over at the end is not taken for numbers."""
     for names in (('a',), ('a', 'bcd')):
-        make, ours, theirs = samples(names, 0.0)[index][0]
-        reader = make()
+        ours, theirs = samples(names, 0.0)[index][0]
         for tail, x in itertools.product((bytes(extra), b'\xff' * extra, b''), (0.0, 1.0, 2.0)):
             data = samples(names, x, 1)[index][1] + tail
-            assert ours(reader, data) == theirs(data)
-
-
-def test_zeros_behind_zeros() -> None:
-    """Check that a layout learned from zeros before zeros is not a wrong one."""
-    reader = EffortReader()
-    for value in (0.0, 5.0):
-        data = efforts((), [0.0, 0.0, value]) + bytes(8)
-        assert efforts_by_us(reader, data) == efforts_by_ros(data)
+            assert ours(data) == theirs(data)
 
 
 @pytest.mark.parametrize('names', NAMES)
-def test_writers(names: tuple[str, ...]) -> None:
-    """Check what ROS reads from the writers, odd numbers and negative stamps included."""
+def test_states_that_are_sent(names: tuple[str, ...]) -> None:
+    """Check what ROS reads from them, odd numbers and negative stamps included."""
     n = len(names)
     fields = ('position', 'velocity', 'effort')
     for chosen in (fields, ('velocity',), ('position', 'velocity'), ('effort',)):
-        writer, effort_writer = StateWriter(names, chosen), EffortWriter(names)
         for k, t in enumerate((0, 1, -1, -7 * 10 ** 9 + 5, 2 ** 31 * 10 ** 9 - 1)):
             rows = [[(ODD * 2)[k + i] + j for i in range(n)] for j in range(3)]
             by_field = dict(zip(chosen, rows))
             expected = [bits(by_field.get(field, [])) for field in fields]
-            assert state_by_ros(writer.write(t, *rows[:len(chosen)])) == (t, names, *expected)
-            assert efforts_by_ros(effort_writer.write(rows[0])) == (names, bits(rows[0]))
+            data = serialize_message(joint_state(t, names, **by_field))
+            assert state_by_ros(data) == state_by_us(data) == (t, names, *expected)
+            if chosen == fields:
+                assert state_by_ros(state_writer(names).write(*rows, t=t)) == (
+                    t, names, *expected)
+            data = effort_writer(names).write(rows[0])
+            assert efforts_by_ros(data) == efforts_by_us(data) == (names, bits(rows[0]))
 
 
-@pytest.mark.parametrize('fields', [
-    ('position', 'velocity', 'effort'), ('position', 'velocity'), ('velocity',), ('effort',)])
-def test_every_byte_of_a_writer(fields: tuple[str, ...]) -> None:
-    """Check that there are no undefined bytes, as rclpy's `serialize_message` may leave."""
+def test_every_byte_of_a_writer() -> None:
     for names in NAMES:
         row = [1.5] * len(names)
-        expected = state(names, [row if x in fields else [] for x in (
-            'position', 'velocity', 'effort')], (3, 4))
-        assert StateWriter(names, fields).write(3 * 10 ** 9 + 4, *[row] * len(fields)) == expected
-        assert EffortWriter(names).write(row) == efforts(names, row)
-        points: list[tuple[Any, int, int]] = [
-            ((row, row, row, []), k, 5 * k) for k in range(3)]
-        assert TrajectoryWriter(names, 3, 10 ** 9 + 5).write(
-            3 * 10 ** 9 + 4, [(row, row, row)] * 3) == chunk(names, points, (3, 4))
-
-
-@pytest.mark.parametrize('index', range(4))
-def test_padding_may_be_any_bytes(index: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    names = ('a', 'bc', 'defg')
-    (make, ours, theirs), data = samples(names, 1.0)[index]
-    reader = make()
-    expected = ours(reader, data)
-    monkeypatch.setattr(Cdr, 'padding', b'\xff')
-    padded = samples(names, 1.0)[index][1]
-    assert padded != data
-    assert ours(reader, padded) == ours(make(), padded) == theirs(padded) == expected
+        assert state_writer(names).write(row, row, row, t=3 * 10 ** 9 + 4) == state(
+            names, [row] * 3, (3, 4))
+        assert effort_writer(names).write(row) == efforts(names, row)
 
 
 def test_writers_take_no_other_number_of_joints() -> None:
     for row in ([], [1.0], [1.0, 2.0, 3.0]):
         with pytest.raises(struct.error):
-            EffortWriter(['a', 'b']).write(row)
-        with pytest.raises(struct.error):
-            StateWriter(['a', 'b'], ('effort',)).write(0, row)
+            effort_writer(['a', 'b']).write(row)
+
+
+@pytest.mark.parametrize('index', range(4))
+def test_padding_may_be_any_bytes(index: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    names = ('a', 'bc', 'defg')
+    (ours, theirs), data = samples(names, 1.0)[index]
+    expected = ours(data)
+    monkeypatch.setattr(Cdr, 'padding', b'\xff')
+    padded = samples(names, 1.0)[index][1]
+    assert padded != data
+    assert ours(padded) == theirs(padded) == expected
 
 
 def test_the_stamp_at_the_beginning() -> None:
@@ -391,34 +346,12 @@ def test_stamp_and_message_type() -> None:
 
 @pytest.mark.parametrize('names', [('a',), ('joint1', 'joint2'), ('x', 'yy', 'zzz', 'wwww')])
 @pytest.mark.parametrize('count', [1, 2, 25])
-def test_a_written_trajectory_is_what_ros_reads(names: tuple[str, ...], count: int) -> None:
-    writer = TrajectoryWriter(names, count, 700_000_000)
+def test_a_trajectory_that_is_sent(names: tuple[str, ...], count: int) -> None:
     n = len(names)
     for shift in (0.0, 1.5):
         points: list[Point] = [
             ([shift + k] * n, [shift + 0.1 * k] * n, [shift - k] * n) for k in range(count)]
-        data = writer.write(3_200_000_001, points)
-        message = deserialize_message(data, JointTrajectory)
-        assert message.joint_names == list(names)
-        assert (message.header.stamp.sec, message.header.stamp.nanosec) == (3, 200_000_001)
-        assert [(list(p.positions), list(p.velocities), list(p.accelerations), list(p.effort))
-                for p in message.points] == [(*point, []) for point in points]
-        assert [p.time_from_start.sec * 10 ** 9 + p.time_from_start.nanosec
-                for p in message.points] == [700_000_000 * k for k in range(count)]
-        with pytest.raises(RuntimeError):
-            deserialize_message(data[:-1], JointTrajectory)
-
-
-@pytest.mark.parametrize('names', NAMES)
-def test_a_written_controller_state_is_what_others_read(names: tuple[str, ...]) -> None:
-    """Check by the definition of control_msgs and rosbags' CDR, as ROS need not have the type."""
-    zeros = np.zeros(len(names))
-    empty = trajectory_state(0, names, zeros, zeros, zeros)
-    writer = ControllerStateWriter(bytes(STORE.serialize_cdr(empty, TRAJECTORY_STATE)))
-    for t in (0, 3_200_000_001):
-        rows = np.arange(7.0 * len(names)).reshape(7, -1) + t % 7
-        expected = trajectory_state(t, names, rows[0], rows[1], rows[6])
-        expected.feedback.positions, expected.feedback.velocities = rows[2:4]
-        expected.error.positions, expected.error.velocities = rows[4:6]
-        data = writer.write(t, rows.tolist())
-        assert data == bytes(STORE.serialize_cdr(expected, TRAJECTORY_STATE))
+        data = serialize_message(trajectory(names, 3_200_000_001, 700_000_000, points))
+        assert chunk_by_us(data) == chunk_by_ros(data) == (names, [
+            (3_200_000_001 + 700_000_000 * k, *map(bits, point))
+            for k, point in enumerate(points)])
