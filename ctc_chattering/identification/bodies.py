@@ -269,8 +269,7 @@ def _turns(gravity: Array) -> Array:
 def _inside(S: Array, parameters: Array) -> Array:
     """Return S⁻¹ J S⁻ᵀ."""
     half = np.linalg.solve(S, pseudo_inertia(parameters))
-    found: Array = np.linalg.solve(S, half.T)
-    return found
+    return np.linalg.solve(S, half.T)
 
 
 def _keeps(slack: Array, count: int) -> bool:

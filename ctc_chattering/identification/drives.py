@@ -36,13 +36,12 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 import numpy.typing as npt
 from scipy.interpolate import CubicSpline  # type: ignore[import-untyped]
-from scipy.signal import lfilter  # type: ignore[import-untyped]
 
 #: Sources of the torque.
 COMMAND, EFFORT = 'command', 'effort'
 #: Samples that are computed one by one, all parts of a stretch at once, at least, and parts at
 #: most; time before [s], and the fewest samples, after which it does not matter where they began.
-_CHUNK, _CHUNKS, _BEFORE, _FEWEST_BEFORE = 400, 40, 0.5, 60
+_CHUNK, _CHUNKS, _BEFORE, _FEWEST_BEFORE = 400, 1000, 0.5, 60
 #: Torques that are computed at once.
 _AT_ONCE = 4e6
 #: In place of no rate limit [N·m/s].
@@ -51,44 +50,26 @@ _UNLIMITED = 1e12
 
 def driven(values: Array, lag: Array, rate: Array | float, period: float) -> Array:
     """
-    Return the mean torque of drives with a lag and a rate limit over each period, shape (N, n).
+    Return the mean torque over each period of drives with a lag and a rate limit, (..., N, n).
 
-    A command is held for a period h, and the torque follows it with the lag T; with a = exp(-h/T)
-    the mean over a period is c[k] + (T/h) (1 - a) (τ[k] - c[k]), and τ[k+1] = a τ[k] + (1-a) c[k].
-    With a rate limit R it is that of (DM1).
+    A command is held for a period h, and the torque follows it with the lag T, by (DM1); without a
+    rate limit and with a = exp(-h/T) the mean over a period is c[k] + (T/h) (1 - a) (τ[k] - c[k]),
+    and τ[k+1] = a τ[k] + (1 - a) c[k].
 
     Parameters
     ----------
     values : ndarray, shape (N, n)
         Commands c [N·m].
-    lag, rate : ndarray, shape (n,)
-        T [s], and R [N·m/s], inf for none.
+    lag : ndarray, shape (..., n)
+        T [s]; several are computed at once.
+    rate : ndarray, shape (n,), or float
+        R [N·m/s], inf for none.
     period : float
         h [s].
 
     """
-    lag = np.broadcast_to(lag, values.shape[1:])
-    rate = np.broadcast_to(rate, values.shape[1:])
-    if np.isfinite(rate).any():
-        return _limited(values, lag, rate, period)
-    if not lag.any():
-        return values
-    ratio = period / np.maximum(lag, 1e-3 * period)
-    a = np.exp(-ratio)
-    share = (1.0 - a) / ratio
-    total = np.column_stack([
-        lfilter([1.0], [1.0, -decay], column) for decay, column in zip(a, values.T)])
-    before = np.concatenate((np.zeros_like(values[:1]), total[:-1]))
-    mean: Array = (1.0 - share) * values + share * (1.0 - a) * before
-    return np.where(lag > 0.0, mean, values)
-
-
-def _limited(values: Array, lag: Array, rate: Array, period: float) -> Array:
-    """
-    Return the mean torque over each period where a rate is limited, shape (..., N, n) [N·m].
-
-    Lags of shape (..., n) are computed all at once.
-    """
+    if not lag.any() and not np.isfinite(rate).any():
+        return np.broadcast_to(values, (*lag.shape[:-1], *values.shape))
     n = values.shape[1]
     warm = max(_FEWEST_BEFORE, round(_BEFORE / period))
     length = max(_CHUNK, len(values) // _CHUNKS)
@@ -119,12 +100,9 @@ def _limited(values: Array, lag: Array, rate: Array, period: float) -> Array:
 
 def driven_by_lags(values: Array, lags: Array, rate: Array, period: float) -> Iterator[Array]:
     """Yield `driven` for each lag of shape (K,) [s], the same of all joints."""
-    if not np.isfinite(rate).any():
-        yield from (driven(values, lag, rate, period) for lag in lags)
-        return
     several = max(1, int(_AT_ONCE / values.size))
     for part in np.split(lags, range(several, len(lags), several)):
-        yield from _limited(values, np.repeat(part[:, None], len(rate), axis=1), rate, period)
+        yield from driven(values, np.repeat(part[:, None], len(rate), axis=1), rate, period)
 
 
 def has(stretch: Stretch, source: str) -> Array | None:
@@ -180,7 +158,7 @@ _FLOOR = 1e-4
 #: deviations beyond which a point is excluded.
 _WORSE, _CLEAR = 2.5, 2.5
 #: Delays on both sides of the best one, without a rate limit, that are looked at.
-_BELOW, _ABOVE = 4, 2
+_BELOW, _ABOVE = 5, 3
 #: What a lag costs, as the logarithm of some hundred independent windows.
 _PER_LAG = 7.0
 #: Coarse rate limits, at most, the first one in fastest changes of the commands (within a period a
@@ -277,11 +255,11 @@ class DriveProfile:
         self._noise, self._allowed = np.ones(self._n), self._places
         self._unlimited = self._add(np.full(self._n, np.inf))
         best = min(self._places, key=self._cost)[0]
-        first = min([best - _BELOW, *(d for d, _ in self._allowed)])
-        last = max([best + _ABOVE, *(d for d, _ in self._allowed)])
-        self._places = [x for x in self._places if first <= x[0] <= last]
+        near = range(best - _BELOW, best + _ABOVE + 1)
+        self._places = [x for x in self._places if x[0] in near]
+        self._allowed = self._now_allowed()
         # Beside the first and the last one for the sake of shifts.
-        kept = [k for k, d in enumerate(self._delays) if first - 1 <= d <= last + 1]
+        kept = [k for k, d in enumerate(self._delays) if d + 1 in near or d - 1 in near]
         self._delays = [self._delays[k] for k in kept]
         self._unlimited = {i: x[kept] for i, x in self._unlimited.items()}
 
@@ -469,7 +447,10 @@ class DriveProfile:
             rate = self._search_rates(fastest)
             limited = np.isfinite(rate[2]) & (rate[0] > 0.0)
             if limited.any():
-                levels = [self._add(np.where(limited, x, np.inf)) for x in rate]
+                low = rate[0]
+                ratio = np.where(limited, rate[2], 1.0) / np.where(limited, low, 1.0)
+                levels = [self._add(np.where(limited, low * ratio ** part, np.inf))
+                          for part in np.linspace(0.0, 1.0, _WITHIN)]
                 rate = self._rate_table(fastest)
                 limited &= np.isfinite(rate[2])
         delays, cost = {}, {}

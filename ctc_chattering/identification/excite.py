@@ -74,8 +74,7 @@ class AssumedFriction:
     def added(self, torque: Array, dq: Array) -> Array:
         """Return torque with friction; where a joint rests, friction acts with the torque."""
         smooth = torque + self.viscous * dq
-        found: Array = smooth + self.coulomb * np.sign(np.where(dq == 0.0, smooth, dq))
-        return found
+        return smooth + self.coulomb * np.sign(np.where(dq == 0.0, smooth, dq))
 
 
 @dataclasses.dataclass(frozen=True)

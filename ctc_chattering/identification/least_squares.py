@@ -254,9 +254,8 @@ class Fit(NamedTuple):
 
     def normal(self) -> Array:
         """Return Xᵀ W X of all windows, shape (p, p)."""
-        found: Array = sum((weight * self.design[:, i].T @ self.design[:, i]
-                            for i, weight in enumerate(self.weight)), np.zeros(()))
-        return found
+        return sum((weight * self.design[:, i].T @ self.design[:, i]
+                    for i, weight in enumerate(self.weight)), np.zeros(()))
 
 
 def solve(data: Data, terms: Sequence[Term]) -> Fit:
@@ -290,8 +289,7 @@ def scaled(columns: Array) -> tuple[Array, Array]:
 def orthonormal(columns: Array, least: float = 1e-9) -> Array:
     """Return a basis of what columns of length 1 span but for singular values below `least`."""
     u, s, _ = np.linalg.svd(scaled(columns)[0], full_matrices=False)
-    found: Array = u[:, s > least * s.max(initial=1.0)]
-    return found
+    return u[:, s > least * s.max(initial=1.0)]
 
 
 def without(columns: Array, y: Array, least: float = 1e-9) -> Array:
@@ -304,8 +302,7 @@ def without(columns: Array, y: Array, least: float = 1e-9) -> Array:
 def coefficients(columns: Array, y: Array, least: float = 1e-9) -> Array:
     """Return the coefficients of columns that leave least of y, shape (columns,)."""
     x, length = scaled(columns)
-    found: Array = np.linalg.lstsq(x, y, rcond=least)[0] / length
-    return found
+    return np.linalg.lstsq(x, y, rcond=least)[0] / length
 
 
 def solved(normal: Array, right: Array) -> Array:
@@ -374,8 +371,7 @@ class Spread:
     @property
     def error(self) -> Array:
         """Return the standard errors, shape (p,)."""
-        found: Array = np.sqrt(np.maximum(self.covariance.diagonal(), 0.0))
-        return found
+        return np.sqrt(np.maximum(self.covariance.diagonal(), 0.0))
 
     def wider(self, off: Array) -> Spread:
         """Return it with intervals that are longer by what coefficients are off, shape (p,)."""

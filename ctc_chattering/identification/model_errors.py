@@ -127,8 +127,7 @@ class ErrorColumns:
         shown = int((s > _RANK * s[0]).sum())
         inside = down - v[2] * (v[2] @ down)
         planar = shown == 2 and np.linalg.norm(inside) > _TILT * np.linalg.norm(down)
-        found: Array = v[2] if planar else np.zeros(0)
-        return found
+        return v[2] if planar else np.zeros(0)
 
     def coordinates(self, x: Array) -> Array:
         """Return errors x, shape (p + n + 3, ...), as coefficients of the columns."""
@@ -174,8 +173,7 @@ class ErrorColumns:
 
     def at(self, q: Array, dq: Array, ddq: Array) -> Array:
         """Return the torque of each column in a state, shape (n, m)."""
-        found: Array = (self._torque(q, dq, ddq) * self.sizes) @ self.basis
-        return found
+        return (self._torque(q, dq, ddq) * self.sizes) @ self.basis
 
     def _torque(self, q: Array, dq: Array, ddq: Array) -> Array:
         """Return the derivative of the inverse dynamics by x, shape (n, p + n + 3)."""
@@ -373,8 +371,7 @@ def _moved(body: Array, shift: Array) -> Array:
 
     def about(c: Array) -> Array:
         inertia: Array = (c @ c * np.eye(3) - np.outer(c, c)) / mass
-        found: Array = inertia[(0, 0, 1, 0, 1, 2), (0, 1, 1, 2, 2, 2)]
-        return found
+        return inertia[(0, 0, 1, 0, 1, 2), (0, 1, 1, 2, 2, 2)]
     return np.concatenate(([mass], after, body[4:] - about(first) + about(after)))
 
 

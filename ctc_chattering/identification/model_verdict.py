@@ -57,8 +57,7 @@ def tilted(selected: Selected, columns: ErrorColumns | None) -> Array | None:
         return None
     for cause, value in zip(selected.explanation.causes, selected.explanation.values):
         if cause.kind == CauseKind.GRAVITY and np.abs(value).max() > _TURN:
-            found: Array = (columns.prior + cause.errors(columns, value))[-3:]
-            return found
+            return (columns.prior + cause.errors(columns, value))[-3:]
     return None
 
 

@@ -81,8 +81,7 @@ class MeasuredPerturbation:
     @property
     def rest(self) -> Array:
         """Return what is not predicted of P, shape (J, n) [N·m]; NaN where nothing is."""
-        rest: Array = self.measured - self.predicted
-        return rest
+        return self.measured - self.predicted
 
     @property
     def peak(self) -> Array:
@@ -181,8 +180,7 @@ def _impact(found: Identification, run: MeasuredPerturbation) -> Array:
     sizes = np.abs(found.short.perturbation[run.trusted[found.short.nearest]])
     largest = sizes.max(axis=0, initial=0.0) - _NOISE * found.short.noise
     peak = run.smooth_peak
-    excess: Array = np.where(largest > _BEYOND * peak, largest - peak, 0.0)
-    return excess
+    return np.where(largest > _BEYOND * peak, largest - peak, 0.0)
 
 
 def tail_bound(sizes: Array) -> float:
@@ -201,8 +199,7 @@ def tail_bound(sizes: Array) -> float:
 
 def _widened(far: Flags) -> Flags:
     """Return the windows that are far, or beside one that is."""
-    found: Flags = np.convolve(far, np.ones(2 * _BESIDE + 1), 'same') > 0.5
-    return found
+    return np.convolve(far, np.ones(2 * _BESIDE + 1), 'same') > 0.5
 
 
 def _error(found: Identification, data: Data) -> Array:
@@ -239,8 +236,7 @@ def _largest_friction(found: Identification, velocity: Array, load: Array, halve
     """Return the larger friction of both directions, with halves of its interval, (S, n)."""
     both = [np.abs(value) + halves * half for value, half in (
         friction_at(found, np.copysign(velocity, sign), load) for sign in (1.0, -1.0))]
-    larger: Array = np.maximum(*both)
-    return larger
+    return np.maximum(*both)
 
 
 #: Random states, and speeds at which friction is looked up.
@@ -302,8 +298,7 @@ class FastestPerturbation:
     @property
     def peak(self) -> Array:
         """Return the largest |P|, shape (n,)."""
-        found: Array = self.friction + self.error + self.unexplained
-        return found
+        return self.friction + self.error + self.unexplained
 
 
 def motion_limits(model: Model, found: Identification, run: MeasuredPerturbation

@@ -451,15 +451,19 @@ def write_page(report: IdentificationResults, figures: Sequence[FigureFile], pat
         What was run.
 
     """
-    numbers = [Table(title, head, [[_together(x) for x in row] for row in rows], 1)
-               for title, (head, *rows) in report.tables()]
+    others = {x.path.stem: x for x in figures}
+    numbers: list[page.Item] = []
+    for title, (head, *rows) in report.tables():
+        numbers.append(Table(title, head, [[_together(x) for x in row] for row in rows], 1))
+        # A figure of the same name stands beside its numbers.
+        numbers += [others.pop(x) for x in [title.lower()] if x in others]
     shared = [page.Note(f'All joints are {WORDS[x]}: {reason}')
               for x in (Severity.REFUSED, Severity.CARE)
               for reason in of_all_joints(report.verdicts, x)]
     sections = [
         page.Section('Verdicts', [*shared, page.Cards(list(map(_card, report.verdicts)))]),
         page.Section('Numbers', [*numbers, *(page.Listing(*x) for x in report.sentences())]),
-        page.Section('Figures', figures)]
+        page.Section('Figures', list(others.values()))]
     page.write_page(path, f'Friction and gains from {report.source}',
                     f'{next_step(report.verdicts)} {_LEAD}', sections,
                     [(name, f'{name} ({what})') for name, what in files.items()], command)

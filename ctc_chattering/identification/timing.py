@@ -184,13 +184,14 @@ class Profile:
         """Return the weak sgn(tau) and tau |tau| of a stretch, shape (J, n, 2)."""
         values = has(part, self._source)
         assert values is not None
-        values = np.nan_to_num(values)
-        changes = (np.diff(np.sign(values), axis=0) != 0.0).sum(axis=0)
-        # Of commands that chatter neither shows.
-        values = values * (changes < _CHATTERS * part.period * len(values))
-        return np.stack([weak_torque(x, delay, np.asarray(lag), part.period, self._phi,
-                                     rows.centres)
-                         for x in (np.sign(values), values * np.abs(values))], axis=2)
+        found = []
+        for x, late in zip(values.T, np.broadcast_to(lag, values.shape[1])):  # For long series.
+            sign, x = np.sign(np.nan_to_num(x)), np.nan_to_num(x)
+            # Of commands that chatter neither shows.
+            calm = (np.diff(sign) != 0.0).sum() < _CHATTERS * part.period * len(x)
+            found.append(weak_torque(calm * np.column_stack((sign, x * np.abs(x))), delay,
+                                     np.asarray(late), part.period, self._phi, rows.centres))
+        return np.stack(found, axis=1)
 
     def windows(self, at: Timing) -> Data:
         """Return all windows with the torques of a timing."""
@@ -306,12 +307,9 @@ def _of_commands(parts: Sequence[Stretch], rows: Sequence[Rows], phi: TestFuncti
 
 def _fastest(parts: Sequence[Stretch]) -> Array:
     """Return the fastest change of the commands of each joint, shape (n,) [N·m/s]."""
-    changes = []
-    for part in parts:
-        values = has(part, COMMAND)
-        assert values is not None
-        changes.append(np.nan_to_num(np.abs(np.diff(values, axis=0))).max(axis=0) / part.period)
-    found: Array = np.max(changes, axis=0)
+    # Joint by joint, for long series.
+    found: Array = np.max([[np.nan_to_num(np.abs(np.diff(x))).max() / part.period
+                            for x in np.asarray(has(part, COMMAND)).T] for part in parts], axis=0)
     return found
 
 
@@ -482,7 +480,8 @@ def _noise(part: Stretch, model: Model, phi: TestFunction, source: str) -> Array
     found: Array = np.max([np.square(model.evaluate(q, still)[0]) @ np.square(one)
                            for q in some], axis=0)
     if source == EFFORT and part.effort is not None:
-        change = np.diff(np.nan_to_num(part.effort), 2, axis=0)
-        torque = median_abs_deviation(change, axis=0, scale='normal') / np.sqrt(6.0)
+        # Joint by joint, for long series.
+        torque = np.array([median_abs_deviation(np.diff(np.nan_to_num(x), 2), scale='normal')
+                           for x in part.effort.T]) / np.sqrt(6.0)
         found = found + np.square(np.linalg.norm(phi.at) * torque)
     return np.asarray(np.sqrt(found))

@@ -162,8 +162,7 @@ def sliding(dq: Array, least: Array, period: float) -> Array:
     size = 2 * smoothing_half(period) + 1
     low, high = (extreme(way, size, axis=0, mode='nearest')
                  for extreme in (minimum_filter1d, maximum_filter1d))
-    found: Array = np.where(low == high, way, 0.0)
-    return found
+    return np.where(low == high, way, 0.0)
 
 
 #: Ways after a reversal in which a torque may build up [rad].

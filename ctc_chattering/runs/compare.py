@@ -58,6 +58,11 @@ class Variant(NamedTuple):
     settings: str
 
     @property
+    def label(self) -> str:
+        """Return law or switching, and settings, for a figure."""
+        return ', '.join(filter(None, (self.switching or self.law, self.settings)))
+
+    @property
     def values(self) -> dict[str, Any]:
         """Return what names the law, as parameters of the controller."""
         return {'law': self.law, **({'switching': self.switching} if self.switching else {})}
@@ -85,6 +90,11 @@ class Task(NamedTuple):
     condition: Condition | None
     variant: Variant
     held_out: tuple[HeldOut, ...] = ()
+
+    @property
+    def stops(self) -> bool:
+        """Return whether the motion of the condition has stops."""
+        return bool(self.condition and self.condition.stops)
 
 
 def tasks(paths: Sequence[Path], conditions: Sequence[str | None],
@@ -158,6 +168,12 @@ class Outcome:
     score: Score
     judged: tuple[Judged, ...] = ()
 
+    @property
+    def name(self) -> str:
+        """Return robot and condition."""
+        condition = self.task.condition
+        return self.experiment + (f', {condition.name}' if condition else '')
+
 
 def compared(todo: Sequence[Task], jobs: int = 1, run: Runner = over_simulation
              ) -> Iterator[Outcome]:
@@ -188,8 +204,12 @@ def runs_of(task: Task) -> tuple[Overrides, ...]:
     """Return the overrides of each run of a task, with the file's gains or those by rule."""
     setup = parameter_file.load(task.path)
     under = task.condition.overrides(setup) if task.condition else ({},)
-    law: dict[str, Any] = {'controller': task.variant.values}
-    runs = tuple(merged(x, law) for x in under)
+    return _with_law(task, under)
+
+
+def _with_law(task: Task, under: Sequence[Overrides]) -> tuple[Overrides, ...]:
+    """Return overrides with the law of a task, and its gains by rule for the first of them."""
+    runs = tuple(merged(x, {'controller': task.variant.values}) for x in under)
     setups = [parameter_file.load(task.path, x) for x in runs]
     if task.variant.settings == RECOMMENDED:
         runs = tuple(merged(x, {'controller': by_rule(setups[0])}) for x in runs)
@@ -209,18 +229,12 @@ def evaluate(task: Task, run: Runner = over_simulation) -> Outcome:
     found = _scored(task.path, runs, run)
     if task.variant == BASE and found.failure:
         raise CtcError(f'{task.path}: {found.failure}')
-    return Outcome(
-        task, setup.plant.experiment, setup.plant.joint_names, runs, found,
-        tuple(_judged(task, x, run) for x in task.held_out))
-
-
-def _judged(task: Task, other: HeldOut, run: Runner) -> Judged:
-    """Return what a law does in a condition for which it was not chosen."""
-    under = other.overrides(parameter_file.load(task.path))
-    known = merged(under, {'controller': task.variant.values})
-    if task.variant.settings == RECOMMENDED:
-        known = merged(known, {'controller': by_rule(parameter_file.load(task.path, known))})
-    return Judged(other, known, _scored(task.path, (known,), run))
+    file, judged = parameter_file.load(task.path), []
+    for other in task.held_out:  # What the law does in a condition for which it was not chosen.
+        known = _with_law(task, [other.overrides(file)])
+        judged.append(Judged(other, known[0], _scored(task.path, known, run)))
+    return Outcome(task, setup.plant.experiment, setup.plant.joint_names, runs, found,
+                   tuple(judged))
 
 
 def _scored(path: Path, runs: Sequence[Overrides], run: Runner) -> Score:
@@ -262,7 +276,7 @@ def compare(files: Sequence[str | Path], laws: Sequence[str] = LAWS,
     jobs : int
         Processes; with more than 1 a script needs ``if __name__ == '__main__'``.
     runner : callable
-        Runs a `Setup`: the simulation, or `studies.over_ros.over_ros`.
+        Runs a `Setup`: the simulation, or `runs.reproduction.over_ros`.
     show : callable
         Takes lines about what is compiled.
     progress : callable, optional

@@ -19,15 +19,13 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 import itertools
-from itertools import cycle
 import json
 from math import inf
 from pathlib import Path
-from statistics import median
-from typing import Any
+from statistics import geometric_mean, median
 
 from ctc_chattering.analysis import drawing, page
-from ctc_chattering.analysis.drawing import FigureFile, legend
+from ctc_chattering.analysis.drawing import FigureFile
 from ctc_chattering.analysis.markup import Markup
 from ctc_chattering.analysis.output import (
     check_format,
@@ -42,9 +40,9 @@ from ctc_chattering.analysis.tables import bold, csv_text, markdown, markdown_ta
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.parameters import check_some
 from ctc_chattering.runs.compare import BASE, BEST, Outcome, RECOMMENDED, Variant
+from ctc_chattering.runs.figures import law_styles, panels, trade_off
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-import numpy as np
 
 #: A number with the text that shows it.
 Number = tuple[float, str]
@@ -53,6 +51,19 @@ _HEAD = list(Variant._fields)
 _NUMBERS = {'rms_error': 'rms', 'torque_variation_per_s': 'variation', 'max_torque_step': 'step',
             'max_torque_rate_per_s': 'rate', 'max_torque': 'peak',
             'slips_at_rest_per_s': 'slips'}
+#: Names in the directory.
+TABLE, CSV, HELD_OUT, PAGE, FIGURES, PARAMETERS = NAMES = (
+    'compare.md', 'compare.csv', 'held_out.csv', 'index.html', 'figures', 'parameters')
+#: Most conditions of which each has a figure of its own, and its tables unfolded.
+_MANY = 16
+_LEAD = ('Every law with the same motion on the same robot: position error and torque of each '
+         'joint, by the settings and under the conditions that the tables name.')
+
+
+def groups(outcomes: Sequence[Outcome]) -> list[list[Outcome]]:
+    """Return the outcomes of each robot and condition."""
+    return [list(group) for _, group in itertools.groupby(
+        outcomes, lambda x: (x.task.path, x.task.condition))]
 
 
 def tables(outcomes: Sequence[Outcome]) -> Iterator[Table]:
@@ -63,20 +74,20 @@ def tables(outcomes: Sequence[Outcome]) -> Iterator[Table]:
     there with held-out conditions only.
     """
     for group in groups(outcomes):
-        if group[0].judged:
+        first, title = group[0], group[0].name
+        if first.judged:
             yield _robustness(group)
-        joints = group[0].joints
-        title = bold(heading(group[0]))
         engines = ' and '.join(dict.fromkeys(x.score.engine for x in group if x.score.engine))
         engine = f'; {engines}' if engines else ''
         yield Table(
-            title + f': RMS error [rad], 5 s ≤ t ≤ 10 s{engine}',
-            [*_HEAD, *joints, 'least', 'peak torque [N·m]'],
-            _rows(group, partial(_errors, base=group[0])), len(_HEAD))
-        slips = ' / stick-slips at rest [1/s]' if _stops(group[0]) else ''
+            bold(title) + f': RMS error [rad], 5 s ≤ t ≤ 10 s{engine}',
+            [*_HEAD, *first.joints, 'least', 'peak torque [N·m]'],
+            _rows(group, partial(_errors, base=first)), len(_HEAD))
+        slips = ' / stick-slips at rest [1/s]' if first.task.stops else ''
         yield Table(
-            title + ': torque variation [N·m/s] / largest step [N·m] / largest rate [N·m/s]'
-            + slips + engine, [*_HEAD, *joints], _rows(group, _changes), len(_HEAD))
+            bold(title) + ': torque variation [N·m/s] / largest step [N·m] / largest rate '
+            f'[N·m/s]{slips}{engine}', [*_HEAD, *first.joints], _rows(group, _changes),
+            len(_HEAD))
 
 
 def _robustness(group: Sequence[Outcome]) -> Table:
@@ -99,63 +110,42 @@ def _robustness(group: Sequence[Outcome]) -> Table:
             f'{median(ratios):.2g}' if ratios else '']
 
     return Table(
-        bold(heading(group[0])) + f': {len(group[0].judged)} held-out conditions',
+        bold(group[0].name) + f': {len(group[0].judged)} held-out conditions',
         [*_HEAD, 'survived', 'worst error [rad]', 'median error [rad]',
          f'variation over that of {BEST.law}, {BEST.settings}'],
         [x[2] for x in sorted(map(row, group), key=lambda x: x[:2])], len(_HEAD))
 
 
-def groups(outcomes: Sequence[Outcome]) -> list[list[Outcome]]:
-    """Return the outcomes of each robot and condition."""
-    return [list(group) for _, group in itertools.groupby(
-        outcomes, lambda x: (x.task.path, x.task.condition))]
-
-
-def heading(outcome: Outcome) -> str:
-    """Return robot and condition of an outcome."""
-    condition = outcome.task.condition
-    return outcome.experiment + (f', {condition.name}' if condition else '')
-
-
 def _errors(outcome: Outcome, base: Outcome) -> list[list[Number]]:
     """Return the numbers of each cell of the first table; the smallest is the best."""
-    found, original = outcome.score, base.score
-    least = min(a / b if b else float('inf') for a, b in zip(original.rms, found.rms))
-    ratio = '' if outcome.task.variant == BASE else f'{least:.2g}×' if least < 100.0 else (
-        f'{least:.0f}×')
-    cells = [*((x, f'{x:.1e}') for x in found.rms), (-least, ratio),
-             (max(found.peak), f'{max(found.peak):.0f}')]
-    return [[cell] for cell in cells]
+    found = outcome.score
+    least = min(a / b if b else inf for a, b in zip(base.score.rms, found.rms))
+    number = f'{least:.2g}' if least < 100.0 else f'{least:.0f}'
+    ratio = '' if outcome.task.variant == BASE else f'{number}×'
+    return [*([(x, f'{x:.1e}')] for x in found.rms), [(-least, ratio)],
+            [(max(found.peak), f'{max(found.peak):.0f}')]]
 
 
 def _changes(outcome: Outcome) -> list[list[Number]]:
     """Return the numbers of each cell of the second table."""
     found = outcome.score
-    slips = [[(x, f'{x:.2g}')] for x in found.slips] if _stops(outcome) else [[]] * len(found.rate)
-    return [[(a, f'{a:.0f}'), (b, f'{b:.2g}'), (c, f'{c:.0f}'), *more]
-            for a, b, c, more in zip(found.variation, found.step, found.rate, slips)]
-
-
-def _stops(outcome: Outcome) -> bool:
-    """Return whether the motion of a condition has stops."""
-    return bool(outcome.task.condition and outcome.task.condition.stops)
+    columns = [(found.variation, '.0f'), (found.step, '.2g'), (found.rate, '.0f'),
+               *([(found.slips, '.2g')] if outcome.task.stops else [])]
+    return [list(cell) for cell in zip(*([(x, f'{x:{form}}') for x in values]
+                                         for values, form in columns))]
 
 
 def _rows(group: Sequence[Outcome], cells: Callable[[Outcome], list[list[Number]]]
           ) -> list[list[str]]:
     """Return the rows of a table, the smallest number of every column bold."""
     content = [[] if x.score.failure else cells(x) for x in group]
-    complete = [row for row in content if row]
     best = [[min(value for value, _ in numbers) for numbers in zip(*column)]
-            for column in zip(*complete)]
-
-    def row(outcome: Outcome, numbers: list[list[Number]]) -> list[str]:
-        texts = [Markup(' / ').join(bold(text) if value == least and text else text
-                                    for (value, text), least in zip(cell, leasts))
-                 for cell, leasts in zip(numbers, best)]
-        return [*outcome.task.variant, *(texts or ('diverged' for _ in best))]
-
-    return [row(outcome, numbers) for outcome, numbers in zip(group, content)]
+            for column in zip(*filter(None, content))]
+    return [[*outcome.task.variant, *([
+        Markup(' / ').join(bold(text) if value == least and text else text
+                           for (value, text), least in zip(cell, leasts))
+        for cell, leasts in zip(numbers, best)] or ('diverged' for _ in best))]
+        for outcome, numbers in zip(group, content)]
 
 
 def to_markdown(outcomes: Sequence[Outcome]) -> str:
@@ -166,61 +156,33 @@ def to_markdown(outcomes: Sequence[Outcome]) -> str:
 
 def to_csv(outcomes: Sequence[Outcome]) -> str:
     """Return one line per run and joint, with a header; numbers in full, empty if it diverged."""
-    rows = []
-    for x in outcomes:
-        task, found = x.task, x.score
-        for i, joint in enumerate(x.joints):
-            numbers = {name: getattr(found, key)[i] if getattr(found, key) else None
-                       for name, key in _NUMBERS.items()}
-            rows.append({
-                'experiment': x.experiment,
-                'condition': task.condition.name if task.condition else '',
-                **task.variant._asdict(), 'joint': joint, **numbers,
-                'failure': found.failure, 'controller': json.dumps(
-                    finite(x.runs[0].get('controller', {})), sort_keys=True),
-                'engine': found.engine})
-    return csv_text(rows)
+    return csv_text([{
+        'experiment': x.experiment,
+        'condition': x.task.condition.name if x.task.condition else '',
+        **x.task.variant._asdict(), 'joint': joint,
+        **{name: getattr(x.score, key)[i] if getattr(x.score, key) else None
+           for name, key in _NUMBERS.items()},
+        'failure': x.score.failure, 'controller': json.dumps(
+            finite(x.runs[0].get('controller', {})), sort_keys=True),
+        'engine': x.score.engine} for x in outcomes for i, joint in enumerate(x.joints)])
 
 
 def held_out_csv(outcomes: Sequence[Outcome]) -> str:
     """Return one line per law and held-out condition: its numbers and all that was changed."""
-    rows = []
-    for x in outcomes:
-        for other, run, found in x.judged:
-            rows.append({
-                'experiment': x.experiment, **x.task.variant._asdict(),
-                'seed': other.seed, 'index': other.index,
-                **{name: json.dumps(getattr(found, key)) if not found.failure else None
-                   for name, key in _NUMBERS.items()}, 'failure': found.failure,
-                **{node.strip('/*') or 'all': json.dumps(finite(values), sort_keys=True)
-                   for node, values in run.items()}, 'engine': found.engine})
-    return csv_text(rows)
-
-
-#: Panels of a figure beside each other.
-_COLUMNS = 3
-#: Most conditions of which each has a figure of its own, and its tables unfolded.
-_MANY = 16
-
-
-def label(variant: Variant) -> str:
-    """Return law, switching and settings for a figure."""
-    return ', '.join(filter(None, (variant.switching or variant.law, variant.settings)))
-
-
-def styles(variants: Sequence[Variant]) -> dict[Variant, dict[str, Any]]:
-    """Return colour of the law and mark of each variant; hollow, so that no mark hides others."""
-    markers = cycle('osD^v<>pPXhd8')
-    return {x: {'color': LAW_COLOURS[x.law], 'markerfacecolor': 'none', 'linestyle': '',
-                'marker': '*' if x.settings == RECOMMENDED else next(markers),
-                'markersize': 15 if x.settings == RECOMMENDED else 8, 'markeredgewidth': 1.8}
-            for x in dict.fromkeys(variants)}
+    return csv_text([{
+        'experiment': x.experiment, **x.task.variant._asdict(),
+        'seed': other.seed, 'index': other.index,
+        **{name: json.dumps(getattr(found, key)) if not found.failure else None
+           for name, key in _NUMBERS.items()}, 'failure': found.failure,
+        **{node.strip('/*') or 'all': json.dumps(finite(values), sort_keys=True)
+           for node, values in run.items()}, 'engine': found.engine}
+        for x in outcomes for other, run, found in x.judged])
 
 
 def errors(group: Sequence[Outcome]) -> Figure:
     """Draw RMS error and torque variation under one condition: a row a variant, a dot a joint."""
     figure, grid = drawing.sheet(
-        f'{heading(group[0])}: error and torque variation (number: joint)', 1, (1.0, 1.0),
+        f'{group[0].name}: error and torque variation (number: joint)', 1, (1.0, 1.0),
         drawing.dots_height(len(group[0].joints)) * len(group) + 0.3, left=2.9)
     for column, (quantity, unit, values) in enumerate((
             ('RMS error', 'rad', [x.score.rms for x in group]),
@@ -233,69 +195,40 @@ def errors(group: Sequence[Outcome]) -> Figure:
                 ax.text(0.5, y, 'diverged', ha='center', va='center', fontsize=9,
                         color='#444444', transform=ax.get_yaxis_transform())
         drawing.decades(ax, 'x', [x for row in values for x in row])
-        names = [label(x.task.variant) for x in group]
+        names = [x.task.variant.label for x in group]
         ax.set_yticks(range(len(group)), [''] * len(names) if column else names)
     return figure
 
 
-def trade_off(outcomes: Sequence[Outcome], title: str) -> Figure:
+def compromises(outcomes: Sequence[Outcome], title: str) -> Figure:
     """Draw error against torque variation, means of the joints, a panel for each condition."""
+    variants = list(dict.fromkeys(x.task.variant for x in outcomes))
+    looks = {x: {**style, 'linestyle': '', 'markerfacecolor': 'none', 'markeredgewidth': 1.8,
+                 **({'marker': '*', 'markersize': 15} if x.settings == RECOMMENDED else
+                    {'markersize': 8})}
+             for x, style in zip(variants, law_styles([x.law for x in variants]))}
     parts = groups(outcomes)
-    look = styles([x.task.variant for x in outcomes])
-    columns = min(_COLUMNS, len(parts))
-    rows = -(-len(parts) // columns)
-    figure, grid = drawing.sheet(title, rows, (1.0,) * columns, 3.6)
-    for k, group in enumerate(parts):
-        ax = drawing.panel(figure, grid[k // columns, k % columns],
-                           heading(group[0]).rpartition(', ')[2], 'RMS error [rad]')
-        ax.set(xlabel='torque variation [N·m/s]', xscale='log', yscale='log')
-        for x in group:
-            if not x.score.failure:
-                ax.plot([_mean(x.score.variation)], [_mean(x.score.rms)],
-                        **look[x.task.variant])
-        drawing.beyond(ax, 'diverged', [look[x.task.variant] for x in group if x.score.failure])
-        for axis, key in (('x', 'variation'), ('y', 'rms')):
-            drawing.decades(ax, axis, [_mean(getattr(x.score, key)) for x in group
-                                       if not x.score.failure])
-    legend(figure, [Line2D([], [], label=label(x), **style) for x, style in look.items()])
+    figure, axes = panels(title, [x[0].name.rpartition(', ')[2] for x in parts],
+                          'RMS error [rad]', 3.6)
+    for ax, group in zip(axes, parts):
+        trade_off(ax, [(_mean(x.score.variation), _mean(x.score.rms), looks[x.task.variant])
+                       for x in group], 'diverged')
+    drawing.legend(figure, [Line2D([], [], label=x.label, **style) for x, style in looks.items()])
     return figure
 
 
 def _mean(values: Sequence[float]) -> float:
-    """Return the geometric mean."""
-    return float(np.exp(np.mean(np.log(np.maximum(values, 1e-300)))))
+    """Return the geometric mean; inf without a number."""
+    return geometric_mean([max(x, 1e-300) for x in values]) if values else inf
 
 
-def save_comparison_figures(outcomes: Sequence[Outcome], directory: Path, extra: str = 'svg'
-                            ) -> list[drawing.FigureFile]:
-    """
-    Write the figures of a comparison as SVG; return them in the order in which to show them.
-
-    Parameters
-    ----------
-    outcomes : sequence of Outcome
-        Result of `compare`.
-    directory : Path
-        Created if necessary.
-    extra : str
-        A second format: ``pdf`` or ``png``.
-
-    Raises
-    ------
-    CtcError
-        If a file cannot be written.
-
-    """
-    return drawing.save(_all(outcomes), directory, ('svg', extra))
-
-
-def _all(outcomes: Sequence[Outcome]) -> Iterator[tuple[str, Figure, str]]:
+def figures(outcomes: Sequence[Outcome]) -> Iterator[tuple[str, Figure, str]]:
+    """Yield name, figure and caption, in the order in which to show them."""
     robots: dict[str, list[Outcome]] = {}
     for x in outcomes:
         robots.setdefault(x.experiment, []).append(x)
     for experiment, mine in robots.items():
-        yield experiment, trade_off(
-            mine, f'{experiment}: error and torque variation'), (
+        yield experiment, compromises(mine, f'{experiment}: error and torque variation'), (
             'Geometric means over the joints, 5 s to 10 s, a panel for each condition; lower left '
             'is better.')
         parts = groups(mine)
@@ -304,15 +237,6 @@ def _all(outcomes: Sequence[Outcome]) -> Iterator[tuple[str, Figure, str]]:
             yield '_'.join((experiment, *([condition.name] if condition else []))), (
                 errors(group)), (
                     f'A row a law; {condition.title if condition else "as in the file"}.')
-
-
-#: Names in the directory.
-TABLE, CSV, HELD_OUT, PAGE, FIGURES, PARAMETERS = (
-    'compare.md', 'compare.csv', 'held_out.csv', 'index.html', 'figures', 'parameters')
-NAMES = (TABLE, CSV, HELD_OUT, PAGE, FIGURES, PARAMETERS)
-
-_LEAD = ('Every law with the same motion on the same robot: position error and torque of each '
-         'joint, by the settings and under the conditions that the tables name.')
 
 
 def write_comparison(outcomes: Sequence[Outcome], out: str | Path, extra: str = 'svg',
@@ -346,18 +270,18 @@ def write_comparison(outcomes: Sequence[Outcome], out: str | Path, extra: str = 
     if any(x.judged for x in outcomes):
         write_text(out / HELD_OUT, held_out_csv(outcomes))
     write_parameters(outcomes, out / PARAMETERS)
-    write_page(outcomes, save_comparison_figures(outcomes, out / FIGURES, extra), out / PAGE,
-               command)
+    write_page(outcomes, drawing.save(figures(outcomes), out / FIGURES, ('svg', extra)),
+               out / PAGE, command)
 
 
-def write_page(outcomes: Sequence[Outcome], figures: Sequence[FigureFile], path: Path,
+def write_page(outcomes: Sequence[Outcome], files: Sequence[FigureFile], path: Path,
                command: str = '') -> None:
     """Write the page; raise `CtcError` if that cannot be done."""
     numbers: list[page.Item] = [*tables(outcomes)]
     if len(groups(outcomes)) > _MANY:
         numbers = [page.Folded(x.title, [x._replace(title='')]) for x in tables(outcomes)]
     page.write_page(path, 'The laws compared', _LEAD, [
-        page.Section('Figures', figures), page.Section('Numbers', numbers)],
+        page.Section('Figures', files), page.Section('Numbers', numbers)],
         [(name, name) for name in (CSV, TABLE, PARAMETERS)], command)
 
 
@@ -370,13 +294,10 @@ def write_parameters(outcomes: Sequence[Outcome], directory: Path) -> list[Path]
         for x in outcomes:
             condition, variant = x.task.condition, x.task.variant
             for k, run in enumerate(x.runs):
-                name = condition.name if condition else ''
-                factor = f'model_{condition.factors[k]:g}' if condition and len(
-                    x.runs) > 1 else ''
                 stem = '_'.join(filter(None, (
-                    x.experiment, name, variant.switching or variant.law,
-                    variant.settings, factor)))
-                setup = parameter_file.load(x.task.path, run)
+                    x.experiment, condition.name if condition else '',
+                    variant.switching or variant.law, variant.settings,
+                    f'model_{condition.factors[k]:g}' if condition and len(x.runs) > 1 else '')))
                 paths.append(directory / f'{file_stem(stem, used)}.yaml')
-                parameter_file.dump(setup.values, paths[-1])
+                parameter_file.dump(parameter_file.load(x.task.path, run).values, paths[-1])
     return paths

@@ -17,7 +17,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, ExitStack
 from pathlib import Path
 import time
@@ -141,43 +141,41 @@ class Computation:
 
     def table(self) -> pyarrow.Table:
         """Compute what is missing; write and return the rows of all runs."""
-        runs, parts, client = self._runs, list[pyarrow.Table](), None
-        refinement = Refinement(runs)
+        parts, client = list[pyarrow.Table](), None
+        refinement = Refinement(self._runs)
         with ExitStack() as stack:
-            while (some := refinement.numbers()):
-                chunks = store.chunks(runs, some)
-                there = {k: table for k, chunk in enumerate(chunks) if (
+            while len(some := refinement.numbers()):
+                chunks = {self._directory.name(x): x for x in store.chunks(self._runs, some)}
+                there = {name: table for name, chunk in chunks.items() if (
                     table := self._directory.rows(chunk, self._show)) is not None}
-                left = [k for k in range(len(chunks)) if k not in there]
+                left = {name: x for name, x in chunks.items() if name not in there}
                 done = sum(map(len, there.values()))
                 self._show(f'{len(some)} runs in {len(chunks)} chunk{"s" * (len(chunks) > 1)}')
                 if done:
                     self._show(f'{done} runs are already computed')
                 if left:
-                    jobs = self._jobs if runs.spec.refined else min(self._jobs, len(left))
-                    client = client or stack.enter_context(self._workers(jobs))
-                    there |= self._computed(client, chunks, left, done)
-                mine = [there[k] for k in range(len(chunks))]
-                refinement.take(lambda: pyarrow.concat_tables(mine))  # noqa: B023
-                parts += mine
+                    client = client or stack.enter_context(self._workers())
+                    there |= self._computed(client, left, done, len(some))
+                mine = pyarrow.concat_tables(there[name] for name in chunks)
+                refinement.take(mine)
+                parts.append(mine)
         return self._directory.merge(parts)
 
     @contextmanager
-    def _workers(self, jobs: int) -> Iterator[Client]:
+    def _workers(self) -> Iterator[Client]:
         """Compile what runs need, if they run here, and yield a client of the workers."""
         runs = self._runs
         if self._scheduler is None:
             compile_setups(map(runs.example, range(len(runs.spec.variants))), self._show)
-        with pool.workers(jobs, self._scheduler) as client:
+        with pool.workers(self._jobs, self._scheduler) as client:
             count = pool.threads(client, self._show)
             self._show(f'{count} worker{"s" if count > 1 else ""}')
             yield client
 
-    def _computed(self, client: Client, chunks: Sequence[Sequence[int]], left: Sequence[int],
-                  done: int) -> dict[int, pyarrow.Table]:
+    def _computed(self, client: Client, left: Mapping[str, store.Numbers], done: int, total: int
+                  ) -> dict[str, pyarrow.Table]:
         """Compute the chunks that are left, and write each as it comes."""
-        total, found = sum(map(len, chunks)), dict[int, pyarrow.Table]()
-        tasks = {self._directory.name(chunks[k]): k for k in left}
+        found = dict[str, pyarrow.Table]()
 
         def ended(error: BaseException) -> str:
             return (f'{str(error) or "stopped"}; {done} of {total} runs are in '
@@ -185,10 +183,9 @@ class Computation:
         try:
             self._progress(done, total)
             for name, table in pool.computed(
-                    client, store.compute, (self._runs, store.version()),
-                    ((name, chunks[k]) for name, k in tasks.items())):
-                found[tasks[name]] = table
-                self._directory.write(chunks[tasks[name]], table)
+                    client, store.compute, (self._runs, store.version()), left.items()):
+                found[name] = table
+                self._directory.write(left[name], table)
                 done += len(table)
                 self.computed += len(table)
                 self._progress(done, total)

@@ -12,46 +12,45 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Rows of a map on the grid of its axes: failures with their intervals, errors, laws compared."""
+"""The runs of a map as a DataFrame: grids, shares of failures with intervals, laws compared."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-import dataclasses
 from functools import cached_property
 import itertools
-from itertools import groupby
-from typing import Any
+from typing import Any, NamedTuple
 
 from ctc_chattering.analysis.tables import short, span
 from ctc_chattering.errors import CtcError
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.parameters import unit_text
-from matplotlib.ticker import MaxNLocator
 import numpy as np
 import numpy.typing as npt
 import pandas  # type: ignore[import-untyped]
 from scipy.special import ndtri, stdtrit  # type: ignore[import-untyped]
 
-#: Largest ratio of two steps of values that count as evenly spaced.
-_EVEN = 6.0
+Counts = npt.NDArray[np.int64]
+#: Failure probability of the boundary, and confidence of all intervals.
+LEVEL, CONFIDENCE = 0.5, 0.95
+#: Law whose error is the measure of the others'.
+BASE = 'compensation'
+#: Kinds of failure, the worst first.
+KINDS = ('diverged', 'error', 'saturated', 'slips', 'not reached', 'too long', 'refused')
+#: Columns of the results that are read, besides axes and uncertain parameters.
+COLUMNS = ('run', 'repeat', 'seed', 'variant', 'law', 'engine', 'failure', 'error')
+#: Of the error.
+QUANTILES = (0.05, 0.5, 0.95)
+#: Distance of two values of an axis that was not refined.
+_FAR = 1e6
+#: In place of an infinite error where one interpolates, and what only such errors exceed.
+_HUGE, _LARGE = 1e300, 1e290
+#: Most rows of a table.
+_ROWS = 60
 
 
-@dataclasses.dataclass(frozen=True)
-class GridAxis:
-    """
-    An axis of a map.
-
-    Attributes
-    ----------
-    name : str
-        Column of the results.
-    values : tuple of float
-        The grid, ascending.
-    unit : str
-        Empty for a number.
-
-    """
+class GridAxis(NamedTuple):
+    """An axis of a map: its column, the grid, ascending, and the unit, empty for a number."""
 
     name: str
     values: tuple[float, ...]
@@ -62,89 +61,13 @@ class GridAxis:
         """Name and unit."""
         return f'{self.name} [{self.unit}]' if self.unit else self.name
 
-    def at(self, k: int) -> str:
-        """Return the value with this index, in words."""
-        return self.text(self.values[k])
-
     def text(self, value: float) -> str:
         """Return a value in words."""
         return f'{self.name} {short(value)} {self.unit}'.rstrip()
 
-    @cached_property
-    def scale(self) -> str:
-        """How two values or more are spaced: ``linear``, ``log``, or ``steps`` for neither."""
-        values = np.array(self.values)
-        spreads = {'linear': _spread(values)}
-        if values[0] > 0.0:
-            spreads['log'] = _spread(np.log(values))
-        best = min(spreads, key=lambda x: spreads[x])
-        if len(values) == 2 and values[0] > 0.0 and values[1] > 8.0 * values[0]:
-            best = 'log'
-        return best if spreads[best] <= _EVEN else 'steps'
-
-    @cached_property
-    def positions(self) -> Array:
-        """Where the values are drawn: the value, its decimal logarithm, or its index."""
-        return self._position(np.array(self.values))
-
-    @property
-    def edges(self) -> Array:
-        """Return the ends of the cells around the values, shape (n + 1,)."""
-        x = self.positions
-        middle = 0.5 * (x[1:] + x[:-1])
-        return np.array([2.0 * x[0] - middle[0], *middle, 2.0 * x[-1] - middle[-1]])
-
-    def ticks(self, most: int) -> tuple[Array, list[str]]:
-        """Return positions and texts of about `most` ticks at most: the values if they fit."""
-        values = np.array(self.values)
-        texts = [short(x) for x in self.values]
-        if len(values) > most or (len(values) > 4 and max(map(len, texts)) > 4):
-            values = self._round(most)
-            texts = [short(x) for x in values.tolist()]
-        return self._position(values), texts
-
-    def _round(self, most: int) -> Array:
-        """Return round numbers within the axis; some of the values if these follow no rule."""
-        if self.scale == 'steps':
-            return np.array(self.values)[::-(-len(self.values) // most)]
-        find = round_numbers if self.scale == 'linear' else round_decades
-        return find(self.values[0], self.values[-1], most)
-
-    def _position(self, values: Array) -> Array:
-        if self.scale == 'log':
-            return np.log10(values)
-        return values if self.scale == 'linear' else np.searchsorted(
-            self.values, values).astype(float)
-
-
-def round_numbers(low: float, high: float, most: int) -> Array:
-    """Return at most `most` evenly spaced round numbers from `low` to `high`."""
-    found = np.asarray(MaxNLocator(max(1, most - 1)).tick_values(low, high), float)
-    slack = 1e-9 * (high - low)
-    return found[(found >= low - slack) & (found <= high + slack)]
-
-
-def round_decades(low: float, high: float, most: int) -> Array:
-    """Return at most `most` of 1, 2, 5, 10, ... from `low` to `high`; other numbers if none is."""
-    powers = 10.0 ** np.arange(np.floor(np.log10(low)), np.ceil(np.log10(high)) + 1.0)
-    slack = 1.0 + 1e-9
-    for steps in ((1.0, 2.0, 5.0), (1.0,)):
-        found = np.sort(np.outer(powers, steps).ravel())
-        found = found[(found >= low / slack) & (found <= high * slack)]
-        if len(found) <= most:
-            break
-    return found[::-(-len(found) // most)] if len(found) > 1 else round_numbers(low, high, most)
-
-
-def _spread(x: Array) -> float:
-    steps = np.diff(x)
-    return float(steps.max() / steps.min())
-
-
-#: Failure probability of the boundary.
-LEVEL = 0.5
-#: Of all intervals.
-CONFIDENCE = 0.95
+    def at(self, k: int) -> str:
+        """Return the value with this index in words."""
+        return self.text(self.values[k])
 
 
 def wilson(failures: npt.ArrayLike, runs: npt.ArrayLike, confidence: float = CONFIDENCE
@@ -176,10 +99,9 @@ def _score_interval(p: Array, n: Array, z: float) -> tuple[Array, Array]:
             np.where(n * p < n, (middle + half) / (n + z * z), 1.0))
 
 
-def pooled(failures: npt.ArrayLike, runs: npt.ArrayLike, confidence: float = CONFIDENCE
-           ) -> tuple[float, float]:
+def pooled(failures: npt.ArrayLike, runs: npt.ArrayLike) -> tuple[float, float]:
     """
-    Return the interval of a probability from runs at several points that share their draws.
+    Return the 95 % interval of a probability from runs at several points that share their draws.
 
     It is Wilson's for as many independent runs as would vary as much as the draws do, with
     Student's quantile in place of the normal one. Where no run fails, or every one, there are
@@ -190,8 +112,6 @@ def pooled(failures: npt.ArrayLike, runs: npt.ArrayLike, confidence: float = CON
     ----------
     failures, runs : array_like of int, shape (m,)
         Of each draw, over all points.
-    confidence : float
-        Probability that the interval contains the true one.
 
     Returns
     -------
@@ -203,7 +123,7 @@ def pooled(failures: npt.ArrayLike, runs: npt.ArrayLike, confidence: float = CON
     k, n = np.asarray(failures, float)[n > 0.0], n[n > 0.0]
     m, total = len(n), float(n.sum())
     if total == m:
-        low, high = wilson(k.sum(), total, confidence)
+        low, high = wilson(k.sum(), total)
         return float(low), float(high)
     if m < 2:
         return np.nan, np.nan
@@ -212,7 +132,7 @@ def pooled(failures: npt.ArrayLike, runs: npt.ArrayLike, confidence: float = CON
     likely = p * (1.0 - p)
     independent = m if likely == 0.0 else min(total, likely / variance) if variance else total
     low, high = _score_interval(np.asarray(p), np.asarray(float(independent)),
-                                float(stdtrit(m - 1, 0.5 + 0.5 * confidence)))
+                                float(stdtrit(m - 1, 0.5 + 0.5 * CONFIDENCE)))
     return float(low), float(high)
 
 
@@ -223,14 +143,13 @@ def share(failures: npt.ArrayLike, runs: npt.ArrayLike) -> Array:
     return found
 
 
-def side(failures: npt.ArrayLike, runs: npt.ArrayLike, level: float = LEVEL
-         ) -> npt.NDArray[np.int_]:
-    """Return -1 where the interval is below `level`, 1 where it is above, 0 where it has both."""
+def side(failures: npt.ArrayLike, runs: npt.ArrayLike) -> npt.NDArray[np.int_]:
+    """Return -1 where the interval is below `LEVEL`, 1 where it is above, 0 where it has both."""
     low, high = wilson(failures, runs)
-    return (low > level).astype(int) - (high < level)
+    return (low > LEVEL).astype(int) - (high < LEVEL)
 
 
-def passing_ranges(values: npt.ArrayLike, probability: npt.ArrayLike, level: float = LEVEL
+def passing_ranges(values: npt.ArrayLike, probability: npt.ArrayLike
                    ) -> list[tuple[float, float]]:
     """
     Return first and last value of each stretch of `values` where the law passes.
@@ -240,33 +159,13 @@ def passing_ranges(values: npt.ArrayLike, probability: npt.ArrayLike, level: flo
     values : array_like, shape (n,)
         Grid of one axis.
     probability : array_like, shape (n,)
-        Failure probability there; nan where nothing is known.
-    level : float
-        A law passes where the probability is less.
+        Failure probability there, nan where nothing is known; a law passes below `LEVEL`.
 
     """
     pairs: Any = zip(np.asarray(values).tolist(), np.asarray(probability).tolist())
-    found = []
-    for passes, stretch in groupby(pairs, key=lambda pair: pair[1] < level):
-        if passes:
-            mine = [value for value, _ in stretch]
-            found.append((mine[0], mine[-1]))
-    return found
-
-
-Counts = npt.NDArray[np.int64]
-#: Law whose error is the measure of the others'.
-BASE = 'compensation'
-#: Kinds of failure, the worst first.
-KINDS = ('diverged', 'error', 'saturated', 'slips', 'not reached', 'too long', 'refused')
-#: Columns of the results that are read, besides axes and uncertain parameters.
-COLUMNS = ('run', 'repeat', 'seed', 'variant', 'law', 'engine', 'failure', 'error')
-#: Of the error.
-QUANTILES = (0.05, 0.5, 0.95)
-#: Distance of two values of an axis that was not refined.
-_FAR = 1e6
-#: In place of an infinite error where one interpolates, and what only such errors exceed.
-_HUGE, _LARGE = 1e300, 1e290
+    stretches = ([value for value, _ in stretch] for passes, stretch in itertools.groupby(
+        pairs, key=lambda pair: pair[1] < LEVEL) if passes)
+    return [(mine[0], mine[-1]) for mine in stretches]
 
 
 class MapData:
@@ -291,8 +190,8 @@ class MapData:
     ----------
     rows : pandas.DataFrame
         The columns that are read; a run without an error has an infinite one.
-    axes, fixed : tuple of GridAxis
-        Axes with two values or more, and those of one.
+    axes : tuple of GridAxis
+        Axes with two values or more.
     uncertain : tuple of str
         As given.
     variants, laws : tuple of str, V each
@@ -317,7 +216,6 @@ class MapData:
         every = [GridAxis(name, tuple(np.unique(rows[name]).tolist()), unit_text(unit))
                  for name, unit in axes.items()]
         self.axes = tuple(x for x in every if len(x.values) > 1)
-        self.fixed = tuple(x for x in every if len(x.values) == 1)
         self.uncertain, self.refined, self.saltelli = tuple(uncertain), tuple(refined), saltelli
         first = rows.drop_duplicates('variant')
         self.variants, self.laws = tuple(first['variant']), tuple(first['law'])
@@ -355,11 +253,9 @@ class MapData:
         from scipy.ndimage import distance_transform_edt  # type: ignore[import-untyped]
         count = self.rows['error'].groupby(self._cells, observed=False).size().to_numpy()
         none = count.reshape(len(self.variants), *self.shape) == 0
-        along = [1.0 if axis.name in self.refined else _FAR for axis in self.axes]
-        found = [distance_transform_edt(x, along, return_distances=False, return_indices=True)
-                 for x in none]
-        first = np.arange(len(none)).reshape(-1, *(1,) * len(self.shape))
-        return (np.broadcast_to(first, none.shape), *np.stack(found, axis=1))
+        along = [_FAR ** 2, *(1.0 if x.name in self.refined else _FAR for x in self.axes)]
+        return tuple(distance_transform_edt(none, along, return_distances=False,
+                                            return_indices=True))
 
     @cached_property
     def runs(self) -> Counts:
@@ -397,17 +293,17 @@ class MapData:
         middle: Array = self.quantiles[1]
         return middle
 
-    @property
-    def repeats(self) -> int:
-        """Largest number of runs of a variant at a point."""
-        return int(self.runs.max(initial=0))
-
     @cached_property
     def kinds(self) -> Counts:
-        """Return the number of failures of each of `KINDS` and variant, shape (6, V)."""
+        """Return the number of failures of each of `KINDS` and variant, shape (7, V)."""
         counts = pandas.crosstab(self.rows['failure'], self.rows['variant'])
         found: Counts = counts.reindex(KINDS, columns=self.variants, fill_value=0).to_numpy()
         return found
+
+    @cached_property
+    def made(self) -> Counts:
+        """Return the number of runs of each variant, shape (V,)."""
+        return np.array([len(self.of(v)) for v in range(len(self.variants))])
 
     def of_draws(self, variant: int, kind: int | None = None) -> tuple[Counts, Counts]:
         """Return failures, of one of `KINDS` or all, and runs of each draw, shape (draws,)."""
@@ -428,27 +324,20 @@ def spaced(n: int, most: int) -> list[int]:
     return sorted({round(x) for x in np.linspace(0, n - 1, min(n, most)).tolist()})
 
 
-#: Most rows of a table.
-_ROWS = 60
-
-
-@dataclasses.dataclass(frozen=True)
-class Contrast:
+class Contrast(NamedTuple):
     """
-    A law against the base, point by point and draw by draw.
+    A law against another, point by point and draw by draw.
 
     Attributes
     ----------
     runs : int
         Runs that both have.
     worse, better : int
-        Runs in which only the law, or only the base, failed.
-    points : str
-        Where half of the law's runs or more fail, and less of the base's; empty for nowhere.
+        Runs in which only the law, or only the other, failed.
     larger : int
         Runs in which the law has the larger error; one that diverged has the largest.
     loss : float
-        Largest error of a run over that of the base; 0 where no run of both has one.
+        Largest error of a run over that of the other; 0 where no run of both has one.
     run, where : int, str
         Number and point of the run of that loss.
 
@@ -457,7 +346,6 @@ class Contrast:
     runs: int
     worse: int
     better: int
-    points: str
     larger: int
     loss: float
     run: int
@@ -473,24 +361,10 @@ def contrast(data: MapData, variant: int, base: int) -> Contrast:
     usable = np.isfinite(error) & np.isfinite(original) & (original > 0.0)
     ratio = (error / original).where(usable, 0.0).to_numpy()
     worst = both.iloc[int(ratio.argmax())] if len(both) else {'run': 0}
-    p = data.probability
-    alone = (p[variant] >= LEVEL) & (p[base] < LEVEL)
     return Contrast(
         len(both), int((failed & ~failed_base).sum()), int((failed_base & ~failed).sum()),
-        extent(data, alone) if data.axes else '', int((error > original).sum()),
-        float(ratio.max(initial=0.0)), int(worst['run']), ', '.join(
-            axis.text(worst[axis.name]) for axis in data.axes if axis.name in worst))
-
-
-def extent(data: MapData, points: npt.NDArray[np.bool_]) -> str:
-    """Return how many points these are, and between which values of each axis."""
-    found = np.nonzero(points)
-    if not len(found[0]):
-        return ''
-    spans = ', '.join(
-        f'{axis.name} ' + span(axis.values[int(k.min())], axis.values[int(k.max())])
-        + f' {axis.unit}'.rstrip() for axis, k in zip(data.axes, found))
-    return f'{len(found[0])} of {points.size} points, within {spans}'
+        int((error > original).sum()), float(ratio.max(initial=0.0)), int(worst['run']),
+        ', '.join(axis.text(worst[axis.name]) for axis in data.axes if axis.name in worst))
 
 
 def passing(data: MapData, along: int) -> tuple[list[tuple[str, list[str]]], int]:
@@ -515,7 +389,7 @@ def passing(data: MapData, along: int) -> tuple[list[tuple[str, list[str]]], int
     return rows, len(every)
 
 
-def _ranges(values: tuple[float, ...], probability: npt.NDArray[np.float64]) -> str:
+def _ranges(values: tuple[float, ...], probability: Array) -> str:
     if np.isnan(probability).all():
         return '–'
     found = passing_ranges(values, probability)

@@ -25,20 +25,20 @@ that were run, is not found if all of these agree.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
+from functools import cached_property
 from math import ceil, isfinite, log2, nan
-from typing import Any, NamedTuple
+from typing import Any
 
 from ctc_chattering.configuration.loop_setup import Setup
+from ctc_chattering.configuration.yaml_file import mapping
 from ctc_chattering.errors import CtcError, near, ParameterError, UsageError
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.runs.recommended import recommended_setup
 from ctc_chattering.runs.score import of_results, OVERALL, PER_JOINT, Score, score
 from ctc_chattering.runs.spec import (
     applied,
-    Axis,
     Failure,
-    LawSettings,
     MapSpec,
     Quantity,
     Repeats,
@@ -106,30 +106,9 @@ def quantile(x: Uncertain, u: Array) -> Array:
     return np.asarray(values[(u * len(values)).astype(int)])
 
 
-class RunPlace(NamedTuple):
-    """
-    Where a run is in its map.
-
-    Attributes
-    ----------
-    point : int
-        Index in the grid, the last axis fastest.
-    indices : tuple of int
-        Index in the values of each axis.
-    variant, repeat : int
-        Indices of the law and of the draw.
-
-    """
-
-    point: int
-    indices: tuple[int, ...]
-    variant: int
-    repeat: int
-
-
 class Runs:
     """
-    Numbers, columns and setups of the runs of a map.
+    Numbers, columns and setups of the runs of a spec: point of the grid, law and draw.
 
     A parameter is that of the file, then of the law, then of the axes, then of the draw. What is
     recommended for a law is so for the values of the axes that the controller knows.
@@ -143,6 +122,8 @@ class Runs:
     ----------
     spec : MapSpec
         The same.
+    shape : tuple of int
+        Number of values of each axis, of laws, and of draws.
     draws : ndarray, shape (repeats, m)
         Number of each uncertain quantity in each repeat.
 
@@ -150,34 +131,32 @@ class Runs:
 
     def __init__(self, spec: MapSpec) -> None:
         self.spec = spec
+        self.shape = (*spec.shape, len(spec.variants), spec.repeats.repeats)
         self.draws = draws(spec.uncertain, spec.repeats)
-        #: Setup of each law at the values of the known axes for which it was needed last.
-        self._of_laws: dict[int, tuple[tuple[float, ...], Setup]] = {}
+        #: Setup of each law at values of the axes that it knows.
+        self._of_laws: dict[tuple[int, tuple[float, ...]], Setup] = {}
 
     def __len__(self) -> int:
         """Return the number of runs."""
         return self.spec.runs
 
-    def place(self, run: int) -> RunPlace:
-        """Return where a run is."""
-        rest, repeat = divmod(run, self.spec.repeats.repeats)
-        point, variant = divmod(rest, len(self.spec.variants))
-        indices = np.unravel_index(point, self.spec.shape) if self.spec.axes else ()
-        return RunPlace(point, tuple(map(int, indices)), variant, repeat)
+    def place(self, run: int) -> tuple[tuple[int, ...], int, int]:
+        """Return where a run is: indices of the axes, of the law, and of the draw."""
+        *indices, variant, repeat = map(int, np.unravel_index(run, self.shape))
+        return tuple(indices), variant, repeat
 
     def number(self, indices: tuple[int, ...], variant: int, repeat: int) -> int:
         """Return the number of the run at a place."""
-        point = int(np.ravel_multi_index(indices, self.spec.shape)) if indices else 0
-        return (point * len(self.spec.variants) + variant) * self.spec.repeats.repeats + repeat
+        return int(np.ravel_multi_index((*indices, variant, repeat), self.shape))
 
     def columns(self, run: int) -> dict[str, Any]:
         """Return which run it is, as its row of the results says."""
-        place, spec = self.place(run), self.spec
-        variant = spec.variants[place.variant]
-        return {'run': run, 'point': place.point, 'repeat': place.repeat,
-                'seed': self._seed(place.repeat), 'variant': variant.name,
+        indices, k, repeat = self.place(run)
+        variant = self.spec.variants[k]
+        return {'run': run, 'point': run // (self.shape[-2] * self.shape[-1]), 'repeat': repeat,
+                'seed': self._seed(repeat), 'variant': variant.name,
                 'law': variant.law, 'switching': variant.switching,
-                **{quantity.name: x for quantity, x in self._settings(place)}}
+                **{quantity.name: x for quantity, x in self._settings(indices, repeat)}}
 
     def setup(self, run: int) -> Setup:
         """
@@ -189,10 +168,15 @@ class Runs:
             If values of axes or draws contradict each other, or a draw is not allowed.
 
         """
-        place = self.place(run)
-        settings = self._settings(place)
-        known = tuple(x for quantity, x in settings[:len(self.spec.axes)] if quantity.known)
-        return applied(self._of_law(place.variant, known), settings, self._seed(place.repeat))
+        indices, variant, repeat = self.place(run)
+        settings = self._settings(indices, repeat)
+        known = tuple(x for quantity, x in settings[:len(indices)] if quantity.known)
+        return applied(self._of_law(variant, known), settings, self._seed(repeat))
+
+    @cached_property
+    def setups(self) -> list[Setup]:
+        """Return what is run, one after the other."""
+        return list(map(self.setup, range(len(self))))
 
     def _seed(self, repeat: int) -> int:
         """Return the seed of the noise; the same for all repeats if differences count."""
@@ -208,20 +192,20 @@ class Runs:
         except CtcError:
             return setup
 
-    def _settings(self, place: RunPlace) -> list[tuple[Quantity, float]]:
+    def _settings(self, indices: tuple[int, ...], repeat: int) -> list[tuple[Quantity, float]]:
         """Return the numbers of all quantities at a place, in the order in which they are set."""
-        axes = [(axis, axis.values[i]) for axis, i in zip(self.spec.axes, place.indices)]
-        return [*axes, *zip(self.spec.uncertain, self.draws[place.repeat].tolist())]
+        axes = [(axis, axis.values[i]) for axis, i in zip(self.spec.axes, indices)]
+        return [*axes, *zip(self.spec.uncertain, self.draws[repeat].tolist())]
 
     def _of_law(self, index: int, known: tuple[float, ...]) -> Setup:
         """Return the setup of a law at the values of the axes that the controller knows."""
         variant = self.spec.variants[index]
-        last, setup = self._of_laws.get(index, (None, self.spec.setup))
-        if last is None or (variant.recommended and last != known):
+        key = (index, known if variant.recommended else ())
+        if key not in self._of_laws:
             recommended = self._recommended(variant.law, known) if variant.recommended else {}
-            setup = self.spec.setup.changed(recommended).changed({'controller': variant.values})
-            self._of_laws[index] = known, setup
-        return setup
+            self._of_laws[key] = self.spec.setup.changed(recommended).changed(
+                {'controller': variant.values})
+        return self._of_laws[key]
 
     def _recommended(self, law: str, known: tuple[float, ...]) -> dict[str, dict[str, Any]]:
         """Return what is recommended for a law, by node, but for what a known axis sets."""
@@ -305,9 +289,6 @@ def _judged(found: Score, setup: Setup, failure: Failure) -> tuple[str, str]:
     return '', ''
 
 
-_LAW, _REPEAT = 'law', 'repeat'
-
-
 def find_run(runs: Runs, text: str) -> int:
     """
     Return the number of the run that a text names.
@@ -326,76 +307,43 @@ def find_run(runs: Runs, text: str) -> int:
         If it names no run, or more than one.
 
     """
-    try:
-        if text.strip().isdecimal():
-            return _among('run', int(text), len(runs))
-        return runs.number(*_place(runs.spec, dict(_pair(word) for word in text.split(','))))
-    except ParameterError as error:
-        raise UsageError(f'--explain {text}: {error}') from None
-
-
-def _place(spec: MapSpec, given: Mapping[str, str]) -> tuple[tuple[int, ...], int, int]:
-    """Return the indices of the axes, of the law, and of the repeat."""
+    spec = runs.spec
     choices: dict[str, Sequence[Any]] = {
         **{axis.name: axis.values for axis in spec.axes},
-        _LAW: [x.name for x in spec.variants], _REPEAT: range(spec.repeats.repeats)}
-    for name in given:
-        if name not in choices:
-            raise ParameterError(name, given[name], 'a run number, or '
-                                 f'{", ".join(choices)}{near(name, choices)}')
-    for name, values in choices.items():
-        if len(values) > 1 and name not in given:
-            shown = values if len(values) < 20 else [values[0], '...', values[-1]]
-            words = ', '.join(x if isinstance(x, str) else f'{x:g}' for x in shown)
-            raise ParameterError(name, '', f'one of {words}: there is more than one')
-    repeat = _number(_REPEAT, given.get(_REPEAT, '0'))
-    return (tuple(_nearest(axis, given[axis.name]) if axis.name in given else 0
-                  for axis in spec.axes), _law(spec.variants, given[_LAW]) if _LAW in given else 0,
-            _among(_REPEAT, repeat, spec.repeats.repeats))
-
-
-def _pair(word: str) -> tuple[str, str]:
-    name, equals, value = (x.strip() for x in word.partition('='))
-    if not (name and equals and value):
-        raise ParameterError('POINT', word, 'a run number, or name=value,...')
-    return name, value
-
-
-def _number(name: str, text: str) -> float:
+        'law': [x.name for x in spec.variants], 'repeat': range(spec.repeats.repeats)}
     try:
-        number = float(text)
+        if text.strip().isdecimal():
+            return _index('run', text, range(len(runs)))
+        words = [[x.strip() for x in word.partition('=')] for word in text.split(',')]
+        if not all(map(all, words)):
+            raise ParameterError('POINT', text, 'a run number, or name=value,...')
+        given = mapping('POINT', {name: value for name, _, value in words}, tuple(choices))
+        *indices, law, repeat = (_index(name, given.get(name), x) for name, x in choices.items())
+    except ParameterError as error:
+        raise UsageError(f'--explain {text}: {error}') from None
+    return runs.number(tuple(indices), law, repeat)
+
+
+def _index(name: str, text: str | None, values: Sequence[Any]) -> int:
+    """Return the index of a name, or of the nearest number; of the only one without a text."""
+    shown = ', '.join(x if isinstance(x, str) else f'{x:g}' for x in values[:20])
+    if text is None:
+        if len(values) > 1:
+            raise ParameterError(name, '', f'one of {shown}: there is more than one')
+        return 0
+    if isinstance(values[0], str):
+        if text not in values:
+            raise ParameterError(name, text, shown + near(text, values))
+        return values.index(text)
+    try:
+        x = float(text)
     except ValueError:
-        number = nan
-    if not isfinite(number):
+        x = nan
+    if isinstance(values, range) and x not in values:
+        raise ParameterError(name, x, f'0 to {len(values) - 1}')
+    if not isfinite(x):
         raise ParameterError(name, text, 'a number')
-    return number
-
-
-def _among(name: str, number: float, count: int) -> int:
-    """Return `number` as an index below `count`."""
-    if number != number // 1 or not 0 <= number < count:
-        raise ParameterError(name, number, f'0 to {count - 1}')
-    return int(number)
-
-
-def _nearest(axis: Axis, text: str) -> int:
-    """Return the index of the value of an axis that is nearest to a number."""
-    x = _number(axis.name, text)
-    first, *others = sorted(range(len(axis.values)), key=lambda k: abs(axis.values[k] - x))
-    if others and abs(axis.values[others[0]] - x) == abs(axis.values[first] - x):
-        raise ParameterError(axis.name, text, 'a number nearest to one of '
-                             + ', '.join(f'{axis.values[k]:g}' for k in (first, others[0])))
-    return first
-
-
-def _law(variants: Sequence[LawSettings], text: str) -> int:
-    """Return the index of the variant with this name, or of the only one under this law."""
-    found = [i for i, x in enumerate(variants) if x.name == text] or [
-        i for i, x in enumerate(variants) if x.law == text]
-    if len(found) != 1:
-        names = [x.name for x in variants]
-        raise ParameterError(_LAW, text, ' | '.join(names) + near(text, names))
-    return found[0]
+    return min(range(len(values)), key=lambda k: abs(values[k] - x))
 
 
 Mask = npt.NDArray[np.bool_]
@@ -445,7 +393,7 @@ def _mixed(state: npt.NDArray[np.int8], steps: npt.NDArray[np.int_]) -> Mask:
 
 class Refinement:
     """
-    Which runs of a map come next, by what came of those before; all at once if it is not refined.
+    Which runs of a map come next, by what came of those before; without a coarse grid all at once.
 
     Parameters
     ----------
@@ -455,30 +403,24 @@ class Refinement:
     """
 
     def __init__(self, runs: Runs) -> None:
-        self._runs, self._taken = runs, False
-        self._state: npt.NDArray[np.int8] | None = None
-        if runs.spec.refined:
-            self._state = np.full((len(runs.spec.variants), *runs.spec.shape), UNKNOWN, np.int8)
+        self._runs = runs
+        self._state = np.full((len(runs.spec.variants), *runs.spec.shape), UNKNOWN, np.int8)
 
-    def numbers(self) -> Sequence[int]:
+    def numbers(self) -> npt.NDArray[np.int64]:
         """Return the next runs, ascending; none when the boundary of every law is found."""
-        if self._state is None:
-            return range(0 if self._taken else len(self._runs))
-        laws, repeats = len(self._state), self._runs.spec.repeats.repeats
+        laws, repeats = self._runs.shape[-2:]
         firsts = np.concatenate([
             (np.flatnonzero(wanted(state, self._runs.spec.coarse)) * laws + v) * repeats
             for v, state in enumerate(self._state)])
-        found: list[int] = (np.sort(firsts)[:, np.newaxis] + np.arange(repeats)).ravel().tolist()
+        found: npt.NDArray[np.int64] = (
+            np.sort(firsts)[:, np.newaxis] + np.arange(repeats)).ravel()
         return found
 
-    def take(self, rows: Callable[[], Any]) -> None:
-        """Take the rows of what `numbers` returned, a pyarrow table, if they are needed."""
-        self._taken = True
-        if self._state is None:
-            return
-        table, repeats = rows(), self._runs.spec.repeats.repeats
+    def take(self, table: Any) -> None:
+        """Take the rows, a pyarrow table, of what `numbers` returned."""
+        laws, repeats = self._runs.shape[-2:]
         place, index = np.unique(np.asarray(table['run']) // repeats, return_inverse=True)
-        failed = np.bincount(index, np.asarray(table['failure'].to_pylist()) != '')
-        point, variant = np.divmod(place, len(self._state))
-        self._state.reshape(len(self._state), -1)[variant, point] = np.where(
+        failed = np.bincount(index, np.asarray(table['failure']) != '')
+        point, variant = np.divmod(place, laws)
+        self._state.reshape(laws, -1)[variant, point] = np.where(
             2 * failed >= repeats, FAILS, PASSES)

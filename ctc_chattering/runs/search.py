@@ -98,8 +98,8 @@ def gains(numbers: Mapping[str, float], config: ControllerConfig, friction: tupl
     return values
 
 
-def starts(config: ControllerConfig, friction: tuple[float, ...], known: Mapping[str, Any]
-           ) -> list[dict[str, float]]:
+def starts(config: ControllerConfig, friction: tuple[float, ...], known: Mapping[str, Any],
+           ranges: Mapping[str, Range]) -> list[dict[str, float]]:
     """
     Return the numbers of the first two trials, within the ranges.
 
@@ -111,6 +111,8 @@ def starts(config: ControllerConfig, friction: tuple[float, ...], known: Mapping
         What is recommended for `observer_feedback`, by parameter: of its `kp`, `kv` and `ka`, and
         the triple pole of `integral` and the observer of `chattering` for a robot, are the
         second, with what suits a reversal of 10 ms, and the first for all else.
+    ranges : mapping
+        Where to search.
 
     """
     kp, kv = config.kp[0], config.kv[0]
@@ -127,8 +129,8 @@ def starts(config: ControllerConfig, friction: tuple[float, ...], known: Mapping
              'estimator_bandwidth': known['estimator_bandwidth'],
              'friction_lead': 5e-3, 'friction_velocity': 0.1, 'lead_ratio': 0.1,
              'observer_bandwidth': config.parameters()['observer_bandwidth'].default}
-    return [{name: min(max(x.get(name, file[name]), limits.low), limits.high)
-             for name, limits in space(config).items()} for x in ({}, other)]
+    return [{name: min(max(x[name], limits.low), limits.high) for name, limits in ranges.items()}
+            for x in (file, {**file, **other})]
 
 
 def _scales(name: str, product: float, config: ControllerConfig, friction: tuple[float, ...]
@@ -143,14 +145,15 @@ def _scales(name: str, product: float, config: ControllerConfig, friction: tuple
 _OPTUNA = 5
 #: Number of seeds of a sampler.
 _SEEDS = 2 ** 32
-#: Numbers by name, and what they do: values to be small, and constraints that hold up to 0.
+#: Trials that are asked for at once, and most at random before the sampler uses what it found.
+_GROUP, _AT_RANDOM = 10, 30
+#: Numbers by name, and what they do: two values to be small, and constraints that hold up to 0.
 Numbers = dict[str, float]
 Answers = Callable[[list[Numbers]], Iterable[tuple[Sequence[float], Mapping[str, float]]]]
 
 
 def search(answers: Answers, ranges: Mapping[str, Range], first: Iterable[Mapping[str, float]],
-           trials: int, seed: int, objectives: int = 1, group: int = 1, at_random: int = 10,
-           together: bool = False) -> list[Numbers]:
+           trials: int, seed: int) -> list[Numbers]:
     """
     Return the numbers of all trials, in their order.
 
@@ -166,14 +169,6 @@ def search(answers: Answers, ranges: Mapping[str, Range], first: Iterable[Mappin
         How many, those of `first` included.
     seed : int
         Of the sampler, TPE.
-    objectives : int
-        How many values a trial has.
-    group : int
-        Trials that are asked for at once.
-    at_random : int
-        Most trials at random before the sampler uses what it found.
-    together : bool
-        Whether the sampler takes all numbers of a trial together, not each by itself.
 
     Raises
     ------
@@ -184,16 +179,15 @@ def search(answers: Answers, ranges: Mapping[str, Range], first: Iterable[Mappin
     optuna = require_optuna('a search')
     optuna.logging.set_verbosity(optuna.logging.ERROR)
     study = optuna.create_study(
-        directions=['minimize'] * objectives, sampler=optuna.samplers.TPESampler(
-            n_startup_trials=max(1, min(at_random, trials // 4)), seed=seed % _SEEDS,
-            multivariate=together))
+        directions=['minimize'] * 2, sampler=optuna.samplers.TPESampler(
+            n_startup_trials=max(1, min(_AT_RANDOM, trials // 4)), seed=seed % _SEEDS))
     for numbers in first:
         study.enqueue_trial(dict(numbers))
     space = {name: optuna.distributions.FloatDistribution(x.low, x.high, log=True)
              for name, x in ranges.items()}
     found: list[Numbers] = []
     while len(found) < trials:
-        asked = [study.ask(space) for _ in range(min(group, trials - len(found)))]
+        asked = [study.ask(space) for _ in range(min(_GROUP, trials - len(found)))]
         for trial, (values, constraints) in zip(asked, answers([x.params for x in asked])):
             for name, value in constraints.items():
                 trial.set_constraint(name, value)
@@ -263,6 +257,11 @@ class OverDraws(NamedTuple):
     def objectives(self) -> tuple[float, float]:
         """Return the logarithms of error and variation."""
         return _logarithm(self.error), _logarithm(self.variation)
+
+    @property
+    def product(self) -> float:
+        """Return error times variation."""
+        return self.error * self.variation
 
     @property
     def allowed(self) -> bool:
@@ -337,4 +336,4 @@ def knee(scores: Sequence[OverDraws]) -> int:
 
     On a front that is where one per cent less error costs one per cent more variation.
     """
-    return min(range(len(scores)), key=lambda k: scores[k].error * scores[k].variation)
+    return min(range(len(scores)), key=lambda k: scores[k].product)

@@ -16,7 +16,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 import dataclasses
 from itertools import pairwise
@@ -30,10 +30,11 @@ from ctc_chattering.configuration.node_parameters import LOOP, NODES
 from ctc_chattering.configuration.package_share import find_config
 from ctc_chattering.configuration.yaml_file import mapping, read_yaml
 from ctc_chattering.errors import CtcError, near, ParameterError
-from ctc_chattering.parameters import Config, LARGEST, Parameter, parameter
+from ctc_chattering.parameters import Config, Parameter, parameter
 from ctc_chattering.runs.recommended import recommended_setup
 from ctc_chattering.runs.score import of_map
 import numpy as np
+import yaml
 
 #: Most runs of a map, and values of an axis.
 MOST = 10_000_000
@@ -165,27 +166,62 @@ def read_axis(name: str, tree: object) -> Axis:
     """Return an axis of a spec; raise `ParameterError` that names the key."""
     key = f'axes.{name}'
     values = mapping(key, tree, (*_OF_QUANTITY, 'values', 'range', 'count', 'spacing'))
-    return Axis(name, *_parameters(key, values), _grid(key, values))
+    targets = _parameters(key, values)
+    kind = _one_of(key, values, ('values', 'range'))
+    if kind == 'values':
+        numbers = read_value(f'{key}.values', 'float[]', values['values'])
+        if not numbers or any(a >= b for a, b in pairwise(numbers)):
+            raise ParameterError(f'{key}.values', numbers, 'one number or more, ascending')
+        if extra := {'count', 'spacing'} & set(values):
+            raise ParameterError(key, min(extra), 'with range only')
+        return Axis(name, *targets, numbers)
+    spacing = read_value(f'{key}.spacing', 'str', values.get('spacing', 'linear'),
+                         choices=('linear', 'log'))
+    ends = _ends(f'{key}.range', values['range'], spacing == 'log')
+    count = read_value(f'{key}.count', 'int', values.get('count'), minimum=2, maximum=MOST)
+    space: Any = np.geomspace if spacing == 'log' else np.linspace
+    return Axis(name, *targets, tuple(space(*ends, count).tolist()))
 
 
 def read_uncertain(name: str, tree: object) -> Uncertain:
     """Return an uncertain quantity of a spec; raise `ParameterError` that names the key."""
     key = f'uncertain.{name}'
     values = mapping(key, tree, (*_OF_QUANTITY, *DISTRIBUTIONS))
-    given = [x for x in DISTRIBUTIONS if x in values]
-    if len(given) != 1:
-        raise ParameterError(key, given, 'one of ' + ', '.join(DISTRIBUTIONS))
-    (kind,) = given
-    numbers = _numbers(f'{key}.{kind}', values[kind])
-    fits, allowed = {
-        'uniform': (len(numbers) == 2 and numbers[0] < numbers[-1], 'two numbers, ascending'),
-        'log_uniform': (len(numbers) == 2 and 0.0 < numbers[0] < numbers[-1],
-                        'two numbers > 0, ascending'),
-        'normal': (len(numbers) == 2 and numbers[-1] > 0.0, 'mean and standard deviation > 0'),
-        'choice': (len(set(numbers)) == len(numbers) > 0, 'different numbers')}[kind]
-    if not fits:
-        raise ParameterError(f'{key}.{kind}', numbers, allowed)
+    kind = _one_of(key, values, DISTRIBUTIONS)
+    where, given = f'{key}.{kind}', values[kind]
+    if kind in ('uniform', 'log_uniform'):
+        numbers = _ends(where, given, kind == 'log_uniform')
+    else:
+        numbers = read_value(where, 'float[]', given)
+        if kind == 'normal' and not (len(numbers) == 2 and numbers[-1] > 0.0):
+            raise ParameterError(where, numbers, 'mean and standard deviation > 0')
+        if not len(set(numbers)) == len(numbers) > 0:
+            raise ParameterError(where, numbers, 'different numbers')
     return Uncertain(name, *_parameters(key, values), kind, numbers)
+
+
+def read_value(key: str, kind: str, value: object, n: int = 0, **allowed: Any) -> Any:
+    """Return a value of a spec, declared as a `Parameter` is."""
+    spec = Parameter(key, kind, None, '', **allowed)
+    found = spec.coerce(value, n)
+    spec.check(found, n)
+    return found
+
+
+def _one_of(key: str, values: Mapping[str, Any], names: Sequence[str]) -> str:
+    """Return which one of some keys is given."""
+    given = [name for name in names if name in values]
+    if len(given) != 1:
+        raise ParameterError(key, given, 'one of ' + ', '.join(names))
+    return given[0]
+
+
+def _ends(key: str, value: object, positive: bool) -> tuple[float, ...]:
+    """Return two ends, ascending."""
+    ends: tuple[float, ...] = read_value(key, 'float[]', value)
+    if len(ends) != 2 or ends[0] >= ends[1] or (positive and ends[0] <= 0.0):
+        raise ParameterError(key, ends, 'two numbers, ascending' + ', > 0' * positive)
+    return ends
 
 
 def check(quantities: Iterable[tuple[Quantity, tuple[float, ...]]], setup: Setup) -> None:
@@ -227,9 +263,7 @@ def check(quantities: Iterable[tuple[Quantity, tuple[float, ...]]], setup: Setup
 
 def coarse_steps(values: Mapping[str, Any], axes: tuple[Axis, ...]) -> tuple[int, ...]:
     """Return every how many values of each axis are run first; all of an axis without range."""
-    spec = Parameter('refine', 'int', 0, '', minimum=0, maximum=_LEVELS)
-    levels = spec.coerce(values.get('refine', 0))
-    spec.check(levels, 0)
+    levels = read_value('refine', 'int', values.get('refine', 0), minimum=0, maximum=_LEVELS)
     of_range = [axis for axis in axes if 'range' in values['axes'][axis.name]]
     if levels and not of_range:
         raise ParameterError('refine', levels, '0, or an axis with a range')
@@ -243,16 +277,13 @@ def coarse_steps(values: Mapping[str, Any], axes: tuple[Axis, ...]) -> tuple[int
 def _parameters(key: str, values: dict[str, Any]
                 ) -> tuple[tuple[tuple[str, Parameter], ...], bool]:
     """Return the targets of a quantity, and whether it is a factor."""
-    given = [x for x in ('parameter', 'parameters') if x in values]
-    if len(given) != 1:
-        raise ParameterError(key, given, 'one of parameter, parameters')
-    texts = values[given[0]] if given[0] == 'parameters' else [values[given[0]]]
-    texts = Parameter(f'{key}.{given[0]}', 'str[]', (), '').coerce(texts)
-    found = [target for text in texts for target in _targets(f'{key}.{given[0]}', text)]
+    given = _one_of(key, values, ('parameter', 'parameters'))
+    texts = values[given] if given == 'parameters' else [values[given]]
+    texts = read_value(f'{key}.{given}', 'str[]', texts)
+    found = [target for text in texts for target in _targets(f'{key}.{given}', text)]
     if not found or len({(node, spec.name) for node, spec in found}) < len(found):
-        raise ParameterError(f'{key}.{given[0]}', texts, 'one or more, each once')
-    return tuple(found), Parameter(f'{key}.factor', 'bool', False, '').coerce(
-        values.get('factor', False))
+        raise ParameterError(f'{key}.{given}', texts, 'one or more, each once')
+    return tuple(found), read_value(f'{key}.factor', 'bool', values.get('factor', False))
 
 
 def _targets(key: str, text: str) -> list[tuple[str, Parameter]]:
@@ -268,39 +299,6 @@ def _targets(key: str, text: str) -> list[tuple[str, Parameter]]:
                              'a number a joint, such as plant.coulomb_friction' + near(
                                  name, (x for node in nodes for x in NODES[node][0].parameters())))
     return found
-
-
-def _grid(key: str, values: dict[str, Any]) -> tuple[float, ...]:
-    """Return the values of an axis, from a list, or from range, count and spacing."""
-    if ('values' in values) == ('range' in values):
-        raise ParameterError(key, [x for x in ('values', 'range') if x in values],
-                             'one of values, range')
-    if 'values' in values:
-        if extra := {'count', 'spacing'} & set(values):
-            raise ParameterError(key, min(extra), 'with range only')
-        numbers = _numbers(f'{key}.values', values['values'])
-        if not numbers or any(a >= b for a, b in pairwise(numbers)):
-            raise ParameterError(f'{key}.values', numbers, 'one number or more, ascending')
-        return numbers
-    ends, spacing = _numbers(f'{key}.range', values['range']), values.get('spacing', 'linear')
-    if spacing not in ('linear', 'log'):
-        raise ParameterError(f'{key}.spacing', spacing, 'linear | log')
-    if len(ends) != 2 or ends[0] >= ends[1] or (spacing == 'log' and ends[0] <= 0.0):
-        raise ParameterError(f'{key}.range', ends, 'two numbers, ascending'
-                             + (', > 0' if spacing == 'log' else ''))
-    count = Parameter(f'{key}.count', 'int', None, '', minimum=2, maximum=MOST)
-    number = count.coerce(values.get('count'))
-    count.check(number, 0)
-    space = np.geomspace if spacing == 'log' else np.linspace
-    return tuple(space(*ends, number).tolist())
-
-
-def _numbers(key: str, value: object) -> tuple[float, ...]:
-    """Return a list of finite numbers."""
-    spec = Parameter(key, 'float[]', (), '', minimum=-LARGEST, maximum=LARGEST)
-    numbers: tuple[float, ...] = spec.coerce(value)
-    spec.check(numbers, 0)
-    return numbers
 
 
 Q = TypeVar('Q')
@@ -395,6 +393,8 @@ class MapSpec:
         Limits.
     coarse : tuple of int
         Of each axis: every how many of its values are run first, a power of two; 1 for all.
+    tree : mapping
+        As it was given.
 
     """
 
@@ -406,7 +406,8 @@ class MapSpec:
     uncertain: tuple[Uncertain, ...]
     repeats: Repeats
     failure: Failure
-    coarse: tuple[int, ...] = ()
+    coarse: tuple[int, ...]
+    tree: Mapping[str, Any]
 
     @property
     def refined(self) -> bool:
@@ -438,6 +439,16 @@ def read_spec(path: Path) -> MapSpec:
         return parse(read_yaml(path), path)
 
 
+def rows_of(tree: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+    """Yield the keys of a spec, and those below them, with their values as YAML on one line."""
+    for key, value in tree.items():
+        parts = value if isinstance(value, dict) else {'': value}
+        for name, part in parts.items():
+            yield f'{key} {name}'.rstrip(), yaml.safe_dump(
+                part, default_flow_style=True, sort_keys=False, allow_unicode=True,
+                width=float('inf')).removesuffix('...\n').rstrip()
+
+
 @contextmanager
 def errors_of(path: Path) -> Iterator[None]:
     """Put the path of a file in front of the errors that reading it raises."""
@@ -466,7 +477,7 @@ def parse(tree: object, path: Path) -> MapSpec:
         path.stem, setup, _window(values, setup.plant.duration), _variants(values, setup),
         axes, uncertain,
         Repeats.from_mapping({x: values[x] for x in Repeats.parameters() if x in values}),
-        _failure(values.get('failure', {})), coarse_steps(values, axes))
+        _failure(values.get('failure', {})), coarse_steps(values, axes), values)
     _check_saltelli(spec)
     if spec.runs > MOST:
         raise CtcError(f'{spec.runs} runs: {prod(spec.shape)} points, {len(spec.variants)} laws, '
@@ -477,7 +488,7 @@ def parse(tree: object, path: Path) -> MapSpec:
 
 def _setup(values: Mapping[str, Any], beside: Path) -> Setup:
     """Return the parameter file with the spec's overrides."""
-    name = Parameter('params_file', 'str', '', '').coerce(values.get('params_file', 'friction'))
+    name = read_value('params_file', 'str', values.get('params_file', 'friction'))
     overrides = values.get('overrides', {})
     if not isinstance(overrides, dict) or not all(isinstance(x, dict) for x in overrides.values()):
         raise ParameterError('overrides', overrides, 'a mapping of nodes to their parameters')
@@ -492,10 +503,9 @@ def _setup(values: Mapping[str, Any], beside: Path) -> Setup:
 
 def _window(values: Mapping[str, Any], duration: float) -> tuple[float, float]:
     """Return the evaluated interval; the second half by default."""
-    given = values.get('window', [0.5 * duration, duration])
-    window = Parameter('window', 'float[]', (), '').coerce(given)
+    window = read_value('window', 'float[]', values.get('window', [0.5 * duration, duration]))
     if len(window) != 2 or not 0.0 <= window[0] < window[1] <= duration:
-        raise ParameterError('window', given, f'two times, ascending, from 0 to {duration:g} s')
+        raise ParameterError('window', window, f'two times, ascending, from 0 to {duration:g} s')
     return window[0], window[1]
 
 
@@ -557,9 +567,8 @@ def _variant(key: str, item: object, setup: Setup) -> LawSettings:
     else:
         raise ParameterError(key, item, 'a law, a law and a switching, or a mapping of '
                              'parameters of the controller, name and recommended')
-    name = Parameter(f'{key}.name', 'str', '', '').coerce(values.pop('name', ''))
-    recommended = Parameter(f'{key}.recommended', 'bool', False, '').coerce(
-        values.pop('recommended', False))
+    name = read_value(f'{key}.name', 'str', values.pop('name', ''))
+    recommended = read_value(f'{key}.recommended', 'bool', values.pop('recommended', False))
     try:
         made = setup.controller.changed(values)
         if recommended:

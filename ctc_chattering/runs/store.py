@@ -24,7 +24,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
-import dataclasses
 import fcntl
 from functools import cache
 import hashlib
@@ -44,6 +43,7 @@ from ctc_chattering.runs.points import evaluate, refused, Runs
 from ctc_chattering.runs.score import of_map, unit_of
 from ctc_chattering.runs.spec import MapSpec
 import numpy as np
+import numpy.typing as npt
 import pyarrow
 from pyarrow import parquet
 
@@ -56,6 +56,8 @@ _NAMES = (SHARDS, TABLE, JSON, FIGURES, PAGE)
 _STEPS = 4e6
 #: Number of chunks, where there are as many runs, so that as many workers have work.
 _FEWEST = 64
+#: Numbers of runs, ascending.
+Numbers = Sequence[int] | npt.NDArray[np.int64]
 #: Packages whose versions are noted with the results.
 _PACKAGES = ('numpy', 'scipy', 'numba', 'pyarrow', 'distributed')
 
@@ -82,21 +84,11 @@ def schema(spec: MapSpec) -> pyarrow.Schema:
 def about(runs: Runs) -> dict[str, Any]:
     """Return what a map is of, as JSON has it; its ``key`` tells it from all others."""
     spec, setup = runs.spec, runs.spec.setup
-    quantities = {kind: [{
-        'name': x.name, 'parameters': [f'{node}.{spec.name}' for node, spec in x.targets],
-        'factor': x.factor} for x in found]
-        for kind, found in (('axes', spec.axes), ('uncertain', spec.uncertain))}
-    for tree, axis in zip(quantities['axes'], spec.axes):
-        tree['values'] = axis.values
-    for tree, x, draws in zip(quantities['uncertain'], spec.uncertain, runs.draws.T):
-        tree.update({x.distribution: x.numbers, 'draws': draws.tolist()})
     contents = {
-        'parameters': dict(setup.values), 'route': setup.route,
+        **spec.tree, 'parameters': dict(setup.values), 'route': setup.route,
         'descriptions': {node: hashlib.sha256(text.encode()).hexdigest()
                          for node, text in setup.descriptions.items()}, 'window': spec.window,
-        'laws': [dataclasses.asdict(variant) for variant in spec.variants], **quantities,
-        **spec.repeats.as_mapping(), 'failure': spec.failure.as_mapping(),
-        **({'coarse': spec.coarse} if spec.refined else {})}
+        'order': [x.name for x in (*spec.axes, *spec.uncertain)], 'draws': runs.draws.tolist()}
     versions = {'ctc_chattering': version(), 'python': sys.version.split()[0]}
     for name in _PACKAGES:
         with suppress(importlib.metadata.PackageNotFoundError):
@@ -106,24 +98,23 @@ def about(runs: Runs) -> dict[str, Any]:
 
 
 def _key(value: Any) -> str:
-    return hashlib.sha256(json.dumps(value, sort_keys=True).encode()).hexdigest()[:32]
+    return hashlib.sha256(json.dumps(value, sort_keys=True, default=str).encode()).hexdigest()[:32]
 
 
-def chunks(runs: Runs, some: Sequence[int] | None = None) -> list[Sequence[int]]:
+def chunks(runs: Runs, numbers: Numbers) -> list[npt.NDArray[np.int64]]:
     """
-    Return all runs of a map, or some, in chunks of so many steps each, fewer of few runs.
+    Return runs of a map, ascending numbers, in chunks of so many steps each, fewer of few runs.
 
     Their size depends on nothing but the spec and the number of runs.
     """
     spec = runs.spec
-    numbers: Sequence[int] = range(len(runs)) if some is None else some
     n, plant = len(spec.setup.controller.joint_names), spec.setup.plant
     steps = plant.duration / min(plant.control_period, plant.integration_step)
     size = max(1, min(int(_STEPS / (n ** 2 * steps)), -(-len(numbers) // _FEWEST)))
-    return [numbers[k:k + size] for k in range(0, len(numbers), size)]
+    return np.split(np.asarray(numbers), range(size, len(numbers), size))
 
 
-def compute(runs: Runs, made_by: str, chunk: Sequence[int]) -> pyarrow.Table:
+def compute(runs: Runs, made_by: str, chunk: Numbers) -> pyarrow.Table:
     """
     Return the rows of a chunk; what they need is compiled first, if it is not on this machine.
 
@@ -146,7 +137,7 @@ def compute(runs: Runs, made_by: str, chunk: Sequence[int]) -> pyarrow.Table:
         raise CtcError(f'a worker has version {version()} of ctc_chattering, not {made_by}; '
                        'install the same one everywhere')
     compile_setups(map(runs.example, range(len(runs.spec.variants))), lambda _: None)
-    return pyarrow.Table.from_pylist([row(runs, run) for run in chunk], schema(runs.spec))
+    return pyarrow.Table.from_pylist([row(runs, int(run)) for run in chunk], schema(runs.spec))
 
 
 def row(runs: Runs, run: int) -> dict[str, Any]:
@@ -194,18 +185,18 @@ class Directory:
             raise CtcError(f'{path}: a map of another {"spec" if same else "version"} is there; '
                            'choose another --out, or --overwrite')
 
-    def name(self, chunk: Sequence[int]) -> str:
+    def name(self, chunk: Numbers) -> str:
         """Return a word that changes with all that the rows of a chunk depend on."""
-        return _key([self.key, *chunk])
+        return _key([self.key, *map(int, chunk)])
 
-    def _file(self, chunk: Sequence[int]) -> Path:
+    def _file(self, chunk: Numbers) -> Path:
         return self.path / SHARDS / f'{self.name(chunk)}.parquet'
 
-    def write(self, chunk: Sequence[int], table: pyarrow.Table) -> None:
+    def write(self, chunk: Numbers, table: pyarrow.Table) -> None:
         """Write the rows of a chunk."""
         write_table(table, self._file(chunk))
 
-    def rows(self, chunk: Sequence[int], show: Callable[[str], None]) -> pyarrow.Table | None:
+    def rows(self, chunk: Numbers, show: Callable[[str], None]) -> pyarrow.Table | None:
         """Return the rows of a chunk; None if it is not there, or damaged: `show` takes a line."""
         path = self._file(chunk)
         if not path.exists():

@@ -30,6 +30,7 @@ from ctc_chattering.configuration.yaml_file import read_yaml
 from ctc_chattering.control.controller_config import ControllerConfig
 from ctc_chattering.errors import ParameterError
 from ctc_chattering.parameters import whole
+from ctc_chattering.runs.points import Runs
 from ctc_chattering.runs.pool import processes
 from ctc_chattering.runs.recommended import recommended, recommended_setup
 from ctc_chattering.runs.score import Score, score
@@ -39,19 +40,18 @@ from ctc_chattering.runs.search import (
     Numbers,
     over_draws,
     OverDraws,
-    Range,
     require_optuna,
     search,
     starts,
     Trial,
 )
 from ctc_chattering.runs.spec import errors_of
-from ctc_chattering.runs.tune_spec import Draws, identified_spec, parse_tune, TuneSpec
+from ctc_chattering.runs.tune_spec import identified_spec, parse_tune, TuneSpec
 
 #: Law that docs/laws.md recommends for real arms.
 _BEST = 'observer_feedback'
-#: Runs that a process gets at once; trials that are asked for at once, and most at random first.
-_CHUNK, _GROUP, _AT_RANDOM = 8, 10, 30
+#: Runs that a process gets at once.
+_CHUNK = 8
 
 
 class Candidate(NamedTuple):
@@ -99,8 +99,8 @@ class Tuning:
         without a trial that keeps the limits.
     others : tuple of Candidate
         The gains of the file, and the recommended settings of laws.
-    fresh : Draws
-        Of the validation.
+    drawn, fresh : Runs
+        Draws of the search and of the validation.
 
     """
 
@@ -112,7 +112,8 @@ class Tuning:
     points: tuple[Candidate, ...]
     best: Candidate | None
     others: tuple[Candidate, ...]
-    fresh: Draws
+    drawn: Runs
+    fresh: Runs
 
 
 def scores_of(window: tuple[float, float], setups: Sequence[Setup]) -> list[Score]:
@@ -139,7 +140,7 @@ class Evaluation(NamedTuple):
     percentile: float
     each: Callable[..., Iterator[Any]]
 
-    def scores(self, candidates: Iterable[Mapping[str, Any]], draws: Draws) -> list[OverDraws]:
+    def scores(self, candidates: Iterable[Mapping[str, Any]], draws: Runs) -> list[OverDraws]:
         """Return what candidates, parameters of the controller, do over the same draws."""
         spec, n = self.spec, len(draws.setups)
         setups = [dataclasses.replace(setup, controller=setup.controller.changed(values))
@@ -171,9 +172,11 @@ def searched(evaluation: Evaluation, trials: int, seed: int) -> Tuning:
 
     """
     spec = evaluation.spec
-    drawn, fresh = spec.draws(), spec.fresh_draws()
+    drawn, fresh = Runs(spec), Runs(spec.fresh())
+    for draws in (drawn, fresh):  # What is not allowed shows here.
+        _ = draws.setups
     first = starts(spec.setup.controller, spec.setup.plant.coulomb_friction,
-                   recommended(spec.setup))
+                   recommended(spec.setup), spec.ranges)
     found: list[Trial] = []
     others = references(spec)
     of_others = evaluation.scores(others.values(), drawn)
@@ -182,8 +185,7 @@ def searched(evaluation: Evaluation, trials: int, seed: int) -> Tuning:
         found.extend(map(Trial, batch, evaluation.scores(map(spec.gains, batch), drawn)))
         return ((x.score.objectives, x.score.excess) for x in found[-len(batch):])
 
-    search(answers, spec.ranges, [_within(x, spec.ranges) for x in first], trials, seed, 2, _GROUP,
-           _AT_RANDOM)
+    search(answers, spec.ranges, first, trials, seed)
     chosen = front([trial.score for trial in found])
     values = [spec.gains(found[k].numbers) for k in chosen]
     validated = evaluation.scores([*values, *others.values()], fresh)
@@ -193,12 +195,7 @@ def searched(evaluation: Evaluation, trials: int, seed: int) -> Tuning:
     config = spec.setup.controller
     mine = [x for x in rest if points and config.changed(x.values).law == config.law]
     return Tuning(spec, evaluation.percentile, seed, tuple(found), tuple(chosen), points,
-                  recommended_of([*points, *mine]), rest, fresh)
-
-
-def _within(numbers: Mapping[str, float], ranges: Mapping[str, Range]) -> dict[str, float]:
-    """Return numbers within the ranges that are searched."""
-    return {name: min(max(numbers[name], x.low), x.high) for name, x in ranges.items()}
+                  recommended_of([*points, *mine]), rest, drawn, fresh)
 
 
 def recommended_of(candidates: Sequence[Candidate]) -> Candidate | None:

@@ -12,21 +12,21 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""A search for gains in words and figures, and what `ctc tune` writes."""
+"""What a search for gains writes: parameter files, numbers, figures and page; its text."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-import json
 from math import inf
 from pathlib import Path
 from typing import Any
 
 from ctc_chattering.analysis import drawing, page
 from ctc_chattering.analysis.drawing import FigureFile, legend_of
-from ctc_chattering.analysis.output import check_format, finite, prepare, write_text, writing
+from ctc_chattering.analysis.output import check_format, prepare, write_json, write_text, writing
 from ctc_chattering.analysis.tables import columns, csv_text, number_text, rounded, Table
 from ctc_chattering.configuration import parameter_file
+from ctc_chattering.runs.figures import log_axis, Mark, panels, trade_off
 from ctc_chattering.runs.search import (
     CONSTRAINTS,
     DIVERGED,
@@ -39,12 +39,8 @@ from ctc_chattering.runs.search import (
 )
 from ctc_chattering.runs.spec import Uncertain
 from ctc_chattering.runs.tune import Candidate, Tuning
-from ctc_chattering.runs.tune_spec import Draws, PossibleDrives, TuneSpec
-from matplotlib.axes import Axes
-from matplotlib.axis import Axis
+from ctc_chattering.runs.tune_spec import PossibleDrives, TuneSpec
 from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
-import numpy as np
 
 #: Part of a range, on a logarithmic scale, that counts as its end.
 _END = 1.05
@@ -52,19 +48,32 @@ _END = 1.05
 _MANY = 3
 _VERBS = {DIVERGED: 'diverge', TORQUE: 'exceed the torque limit',
           RATE: 'exceed the limit of the torque rate'}
+#: Names in the directory.
+TUNED, NUMBERS, FRONT, POINTS, FIGURES, PAGE = NAMES = (
+    'tuned.yaml', 'tune.json', 'front.csv', 'front', 'figures', 'index.html')
+_LEAD = ('Gains with little error and little torque variation for a robot that is known in part: '
+         'the best compromises of a search, and what they do on draws that it has not seen.')
+#: Colours: the front on the draws of the search, on fresh draws, and the recommended point.
+_DRAWN, _FRESH, _KNEE = '#0072B2', '#D55E00', '#CC3311'
+_OTHERS = ('#222222', '#7B5EA7', '#007A5A')
+#: Colour and mark of a trial that violates a constraint.
+_VIOLATING = {TORQUE: ('#B8860B', 'x'), RATE: ('#888888', '+')}
+#: What numbers are, where they are not the parameters of the same name.
+_MEANING = {'pole': ', p of kp = p² [rad/s]', 'damping': ', d of kv = 2 d p',
+            'ka': ", times the file's", 'ki': ', times kp kv',
+            'adaptation_gain': ', times the friction'}
 
 
 def facts(tuning: Tuning) -> Iterator[tuple[str, str]]:
     """Yield what was done: heading and text."""
     spec, config = tuning.spec, tuning.spec.setup.controller
-    n, fresh = spec.repeats.repeats, len(tuning.fresh.setups)
     yield 'law', f'{config.law} {config.switching_in_force}'.strip()
-    yield 'search', (f'{len(tuning.trials)} trials × {n} draws ({spec.repeats.sampling}), seed '
-                     f'{tuning.seed}')
+    yield 'search', (f'{len(tuning.trials)} trials × {len(tuning.drawn)} draws '
+                     f'({spec.repeats.sampling}), seed {tuning.seed}')
     yield 'runs', (f'{spec.setup.plant.duration:g} s, evaluated from {spec.window[0]:g} s to '
                    f'{spec.window[1]:g} s; start within '
                    f'{spec.setup.reference.start_duration:g} s')
-    yield 'validation', f'{fresh} fresh draws, seed {tuning.fresh.seed}'
+    yield 'validation', f'{len(tuning.fresh)} fresh draws, seed {tuning.fresh.spec.repeats.seed}'
     yield 'uncertain', '; '.join(map(uncertain_text, spec.uncertain)) or 'noise only'
     for name, most, unit in ((TORQUE, spec.limits.torque, 'N·m'),
                              (RATE, spec.limits.rate, 'N·m/s')):
@@ -90,10 +99,9 @@ def trials_text(trials: Sequence[Trial]) -> str:
     """Return how many trials violate what."""
     counts = [(name, sum(bool(x.score.violating[name]) for x in trials)) for name in CONSTRAINTS]
     broken = [f'{n} {_VERBS[name]}' for name, n in counts if n]
-    if not broken:
-        return 'all within the limits'
     kept = sum(x.score.allowed for x in trials)
-    return f'in some run {", ".join(broken)}; {kept} of {len(trials)} keep all limits'
+    return (f'in some run {", ".join(broken)}; {kept} of {len(trials)} keep all limits'
+            if broken else 'all within the limits')
 
 
 def violations_text(score: OverDraws) -> str:
@@ -108,21 +116,17 @@ def table_of(tuning: Tuning) -> list[list[str]]:
     rows = [['gains', *gains, 'error [rad]', 'fresh', 'variation [N·m/s]', 'fresh',
              'torque [N·m]', 'rate [N·m/s]', 'violates, fresh']]
     for x in (*tuning.others, *tuning.points):
-        name = f'{x.name} *' if x is tuning.best else x.name
+        config = tuning.spec.setup.controller.changed(x.values)
+        values, searched = config.as_mapping(), space(config)
         rows.append([
-            name, *_gains(x, gains, tuning), f'{x.drawn.error:.3g}', f'{x.fresh.error:.3g}',
+            f'{x.name} *' if x is tuning.best else x.name,
+            *(number_text(values[name], _MANY) if config.takes(name) and (
+                name in searched or name not in SPACE) else '' for name in gains),
+            f'{x.drawn.error:.3g}', f'{x.fresh.error:.3g}',
             f'{x.drawn.variation:.4g}', f'{x.fresh.variation:.4g}',
-            number_text([rounded(y) for y in x.fresh.torque], _MANY),
-            number_text([rounded(y) for y in x.fresh.rate], _MANY), violations_text(x.fresh)])
+            *(number_text([rounded(y) for y in most], _MANY)
+              for most in (x.fresh.torque, x.fresh.rate)), violations_text(x.fresh)])
     return rows
-
-
-def _gains(x: Candidate, names: Sequence[str], tuning: Tuning) -> list[str]:
-    """Return the gains of a candidate in words; empty where its law has none of that name."""
-    config = tuning.spec.setup.controller.changed(x.values)
-    values, searched = config.as_mapping(), space(config)
-    return [number_text(values[name], _MANY) if config.takes(name) and (
-        name in searched or name not in SPACE) else '' for name in names]
 
 
 def headline(tuning: Tuning) -> str:
@@ -133,11 +137,17 @@ def headline(tuning: Tuning) -> str:
     text = ('The gains of the file diverge, what is recommended does not' if old.error == inf else
             'The gains of the file remain' if tuning.best is tuning.others[0] else
             _ratios(old, new) + ' of the gains of the file')
-    better = [x for x in tuning.others if x.fresh.allowed and _product(x) < _product(tuning.best)]
-    if better:
-        least = min(better, key=_product)
+    least = min((x for x in tuning.others if x.fresh.allowed),
+                key=lambda x: x.fresh.product, default=tuning.best)
+    if least.fresh.product < new.product:
         text += f'; {least.name}, not tuned, has {_ratios(new, least.fresh)} of these'
     return text
+
+
+def _ratios(before: OverDraws, after: OverDraws) -> str:
+    """Return by what factors error and torque variation differ."""
+    return (f'{after.error / before.error:.2g} times the error and '
+            f'{after.variation / before.variation:.2g} times the torque variation')
 
 
 def notes(tuning: Tuning) -> Iterator[str]:
@@ -145,27 +155,25 @@ def notes(tuning: Tuning) -> Iterator[str]:
     point = tuning.best
     if point is None:
         yield f'no trial keeps the limits; {closest(tuning.trials)}'
-        return
-    if not point.fresh.allowed:
+    elif not point.fresh.allowed:
         yield (f'{point.name} violates limits on fresh draws ({violations_text(point.fresh)}), as '
                'all points do')
-    if point not in tuning.points:
+    if point in tuning.points:
+        numbers = tuning.trials[tuning.front[tuning.points.index(point)]].numbers
+        for name, limits in tuning.spec.ranges.items():
+            for end, edge in (('low', limits.low), ('high', limits.high)):
+                if limits.low < limits.high and 1.0 / _END < numbers[name] / edge < _END:
+                    yield (f'{name} of point {point.name} is at the {end} end of its range, '
+                           f'{edge:g}: a wider one may be better')
+    elif point is not None:
         yield f'no point of the front is better than {point.name}, which tuned.yaml has'
-        return
-    numbers = tuning.trials[tuning.front[tuning.points.index(point)]].numbers
-    for name, limits in tuning.spec.ranges.items():
-        for end, edge in (('low', limits.low), ('high', limits.high)):
-            if limits.low < limits.high and 1.0 / _END < numbers[name] / edge < _END:
-                yield (f'{name} of point {point.name} is at the {end} end of its range, {edge:g}: '
-                       'a wider one may be better')
+    yield from tuning.spec.notes
 
 
 def closest(trials: Sequence[Trial]) -> str:
     """Return which trial comes closest to the limits, and what it violates."""
-    k = min(range(len(trials)), key=lambda k: max(trials[k].score.excess.values()))
-    score = trials[k].score
-    excess = max(score.excess.values())
-    worst = next(name for name in CONSTRAINTS if score.excess[name] == excess)
+    k, score = min(enumerate(x.score for x in trials), key=lambda x: max(x[1].excess.values()))
+    worst, excess = max(score.excess.items(), key=lambda item: item[1])
     if worst == DIVERGED:
         reason = next(x.failure for x in score.runs if x.failure)
         return f'trial {k} comes closest: {excess:.0%} of its runs diverge, the first: {reason}'
@@ -176,7 +184,7 @@ def text(tuning: Tuning) -> str:
     """Return everything for a terminal."""
     head = columns([[f'{name}:', value] for name, value in facts(tuning)])
     return '\n'.join([*head, '', *columns(table_of(tuning)), '', headline(tuning), *(
-        f'note: {note}' for note in (*notes(tuning), *tuning.spec.notes))]).rstrip()
+        f'note: {note}' for note in notes(tuning))]).rstrip()
 
 
 def part_of_runs(percentile: float) -> str:
@@ -186,134 +194,61 @@ def part_of_runs(percentile: float) -> str:
     return f'what {percentile:g} % of the draws do not exceed'
 
 
-def _product(x: Candidate) -> float:
-    """Return the product of error and torque variation on fresh draws."""
-    return x.fresh.error * x.fresh.variation
-
-
-def _ratios(before: OverDraws, after: OverDraws) -> str:
-    """Return by what factors error and torque variation differ."""
-    return (f'{_ratio(before.error, after.error)} error and '
-            f'{_ratio(before.variation, after.variation)} torque variation')
-
-
-def _ratio(before: float, after: float) -> str:
-    """Return by what factor a number is smaller or larger."""
-    factor = after / before if before else inf
-    return f'{factor:.2g} times the' if factor >= 0.1 else f'1/{1.0 / factor:.3g} of the'
-
-
-#: Colours: the front on the draws of the search, on fresh draws, and the recommended point.
-_DRAWN, _FRESH, _KNEE = '#0072B2', '#D55E00', '#CC3311'
-_OTHERS = ('#222222', '#7B5EA7', '#007A5A')
-#: Colour and mark of a trial that violates a constraint.
-_VIOLATING = {'torque': ('#B8860B', 'x'), 'torque rate': ('#888888', '+')}
-#: What numbers are, where they are not the parameters of the same name.
-_MEANING = {'pole': ', p of kp = p² [rad/s]', 'damping': ', d of kv = 2 d p',
-            'ka': ", times the file's", 'ki': ', times kp kv',
-            'adaptation_gain': ', times the friction'}
-#: Panels beside each other.
-_COLUMNS = 3
-#: Room around what is drawn, as a factor.
-_ROOM = 1.4
-
-
 def front_figure(tuning: Tuning) -> Figure:
     """Draw error over torque variation: trials, the front, the validation, and others."""
-    figure, grid = drawing.sheet('Error and torque variation', 1, (1.0,), 5.2)
-    ax = drawing.panel(figure, grid[0, 0], part_of_runs(tuning.percentile), 'RMS error [rad]')
-    ax.set(xlabel='torque variation [N·m/s]', xscale='log', yscale='log')
-    _trials(ax, tuning)
-    for candidate in tuning.points:
-        ax.plot(*zip(_place(candidate, False), _place(candidate, True)), color='#bbbbbb',
-                linewidth=0.8, zorder=2)
-    for fresh, form, colour, name in (
-            (False, 'o-', _DRAWN, 'front, draws of the search'),
-            (True, 'o', _FRESH, 'the same on fresh draws')):
-        places = [_place(x, fresh) for x in tuning.points]
-        if places:
-            ax.plot(*zip(*places), form, color=colour, label=name, linewidth=1.3, markersize=6,
-                    markerfacecolor='white' if fresh else colour, zorder=3)
-    _marks(ax, tuning)
-    _fit(ax, [_place(x, fresh) for x in (*tuning.points, *tuning.others) for fresh in (0, 1)])
+    figure, (ax,) = panels('Error and torque variation', [part_of_runs(tuning.percentile)],
+                           'RMS error [rad]', 5.2)
+    rest = [x.score for k, x in enumerate(tuning.trials) if k not in tuning.front]
+    for kind in ('', *CONSTRAINTS):  # The first constraint that a trial violates.
+        mine = [x for x in rest if kind == next((y for y in CONSTRAINTS if x.violating[y]), '')]
+        colour, marker = _VIOLATING.get(kind, ('#88aacc', '.'))
+        name = f'beyond the limit of the {kind}' if kind else 'other trials within the limits'
+        if mine and kind == DIVERGED:
+            drawing.note(ax, f'{len(mine)} trials with a run that diverges are not shown')
+        elif mine:
+            ax.plot([x.variation for x in mine], [x.error for x in mine], marker, color=colour,
+                    markersize=5, label=f'{name} ({len(mine)})')
+    drawn, fresh = ([_place(getattr(x, name)) for x in tuning.points]
+                    for name in ('drawn', 'fresh'))
+    for one, other in zip(drawn, fresh):
+        ax.plot(*zip(one, other), color='#bbbbbb', linewidth=0.8, zorder=2)
+    if drawn:
+        ax.plot(*zip(*drawn), 'o-', color=_DRAWN, label='front, draws of the search',
+                linewidth=1.3, markersize=6, zorder=3)
+        ax.plot(*zip(*fresh), 'o', color=_FRESH, label='the same on fresh draws', markersize=6,
+                markerfacecolor='white', zorder=3)
+    marks: list[Mark] = []
+    for x, colour, marker in zip(tuning.others, _OTHERS, 'sDP'):
+        broken = ', '.join(name for name in CONSTRAINTS if x.fresh.violating[name])
+        marks.append((*_place(x.fresh), {
+            'marker': marker, 'color': colour, 'markersize': 9, 'linestyle': '', 'zorder': 4,
+            'markerfacecolor': 'none', 'markeredgewidth': 1.8,
+            'label': x.name + (f' (violates: {broken})' if broken else '')}))
+    if tuning.best is not None:
+        marks.append((*_place(tuning.best.fresh), {
+            'marker': '*', 'color': _KNEE, 'markersize': 17, 'linestyle': '',
+            'markeredgecolor': 'white', 'zorder': 5, 'label': 'recommended point'}))
+    trade_off(ax, marks, 'without a finite error', [*drawn, *fresh])
+    for k, x in enumerate(tuning.points):
+        if k in (0, len(tuning.points) - 1) or x is tuning.best:
+            ax.annotate(x.name, drawn[k], xytext=(5, 4), textcoords='offset points', fontsize=9,
+                        color=_DRAWN, zorder=6)
     legend_of(ax)
     return figure
 
 
-def _trials(ax: Axes, tuning: Tuning) -> None:
-    """Draw the trials that are not on the front."""
-    scores = [x.score for x in tuning.trials]
-    rest = [x for k, x in enumerate(scores) if x.allowed and k not in tuning.front]
-    if rest:
-        ax.plot([x.variation for x in rest], [x.error for x in rest], '.', color='#88aacc',
-                markersize=5, label=f'other trials within the limits ({len(rest)})')
-    for name, (colour, marker) in _VIOLATING.items():
-        mine = [x for x in scores if x.violating[name] and not x.violating[DIVERGED]
-                and name == next(y for y in CONSTRAINTS if x.violating[y])]
-        if mine:
-            ax.plot([x.variation for x in mine], [x.error for x in mine], marker, color=colour,
-                    markersize=5, label=f'beyond the limit of the {name} ({len(mine)})')
-    gone = sum(bool(x.violating[DIVERGED]) for x in scores)
-    if gone:
-        drawing.note(ax, f'{gone} trials with a run that diverges are not shown')
-
-
-def _marks(ax: Axes, tuning: Tuning) -> None:
-    """Draw the recommended point and the others, on fresh draws."""
-    gone: list[dict[str, Any]] = []
-    if tuning.best is not None:
-        ax.plot(*_place(tuning.best, True), '*', color=_KNEE, markersize=17,
-                markeredgecolor='white', zorder=5, label='recommended point')
-    for candidate, colour, marker in zip(tuning.others, _OTHERS, 'sDP'):
-        broken = ', '.join(x for x in CONSTRAINTS if candidate.fresh.violating[x])
-        look: dict[str, Any] = {
-            'marker': marker, 'color': colour, 'markersize': 9, 'linestyle': '', 'zorder': 4,
-            'markerfacecolor': 'none', 'markeredgewidth': 1.8,
-            'label': candidate.name + (f' (violates: {broken})' if broken else '')}
-        if np.isfinite(_place(candidate, True)).all():
-            ax.plot(*_place(candidate, True), **look)
-        else:
-            gone.append(look)
-    drawing.beyond(ax, 'without a finite error', gone)
-    for k, candidate in enumerate(tuning.points):
-        if k in (0, len(tuning.points) - 1) or candidate is tuning.best:
-            ax.annotate(candidate.name, _place(candidate, False), xytext=(5, 4),
-                        textcoords='offset points', fontsize=9, color=_DRAWN, zorder=6)
-
-
-def _place(candidate: Candidate, fresh: object) -> tuple[float, float]:
-    """Return torque variation and error of a candidate."""
-    score = candidate.fresh if fresh else candidate.drawn
+def _place(score: OverDraws) -> tuple[float, float]:
+    """Return torque variation and error."""
     return score.variation, score.error
-
-
-def _fit(ax: Axes, places: Sequence[tuple[float, float]]) -> None:
-    """Fit the axes to places; trials far from them are not shown."""
-    for axis, values in zip('xy', zip(*places)):
-        finite = [x for x in values if 0.0 < x < np.inf]
-        if finite:
-            ax.set(**{f'{axis}lim': (min(finite) / _ROOM, max(finite) * _ROOM)})
-    _ticks(ax.xaxis, ax.yaxis)
-
-
-def _ticks(*axes: Axis) -> None:
-    """Put plain numbers at 1, 2 and 5 times powers of ten."""
-    for axis in axes:
-        axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
-        axis.set_major_formatter(FuncFormatter(lambda x, _: f'{x:g}'))
-        axis.set_minor_locator(NullLocator())
 
 
 def gains_figure(tuning: Tuning) -> Figure:
     """Draw each number that is searched along the front, with its range."""
     names = list(tuning.spec.ranges)
-    columns = min(_COLUMNS, len(names))
-    figure, grid = drawing.sheet('Numbers along the front', -(-len(names) // columns),
-                                 (1.0,) * columns, 2.2)
+    figure, axes = panels('Numbers along the front', [
+        name + _MEANING.get(name, '') for name in names], '', 2.2)
     x = [point.drawn.variation for point in tuning.points]
-    for k, name in enumerate(names):
-        ax = drawing.panel(figure, grid[k // columns, k % columns], name + _MEANING.get(name, ''),
-                           '')
+    for ax, name in zip(axes, names):
         limits = tuning.spec.ranges[name]
         y = [tuning.trials[i].numbers[name] for i in tuning.front]
         ax.plot(x, y, 'o', color=_DRAWN, markersize=5)
@@ -321,57 +256,37 @@ def gains_figure(tuning: Tuning) -> Figure:
             best = tuning.points.index(tuning.best)
             ax.plot(x[best], y[best], '*', color=_KNEE, markersize=14,
                     markeredgecolor='white')
-        ax.set(xlabel='torque variation [N·m/s]', xscale='log', yscale='log',
-               ylim=(limits.low / 1.2, limits.high * 1.2))
-        _ticks(ax.xaxis, ax.yaxis)
         for end in limits[:2]:
             ax.axhline(end, color='#999999', linewidth=0.8, linestyle='--')
+        ax.set(xlabel='torque variation [N·m/s]')
+        log_axis(ax, 'x', x)
+        log_axis(ax, 'y', limits[:2])
     return figure
 
 
 def draws_figure(tuning: Tuning) -> Figure:
     """Draw the error of every fresh draw over each uncertain quantity."""
-    spec, fresh = tuning.spec, tuning.fresh
-    columns = min(_COLUMNS, len(spec.uncertain))
-    figure, grid = drawing.sheet('Error over what is uncertain, fresh draws',
-                                 -(-len(spec.uncertain) // columns), (1.0,) * columns, 2.4)
-    shown = [(tuning.others[0], _OTHERS[0], 's', 3.0)]
-    if tuning.best is not None:
-        shown.append((tuning.best, _KNEE, 'o', 4.0))
-    for k, quantity in enumerate(spec.uncertain):
+    figure, axes = panels('Error over what is uncertain, fresh draws', [
+        x.name for x in tuning.spec.uncertain], 'RMS error [rad]', 2.4)
+    for ax, quantity, x in zip(axes, tuning.spec.uncertain, tuning.fresh.draws.T):
         unit = f' [{quantity.unit}]' if quantity.unit else ' [factor]' if quantity.factor else ''
-        ax = drawing.panel(figure, grid[k // columns, k % columns], quantity.name,
-                           '' if k % columns else 'RMS error [rad]')
         ax.set(xlabel=f'{quantity.name}{unit}', yscale='log')
         if quantity.distribution == 'log_uniform':
-            ax.set_xscale('log')
-            _ticks(ax.xaxis)
+            log_axis(ax, 'x', x)
         elif quantity.distribution == 'choice':
             ax.set_xticks(quantity.numbers)
-        for candidate, colour, marker, size in shown:
-            ax.plot([row[k] for row in fresh.values], [x.error for x in candidate.fresh.runs],
-                    marker, color=colour, markersize=size, alpha=0.7,
-                    label='gains of the file' if colour in _OTHERS else
-                    'recommended point')
+        for candidate, form, colour, name in (
+                (tuning.others[0], 's', _OTHERS[0], 'gains of the file'),
+                (tuning.best, 'o', _KNEE, 'recommended point')):
+            if candidate is not None:
+                ax.plot(x, [run.error for run in candidate.fresh.runs], form, color=colour,
+                        markersize=3.5, alpha=0.7, label=name)
     legend_of(figure.axes[0])
     return figure
 
 
-def save_tune_figures(tuning: Tuning, directory: Path, extra: str = 'svg'
-                      ) -> list[drawing.FigureFile]:
-    """
-    Write the figures of a search as SVG and `extra`; return them in the order to show them.
-
-    Raises
-    ------
-    CtcError
-        If a file cannot be written.
-
-    """
-    return drawing.save(_all(tuning), directory, ('svg', extra))
-
-
-def _all(tuning: Tuning) -> Iterator[tuple[str, Figure, str]]:
+def figures(tuning: Tuning) -> Iterator[tuple[str, Figure, str]]:
+    """Yield name, figure and caption, in the order in which to show them."""
     yield 'front', front_figure(tuning), (
         'A dot a trial; the front has those that no other beats in both. The numbers are those '
         'of the table. Star, square, diamond and cross are on fresh draws. Where fresh draws lie '
@@ -384,13 +299,6 @@ def _all(tuning: Tuning) -> Iterator[tuple[str, Figure, str]]:
     if tuning.spec.uncertain:
         yield 'draws', draws_figure(tuning), (
             'A dot a draw: which uncertain quantity makes the error.')
-
-
-#: Names in the directory.
-TUNED, NUMBERS, FRONT, POINTS, FIGURES, PAGE = NAMES = (
-    'tuned.yaml', 'tune.json', 'front.csv', 'front', 'figures', 'index.html')
-_LEAD = ('Gains with little error and little torque variation for a robot that is known in part: '
-         'the best compromises of a search, and what they do on draws that it has not seen.')
 
 
 def write_tuning(tuning: Tuning, out: str | Path, extra: str = 'svg', command: str = '') -> None:
@@ -421,25 +329,29 @@ def write_tuning(tuning: Tuning, out: str | Path, extra: str = 'svg', command: s
         write_parameters(tuning.spec, point, out / POINTS / f'{point.name}.yaml')
     if tuning.best:
         write_parameters(tuning.spec, tuning.best, out / TUNED)
-    write_text(out / NUMBERS, json.dumps(
-        finite(as_mapping(tuning)), indent=1, ensure_ascii=False) + '\n')
+    write_json(as_mapping(tuning), out / NUMBERS)
     write_text(out / FRONT, to_csv(tuning))
-    write_page(tuning, save_tune_figures(tuning, out / FIGURES, extra), out / PAGE, command)
+    write_page(tuning, drawing.save(figures(tuning), out / FIGURES, ('svg', extra)), out / PAGE,
+               command)
 
 
-def write_page(tuning: Tuning, figures: Sequence[FigureFile], path: Path, command: str = ''
+def write_page(tuning: Tuning, files: Sequence[FigureFile], path: Path, command: str = ''
                ) -> None:
     """Write the page; raise `CtcError` if that cannot be done."""
-    files = {TUNED: 'parameter file of what is recommended', POINTS: 'of all points of the '
+    there = {TUNED: 'parameter file of what is recommended', POINTS: 'of all points of the '
              'front', FRONT: 'their numbers', NUMBERS: 'all trials'}
-    links = [(name, f'{name} ({what})') for name, what in files.items()
-             if tuning.best or name == NUMBERS]
-    remarks = [page.Note(text) for text in (*notes(tuning), *tuning.spec.notes)]
-    numbers, run = _tables(tuning)
+    head, *rows = table_of(tuning)
+    numbers = Table('', head, rows, note=(
+        '* recommended: of all under the tuned law that keep the limits on fresh draws, the one '
+        'with the smallest product of error and torque variation there. These are '
+        f'{part_of_runs(tuning.percentile)}; torque and rate are the largest of all fresh '
+        'draws. A column fresh is on draws that the search has not seen.'))
     page.write_page(path, headline(tuning), _LEAD, [
-        page.Section('Result', [*figures[:1], *remarks, numbers]),
-        page.Section('Further figures', figures[1:]), page.Section('What was run', [run])],
-        links, command)
+        page.Section('Result', [*files[:1], *map(page.Note, notes(tuning)), numbers]),
+        page.Section('Further figures', files[1:]),
+        page.Section('What was run', [Table('', (), list(facts(tuning)))])],
+        [(name, f'{name} ({what})') for name, what in there.items()
+         if tuning.best or name == NUMBERS], command)
 
 
 def write_parameters(spec: TuneSpec, point: Candidate, path: Path) -> None:
@@ -463,50 +375,44 @@ def write_parameters(spec: TuneSpec, point: Candidate, path: Path) -> None:
 def as_mapping(tuning: Tuning) -> dict[str, Any]:
     """Return everything as JSON has it."""
     spec, config = tuning.spec, tuning.spec.setup.controller
+
+    def score(x: OverDraws) -> dict[str, Any]:
+        return {'error_rad': x.error, 'torque_variation_nm_per_s': x.variation,
+                'max_torque_nm': x.torque, 'max_torque_rate_nm_per_s': x.rate,
+                'runs': len(x.runs),
+                'violating_runs': {name: n for name, n in x.violating.items() if n}}
+
+    def candidate(x: Candidate) -> dict[str, Any]:
+        return {'name': x.name, 'parameters': x.values, 'drawn': score(x.drawn),
+                'fresh': score(x.fresh)}
+
     return {
         'name': spec.name, 'law': config.law, 'switching': config.switching_in_force or None,
         'percentile': tuning.percentile, 'seed': tuning.seed,
-        'joint_names': list(config.joint_names), 'duration_s': spec.setup.plant.duration,
-        'window_s': list(spec.window), 'sampling': spec.repeats.sampling,
-        'limits': {'torque_nm': list(spec.limits.torque),
-                   'torque_rate_nm_per_s': list(spec.limits.rate)},
+        'joint_names': config.joint_names, 'duration_s': spec.setup.plant.duration,
+        'window_s': spec.window, 'sampling': spec.repeats.sampling,
+        'limits': {'torque_nm': spec.limits.torque, 'torque_rate_nm_per_s': spec.limits.rate},
         'uncertain': [{
             'name': x.name, 'parameters': [f'{node}.{target.name}' for node, target in x.targets],
-            'factor': x.factor, 'distribution': x.distribution, 'numbers': list(x.numbers)}
+            'factor': x.factor, 'distribution': x.distribution, 'numbers': x.numbers}
             for x in spec.uncertain],
-        'draws': {'search': _draws(spec.draws()), 'fresh': _draws(tuning.fresh)},
-        'search': {name: [x.low, x.high] for name, x in spec.ranges.items()},
+        'draws': {name: {'seed': x.spec.repeats.seed, 'values': x.draws.tolist()}
+                  for name, x in (('search', tuning.drawn), ('fresh', tuning.fresh))},
+        'search': {name: x[:2] for name, x in spec.ranges.items()},
         'recommended': tuning.best and tuning.best.name,
-        'front': [{'trial': k, **_candidate(x)} for k, x in zip(tuning.front, tuning.points)],
-        'references': [_candidate(x) for x in tuning.others],
-        'trials': [{'trial': k, 'numbers': x.numbers, **_score(x.score)}
+        'front': [{'trial': k, **candidate(x)} for k, x in zip(tuning.front, tuning.points)],
+        'references': [candidate(x) for x in tuning.others],
+        'trials': [{'trial': k, 'numbers': x.numbers, **score(x.score)}
                    for k, x in enumerate(tuning.trials)],
-        'notes': [*notes(tuning), *spec.notes]}
-
-
-def _draws(draws: Draws) -> dict[str, Any]:
-    return {'seed': draws.seed, 'values': draws.values}
-
-
-def _candidate(x: Candidate) -> dict[str, Any]:
-    return {'name': x.name, 'parameters': dict(x.values), 'drawn': _score(x.drawn),
-            'fresh': _score(x.fresh)}
-
-
-def _score(x: OverDraws) -> dict[str, Any]:
-    return {'error_rad': x.error, 'torque_variation_nm_per_s': x.variation,
-            'max_torque_nm': list(x.torque), 'max_torque_rate_nm_per_s': list(x.rate),
-            'runs': len(x.runs), 'violating_runs': {name: n for name, n in x.violating.items()
-                                                    if n}}
+        'notes': list(notes(tuning))}
 
 
 def to_csv(tuning: Tuning) -> str:
     """Return a line per point of the front, with a header; numbers in full."""
     rows = []
-    for k, x in enumerate(tuning.points):
-        numbers = tuning.trials[tuning.front[k]].numbers
+    for k, x in zip(tuning.front, tuning.points):
         row: dict[str, object] = {'point': x.name, 'recommended': int(x is tuning.best), **{
-            f'search_{name}': value for name, value in numbers.items()}}
+            f'search_{name}': value for name, value in tuning.trials[k].numbers.items()}}
         for name, value in x.values.items():
             row.update({f'{name}_{i}': y for i, y in enumerate(value, 1)} if isinstance(
                 value, list) else {name: value})
@@ -517,14 +423,3 @@ def to_csv(tuning: Tuning) -> str:
                            for name, n in score.violating.items()}})
         rows.append(row)
     return csv_text(rows, ['point'])
-
-
-def _tables(tuning: Tuning) -> tuple[Table, Table]:
-    """Return the tables of the page: numbers, and what was run."""
-    head, *rows = table_of(tuning)
-    return Table('', head, rows, note=(
-        '* recommended: of all under the tuned law that keep the limits on fresh draws, the one '
-        'with the smallest product of error and torque variation there. These are '
-        f'{part_of_runs(tuning.percentile)}; torque and rate are the largest of all fresh '
-        'draws. A column fresh is on draws that the search has not seen.')
-    ), Table('', (), list(facts(tuning)))

@@ -31,9 +31,15 @@ from ctc_chattering.configuration.yaml_file import mapping
 from ctc_chattering.dynamics.registry import model_of
 from ctc_chattering.errors import CtcError, ParameterError
 from ctc_chattering.parameters import Parameter
-from ctc_chattering.runs.points import draws
 from ctc_chattering.runs.search import gains, Limits, Range, space
-from ctc_chattering.runs.spec import applied, parse, read_uncertain, Repeats, Uncertain
+from ctc_chattering.runs.spec import (
+    LawSettings,
+    MapSpec,
+    parse,
+    read_uncertain,
+    read_value,
+    Uncertain,
+)
 from ctc_chattering.simulation.plant_config import PlantConfig
 
 #: What is uncertain where nothing says so: a factor of what the file has, and what it has none of.
@@ -60,47 +66,16 @@ _OF_MAP = ('axes', 'laws', 'failure', 'refine')
 
 
 @dataclasses.dataclass(frozen=True)
-class Draws:
+class TuneSpec(MapSpec):
     """
-    What is uncertain, drawn.
+    A checked spec: that of a map of draws, under the law that is tuned, and how to tune it.
 
     Attributes
     ----------
-    seed : int
-        Of the draws; the plant's noise_seed is this plus the number of the draw.
-    values : tuple of tuple of float, shape (draws, m)
-        Number of each uncertain quantity.
-    setups : tuple of Setup
-        The robot of each draw, under the law that is tuned.
-
-    """
-
-    seed: int
-    values: tuple[tuple[float, ...], ...]
-    setups: tuple[Setup, ...]
-
-
-@dataclasses.dataclass(frozen=True)
-class TuneSpec:
-    """
-    A checked spec.
-
-    Attributes
-    ----------
-    name : str
-        Of its file, or of the parameter file.
     file : Setup
         The robot with the law and gains of its file, a smooth start, and no events.
-    setup : Setup
-        The same under the law that is tuned.
     values : mapping
         Parameters of the file for `parameter_file.dump`, by node; with its own duration.
-    window : (float, float)
-        Evaluated interval [s].
-    uncertain : tuple of Uncertain
-        What is drawn.
-    repeats : Repeats
-        How it is drawn.
     limits : Limits
         Of the torque.
     ranges : mapping of str to Range
@@ -110,13 +85,8 @@ class TuneSpec:
 
     """
 
-    name: str
     file: Setup
-    setup: Setup
     values: Mapping[str, Values]
-    window: tuple[float, float]
-    uncertain: tuple[Uncertain, ...]
-    repeats: Repeats
     limits: Limits
     ranges: Mapping[str, Range]
     notes: tuple[str, ...] = ()
@@ -128,21 +98,11 @@ class TuneSpec:
         found = gains({**missing, **numbers}, config, self.setup.plant.coulomb_friction)
         return {name: _rounded(x) for name, x in found.items() if name not in missing}
 
-    def draws(self) -> Draws:
-        """Return the draws of the search."""
-        return self._drawn(self.repeats)
-
-    def fresh_draws(self) -> Draws:
-        """Return as many draws as the validation has, by another seed and with other noise."""
+    def fresh(self) -> TuneSpec:
+        """Return the spec of the validation: more draws, of another seed and with other noise."""
         n = self.repeats.repeats
-        return self._drawn(self.repeats.changed(
+        return dataclasses.replace(self, repeats=self.repeats.changed(
             {'repeats': _FRESH * n, 'seed': self.repeats.seed + n}))
-
-    def _drawn(self, repeats: Repeats) -> Draws:
-        table = draws(self.uncertain, repeats)
-        return Draws(repeats.seed, tuple(map(tuple, table.tolist())), tuple(
-            applied(self.setup, zip(self.uncertain, row), repeats.seed + k)
-            for k, row in enumerate(table.tolist())))
 
 
 def parse_tune(tree: object, path: Path, more: Sequence[Uncertain] = ()) -> TuneSpec:
@@ -185,10 +145,12 @@ def parse_tune(tree: object, path: Path, more: Sequence[Uncertain] = ()) -> Tune
         raise _within('tune', error) from None
     if 'switching' in law and not setup.controller.takes('switching'):
         raise ParameterError('tune.switching', law['switching'], f'none under law {law["law"]}')
-    found = TuneSpec(
-        spec.name, file, setup, _values(file, given, path), spec.window,
-        uncertain, spec.repeats, _limits(section, setup),
-        _ranges(section.get('search') or {}, setup))
+    config = setup.controller
+    found = TuneSpec(**{
+        **vars(spec), 'setup': setup, 'uncertain': uncertain,
+        'variants': (LawSettings('', config.law, config.switching_in_force, law, False),)},
+        file=file, values=_values(file, given, path), limits=_limits(section, setup),
+        ranges=_ranges(section.get('search') or {}, setup))
     _check(found)
     return found
 
@@ -229,18 +191,10 @@ def _limits(section: Mapping[str, Any], setup: Setup) -> Limits:
     torque = (config.effort_limit, plant.torque_saturation, model.effort_limits)
     rate = (config.effort_rate_limit, config.torque_rate_limit, plant.torque_rate_limit)
     return Limits(*(
-        _limit(f'tune.{name}', section[name], model.n) if name in section else
+        read_value(f'tune.{name}', 'float[]', section[name], model.n, minimum=0.0, exclusive=True,
+                   infinite=True, shape='n') if name in section else
         tuple(map(min, zip(*filter(None, known))))
         for name, known in (('torque_limit', torque), ('torque_rate_limit', rate))))
-
-
-def _limit(key: str, value: object, n: int) -> tuple[float, ...]:
-    """Return a limit of each joint; a number is that of every joint."""
-    spec = Parameter(key, 'float[]', inf, '', minimum=0.0, exclusive=True, infinite=True,
-                     shape='n')
-    limit: tuple[float, ...] = spec.coerce(value, n)
-    spec.check(limit, n)
-    return limit
 
 
 def _ranges(tree: object, setup: Setup) -> dict[str, Range]:
@@ -249,12 +203,10 @@ def _ranges(tree: object, setup: Setup) -> dict[str, Range]:
     given = mapping('tune.search', tree, tuple(known))
     ranges = {name: x for name, x in known.items() if name not in _ASKED or name in given}
     for name, value in given.items():
-        ends = value if isinstance(value, list) else [value, value]
-        spec = Parameter(f'tune.search.{name}', 'float[]', (), '', minimum=0.0, exclusive=True)
-        numbers = spec.coerce(ends)
-        spec.check(numbers, 0)
+        numbers = read_value(f'tune.search.{name}', 'float[]', value if isinstance(
+            value, list) else [value, value], minimum=0.0, exclusive=True)
         if len(numbers) != 2 or numbers[0] > numbers[1]:
-            raise ParameterError(spec.name, value, 'a number > 0, or two, ascending')
+            raise ParameterError(f'tune.search.{name}', value, 'a number > 0, or two, ascending')
         ranges[name] = Range(*numbers)
     return ranges
 

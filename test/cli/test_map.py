@@ -75,7 +75,7 @@ def in_one_process(spec: Path, out: Path) -> dict[str, bytes]:
     runs = Runs(read_spec(spec))
     directory = store.Directory(out, store.about(runs), store.schema(runs.spec))
     parts = []
-    for chunk in reversed(store.chunks(runs)):
+    for chunk in reversed(store.chunks(runs, range(len(runs)))):
         parts.append(store.compute(runs, store.version(), chunk))
         directory.write(chunk, parts[-1])
     directory.merge(parts)

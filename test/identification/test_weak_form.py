@@ -90,7 +90,8 @@ def test_the_mean_torque_of_a_lagging_drive_solves_its_equation(lag: float) -> N
     def right(t: float, x: Array) -> Array:
         rate = (commands[min(int(t / H), 39)] - x[0]) / lag
         return np.array([rate, x[0]])
-    found = driven(commands[:, None], np.array([lag]), np.inf, H)[:, 0]
+    # At rest before.
+    found = driven(np.append(0.0, commands)[:, None], np.array([lag]), np.inf, H)[1:, 0]
     if not lag:
         assert np.array_equal(found, commands)
         return

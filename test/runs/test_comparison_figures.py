@@ -34,7 +34,7 @@ def test_nothing_is_over_a_legend_or_a_label(n: int) -> None:
              for variant in variants()[:9]]
     made = [Outcome(task, 'an_experiment_' * 9, tuple(
         f'a_joint_of_a_robot_{k}' for k in range(n)), (), score) for task in tasks]
-    assert not overlaps(compare_page.trade_off(made, 'A title ' * 20))
+    assert not overlaps(compare_page.compromises(made, 'A title ' * 20))
     assert not overlaps(compare_page.errors(made[-9:]))
 
 
@@ -44,7 +44,7 @@ def test_many_conditions_have_one_figure_and_folded_tables(
     score = Score(rms=(1e-3,), variation=(40.0,), step=(1.0,), rate=(1.0,), peak=(1.0,))
     made = [Outcome(Task(Path('robot.yaml'), Case(f'case {k}', f'case {k}'), BASE), 'x', ('j',),
                     ({},), score) for k in range(count)]
-    assert len(list(compare_page._all(made))) == figures
+    assert len(list(compare_page.figures(made))) == figures
     compare_page.write_page(made, [], tmp_path / 'index.html')
     text = (tmp_path / 'index.html').read_text(encoding='utf-8')
     assert text.count('<summary><b>') == folded and text.count('<table>') == 2 * count

@@ -22,6 +22,7 @@ from typing import Any
 from ctc_chattering.errors import CtcError
 from ctc_chattering.runs.map_data import (
     COLUMNS,
+    GridAxis,
     KINDS,
     MapData,
     QUANTILES,
@@ -105,7 +106,8 @@ def test_the_order_of_the_rows_does_not_matter(table: Any, data: MapData) -> Non
 def test_what_was_run(table: Any, data: MapData) -> None:
     assert [axis.label for axis in data.axes] == ['friction [N·m]', 'ka [N·m]']
     assert [axis.values for axis in data.axes] == [tuple(x) for x in AXES.values()]
-    assert data.repeats == data.runs.max() == 5
+    assert data.runs.max() == 5
+    assert data.made.tolist() == [len(data.of(v)) for v in range(len(data.variants))]
     assert data.base is not None
     assert data.variants[data.base] == 'compensation'
     assert data.laws[data.variants.index('chattering sign')] == 'chattering'
@@ -119,7 +121,6 @@ def test_an_axis_of_one_value_is_no_axis() -> None:
     table = made_up({'friction': [8.0], 'ka': [5.0, 10.0]}, 3)
     data = MapData(table, UNITS)
     assert [axis.name for axis in data.axes] == ['ka']
-    assert [(axis.label, axis.values) for axis in data.fixed] == [('friction [N·m]', (8.0,))]
     assert data.runs.tolist() == [[3, 3]] * 6
 
 
@@ -156,3 +157,10 @@ def test_slices_have_first_and_last() -> None:
     assert slices(data, 100) == ([(i, j) for i in range(3) for j in range(3)], 9)
     chosen, count = slices(data, 4)
     assert (len(chosen), chosen[0], chosen[-1], count) == (4, (0, 0), (2, 2), 9)
+
+
+def test_words() -> None:
+    assert GridAxis('ka', (1.0, 2.0), 'N·m').label == 'ka [N·m]'
+    assert GridAxis('load', (1.0, 2.0)).label == 'load'
+    assert GridAxis('ka', (1.0, 2.5), 'N·m').at(1) == 'ka 2.5 N·m'
+    assert GridAxis('load', (1e-7, 2.0)).at(0) == 'load 1e-7'

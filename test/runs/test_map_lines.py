@@ -16,8 +16,10 @@
 
 from __future__ import annotations
 
+from ctc_chattering.analysis.tables import short
+from ctc_chattering.runs.figures import law_styles
 from ctc_chattering.runs.map_data import MapData
-from ctc_chattering.runs.map_figures import bands, lines, styles
+from ctc_chattering.runs.map_figures import lines
 from map_tables import made_up
 import numpy as np
 import pytest
@@ -40,7 +42,7 @@ def test_lines_are_the_medians(data: MapData) -> None:
     drawn = {line.get_label(): line for line in above.lines}
     for v, name in enumerate(data.variants):
         finite = np.isfinite(data.median[v])
-        assert np.asarray(drawn[name].get_xdata()) == pytest.approx(np.log10(KA))
+        assert np.asarray(drawn[name].get_xdata()) == pytest.approx(np.arange(7))
         y = np.asarray(drawn[name].get_ydata())
         assert np.array_equal(y[finite], data.median[v][finite])
         assert np.isnan(y[~finite]).all()
@@ -48,6 +50,7 @@ def test_lines_are_the_medians(data: MapData) -> None:
                if line.get_marker() == 'x']
     assert crosses == np.isinf(data.median).sum(axis=1).tolist()
     assert [above.get_xlabel(), below.get_xlabel()] == ['ka [N·m]'] * 2
+    assert [text.get_text() for text in below.get_xticklabels()] == [short(x) for x in KA]
 
 
 def test_bars_are_wilsons_intervals(data: MapData) -> None:
@@ -59,23 +62,21 @@ def test_bars_are_wilsons_intervals(data: MapData) -> None:
         for k, segment in zip(data.failed[v], bars.get_segments()):
             interval = binomtest(int(k), 9).proportion_ci(method='wilson')
             assert segment[:, 1] == pytest.approx([interval.low, interval.high])
-        assert np.abs(line.get_xdata() - np.log10(KA)).max() < 0.5 * np.diff(np.log10(KA)).min()
+        assert np.abs(line.get_xdata() - np.arange(7)).max() < 0.5
 
 
 def test_bands_are_from_5_to_95_percent(data: MapData) -> None:
-    figure = bands(data)
-    assert [ax.get_title('left') for ax in figure.axes] == list(data.variants)
-    for v, ax in enumerate(figure.axes):
-        (band,) = ax.collections
+    above = lines(data).axes[0]
+    top = above.get_ylim()[1]
+    for v, band in enumerate(above.collections):
         ends = np.asarray(band.get_paths()[0].vertices)
-        top = ax.get_ylim()[1]
-        for x, low, high in zip(np.log10(KA), *data.quantiles[[0, 2], v]):
+        for x, low, high in zip(range(7), *data.quantiles[[0, 2], v]):
             here = ends[np.isclose(ends[:, 0], x), 1]
             assert (here.min(), here.max()) == pytest.approx((min(low, top), min(high, top)))
 
 
 def test_styles_differ_without_colour(data: MapData) -> None:
-    looks = styles(data)
+    looks = law_styles(data.laws)
     assert len({(look['marker'], look['linestyle']) for look in looks}) == len(looks)
     assert len({look['color'] for look in looks}) == len(looks)
     assert looks[0]['color'] == '#D55E00'
@@ -88,4 +89,3 @@ def test_a_map_in_which_all_runs_diverged() -> None:
     above = lines(data).axes[0]
     assert [len(np.asarray(line.get_xdata())) for line in above.lines
             if line.get_marker() == 'x'] == [2]
-    assert bands(data).axes

@@ -18,8 +18,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from ctc_chattering.runs.map_page import facts, write_report
-from ctc_chattering.runs.spec import MapSpec, read_spec
+from ctc_chattering.runs.map_page import write_report
+from ctc_chattering.runs.spec import MapSpec, read_spec, rows_of
 from map_tables import made_up
 import pytest
 
@@ -48,26 +48,16 @@ def spec(tmp_path: Path) -> MapSpec:
     return read_spec(path)
 
 
-def test_facts_are_those_of_the_spec(spec: MapSpec) -> None:
-    assert facts(spec) == {
-        'map': 'small', 'robot and motion': 'friction, 3 s, evaluated from 1 s to 2.5 s',
-        'ka': 'controller.ka', 'load': 'factor of plant.coulomb_friction',
-        'model': 'controller.inertia_scale and controller.gravity_scale, uniform, 0.8 to 1.2',
-        'noise': 'plant.position_noise, log-uniform, 1e-5 to 2e-4',
-        'draws': 'latin_hypercube, with seed 4',
-        'a run fails if': 'it diverges, or the RMS error of a joint exceeds 0.005 rad, or a '
-                          'torque is at its limit in more than 25 % of the samples, or v never '
-                          'stays within its band, or it would take more than 1e6 steps of the '
-                          'integrator'}
-
-
-def test_without_limits_only_a_run_that_diverges_fails(tmp_path: Path) -> None:
-    path = tmp_path / 'least.yaml'
-    path.write_text('duration: 1.0', encoding='utf-8')
-    found = facts(read_spec(path))
-    assert found['a run fails if'] == (
-        'it diverges, or it would take more than 1e6 steps of the integrator')
-    assert 'draws' not in found
+def test_the_page_has_the_spec_as_it_was_given(spec: MapSpec) -> None:
+    found = dict(rows_of(spec.tree))
+    assert found['window'] == '[1.0, 2.5]'
+    assert found['laws'] == '[compensation, chattering sign]'
+    assert found['axes ka'] == '{parameter: controller.ka, values: [5, 20]}'
+    assert found['uncertain noise'] == (
+        '{parameter: plant.position_noise, log_uniform: [1.0e-05, 0.0002]}')
+    assert (found['sampling'], found['seed']) == ('latin_hypercube', '4')
+    assert found['failure error_above'] == '0.005'
+    assert found['failure not_reached'] == 'true'
 
 
 def test_figures_and_page_are_beside_the_results(spec: MapSpec, tmp_path: Path) -> None:
@@ -76,9 +66,9 @@ def test_figures_and_page_are_beside_the_results(spec: MapSpec, tmp_path: Path) 
     page = write_report(spec, table, tmp_path / 'out')
     assert page == tmp_path / 'out' / 'index.html'
     text = page.read_text(encoding='utf-8')
-    for file in ('lines', 'bands', 'failures', 'dependence'):
+    for file in ('lines', 'failures', 'dependence'):
         assert (tmp_path / 'out' / 'figures' / f'{file}.svg').is_file()
         assert f'src="figures/{file}.svg"' in text
     assert 'href="map.parquet"' in text and 'href="map.json"' in text
-    assert '2 values, 5 to 20: controller.ka' in text
+    assert 'friction, 3 s, evaluated from 1 s to 2.5 s' in text
     assert 'ka [N·m]' in text

@@ -36,13 +36,6 @@ def test_the_nearest_value_is_taken() -> None:
         RUNS, 'friction=5,rate=2e-3,law=compensation,repeat=1')
 
 
-def test_a_law_may_be_named_by_its_law_where_there_is_one() -> None:
-    assert find_run(RUNS, 'friction=2,rate=1e-3,law=chattering,repeat=0') == 2
-    made = runs(laws=['chattering sign', 'chattering implicit'])
-    with pytest.raises(UsageError, match=r'law: .* allowed: chattering sign \| chattering imp'):
-        find_run(made, 'friction=2,rate=1e-3,law=chattering,repeat=0')
-
-
 def test_what_has_one_value_may_be_left_out() -> None:
     assert find_run(runs(axes=None, laws=['compensation']), 'repeat=1') == 1
 
@@ -55,7 +48,6 @@ def test_what_has_one_value_may_be_left_out() -> None:
     ('friction=5,rate=1e-3,repeat=0', ['law', 'compensation, chattering implicit']),
     ('friction=5,rate=1e-3,law=compensation', ['repeat', '0, 1', 'more than one']),
     ('friction=much,rate=1e-3,law=compensation,repeat=0', ["'much'", 'a number']),
-    ('friction=3.5,rate=1e-3,law=compensation,repeat=0', ['3.5', 'nearest to one of 2, 5']),
     ('friction=nan,rate=1e-3,law=compensation,repeat=0', ['nan', 'a number']),
     ('friction=5,rate=1e-3,law=integral,repeat=0', ['integral', 'chattering implicit']),
     ('friction=5,rate=1e-3,law=compensation,repeat=2', ['repeat: 2', '0 to 1']),

@@ -17,7 +17,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -96,13 +95,13 @@ def rows(made: Runs, numbers: Any) -> pyarrow.Table:
 def mapped(made: Runs, directory: Directory, computed: list[Any]) -> pyarrow.Table:
     """Refine a map as `ctc map` does, chunks in reverse; return its rows."""
     refinement, parts = Refinement(made), []
-    while (some := refinement.numbers()):
+    while len(some := refinement.numbers()):
         chunks = store.chunks(made, some)
         for part in reversed([x for x in chunks if directory.rows(x, print) is None]):
             directory.write(part, rows(made, part))
             computed.append(part)
         mine = pyarrow.concat_tables([directory.rows(x, print) for x in chunks])
-        refinement.take(partial(lambda x: x, mine))
+        refinement.take(mine)
         parts.append(mine)
     return directory.merge(parts)
 
@@ -130,8 +129,8 @@ def test_rows_are_those_of_the_whole_map_and_are_not_computed_again(tmp_path: Pa
 
 
 def test_a_map_that_is_not_refined_is_one_part() -> None:
-    made = runs()
+    made = runs(axes={'friction': {**AXIS, 'count': 3}, 'ka': {**KA, 'count': 2}})
     refinement = Refinement(made)
-    assert refinement.numbers() == range(24)
-    refinement.take(lambda: None)
-    assert not refinement.numbers()
+    assert refinement.numbers().tolist() == list(range(24))
+    refinement.take(rows(made, range(24)))
+    assert not len(refinement.numbers())

@@ -41,13 +41,13 @@ def test_the_order_is_point_law_repeat() -> None:
             'run': run, 'point': run // 4, 'repeat': repeat, 'seed': 7 + repeat,
             'variant': variant, 'law': law, 'switching': switching, 'friction': friction,
             'rate': rate, 'model': found.draws[repeat, 0]}
-        place = found.place(run)
-        assert found.number(place.indices, place.variant, place.repeat) == run
+        assert found.number(*found.place(run)) == run
 
 
 def test_without_axes_there_is_one_point() -> None:
     found = runs(axes=None)
-    assert [found.place(run)[:2] for run in range(len(found))] == [(0, ())] * 4
+    assert [found.place(run)[0] for run in range(len(found))] == [()] * 4
+    assert {found.columns(run)['point'] for run in range(len(found))} == {0}
     assert found.number((), 1, 1) == 3
 
 

@@ -34,7 +34,7 @@ ABOUT = {'key': 'one', 'spec': {'a': 1}, 'versions': {'ctc_chattering': '1'}}
 
 
 def sizes(made: Runs) -> list[int]:
-    found = store.chunks(made)
+    found = store.chunks(made, range(len(made)))
     assert [run for chunk in found for run in chunk] == list(range(len(made)))
     return [len(chunk) for chunk in found]
 

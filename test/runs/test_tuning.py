@@ -16,8 +16,7 @@
 
 from __future__ import annotations
 
-from math import log, pi
-import random
+from math import pi
 import sys
 
 from ctc_chattering.cli.ctc import main
@@ -28,62 +27,13 @@ from ctc_chattering.runs import search as tuning
 from ctc_chattering.runs.compare import FILE, Variant, variants
 from ctc_chattering.runs.recommended import by_rule, recommended, RULES
 from ctc_chattering.runs.score import Score, worst
-from ctc_chattering.runs.search import gains, Numbers, Range, require_optuna, search, space
+from ctc_chattering.runs.search import gains, require_optuna, space
 import numpy as np
 from processes import CONFIG
 import pytest
 
-RANGES = {'x': Range(0.1, 1e3), 'y': Range(1e-3, 10.0)}
 FRICTION = (9.9, 4.0)
 TUNED = [x for x in variants() if x.settings == FILE]
-
-
-def bowl(numbers: dict[str, float]) -> float:
-    """Return a cost with its minimum, 0, at x = 30 and y = 0.2."""
-    return log(numbers['x'] / 30.0) ** 2 + log(numbers['y'] / 0.2) ** 2
-
-
-class Recorder:
-    """The bowl, with what was asked of it."""
-
-    def __init__(self) -> None:
-        self.asked: list[dict[str, float]] = []
-
-    def __call__(self, batch: list[Numbers]) -> list[tuple[list[float], Numbers]]:
-        self.asked += batch
-        return [([bowl(numbers)], {}) for numbers in batch]
-
-
-def searched(seed: int, trials: int = 40) -> tuple[Recorder, dict[str, float]]:
-    found = Recorder()
-    tried = search(found, RANGES, [{'x': 1.0, 'y': 1.0}], trials, seed)
-    assert tried == found.asked
-    return found, min(tried, key=bowl)
-
-
-def test_the_optimum_is_found() -> None:
-    """Check against as many trials at random: their best of many repetitions is worse."""
-    _, best = searched(0)
-    draw = random.Random(0)
-    blind = sorted(min(bowl({name: r.low * (r.high / r.low) ** draw.random()
-                             for name, r in RANGES.items()}) for _ in range(40))
-                   for _ in range(101))
-    assert bowl(best) < blind[25]
-    assert best['x'] == pytest.approx(30.0, rel=0.5)
-    assert best['y'] == pytest.approx(0.2, rel=0.5)
-
-
-def test_the_same_seed_gives_the_same_trials_and_another_one_others() -> None:
-    first, again, other = searched(3, 15), searched(3, 15), searched(4, 15)
-    assert first[0].asked == again[0].asked
-    assert len(first[0].asked) == 15
-    assert first[0].asked[0] == {'x': 1.0, 'y': 1.0}
-    assert first[0].asked[1:] != other[0].asked[1:]
-    assert all(r.low <= x[name] <= r.high for x in first[0].asked for name, r in RANGES.items())
-
-
-def test_a_single_trial_is_the_first_one() -> None:
-    assert searched(0, 1)[1] == {'x': 1.0, 'y': 1.0}
 
 
 def measurement(rms: float, variation: float, rate: float) -> Score:
@@ -108,7 +58,7 @@ def test_the_first_trial_has_the_gains_of_the_file_the_second_those_that_are_rec
     config = config_of(variant)
     known = {'kp': [1e4, 1e4], 'kv': [200.0, 200.0], 'ka': [24.0, 6.0],
              'estimator_bandwidth': 90.0}
-    file, better = tuning.starts(config, FRICTION, known)
+    file, better = tuning.starts(config, FRICTION, known, space(config))
     first = config.changed(gains(file, config, FRICTION))
     expected = config
     for name, value in first.as_mapping().items():

@@ -72,7 +72,7 @@ def test_errors_are_drawn_over_what_is_uncertain() -> None:
     (ax,) = draws_figure(tuning).axes
     assert tuning.best is not None
     assert drawn(ax, 'recommended point') == [
-        (x, run.error) for (x,), run in zip(tuning.fresh.values, tuning.best.fresh.runs)]
+        (x, run.error) for (x,), run in zip(tuning.fresh.draws, tuning.best.fresh.runs)]
     assert len(drawn(ax, 'gains of the file')) == 8
 
 

@@ -57,8 +57,8 @@ def test_a_parameter_file_has_the_gains_of_its_point(out: Path, tuning: Tuning) 
 
 def test_a_parameter_file_run_on_a_draw_gives_the_numbers_of_its_point(
         out: Path, tuning: Tuning) -> None:
-    point, draws = tuning.points[-1], tuning.spec.draws()
-    for run, ((friction,), setup) in zip(point.drawn.runs, zip(draws.values, draws.setups)):
+    point, draws = tuning.points[-1], tuning.drawn
+    for run, (friction,), setup in zip(point.drawn.runs, draws.draws.tolist(), draws.setups):
         loaded = parameter_file.load(out / 'front' / f'{point.name}.yaml', {'plant': {
             'coulomb_friction': [friction, friction], 'duration': 0.5,
             'noise_seed': setup.plant.noise_seed}})

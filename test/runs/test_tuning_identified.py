@@ -24,6 +24,7 @@ from typing import Any
 from ctc_chattering.cli.ctc import main
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.errors import CtcError
+from ctc_chattering.runs.points import Runs
 from ctc_chattering.runs.tune_page import uncertain_text
 from ctc_chattering.runs.tune_spec import identified_spec, TuneSpec
 from identified_bags import recorded_bag, short
@@ -75,7 +76,7 @@ def test_friction_is_drawn_within_its_widest_interval(tmp_path: Path) -> None:
     found = identified_spec(written(tmp_path, contents()), {'repeats': 64})
     assert ranges(found) == {'coulomb': (0.75, 1.25), 'viscous': (0.95, 1.05),
                              'delay and lag': (0.0, 1.0), 'model': (0.95, 1.05)}
-    setups = found.draws().setups
+    setups = Runs(found).setups
     for k, (low, high) in enumerate(((7.5, 12.5), (3.0, 5.0))):
         drawn = [x.plant.coulomb_friction[k] for x in setups]
         assert low <= min(drawn) < low + 0.05 * low
@@ -89,7 +90,7 @@ def test_every_delay_is_drawn_with_all_lags_that_are_possible_with_it(tmp_path: 
              2: ((0.0, 1e-3), (1e-3, 1e-3))}
     spec = identified_spec(written(tmp_path, contents(delay_samples=None, delays_possible=[
         possible(delay, *lags) for delay, lags in pairs.items()])), {'repeats': 64})
-    plants = [x.plant for x in spec.draws().setups]
+    plants = [x.plant for x in Runs(spec).setups]
     for delay, lags in pairs.items():
         mine = [x.actuator_lag for x in plants if x.input_delay == delay]
         assert len(mine) > 15
@@ -116,7 +117,7 @@ def test_errors_of_masses_widen_the_model_and_a_payload_is_carried(tmp_path: Pat
     spec = identified_spec(written(tmp_path, contents(model_errors=errors)), {})
     assert ranges(spec)['model'] == (0.88, 1.12)
     assert ranges(spec)['payload'] == (0.9, 1.1)
-    assert all(0.9 <= x.plant.payload <= 1.1 for x in spec.draws().setups)
+    assert all(0.9 <= x.plant.payload <= 1.1 for x in Runs(spec).setups)
     errors[2].update(number(-1.0, 0.1))
     spec = identified_spec(written(tmp_path, contents(model_errors=errors)), {})
     assert 'payload' not in ranges(spec)
@@ -160,7 +161,7 @@ def test_what_identify_writes_is_read(tmp_path: Path) -> None:
     for k, friction in enumerate(found['friction']):
         low, high = friction['coulomb']['interval_95']
         middle = friction['coulomb']['value']
-        drawn = [x.plant.coulomb_friction[k] for x in spec.draws().setups]
+        drawn = [x.plant.coulomb_friction[k] for x in Runs(spec).setups]
         assert min(drawn) > middle - 5.0 * (high - low)
         assert max(drawn) < middle + 5.0 * (high - low)
         assert len(set(drawn)) == 8

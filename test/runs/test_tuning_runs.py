@@ -19,6 +19,7 @@ from __future__ import annotations
 import dataclasses
 from math import inf
 
+from ctc_chattering.runs.points import Runs
 from ctc_chattering.runs.pool import processes
 from ctc_chattering.runs.recommended import recommended_setup
 from ctc_chattering.runs.score import Score
@@ -62,7 +63,7 @@ def test_a_run_that_diverges_says_why() -> None:
 
 def test_a_candidate_is_evaluated_on_every_draw() -> None:
     found = short_spec()
-    draws, values = found.draws(), {'kp': [50.0, 60.0]}
+    draws, values = Runs(found), {'kp': [50.0, 60.0]}
     (mine, other) = Evaluation(found, 100.0, map).scores(
         [values, {}], draws)
     assert list(mine.runs) == scores_of(found.window, [dataclasses.replace(

@@ -145,7 +145,7 @@ class Robot:
 
 
 def searched(robot: Robot, trials: int = 60, seed: int = 0) -> list[Trial]:
-    found = search(robot, RANGES, [{'x': 1.0, 'y': 1.0}], trials, seed, 2, 10, 30)
+    found = search(robot, RANGES, [{'x': 1.0, 'y': 1.0}], trials, seed)
     return [Trial(x, robot.score(x)) for x in found]
 
 
@@ -186,7 +186,7 @@ def test_limits_lead_the_search() -> None:
 
 def test_numbers_that_are_given_stay(capsys: pytest.CaptureFixture[str]) -> None:
     ranges = {**RANGES, 'y': Range(0.2, 0.2)}
-    found = search(Robot(), ranges, [], 12, 0, 2)
+    found = search(Robot(), ranges, [], 12, 0)
     assert {x['y'] for x in found} == {0.2}
     assert len({x['x'] for x in found}) == 12
     assert capsys.readouterr() == ('', '')

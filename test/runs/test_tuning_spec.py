@@ -24,6 +24,7 @@ from ctc_chattering.configuration import parameter_file
 from ctc_chattering.configuration.package_share import config_directory
 from ctc_chattering.control.controller import LAWS
 from ctc_chattering.errors import CtcError
+from ctc_chattering.runs.points import Runs
 from ctc_chattering.runs.search import SPACE
 from ctc_chattering.runs.spec import applied
 from ctc_chattering.runs.tune_spec import DRAWS, parse_tune, TuneSpec
@@ -46,7 +47,7 @@ def test_by_default_the_recommended_law_is_tuned_for_friction_model_lag_and_nois
     assert {x.name: (x.factor, x.numbers) for x in found.uncertain} == {
         'model': (False, (0.9, 1.1)), 'friction': (True, (0.8, 1.2)),
         'lag': (False, (0.0, 2e-3)), 'noise': (False, (1e-4, 2e-3))}
-    assert len(found.draws().setups) == DRAWS
+    assert len(Runs(found).setups) == DRAWS
     assert found.window == (2.0, 4.0)
     assert (found.file.controller.law, found.file.controller.switching) == ('chattering', 'sign')
 
@@ -63,7 +64,7 @@ def test_what_the_file_has_is_uncertain_by_a_factor() -> None:
 def test_every_run_starts_smoothly_and_has_no_events() -> None:
     found = parse_tune({'params_file': 'switch'}, Path('spec.yaml'))
     assert parameter_file.load(config_directory() / 'switch.yaml').events
-    for setup in (found.file, found.setup, *found.draws().setups):
+    for setup in (found.file, found.setup, *Runs(found).setups):
         assert setup.events == ()
         assert setup.reference.start_duration == 2.0
     slow = spec({'overrides': {'reference': {'start_duration': 3.0}}})
@@ -72,18 +73,18 @@ def test_every_run_starts_smoothly_and_has_no_events() -> None:
 
 def test_draws_are_robots_with_seeds_of_their_own_and_fresh_ones_are_others() -> None:
     found = spec({'uncertain': LOAD, 'repeats': 4, 'seed': 7})
-    drawn, fresh = found.draws(), found.fresh_draws()
+    drawn, fresh = Runs(found), Runs(found.fresh())
     assert len(drawn.setups) == 4
     assert len(fresh.setups) == 16
     for draws in (drawn, fresh):
-        for k, ((x,), setup) in enumerate(zip(draws.values, draws.setups)):
+        for k, ((x,), setup) in enumerate(zip(draws.draws.tolist(), draws.setups)):
             assert 5.0 <= x <= 9.0
             assert setup.plant.coulomb_friction == (x, x)
-            assert setup.plant.noise_seed == draws.seed + k
+            assert setup.plant.noise_seed == draws.spec.repeats.seed + k
     seeds = [{x.plant.noise_seed for x in draws.setups} for draws in (drawn, fresh)]
     assert not seeds[0] & seeds[1]
-    assert not set(drawn.values) & set(fresh.values)
-    assert found.draws() == drawn
+    assert not {*drawn.draws.ravel()} & {*fresh.draws.ravel()}
+    assert Runs(found).setups == drawn.setups
 
 
 def test_limits_are_the_least_of_what_is_known() -> None:
@@ -170,8 +171,8 @@ def test_a_spec_is_a_mapping() -> None:
 def test_a_setup_of_a_draw_has_the_gains_of_a_candidate_as_if_they_stood_in_the_file() -> None:
     """Check that the order, draw or gains first, does not matter."""
     found = spec({'repeats': 1})
-    draws, values = found.draws(), {'kp': [9.0, 9.0], 'ka': [20.0, 20.0]}
+    draws, values = Runs(found), {'kp': [9.0, 9.0], 'ka': [20.0, 20.0]}
     first = found.setup.changed({'controller': values})
-    whole = applied(first, zip(found.uncertain, draws.values[0]), draws.seed)
+    whole = applied(first, zip(found.uncertain, draws.draws[0].tolist()), found.repeats.seed)
     assert draws.setups[0].controller.changed(values) == whole.controller
     assert draws.setups[0].plant == whole.plant

@@ -1,0 +1,117 @@
+# Copyright 2026 The ctc_chattering maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Parts of the figures of many runs: looks of laws, panels, error over variation, bars."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from itertools import cycle
+import textwrap
+from typing import Any, NamedTuple
+
+from ctc_chattering.analysis import drawing
+from ctc_chattering.analysis.run_names import LAW_COLOURS, MIXED, shaded
+from ctc_chattering.numerics.linear_algebra import Array
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
+import numpy as np
+
+#: A place in a figure, torque variation [N·m/s] and error [rad], and what its mark looks like.
+Mark = tuple[float, float, dict[str, Any]]
+#: Most panels beside each other.
+_COLUMNS = 3
+#: Room around what is drawn, as a factor, and ratio of ends from which on only decades have ticks.
+_ROOM, _DECADES = 1.4, 300.0
+
+
+def law_styles(laws: Sequence[str]) -> list[dict[str, Any]]:
+    """Return colour of the law, marker and dashes of variants, distinct without colour, too."""
+    return [{'color': colour, 'marker': marker, 'linestyle': dashes} for colour, marker, dashes in
+            zip(shaded([LAW_COLOURS.get(law, MIXED) for law in laws]), cycle('so^Dv<P>X'),
+                cycle(['-', (0, (5, 1.5)), (0, (2.5, 1.2)), '-.', (0, (1, 1))]))]
+
+
+def panels(title: str, names: Sequence[str], ylabel: str, height: float, **more: Any
+           ) -> tuple[Figure, list[Axes]]:
+    """Return a figure and its panels, one for each name; the first of a row has a label."""
+    columns = min(len(names), _COLUMNS)
+    figure, grid = drawing.sheet(title, -(-len(names) // columns), (1.0,) * columns, height,
+                                 **more)
+    return figure, [drawing.panel(figure, grid[k // columns, k % columns], name,
+                                  '' if k % columns else ylabel) for k, name in enumerate(names)]
+
+
+def log_axis(ax: Axes, axis: str, values: Iterable[float]) -> None:
+    """Make an axis logarithmic, around the positive values, with plain numbers as ticks."""
+    positive = [x for x in values if 0.0 < x < np.inf] or [1.0]
+    low, high = min(positive) / _ROOM, max(positive) * _ROOM
+    ax.set(**{f'{axis}scale': 'log', f'{axis}lim': (low, high)})
+    mine = getattr(ax, f'{axis}axis')
+    mine.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if high < _DECADES * low else (1.0,)))
+    mine.set_major_formatter(FuncFormatter(lambda x, _: f'{x:g}'))
+    mine.set_minor_locator(NullLocator())
+
+
+def trade_off(ax: Axes, marks: Sequence[Mark], gone: str,
+              further: Iterable[tuple[float, float]] = ()) -> None:
+    """Draw marks; those without a place in a row at the top, called `gone`; fit to `further`."""
+    there = [x for x in marks if np.isfinite(x[:2]).all()]
+    for x, y, look in there:
+        ax.plot([x], [y], **look)
+    drawing.beyond(ax, gone, [look for x, y, look in marks if not np.isfinite((x, y)).all()])
+    ax.set(xlabel='torque variation [N·m/s]')
+    for axis, values in zip('xy', zip(*(x[:2] for x in there), *further)):
+        log_axis(ax, axis, values)
+
+
+def names_on(ax: Axes, names: Sequence[str]) -> None:
+    """Let rows of the axes have names, from the top."""
+    ax.grid(False, axis='y')
+    ax.set_yticks(range(len(names)), [textwrap.fill(name, 40) for name in names])
+    ax.set_ylim(len(names) - 0.4, -0.6)
+    ax.tick_params(axis='y', length=0)
+
+
+def room_for(names: Sequence[str]) -> float:
+    """Return the width of names of rows [inch]."""
+    return min(3.6, 0.5 + 0.075 * max(map(len, names)))
+
+
+class Series(NamedTuple):
+    """Bars of one kind: name, colour or that of each, lengths, and ends of intervals or none."""
+
+    name: str
+    colour: Any
+    values: Array
+    ends: Array | None = None
+
+
+def bars(title: str, xlabel: str, low: float, names: Sequence[str],
+         content: Sequence[tuple[str, Sequence[Series]]]) -> Figure:
+    """Draw panels with a row for each name, from `low` to 1."""
+    figure, axes = panels(title, [name for name, _ in content], '', 0.36 * len(names) + 0.4,
+                          left=room_for(names))
+    for k, (ax, (_, series)) in enumerate(zip(axes, content)):
+        height = 0.68 / len(series)
+        for j, each in enumerate(series):
+            place = np.arange(len(names)) + height * (j - 0.5 * (len(series) - 1))
+            ax.barh(place, each.values, height=height, color=each.colour, label=each.name)
+            if each.ends is not None:
+                ax.hlines(place, *each.ends, color='#555555', linewidth=1.2)
+        ax.axvline(0.0, color=drawing.REFERENCE, linewidth=0.8)
+        ax.set(xlabel=xlabel, xlim=(low, 1.0))
+        names_on(ax, names if not k % _COLUMNS else [''] * len(names))
+    return figure
