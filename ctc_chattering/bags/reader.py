@@ -21,6 +21,7 @@ from contextlib import closing
 import dataclasses
 import itertools
 from pathlib import Path
+from typing import Any
 
 from ctc_chattering.analysis.result import Result
 from ctc_chattering.analysis.terms import terms
@@ -170,8 +171,8 @@ def _trajectory(bag: Bag, joints: Sequence[str]) -> tuple[Trajectory, int]:
         first = nanoseconds(message.header.stamp)
         times = [first + nanoseconds(p.time_from_start) for p in message.points]
         try:
-            rows = [np.array(select(joints, message.joint_names, p.positions, p.velocities,
-                                    p.accelerations)).tolist() for p in message.points]
+            rows: list[Any] = [select(joints, message.joint_names, *(x.tolist() for x in (
+                p.positions, p.velocities, p.accelerations))) for p in message.points]
         except RejectedMessage:
             continue
         if all(a < b for a, b in itertools.pairwise(times)):

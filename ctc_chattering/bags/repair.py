@@ -18,7 +18,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator
-from contextlib import closing
+from contextlib import closing, suppress
 import dataclasses
 from io import BytesIO
 from pathlib import Path
@@ -36,6 +36,7 @@ from ctc_chattering.bags.bag import (
     index_of,
     MAGIC,
     mapped,
+    RECORD,
     records,
     UnknownDefinition,
     unpacked,
@@ -132,8 +133,9 @@ class _DamagedFile:
             _, start, end = _record(self._data, match.start())
             content = self._data[start:end]
             if content[-4:] == zlib.crc32(content[:-4]).to_bytes(4, 'little'):
-                stream = ReadDataStream(BytesIO(content))
-                list(self._messages(_records(Attachment.read(stream).data)))
+                with suppress(Exception):  # It may be of another program.
+                    stream = ReadDataStream(BytesIO(content))
+                    list(self._messages(_records(Attachment.read(stream).data)))
         if summary and summary.statistics:
             self.counts = Counter({
                 summary.channels[x].topic: count for x, count in
@@ -150,25 +152,21 @@ class _DamagedFile:
         self._skip(place, end - len(MAGIC) if self._data[-len(MAGIC):] == MAGIC else end)
 
     def _parts(self) -> Iterator[tuple[int, int, list[Any]]]:
-        """Yield begin, end and records of the parts of the file that are whole."""
+        """Yield begin, end and records of the chunks, or else of the records, that are whole."""
         data, place = self._data, 0
         for match in _CHUNK_START.finditer(data):
-            begin = match.start()
-            _, start, end = _record(data, begin)
-            if place <= begin < end:
-                try:
+            _, start, end = _record(data, match.start())
+            if place <= match.start() < end:
+                with suppress(Exception):  # A damaged chunk may raise any exception.
                     found = _records(unpacked_chunk(data[start:end])[1])
-                except Exception:  # A damaged chunk may raise any exception.
-                    continue
-                place = end
-                yield begin, end, found
-        if not place:
-            end = len(MAGIC)
-            for _, _, stop in records(data, end, len(data)):
-                if not 0 < _record(data, stop)[0] <= Opcode.DATA_END:
-                    break
-                end = stop
-            yield len(MAGIC), end, _records(data[len(MAGIC):end])
+                    place = end
+                    yield match.start(), end, found
+        for _, start, end in () if place else records(data, len(MAGIC), len(data)):
+            begin = start - RECORD.size
+            if end < len(data) and not 0 < _record(data, end)[0] <= Opcode.DATA_END:
+                break
+            with suppress(Exception):
+                yield begin, end, _records(data[begin:end])
 
     def _skip(self, begin: int, end: int) -> None:
         """Count the bytes between two parts that cannot be read."""
@@ -231,8 +229,10 @@ def recover(bag: Path, target: Path) -> Recovery:
                 if topic not in recording.counts:
                     recording.add_topic(topic, TopicType(
                         schema.name, schema.encoding, schema.data, channel.metadata))
-                recording.add_message(topic, message.log_time, (
-                    unpacked(data, 'zstd') if data.startswith(_ZSTD) else data))
+                if data.startswith(_ZSTD):
+                    with suppress(Exception):  # It may be anything, or unpack to too much.
+                        data = unpacked(data, 'zstd')
+                recording.add_message(topic, message.log_time, data)
                 numbers[topic] = max(numbers[topic], message.sequence)
             found.lost += file.lost
             indexed += file.counts or Counter()

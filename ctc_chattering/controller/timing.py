@@ -141,10 +141,6 @@ class Stamps:
         return True
 
 
-#: Time between two lines on short outages [ns].
-_BETWEEN = NANOSECONDS
-
-
 class Logger(Protocol):
     """What is needed of the logger of a node; `filters` are those of rclpy's."""
 
@@ -192,7 +188,7 @@ class Watchdog:
         self._patience, self._log = patience, logger
         self.timeout = self.outages = self.stale = self.longest = 0
         self.out = False
-        self._last = self._logged = 0
+        self._last = 0
         self._fresh = self._reported = False
 
     def feed(self, now: int, begun: bool = True) -> None:
@@ -205,11 +201,11 @@ class Watchdog:
             self._reported = False
             self._log.info(
                 f'{self._name}: {self._kind}s again, after {seconds(silence):.1f} s')
-        elif begun and now - self._logged > _BETWEEN:
-            self._logged = now
+        elif begun:
             self._log.warning(
                 f'{self._name}: no {self._kind} for {seconds(silence):.3f} s; '
-                f'{self._consequence} after {seconds(self.timeout):g} s')
+                f'{self._consequence} after {seconds(self.timeout):g} s',
+                throttle_duration_sec=1.0)
 
     def silence(self, now: int) -> int:
         """Return the time without a message at `now` [ns]."""

@@ -125,24 +125,21 @@ def own_friction(name: str, joint_names: Sequence[str]) -> Any:
 
 
 @function
-def reaction(M: Array, bias: Array, load: Array, stuck: Truths) -> Array:
-    """Return the torque that holds the joints at rest against `load`, shape (n,) [N·m]."""
-    return load - bias - dot(M, solve_where(~stuck, M, load - bias))
-
-
-@function
-def margin_of_rest(held: Array, breakaway: Array, stuck: Truths) -> float:
+def margin_of_rest(M: Array, bias: Array, load: Array, breakaway: Array, stuck: Truths) -> float:
     """
     Return how far the most loaded joint at rest is from breaking away [N·m]; negative if it does.
 
     Parameters
     ----------
-    held, breakaway : array, shape (n,)
-        `reaction`, and breakaway torque Kf [N·m].
+    M, bias : array, shape (n, n) and (n,)
+        Of the model at the state [kg·m², N·m].
+    load, breakaway : array, shape (n,)
+        Torque without friction of the joints at rest, and breakaway torque Kf [N·m].
     stuck : array of bool, shape (n,)
         Which joints are at rest; inf is returned for none.
 
     """
+    held = load - bias - dot(M, solve_where(~stuck, M, load - bias))
     margin: float = np.where(stuck, _HOLD * breakaway - np.abs(held), inf).min()
     return margin
 
@@ -177,7 +174,7 @@ def modes(model: Any, q: Array, dq: Array, u: Array, breakaway: Array) -> tuple[
     if some(stuck):
         M, bias = model.mass_and_bias(q, dq)
         load = u - breakaway * mode
-        if margin_of_rest(reaction(M, bias, load, stuck), breakaway, stuck) < 0.0:
+        if margin_of_rest(M, bias, load, breakaway, stuck) < 0.0:
             held = nearest(M, load - bias, np.where(stuck, breakaway, 0.0))
             mode = np.where(stuck & (np.abs(held) >= breakaway), np.sign(held), mode)
             stuck = rubbing & (mode == 0.0)

@@ -28,11 +28,11 @@ from __future__ import annotations
 from math import inf
 from typing import Any, NamedTuple
 
-from ctc_chattering.compiled.compilable import function, record, solve_where, some, Truths
+from ctc_chattering.compiled.compilable import every, function, record, solve_where, some, Truths
 from ctc_chattering.numerics.integration import first_negative, runge_kutta
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.simulation.drive import middle_error, response
-from ctc_chattering.simulation.friction import Friction, margin_of_rest, modes, reaction
+from ctc_chattering.simulation.friction import Friction, margin_of_rest, modes
 import numpy as np
 
 #: Changes of mode that one step may hold; beyond it the step ends in the mode it is in.
@@ -140,8 +140,8 @@ class Smooth(NamedTuple):
     #: Time of its start [s], and command less the friction of sliding near rest [N·m].
     t: float
     load: Array
-    #: Which joints stick.
-    stuck: Truths
+    #: Which joints do not stick.
+    free: Truths
 
 
 @function
@@ -221,7 +221,7 @@ def acceleration(at: Smooth, q: Array, dq: Array, u: Array) -> Array:
     """Return ddq of (1), shape (n,) [rad/s²]; `u` has the friction near rest subtracted."""
     u = in_motion(at.mechanism, at.forces, u, dq, at.start.mode)
     M, bias = at.mechanism.model.mass_and_bias(q, dq)
-    return solve_where(~at.stuck, M, u - bias)
+    return solve_where(at.free, M, u - bias)
 
 
 @function
@@ -239,13 +239,12 @@ def margin(at: Smooth, h: float, q: Array, dq: Array) -> float:
     """Return how far the joint nearest to it is from leaving its mode; negative if it has."""
     mode = at.start.mode
     sliding: float = np.where(mode != 0.0, dq * mode, inf).min()
-    if not some(at.stuck):
+    if every(at.free):
         return sliding
     u = total(at.mechanism.mechanics, at.forces, at.load, at.t + h, 0.0)
     u = in_motion(at.mechanism, at.forces, u, dq, mode)
     M, bias = at.mechanism.model.mass_and_bias(q, dq)
-    return min(sliding, margin_of_rest(
-        reaction(M, bias, u, at.stuck), at.forces.breakaway, at.stuck))
+    return min(sliding, margin_of_rest(M, bias, u, at.forces.breakaway, ~at.free))
 
 
 @function
@@ -269,7 +268,7 @@ def integrated(mechanism: Mechanism, now: Acting, start: Motion, t: float, h: fl
     """Return the motion after `h` [s] from `t` [s], through any change of mode."""
     q, dq = start.q, start.dq
     for event in range(_MAX_EVENTS + 1):
-        at = Smooth(mechanism, now, start, t, now.commanded - start.friction, start.stuck != 0.0)
+        at = Smooth(mechanism, now, start, t, now.commanded - start.friction, start.stuck == 0.0)
         q, dq = after(at, h)
         held = margin(at, h, q, dq)
         if not held < 0.0 or event == _MAX_EVENTS:  # Not a number: the motion has diverged.

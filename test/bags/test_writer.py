@@ -126,11 +126,6 @@ def test_metadata(bag: Path) -> None:
         assert topics[name]['topic_metadata']['type'] == kind
 
 
-def test_the_name_is_one_that_ros2_bag_reindex_finds(bag: Path) -> None:
-    (file,) = bag.glob('*.mcap')
-    assert file.name == 'run_0.mcap'
-
-
 def test_hashes_of_types_are_those_that_ros_itself_has(tmp_path: Path) -> None:
     """Check channels, which `ros2 bag convert` reads, and `metadata.yaml` for every topic."""
     recording = BagWriter(tmp_path / 'bag')

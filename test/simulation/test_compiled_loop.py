@@ -247,9 +247,3 @@ def test_the_gravity_is_that_of_the_model() -> None:
         model=TwoLink(9.81)) for plant in plants]
     assert [run.compiled for run in runs] == [False, True]
     np.testing.assert_allclose(runs[1].q, runs[0].q, rtol=1e-9, atol=1e-9)
-
-
-def test_a_run_must_end() -> None:
-    setup = parameter_file.load(file('friction'), {'plant': {'duration': 0.0}})
-    with pytest.raises(CtcError, match='a simulation must end'):
-        simulate(setup)
