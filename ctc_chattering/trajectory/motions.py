@@ -88,6 +88,7 @@ class Waypoints:
 
     def at(self, t: int) -> Point:
         """Return position, velocity and acceleration, each of shape (n,), at `t` [ns]."""
+        t = t if type(t) is int else whole('t', t)
         i = bisect_right(self._times, t)
         before = self._points[max(i - 1, 0)]
         if i == 0 or i == len(self._times):
