@@ -176,22 +176,30 @@ def _build(todo: Sequence[tuple[Setup, Code]]) -> Iterator[str]:
         try:
             waiting = {pool.submit(_built_apart, setup, code.name): code for setup, code in todo}
             for done in as_completed(waiting):
-                done.result()
-                code = waiting[done]
+                printed, code = done.result(), waiting[done]
                 if not code.compiled:  # A class of the main script is known here only.
-                    build(code)
+                    try:
+                        build(code)
+                    except Exception:
+                        print(printed, file=sys.stderr)
+                        raise
                 yield code.name
         except BaseException:
             pool.shutdown(cancel_futures=True)
             raise
 
 
-def _built_apart(setup: Setup, name: str) -> None:
-    """Have a process of its own compile a function; unlike `multiprocessing` it runs no script."""
-    subprocess.run(
+def _built_apart(setup: Setup, name: str) -> str:
+    """
+    Have a process of its own compile a function, and return what it printed.
+
+    Unlike `multiprocessing` it runs no script.
+    """
+    return subprocess.run(
         [sys.executable, '-c', f'from {__name__} import build_given; build_given()'],
-        input=pickle.dumps((setup, name)), capture_output=True, check=False,
-        env={**os.environ, 'PYTHONPATH': os.pathsep.join(filter(None, sys.path))})
+        input=pickle.dumps((setup, name)), stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
+        check=False, env={**os.environ, 'PYTHONPATH': os.pathsep.join(filter(None, sys.path))},
+    ).stdout.decode(errors='replace')
 
 
 def build_given() -> None:

@@ -22,9 +22,9 @@ they are. What each of them would send next is remembered, also of those that ha
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 import dataclasses
 import os
 from pathlib import Path
@@ -276,13 +276,16 @@ class BagWriter:
         """Add a message of a topic that `add_topic` was called for, with log time `t` [ns]."""
         if self._stream.closed:
             return
-        with self._or_abandon():
+        try:
             if self._flushed - self._begun >= _FILE_AGE:
                 self._end_file()
                 self._begin_file()
             channel = self._channels.get(topic) or self._add_channel(topic)
             number = (self.counts[topic] + 1) & 0xffffffff
             self._writer.add_message(channel, t, data, t, number)
+        except OSError:
+            self.abandon()
+            raise
         span = self._span
         span.count += 1
         span.begin, span.end = min(t, span.begin), max(t, span.end)
@@ -301,7 +304,7 @@ class BagWriter:
         """
         if self._stream.closed:
             return
-        with self._or_abandon():
+        try:
             # The first chunk with messages of a topic has its type. A damaged chunk must not take
             # it along: it stands on both sides of that chunk as well.
             descriptions = self._descriptions.end()
@@ -311,12 +314,6 @@ class BagWriter:
             self._stream.flush()
             self._sync.begin(self._stream.fileno())
             self._flushed = self._clock()
-
-    @contextmanager
-    def _or_abandon(self) -> Iterator[None]:
-        """Abandon the bag after an error of the disk, which is raised again."""
-        try:
-            yield
         except OSError:
             self.abandon()
             raise
@@ -332,13 +329,16 @@ class BagWriter:
         """Write index and metadata; without them, tools cannot open the bag."""
         if self._stream.closed:
             return
-        with self._or_abandon():
+        try:
             self._end_file()
             file = self.path / 'metadata.yaml.tmp'
             # Keys are sorted: of metadata that are cut off, the version is missing.
             file.write_text(yaml.safe_dump(
                 {'rosbag2_bagfile_information': self._information()}), encoding='utf-8')
             file.replace(self.path / 'metadata.yaml')
+        except OSError:
+            self.abandon()
+            raise
 
     def _begin_file(self) -> None:
         """Begin a file, named as the recorder of ROS names it."""

@@ -29,12 +29,16 @@ from ctc_chattering.configuration import parameter_file
 
 #: Simulated duration of a run without an end [s].
 _DURATION = 10.0
+#: From which duration on plain Python takes longer than the compiler [s].
+_LONG = 60.0
 _SAMPLES = 'trajectory.npz'
 
 
 def simulate_options(parser: argparse.ArgumentParser) -> None:
     """Add the options of `ctc simulate`."""
     add_run_options(parser)
+    parser.add_argument('--plain', action='store_true',
+                        help='do not compile first; a run of a minute or more does by itself')
     add_output(parser, figures=False)
 
 
@@ -45,7 +49,7 @@ def run_simulate(options: argparse.Namespace) -> int:
     Write metrics.json and trajectory.npz (t, q, dq, q_d, dq_d, ddq_d, tau, v, names, units,
     gains).
     """
-    from ctc_chattering.analysis.compilation import can_be_compiled, PLAIN, way
+    from ctc_chattering.analysis.compilation import can_be_compiled, compile_setups, PLAIN, way
     from ctc_chattering.analysis.result import METRICS, simulate, write_metrics, write_npz
     from ctc_chattering.compiled.machine_code import HOW_TO_COMPILE
 
@@ -56,9 +60,12 @@ def run_simulate(options: argparse.Namespace) -> int:
         setup = parameter_file.load(file, over)
     if options.out is not None:
         prepare(options.out, (METRICS, _SAMPLES), options.overwrite)
-    if way(setup) == PLAIN and can_be_compiled(setup):
-        say(HOW_TO_COMPILE)
     duration = setup.plant.duration
+    if way(setup) == PLAIN and can_be_compiled(setup):
+        if duration < _LONG or options.plain:
+            say(HOW_TO_COMPILE)
+        else:
+            compile_setups([setup], say)
     with progress(f'experiment {setup.plant.experiment}:', duration) as moved:
         result = simulate(setup, moved)
         moved(duration)

@@ -21,7 +21,7 @@ First what `records` does, and the functions and methods that are marked, in com
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 import fcntl
 import inspect
 from itertools import count
@@ -31,7 +31,7 @@ from typing import Any
 from ctc_chattering.compiled import compilable, matrices, vectors
 from ctc_chattering.compiled.machine_code import Code, invoke, Layout
 from ctc_chattering.compiled.matrices import MatrixType
-from ctc_chattering.compiled.records import kinds_of, load, rows, store, value, write
+from ctc_chattering.compiled.records import kind_of, load, rows, store, value, write
 from ctc_chattering.compiled.vectors import INTERNAL, lowered, overloaded, read, VectorType
 from llvmlite import ir
 import numba
@@ -88,7 +88,7 @@ def _rows_of(array: Any, like: Any) -> Any:
 def _value(field: Any) -> Any:
     if isinstance(field, types.Array):
         return lambda field: _read_array(field)
-    return lambda field: field
+    return (lambda field: load(field)) if isinstance(field, types.Record) else lambda field: field
 
 
 @overloaded(write)
@@ -99,35 +99,26 @@ def _write(field: Any, x: Any) -> Any:
 
 @overloaded(load)
 def _load(fields: Any) -> Any:
-    names: dict[str, Any] = {'_value': value}
-    kinds = kinds_of(fields.fields)
-
-    def construction(prefix: str) -> str:
-        kind = f'kind{len(names)}'
-        names[kind] = kinds[prefix]
-        parts = (construction(f'{prefix}{name}__') if f'{prefix}{name}__' in kinds
-                 else f'_value(fields.{prefix}{name})' for name in names[kind]._fields)
-        return f'{kind}({", ".join(parts)})'
-
-    exec(f'def load(fields):\n    return {construction("")}', names)
+    kind = kind_of(fields.fields)
+    names: dict[str, Any] = {'kind': kind, 'value': value}
+    values = (f'value(fields.{name})' for name in kind._fields)
+    exec(f'def load(fields):\n    return kind({", ".join(values)})', names)
     return names['load']
 
 
 @overloaded(store)
 def _store(fields: Any, value: Any) -> Any:
-    def lines(made: Any, prefix: str, path: str) -> Iterator[str]:
-        for name, kind in zip(made.fields, made):
-            if isinstance(kind, types.BaseNamedTuple):
-                yield from lines(kind, f'{prefix}{name}__', f'{path}.{name}')
-            elif isinstance(kind, VectorType | MatrixType):
-                yield f'_write_array(fields.{prefix}{name}, {path}.{name})'
-            else:
-                yield f'fields.{prefix}{name} = {path}.{name}'
+    def line(name: str, kind: Any) -> str:
+        if isinstance(kind, types.BaseNamedTuple):
+            return f'store(fields.{name}, value.{name})'
+        if isinstance(kind, VectorType | MatrixType):
+            return f'write(fields.{name}, value.{name})'
+        return f'fields.{name} = value.{name}'
 
-    del fields
-    names: dict[str, Any] = {'_write_array': _write_array}
-    exec('def store(fields, value):\n    ' + '\n    '.join(lines(value, '', 'value')), names)
-    return names['store']
+    names: dict[str, Any] = {'store': store, 'write': _write_array}
+    lines = map(line, value.fields, value)
+    exec('def stored(fields, value):\n    ' + '\n    '.join(lines), names)
+    return names['stored']
 
 
 class _Replaced(AbstractTemplate):

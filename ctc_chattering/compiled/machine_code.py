@@ -143,18 +143,22 @@ class Call:
     arguments : tuple
         As of `Code`; they are kept.
 
+    Raises
+    ------
+    CtcError
+        If one of them has another type or shape: the code would take its bytes for other numbers.
+
     """
 
     def __init__(self, code: Code, arguments: tuple[Any, ...]) -> None:
+        found = tuple(map(layout, arguments))
+        if found != code.layouts:
+            raise CtcError(f'{code.name} was compiled for {code.layouts}, not for {found}')
         self._kept = arguments
         #: Address of the function, and those of its arguments.
         self.function = code.address()
         self.places = np.array(list(_places(arguments)), np.int64)
         self._call = _prepared(self.function, self.places.ctypes.data)
-
-    def place_of(self, argument: int) -> int:
-        """Return where among `places` those of an argument begin."""
-        return sum(1 for x in self._kept[:argument] for _ in _places(x))
 
     def __call__(self) -> int:
         """Call it."""

@@ -32,7 +32,7 @@ from ctc_chattering.compiled.vectors import (
 from llvmlite import ir
 from numba import types
 from numba.core import cgutils
-from numba.extending import intrinsic, models, register_model
+from numba.extending import models, register_model
 import numpy as np
 
 _DOUBLE = ir.DoubleType()
@@ -53,13 +53,18 @@ class _MatrixModel(models.PrimitiveModel):
         super().__init__(manager, kind, _DOUBLE.as_pointer())
 
 
+def _start(context: Any, builder: Any, n: int, row: Any, kind: Any, matrix: Any) -> Any:
+    """Return the pointer to a row of a matrix, its number being of a type of integers."""
+    i = context.cast(builder, row, kind, types.intp)
+    return builder.gep(matrix, [builder.mul(i, ir.Constant(i.type, n))])
+
+
 @lowered
 def _place(_typing: Any, matrix: Any, i: Any, j: Any) -> Any:
     def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
-        row, column = (context.cast(builder, value, kind, types.intp)
-                       for value, kind in zip(values[1:], signature.args[1:]))
-        place = builder.add(builder.mul(row, ir.Constant(row.type, matrix.n)), column)
-        return builder.load(builder.gep(values[0], [place]))
+        row = _start(context, builder, matrix.n, values[1], signature.args[1], values[0])
+        column = context.cast(builder, values[2], signature.args[2], types.intp)
+        return builder.load(builder.gep(row, [column]))
     return types.float64(matrix, i, j), generate
 
 
@@ -73,31 +78,18 @@ def _item(matrix: Any, place: Any) -> Any:
 
 
 @lowered
-def _set_place(_typing: Any, matrix: Any, i: Any, j: Any, value: Any) -> Any:
-    def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
-        row, column = (context.cast(builder, x, kind, types.intp)
-                       for x, kind in zip(values[1:3], signature.args[1:3]))
-        place = builder.add(builder.mul(row, ir.Constant(row.type, matrix.n)), column)
-        builder.store(values[3], builder.gep(values[0], [place]))
-        return context.get_dummy_value()
-    return types.none(matrix, i, j, types.float64), generate
-
-
-@lowered
 def _row(_typing: Any, matrix: Any, i: Any) -> Any:
     def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
-        row = context.cast(builder, values[1], signature.args[1], types.intp)
-        start = builder.gep(values[0], [builder.mul(row, ir.Constant(row.type, matrix.n))])
-        return read(builder, start, matrix.n)
+        row = _start(context, builder, matrix.n, values[1], signature.args[1], values[0])
+        return read(builder, row, matrix.n)
     return VectorType(matrix.n)(matrix, i), generate
 
 
 @lowered
 def _set_row(_typing: Any, matrix: Any, i: Any, x: Any) -> Any:
     def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
-        row = context.cast(builder, values[1], signature.args[1], types.intp)
-        start = builder.gep(values[0], [builder.mul(row, ir.Constant(row.type, matrix.n))])
-        write(builder, values[2], start)
+        row = _start(context, builder, matrix.n, values[1], signature.args[1], values[0])
+        write(builder, values[2], row)
         return context.get_dummy_value()
     return types.none(matrix, i, x), generate
 
@@ -109,19 +101,13 @@ def _set_item(matrix: Any, i: Any, x: Any) -> Any:
     return None
 
 
-def _scratch(_typing: Any, n: Any) -> Any:
-    """Return a matrix for as long as the function runs."""
-    if not isinstance(n, types.IntegerLiteral):
-        return None
-
+@lowered
+def _scratch(_typing: Any, x: Any) -> Any:
+    """Return a matrix for vectors like `x`, for as long as the function runs."""
     def generate(_context: Any, builder: Any, _signature: Any, _values: Any) -> Any:
-        room = ir.ArrayType(_DOUBLE, n.literal_value ** 2)
-        pointer = cgutils.alloca_once(builder, room)
+        pointer = cgutils.alloca_once(builder, ir.ArrayType(_DOUBLE, x.n ** 2))
         return builder.bitcast(pointer, _DOUBLE.as_pointer())
-    return MatrixType(n.literal_value)(n), generate
-
-
-_room: Any = intrinsic(prefer_literal=True)(_scratch)
+    return MatrixType(x.n)(x), generate
 
 
 @overloaded(compilable.dot)
@@ -172,20 +158,21 @@ def _solve_where(chosen: Any, matrix: Any, x: Any) -> Any:
     n = x.n
 
     def solution(chosen: Any, matrix: Any, x: Any) -> Any:
-        lower, y = _room(n), x
+        lower, row, y = _scratch(x), x, x
         for i in range(n):
             total = x[i] if chosen[i] else 0.0
             for j in range(i):
                 rest = matrix[i, j] if chosen[i] and chosen[j] else 0.0
                 for k in range(j):
-                    rest -= lower[i, k] * lower[j, k]
-                _set_place(lower, i, j, rest * lower[j, j])
-                total -= lower[i, j] * y[j]
+                    rest -= row[k] * lower[j, k]
+                row = with_element(row, j, rest * lower[j, j])
+                total -= row[j] * y[j]
             rest = matrix[i, i] if chosen[i] else 1.0
             for k in range(i):
-                rest -= lower[i, k] * lower[i, k]
-            _set_place(lower, i, i, 1.0 / np.sqrt(rest))
-            y = with_element(y, i, total * lower[i, i])
+                rest -= row[k] * row[k]
+            row = with_element(row, i, 1.0 / np.sqrt(rest))
+            lower[i] = row
+            y = with_element(y, i, total * row[i])
         for i in range(n - 1, -1, -1):
             total = y[i]
             for k in range(i + 1, n):

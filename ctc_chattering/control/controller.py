@@ -21,6 +21,7 @@ from itertools import chain, islice
 from math import isfinite
 from typing import Any, NamedTuple, NoReturn
 
+from ctc_chattering.compiled.compilable import RECORDS
 from ctc_chattering.compiled.machine_code import MACHINE_CODE, PLAIN_PYTHON
 from ctc_chattering.control.controller_config import ControllerConfig, LAWS
 from ctc_chattering.control.evaluation import Arrival, control_settings, REGULAR
@@ -224,8 +225,10 @@ class Controller:
 
     def compiled_step(self) -> CompiledStep | None:
         """Return the step from now on as machine code takes it; None where it cannot."""
-        if self._arm is None or isinstance(self._stepper, CompiledStep):
-            return self._stepper if isinstance(self._stepper, CompiledStep) else None
+        if isinstance(self._stepper, CompiledStep):
+            return self._stepper
+        if self._arm is None or type(self.memories.law) not in RECORDS:
+            return None
         return CompiledStep(self.settings, self.law, self.memories, self.transit, self._arm)
 
     @property

@@ -52,6 +52,8 @@ import numpy as np
 
 #: Time over which the difference of two laws fades [s].
 FADE = 0.2
+#: Rows of a torque in transit.
+ROWS = 4
 
 
 @record
@@ -237,6 +239,12 @@ class Context(NamedTuple):
     #: Room for the reference at another instant, shape (3 (1 + d), n).
     reference: Array
 
+    def command(self, memory: ControlMemory, j: int) -> Array:
+        """Return the torque in transit that is applied j periods from now, shape (n,) [N·m]."""
+        row = ROWS * ((int(memory.turn) + j) % int(self.settings.delay))
+        command: Array = self.transit[row]
+        return command
+
 
 @record
 class ControlMemory(NamedTuple):
@@ -320,10 +328,6 @@ def evaluated(settings: ControlSettings, model: Any, q: Array, dq: Array, points
     bias = dot(C, dq) + G
     N = dot(M, ddq_d + u) + bias                                     # inverse dynamics
     return State(q, dq, dq_d, ddq_d, e, de, u, v, M, C, G, bias, N, settings.zero)
-
-
-#: Rows of a torque in transit.
-ROWS = 4
 
 
 @function

@@ -67,6 +67,15 @@ MOST_MISSED = 50
 
 
 @record
+class Memories(NamedTuple):
+    """What is remembered: by the control step, by the law, and of the last sample."""
+
+    control: ControlMemory
+    law: Any
+    last: LastSample
+
+
+@record
 class Step(NamedTuple):
     """What one control step computed."""
 
@@ -75,19 +84,7 @@ class Step(NamedTuple):
     #: Of the torque, and the torque as it will be applied.
     parts: Terms
     sent: Applied
-    #: The torque that acts from now on.
-    applied: Applied
-    memory: ControlMemory
-    #: Of the law.
-    law_memory: Any
-
-
-class Memories(NamedTuple):
-    """What is remembered: by the control step, by the law, and of the last sample."""
-
-    control: ControlMemory
-    law: Any
-    last: LastSample
+    memories: Memories
 
 
 class PlainStep:
@@ -97,7 +94,7 @@ class PlainStep:
     Parameters
     ----------
     settings, law, memories
-        As of `step_at`.
+        As of `step`.
     transit : array, shape (4 d, n)
         Torques in transit, not copied.
     model : Model
@@ -125,14 +122,13 @@ class PlainStep:
         Parameters
         ----------
         rows : array, shape (5 + 3 d, n)
-            Measured q and dq, and the points of `step_at`.
+            Measured q and dq, and the points of `step`.
         arrival : Arrival
             Of the state.
 
         """
-        made, last = step_at(self._context, self._law, *self.memories, arrival, rows[0], rows[1],
-                             rows[2:])
-        self.memories = Memories(made.memory, made.law_memory, last)
+        made = step(self._context, self._law, self.memories, arrival, rows[0], rows[1], rows[2:])
+        self.memories = made.memories
         now, terms, sent = made.now, made.parts, made.sent
         return [x.tolist() for x in (sent.tau, now.e, now.de, now.v, terms.nominal,
                                      terms.compensation, terms.robust, sent.saturation_error)]
@@ -177,23 +173,30 @@ def periods(h: int, offset: int, elapsed: int) -> tuple[int, int]:
 
 
 @function
-def step_at(context: Context, law: Any, memory: ControlMemory, law_memory: Any, last: LastSample,
-            arrival: Arrival, q: Array, dq: Array, points: Array) -> tuple[Step, LastSample]:
+def step(context: Context, law: Any, memories: Memories, arrival: Arrival, q: Array, dq: Array,
+         points: Array) -> Step:
     """
-    Return `step` for a state that was not measured at the sample, or has not come, by (LS1).
+    Return the torque of a sample, and what is remembered a period later.
 
     Parameters
     ----------
-    context, law, memory, law_memory, q, dq, points
-        As of `step`, but for the instants of state and reference.
-    last : LastSample
-        The sample before.
+    context, law
+        What is the same at all samples, and the law in force. The torque in transit that is
+        applied now gives way to that of this sample.
+    memories : Memories
+        After the last sample.
     arrival : Arrival
-        Of the state.
+        Of the state. One that was not measured at the sample, or has not come, is replaced by
+        (LS1).
+    q, dq : array, shape (n,)
+        Measured position [rad] and velocity [rad/s].
+    points : array, shape (3 (1 + d), n)
+        q_d [rad], dq_d [rad/s] and ddq_d [rad/s²] at the instants of the reference, of this
+        sample and of those of the delay.
 
     """
-    offset, s = arrival.offset, arrival.after_points
-    reference = points
+    memory, law_memory, last = memories.control, memories.law, memories.last
+    offset, s, reference = arrival.offset, arrival.after_points, points
     if s != 0.0:
         reference = context.reference
         for i in range(0, 3 + 3 * int(context.settings.delay), 3):
@@ -207,37 +210,12 @@ def step_at(context: Context, law: Any, memory: ControlMemory, law_memory: Any, 
             q, dq = next_q, next_dq
         else:
             q, dq = q - offset * (next_dq + 0.5 * offset * a), dq - offset * a
-    made = step(context, law, memory, law_memory, q, dq, reference, arrival.kept != 0.0)
-    return made, LastSample(made.now.q, made.now.dq, made.applied.tau)
-
-
-@function
-def step(context: Context, law: Any, memory: ControlMemory, law_memory: Any, q: Array, dq: Array,
-         points: Array, kept: bool = False) -> Step:
-    """
-    Return the torque of a sample, and what is remembered a period later.
-
-    Parameters
-    ----------
-    context, law
-        What is the same at all samples, and the law in force. The torque in transit that is
-        applied now gives way to that of this sample.
-    memory, law_memory
-        After the last sample.
-    q, dq : array, shape (n,)
-        Measured position [rad] and velocity [rad/s].
-    points : array, shape (3 (1 + d), n)
-        q_d [rad], dq_d [rad/s] and ddq_d [rad/s²] of this sample and of those of the delay.
-    kept : bool
-        Whether the torque sent last stays in force.
-
-    """
     settings = context.settings
     limiter = settings.limiter
     law_memory, q, dq = law.corrected(law_memory, q, dq, memory.held)
-    now = evaluated(settings, context.models.now, q, dq, points, 0, memory.xi)
+    now = evaluated(settings, context.models.now, q, dq, reference, 0, memory.xi)
     law_memory = law.updated(law_memory, now)
-    terms, law_memory = law.answer(law_memory, now, context, memory, points)
+    terms, law_memory = law.answer(law_memory, now, context, memory, reference)
     own = terms.nominal - terms.compensation - terms.robust
     tau, sent = own, Applied(own, settings.zero, settings.zero, terms.clipping_error)
     fading, difference, turn = memory.fading, memory.difference, memory.turn
@@ -251,7 +229,7 @@ def step(context: Context, law: Any, memory: ControlMemory, law_memory: Any, q: 
         fading = max(fading - 1.0, -settings.delay)
         tau = limiter.limit(wanted, memory.held)
         sent = Applied(tau, wanted - tau, own - tau, terms.clipping_error)
-    if kept:
+    if arrival.kept != 0.0:
         tau = memory.held
         sent = Applied(tau, settings.zero, settings.zero, settings.zero)
     applied = sent
@@ -263,9 +241,10 @@ def step(context: Context, law: Any, memory: ControlMemory, law_memory: Any, q: 
         correction = limiter.correction(now.M, applied.excess)
         xi = xi + correction
     law_memory = law.advanced(law_memory, now, applied, correction)
-    return Step(now, terms, sent, applied,
-                memory._replace(xi=xi, held=tau, difference=difference, fading=fading, fresh=0.0,
-                                turn=turn), law_memory)
+    memory = memory._replace(xi=xi, held=tau, difference=difference, fading=fading, fresh=0.0,
+                             turn=turn)
+    return Step(now, terms, sent, Memories(
+        memory, law_memory, LastSample(now.q, now.dq, applied.tau)))
 
 
 @function
@@ -321,9 +300,9 @@ class ControlRecords(NamedTuple):
 
     settings: Any
     law: Any
-    memory: Any
-    law_memory: Any
-    last: Any
+    memories: Any
+    #: Of the state, `Arrival`.
+    arrival: Any
     #: Of the model: as of `CompiledModel`.
     call: Any
     body: Any
@@ -334,8 +313,6 @@ class ControlRecords(NamedTuple):
     #: Torques in transit, shape (4 d, n), and room for a reference, (3 (1 + d), n).
     transit: Array
     reference: Array
-    #: `Arrival` of the state, shape (4,).
-    arrival: Array
     #: Position [rad] and velocity [rad/s], shape (2, n), and what is computed of it, (8, n).
     measured: Array
     made: Array
@@ -357,8 +334,8 @@ class CompiledStep:
     codes : tuple of Code
         What must be compiled, for all controllers with this law and number of joints.
     measured, points : array, shape (2, n) and (3 (1 + d), n)
-        Of `step_at`.
-    arrival : array, shape (4,)
+        Of `step`.
+    arrival : NumPy record
         As `Arrival` is; that of a regular state until it is set.
     made : array, shape (8, n)
         What it computes.
@@ -374,12 +351,12 @@ class CompiledStep:
         n = len(settings.zero)
         self.measured, self.made = np.zeros((2, n)), np.zeros((8, n))
         self.points = np.zeros((3 + 3 * int(settings.delay), n))
-        self.arrival, self._arrival = np.array(REGULAR), REGULAR
+        self.arrival, self._arrival = packed(REGULAR), REGULAR
         self._arm = CompiledArm(arm, n)
         self._records = ControlRecords(
-            packed(settings), packed(law), *map(packed, memories),  # type: ignore[call-arg]
-            *self._arm.model, *(self._arm.place() for _ in range(3)), transit,
-            np.zeros_like(self.points), self.arrival, self.measured, self.made)
+            packed(settings), packed(law), packed(memories), self.arrival, *self._arm.model,
+            *(self._arm.place() for _ in range(3)),  # type: ignore[call-arg]
+            transit, np.zeros_like(self.points), self.measured, self.made)
         arguments = (self._records, self.points)
         code = Code(stepped, arguments, f'control-{type(law).__name__}-{n}'.lower())
         self.codes = *self._arm.codes, code
@@ -394,20 +371,19 @@ class CompiledStep:
     @property
     def memories(self) -> Memories:
         """Return what is remembered; it may be set."""
-        p = self._records
-        return Memories(load(p.memory), load(p.law_memory), load(p.last))
+        memories: Memories = load(self._records.memories)
+        return memories
 
     @memories.setter
     def memories(self, memories: Memories) -> None:
-        p = self._records
-        for fields, values in zip((p.memory, p.law_memory, p.last), memories):
-            store(fields, values)
+        store(self._records.memories, memories)
 
     def step(self, rows: Array, arrival: Arrival) -> list[list[float]]:
         """Go on by a sample, and return the rows of `Sample`, shape (8, n)."""
         self.measured[:], self.points[:] = rows[:2], rows[2:]
         if arrival is not self._arrival:
-            self.arrival[:] = self._arrival = arrival
+            self._arrival = arrival
+            store(self.arrival, arrival)
         self.call()
         made: list[list[float]] = self.made.tolist()
         return made
@@ -426,23 +402,18 @@ def stepped(p: ControlRecords, points: Array) -> int:
         The reference at this sample and those of the delay; there may be more.
 
     """
-    memory = load(p.memory)
-    like = memory.xi
+    memories = load(p.memories)
+    like = memories.control.xi
     measured = rows(p.measured, like)
     model = CompiledModel(p.call, p.body)
     models = Models(EvaluatedModel(model, p.now), EvaluatedModel(model, p.arriving),
                     EvaluatedModel(model, p.after))
-    came = p.arrival
-    step, last = step_at(
-        Context(load(p.settings), models, rows(p.transit, like), rows(p.reference, like)),
-        load(p.law), memory, load(p.law_memory), load(p.last),
-        Arrival(came[0], came[1], came[2], came[3]), measured[0], measured[1],
-        rows(points, like))
-    store(p.last, last)
-    store(p.memory, step.memory)
-    store(p.law_memory, step.law_memory)
-    made, terms = rows(p.made, like), step.parts
-    made[TAU], made[E], made[DE], made[V] = step.sent.tau, step.now.e, step.now.de, step.now.v
+    context = Context(load(p.settings), models, rows(p.transit, like), rows(p.reference, like))
+    found = step(context, load(p.law), memories, load(p.arrival), measured[0], measured[1],
+                 rows(points, like))
+    store(p.memories, found.memories)
+    made, now, terms, sent = rows(p.made, like), found.now, found.parts, found.sent
+    made[TAU], made[E], made[DE], made[V] = sent.tau, now.e, now.de, now.v
     made[NOMINAL], made[COMPENSATION] = terms.nominal, terms.compensation
-    made[ROBUST], made[SATURATION_ERROR] = terms.robust, step.sent.saturation_error
+    made[ROBUST], made[SATURATION_ERROR] = terms.robust, sent.saturation_error
     return 0

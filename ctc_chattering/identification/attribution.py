@@ -138,7 +138,6 @@ class Projected:
         u, s, v = np.linalg.svd(stacked[:, :m], full_matrices=False)
         seen = s > _SEEN
         self.saturated = v[seen].T
-        self.information = v.T * np.square(s) @ v
         self.square = float(np.square(stacked[:, -1]).sum()
                             - np.square(u[:, seen].T @ stacked[:, -1]).sum())
         self.cost = _COST * log(max(count, 2.0))

@@ -166,7 +166,7 @@ _PER_LAG = 7.0
 _COARSE, _FIRST, _RATIO, _EXCLUDED = 20, 2.0, 2.0 ** 0.5, 3
 #: How often rate limits are tried between those that are possible, or best with a likely delay;
 #: how many, and of how many delays.
-_FINER, _WITHIN, _LIKELY = 3, 7, 3
+_FINER, _WITHIN, _LIKELY = 4, 7, 3
 
 
 @dataclasses.dataclass(frozen=True)
@@ -417,14 +417,14 @@ class DriveProfile:
             if (out >= _EXCLUDED).all():
                 break
             rate = rate / _RATIO
-        for _ in range(_FINER):
+        for left in reversed(range(_FINER)):
             low, _, high = self._rate_table(fastest)
+            high = np.where(np.isfinite(high), high, _RATIO * low)
             delays = list(dict.fromkeys(d for d, _ in sorted(self._places, key=self._cost)))
             for i, place in product(self._joints, self._places):
-                if place[0] in delays[:_LIKELY]:
+                if left and place[0] in delays[:_LIKELY]:
                     first, last = self._beside(i, place)
-                    low[i], high[i] = min(low[i], first), max(
-                        _RATIO * low[i] if np.isinf(high[i]) else high[i], last)
+                    low[i], high[i] = min(low[i], first), max(high[i], last)
             ratio = np.where(low > 0.0, high, 1.0) / np.where(low > 0.0, low, 1.0)
             for part in np.linspace(0.0, 1.0, _WITHIN):
                 self._add(np.where(low > 0.0, low * ratio ** part, np.inf))

@@ -16,7 +16,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 import dataclasses
 from math import floor, isfinite, log10
 from typing import Any, NamedTuple
@@ -223,16 +223,12 @@ class Recommendation:
 
     Attributes
     ----------
-    law, switching : str
-        To be used.
     values : dict of str to (value, reason)
         Parameters of the controller.
     noise_torque : ndarray, shape (n,)
         M σ / h: what the noise of the velocity adds to the chattering term [N·m].
     allowed : list of bool, length n
         Whether period and noise allow a chattering term.
-    period : float
-        h [s].
     findings : tuple of Finding
         What makes gains doubtful.
     options : tuple of dict
@@ -242,15 +238,17 @@ class Recommendation:
 
     """
 
-    law: str
-    switching: str
     values: Gains
     noise_torque: Array
     allowed: list[bool]
-    period: float
     findings: tuple[Finding, ...] = ()
     options: tuple[Gains, ...] = ()
     trials: tuple[str, ...] = ()
+
+    @property
+    def law(self) -> str:
+        """Return the law to be used."""
+        return str(self.values['law'][0])
 
     @property
     def ka(self) -> list[float | None]:
@@ -288,26 +286,22 @@ def recommend(found: Identification, run: MeasuredPerturbation, model: Model, po
     slow = (not isfinite(delay) or bool(longest_lag(found).max() > _SHORT_LAG * period)
             or bool((reversal_step(found, ka, noise) > period * rates).any()))
     law = 'observer_feedback' if slow or not all(allowed) else 'chattering'
-    shared: Gains = {
-        'ka': (_usable(found, ka), bound.reason),
-        'friction_level': (_usable(found, [max(0.0, x.coulomb.value or 0.0)
-                                           for x in found.friction]), 'the Coulomb friction'),
-        'torque_rate_limit': (_usable(found, drives.value), drives.reason)}
+    level = [max(0.0, x.coulomb.value or 0.0) for x in found.friction]
+    usable = [x.usable for x in verdicts(found)]
+    shared: Gains = {name: ([rounded(float(x), 6) if good else None
+                             for x, good in zip(values, usable)], reason)
+                     for name, values, reason in (
+                         ('ka', ka, bound.reason),
+                         ('friction_level', level, 'the Coulomb friction'),
+                         ('torque_rate_limit', drives.value, drives.reason))}
     why = _law_reason(found, law, all(allowed))
-    laws = [(law, why)] if law == 'chattering' else []
-    laws += [('observer_feedback', why if law != 'chattering' else 'the next one')]
-    options = [_drive_values(found) | shared | _law_values(found, *one, resolution, slower)
-               for one in laws for slower in (SLOWER if one[0] != 'chattering' else (1.0,))]
+    laws = [(law, why, 1.0)] if law == 'chattering' else []
+    laws += [('observer_feedback', 'the next one' if laws else why, x) for x in SLOWER]
+    options = [_drive_values(found) | shared | _law_values(found, *one, resolution)
+               for one in laws]
     noticed = (*run.outliers(), *run.break_away(found.joints), *bound.findings, *drives.findings,
                *inertia_findings(found, model, positions))
-    return Recommendation(law, 'implicit_observer', options[0], noise, allowed,
-                          period, noticed, tuple(options))
-
-
-def _usable(found: Identification, values: Iterable[float]) -> list[float | None]:
-    """Return gains, None for a joint that is not usable."""
-    return [rounded(float(x), 6) if of.usable else None
-            for x, of in zip(values, verdicts(found))]
+    return Recommendation(options[0], noise, allowed, noticed, tuple(options))
 
 
 def _noise_torque(found: Identification, model: Model, positions: Array) -> Array:
@@ -341,7 +335,7 @@ def _drive_values(found: Identification) -> Gains:
             f'T = {longest:.3g} s' if longest else 'no lag of the drives is visible'))}
 
 
-def _law_values(found: Identification, law: str, why: str, resolution: float, slower: float
+def _law_values(found: Identification, law: str, why: str, slower: float, resolution: float
                 ) -> Gains:
     """Return a law and its own gains with their reasons, the pole as a part of the fastest."""
     if law == 'chattering':

@@ -18,9 +18,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 import dataclasses
-from typing import Any, NamedTuple, TypeVar
+from typing import NamedTuple
 
 from ctc_chattering.identification.findings import Estimate, Finding, Kind
+from ctc_chattering.identification.friction import JointFriction
 from ctc_chattering.identification.least_squares import (
     correlation_length,
     Data,
@@ -194,7 +195,6 @@ def _waves(order: float, q: Array, speed: Array, way: Array) -> Array:
     return np.column_stack((waves, waves * way[:, None]))
 
 
-Friction = TypeVar('Friction', bound=Any)
 #: Part by which friction may be off without care.
 NEGLIGIBLE = Kind.FRICTION_OFF.care
 #: Part of the worst effect below which another one is not named.
@@ -383,7 +383,8 @@ def findings(i: int, left: Unexplained) -> Iterator[Finding]:
                       'look at the figure of what is not explained', off)
 
 
-def widened(found: FittedMotion, i: int, friction: Friction, left: Unexplained) -> Friction:
+def widened(found: FittedMotion, i: int, friction: JointFriction, left: Unexplained
+            ) -> JointFriction:
     """
     Return the friction of joint i with intervals that contain what is unexplained.
 

@@ -234,8 +234,7 @@ def trial_runs(found: Identification, run: MeasuredPerturbation, recommended: Re
     usual = [_run(plain, draw) for draw in draws]
     said = []
     for option in recommended.options:
-        tried = dataclasses.replace(
-            recommended, law=str(option['law'][0]), values=option)
+        tried = dataclasses.replace(recommended, values=option)
         text, survived = _tried(values_of(tried), draws, usual)
         said.append(f'{_name(option)}: {text}')
         if survived:

@@ -38,7 +38,7 @@ class Stopped(CtcError):
 
 
 def run_graph(path: Path | None, overrides: Overrides | None = None, record: Path | None = None,
-              ros_args: Sequence[str] = (), progress: Callable[[float], None] | None = None,
+              ros_args: Sequence[str] = (), progress: Callable[[float], object] = lambda _: None,
               show: Callable[[str], None] = print, live: bool = False) -> None:
     """
     Run the graph until the plant ends the experiment, and leave no process behind.
@@ -146,7 +146,7 @@ def node_values(setup: Setup, record: Path | None, with_bringup: bool = True
 
 
 def _watch(children: Mapping[str, child_process.Child], look: Callable[[], float],
-           caught: Sequence[int], ends: bool, progress: Callable[[float], None] | None) -> None:
+           caught: Sequence[int], ends: bool, progress: Callable[[float], object]) -> None:
     """Return when the plant has ended the experiment."""
     while True:
         if caught:
@@ -156,9 +156,7 @@ def _watch(children: Mapping[str, child_process.Child], look: Callable[[], float
                 if name == 'plant' and child.status == 0 and ends:
                     return
                 raise CtcError(child.exit_report())
-        time = look()
-        if progress is not None:
-            progress(time)
+        progress(look())
 
 
 def one_processor() -> set[int]:

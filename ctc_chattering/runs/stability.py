@@ -37,9 +37,9 @@ from ctc_chattering.analysis.tables import rounded
 from ctc_chattering.configuration.loop_setup import Setup
 from ctc_chattering.control.controller import Controller
 from ctc_chattering.control.controller_config import ControllerConfig
-from ctc_chattering.control.evaluation import Context, Models, ROWS
+from ctc_chattering.control.evaluation import Context, Models, REGULAR, ROWS
 from ctc_chattering.control.observer import drive_model
-from ctc_chattering.control.step import step
+from ctc_chattering.control.step import Memories, step
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.dynamics.registry import model_of
 from ctc_chattering.errors import CtcError
@@ -147,7 +147,7 @@ class _SteadyMotion:
         for k in range(-before, 0):
             made.step(*self._row(k * h * one, one), [
                 self._row((k + j) * h * one, one)[2:] for j in range(1, self._delay + 1)])
-        control, of_law, _ = made.memories
+        control, of_law, self._last = made.memories
         self._memories = control._replace(turn=0.0), of_law
         rolled = np.roll(made.transit, -ROWS * int(control.turn), axis=0)
         self._at = np.concatenate([*_numbers(self._memories), rolled.ravel()])
@@ -167,15 +167,16 @@ class _SteadyMotion:
         """Return what is remembered a period later, and the torque, for what is now, and y."""
         m, n = self.states, len(self._y) // 2
         rest = values[:m].tolist()
-        memory, law_memory = _record(self._memories, iter(rest))
+        control, of_law = _record(self._memories, iter(rest))
+        memories = Memories(control, of_law, self._last)
         transit = values[m - ROWS * self._delay * n:m].reshape(-1, n).copy()
         context = Context(self._settings, self._models, transit, self._points)
-        made = step(context, self._law, memory, law_memory, values[m:m + n], values[m + n:],
+        made = step(context, self._law, memories, REGULAR, values[m:m + n], values[m + n:],
                     self._points)
-        turn = int(made.memory.turn)
-        after = np.roll(transit, -ROWS * turn, axis=0).ravel()
+        control, of_law, _ = made.memories
+        after = np.roll(transit, -ROWS * int(control.turn), axis=0).ravel()
         return np.concatenate([
-            *_numbers((made.memory._replace(turn=0.0), made.law_memory)), after, made.sent.tau])
+            *_numbers((control._replace(turn=0.0), of_law)), after, made.sent.tau])
 
     def moved(self) -> Array:
         """

@@ -48,7 +48,7 @@ class Control(NamedTuple):
     #: As of `CompiledStep`.
     measured: Array
     points: Array
-    arrival: Array
+    arrival: Any
     made: Array
     #: Largest position error, shape (n,) [rad]; inf for any.
     error_limit: Array
@@ -108,7 +108,7 @@ class CompiledLoop:
     @property
     def commanded(self) -> Array:
         """Return what the drives were asked for last, shape (n,) [N·m]."""
-        torque: Array = self._plant_step.records.state.driven__commanded
+        torque: Array = self._plant_step.records.state['driven']['commanded']
         return torque
 
     def run(self, table: Array, error_limit: Array) -> tuple[int, int, int, Array]:
@@ -185,30 +185,30 @@ def run(p: CompiledPlant, c: Control, drawn: Any, points: Array, out: Array, res
 
     """
     s, given, n = p.state, c.given, out.shape[2]
-    last, period = p.parameters.last, p.parameters.mechanics__period_ns
+    last, period = p.parameters.last, p.parameters.mechanics.period_ns
     before, offset = -period, 0
     for k in range(last + 1):
         result.last = k
         if not s.lost_in_a_row:  # Else the plant takes the last torque again.
             for i in range(n):
-                c.measured[0, i], c.measured[1, i] = s.shown__q[i], s.shown__dq[i]
+                c.measured[0, i], c.measured[1, i] = s.shown.q[i], s.shown.dq[i]
                 for j in range(len(c.points)):
                     c.points[j, i] = points[3 * k + j, i]
             stamp = k * period + round(1e9 * s.offset)
             missed, offset = periods(period, offset, stamp - before)
             for j in range(missed, -1, -1):
-                c.arrival[0] = offset / 1e9
-                c.arrival[1] = (stamp - offset - (k + j) * period) / 1e9
-                c.arrival[2], c.arrival[3] = 1 - min(j, 1), min(j, 1)
+                c.arrival.offset = offset / 1e9
+                c.arrival.after_points = (stamp - offset - (k + j) * period) / 1e9
+                c.arrival.measured, c.arrival.kept = 1 - min(j, 1), min(j, 1)
                 invoke(c.call.control, c.call.control_places)
             before = stamp
             row, total = out[result.rows], 0.0
             for i in range(n):
                 given.tau[i] = c.made[TAU, i]
                 row[STAMP, i], row[SENT, i], row[FILTERED, i] = stamp, given.tau[i], c.made[V, i]
-                row[Q, i], row[DQ, i] = s.shown__q[i], s.shown__dq[i]
+                row[Q, i], row[DQ, i] = s.shown.q[i], s.shown.dq[i]
                 if result.truth:
-                    row[Q, i], row[DQ, i] = s.motion__q[i], s.motion__dq[i]
+                    row[Q, i], row[DQ, i] = s.motion.q[i], s.motion.dq[i]
                 total += row[SENT, i] + row[FILTERED, i]
             if not isfinite(total):
                 return NO_TORQUE
@@ -225,7 +225,7 @@ def run(p: CompiledPlant, c: Control, drawn: Any, points: Array, out: Array, res
                 given.velocity_noise[i] = drawn[k].velocity_noise[i]
             invoke(c.call.plant, c.call.plant_places)
             for i in range(n):
-                total += s.motion__q[i] + s.motion__dq[i]
+                total += s.motion.q[i] + s.motion.dq[i]
             if not isfinite(total):
                 return DIVERGED
     return FINISHED

@@ -232,8 +232,9 @@ class CompiledPlantStep:
         if self.compiled:
             self.call = Call(code, arguments)
         # Views that take a microsecond to make.
-        self._rows = [self.records.state[name] for name in (
-            'motion__q', 'motion__dq', 'shown__q', 'shown__dq', 'driven__torque')]
+        self._rows = [self.records.state[part][name] for part, name in (
+            ('motion', 'q'), ('motion', 'dq'), ('shown', 'q'), ('shown', 'dq'),
+            ('driven', 'torque'))]
 
     @property
     def compiled(self) -> bool:

@@ -19,7 +19,9 @@ from __future__ import annotations
 from pathlib import Path
 from shutil import copy
 
-from ctc_chattering.analysis.compilation import codes
+from ctc_chattering.analysis import compilation
+from ctc_chattering.analysis.compilation import codes, PLAIN
+from ctc_chattering.cli import experiments
 from ctc_chattering.compiled.machine_code import HOW_TO_COMPILE
 from ctc_chattering.configuration import parameter_file
 from ctc_commands import ctc, ctc_process, refused
@@ -49,6 +51,21 @@ def test_a_user_who_has_not_compiled_it(tmp_path: Path, monkeypatch: pytest.Monk
     assert again.returncode == 0
     assert HOW_TO_COMPILE not in again.stderr
     assert again.stdout == first.stdout
+
+
+@pytest.mark.parametrize('plain', [False, True])
+def test_a_long_run_compiles_by_itself(monkeypatch: pytest.MonkeyPatch, plain: bool) -> None:
+    """It takes longer than the compiler; `--plain` has it run at once."""
+    asked: list[str] = []
+    monkeypatch.setattr(experiments, '_LONG', 0.05)
+    monkeypatch.setattr(compilation, 'way', lambda _: PLAIN)
+    monkeypatch.setattr(compilation, 'compile_setups', lambda setups, _show: asked.extend(
+        setup.controller.law for setup in setups))
+    for duration in ('0.04', '0.05'):
+        done = ctc('simulate', '--duration', duration, *['--plain'] * plain)
+        assert done.returncode == 0
+        assert (HOW_TO_COMPILE in done.stderr) == (plain or duration == '0.04')
+    assert asked == ([] if plain else ['chattering'])
 
 
 def test_what_cannot_be_compiled_is_refused(tmp_path: Path) -> None:

@@ -83,6 +83,18 @@ def test_as_plain_python() -> None:
         assert compiled[0].first.k == rows
 
 
+@pytest.mark.parametrize('wrong', [
+    np.zeros((2, 2, 3), np.float32), np.zeros((2, 3, 3)), np.zeros(6),
+    numpy_record({'x': np.zeros(4), 'k': np.array(4)})])
+def test_arguments_of_another_layout_are_refused(wrong: Any) -> None:
+    """Their bytes would be taken for other numbers."""
+    code, (pair, table) = Code(added, _arguments(2), 'added'), _arguments(2)
+    build(code)
+    for arguments in ((pair, wrong), (Pair(pair.first, wrong), table), (pair,)):
+        with pytest.raises(CtcError, match='added was compiled for'):
+            Call(code, arguments)
+
+
 def test_called_by_its_address() -> None:
     """Machine code calls machine code."""
     code, plain, compiled = Code(added, _arguments(2), 'added'), _arguments(3), _arguments(3)

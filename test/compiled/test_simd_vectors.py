@@ -94,7 +94,7 @@ def results(call: object, case: Case, count: int) -> Array:
     """Return what compiled code has stored in so many records."""
     out = np.array([packed(case)] * count).view(np.recarray)
     call(packed(case), out)  # type: ignore[operator]
-    return np.array([one['inner__x'] for one in out])
+    return np.array([one['inner']['x'] for one in out])
 
 
 SPECIAL = np.array([0.0, -0.0, np.nan, np.inf, -np.inf, 1.5, -1.5])

@@ -128,7 +128,7 @@ def test_a_trip_ends_lockstep_with_its_reason() -> None:
 
 @pytest.mark.parametrize(('arguments', 'status', 'message'), [
     (('--params-file', 'missing.yaml'), 2, 'missing.yaml: no such file'),
-    (('--duration', 'nan'), 2, 'plant: duration: nan is not allowed'),
+    (('--duration', 'nan'), 2, 'bringup: duration: nan is not allowed'),
     (('--control-period', '0.0'), 2, 'control_period: 0.0 is not allowed'),
     (('--record', '/'), 1, '/: exists already, not overwritten'),
 ])

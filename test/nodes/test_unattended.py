@@ -18,6 +18,7 @@ from __future__ import annotations
 
 import itertools
 import signal
+import time
 
 from faults import Diagnostics, ERROR, Report
 from processes import probe
@@ -58,6 +59,30 @@ def test_unused_references_are_discarded() -> None:
             return 0 < report.count(held) <= CHUNK
 
         reports.until('controller', ahead, 'what is ahead')
+
+
+def test_use_sim_time_without_a_clock_is_reported() -> None:
+    with probe() as it:
+        reports = Diagnostics(it)
+        it.start('reference', '-p', 'use_sim_time:=true')
+        reports.until('reference', lambda r: 'but /clock has no publisher' in r.message,
+                      'the warning')
+
+
+def test_a_state_of_another_time_does_not_begin_that_of_the_reference() -> None:
+    """Nor its motion: of five states one has a stamp of 1970."""
+    with probe() as it:
+        states = it.node.create_publisher(JointState, 'joint_states', 10)
+        chunks = it.listen(JointTrajectory, 'reference')
+        it.start('reference')
+        count = itertools.count()
+
+        def begun() -> bool:
+            t = time.time_ns() if next(count) % 5 else 10 ** 9
+            states.publish(state(t, joint1=(0.0, 0.0), joint2=(0.0, 0.0)))
+            return bool(chunks)
+        it.until(begun, 'the motion')
+        assert abs(chunks[0].header.stamp.sec - time.time()) < 60.0
 
 
 @pytest.mark.slow

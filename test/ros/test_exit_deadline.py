@@ -64,7 +64,7 @@ def test_a_node_that_the_middleware_does_not_let_go_ends() -> None:
             import ctypes
             import sys
             from ctc_chattering.nodes.plant import PlantNode
-            from ctc_chattering.ros import node
+            from ctc_chattering.ros import node, process
             node._LEAVE = 3.0  # A busy machine must get that far before.
 
             class Stuck(PlantNode):
@@ -76,7 +76,7 @@ def test_a_node_that_the_middleware_does_not_let_go_ends() -> None:
                     print('hanging', flush=True)
                     {HANG}
 
-            sys.exit(node.run(Stuck, 'plant'))
+            sys.exit(node.run(Stuck, 'plant', [], process.collect_signals()))
         """)
         try:
             assert process.stdout is not None

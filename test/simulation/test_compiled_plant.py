@@ -25,6 +25,7 @@ from ctc_chattering.configuration import parameter_file
 from ctc_chattering.configuration.package_share import config_directory
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.dynamics.registry import model_of
+from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.simulation.compiled_loop import inputs
 from ctc_chattering.simulation.plant import Plant
 from ctc_chattering.simulation.plant_config import PlantConfig
@@ -69,6 +70,13 @@ def at(plant: Plant) -> Any:
     return packed(plant.state._replace(motion=plant.state.motion._replace(decided=1.0)))
 
 
+def numbers(record: Any) -> Array:
+    """Return all numbers of a record and of those in it."""
+    return np.concatenate([
+        numbers(x) if isinstance(x, np.void) else np.ravel(x).astype(float)
+        for x in (record[name] for name in record.dtype.names)])
+
+
 def compiled(config: PlantConfig, model: Model) -> CompiledPlantStep:
     """Return the machine code of a plant."""
     step = Plant(config, model).compiled_step()
@@ -96,9 +104,9 @@ def compared(config: PlantConfig, model: Model, rng: np.random.Generator) -> tup
         plain.step(tau.tolist())
         modes.add(plain.modes)
         right = at(plain)
+        found, wanted = numbers(state), numbers(right)
+        largest = max(largest, float(np.max(np.abs(found - wanted) / (1.0 + np.abs(wanted)))))
         for name in state.dtype.names:
-            error = np.abs(state[name] - right[name]) / (1.0 + np.abs(right[name]))
-            largest = max(largest, float(np.max(error)))
             state[name] = right[name]
     return largest, len(modes)
 

@@ -35,7 +35,7 @@ from typing import NamedTuple
 
 from ctc_chattering.compiled.compilable import dot, record
 from ctc_chattering.control.controller_config import ControllerConfig
-from ctc_chattering.control.evaluation import Context, ControlMemory, LastSample, ROWS, State
+from ctc_chattering.control.evaluation import Context, ControlMemory, LastSample, State
 from ctc_chattering.control.feasible_reference import Desired, next_point
 from ctc_chattering.control.laws.base import Applied, law, Terms
 from ctc_chattering.control.laws.observer_feedback import Place, placed
@@ -86,8 +86,8 @@ class ExtendedStateObserver(NamedTuple):
     def initial(self) -> ExtendedState:
         """Return the memory with nothing observed."""
         zero = 0.0 * self.friction
-        return ExtendedState(Observed(zero, zero, zero, zero, zero), np.zeros_like(self.kp), 0.0,
-                             zero, 0.0)
+        return ExtendedState(observed=Observed(*(zero,) * 5), mass=np.zeros_like(self.kp),
+                             known=0.0, ddq=zero, followed=0.0)
 
     def initialized(self, memory: ExtendedState, now: State, estimate: Array | None
                     ) -> ExtendedState:
@@ -116,9 +116,9 @@ class ExtendedStateObserver(NamedTuple):
         """Return the terms of (ES4), for the period in which the torque arrives."""
         place, delay = Place(memory.observed, now.M, now.bias), int(context.settings.delay)
         for j in range(delay):
-            command = context.transit[ROWS * ((int(control.turn) + j) % delay)]
             F = self.fed_forward(points[3 * j + 1], points[3 * j + 2])
-            place = placed(context.models.arriving, self.moved(place, command, F))
+            after = self.moved(place, context.command(control, j), F)
+            place = placed(context.models.arriving, after)
         held, drives = place.at.torque, self.observer.drives
         dq, ddq = points[3 * delay + 1], points[3 * delay + 2]
         place = placed(context.models.after,

@@ -62,14 +62,7 @@ from ctc_chattering.control.adaptation import (
     untaught,
 )
 from ctc_chattering.control.controller_config import ControllerConfig
-from ctc_chattering.control.evaluation import (
-    Context,
-    ControlMemory,
-    Evaluates,
-    LastSample,
-    ROWS,
-    State,
-)
+from ctc_chattering.control.evaluation import Context, ControlMemory, Evaluates, LastSample, State
 from ctc_chattering.control.feasible_reference import (
     Desired,
     Deviation,
@@ -160,13 +153,13 @@ class ObserverFeedback(NamedTuple):
         kp, kv = np.array(matrix(config.kp, n)), np.array(matrix(config.kv, n))
         lag, rate = np.array(config.assumed_lag), np.array(config.torque_rate_limit)
         return cls(
-            kp, kv, ka, np.array(config.friction_level), float(any(config.assumed_lag)),
-            state_observer(drive_model(lag, rate, period), bandwidth, ka),
-            feasible_reference(kp.diagonal(), kv.diagonal(), rate, lag, period),
-            friction_level(config.friction_learning, bandwidth, period, ka),
-            standstill(bandwidth, ka, rate, period),
-            oscillation_guard(ka, rate, np.sqrt(kp.diagonal()), period), 1.0,
-            float(min(1.0, _STIFF / np.sqrt(kp.diagonal().max()))))
+            kp=kp, kv=kv, ka=ka, given=np.array(config.friction_level), lagging=float(any(lag)),
+            observer=state_observer(drive_model(lag, rate, period), bandwidth, ka),
+            reference=feasible_reference(kp.diagonal(), kv.diagonal(), rate, lag, period),
+            learning=friction_level(config.friction_learning, bandwidth, period, ka),
+            standstill=standstill(bandwidth, ka, rate, period),
+            guard=oscillation_guard(ka, rate, np.sqrt(kp.diagonal()), period),
+            part=1.0, least=float(min(1.0, _STIFF / np.sqrt(kp.diagonal().max()))))
 
     def bandwidth_in_use(self, memory: Memory) -> float:
         """Return s of `oscillation`."""
@@ -188,9 +181,11 @@ class ObserverFeedback(NamedTuple):
     def initial(self) -> Memory:
         """Return the memory with nothing observed or learned."""
         zero = 0.0 * self.given
-        return Memory(Observed(zero, zero, zero, zero, zero), np.zeros_like(self.kp), 0.0,
-                      untaught(self.given), Deviation(zero, zero), 0.0, zero, 0.0, moving(zero),
-                      Oscillation(zero, zero, zero, zero, 0.0, -GRACE))
+        return Memory(
+            observed=Observed(*(zero,) * 5), mass=np.zeros_like(self.kp), known=0.0,
+            learned=untaught(self.given), deviation=Deviation(zero, zero), deviating=0.0,
+            ddq=zero, followed=0.0, rest=moving(zero),
+            oscillation=Oscillation(*(zero,) * 4, retreat=0.0, strained=-GRACE))
 
     def initialized(self, memory: Memory, now: State, estimate: Array | None) -> Memory:
         """Observe the state from the measured one, with the estimate of the other law."""
@@ -226,10 +221,9 @@ class ObserverFeedback(NamedTuple):
         """Return `answer` with the bandwidths of this law."""
         place, delay = Place(memory.observed, now.M, now.bias), int(context.settings.delay)
         for j in range(delay):
-            command = context.transit[ROWS * ((int(control.turn) + j) % delay)]
-            place = placed(context.models.arriving, self.predicted(memory, place, command))
-        row = 3 * delay
-        point = Desired(points[row], points[row + 1], points[row + 2])
+            arrived = self.predicted(memory, place, context.command(control, j))
+            place = placed(context.models.arriving, arrived)
+        point = Desired(points[3 * delay], points[3 * delay + 1], points[3 * delay + 2])
         by = memory.deviation
         if memory.deviating == 0.0:
             by = Deviation(place.at.q - point.q, place.at.dq - point.dq)

@@ -40,14 +40,7 @@ from typing import NamedTuple
 
 from ctc_chattering.compiled.compilable import dot, record, solve, some
 from ctc_chattering.control.controller_config import ControllerConfig
-from ctc_chattering.control.evaluation import (
-    arriving,
-    Context,
-    ControlMemory,
-    LastSample,
-    ROWS,
-    State,
-)
+from ctc_chattering.control.evaluation import arriving, Context, ControlMemory, LastSample, State
 from ctc_chattering.control.laws.base import Applied, law, Terms
 from ctc_chattering.control.observer import drive_model, DriveModel
 from ctc_chattering.numerics.linear_algebra import Array
@@ -109,7 +102,7 @@ class PidKalman(NamedTuple):
     def initial(self) -> Kinematics:
         """Return the memory of no sample."""
         zero = 0.0 * self.gain
-        return Kinematics(zero, zero, zero, zero, zero, zero, zero, 0.0, 0.0)
+        return Kinematics(*(zero,) * 7, known=0.0, followed=0.0)
 
     def initialized(self, memory: Kinematics, now: State, estimate: Array | None) -> Kinematics:
         """Set y so that it cancels what the other law estimates beside friction."""
@@ -142,12 +135,9 @@ class PidKalman(NamedTuple):
     def answer(self, memory: Kinematics, now: State, context: Context, control: ControlMemory,
                points: Array) -> tuple[Terms, Kinematics]:
         """Return the terms of (PK4), for the state in which the torque arrives."""
-        at, delay = arriving(self, memory, now, context, control, points), int(
-            context.settings.delay)
-        held = memory.torque
-        for j in range(delay):
-            command = context.transit[ROWS * ((int(control.turn) + j) % delay)]
-            held = self.drives.response(held, command).end
+        at, held = arriving(self, memory, now, context, control, points), memory.torque
+        for j in range(int(context.settings.delay)):
+            held = self.drives.response(held, context.command(control, j)).end
         z = -self.estimate(memory, at)
         wanted, E, reach = at.N - z, self.drives.decay, self.drives.reach
         command = wanted
