@@ -85,30 +85,17 @@ def score_comparison(results: Sequence[Result]) -> Figure:
     """Draw RMS errors and torque variations of all runs, a numbered dot per joint."""
     scores = [result.metrics() for result in results]
     low, high = scores[0]['window_s']
-    called, painted = names(results), colours(results)
-    joints = max(len(result.joint_names) for result in results)
-    left = min(4.6, 0.5 + 0.078 * max(map(len, called)))
-    figure, grid = drawing.sheet('Tracking error and torque variation', 1, (1.0, 1.0),
-                                 drawing.dots_height(joints) * len(results) + 0.3, left=left)
-    for column, (key, quantity, units, suffix) in enumerate((
+    quantities = []
+    for key, quantity, units, suffix in (
             ('rms_error_rad', 'RMS error', 'position_units', ''),
-            ('torque_variation_nm_per_s', 'torque variation', 'torque_units', '/s'))):
-        evaluated = any(score[key] for score in scores)
-        ax = drawing.panel(figure, grid[0, column],
-                           f'{quantity}{f", {low:g} s to {high:g} s" if evaluated else ""} '
-                           '(number: joint)', '')
+            ('torque_variation_nm_per_s', 'torque variation', 'torque_units', '/s')):
+        window = f', {low:g} s to {high:g} s' if any(score[key] for score in scores) else ''
         unit = ' or '.join(sorted({unit + suffix for score in scores for unit in score[units]}))
-        ax.set(xlabel=f'{quantity} [{unit}]', xscale='log', ylim=(len(results) - 0.4, -0.6))
-        every = [x for score in scores for x in score[key] or () if 0.0 < x < np.inf]
-        drawing.decades(ax, 'x', every)
-        for y, score in enumerate(scores):
-            drawing.numbered_dots(ax, y, score[key] or (), painted[y])
-            if score[key] is None:
-                ax.text(0.5, y, f'no sample from {low:g} s to {high:g} s', ha='center',
-                        va='center', transform=ax.get_yaxis_transform(), fontsize=9,
-                        color='#444444')
-        ax.set_yticks(range(len(results)), [''] * len(called) if column else called)
-    return figure
+        quantities.append((f'{quantity}{window} (number: joint)', f'{quantity} [{unit}]',
+                           [score[key] or () for score in scores],
+                           f'no sample from {low:g} s to {high:g} s'))
+    return drawing.dots('Tracking error and torque variation', names(results), colours(results),
+                        quantities)
 
 
 #: Figures of the paper by experiment and law: (tracking, torques).

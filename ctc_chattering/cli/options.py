@@ -171,11 +171,10 @@ def add_output(parser: argparse.ArgumentParser, default: str | None = None,
 
 def add_jobs(parser: Any) -> None:
     """Add the option of the number of processes: all processors, or one without dask."""
-    # A text, which argparse takes for no number of the user's that --scheduler excludes.
-    default = str(os.cpu_count() or 1) if find_spec('distributed') else '1'
     parser.add_argument(
         '--jobs', type=value_of(Parameter('--jobs', 'int', None, '', minimum=1)), metavar='N',
-        default=default,
+        # Text, so that the same number given beside an option that excludes it is refused.
+        default=str((os.cpu_count() or 1) if find_spec('distributed') else 1),
         help='number of processes, default: one per processor; no result depends on it')
 
 

@@ -33,7 +33,6 @@ from ctc_chattering.parameters import whole
 from ctc_chattering.runs.conditions import (
     ALL,
     Case,
-    check_conditions,
     Condition,
     condition,
     CONDITIONS,
@@ -125,8 +124,9 @@ def tasks(paths: Sequence[Path], conditions: Sequence[str | None],
 
 def _conditions(names: Sequence[str | None], path: Path) -> list[Condition | None]:
     """Return the conditions that names mean on a robot."""
+    found = [condition(name) if name else None for name in names if name != ALL]
     if ALL not in names:
-        return [condition(name) if name else None for name in names]
+        return found
     setup = parameter_file.load(path)
     return [x for x in CONDITIONS.values() if x.fits(setup)]
 
@@ -299,7 +299,6 @@ def compare(files: Sequence[str | Path], laws: Sequence[str] = LAWS,
     for name in laws:
         if name not in LAWS:
             raise ParameterError('laws', name, ' | '.join(LAWS) + near(name, LAWS))
-    check_conditions(conditions)
     if gains not in GAINS:
         raise ParameterError('gains', gains, ' | '.join(GAINS))
     held_out, seed, jobs = whole('held_out', held_out, 0), whole('seed', seed, 0), whole(

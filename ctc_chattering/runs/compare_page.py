@@ -181,23 +181,12 @@ def held_out_csv(outcomes: Sequence[Outcome]) -> str:
 
 def errors(group: Sequence[Outcome]) -> Figure:
     """Draw RMS error and torque variation under one condition: a row a variant, a dot a joint."""
-    figure, grid = drawing.sheet(
-        f'{group[0].name}: error and torque variation (number: joint)', 1, (1.0, 1.0),
-        drawing.dots_height(len(group[0].joints)) * len(group) + 0.3, left=2.9)
-    for column, (quantity, unit, values) in enumerate((
-            ('RMS error', 'rad', [x.score.rms for x in group]),
-            ('torque variation', 'N·m/s', [x.score.variation for x in group]))):
-        ax = drawing.panel(figure, grid[0, column], f'{quantity}, 5 s to 10 s', '')
-        ax.set(xlabel=f'{quantity} [{unit}]', xscale='log', ylim=(len(group) - 0.4, -0.6))
-        for y, (outcome, row) in enumerate(zip(group, values)):
-            drawing.numbered_dots(ax, y, row, LAW_COLOURS[outcome.task.variant.law])
-            if outcome.score.failure:
-                ax.text(0.5, y, 'diverged', ha='center', va='center', fontsize=9,
-                        color='#444444', transform=ax.get_yaxis_transform())
-        drawing.decades(ax, 'x', [x for row in values for x in row])
-        names = [x.task.variant.label for x in group]
-        ax.set_yticks(range(len(group)), [''] * len(names) if column else names)
-    return figure
+    return drawing.dots(
+        f'{group[0].name}: error and torque variation (number: joint)',
+        [x.task.variant.label for x in group], [LAW_COLOURS[x.task.variant.law] for x in group],
+        [(f'{name}, 5 s to 10 s', f'{name} [{unit}]', [getattr(x.score, key) for x in group],
+          'diverged') for name, unit, key in (('RMS error', 'rad', 'rms'),
+                                              ('torque variation', 'N·m/s', 'variation'))])
 
 
 def compromises(outcomes: Sequence[Outcome], title: str) -> Figure:

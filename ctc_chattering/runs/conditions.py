@@ -176,13 +176,6 @@ def condition(name: str) -> Condition:
     return CONDITIONS[name]
 
 
-def check_conditions(names: Sequence[str]) -> None:
-    """Raise `CtcError` unless each is `ALL` or the name of a condition."""
-    for name in names:
-        if name != ALL:
-            condition(name)
-
-
 @dataclasses.dataclass(frozen=True)
 class Case(Condition):
     """A condition of which a file has the values of parameters, by node, and nothing else."""

@@ -107,13 +107,12 @@ def compute_map(spec: MapSpec | Mapping[str, Any] | str | Path, out: str | Path,
     with store.locked(out):
         about = store.about(runs)
         directory = store.Directory(out, about, store.schema(runs.spec), overwrite)
-        computation = Computation(runs, directory, jobs, scheduler, show,
-                                  progress or (lambda *_: None))
-        table = computation.table()
+        table, computed = _table(runs, directory, jobs, scheduler, show,
+                                 progress or (lambda *_: None))
         failures = Counter(table['failure'].to_pylist())
         directory.describe({
             **about, 'runs': len(table), 'runs_of_grid': len(runs), 'failures': failures,
-            'engines': Counter(table['engine'].to_pylist()), 'computed_now': computation.computed,
+            'engines': Counter(table['engine'].to_pylist()), 'computed_now': computed,
             'seconds': round(time.monotonic() - start, 1)})
         show(f'{len(table)} runs, {len(table) - failures[""]} failed, '
              f'{time.monotonic() - start:.0f} s: {out / store.TABLE}; drawing ...')
@@ -122,75 +121,49 @@ def compute_map(spec: MapSpec | Mapping[str, Any] | str | Path, out: str | Path,
     return table
 
 
-class Computation:
-    """
-    The runs of a map that are missing; parameters as of `compute_map`.
+def _table(runs: Runs, directory: store.Directory, jobs: int, scheduler: str | None,
+           show: Callable[[str], None], progress: Callable[[int, int], None]
+           ) -> tuple[pyarrow.Table, int]:
+    """Compute the runs that are missing; return the rows of all, and how many were missing."""
+    parts, client, computed = list[pyarrow.Table](), None, 0
+    refinement = Refinement(runs)
+    with ExitStack() as stack:
+        while len(some := refinement.numbers()):
+            chunks = {directory.name(x): x for x in store.chunks(runs, some)}
+            found = {name: table for name, chunk in chunks.items() if (
+                table := directory.rows(chunk, show)) is not None}
+            left = {name: x for name, x in chunks.items() if name not in found}
+            done = sum(map(len, found.values()))
+            show(f'{len(some)} runs in {len(chunks)} chunk{"s" * (len(chunks) > 1)}')
+            if done:
+                show(f'{done} runs are already computed')
+            if left and client is None:
+                client = stack.enter_context(_workers(runs, jobs, scheduler, show))
+            try:
+                for name, table in pool.computed(client, store.compute, (runs, store.version()),
+                                                 left.items()) if client and left else ():
+                    directory.write(left[name], table)
+                    found[name] = table
+                    done += len(table)
+                    computed += len(table)
+                    progress(done, len(some))
+            except (CtcError, KeyboardInterrupt) as error:
+                kind = CtcError if isinstance(error, CtcError) else KeyboardInterrupt
+                raise kind(
+                    f'{str(error) or "stopped"}; {done} of {len(some)} runs are in '
+                    f'{directory.path}, run the same command to continue') from None
+            parts.append(pyarrow.concat_tables(found[name] for name in chunks))
+            refinement.take(parts[-1])
+    return directory.merge(parts), computed
 
-    Attributes
-    ----------
-    computed : int
-        Number of runs computed now.
 
-    """
-
-    def __init__(self, runs: Runs, directory: store.Directory, jobs: int, scheduler: str | None,
-                 show: Callable[[str], None], progress: Callable[[int, int], None]) -> None:
-        self._runs, self._directory, self._jobs = runs, directory, jobs
-        self._scheduler, self._show, self._progress = scheduler, show, progress
-        self.computed = 0
-
-    def table(self) -> pyarrow.Table:
-        """Compute what is missing; write and return the rows of all runs."""
-        parts, client = list[pyarrow.Table](), None
-        refinement = Refinement(self._runs)
-        with ExitStack() as stack:
-            while len(some := refinement.numbers()):
-                chunks = {self._directory.name(x): x for x in store.chunks(self._runs, some)}
-                there = {name: table for name, chunk in chunks.items() if (
-                    table := self._directory.rows(chunk, self._show)) is not None}
-                left = {name: x for name, x in chunks.items() if name not in there}
-                done = sum(map(len, there.values()))
-                self._show(f'{len(some)} runs in {len(chunks)} chunk{"s" * (len(chunks) > 1)}')
-                if done:
-                    self._show(f'{done} runs are already computed')
-                if left:
-                    client = client or stack.enter_context(self._workers())
-                    there |= self._computed(client, left, done, len(some))
-                mine = pyarrow.concat_tables(there[name] for name in chunks)
-                refinement.take(mine)
-                parts.append(mine)
-        return self._directory.merge(parts)
-
-    @contextmanager
-    def _workers(self) -> Iterator[Client]:
-        """Compile what runs need, if they run here, and yield a client of the workers."""
-        runs = self._runs
-        if self._scheduler is None:
-            compile_setups(map(runs.example, range(len(runs.spec.variants))), self._show)
-        with pool.workers(self._jobs, self._scheduler) as client:
-            count = pool.threads(client, self._show)
-            self._show(f'{count} worker{"s" if count > 1 else ""}')
-            yield client
-
-    def _computed(self, client: Client, left: Mapping[str, store.Numbers], done: int, total: int
-                  ) -> dict[str, pyarrow.Table]:
-        """Compute the chunks that are left, and write each as it comes."""
-        found = dict[str, pyarrow.Table]()
-
-        def ended(error: BaseException) -> str:
-            return (f'{str(error) or "stopped"}; {done} of {total} runs are in '
-                    f'{self._directory.path}, run the same command to continue')
-        try:
-            self._progress(done, total)
-            for name, table in pool.computed(
-                    client, store.compute, (self._runs, store.version()), left.items()):
-                found[name] = table
-                self._directory.write(left[name], table)
-                done += len(table)
-                self.computed += len(table)
-                self._progress(done, total)
-        except CtcError as error:
-            raise CtcError(ended(error)) from None
-        except KeyboardInterrupt as error:
-            raise KeyboardInterrupt(ended(error)) from None
-        return found
+@contextmanager
+def _workers(runs: Runs, jobs: int, scheduler: str | None, show: Callable[[str], None]
+             ) -> Iterator[Client]:
+    """Compile what runs need, if they run here, and yield a client of the workers."""
+    if scheduler is None:
+        compile_setups(map(runs.example, range(len(runs.spec.variants))), show)
+    with pool.workers(jobs, scheduler) as client:
+        count = pool.threads(client, show)
+        show(f'{count} worker{"s" if count > 1 else ""}')
+        yield client

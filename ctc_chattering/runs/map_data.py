@@ -324,47 +324,28 @@ def spaced(n: int, most: int) -> list[int]:
     return sorted({round(x) for x in np.linspace(0, n - 1, min(n, most)).tolist()})
 
 
-class Contrast(NamedTuple):
+def against(data: MapData, base: int) -> pandas.DataFrame:
     """
-    A law against another, point by point and draw by draw.
+    Return a row for each other law against a base, the worst first.
 
-    Attributes
-    ----------
-    runs : int
-        Runs that both have.
-    worse, better : int
-        Runs in which only the law, or only the other, failed.
-    larger : int
-        Runs in which the law has the larger error; one that diverged has the largest.
-    loss : float
-        Largest error of a run over that of the other; 0 where no run of both has one.
-    run, where : int, str
-        Number and point of the run of that loss.
-
+    Of runs at the same point with the same draw: how many there are (`runs`), in how many only the
+    law fails (`worse`), only the base (`better`), and the law has the larger error (`larger`; one
+    that diverged has the largest). `loss` is the largest ratio of both errors, 0 where no run of
+    both has one; `run` and the columns of the axes say where.
     """
-
-    runs: int
-    worse: int
-    better: int
-    larger: int
-    loss: float
-    run: int
-    where: str
-
-
-def contrast(data: MapData, variant: int, base: int) -> Contrast:
-    """Return a variant against another."""
-    both = data.of(variant).merge(data.of(base), suffixes=('', '_base'), on=[
-        *(axis.name for axis in data.axes), 'repeat'])
+    axes = [axis.name for axis in data.axes]
+    both = data.rows[data.rows['variant'] != data.variants[base]].merge(
+        data.of(base), on=[*axes, 'repeat'], suffixes=('', '_base'))
     failed, failed_base = both['failure'] != '', both['failure_base'] != ''
     error, original = both['error'], both['error_base']
     usable = np.isfinite(error) & np.isfinite(original) & (original > 0.0)
-    ratio = (error / original).where(usable, 0.0).to_numpy()
-    worst = both.iloc[int(ratio.argmax())] if len(both) else {'run': 0}
-    return Contrast(
-        len(both), int((failed & ~failed_base).sum()), int((failed_base & ~failed).sum()),
-        int((error > original).sum()), float(ratio.max(initial=0.0)), int(worst['run']),
-        ', '.join(axis.text(worst[axis.name]) for axis in data.axes if axis.name in worst))
+    both = both.assign(runs=1, worse=failed & ~failed_base, better=failed_base & ~failed,
+                       larger=error > original, loss=(error / original).where(usable, 0.0))
+    laws = both.groupby('variant', sort=False)
+    found = laws[['runs', 'worse', 'better', 'larger']].sum()
+    most = both.loc[laws['loss'].idxmax()].set_index('variant')
+    return found.join(most[['loss', 'run', *axes]]).sort_values(
+        ['worse', 'loss'], ascending=False, kind='stable')
 
 
 def passing(data: MapData, along: int) -> tuple[list[tuple[str, list[str]]], int]:

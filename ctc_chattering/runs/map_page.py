@@ -30,7 +30,7 @@ from ctc_chattering.analysis.tables import (
     Table,
     two_lines,
 )
-from ctc_chattering.runs.map_data import contrast, Counts, KINDS, MapData, passing, pooled, side
+from ctc_chattering.runs.map_data import against, Counts, KINDS, MapData, passing, pooled, side
 from ctc_chattering.runs.map_figures import figures, sobol_table
 from ctc_chattering.runs.spec import MapSpec, rows_of
 from ctc_chattering.runs.store import FIGURES, JSON, PAGE, TABLE
@@ -173,19 +173,18 @@ def _share(failures: Counts, runs: Counts) -> str:
 
 
 def _against_base(data: MapData) -> Iterator[Table]:
-    """Yield the table of the laws against the base, the worst first, if there is a base."""
+    """Yield the table of the laws against the base, if there are both."""
     if data.base is None or len(data.variants) == 1:
         return
     base = data.variants[data.base]
-    found = {name: contrast(data, v, data.base)
-             for v, name in enumerate(data.variants) if v != data.base}
     yield Table(
         f'Against {base}',
         ['law', 'runs', 'only the law fails', f'only {base} fails', 'its error is larger',
          'ratio of errors, at most', 'in run', 'at'],
-        [[name, f'{x.runs}', f'{x.worse}', f'{x.better}', f'{x.larger}', short(x.loss),
-          f'{x.run}', x.where] for name, x in sorted(
-              found.items(), key=lambda item: (-item[1].worse, -item[1].loss))],
+        [[law, *(f'{x[key]:.0f}' for key in ('runs', 'worse', 'better', 'larger')),
+          short(x['loss']), f'{x["run"]:.0f}',
+          ', '.join(axis.text(x[axis.name]) for axis in data.axes)]
+         for law, x in against(data, data.base).iterrows()],
         note='Runs at the same point, with the same draw and the same noise. '
              'ctc map SPEC --explain RUN shows one.')
 

@@ -25,7 +25,6 @@ from multiprocessing import resource_tracker
 import signal
 import sys
 from typing import Any, TYPE_CHECKING, TypeVar
-from uuid import uuid4
 
 from ctc_chattering.errors import CtcError
 
@@ -82,13 +81,10 @@ def processes(jobs: int) -> Iterator[Callable[..., Iterator[Any]]]:
 
 def _in_order(client: Client, function: Callable[[T], R], tasks: Iterable[T]) -> Iterator[R]:
     """Yield what `function` makes of every task, in their order."""
-    call = uuid4().hex
-    named = [(f'{call}-{k}', task) for k, task in enumerate(tasks)]
-    done, found = computed(client, function, (), named), dict[str, R]()
-    for name, _ in named:
-        while name not in found:
-            found.update([next(done)])
-        yield found.pop(name)
+    for future in client.map(function, list(tasks), pure=False):
+        if future.exception() is not None:
+            _check(future)
+        yield future.result()  # It is computed again if its worker was killed.
 
 
 @contextmanager

@@ -16,7 +16,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from math import inf, isfinite
 from typing import Any, NamedTuple
 
@@ -187,42 +187,36 @@ def worst(scores: Iterable[Score]) -> Score:
 
 
 INTEGER, TEXT, NUMBER = 'int64', 'string', 'float64'
-#: Which run it is; before the axes and what is uncertain.
-WHICH = {'run': INTEGER, 'point': INTEGER, 'repeat': INTEGER, 'seed': INTEGER,
-         'variant': TEXT, 'law': TEXT, 'switching': TEXT}
+#: Type and unit of the columns that say which run it is; before the axes and what is uncertain.
+_WHICH = {**dict.fromkeys(('run', 'point', 'repeat', 'seed'), (INTEGER, '')),
+          **dict.fromkeys(('variant', 'law', 'switching'), (TEXT, ''))}
 #: What came of it, and the numbers that sum it up; without a number where it failed.
-RESULT = {'engine': TEXT, 'failure': TEXT, 'reason': TEXT,
-          'error': NUMBER, 'variation': NUMBER, 'saturated': NUMBER,
-          'slips': NUMBER}
-#: Numbers of all joints together, besides; as `analysis.metrics` has them.
-_OVERALL = {'max_error_norm1_rad': NUMBER, 'reaching_time_s': NUMBER, 'missing_samples': INTEGER}
-#: Units of columns, and of those of each joint.
-_UNITS = {'error': 'rad', 'variation': 'N*m/s', 'slips': '1/s', 'max_error_norm1_rad': 'rad',
-          'reaching_time_s': 's'}
+_RESULT = {**dict.fromkeys(('engine', 'failure', 'reason'), (TEXT, '')),
+           'error': (NUMBER, 'rad'), 'variation': (NUMBER, 'N*m/s'), 'saturated': (NUMBER, ''),
+           'slips': (NUMBER, '1/s')}
+#: Numbers of each joint, and of all, besides; as `analysis.metrics` has them.
 _OF_JOINTS = dict(zip(PER_JOINT.values(), ('rad', 'N*m', 'N*m/s', 'N*m', 'N*m/s')))
+_OVERALL = {'max_error_norm1_rad': (NUMBER, 'rad'), 'reaching_time_s': (NUMBER, 's'),
+            'missing_samples': (INTEGER, '')}
 
 
-def unit_of(column: str) -> str:
-    """Return the unit of a column of the results; empty for none."""
-    return _UNITS.get(column) or _OF_JOINTS.get(column.rpartition('_')[0], '')
+def of_results(n: int) -> dict[str, tuple[str, str]]:
+    """Return name, type and unit of the columns behind the axes, for `n` joints."""
+    joints = {f'{name}_{i}': (NUMBER, unit) for name, unit in _OF_JOINTS.items()
+              for i in range(1, n + 1)}
+    return {**_RESULT, **joints, **_OVERALL}
 
 
-def of_results(n: int) -> dict[str, str]:
-    """Return name and type of the columns behind the axes, for `n` joints."""
-    joints = {f'{name}_{i}': NUMBER for name in PER_JOINT.values() for i in range(1, n + 1)}
-    return {**RESULT, **joints, **_OVERALL}
-
-
-def of_map(quantities: Sequence[str], n: int) -> dict[str, str]:
+def of_map(units: Mapping[str, str], n: int) -> dict[str, tuple[str, str]]:
     """
-    Return name and type of all columns, in order.
+    Return name, type and unit of all columns, in order.
 
     Parameters
     ----------
-    quantities : sequence of str
-        Names of the axes, then of what is uncertain.
+    units : mapping of str to str
+        Names of the axes, then of what is uncertain, and their units.
     n : int
         Number of joints.
 
     """
-    return {**WHICH, **dict.fromkeys(quantities, NUMBER), **of_results(n)}
+    return {**_WHICH, **{name: (NUMBER, unit) for name, unit in units.items()}, **of_results(n)}

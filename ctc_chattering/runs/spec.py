@@ -410,11 +410,6 @@ class MapSpec:
     tree: Mapping[str, Any]
 
     @property
-    def refined(self) -> bool:
-        """Return whether points are run near the boundary only."""
-        return any(step > 1 for step in self.coarse)
-
-    @property
     def shape(self) -> tuple[int, ...]:
         """Return the number of values of each axis."""
         return tuple(len(axis.values) for axis in self.axes)
@@ -515,7 +510,7 @@ def _quantities(values: Mapping[str, Any], key: str, read: Callable[[str, object
     tree = values.get(key) or {}
     if not isinstance(tree, dict):
         raise ParameterError(key, tree, 'a mapping of names')
-    taken = of_map((), n)
+    taken = of_map({}, n)
     for name in tree:
         if not (isinstance(name, str) and name.isidentifier()) or name in taken:
             raise ParameterError(key, name, 'a name of letters, digits and _ that is no column '

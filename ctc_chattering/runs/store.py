@@ -40,7 +40,7 @@ from ctc_chattering.analysis.compilation import compile_setups
 from ctc_chattering.analysis.output import finite, prepare, write_text, writing
 from ctc_chattering.errors import CtcError, MachineError, refused_as
 from ctc_chattering.runs.points import evaluate, refused, Runs
-from ctc_chattering.runs.score import of_map, unit_of
+from ctc_chattering.runs.score import of_map
 from ctc_chattering.runs.spec import MapSpec
 import numpy as np
 import numpy.typing as npt
@@ -74,11 +74,10 @@ def version() -> str:
 def schema(spec: MapSpec) -> pyarrow.Schema:
     """Return the columns of the results, with the unit of each that has one."""
     units = {quantity.name: quantity.unit for quantity in (*spec.axes, *spec.uncertain)}
-    kinds = of_map(list(units), len(spec.setup.controller.joint_names))
     return pyarrow.schema([
-        pyarrow.field(name, pyarrow.type_for_alias(kind), metadata={'unit': unit} if (
-            unit := units.get(name, unit_of(name))) else None)
-        for name, kind in kinds.items()])
+        pyarrow.field(name, pyarrow.type_for_alias(kind),
+                      metadata={'unit': unit} if unit else None)
+        for name, (kind, unit) in of_map(units, len(spec.setup.controller.joint_names)).items()])
 
 
 def about(runs: Runs) -> dict[str, Any]:

@@ -37,9 +37,9 @@ from ctc_chattering.runs.search import (
     TORQUE,
     Trial,
 )
-from ctc_chattering.runs.spec import Uncertain
+from ctc_chattering.runs.spec import rows_of
 from ctc_chattering.runs.tune import Candidate, Tuning
-from ctc_chattering.runs.tune_spec import PossibleDrives, TuneSpec
+from ctc_chattering.runs.tune_spec import TuneSpec
 from matplotlib.figure import Figure
 
 #: Part of a range, on a logarithmic scale, that counts as its end.
@@ -74,25 +74,12 @@ def facts(tuning: Tuning) -> Iterator[tuple[str, str]]:
                    f'{spec.window[1]:g} s; start within '
                    f'{spec.setup.reference.start_duration:g} s')
     yield 'validation', f'{len(tuning.fresh)} fresh draws, seed {tuning.fresh.spec.repeats.seed}'
-    yield 'uncertain', '; '.join(map(uncertain_text, spec.uncertain)) or 'noise only'
+    yield from rows_of({'uncertain': spec.tree['uncertain']})
     for name, most, unit in ((TORQUE, spec.limits.torque, 'N·m'),
                              (RATE, spec.limits.rate, 'N·m/s')):
         yield f'limit of the {name}', 'none' if min(most) == inf else (
             f'{number_text(most)} {unit}')
     yield 'trials', trials_text(tuning.trials)
-
-
-def uncertain_text(quantity: Uncertain) -> str:
-    """Return what is drawn, in words."""
-    if isinstance(quantity, PossibleDrives):
-        return quantity.text
-    numbers = [f'{x:g}' for x in quantity.numbers]
-    drawn = {'normal': f'normal, mean {numbers[0]}, deviation {numbers[-1]}',
-             'choice': ' or '.join(numbers)}.get(
-        quantity.distribution, f'{numbers[0]} to {numbers[-1]}')
-    spaced = ', logarithmic' if quantity.distribution == 'log_uniform' else ''
-    times = 'times ' if quantity.factor else ''
-    return f'{quantity.name} {times}{drawn} {quantity.unit}'.rstrip() + spaced
 
 
 def trials_text(trials: Sequence[Trial]) -> str:

@@ -16,7 +16,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 import dataclasses
 import json
 from math import inf
@@ -105,7 +105,7 @@ class TuneSpec(MapSpec):
             {'repeats': _FRESH * n, 'seed': self.repeats.seed + n}))
 
 
-def parse_tune(tree: object, path: Path, more: Sequence[Uncertain] = ()) -> TuneSpec:
+def parse_tune(tree: object, path: Path, more: Mapping[str, Any] | None = None) -> TuneSpec:
     """
     Return what a spec says.
 
@@ -116,8 +116,9 @@ def parse_tune(tree: object, path: Path, more: Sequence[Uncertain] = ()) -> Tune
         `tune`.
     path : Path
         Of the spec; relative paths in it count from its directory.
-    more : sequence of Uncertain
-        What is uncertain besides. Without this and `uncertain`, `usual` is.
+    more : mapping, optional
+        What is uncertain besides: as in a spec, or drives. Without this and `uncertain`, `usual`
+        is.
 
     Raises
     ------
@@ -133,7 +134,10 @@ def parse_tune(tree: object, path: Path, more: Sequence[Uncertain] = ()) -> Tune
     spec = parse(given, path)
     if spec.repeats.sampling == 'saltelli':
         raise ParameterError('sampling', 'saltelli', 'random | latin_hypercube | sobol')
-    uncertain = (*spec.uncertain, *more) if more or 'uncertain' in given else usual(spec.setup)
+    trees = {**(given.get('uncertain') or {}), **(more or {})} if (
+        more is not None or 'uncertain' in given) else usual(spec.setup)
+    uncertain = tuple(x if isinstance(x, Uncertain) else read_uncertain(name, x)
+                      for name, x in trees.items())
     section = mapping('tune', given.get('tune') or {}, _KEYS)
     file = _plain(spec.setup)
     law = {'law': section.get('law', _LAW)}
@@ -147,7 +151,8 @@ def parse_tune(tree: object, path: Path, more: Sequence[Uncertain] = ()) -> Tune
         raise ParameterError('tune.switching', law['switching'], f'none under law {law["law"]}')
     config = setup.controller
     found = TuneSpec(**{
-        **vars(spec), 'setup': setup, 'uncertain': uncertain,
+        **vars(spec), 'setup': setup, 'uncertain': uncertain, 'tree': {**given, 'uncertain': {
+            name: getattr(x, 'text', x) for name, x in trees.items()}},
         'variants': (LawSettings('', config.law, config.switching_in_force, law, False),)},
         file=file, values=_values(file, given, path), limits=_limits(section, setup),
         ranges=_ranges(section.get('search') or {}, setup))
@@ -155,7 +160,7 @@ def parse_tune(tree: object, path: Path, more: Sequence[Uncertain] = ()) -> Tune
     return found
 
 
-def usual(setup: Setup) -> tuple[Uncertain, ...]:
+def usual(setup: Setup) -> dict[str, Any]:
     """Return what is uncertain of a robot where nothing says so."""
     found = {'model': _MODEL}
     for name, x in _UNKNOWN.items():
@@ -164,7 +169,7 @@ def usual(setup: Setup) -> tuple[Uncertain, ...]:
             found[name] = {'parameter': x['parameter'], **_FACTOR}
         elif len(x) > 1:
             found[name] = x
-    return tuple(read_uncertain(name, x) for name, x in found.items())
+    return found
 
 
 def _plain(setup: Setup) -> Setup:
@@ -270,7 +275,7 @@ class PossibleDrives(Uncertain):
     @property
     def text(self) -> str:
         """Return delays and lags in words."""
-        return 'drives: ' + ' or '.join(
+        return ' or '.join(
             f'delay {delay} with lags '
             f'{", ".join(f"{1e3 * low:.2g} to {1e3 * high:.2g}" for low, high in lags)} ms'
             for delay, lags in self.drives)
@@ -310,7 +315,7 @@ def identified_spec(directory: Path, tree: Mapping[str, Any]) -> TuneSpec:
     setup = parameter_file.load(directory / VALUES)
     try:
         found = json.loads(path.read_text(encoding='utf-8'))
-        uncertain = (*_friction(found), *_drives(found), *_model(found, setup))
+        uncertain = dict((*_friction(found), *_drives(found), *_model(found, setup)))
         notes = tuple(_notes(found, setup))
     except OSError as error:
         raise CtcError(f'{path}: {error.strerror or error}') from None
@@ -324,16 +329,17 @@ def identified_spec(directory: Path, tree: Mapping[str, Any]) -> TuneSpec:
     return dataclasses.replace(spec, notes=notes)
 
 
-def _friction(found: Mapping[str, Any]) -> Iterator[Uncertain]:
+def _friction(found: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
     """Yield factors of friction: for all joints, the widest interval of any."""
     for name in ('coulomb', 'viscous'):
         part = max((_half(x[name]) / x[name]['value'] for x in found['friction']
                     if (x[name]['value'] or 0.0) > 0.0), default=0.0)
         if part > 0.0:
-            yield _factor(name, f'plant.{name}_friction', part)
+            yield name, {'parameter': f'plant.{name}_friction', 'factor': True,
+                         'uniform': [max(0.0, 1.0 - part), 1.0 + part]}
 
 
-def _drives(found: Mapping[str, Any]) -> Iterator[Uncertain]:
+def _drives(found: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
     """Yield each delay that is possible, with the intervals of its lags."""
     drives = tuple((int(x['delay_samples']), tuple(
         (max(0.0, float(low)), float(high)) for low, high in x['actuator_lag_interval_95_s']))
@@ -341,21 +347,19 @@ def _drives(found: Mapping[str, Any]) -> Iterator[Uncertain]:
     if any(high > low for _, lags in drives for low, high in lags) or len(drives) > 1:
         parameters = PlantConfig.parameters()
         targets = tuple(('plant', parameters[x]) for x in ('input_delay', 'actuator_lag'))
-        yield PossibleDrives('delay and lag', targets, False, 'uniform',
-                             (0.0, float(len(drives))), drives)
+        yield 'delay and lag', PossibleDrives(
+            'delay and lag', targets, False, 'uniform', (0.0, float(len(drives))), drives)
 
 
-def _model(found: Mapping[str, Any], setup: Setup) -> Iterator[Uncertain]:
+def _model(found: Mapping[str, Any], setup: Setup) -> Iterator[tuple[str, Any]]:
     """Yield a scale of the controller's model, and the payload that it lacks."""
     known = [x for x in found['model_errors'] if x['value'] is not None]
     part = max([_MODEL_PART, *(abs(x['value']) + _half(x) for x in known if not x['unit'])])
-    yield read_uncertain('model', {
-        'parameters': ['controller.inertia_scale', 'controller.gravity_scale'],
-        'uniform': [1.0 - min(part, 0.9), 1.0 + part]})
+    yield 'model', {**_MODEL, 'uniform': [1.0 - min(part, 0.9), 1.0 + part]}
     for x in known:
         if x['unit'] and _drawn(x, setup):
-            yield read_uncertain('payload', {'parameter': 'plant.payload', 'uniform': [
-                max(0.0, x['value'] - _half(x)), x['value'] + _half(x)]})
+            yield 'payload', {'parameter': 'plant.payload', 'uniform': [
+                max(0.0, x['value'] - _half(x)), x['value'] + _half(x)]}
 
 
 def _notes(found: Mapping[str, Any], setup: Setup) -> Iterator[str]:
@@ -370,11 +374,6 @@ def _notes(found: Mapping[str, Any], setup: Setup) -> Iterator[str]:
 def _drawn(error: Mapping[str, Any], setup: Setup) -> bool:
     """Return whether the plant can have a payload."""
     return bool(setup.plant.described and error['value'] > 0.0 and _half(error) > 0.0)
-
-
-def _factor(name: str, parameter: str, part: float) -> Uncertain:
-    return read_uncertain(name, {'parameter': parameter, 'factor': True,
-                                 'uniform': [max(0.0, 1.0 - part), 1.0 + part]})
 
 
 def _half(number: Mapping[str, Any]) -> float:

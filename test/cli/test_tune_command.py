@@ -61,8 +61,8 @@ def test_a_spec_becomes_gains(folder: Path, capsys: pytest.CaptureFixture[str]) 
     assert main(command) == 0
     text = capsys.readouterr().out
     for words in ('chattering implicit_observer', '6 trials × 2 draws', '8 fresh draws',
-                  'friction times 0.8 to 1.2', '5000 N·m', 'file chattering sign',
-                  'ctc simulate tuned/tuned.yaml'):
+                  'uncertain friction:', 'uniform: [0.8, 1.2], factor: true', '5000 N·m',
+                  'file chattering sign', 'ctc simulate tuned/tuned.yaml'):
         assert words in text
     assert {x.name for x in Path('tuned').iterdir()} == set(NAMES)
     found = numbers(Path('tuned'))

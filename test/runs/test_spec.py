@@ -206,5 +206,5 @@ def test_the_coarse_grid_is_of_axes_with_a_range() -> None:
     axes = {'ka': {'parameter': 'ka', 'range': [1, 9], 'count': 9},
             'delay': {'parameter': 'plant.input_delay', 'values': [0, 1, 2]}}
     assert spec(axes=axes, refine=2).coarse == (4, 1)
-    assert not spec(axes=axes).refined
+    assert spec(axes=axes).coarse == (1, 1)
     assert spec(sampling='saltelli', axes=None, repeats=12).runs == 24

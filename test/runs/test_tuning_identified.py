@@ -25,7 +25,6 @@ from ctc_chattering.cli.ctc import main
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.errors import CtcError
 from ctc_chattering.runs.points import Runs
-from ctc_chattering.runs.tune_page import uncertain_text
 from ctc_chattering.runs.tune_spec import identified_spec, TuneSpec
 from identified_bags import recorded_bag, short
 import pytest
@@ -98,9 +97,9 @@ def test_every_delay_is_drawn_with_all_lags_that_are_possible_with_it(tmp_path: 
             assert low <= min(drawn) <= low + 0.1 * (high - low)
             assert high - 0.1 * (high - low) <= max(drawn) <= high
     assert spec.notes == ()
-    text = next(filter(lambda x: x.startswith('drives'), map(uncertain_text, spec.uncertain)))
-    assert text == ('drives: delay 0 with lags 3 to 4, 5 to 7 ms or delay 1 with lags 2 to 3, '
-                    '4 to 5 ms or delay 2 with lags 0 to 1, 1 to 1 ms')
+    assert spec.tree['uncertain']['delay and lag'] == (
+        'delay 0 with lags 3 to 4, 5 to 7 ms or delay 1 with lags 2 to 3, 4 to 5 ms or '
+        'delay 2 with lags 0 to 1, 1 to 1 ms')
 
 
 def test_without_a_known_delay_that_of_the_file_is_taken_and_said(tmp_path: Path) -> None:

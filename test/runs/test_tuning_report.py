@@ -17,12 +17,14 @@
 from __future__ import annotations
 
 import dataclasses
+from pathlib import Path
 
 from ctc_chattering.runs import tune_page as report
 from ctc_chattering.runs.score import Score
 from ctc_chattering.runs.search import Limits, over_draws, Range, Trial
-from ctc_chattering.runs.spec import read_uncertain
+from ctc_chattering.runs.spec import rows_of
 from ctc_chattering.runs.tune import Tuning
+from ctc_chattering.runs.tune_spec import parse_tune
 import pytest
 from tunings import short_tuning
 
@@ -52,15 +54,13 @@ def test_the_closest_trial_is_that_with_the_least_excess() -> None:
         'trial 1 comes closest: 25% of its runs diverge, the first: no torque at t = 1 s')
 
 
-@pytest.mark.parametrize(('tree', 'text'), [
-    ({'parameter': 'plant.coulomb_friction', 'uniform': [0.5, 2], 'factor': True},
-     'x times 0.5 to 2'),
-    ({'parameter': 'plant.velocity_noise', 'log_uniform': [1e-4, 1e-3]},
-     'x 0.0001 to 0.001 rad/s, logarithmic'),
-    ({'parameter': 'plant.input_delay', 'choice': [0, 1, 2]}, 'x 0 or 1 or 2'),
-    ({'parameter': 'plant.payload', 'normal': [1, 0.1]}, 'x normal, mean 1, deviation 0.1 kg')])
-def test_what_is_drawn_in_words(tree: dict[str, object], text: str) -> None:
-    assert report.uncertain_text(read_uncertain('x', tree)) == text
+def test_what_is_drawn_is_as_it_was_given_or_as_it_usually_is() -> None:
+    rows = dict(report.facts(short_tuning()))
+    assert rows['uncertain friction'] == (
+        '{parameter: plant.coulomb_friction, uniform: [5, 15]}')
+    usual = parse_tune({'duration': 1.0}, Path('spec.yaml'))
+    assert dict(rows_of(usual.tree))['uncertain friction'] == (
+        '{parameter: plant.coulomb_friction, uniform: [0.8, 1.2], factor: true}')
 
 
 def test_the_table_has_the_gains_of_all_candidates() -> None:
