@@ -111,7 +111,8 @@ def test_default_parameters_on_a_clean_arm() -> None:
     assert (variation(found) < [1100.0, 220.0]).all()
 
 
-@pytest.mark.parametrize(('told', 'wrong'), [('rate', 3.0), ('rate', math.inf), ('lag', 0.0)])
+@pytest.mark.parametrize(('told', 'wrong'), [('rate', 3.0), *(
+    pytest.param(*x, marks=pytest.mark.slow) for x in (('rate', math.inf), ('lag', 0.0)))])
 def test_drives_that_are_not_as_told(told: str, wrong: float) -> None:
     """Check that the law loses bandwidth and not the robot; `test_without_the_guard` diverges."""
     law = {**GAINS, **KNOWN, 'estimator_bandwidth': 200.0, 'error_limit': [3.0, 3.0]}
