@@ -205,7 +205,8 @@ class ControlLoop:
             self.motion.pass_over(state.t, driven=allowed)
             self.handle(Input.NO_REFERENCE)
             return None
-        late = 0 if self.simulated or self._too_slow else min(
+        # Before the first torque it is not known what moved the robot, such as a brake.
+        late = 0 if self.simulated or self._too_slow or self._held is None else min(
             self._periods_since(state.t, now), self.predicted_periods)
         sample = self._step(law, state, points, at, late)
         if not self._send_checked(law, sample):

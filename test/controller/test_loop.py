@@ -165,6 +165,22 @@ def test_silence_ends_the_torques_and_the_next_state_restarts_the_law() -> None:
     assert at_once.state(31) == law((0.1, 0.2), first=31, bumpless=True)
 
 
+def test_the_first_torque_is_that_of_the_state_however_late_it_is_answered() -> None:
+    """Predict no further periods: it is not known what moved the robot before."""
+    robot = Robot(simulated=False)
+    robot.loop.restart_duration, robot.loop.predicted_periods = 0.0, 8
+    robot.reference(0, 2000)
+    robot.state(0)
+    assert robot.state(1) == law((0.1, 0.2), (0.1, 0.2))[1:]
+    robot.silence(30)
+    robot.loop.take_state(JointSample(31 * MS, (0.1, 0.2), ZERO), 31 * MS, False)
+    robot.loop.answer(True, 36 * MS)
+    assert robot.sent[-1:] == law((0.1, 0.2), first=31, bumpless=True)
+    robot.loop.take_state(JointSample(37 * MS, (0.1, 0.2), ZERO), 37 * MS, False)
+    robot.loop.answer(True, 40 * MS)  # That of a sample three periods later.
+    assert robot.sent[-1:] != law(*[(0.1, 0.2)] * 7, first=31, bumpless=True)[-1:]
+
+
 @pytest.mark.parametrize('begun', [False, True])
 def test_gaps_of_the_start_are_no_faults(begun: bool) -> None:
     """Let states jump and pause, before the reference is heard, and after a torque."""
