@@ -46,7 +46,7 @@ if TYPE_CHECKING:
     from ctc_chattering.analysis.result import Result
     from ctc_chattering.configuration.loop_setup import Setup
     from ctc_chattering.runs.points import Runs
-    from ctc_chattering.runs.tune_spec import TuneSpec
+    from ctc_chattering.runs.tune import TuneSpec
 
 
 def compare_options(parser: argparse.ArgumentParser) -> None:
@@ -283,8 +283,7 @@ def _tune_spec(options: argparse.Namespace) -> TuneSpec:
     """Return what is tuned, from a spec, a parameter file, or what was identified."""
     from ctc_chattering.configuration.yaml_file import read_yaml
     from ctc_chattering.runs.spec import errors_of
-    from ctc_chattering.runs.tune import tune_spec
-    from ctc_chattering.runs.tune_spec import parse_tune
+    from ctc_chattering.runs.tune import parse_tune, tune_spec
 
     params_file = options.params_file
     if options.file:
