@@ -256,16 +256,7 @@ class Config:
         cls.__doc__ = '\n'.join((
             inspect.cleandoc(cls.__doc__ or ''), '', 'Parameters', '----------',
             *(spec.documentation for spec in specs), '', 'Raises', '------', 'ParameterError',
-            '    For a name that is no parameter, or a value that is not allowed.', ''))
-
-    def __new__(cls: type[C], *args: Any, **values: Any) -> C:
-        """Refuse an argument that is no parameter."""
-        known = [spec.field for spec in cls.parameters().values()] if args or values else []
-        for name, value in (*values.items(), *((f'argument {len(known) + 1}', x)
-                                               for x in args[len(known):])):
-            if name not in known:
-                raise ParameterError(name, value, 'one of ' + ', '.join(known))
-        return super().__new__(cls)
+            '    For a value that is not allowed.', ''))
 
     def __post_init__(self) -> None:
         """Fill in defaults, coerce types and check every value."""

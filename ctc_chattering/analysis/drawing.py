@@ -186,7 +186,8 @@ def fit(figure: Figure) -> Figure:
         note = min(len(right.get_text()), int(0.5 * wide))
         for text, room in ((ax.xaxis.label, wide), (ax.yaxis.label, high), (right, note),
                            (left, wide - note - 2)):
-            text.set_text(cut(text.get_text(), max(int(room), 8)))
+            text.set_text('\n'.join(
+                cut(line, max(int(room), 8)) for line in text.get_text().split('\n')))
     return figure
 
 

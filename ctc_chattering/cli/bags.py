@@ -23,7 +23,6 @@ from ctc_chattering.analysis.output import prepare
 from ctc_chattering.cli.command_line import say
 from ctc_chattering.cli.options import (
     add_bag,
-    add_format,
     add_number,
     add_output,
     add_own,
@@ -37,7 +36,6 @@ def plot_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('bags', nargs='+', type=Path, metavar='BAG',
                         help='bag, or directory of bags')
     add_own(parser)
-    add_format(parser)
     add_output(parser, 'plots')
 
 
@@ -74,7 +72,7 @@ def export_options(parser: argparse.ArgumentParser) -> None:
     add_own(parser)
     parser.add_argument('--csv', action='store_true',
                         help='write trajectory.csv instead of trajectory.npz')
-    add_output(parser, 'export')
+    add_output(parser, 'export', figures=False)
 
 
 def run_export(options: argparse.Namespace) -> int:

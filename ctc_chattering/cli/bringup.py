@@ -24,6 +24,7 @@ import sys
 from ctc_chattering import __version__
 from ctc_chattering.cli.command_line import guarded, Parser
 from ctc_chattering.cli.options import add_overrides, add_run_options, load_setup
+from ctc_chattering.cli.presentation import progress
 from ctc_chattering.errors import given_by_user
 from ctc_chattering.launch.graph import run_graph, Stopped
 from ctc_chattering.ros import ros_arguments
@@ -57,7 +58,6 @@ def bringup(arguments: Sequence[str]) -> int:
     """Run the graph as the arguments, its own and those for ROS, say."""
     own, ros = ros_arguments.parse(arguments)
     options = make_parser().parse_args(own)
-    from ctc_chattering.cli.presentation import progress
     from tqdm import tqdm
     if options.live:
         from ctc_chattering.live import require_viser

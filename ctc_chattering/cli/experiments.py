@@ -23,7 +23,7 @@ import time
 
 from ctc_chattering.analysis.output import prepare
 from ctc_chattering.cli.command_line import say
-from ctc_chattering.cli.options import add_format, add_output, add_run_options, load_setup
+from ctc_chattering.cli.options import add_output, add_run_options, load_setup
 from ctc_chattering.cli.presentation import present, print_results, progress
 from ctc_chattering.configuration import parameter_file
 
@@ -39,7 +39,7 @@ def simulate_options(parser: argparse.ArgumentParser) -> None:
     add_run_options(parser)
     parser.add_argument('--plain', action='store_true',
                         help='do not compile first; a run of a minute or more does by itself')
-    add_output(parser)
+    add_output(parser, figures=False)
 
 
 def run_simulate(options: argparse.Namespace) -> int:
@@ -78,7 +78,6 @@ def run_simulate(options: argparse.Namespace) -> int:
 
 def reproduce_options(parser: argparse.ArgumentParser) -> None:
     """Add the options of `ctc reproduce`."""
-    add_format(parser)
     add_output(parser, 'results')
 
 

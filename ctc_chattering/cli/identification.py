@@ -18,20 +18,19 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
-from math import inf, isfinite
+from math import inf
 from pathlib import Path
 
 from ctc_chattering.analysis.output import prepare
-from ctc_chattering.analysis.tables import columns, cut, paragraph, print_columns, WIDTH
+from ctc_chattering.analysis.tables import fitted, paragraph
 from ctc_chattering.bags.motion import read_motion
 from ctc_chattering.cli.command_line import say
 from ctc_chattering.cli.options import (
     add_declared,
-    add_format,
     add_number,
     add_output,
     add_params_file,
-    numbers,
+    for_each,
     words,
 )
 from ctc_chattering.cli.presentation import print_page
@@ -67,7 +66,12 @@ _ASKED['center'] = dataclasses.replace(
     _ASKED['center'], description="centre of the motion, by default the reference's", default=None)
 _FRICTION = Parameter('friction', 'float[]', None, 'expected Coulomb friction, by default '
                       "the plant's", unit='N*m', minimum=0.0, shape='n')
-#: Options that say what the effort is.
+#: Options that say what the effort is, and numbers of it.
+_OF_EFFORT = {
+    'gear_ratio': 'turns of the motor per turn of the joint, where the effort is a torque or a '
+                  'current at the motor',
+    'torque_constant': 'torque of the motor per ampere [N·m/A], or of the joint without '
+                       '--gear-ratio'}
 _EFFORT = EffortNames('--effort', '--gear-ratio', '--torque-constant')
 
 
@@ -76,8 +80,8 @@ def excite_options(parser: argparse.ArgumentParser) -> None:
     add_params_file(parser)
     for spec in (*_ASKED.values(), _FRICTION):
         add_declared(parser, spec)
-    parser.add_argument('--srdf', type=Path, metavar='FILE',
-                        help='do not check links that this SRDF allows to touch')
+    parser.add_argument('--srdf', metavar='FILE', help='SRDF, a path or package://NAME/PATH: '
+                        'links that it allows to touch are not checked')
     add_number(parser, '--floor', 'height of a floor in the frame of the root link', None,
                'float', unit='m')
     add_number(parser, '--evaluations', 'random motions, of which the first that keeps all limits '
@@ -85,7 +89,7 @@ def excite_options(parser: argparse.ArgumentParser) -> None:
     add_number(parser, '--seed', 'seed of the random motions', 0, minimum=0)
     parser.add_argument('--for', dest='joints', type=words, default=(), metavar='A,B',
                         help='joints that the motion is for: the others move little; default: all')
-    add_output(parser)
+    add_output(parser, figures=False)
 
 
 def run_excite(options: argparse.Namespace) -> int:
@@ -106,9 +110,9 @@ def run_excite(options: argparse.Namespace) -> int:
     with given_by_user((*_ASKED, 'friction')):
         request_of(setup, request)
         if friction is not None:
-            friction = _FRICTION.coerce(friction, n)
+            friction = for_each(friction, n)
             _FRICTION.check(friction, n)
-    srdf = _text(options.srdf) if options.srdf is not None else ''
+    srdf = read_description(options.srdf) if options.srdf else ''
     if options.out is not None and not options.overwrite:
         prepare(options.out, (MOTION, RUN))  # Refused before the search rather than after it.
     found = excite(setup, request, friction, options.evaluations, options.seed, srdf,
@@ -120,15 +124,6 @@ def run_excite(options: argparse.Namespace) -> int:
         print(f'{len(found.excitation.route.times)} waypoints: {options.out / MOTION}; play them '
               f'with bringup {options.out / RUN}')
     return 0
-
-
-def _text(file: Path) -> str:
-    """Return the text of an SRDF."""
-    try:
-        return file.read_text(encoding='utf-8')
-    except (OSError, ValueError) as error:
-        raise CtcError(f'{file}: {getattr(error, "strerror", None) or "not a text file"}'
-                       ) from None
 
 
 def _show_motion(found: Plan) -> None:
@@ -144,8 +139,7 @@ def _show_motion(found: Plan) -> None:
             joint.name, f'{q.min():.2f} to {q.max():.2f}',
             *(f'{most:.3g}/{limit:.4g}' for most, limit in peaks), f'{found.kp[i]:g}',
             f'{found.kv[i]:g}', f'{found.hold[i]:.3f}'))
-    wide = max(map(len, columns([row[1:] for row in rows])))
-    print_columns([(cut(row[0], WIDTH - 2 - wide), *row[1:]) for row in rows])
+    print('\n'.join(fitted(rows, 0)))
     (first, _), (_, last) = found.excitation.slow[0], found.excitation.creep[-1]
     begin, end = found.excitation.sines
     _say(f'slow reversals and creeping at {len(found.excitation.slow)} poses from {first:.1f} to '
@@ -206,12 +200,8 @@ def identify_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--effort', choices=(MOTOR, LINK, CURRENT),
                         help='what the effort is: the torque of the motor, that of the link '
                              '(sensor behind the gear), or a current; default: guessed')
-    parser.add_argument('--gear-ratio', metavar='N',
-                        help='turns of the motor per turn of the joint, where the effort is a '
-                             'torque or a current at the motor; one number or one for each joint')
-    parser.add_argument('--torque-constant', metavar='K',
-                        help='torque of the motor per ampere [N·m/A], or of the joint without '
-                             '--gear-ratio')
+    for name, text in _OF_EFFORT.items():
+        add_declared(parser, Parameter(name, 'float[]', None, text, shape='n'))
     parser.add_argument('--states', default='joint_states', metavar='TOPIC',
                         help='topic of the joint states, default: joint_states, or the only '
                              'one that fits')
@@ -219,9 +209,8 @@ def identify_options(parser: argparse.ArgumentParser) -> None:
                         help='topic of the commanded torques, default: '
                              'effort_controller/commands, or the only one that fits; TOPIC:FIELD '
                              'for a field of any message')
-    parser.add_argument('--torque-rate', metavar='R',
-                        help='rate limit of the drives, one number or one for each joint '
-                             '[N·m/s]')
+    add_declared(parser, Parameter('torque_rate', 'float[]', None, 'rate limit of the drives',
+                                   unit='N*m/s', minimum=0.0, exclusive=True, shape='n'))
     parser.add_argument('--payload', action='append', metavar='KG@LINK', default=[],
                         help='known payload at the origin of a link, as 1.3@tool0, for each bag '
                              'in turn, 0 for none; given once, that of the last bag. A run with '
@@ -229,7 +218,6 @@ def identify_options(parser: argparse.ArgumentParser) -> None:
     add_number(parser, '--trials', 'number of simulated robots, drawn within the intervals, on '
                'which the gains are tried; default: 24, or 8 without numba; 0 for none', minimum=0)
     add_number(parser, '--seed', 'seed of the trials', 1, minimum=0)
-    add_format(parser)
     add_output(parser, 'identified')
 
 
@@ -240,7 +228,8 @@ def run_identify(options: argparse.Namespace) -> int:
     The bags may come from any recorder; intervals are those of 95 %. Write identified.yaml,
     identify.json, figures and index.html.
     """
-    said = options.effort or '', bool(options.gear_ratio), bool(options.torque_constant)
+    said = (options.effort or '', options.gear_ratio is not None,
+            options.torque_constant is not None)
     check_effort(*said, names=_EFFORT)
     urdf = read_description(options.urdf) if options.urdf else ''
     bags = [*options.bags, *filter(None, [options.validate])]
@@ -251,17 +240,16 @@ def run_identify(options: argparse.Namespace) -> int:
     recordings = [motion.recording for motion in motions]
     check_effort(*said, recordings, _EFFORT)
     n = len(recordings[0].joints)
-    of_effort = {name: numbers(option, text, n, ' that is not 0',
-                               lambda x: isfinite(x) and x != 0.0)
-                 for name, option in _EFFORT._asdict().items() if name != 'side'
-                 and (text := getattr(options, name))}
-    rate = () if options.torque_rate is None else numbers(
-        '--torque-rate', options.torque_rate, n, ' above 0', lambda x: x > 0.0)
+    numbers = {name: for_each(x, n) for name in ('torque_rate', *_OF_EFFORT)
+               if (x := getattr(options, name)) is not None}
     validation = motions.pop() if options.validate else None
+    if not options.overwrite:
+        prepare(options.out, NAMES)  # Refused before the search rather than after it.
+    with given_by_user(numbers):
+        found = identify(motions, validation, options.model, urdf, options.gravity,
+                         options.torque or '', said[0], **numbers,
+                         payloads=_payloads(options.payload, len(motions)))
     out = prepare(options.out, NAMES, options.overwrite)
-    found = identify(motions, validation, options.model, urdf, options.gravity,
-                     options.torque or '', said[0], rate, **of_effort,
-                     payloads=_payloads(options.payload, len(motions)))
     return _show_robot(write_identified(found, out, options.trials, options.seed, say,
                                         options.format, options.said), out)
 

@@ -155,20 +155,18 @@ def own(options: argparse.Namespace) -> dict[str, str]:
     return {name: getattr(options, name) for name in ('model', 'law', 'switching')}
 
 
-def add_output(parser: argparse.ArgumentParser, default: str | None = None) -> None:
-    """Add the options of the directory to write into."""
+def add_output(parser: argparse.ArgumentParser, default: str | None = None,
+               figures: bool = True) -> None:
+    """Add the options of the directory to write into, and of a second format of `figures`."""
+    if figures:
+        parser.add_argument('--format', choices=('svg', 'pdf', 'png'), default='svg',
+                            help='figures in this format as well; the page has them as svg')
     parser.add_argument(
         '--out', type=Path, metavar='DIR', default=default and Path(default),
         help=f'output directory, default: {default}' if default
         else 'output directory; without it, results are only printed')
     parser.add_argument('--overwrite', action='store_true',
                         help='replace the output of an earlier run of this command')
-
-
-def add_format(parser: argparse.ArgumentParser) -> None:
-    """Add the option of a second format of all figures."""
-    parser.add_argument('--format', choices=('svg', 'pdf', 'png'), default='svg',
-                        help='figures in this format as well; the page has them as svg')
 
 
 def add_jobs(parser: Any) -> None:
@@ -183,6 +181,11 @@ def add_jobs(parser: Any) -> None:
 def words(text: str) -> tuple[str, ...]:
     """Return the words between commas."""
     return tuple(filter(None, map(str.strip, text.split(','))))
+
+
+def for_each(values: tuple[float, ...], n: int) -> tuple[float, ...]:
+    """Return one number for each of n joints, of one for all; others as they are."""
+    return values * n if len(values) == 1 else values
 
 
 def load_setup(options: argparse.Namespace, more: Mapping[str, Any] | None = None
@@ -205,21 +208,3 @@ def load_setup(options: argparse.Namespace, more: Mapping[str, Any] | None = Non
     if line:
         say(line)
     return file, over, setup
-
-
-def numbers(option: str, text: str, n: int = 0, allowed: str = '',
-            is_allowed: Callable[[float], bool] = isfinite) -> tuple[float, ...]:
-    """
-    Return the numbers of an option; raise `UsageError` for others.
-
-    These are n, one for each joint or one for all; where n is 0, as many as there are.
-    """
-    try:
-        values = _KINDS['float[]'](text)
-    except ValueError:
-        values = ()
-    if len(values) not in (1, n or len(values) or 1) or not all(map(is_allowed, values)):
-        shown = text if len(text) < 100 else f'{text[:100]}…'
-        raise UsageError(f'{option}: {shown} is not allowed; allowed: a number{allowed}, or '
-                         f'{n or "one for each joint,"} with commas')
-    return values * n if n and len(values) == 1 else tuple(values)

@@ -23,8 +23,6 @@ from pathlib import Path
 import sys
 from typing import Any
 
-from tqdm import tqdm
-
 #: Time between lines where there is no terminal [s].
 _SELDOM = 10.0
 
@@ -47,6 +45,7 @@ def progress(title: str, total: float = 0.0, unit: str = 's') -> Iterator[Callab
         ``s`` for simulated time, otherwise of what is counted.
 
     """
+    from tqdm import tqdm  # A node's executable does without.
     bars: list[Any] = []
     terminal = sys.stderr.isatty()
     form = '{desc}: {bar} {n_fmt}/{total_fmt} {unit} [{elapsed}]'

@@ -27,13 +27,11 @@ from ctc_chattering.analysis.output import prepare, write_json, writing
 from ctc_chattering.cli.command_line import say
 from ctc_chattering.cli.options import (
     add_declared,
-    add_format,
     add_jobs,
     add_loop_options,
     add_number,
     add_output,
     load_setup,
-    numbers,
     words,
 )
 from ctc_chattering.cli.presentation import present, print_page, progress
@@ -41,13 +39,14 @@ from ctc_chattering.configuration import parameter_file
 from ctc_chattering.configuration.package_share import find_config
 from ctc_chattering.control.controller import LAWS
 from ctc_chattering.errors import CtcError, given_by_user
+from ctc_chattering.parameters import Parameter
 from ctc_chattering.simulation.plant_config import PlantConfig
 
 if TYPE_CHECKING:
     from ctc_chattering.analysis.result import Result
     from ctc_chattering.configuration.loop_setup import Setup
     from ctc_chattering.runs.points import Runs
-    from ctc_chattering.runs.tune_spec import TuneSpec
+    from ctc_chattering.runs.tune import TuneSpec
 
 
 def compare_options(parser: argparse.ArgumentParser) -> None:
@@ -74,7 +73,6 @@ def compare_options(parser: argparse.ArgumentParser) -> None:
     add_jobs(parser)
     parser.add_argument('--ros', action='store_true',
                         help='run the nodes and evaluate their bags instead of simulating')
-    add_format(parser)
     add_output(parser)
 
 
@@ -120,7 +118,6 @@ def map_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--explain', metavar='POINT',
                         help='write and plot one run, given by its number or by name=value,... of '
                              'axes, law and repeat')
-    add_format(parser)
     add_output(parser, 'map')
 
 
@@ -135,8 +132,9 @@ def run_map(options: argparse.Namespace) -> int:
     from ctc_chattering.runs.points import Runs
     from ctc_chattering.runs.store import PAGE
 
-    if find_spec('pandas') is None:  # It is needed at the end, and takes time to import.
-        raise ModuleNotFoundError(name='pandas')
+    for needed in ('matplotlib', 'pandas'):  # At the end; they take time to import.
+        if find_spec(needed) is None:
+            raise ModuleNotFoundError(name=needed)
     spec = map_spec(options.spec)
     if options.explain is not None:
         return _explain(Runs(spec), options)
@@ -234,12 +232,12 @@ def tune_options(parser: argparse.ArgumentParser) -> None:
     for name, first in (('law', 'observer_feedback'), ('switching', 'implicit_observer')):
         parser.add_argument(f'--{name}', metavar='X',
                             help=f"instead of the spec's; without a spec {first}")
-    for flag, name, text in (
-            ('--torque-limit', 'torque_limit', 'largest torque [N·m]'),
-            ('--torque-rate', 'torque_rate_limit', 'largest change of the torque sent [N·m/s]')):
-        parser.add_argument(flag, dest=name, metavar='A,B,C',
-                            help=f'{text}: a number per joint, or one for all; default: those of '
-                                 'the file and the description')
+    for flag, name, text, unit in (
+            ('--torque-limit', 'torque_limit', 'largest torque', 'N*m'),
+            ('--torque-rate', 'torque_rate_limit', 'largest change of the torque sent', 'N*m/s')):
+        add_declared(parser, Parameter(
+            name, 'float[]', None, f'{text}, by default of the file and the description',
+            unit=unit, minimum=0.0, exclusive=True, infinite=True, shape='n'), flag)
     add_number(parser, '--trials', 'gains to try', 200, minimum=1)
     add_number(parser, '--percentile', 'percentile of error and torque variation over the draws, '
                '100 for the worst case', 95.0, 'float', minimum=0.0, exclusive=True, maximum=100.0)
@@ -250,7 +248,6 @@ def tune_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--seed', type=int, metavar='S',
                         help="seed of search and draws, default: the spec's, or 0")
     add_jobs(parser)
-    add_format(parser)
     add_output(parser, 'tuned')
 
 
@@ -286,8 +283,7 @@ def _tune_spec(options: argparse.Namespace) -> TuneSpec:
     """Return what is tuned, from a spec, a parameter file, or what was identified."""
     from ctc_chattering.configuration.yaml_file import read_yaml
     from ctc_chattering.runs.spec import errors_of
-    from ctc_chattering.runs.tune import tune_spec
-    from ctc_chattering.runs.tune_spec import parse_tune
+    from ctc_chattering.runs.tune import parse_tune, tune_spec
 
     params_file = options.params_file
     if options.file:
@@ -309,7 +305,7 @@ def _with_options(tree: Any, options: argparse.Namespace) -> Any:
     section = {key: given.pop(key) for key in _OF_TUNE if key in given}
     for key in ('torque_limit', 'torque_rate_limit'):
         if key in section:
-            limits = numbers(f'tune.{key}', section[key])
+            limits = section[key]
             section[key] = list(limits) if len(limits) > 1 else limits[0]
     return {**tree, **given, **({'tune': {**(tree.get('tune') or {}), **section}}
                                 if section else {})}
@@ -325,7 +321,6 @@ def stability_options(parser: argparse.ArgumentParser) -> None:
     add_declared(parser, dataclasses.replace(
         declared['input_delay'], default=None,
         description="true delay in samples, instead of the plant's"), '--delay')
-    add_format(parser)
     add_output(parser)
 
 

@@ -23,7 +23,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 import dataclasses
-import math
 from typing import Any, ClassVar
 
 from ctc_chattering.control.controller import ControllerConfig
@@ -154,8 +153,8 @@ NODES: dict[str, Sequence[type[Config]]] = {
 }
 
 
-#: Parameters by which bringup and the live page drive the nodes: no user sets them in a file.
-INTERNAL = ('wait_for', 'hold_at')
+#: Parameters by which bringup, the live page and tests drive the nodes: no user sets them.
+INTERNAL = ('wait_for', 'hold_at', 'compiled')
 
 #: The nodes of the control loop.
 LOOP = ('plant', 'controller', 'reference')
@@ -185,30 +184,22 @@ def parameter_table() -> str:
     nodes: dict[str, list[str]] = {}
     for node in NODES:
         for spec in parameters_of(node).values():
-            if spec.name in INTERNAL:
-                continue
-            nodes.setdefault(_row(spec), []).append(node)
+            if spec.name not in INTERNAL:
+                nodes.setdefault(_row(spec), []).append(node)
     sections: dict[str, list[str]] = {}
     for row, names in nodes.items():
         sections.setdefault(', '.join(names), []).append(row)
     return '\n\n'.join(
         '\n'.join((f'## {title}\n',
-                   '| parameter | type | default | unit | while running | meaning |',
+                   '| parameter | allowed | default | unit | while running | meaning |',
                    '|---|---|---|---|---|---|', *rows)) for title, rows in sections.items())
 
 
 def _row(spec: Parameter) -> str:
     """Return the cells of a parameter in the tables."""
-    shape = {'n': ' (n)', 'nn': ' (n or n·n)'}.get(spec.shape, '')
-    meaning = spec.description
-    if spec.choices:
-        meaning += ' One of: ' + ', '.join(f'`{x}`' for x in spec.choices) + '.'
-    elif spec.minimum > -math.inf:
-        meaning += f' {">" if spec.exclusive else "≥"} {spec.minimum:g}.'
-    if spec.laws:
-        meaning += f' Law {", ".join(f"`{x}`" for x in spec.laws)}.'
-    return (f'| `{spec.name}` | {spec.kind}{shape} | `{_shown(spec.default)}` | '
-            f'{unit_text(spec.unit)} | {"" if spec.read_only else "yes"} | {meaning} |')
+    allowed = spec.allowed.replace('|', '\\|')
+    return (f'| `{spec.name}` | {allowed} | `{_shown(spec.default)}` | {unit_text(spec.unit)} | '
+            f'{"" if spec.read_only else "yes"} | {spec.meaning} |')
 
 
 def _shown(value: object) -> str:

@@ -17,11 +17,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-import dataclasses
 import os
 from pathlib import Path
 import sys
-from typing import Any
+from types import MappingProxyType
+from typing import Any, NamedTuple
 
 from ctc_chattering.errors import CtcError, near, UsageError
 
@@ -160,22 +160,11 @@ def _prefixes() -> Iterator[Path]:
             yield bundle
 
 
-@dataclasses.dataclass(frozen=True)
-class Experiment:
-    """
-    One run: a parameter file in `config/` and overrides.
-
-    Attributes
-    ----------
-    file : str
-        Name of the parameter file, without its ending.
-    values : mapping
-        Parameters of the controller in place of the file's.
-
-    """
+class Experiment(NamedTuple):
+    """One run: a parameter file in `config/`, and parameters of the controller instead of its."""
 
     file: str
-    values: Mapping[str, Any] = dataclasses.field(default_factory=dict)
+    values: Mapping[str, Any] = MappingProxyType({})
 
     @property
     def path(self) -> Path:

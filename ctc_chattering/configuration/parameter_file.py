@@ -22,7 +22,6 @@ of the package's files, and gives a law its gains (`with_gains`).
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from operator import itemgetter
 from pathlib import Path
@@ -57,7 +56,6 @@ from ctc_chattering.controller.trips import change_steps
 from ctc_chattering.dynamics.registry import model_of
 from ctc_chattering.errors import CtcError, near, ParameterError, UsageError
 from ctc_chattering.numerics.linear_algebra import Array
-from ctc_chattering.parameters import Config
 from ctc_chattering.simulation.closed_loop import Event
 import yaml
 
@@ -98,8 +96,9 @@ def load(path: Path | None, overrides: Overrides | None = None) -> Setup:
               | node_values(overrides or {}, node, 'overrides') for node in NODES}
     values['plant'].setdefault('experiment', path.stem if path is not None else 'friction')
     configs: dict[str, list[Any]] = {
-        node: [_build(kind, values[node], node) for kind in kinds]
-        for node, kinds in NODES.items()}
+        node: [made(node, kind.from_mapping, {
+            name: x for name, x in values[node].items() if name in kind.parameters()})
+            for kind in kinds] for node, kinds in NODES.items()}
     plant, controller, reference, bringup = (configs[node][0] for node in (*LOOP, 'bringup'))
     check_agreement(plant, controller, reference)
     if values['plant'].get('use_sim_time') is True and plant.pacing == 'real_time':
@@ -158,30 +157,28 @@ def read(path: Path) -> dict[str, Values]:
 
     """
     sections: dict[str, Values] = {}
-    for name, values in full_sections(path):
+    for name, values in full_sections(path).items():
         last = name.rsplit('/', 1)[1]
         sections.setdefault(EVERY_NODE if '*' in last else last, {}).update(values)
     return sections
 
 
-def full_sections(path: Path) -> list[tuple[str, Values]]:
-    """Return the sections of a parameter file in order: full name and flat values; see `read`."""
+def full_sections(path: Path) -> dict[str, Values]:
+    """Return the sections of a parameter file: full name and flat values; see `read`."""
     tree = read_yaml(path)
     if not isinstance(tree, dict):
         raise CtcError(f'{path}: not a parameter file; it needs node names at the top')
-    try:
-        sections = list(_sections(tree, '', path))
-    except RecursionError:
-        raise CtcError(f'{path}: not a parameter file; it contains itself') from None
-    _each_once(str(path), 'section', [name for name, _ in sections])
-    return sections
+    return _each_once(f'{path}: section', _sections(tree, '', path))
 
 
-def _each_once(where: str, kind: str, names: Iterable[str]) -> None:
-    """Raise `CtcError` for a name that two spellings give, such as a.b and a: {b: …}."""
-    for name, count in Counter(names).items():
-        if count > 1:
-            raise CtcError(f'{where}: {kind} {name} is given twice, in two spellings')
+def _each_once(what: str, pairs: Iterable[tuple[str, Any]]) -> Values:
+    """Return pairs by name; raise for a name that two spellings give, as a.b and a: {b: …}."""
+    found: Values = {}
+    for name, value in pairs:
+        if name in found:
+            raise CtcError(f'{what} {name} is given twice, in two spellings')
+        found[name] = value
+    return found
 
 
 def _sections(tree: Mapping[Any, Any], prefix: str, path: Path) -> Iterator[tuple[str, Values]]:
@@ -193,9 +190,7 @@ def _sections(tree: Mapping[Any, Any], prefix: str, path: Path) -> Iterator[tupl
             values = below['ros__parameters']
             if not (values is None or isinstance(values, dict)):
                 raise CtcError(f'{path}: {name}: ros__parameters holds no parameters')
-            flat = list(_flat(values or {}, ''))
-            _each_once(f'{path}: {name}', 'parameter', [key for key, _ in flat])
-            yield name, dict(flat)
+            yield name, _each_once(f'{path}: {name}: parameter', _flat(values or {}, ''))
         else:
             yield from _sections(below, name, path)
 
@@ -229,12 +224,6 @@ def node_values(sections: Overrides, node: str, source: str) -> Values:
                 raise CtcError(f'{source}: {section} has no parameter {name}; allowed: '
                                f'{", ".join(sorted(allowed))}{near(name, allowed)}')
     return values
-
-
-def _build(kind: type[Config], values: Values, node: str) -> Config:
-    known = kind.parameters()
-    return made(node, kind.from_mapping, {
-        name: x for name, x in values.items() if name in known})
 
 
 def parse_events(lines: Sequence[str], configs: Mapping[str, Any],

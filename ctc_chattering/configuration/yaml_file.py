@@ -17,6 +17,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+import json
 from pathlib import Path
 import re
 from typing import Any
@@ -96,7 +97,9 @@ def read_yaml(path: Path) -> object:
     """
     try:
         with path.open(encoding='utf-8') as stream:
-            return yaml.load(stream, Loader)
+            tree = yaml.load(stream, Loader)
+        json.dumps(tree, default=str, skipkeys=True)  # What contains itself is refused by it.
+        return tree
     except OSError as error:
         raise CtcError(f'{path}: {error.strerror or error}') from None
     except CtcError as error:
@@ -143,8 +146,6 @@ def read_trajectory(path: Path, joint_names: Sequence[str]) -> Route:
         return _route(tree).ordered(joint_names)
     except ParameterError as error:
         raise ParameterError(f'{path}: {error.name}', error.value, error.allowed) from None
-    except RecursionError:
-        raise ParameterError(str(path), '', 'a trajectory that does not contain itself') from None
 
 
 def write_trajectory(route: Route, path: Path) -> None:

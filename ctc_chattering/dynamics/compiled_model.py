@@ -17,7 +17,6 @@
 from __future__ import annotations
 
 import dataclasses
-from functools import lru_cache
 from typing import Any, NamedTuple
 
 from ctc_chattering.compiled.compilable import function, record, solve
@@ -46,7 +45,7 @@ def arm_of(model: Model, inertia_scale: float = 1.0, gravity_scale: float = 1.0)
     """
     c, ratio = inertia_scale, gravity_scale / inertia_scale
     if type(model) is UrdfModel:
-        arm = _bodies(model)
+        arm = model.bodies
         return dataclasses.replace(
             arm, gravity=ratio * model.gravity, mass=c * arm.mass, inertia=c * arm.inertia,
             rotor=c * arm.rotor)
@@ -55,12 +54,6 @@ def arm_of(model: Model, inertia_scale: float = 1.0, gravity_scale: float = 1.0)
     none, row, square = np.zeros(model.n), np.zeros((model.n, 3)), np.zeros((model.n, 3, 3))
     return Arm(True, ratio * model.gravity, c, none.astype(np.int64), none.astype(np.bool_),
                none.astype(np.int64), square, row, none, row, square, none)
-
-
-@lru_cache(64)
-def _bodies(model: UrdfModel) -> Arm:
-    """Return the bodies of a model; those of many runs are one model."""
-    return model.bodies()
 
 
 @record

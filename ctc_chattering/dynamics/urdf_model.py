@@ -23,6 +23,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 import dataclasses
+from functools import cached_property
 import importlib
 from math import isfinite
 from typing import Any
@@ -138,6 +139,7 @@ class UrdfModel(Model):
         self._model.gravity.linear = np.array([0.0, 0.0, -gravity])
         self._check_inertia()
 
+    @cached_property
     def bodies(self) -> Arm:
         """
         Return what the dynamics are computed from, fixed and locked joints merged.

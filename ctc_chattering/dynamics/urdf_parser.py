@@ -332,7 +332,12 @@ def _joint(element: ET.Element) -> Joint:
                                    for key in ('lower', 'upper', 'velocity', 'effort'))
     acceleration = min(numbers(where, key, limit.get(key, 'inf'), 1, _INF)[0] or _INF
                        for key in ('acceleration', 'deceleration'))
-    rotor_inertia = _rotor_inertia(where, element)
+    dynamics = element.find('dynamics')
+    (rotor_inertia,) = (0.0,) if dynamics is None else numbers(  # It is not in the standard.
+        where, 'rotor_inertia', dynamics.get('rotor_inertia', '0'), 1)
+    if rotor_inertia < 0.0:
+        raise CtcError(f'URDF: {where}: rotor_inertia is {rotor_inertia:g}; it must not be '
+                       'negative')
     if kind == 'continuous' or low == high == 0.0:
         low, high = -_INF, _INF
     mimic, follows = None, element.find('mimic')
@@ -342,14 +347,3 @@ def _joint(element: ET.Element) -> Joint:
         mimic = Mimic(follows.get('joint', ''), multiplier, offset)
     return Joint(name, kind, (low, high), velocity or _INF, effort or _INF, acceleration,
                  rotor_inertia, mimic)
-
-
-def _rotor_inertia(where: str, joint: ET.Element) -> float:
-    """Return `rotor_inertia` of <dynamics>, 0 without one; it is not in the standard."""
-    dynamics = joint.find('dynamics')
-    if dynamics is None:
-        return 0.0
-    (value,) = numbers(where, 'rotor_inertia', dynamics.get('rotor_inertia', '0'), 1)
-    if value < 0.0:
-        raise CtcError(f'URDF: {where}: rotor_inertia is {value:g}; it must not be negative')
-    return value

@@ -26,7 +26,6 @@ from typing import Any, TypeVar
 
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
-from scipy.interpolate import CubicSpline  # type: ignore[import-untyped]
 
 T = TypeVar('T', bound=Any)
 
@@ -73,6 +72,7 @@ def interpolated(t: Array, x: Array, at: Array) -> Array:
 
     Both times rise.
     """
+    from scipy.interpolate import CubicSpline  # type: ignore[import-untyped]  # Takes time.
     found = np.empty((len(at), *x.shape[1:]))
     for first in range(0, len(at), _PIECE):
         some = at[first:first + _PIECE]

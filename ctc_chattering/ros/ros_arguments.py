@@ -113,7 +113,7 @@ def _in_file(file: Path, namespace: str, names: Mapping[str, str]) -> dict[str, 
     everything = parameter_file.full_sections(file)
     for executable, node in names.items():
         sections: dict[str, Values] = {}
-        for name, values in everything:
+        for name, values in everything.items():
             pattern = re.escape(name).replace(r'/\*\*', r'(/\w+)*').replace(r'\*', r'\w+')
             if re.fullmatch(pattern, f'{namespace.rstrip("/")}/{node}') or name == f'/{node}':
                 wild = '*' in name.rsplit('/', 1)[1]
@@ -124,7 +124,7 @@ def _in_file(file: Path, namespace: str, names: Mapping[str, str]) -> dict[str, 
     if not found:
         raise UsageError(f'{_FILE} {file}: no section is for {" or ".join(names.values())} in '
                          f'namespace {namespace}; there is '
-                         + ', '.join(name for name, _ in everything))
+                         + ', '.join(everything))
     return found
 
 

@@ -154,13 +154,15 @@ def maps(data: MapData, what: str, rest: tuple[int, ...], values: Array, bar: st
         at: Any = (v, slice(None), slice(None), *(() if k is None else (k, *rest)))
         shown, runs, failed, refused = (
             part[at].T for part in (values, data.runs, data.failed, data.refused))
-        ax = drawing.panel(figure, grid[place], ', '.join([data.variants[v], *(
-            [] if third is None or k is None else [third.at(k)])]), '')
+        ax = drawing.panel(figure, grid[place], data.variants[v] if third is None or k is None else
+                           f'{data.variants[v]}\n{third.at(k)}', '')
         ax.grid(False)
         ax.patch.set(**DIVERGED, linewidth=0.0)
         ax.spines[['top', 'right']].set_visible(True)
         _ruled(ax, 'x', x, max(2, 14 // columns))
-        _ruled(ax, 'y', y, 7)
+        _ruled(ax, 'y', y, 6)
+        if third is not None and place[0] + 1 < rows:
+            ax.set_xlabel('')  # In place of a second line of the title below.
         cells = np.arange(len(x.values)), np.arange(len(y.values))
         drawn = ax.pcolormesh(*cells, np.ma.masked_invalid(shown), rasterized=True, **style)
         plain = {'refused': (REFUSED, (refused == runs) & (runs > 0)),

@@ -38,8 +38,7 @@ from ctc_chattering.runs.search import (
     Trial,
 )
 from ctc_chattering.runs.spec import rows_of
-from ctc_chattering.runs.tune import Candidate, Tuning
-from ctc_chattering.runs.tune_spec import TuneSpec
+from ctc_chattering.runs.tune import Candidate, TuneSpec, Tuning
 from matplotlib.figure import Figure
 
 #: Part of a range, on a logarithmic scale, that counts as its end.

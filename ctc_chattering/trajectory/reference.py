@@ -120,15 +120,17 @@ class Sinusoid:
 
     def at(self, t: int) -> Point:
         """Return q_d [rad], dq_d [rad/s] and ddq_d [rad/s²], each of shape (n,), at `t` [ns]."""
-        t = t if type(t) is int else whole('t', t)
-        q_d, dq_d, ddq_d = [], [], []
-        for center, amplitude, omega, phase in self._joints:
-            angle = omega * seconds(t) + phase
-            x = amplitude * sin(angle)
-            q_d.append(center + x)
-            dq_d.append(omega * amplitude * cos(angle))
-            ddq_d.append(-omega * omega * x)
+        s = seconds(t if type(t) is int else whole('t', t))
+        q_d, dq_d, ddq_d = map(list, zip(*(self._of_joint(s, *x) for x in self._joints)))
         return q_d, dq_d, ddq_d
+
+    @staticmethod
+    def _of_joint(s: float, center: float, amplitude: float, omega: float, phase: float
+                  ) -> tuple[float, float, float]:
+        """Return position, velocity and acceleration of a joint at `s` [s]."""
+        angle = omega * s + phase
+        x = amplitude * sin(angle)
+        return center + x, omega * amplitude * cos(angle), -omega * omega * x
 
 
 class Trapezoid(Sinusoid):
@@ -141,19 +143,15 @@ class Trapezoid(Sinusoid):
 
     """
 
-    def at(self, t: int) -> Point:
-        """Return q_d [rad], dq_d [rad/s] and ddq_d [rad/s²], each of shape (n,), at `t` [ns]."""
-        t = t if type(t) is int else whole('t', t)
-        q_d, dq_d, ddq_d = [], [], []
-        for center, amplitude, omega, phase in self._joints:
-            slow = 0.5 * omega
-            moves, angle = divmod(slow * seconds(t) + phase, 2.0 * pi)
-            size = -amplitude if moves % 2.0 else amplitude
-            x, v, a = _move(angle)
-            q_d.append(center + size * x)
-            dq_d.append(slow * size * v)
-            ddq_d.append(slow * slow * size * a)
-        return q_d, dq_d, ddq_d
+    @staticmethod
+    def _of_joint(s: float, center: float, amplitude: float, omega: float, phase: float
+                  ) -> tuple[float, float, float]:
+        """Return position, velocity and acceleration of a joint at `s` [s]."""
+        slow = 0.5 * omega
+        moves, angle = divmod(slow * s + phase, 2.0 * pi)
+        size = -amplitude if moves % 2.0 else amplitude
+        x, v, a = _move(angle)
+        return center + size * x, slow * size * v, slow * slow * size * a
 
 
 def _move(angle: float) -> tuple[float, float, float]:

@@ -16,7 +16,7 @@
 
 from collections.abc import Sequence
 
-from ctc_chattering.analysis.metrics import BAND, metrics, reaching_time, rms, WINDOW
+from ctc_chattering.analysis.metrics import BAND, metrics, reaching_time, WINDOW
 from ctc_chattering.control.controller import ControllerConfig
 from ctc_chattering.simulation.closed_loop import Run, simulate
 from ctc_chattering.simulation.plant_config import PlantConfig
@@ -135,10 +135,3 @@ def test_band_bites() -> None:
     assert metrics(TINY, band=3.0)['reaching_time_s'] == 4.0
     assert metrics(TINY, band=0.12)['reaching_time_s'] == 10.0
     assert metrics(TINY, band=0.0)['reaching_time_s'] == 11.0
-
-
-def test_rms_of_a_sinusoid() -> None:
-    """Check amplitude / √2 over whole periods, per column."""
-    t = np.arange(1000) / 1000
-    x = np.stack([3 * np.sin(2 * np.pi * t), np.full(1000, -2.0)], axis=1)
-    np.testing.assert_allclose(rms(x), [3 / np.sqrt(2), 2.0], rtol=1e-12)

@@ -56,22 +56,6 @@ def test_keys_are_the_contract_s(duration: float) -> None:
         assert m['max_error_norm1_rad'] is None
 
 
-def test_numbers_by_hand() -> None:
-    """Check the numbers of a run against their definitions in numpy."""
-    result = result_of(6.0)
-    m, run = result.metrics(), result.run
-    inside = run.t >= 5.0
-    e, tau = (run.q_d - run.q)[inside], run.tau[inside]
-    assert m['rms_error_rad'] == pytest.approx(np.sqrt((e ** 2).mean(axis=0)).tolist())
-    assert m['max_error_norm1_rad'] == pytest.approx(np.linalg.norm(e, 1, axis=1).max())
-    assert m['rms_torque_nm'] == pytest.approx(np.sqrt((tau ** 2).mean(axis=0)).tolist())
-    assert m['torque_variation_nm_per_s'] == pytest.approx(
-        np.abs(np.diff(tau, axis=0)).sum(axis=0).tolist())
-    largest = np.abs(np.diff(tau, axis=0)).max(axis=0)
-    assert m['max_torque_step_nm'] == pytest.approx(largest.tolist())
-    assert m['max_torque_rate_nm_per_s'] == pytest.approx((largest / 0.002).tolist())
-
-
 def test_label_slug_and_changes() -> None:
     plain = result_of(0.1, law='compensation')
     assert (plain.label, plain.slug, plain.changes) == (

@@ -29,13 +29,21 @@ import pytest
 
 #: Command lines that mean nothing, and words of the answer.
 WRONG = {
+    '': ['see ctc --help'], 'dance': ['see ctc --help'],
+    'simulate --control-period x': ['see ctc simulate --help'],
+    'simulate --unknown': ['see ctc simulate --help'], 'plot': ['see ctc plot --help'],
+    'replay': ['see ctc replay --help'], 'repair bag another': ['see ctc repair --help'],
+    **{f'simulate --control-period={x}': ['control_period', 'allowed']
+       for x in ('0', '-1', 'nan', 'inf', '1e-10', '1e300')},
+    **{f'simulate --duration={x}': ['duration', 'allowed'] for x in ('nan', 'inf', '1e300')},
+    'simulate --law=pid': ['law', 'pid', 'compensation | chattering'],
+    'simulate --switching=smooth': ['switching', 'smooth', 'sign'],
     'simulat': ['did you mean simulate?'],
     'simulate --params-file fricton': ['panda', 'did you mean friction?'],
     'simulate --params-file friction.yaml': ['did you mean friction?'],
     'simulate --law chatering': ['law', 'did you mean chattering?'],
     'simulate --switching implict': ['did you mean implicit?'],
     'simulate --duration -1': ['duration', '-1.0', '>= 0'],
-    'simulate --control-period nan': ['control_period', 'nan'],
     'compare fricton': ['did you mean friction?'],
     'compare friction --laws chatering': ['did you mean chattering?'],
     'compare friction --condition real_amr': ['did you mean real_arm?'],
@@ -47,9 +55,15 @@ WRONG = {
     'excite --friction -1': ['friction', '>= 0'],
     'check-model --model two_lnk': ['did you mean two_link?'],
     'check-model --model urdf': ['--urdf'],
-    'check-model --samples 0': ['--samples'],
+    'check-model --model puma': ['model', 'puma', 'two_link | urdf | package.module:Name'],
+    'check-model --model two_link --urdf README.md': ['--urdf', 'two_link'],
+    'check-model --joints a,a': ['joint_names'],
+    'check-model --samples 0': ['--samples', '>= 1'],
+    'check-model --seed -1': ['--seed', '>= 0'],
+    'check-model --gravity nan': ['--gravity', '>= 0'],
     'check-model --joints a,b,c': ['joint_names', '2 names'],
-    'replay bag --rate 0': ['--rate'],
+    'replay bag --rate 0': ['--rate', 'allowed'], 'replay bag --rate nan': ['--rate', 'allowed'],
+    'replay bag --delay=-1': ['--delay', 'allowed'],
     'live --port 99999': ['--port', '65535'],
     'plot bag --format jpg': ['svg']}
 

@@ -68,7 +68,8 @@ def test_errors_are_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str])
     assert 'no such bag' in said(str(tmp_path / 'nothing'))
     assert 'no robot description: give --urdf FILE, or --model' in said(bag)
     assert '--trials: -1 is not allowed; allowed: an integer >= 0' in said(bag, '--trials', '-1')
-    assert '--torque-rate: -1' in said(bag, '--model', 'two_link', '--torque-rate', '-1')
+    assert 'torque_rate: [-1.0] is not allowed' in said(
+        bag, '--model', 'two_link', '--torque-rate', '-1')
     assert 'without a gap; at least 2 s' in said(bag, '--model', 'two_link')
     still = recorded_bag(tmp_path / 'still', made, q=np.zeros_like(made.run.q))
     assert 'at least 2 s' in said(str(still), '--model', 'two_link')
@@ -95,9 +96,10 @@ def test_what_the_effort_is(tmp_path: Path, capsys: pytest.CaptureFixture[str]) 
             (['--effort', 'link', '--gear-ratio', '100'], 'behind the gear it is 1'),
             (['--effort', 'motor', '--torque-constant', '1'], 'needs --effort current'),
             (['--effort', 'current', '--gear-ratio', '1'], 'needs --torque-constant'),
-            (['--effort', 'current', '--torque-constant', '1,2,3'], 'a number that is not 0, or '
-                                                                    '2 with commas'),
-            (['--effort', 'current', '--torque-constant', '0'], '0 is not allowed'),
+            (['--effort', 'current', '--torque-constant', '1,2,3'],
+             'torque_constant: [1.0, 2.0, 3.0] is not allowed; allowed: 2 numbers'),
+            (['--effort', 'current', '--torque-constant', '0'],
+             'torque_constant: [0.0, 0.0] is not allowed; allowed: finite numbers that are not 0'),
             (['--effort', 'currents'], 'did you mean current?')):
         assert words in said(*arguments)
     said('--effort', 'current', '--gear-ratio=100,-50', '--torque-constant', '0.12,0.2')

@@ -119,7 +119,7 @@ def test_limits_that_nothing_keeps_are_a_failure_with_all_files(
     (['--seed', '-1'], 'spec.yaml: seed: -1 is not allowed'),
     (['--draws', '0'], 'spec.yaml: repeats: 0 is not allowed'),
     (['--law', 'pid'], "spec.yaml: tune.law: 'pid' is not allowed"),
-    (['--torque-limit', 'x'], 'tune.torque_limit: x is not allowed'),
+    (['--torque-limit', 'x'], "--torque-limit: 'x' is not allowed"),
     (['--torque-limit', '1,2,3'], 'tune.torque_limit: [1.0, 2.0, 3.0] is not allowed')])
 def test_errors_are_one_line(folder: Path, capsys: pytest.CaptureFixture[str],
                              arguments: list[str], words: str) -> None:

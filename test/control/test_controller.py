@@ -27,7 +27,6 @@ from oracles import (
     Array,
     estimate_of,
     Generic,
-    inclusion_by_enumeration,
     Masses,
     paper_c,
     paper_g,
@@ -49,50 +48,6 @@ def _inputs(rng: np.random.Generator) -> Inputs:
     """Return a random q, dq, q_d, dq_d, ddq_d."""
     q, dq, q_d, dq_d, a = (s * rng.normal(size=2) for s in (2.0, 3.0, 2.0, 3.0, 20.0))
     return q.tolist(), dq.tolist(), q_d.tolist(), dq_d.tolist(), a.tolist()
-
-
-class ByHand:
-    """The paper's equations with full matrices, and the filter's exact sampled solution."""
-
-    def __init__(self, values: dict[str, Any]) -> None:
-        self.kp, self.kv = (np.array(values[k]) for k in ('kp', 'kv'))
-        self.kp, self.kv = (
-            np.diag(k) if k.size == 2 else k.reshape(2, 2) for k in (self.kp, self.kv))
-        self.ka = np.diag(values['ka'])
-        self.lambda_, self.b, self.h = (
-            values['lambda'], values['b'], values['control_period'])
-        self.xi = np.zeros(2)
-
-    def step(self, chattering: bool, rows: Inputs) -> tuple[Array, Array]:
-        """Return tau and v."""
-        q, dq, q_d, dq_d, ddq_d = (np.array(row) for row in rows)
-        e, de = q_d - q, dq_d - dq
-        m, c, g = paper_m(rows[0]), paper_c(rows[0], rows[1]), paper_g(rows[0])
-        v = self.xi - self.b * de
-        tau = m @ (ddq_d + self.kv @ de + self.kp @ e) + c @ dq + g - c @ v
-        if chattering:
-            tau = tau - self.ka @ np.sign(v)
-        decay = np.exp(-self.lambda_ * self.h)
-        bracket = self.b * ((self.lambda_ * np.eye(2) - self.kv) @ de - self.kp @ e)
-        self.xi = decay * self.xi + (1.0 - decay) / self.lambda_ * bracket
-        return tau, v
-
-
-@pytest.mark.parametrize('law', PAPER)
-@pytest.mark.parametrize('gains', [
-    {}, {'kp': [90.0, 130.0], 'kv': [40.0, 55.0]}, {'kp': [90.0, 130.0]},
-    {'kp': [90.0, 0.0, 0.0, 130.0]}])
-def test_law_by_hand(law: str, gains: dict[str, list[float]]) -> None:
-    """Check 200 samples at random states, with full, diagonal and mixed gains, to 1e-10."""
-    rng = np.random.default_rng(4)
-    values = {**FULL, **gains}
-    controller, oracle = Controller(_config(law=law, **values)), ByHand(values)
-    for _ in range(200):
-        rows = _inputs(rng)
-        tau, v = oracle.step(law == 'chattering', rows)
-        sample = controller.step(*rows)
-        np.testing.assert_allclose(sample.tau, tau, rtol=1e-12, atol=1e-10)
-        np.testing.assert_allclose(sample.v, v, rtol=1e-12, atol=1e-10)
 
 
 def _gap(sample: Sample) -> float:
@@ -143,24 +98,6 @@ def test_closed_loop_is_equation_7() -> None:
         rate = -(ddq_d - ddq + kv @ sample.de + kp @ sample.e) - 7.0 * v
         left = paper_m(q) @ (rate + 7.0 * v) + paper_c(q, dq) @ v + [10.0, 4.0] * np.sign(v)
         assert np.abs(left).max() < 1e-9
-
-
-def test_effort_limit_bites_and_is_off_by_default() -> None:
-    """Check that each joint is cut at its own limit and sign, and the parts are not cut."""
-    q, dq, q_d, dq_d, a = [0.0, 0.0], [0.0, 0.0], [3.0, -3.0], [0.0, 0.0], [0.0, 0.0]
-    free = Controller(ControllerConfig()).step(q, dq, q_d, dq_d, a)
-    assert ControllerConfig().effort_limit == (math.inf, math.inf)
-    assert abs(free.tau[0]) > 1000.0
-    assert abs(free.tau[1]) > 30.0
-    limited = Controller(_config(effort_limit=[100.0, 30.0])).step(q, dq, q_d, dq_d, a)
-    assert limited.tau == np.clip(free.tau, [-100.0, -30.0], [100.0, 30.0]).tolist()
-    assert limited.tau[0] == 100.0
-    assert abs(limited.tau[1]) == 30.0
-    assert limited.nominal == free.nominal
-    one = Controller(_config(effort_limit=[math.inf, 30.0])).step(q, dq, q_d, dq_d, a)
-    assert list(one.tau) == [free.tau[0], limited.tau[1]]
-    wide = Controller(_config(effort_limit=[1e9, 1e9])).step(q, dq, q_d, dq_d, a)
-    assert wide.tau == free.tau
 
 
 def test_the_filter_state_is_preserved_when_gains_change() -> None:
@@ -220,48 +157,6 @@ def _near(rng: np.random.Generator, size: float = 3e-3) -> Inputs:
     q, dq, _, _, a = _inputs(rng)
     return (q, dq, (q + size * rng.normal(size=2)).tolist(),
             (dq + size * rng.normal(size=2)).tolist(), a)
-
-
-@pytest.mark.parametrize('switching', ['implicit', 'implicit_observer'])
-def test_implicit_laws_by_hand(switching: str) -> None:
-    """
-    Check z ∈ Ka Sgn(v⁺), where M v⁺ / (b h) = M y / (b h) - C v - P̂ - z, by enumeration.
-
-    y is exp(-λ h) v + (b h - c)(Kv de + Kp e), c = b (1 - exp(-λ h)) / λ; rests and bounds occur.
-    """
-    rng = np.random.default_rng(8)
-    controller, rests, bounds = Controller(_config(switching=switching, **FULL)), 0, 0
-    kp, kv = (np.array(FULL[name]).reshape(2, 2) for name in ('kp', 'kv'))
-    decay, ka = np.exp(-7.0 * 0.002), np.array([10.0, 4.0])
-    for k in range(300):
-        rows = _near(rng)
-        s = controller.step(*rows)
-        mass, v = paper_m(rows[0]), np.array(s.v)
-        free = decay * v + 1.3 * (0.002 - (1 - decay) / 7.0) * (kv @ s.de + kp @ s.e)
-        wanted = (mass @ free / (1.3 * 0.002) - paper_c(rows[0], rows[1]) @ v
-                  - estimate_of(controller))
-        z = inclusion_by_enumeration(mass, wanted, ka)
-        np.testing.assert_allclose(s.robust, z, atol=1e-8)
-        assert _gap(s) == 0.0
-        rests += int((np.abs(z) < 0.999 * ka).sum())
-        bounds += int((np.abs(z) > 0.999 * ka).sum())
-        estimated = switching == 'implicit_observer' and k > 0
-        assert any(estimate_of(controller)) == estimated
-    assert rests > 30
-    assert bounds > 30
-
-
-def test_boundary_layer_by_hand() -> None:
-    """Check Ka sat(v / width) in the law, inside and outside the layer."""
-    rng = np.random.default_rng(9)
-    controller = Controller(_config(switching='boundary_layer', boundary_layer=0.02, **FULL))
-    inside = 0.0
-    for _ in range(100):
-        s = controller.step(*_near(rng, 1e-2))
-        share = np.clip(np.divide(s.v, 0.02), -1.0, 1.0)
-        assert s.robust == pytest.approx((share * [10.0, 4.0]).tolist(), rel=1e-12)
-        inside += (np.abs(share) < 1.0).mean() / 100
-    assert 0.1 < inside < 0.95
 
 
 @pytest.mark.parametrize('switching', SWITCHINGS)
@@ -333,27 +228,6 @@ STILL = ([0.0, 0.0], [0.0, 0.0])
 AWAY = ([3.0, -3.0], [0.0, 0.0], [0.0, 0.0])
 
 
-def test_rate_limit_is_a_ramp_and_is_off_by_default() -> None:
-    """Check min(k r h, |wanted|) on each joint at its own rate, from 0 on and on the way back."""
-    assert ControllerConfig().effort_rate_limit == (math.inf, math.inf)
-    free = Controller(_config(law='compensation')).step(*STILL, *AWAY)
-    assert free.saturation_error is None
-    assert min(np.abs(free.tau)) > 30.0
-    rates = np.array([5e5, 4e3])
-    limited = Controller(_config(law='compensation', effort_rate_limit=rates.tolist()))
-    for k in range(1, 60):
-        sample = limited.step(*STILL, *AWAY)
-        ramp = np.sign(free.tau) * np.minimum(k * rates * 1e-3, np.abs(free.tau))
-        np.testing.assert_allclose(sample.tau, ramp, rtol=1e-12)
-        assert (sample.saturation_error is None) == bool((np.abs(ramp) == np.abs(free.tau)).all())
-        if sample.saturation_error is not None:
-            np.testing.assert_allclose(sample.saturation_error, free.tau - ramp, atol=1e-9)
-    assert sample.saturation_error is None
-    back = limited.step(*STILL, [-3.0, 3.0], *AWAY[1:])
-    np.testing.assert_allclose(
-        np.subtract(back.tau, sample.tau), -np.sign(free.tau) * rates * 1e-3, rtol=1e-9)
-
-
 @pytest.mark.parametrize('delay', [0, 2])
 @pytest.mark.parametrize('switching', SWITCHINGS)
 @pytest.mark.parametrize('limits', [
@@ -393,30 +267,6 @@ def test_a_rate_limit_set_while_running_goes_on_from_the_torque_in_force() -> No
     after = law.step(*STILL, [-3.0, 3.0], *AWAY[1:]).tau
     np.testing.assert_allclose(
         np.subtract(after, before), -np.sign(before) * [1.0, 2.0], rtol=1e-9)
-
-
-@pytest.mark.parametrize('held', [None, [70.0, -5.0]])
-def test_after_reset_the_rate_limit_goes_on_from_what_is_held(held: list[float] | None) -> None:
-    """Check the torque given, or 0, and not the one before the reset."""
-    law = Controller(_config(effort_rate_limit=[1e3, 1e3]))
-    for _ in range(20):
-        law.step(*STILL, *AWAY)
-    law.reset(bumpless=True, held=held)
-    gap = np.subtract(law.step(*STILL, *AWAY).tau, held or [0.0, 0.0])
-    assert np.abs(gap) == pytest.approx([1.0, 1.0])
-
-
-def test_limits_that_are_not_reached_change_nothing() -> None:
-    """Check that torques are bit-equal, and the filter too, without anti_windup or with."""
-    rng = np.random.default_rng(14)
-    wide = {'effort_limit': [1e9, 1e9], 'effort_rate_limit': [1e9, 1e9]}
-    laws = [Controller(_config(switching='implicit_observer', **FULL, **values))
-            for values in ({}, wide, {**wide, 'anti_windup': False})]
-    for _ in range(50):
-        rows = _inputs(rng)
-        a, b, c = (law.step(*rows) for law in laws)
-        assert a == b == c
-        assert a.saturation_error is None
 
 
 LIMITS = {'effort_limit': [6.0, 2.0], 'effort_rate_limit': [2e3, 1e3]}
@@ -522,44 +372,6 @@ def test_bumpless_reset_begins_with_the_inverse_dynamics(
         law.reset()
         s = law.step(*_inputs(rng))
         assert list(s.v) == [-law.config.b * x for x in s.de]
-
-
-@pytest.mark.parametrize('switching', ['implicit', 'implicit_observer'])
-def test_bumpless_reset_of_the_implicit_laws_is_of_the_order_of_h(switching: str) -> None:
-    """Check that the first term is M u λ h / 2 and more, and that a plain reset has all of Ka."""
-    rows, sizes = _inputs(np.random.default_rng(16)), []
-    for h in (2e-3, 1e-3, 5e-4):
-        law = Controller(_config(**{
-            **FULL, 'ka': [1e6, 1e6], 'control_period': h}, switching=switching))
-        law.step(*_inputs(np.random.default_rng(17)))
-        law.reset(bumpless=True)
-        s = law.step(*rows)
-        assert list(s.v) == [0.0, 0.0]
-        np.testing.assert_allclose(
-            s.tau, np.subtract(s.nominal, s.robust), rtol=1e-12)
-        kv, kp = (np.array(FULL[name]).reshape(2, 2) for name in ('kv', 'kp'))
-        push = paper_m(rows[0]) @ (kv @ s.de + kp @ s.e)
-        sizes.append(np.array(s.robust))
-        np.testing.assert_allclose(s.robust, push * 7.0 * h / 2, rtol=0.01)
-        law.reset()
-        assert np.abs(law.step(*rows).robust).min() > 10.0 * np.abs(s.robust).max()
-    assert sizes[0] / sizes[1] == pytest.approx([2.0, 2.0], rel=0.01)
-    assert sizes[1] / sizes[2] == pytest.approx([2.0, 2.0], rel=0.01)
-
-
-def test_bumpless_reset_is_for_the_next_state_only() -> None:
-    """Check that the filter, initialized once, keeps its state: v follows (3) from then on."""
-    rng = np.random.default_rng(18)
-    law = Controller(_config(**FULL))
-    law.reset(bumpless=True)
-    first, second = _inputs(rng), _inputs(rng)
-    s = law.step(*first)
-    kv, kp = (np.array(FULL[name]).reshape(2, 2) for name in ('kv', 'kp'))
-    de, u = np.array(s.de), kv @ s.de + kp @ s.e
-    decay = math.exp(-7.0 * 0.002)
-    xi = 1.3 * (decay * de + (1.0 - decay) / 7.0 * (7.0 * de - u))
-    s = law.step(*second)
-    np.testing.assert_allclose(s.v, xi - 1.3 * np.array(s.de), rtol=1e-12)
 
 
 @pytest.mark.parametrize('value', [[0.0, 1.0], [-1.0, 1.0], [math.nan, 1.0], [1.0] * 3])

@@ -147,20 +147,6 @@ def test_torques_sent_by_another_law_have_no_cut(law: str, switching: str) -> No
         coming = np.array(tau)
 
 
-def test_reset_forgets_what_is_on_its_way() -> None:
-    """Check that a controller after reset is bit-equal to a new one, whatever it did before."""
-    rng = np.random.default_rng(1)
-    used, new = (_law(3, 'implicit_observer') for _ in range(2))
-    ahead = [_desired(k) for k in (1, 2, 3)]
-    for _ in range(10):
-        q, dq = rng.normal(size=(2, 2)).tolist()
-        used.step(q, dq, *_desired(0), ahead)
-    used.reset()
-    for _ in range(10):
-        q, dq = rng.normal(size=(2, 2)).tolist()
-        assert used.step(q, dq, *_desired(0), ahead) == new.step(q, dq, *_desired(0), ahead)
-
-
 @pytest.mark.parametrize('d', [1, 3])
 def test_the_estimate_is_part_of_the_prediction(d: int) -> None:
     """Check v = 0 under a constant force and a delay; `implicit` rests beside it, at h M⁻¹ F."""

@@ -69,16 +69,6 @@ def test_constant_perturbation(bandwidth: float) -> None:
         np.testing.assert_allclose(force - made.estimate, left * force, atol=1e-9)
 
 
-def test_the_last_sample_is_believed_at_once() -> None:
-    """Check that with ω = ∞ a perturbation that jumps every sample is known one sample later."""
-    rng = np.random.default_rng(2)
-    mass, made = random_spd(rng, 3), Running(math.inf)
-    for _ in range(20):
-        force = rng.normal(size=3) * 10.0
-        _sample(made, mass, force, rng)
-        np.testing.assert_allclose(made.estimate, force, atol=1e-9)
-
-
 def test_bound_bites_in_the_metric_of_the_inverse_inertia() -> None:
     """Check min (P̂ - P)ᵀ M⁻¹ (P̂ - P) within ±Ka by enumeration, and that clipping is worse."""
     rng = np.random.default_rng(3)

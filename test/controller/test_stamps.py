@@ -100,20 +100,6 @@ def test_regular_with_jitter(period: int, offset: int, late: list[int]) -> None:
     assert found == [RESTART] + [NEXT] * (len(late) - 1)
 
 
-@pytest.mark.parametrize('simulated', [False, True])
-@pytest.mark.parametrize('late', [0.9, 1.1])
-def test_the_limit_of_lateness(late: float, simulated: bool) -> None:
-    """Check that a state is refused beyond the limit and not below, and not in simulated time."""
-    line = Line()
-    line.go(100, simulated)
-    verdicts = []
-    for _ in range(5):
-        line.t += line.period
-        verdicts.append(line.say(round(late * LIMIT), simulated=simulated))
-    assert set(verdicts) == ({STALE} if late > 1.0 and not simulated else {NEXT})
-    assert line.go(1, simulated) == [NEXT]
-
-
 @given(PERIODS, CLOCKS, st.integers(0, 3000 * MS))
 def test_a_backlog_after_a_stall(period: int, offset: int, stall: int) -> None:
     """Check that of the states queued in a stall exactly those are taken that are not too old."""
@@ -200,19 +186,6 @@ def test_a_clock_that_is_set(period: int, jump: int, simulated: bool) -> None:
         assert line.say(late=LIMIT + 2 * MS) == STALE
 
 
-@pytest.mark.parametrize('jump', [-500 * MS, 500 * MS])
-def test_lateness_is_measured_by_the_new_clock(jump: int) -> None:
-    """Check that a clock set back makes nothing stale, and one set forward hides nothing."""
-    line = Line()
-    line.go(100)
-    line.t += MS
-    line.say(jump=jump)
-    assert line.go(50) == [RESTART if jump < 0 else GAP] + [NEXT] * 49
-    line.t += MS
-    assert line.say(late=LIMIT + 2 * MS) == STALE
-    assert line.go(1) == [NEXT]
-
-
 @pytest.mark.parametrize('again', [False, True])
 def test_a_simulation_that_is_reset(again: bool) -> None:
     """Check time that begins at 0 again, also by a plant that says its first state again."""
@@ -234,16 +207,6 @@ def test_a_single_message_out_of_order(at: int, away: int, simulated: bool) -> N
     verdict = line.stamps.classify(line.t + line.offset + away, now, simulated)
     assert verdict == (BACKWARD if away < 0 else JUMP)
     assert line.go(60, simulated) == [NEXT] * 60
-
-
-@pytest.mark.parametrize('simulated', [False, True])
-def test_a_repeated_stamp(simulated: bool) -> None:
-    """Check that it is refused any number of times, and the next one is taken."""
-    line = Line()
-    line.go(10, simulated)
-    for _ in range(3):
-        assert line.say(late=1000, simulated=simulated) == REPEATED
-    assert line.go(2, simulated) == [NEXT, NEXT]
 
 
 def _drifting(rate: float, minutes: float, period: int = 10 * MS) -> list[str]:

@@ -20,7 +20,6 @@ import numpy as np
 from oracles import (
     Array,
     Generic,
-    kinetic_energy,
     paper_c,
     paper_g,
     paper_m,
@@ -39,23 +38,6 @@ def test_inverse_dynamics_is_equation_1(model: Model) -> None:
         expected: Array = paper_m(q) @ a + paper_c(q, dq) @ dq + paper_g(q)
         np.testing.assert_allclose(u, expected, atol=1e-12)
         np.testing.assert_allclose(model.forward(*map(np.array, (q, dq, u))), a, atol=1e-11)
-
-
-def _energy(model: Model, q: Array, dq: Array) -> float:
-    return (kinetic_energy(model, q.tolist(), dq.tolist())
-            + model.potential_energy(q.tolist()))
-
-
-def test_power_balance() -> None:
-    """Check dE/dt = dqᵀ u along the dynamics by differences: M, C, G and the energies agree."""
-    model, h = Generic(), 1e-5
-    rng = np.random.default_rng(8)
-    for q, dq in states(50, seed=3):
-        u = rng.uniform(-50.0, 50.0, 2)
-        a = model.forward(*map(np.array, (q, dq, u)))
-        after, before = (_energy(model, q + t * np.array(dq) + 0.5 * t * t * a, dq + t * a)
-                         for t in (h, -h))
-        assert (after - before) / (2 * h) == pytest.approx(u @ dq, abs=1e-4)
 
 
 def test_base_class_is_abstract() -> None:

@@ -16,7 +16,6 @@
 
 from typing import Any
 
-from ctc_chattering.control.controller import Controller, ControllerConfig
 from ctc_chattering.dynamics.model import Model, Scaled
 from ctc_chattering.dynamics.two_link import TwoLink
 import numpy as np
@@ -44,27 +43,6 @@ def test_products(inertia: float, gravity: float, base: type[Model]) -> None:
             np.testing.assert_allclose(made, expected, rtol=1e-11, atol=1e-10)
 
 
-@pytest.mark.parametrize(('inertia', 'gravity'), FACTORS)
-def test_forward_undoes_inverse(inertia: float, gravity: float) -> None:
-    """Check ddq -> tau -> ddq."""
-    model = Scaled(TwoLink(), inertia, gravity)
-    for (q, dq), (a, _) in zip(states(20), states(20, seed=2)):
-        tau = model.inverse_dynamics(q, dq, a)
-        np.testing.assert_allclose(model.forward(*map(np.array, (q, dq, tau))), a, rtol=1e-10,
-                                   atol=1e-10)
-
-
-def test_gravity_is_the_gradient_of_the_potential() -> None:
-    """Check G against central differences."""
-    model = Scaled(TwoLink(), 1.2, 0.6)
-    for q, _ in states(10):
-        for i in range(2):
-            up, down = list(q), list(q)
-            up[i], down[i] = q[i] + 1e-5, q[i] - 1e-5
-            slope = (model.potential_energy(up) - model.potential_energy(down)) / 2e-5
-            assert model.gravity_torque(q)[i] == pytest.approx(slope, abs=1e-6)
-
-
 def test_factor_one_is_the_model() -> None:
     """Check the products bit for bit, and the acceleration up to rounding."""
     plain = TwoLink()
@@ -78,15 +56,3 @@ def test_factor_one_is_the_model() -> None:
         np.testing.assert_allclose(
             model.forward(*map(np.array, (q, dq, x))),
             plain.forward(*map(np.array, (q, dq, x))), rtol=1e-9, atol=1e-9)
-
-
-def test_the_controller_s_parameters() -> None:
-    """Check law (2) by hand with M, C and G scaled, and that 1 leaves the model as it is."""
-    config = ControllerConfig(law='compensation', inertia_scale=0.9, gravity_scale=0.8)
-    assert type(Controller(ControllerConfig()).model) is TwoLink
-    for (q, dq), (q_d, dq_d) in zip(states(10), states(10, seed=2)):
-        e, de, a = np.subtract(q_d, q), np.subtract(dq_d, dq), np.array([2.0, -3.0])
-        tau = Controller(config).step(q, dq, q_d, dq_d, a.tolist()).tau
-        smooth = (paper_m(q) @ (a + 50.0 * de + 100.0 * e) + paper_c(q, dq) @ dq
-                  + paper_c(q, dq) @ de)  # v = -de at the first sample
-        np.testing.assert_allclose(tau, 0.9 * smooth + 0.8 * paper_g(q), rtol=1e-11, atol=1e-9)

@@ -18,20 +18,15 @@ from __future__ import annotations
 
 import dataclasses
 from functools import cache
-from pathlib import Path
 
-from ctc_chattering.bags.motion import read_motion
 from ctc_chattering.bags.recording import Recording
-from ctc_chattering.control.controller import ControllerConfig
 from ctc_chattering.identification.findings import Estimate, Severity
 from faults_of_arms import case, recorded
-from faulty_bags import bag_of
 from faulty_case import Case
-from faulty_robots import Played, sampled
-from identification_judge import judged, model_of, Number, Outcome, outcome
+from faulty_robots import Played
+from identification_judge import judged, Number, Outcome, outcome
 import numpy as np
 import pytest
-from unseen_motion import fast, tracked
 
 _SECONDS = 10.0
 
@@ -90,29 +85,3 @@ def test_a_drift_is_right_anywhere_on_its_way() -> None:
     assert number.holds
     assert not number.wrong
     assert number._replace(low=1.29, high=1.31).wrong
-
-
-def test_a_bag_with_jitter_has_what_was_recorded(tmp_path: Path) -> None:
-    one, _, recording, _ = made()
-    assert recording.command is not None
-    short = Recording('bag', recording.joints, recording.t[:600], recording.q[:600],
-                      command=recording.command[:600])
-    for seed in (0, 1):
-        found = read_motion(bag_of(tmp_path / str(seed), short, seed), one.robot.joints
-                            ).recording
-        assert found.q == pytest.approx(short.q)
-        # A command that comes two periods late is that of another state.
-        assert found.command is not None and short.command is not None
-        late = np.abs(found.command - short.command).max(axis=1) > 1e-9
-        assert late.mean() < 0.02
-
-
-def test_a_law_of_this_package_follows_an_unseen_motion_that_is_faster() -> None:
-    one = made()[0]
-    route = fast(one.robot, 3.0, 2, np.ones(one.robot.n))
-    config = ControllerConfig(joint_names=one.robot.joints, model='urdf', law='compensation',
-                              kp=(400.0, 400.0), kv=(40.0, 40.0))
-    error = tracked(one.robot, model_of(one), config, route, 2)
-    assert (error > 0.0).all()
-    assert (error < 0.3).all()
-    assert np.abs(sampled(route, 1e-3)[:, 1, 1]).max() <= 1.5

@@ -79,12 +79,6 @@ def test_delay_and_lags_of_the_drives() -> None:
     assert found.timing.lag == pytest.approx([2e-3, 4e-3], rel=0.05)
 
 
-def test_a_delay_is_not_taken_for_a_lag() -> None:
-    found = of(record('two_link', 4, SHORT, plant={'input_delay': 2}))
-    assert (found.timing.delay, list(found.timing.delays)) == (2.0, [2])
-    assert not found.timing.lag.any()
-
-
 def test_friction_that_depends_on_direction_and_speed() -> None:
     made = record('two_link', 3, 20.0, plant={
         'friction_asymmetry': [0.1, 0.0], 'stribeck_friction': [2.0, 0.0],

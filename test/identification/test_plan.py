@@ -48,7 +48,6 @@ from urdfs import joint, link, PANDA, panda, UR5, ur5, urdf
 
 Array = npt.NDArray[np.float64]
 ROOT = Path(__file__).parents[2]
-ROBOTS = ('friction', 'panda', 'ur5')
 #: Step of the finite differences and duration of the motions [s], and size of the searches.
 STEP, DURATION, EVALUATIONS = 0.01, 60.0, 50
 
@@ -70,7 +69,8 @@ def made(robot: str) -> Plan:
     return excite(setup, {'duration': DURATION}, None, EVALUATIONS, 1)
 
 
-@pytest.fixture(scope='module', params=ROBOTS)
+@pytest.fixture(scope='module', params=[
+    'friction', 'panda', pytest.param('ur5', marks=pytest.mark.slow)])
 def motion(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Motion:
     """Return the motion of a robot, written, read, and played from where the plant is."""
     return of(request.param, tmp_path_factory.mktemp(request.param))

@@ -59,7 +59,8 @@ def test_friction_of_slow_motion_is_excluded_only_above_a_velocity() -> None:
 
 
 @pytest.mark.parametrize(('fault', 'refused'), [
-    ('velocity_degrees', 2), ('velocity_sign', 1), ('velocity_scale', 1)])
+    ('velocity_degrees', 2), *(pytest.param(x, 1, marks=pytest.mark.slow)
+                               for x in ('velocity_sign', 'velocity_scale'))])
 def test_velocities_that_are_no_change_of_the_positions_are_refused(
         fault: str, refused: int) -> None:
     made, wrong = of('two_link_urdf', fault, 7501)
@@ -83,8 +84,8 @@ def test_a_delay_of_one_joint_is_a_lag_or_a_delay() -> None:
 
 @pytest.mark.parametrize(('robot', 'fault', 'seed', 'name'), [
     ('two_link_urdf', 'dead_band', 7500, 'dead band'),
-    ('drawn3', 'dead_band', 7501, 'dead band'),
-    ('drawn3', 'fading_torque', 7501, 'fading torque')])
+    *(pytest.param('drawn3', fault, 7501, fault.replace('_', ' '), marks=pytest.mark.slow)
+      for fault in ('dead_band', 'fading_torque'))])
 def test_a_drive_that_is_not_linear_is_named_beside_right_friction(
         robot: str, fault: str, seed: int, name: str) -> None:
     one = case(robot, fault, seed, DURATION)
@@ -99,6 +100,7 @@ def test_a_drive_that_is_not_linear_is_named_beside_right_friction(
         assert made.results.found.scale[i].value == pytest.approx(1.0, abs=1e-3)
 
 
+@pytest.mark.slow  # test_identify.py has a joint at rest beside one that moves.
 def test_a_wrist_that_friction_holds_does_not_block_the_other_joints() -> None:
     """Rotors, a tool and a stuck last joint: the URDF is corrected without that joint."""
     one = case('ur5', 'real_arm', 7600, DURATION)

@@ -207,7 +207,7 @@ def test_nodes_of_the_loop_need_no_tools() -> None:
     assert result.returncode == 0, result.stderr
     assert result.stderr.splitlines() == [
         'bringup: tqdm is missing: pip install tqdm',
-        'ctc map: tqdm is missing: pip install tqdm']
+        'ctc map: matplotlib is missing: pip install matplotlib']
 
 
 def test_an_error_of_ours_is_not_taken_for_a_missing_package(

@@ -90,23 +90,6 @@ def test_the_largest_loss_and_its_run() -> None:
     assert (back.run, back.larger) == (0, 2)
 
 
-def test_the_loss_is_that_of_the_worst_pair_of_rows() -> None:
-    table = made_up({'friction': [2.0, 10.0], 'ka': [1.0, 12.0]}, 6)
-    random = np.random.default_rng(2)
-    table = table.take(pa.array(random.permutation(len(table))))
-    data = MapData(table, {'friction': '', 'ka': ''})
-    rows = {(row['variant'], row['point'], row['repeat']): row for row in table.to_pylist()}
-    base = data.variants.index('compensation')
-    for v, name in enumerate(data.variants):
-        ratios = {row['run']: row['error'] / rows['compensation', point, repeat]['error']
-                  for (variant, point, repeat), row in rows.items()
-                  if variant == name and row['error'] is not None}
-        if v != base:
-            found = contrast(data, v, base)
-            assert found['run'] == max(ratios, key=lambda run: ratios[run])
-            assert found['loss'] == pytest.approx(max(ratios.values()))
-
-
 def test_without_axes_or_finite_errors() -> None:
     failures = [[[True, False, True], [False, False, True]]]
     data = grid(failures, axes={})

@@ -215,7 +215,7 @@ def test_a_third_axis_and_a_fourth() -> None:
         assert np.clip(shown(ax), *meshes(ax)[0].get_clim()) == pytest.approx(
             expected, nan_ok=True)
     assert [ax.get_title('left') for ax in panels(figure)] == [
-        f'{law}, delay {k} samples' for law in SOME for k in range(3)]
+        f'{law}\ndelay {k} samples' for law in SOME for k in range(3)]
 
 
 def test_more_laws_than_fit_beside_each_other_are_rows() -> None:
@@ -224,9 +224,9 @@ def test_more_laws_than_fit_beside_each_other_are_rows() -> None:
     found = panels(figure)
     for k, ax in enumerate(found):
         assert shown(ax)[1, 1] >= data.median[k // 2, 1, 1, k % 2]
-    assert [ax.get_title('left') for ax in found[::2]] == [f'{x}, delay 0 samples' for x in LAWS]
+    assert [ax.get_title('left') for ax in found[::2]] == [f'{x}\ndelay 0 samples' for x in LAWS]
     assert [ax.get_title('left') for ax in panels(gain_map(data, 0))[::2]] == [
-        f'{x}, delay 0 samples' for x in list(LAWS)[1:]]
+        f'{x}\ndelay 0 samples' for x in list(LAWS)[1:]]
 
 
 def long_names(axes: int) -> MapData:

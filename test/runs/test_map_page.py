@@ -177,17 +177,6 @@ def test_no_failure_and_one_value(tmp_path: Path) -> None:
     assert page.tables[0][1] == ['compensation', '2', '0.0 %\n0.0 to 65.8', '1.00e−5\n1.00e−4']
 
 
-def test_texts_are_escaped_and_nothing_is_fetched(tmp_path: Path) -> None:
-    name = '<b>$x & y</b>'
-    data = MapData(table_of(('compensation', name), {'ka': [1.0, 2.0]}, {
-        'error': np.ones((2, 2, 1)), 'failure': [[[''], ['error']]] * 2}), {'ka': '<i>'})
-    page = written(data, tmp_path, {'<u>': '<s>'})
-    assert page.tables[0][2][0] == name
-    assert name in page.texts['h1'][0]
-    assert ['<u>', '<s>'] in page.tables[-1]
-    assert not any(x in page.source for x in ('://', '<script src', '<link'))
-
-
 def test_a_page_that_cannot_be_written(table: Any, tmp_path: Path) -> None:
     with pytest.raises(CtcError, match=r'^cannot write '):
         write_map_page(MapData(table, UNITS), [], tmp_path, {}, {})
@@ -201,12 +190,3 @@ def test_a_single_run_away_from_the_median_is_named(tmp_path: Path) -> None:
         'error': error, 'failure': np.where(error > 1.0, 'error', '')}), {'ka': 'N*m'})
     assert written(data, tmp_path).tables[1][1] == [
         'observer_feedback', '18', '1', '0', '1', '1200', '31', 'ka 20 N·m']
-
-
-@pytest.mark.parametrize(('error', 'text'), [
-    (4.567e-5, '4.57e−5'), (1.234e-12, '1.23e−12'), (7.54, '7.54'), (12.3, '1.23e1'),
-    (np.nan, 'diverged')])
-def test_errors_in_the_table(error: float, text: str, tmp_path: Path) -> None:
-    data = MapData(table_of(('compensation',), {}, {
-        'error': [[[error]]], 'failure': [[['']]]}), {})
-    assert written(data, tmp_path).tables[0][1][-1] == f'{text}\n{text}'

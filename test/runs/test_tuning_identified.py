@@ -25,7 +25,7 @@ from ctc_chattering.cli.ctc import main
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.errors import CtcError
 from ctc_chattering.runs.points import Runs
-from ctc_chattering.runs.tune_spec import identified_spec, TuneSpec
+from ctc_chattering.runs.tune import identified_spec, TuneSpec
 from identified_bags import recorded_bag, short
 import pytest
 from urdfs import two_links

@@ -23,8 +23,7 @@ from ctc_chattering.runs import tune_page as report
 from ctc_chattering.runs.score import Score
 from ctc_chattering.runs.search import Limits, over_draws, Range, Trial
 from ctc_chattering.runs.spec import rows_of
-from ctc_chattering.runs.tune import Tuning
-from ctc_chattering.runs.tune_spec import parse_tune
+from ctc_chattering.runs.tune import parse_tune, Tuning
 import pytest
 from tunings import short_tuning
 

@@ -34,31 +34,8 @@ from ctc_chattering.runs.tune import (
     setups,
     Tuning,
 )
-from ctc_chattering.simulation.closed_loop import simulate
-import numpy as np
 import pytest
 from tunings import short_spec, short_tuning
-
-
-def test_the_numbers_of_a_run_are_those_of_its_samples() -> None:
-    setup = short_spec().setup
-    (found,) = scores_of((0.25, 0.5), [setup])
-    run = simulate(setup.plant, setup.controller, setup.reference, truth=True)
-    inside = run.t >= 0.25 - 1e-9
-    e, tau = (run.q_d - run.q)[inside], run.tau[inside]
-    assert found.error == pytest.approx(np.sqrt((e ** 2).mean(axis=0)).max())
-    steps = np.abs(np.diff(tau, axis=0)).sum(axis=0) / 0.25
-    assert found.most_variation == pytest.approx(steps.max())
-    assert found.peak == pytest.approx(np.abs(run.tau).max(axis=0))
-    assert found.peak_rate == pytest.approx(np.abs(np.diff(run.tau, axis=0)).max(axis=0) / 5e-3)
-    assert not found.failure
-
-
-def test_a_run_that_diverges_says_why() -> None:
-    setup = short_spec(overrides={'controller': {'error_limit': [1e-8, 1e-8]}}).setup
-    (found,) = scores_of((0.25, 0.5), [setup])
-    assert (found.error, found.peak) == (inf, ())
-    assert 'exceeds error_limit' in found.failure
 
 
 def test_a_candidate_is_evaluated_on_every_draw() -> None:

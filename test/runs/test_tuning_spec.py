@@ -27,7 +27,7 @@ from ctc_chattering.errors import CtcError
 from ctc_chattering.runs.points import Runs
 from ctc_chattering.runs.search import SPACE
 from ctc_chattering.runs.spec import applied
-from ctc_chattering.runs.tune_spec import DRAWS, parse_tune, TuneSpec
+from ctc_chattering.runs.tune import DRAWS, parse_tune, TuneSpec
 import pytest
 
 LOAD = {'load': {'parameter': 'plant.coulomb_friction', 'uniform': [5.0, 9.0]}}

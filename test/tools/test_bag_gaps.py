@@ -49,27 +49,3 @@ def test_states_that_end_before_the_bag_are_a_gap(
     found = examine([record(tmp_path / 'bag', range(0, S, MS), until)], outages)
     assert (found['states'], found['gaps'], found['unexplained_gaps']) == (1000, gaps, unexplained)
     assert found['messages'] == 1000 + until // (S // 2)
-
-
-def test_states_of_others_are_left_out(tmp_path: Path) -> None:
-    """Check states that name a frame, and stamps far from the time of the recording."""
-    rows = [[0.1, 0.2]] * 3
-    recording = BagWriter(tmp_path / 'bag')
-    for k in range(1000):
-        for t, frame in ((k * MS, ''), (k * MS - S, 'intruder'), (k * MS + 3600 * S, '')):
-            recording.write('/joint_states', 'sensor_msgs/msg/JointState', k * MS,
-                            state(NAMES, rows, divmod(t, S), frame), offered_qos(10, False))
-    recording.close()
-    found = examine([tmp_path / 'bag'], [])
-    assert (found['messages'], found['states'], found['gaps']) == (3000, 1000, 0)
-
-
-def test_every_bag_is_opened_and_what_is_none_is_named(tmp_path: Path) -> None:
-    whole = record(tmp_path / 'a', range(0, S, MS), S)
-    cut = record(tmp_path / 'b', range(0, S, MS), S)
-    (cut / 'metadata.yaml').unlink()
-    (cut / 'b_0.mcap').write_bytes((cut / 'b_0.mcap').read_bytes()[:-300])
-    (tmp_path / 'c').mkdir()
-    found = examine([whole, cut, tmp_path / 'c'], [])
-    assert (found['count'], found['states']) == (3, 2000)
-    assert len(found['unreadable']) == 1

@@ -19,14 +19,13 @@ from __future__ import annotations
 import json
 import os
 from pathlib import Path
-import signal
 import subprocess
 import sys
 import time
 from typing import Any
 
 from ctc_chattering.bags.repair import open_bag
-from processes import descendants, PATIENCE, wait_for
+from processes import PATIENCE
 import pytest
 from soak import plan
 
@@ -61,21 +60,6 @@ def ended(process: subprocess.Popen[str], out: Path) -> dict[str, Any]:
         assert document['processes'][name]['samples'] > 0.5 * document['duration_s'] / PERIOD
     assert all(p['memory_kb'][-1] > 1e4 for p in document['processes'].values())
     return document
-
-
-@pytest.mark.slow
-def test_ctrl_c_ends_it_early_with_the_table_and_leaves_no_process(tmp_path: Path) -> None:
-    out = tmp_path / 'out'
-    process = start(out, 10.0)
-    log = out / 'soak.log'
-    wait_for(lambda: log.exists() and 'recovered' in log.read_text(encoding='utf-8'), 'a fault')
-    started = descendants(process.pid)
-    assert len(started) >= 4
-    process.send_signal(signal.SIGINT)
-    document = ended(process, out)
-    assert 0.0 < document['duration_s'] < 60.0
-    assert document['faults']
-    assert not [pid for pid in started if Path(f'/proc/{pid}').exists()]
 
 
 @pytest.mark.slow

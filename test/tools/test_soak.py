@@ -16,71 +16,16 @@
 
 from __future__ import annotations
 
-from collections import Counter
-from itertools import pairwise
-import json
-import random
 from typing import Any
 
-from ctc_chattering.analysis.output import finite
-from ctc_chattering.configuration.node_parameters import NODES, parameters_of
-from ctc_chattering.errors import CtcError
 from faults import Report
 import numpy as np
 import pytest
 from soak import plan, report
-from soak.measurements import Gap, gaps, memory, Outage, totals, unhealthy, WARM_UP
+from soak.measurements import Gap, gaps, memory, Outage, unhealthy, WARM_UP
 from soak.plan import Fault
 
 S = 1_000_000_000
-
-
-def changed(node: str, name: str, value: object) -> None:
-    """Set a parameter as a node would; raise `CtcError` if that is not allowed."""
-    for config in NODES[node]:
-        if name in config.parameters():
-            config().changed({name: value})
-
-
-def test_a_plan_is_made_by_its_seed_alone() -> None:
-    made = repr(plan.plan(3, 600.0))
-    assert made != repr(plan.plan(4, 600.0))
-    random.seed(5)
-    assert made == repr(plan.plan(3, 600.0))
-
-
-def test_a_plan_has_everything_in_it_in_time_and_kills_at_the_beginning_only() -> None:
-    faults = plan.plan(1, 600.0)
-    times = [fault.at for fault in faults]
-    pauses = [b.at - a.at - a.lasts for a, b in pairwise(faults)]
-    assert plan.PAUSE[0] <= min(*pauses, times[0]) and max(*pauses, times[0]) <= plan.PAUSE[1]
-    assert all(fault.at + fault.lasts < 600.0 for fault in faults)
-    kills = [fault for fault in faults if fault.kind == plan.KILL]
-    assert max(fault.at for fault in kills) < 200.0
-    for kind, targets in plan.TARGETS.items():
-        counts = Counter(fault.target for fault in faults if fault.kind == kind)
-        assert set(counts) == set(targets)
-        assert max(counts.values()) - min(counts.values()) <= 1
-    for fault in faults:
-        low, high = plan.DURATIONS.get(fault.kind, (0.0, 0.0))
-        assert low <= fault.lasts <= high
-    assert len({fault.seed for fault in faults}) == len(faults)
-    assert plan.plan(1, 1.0) == []
-
-
-def test_valid_parameters_are_allowed_and_invalid_ones_are_not() -> None:
-    seen = Counter[str]()
-    for fault in (fault for seed in range(40) for fault in plan.plan(seed, 600.0)):
-        for name, value in fault.values:
-            spec = parameters_of(fault.target).get(name)
-            seen[fault.kind] += 1
-            if fault.kind == plan.VALID:
-                assert spec and not spec.read_only
-                changed(fault.target, name, value)
-            elif spec and not spec.read_only:
-                with pytest.raises(CtcError):
-                    changed(fault.target, name, value)
-    assert min(seen.values()) > 100
 
 
 def test_growth_is_the_slope_after_the_warm_up() -> None:
@@ -98,14 +43,6 @@ def test_growth_is_the_slope_after_the_warm_up() -> None:
     for short in ([(1.0, 5.0)], [(1.0, 5.0), (2.0, 5.0)], [(1.0, 4.0), (40.0, 5.0)]):
         assert memory(short) == {
             'memory_kb': [5.0, 5.0], 'growth_kb_per_min': 0.0, 'fitted_s': 0.0}
-
-
-def test_totals_are_summed_over_generations() -> None:
-    generations = [Report(b'\0', '', {
-        'samples': str(30 + k), 'rate [Hz]': '998.5', 'time': 'real', 'a: refused, nan': '7',
-        'timeouts, x': '0'}) for k in range(3)]
-    found = totals([*generations, Report(b'\0', '', {'samples': '5', 'b: refused, bytes': '1'})])
-    assert found == {'samples': 30 + 31 + 32 + 5, 'a: refused, nan': 21, 'b: refused, bytes': 1}
 
 
 def reports(t: int = 2 * S, **messages: str) -> dict[str, Report]:
@@ -161,21 +98,6 @@ def document(**more: Any) -> dict[str, Any]:
             result(Fault(1.0, plan.KILL, 'plant'), 2.5),
             result(Fault(2.0, plan.RESET, 'controller'), 0.4)],
         'processes': {name: dict(PROCESS) for name in plan.PROCESSES}, **more}
-
-
-def test_the_table_says_everything() -> None:
-    text = report.to_markdown(document())
-    for line in ('1.5 min of 2.0, seed 7, control period 1 ms, on Z80, 1 cores.',
-                 '| SIGKILL plant | 1 | 1 | 2.5 |', '| ~/reset | 1 | 1 | 0.4 |',
-                 '| **all** | 2 | 2 | 2.5 |',
-                 '| plant | 1000 | 2 | 3 | 4 | 1 | 0 | 70.0 → 71.0 | 5.0 | 80 |',
-                 '| controller | joint_states: not_finite | 3 |',
-                 '| 2 | 5000 | 2000 | 1 | 1.25 | 0 | 6 | 0 |', 'Passed.'):
-        assert line in text.splitlines()
-    widths = [line.count(' | ') for line in text.splitlines() if line.startswith('|')]
-    assert len(set(widths)) <= 4, 'a row of another length than its table'
-    json.dumps(finite(document()), allow_nan=False)
-    assert '| **all** | 0 | 0 |  |' in report.to_markdown(document(faults=[]))
 
 
 def test_verdict() -> None:

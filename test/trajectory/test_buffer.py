@@ -84,19 +84,6 @@ def test_between_points_it_is_the_quintic(seed: int, gap: int, start: int) -> No
             assert value == pytest.approx(exact, rel=1e-9, abs=scale)
 
 
-def test_both_ends_of_a_gap_are_met_smoothly() -> None:
-    """Check that position, velocity and acceleration have no step at a point."""
-    rng = np.random.default_rng(3)
-    trajectory = Trajectory()
-    points = [_point(rng) for _ in range(3)]
-    trajectory.extend([0, 100 * MS, 250 * MS], points)
-    for side in (-1, 1):
-        near = trajectory.at(100 * MS + side)
-        assert near is not None
-        for value, exact in zip(near, points[1]):
-            assert value == pytest.approx(exact, abs=1e-3)
-
-
 def test_rest_after_the_end_and_none_before() -> None:
     """Check the last position with zero derivatives, one nanosecond after the last point."""
     trajectory = Trajectory()
@@ -181,13 +168,6 @@ def test_grace_goes_on_at_the_last_velocity_and_then_holds(grace: int) -> None:
         assert found[0] == pytest.approx([1.0 + 3.0 * gone, 2.0 - 4.0 * gone], rel=1e-12)
         assert tuple(found[1]) == (MOVING[1] if late <= grace else (0.0, 0.0))
         assert tuple(found[2]) == (0.0, 0.0)
-
-
-def test_without_grace_it_holds_at_once() -> None:
-    """Check that 0 is the default and is bit for bit the last position."""
-    for trajectory in (Trajectory(), Trajectory(0)):
-        trajectory.extend([10], [MOVING])
-        assert trajectory.at(11) == (MOVING[0], (0.0, 0.0), (0.0, 0.0))
 
 
 def test_a_late_piece_ends_the_grace() -> None:

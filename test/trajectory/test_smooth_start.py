@@ -72,23 +72,6 @@ def _ranges(config: ReferenceConfig) -> tuple[float, float, float, float]:
 
 
 @settings(max_examples=200)
-@given(sinusoids, positions, durations, instants)
-def test_from_rest_it_stays_within_the_hull_of_start_and_motion(
-        config: ReferenceConfig, q0: float, duration: float, t0: int) -> None:
-    """For any phase; velocity and acceleration stay within the bounds that are stated."""
-    c, a, speed, push = _ranges(config)
-    motion = make_motion(
-        config.changed({'start_duration': duration}), None, {'a': (q0, 0.0)}, t0)
-    q, dq, ddq = _path(motion, t0, t0 + round((duration + 0.5) * S))[:, :, 0].T
-    assert q.min() >= min(q0, c - a) - 1e-9
-    assert q.max() <= max(q0, c + a) + 1e-9
-    far = abs(q0 - c) + a
-    assert np.abs(dq).max() <= speed + 1.875 * far / duration + 1e-9
-    assert np.abs(ddq).max() <= (
-        push + 3.75 * speed / duration + 5.774 * far / duration ** 2) * (1 + 1e-9) + 1e-9
-
-
-@settings(max_examples=200)
 @given(sinusoids, positions, velocities, durations, instants)
 def test_a_robot_that_moves_leaves_the_hull_by_its_braking_distance(
         config: ReferenceConfig, q0: float, dq0: float, duration: float, t0: int) -> None:

@@ -17,7 +17,6 @@
 from __future__ import annotations
 
 from array import array
-from itertools import pairwise
 from typing import Any
 
 from ctc_chattering.errors import ParameterError
@@ -94,23 +93,6 @@ def test_waypoints_are_met_and_continuity_is_as_promised(seed: int, given_: int)
         for side in [-1] * (i > 0) + [1] * (i + 1 < len(times)):
             for k in range(given_):
                 assert motion.at(t + side)[k] == pytest.approx(point[k], abs=1e-4)
-
-
-@settings(max_examples=30)
-@given(st.integers(0, 2 ** 32 - 1), st.lists(
-    st.sampled_from([1, 2, 3]), min_size=5, max_size=5))
-def test_derivatives_are_finite_differences(seed: int, given_: list[int]) -> None:
-    """Check waypoints of all kinds mixed, inside every segment."""
-    times, whole = _random(seed, 3, 5)
-    points = [_cut(point, g) for g, point in zip(given_, whole)]
-    motion, step = Waypoints(times, points), 20_000
-    for a, b in pairwise(times):
-        for t in (a + 2 * step, (a + b) // 2, b - 2 * step):
-            before, now, after = (np.array(motion.at(t + d)) for d in (-step, 0, step))
-            scale = 1.0 + np.abs(now).max()
-            for k in (0, 1):
-                slope = (after[k] - before[k]) / (2 * step / S)
-                np.testing.assert_allclose(now[k + 1], slope, atol=1e-3 * scale)
 
 
 @pytest.mark.parametrize(('first', 'second', 'order'), [

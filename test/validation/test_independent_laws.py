@@ -54,6 +54,12 @@ def of_the_package(law: str, known: Known, numbers: dict[str, Any]) -> Controlle
         'inertia_scale': known.scale, 'gravity_scale': known.scale, 'compiled': False}))
 
 
+def numbers_of(gains: Gains) -> dict[str, Any]:
+    """Return gains as parameters of the package."""
+    return {name: 2 * [x] if name in ('kp', 'kv') else x
+            for name, x in gains._asdict().items() if name != 'guarded'}
+
+
 def motion(rng: np.random.Generator, period: float) -> Callable[[int], Point]:
     """Return a random motion by samples."""
     centre, size, w = rng.uniform(-2, 2, 2), rng.uniform(0.02, 0.4, 2), rng.uniform(3, 25, 2)
@@ -86,19 +92,34 @@ def test_torques_are_those_of_a_program_by_hand(drives: str) -> None:
     for size in (3e-1, 3e-2, 1e-2, 1e-3, 1e-4, 1e-5):
         gains = Gains(rng.uniform(50, 2e4), rng.uniform(10, 300), (60.0, 30.0),
                       rng.uniform(40, 250), 20.0, tuple(rng.uniform(0.0, 12.0, 2)), GUARDED)
-        numbers = {name: 2 * [x] if name in ('kp', 'kv') else x
-                   for name, x in gains._asdict().items() if name != 'guarded'}
-        law = of_the_package('observer_feedback', known, numbers)
+        law = of_the_package('observer_feedback', known, numbers_of(gains))
         check(law, ObserverFeedback(known, gains), known, rng, size)
+
+
+@pytest.mark.parametrize('level', [0.0, 4.0])
+def test_a_loop_that_learns_and_loses_bandwidth_is_that_by_hand(level: float) -> None:
+    """Compare 150 torques, on measurements with errors that reach every branch."""
+    rng, known = np.random.default_rng(2), Known()
+    gains = Gains(estimator_bandwidth=100.0, friction_level=(level, level), guarded=GUARDED)
+    law = of_the_package('observer_feedback', known, numbers_of(gains))
+    hand = ObserverFeedback(known, gains)
+    at, offset = motion(rng, known.period), np.array([0.02, -0.01])
+    for k in range(150):
+        points = [at(k), at(k + 1)]
+        offset = 0.98 * offset + 1e-4 * rng.normal(size=2)
+        q, dq = points[0].q + offset, points[0].dq
+        now, then = ((x.q.tolist(), x.dq.tolist(), x.ddq.tolist()) for x in points)
+        tau = law.step(q.tolist(), dq.tolist(), *now, [then]).tau
+        np.testing.assert_allclose(tau, hand.step(q, dq, points), rtol=1e-6, atol=1e-6)
+    assert hand.part < 0.7
 
 
 def test_a_joint_that_rests_is_held_as_by_hand() -> None:
     """Compare torques while joints come to rest, are held, and are released by a push."""
     known = Known()
     gains = Gains(1e4, 200.0, (20.0, 10.0), 200.0, 20.0, (9.0, 4.0), GUARDED)
-    numbers = {name: 2 * [x] if name in ('kp', 'kv') else x
-               for name, x in gains._asdict().items() if name != 'guarded'}
-    law, hand = of_the_package('observer_feedback', known, numbers), ObserverFeedback(known, gains)
+    law = of_the_package('observer_feedback', known, numbers_of(gains))
+    hand = ObserverFeedback(known, gains)
     point, held = Point(np.array([1.0, 0.5]), np.zeros(2), np.zeros(2)), set()
     row = point.q.tolist(), [0.0, 0.0], [0.0, 0.0]
     for k in range(140):

@@ -12,60 +12,17 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The study of the laws: its numbers, its table, and what is recommended."""
+"""What is recommended for the laws that the study has."""
 
-import csv
-import io
-import math
-from pathlib import Path
-
-from ctc_chattering.analysis.metrics import metrics
 from ctc_chattering.runs.recommended import recommended_setup
-from ctc_chattering.runs.score import Score
-from ctc_chattering.simulation.closed_loop import simulate
-from imperfections import Case, CaseOutcome, ratio, run_cases
+from imperfections import Case
 from imperfections import EVERY_LAW as LAWS
-from imperfections_page import OF_LAWS as LAW_KIND
-from imperfections_page import to_markdown, write_study
 import pytest
 
 LAG = Case('2 ms', 'Drive lag', {
     'plant': {'duration': 1.0, 'actuator_lag': [2e-3, 2e-3], 'torque_rate_limit': [5e3, 1e3],
               'compiled': False},
     'controller': {'law': 'chattering', 'ka': [12.0, 12.0]}})
-
-
-def made_up(law: str, first: float, second: float) -> CaseOutcome:
-    """Return the outcome of a run that was not made."""
-    return CaseOutcome(LAG, law, 1e-3, (12.0, 12.0), Score(
-        rms=(first, second), variation=(1.0, 1.0)))
-
-
-def test_the_numbers_are_those_of_the_simulation() -> None:
-    """Check two laws against a simulation of their own, on drives that the law knows."""
-    found = list(run_cases([LAG], ('compensation', 'observer_feedback')))
-    setup = LAG.setup()
-    errors = []
-    for law in ({'law': 'compensation'}, {
-            'law': 'observer_feedback', 'kp': [1e4, 1e4], 'kv': [200.0, 200.0],
-            'estimator_bandwidth': 200.0, 'ka': found[1].ka, 'actuator_lag': [2e-3, 2e-3],
-            'torque_rate_limit': [5e3, 1e3]}):
-        run = simulate(setup.plant, setup.controller.changed(law), setup.reference, truth=True)
-        errors.append(metrics(run, (0.5, 1.0))['rms_error_rad'])
-    for o, error in zip(found, errors, strict=True):
-        assert o.score.rms == pytest.approx(error, rel=5e-3)
-    assert ratio(found[1], found[0]) == pytest.approx(
-        max(a / b for a, b in zip(errors[1], errors[0])), rel=5e-3)
-
-
-def test_what_is_worse_is_bold() -> None:
-    failed = CaseOutcome(
-        LAG, 'super_twisting', 1e-3, (12.0, 12.0), Score(failure='diverged'))
-    text = to_markdown(LAW_KIND, [
-        made_up('compensation', 2.0, 4.0), made_up('integral', 1.0, 3.0),
-        made_up('pd_gravity', 1.0, 5.0), failed])
-    assert text.splitlines()[-1] == '| Drive lag: 2 ms | 0.75 | **1.2** | **inf** |'
-    assert ratio(failed, failed) == math.inf
 
 
 @pytest.mark.parametrize('h, lag, delay, pole', [
@@ -96,16 +53,3 @@ def test_what_a_lab_knows_is_given() -> None:
         assert (config.law, config.actuator_lag) == (law, (2e-3, 2e-3))
         assert config.friction_level == (
             (9.9, 9.9) if law in ('slotine_li', 'friction_feedforward') else (0.0, 0.0))
-
-
-def test_files_have_every_law(tmp_path: Path) -> None:
-    write_study(list(run_cases([LAG], LAWS)), tmp_path)
-    assert [x.name for x in (tmp_path / 'laws_figures').iterdir()] == ['imperfections.png']
-    page = (tmp_path / 'laws.html').read_text(encoding='utf-8').replace('<wbr>', '')
-    assert 'src="laws_figures/imperfections.png"' in page
-    assert all(f'<th scope="col" class="n">{x}</th>' in page for x in LAWS[1:])
-    assert '](laws_figures/imperfections.png)' in (tmp_path / 'laws.md').read_text()
-    lines = list(csv.DictReader(io.StringIO((tmp_path / 'laws.csv').read_text(encoding='utf-8'))))
-    assert [line['law'] for line in lines] == list(LAWS)
-    heads = (tmp_path / 'laws.md').read_text(encoding='utf-8').splitlines()[4]
-    assert heads == '| case | ' + ' | '.join(x for x in LAWS if x != 'compensation') + ' |'

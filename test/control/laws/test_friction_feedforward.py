@@ -14,21 +14,8 @@
 
 """Computed torque plus the friction of the desired velocity."""
 
-from laws import check_by_hand, error, rattles, run, Terms
+from laws import error, rattles, run
 import numpy as np
-from oracles import Array
-
-LEVEL, WIDTH = np.array([7.0, 3.0]), 0.4
-
-
-def test_by_hand() -> None:
-    """Check M (ddq_d + Kv de + Kp e) + C dq + G + f tanh(dq_d / ε)."""
-    def step(at: Terms) -> Array:
-        tau: Array = at.computed_torque + LEVEL * np.tanh(at.dq_d / WIDTH)
-        return tau
-
-    check_by_hand('friction_feedforward', step, friction_level=LEVEL.tolist(),
-                  friction_velocity=WIDTH)
 
 
 def test_the_error_shrinks_with_the_right_level() -> None:

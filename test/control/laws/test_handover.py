@@ -36,6 +36,8 @@ import pytest
 PAPER = ('compensation', 'chattering')
 PAIRS = [pair for pair in itertools.permutations(LAWS, 2) if pair[0] not in PAPER
          or pair[1] not in PAPER]
+#: Each law once before, and once after.
+NEXT = list(zip(LAWS, LAWS[2:] + LAWS[:2]))
 MS = 1_000_000
 MOTION = Sinusoid(ReferenceConfig())
 #: What a step of the torque may be besides that of the law before, in 1 ms [N·m].
@@ -94,7 +96,8 @@ def changed(before: str, after: str, switching: str, delay: int, samples: int) -
     return loop
 
 
-@pytest.mark.parametrize(('switching', 'delay'), [('implicit_observer', 0), ('sign', 2)])
+@pytest.mark.parametrize(('switching', 'delay'), [
+    ('implicit_observer', 0), pytest.param('sign', 2, marks=pytest.mark.slow)])
 def test_the_torque_does_not_jump(switching: str, delay: int) -> None:
     """Check all ordered pairs against the usual step of the law before, with and without delay."""
     for before, after in PAIRS:
@@ -104,7 +107,7 @@ def test_the_torque_does_not_jump(switching: str, delay: int) -> None:
 
 
 # From each law, to each law: all pairs are above, at the sample of the change.
-@pytest.mark.parametrize(('before', 'after'), list(zip(LAWS, LAWS[2:] + LAWS[:2])))
+@pytest.mark.parametrize(('before', 'after'), NEXT)
 def test_the_difference_fades(before: str, after: str) -> None:
     """Check what is added to the new law: straight to 0 within FADE, and nothing from then on."""
     loop, count = changed(before, after, 'implicit_observer', 0, 220), round(FADE / 1e-3)
@@ -172,7 +175,7 @@ def test_a_law_begins_as_new_after_a_reset() -> None:
 
 
 def test_back_and_forth_between_two_samples_changes_nothing() -> None:
-    for before, after in PAIRS:
+    for before, after in NEXT:
         loop = under_way(before, 'sign', 0).copied()
         plain = loop.copied()
         loop.change(after)

@@ -19,25 +19,11 @@ from typing import Any
 
 from ctc_chattering.control.controller import Controller, ControllerConfig
 from ctc_chattering.errors import CtcError
-from laws import check_by_hand, error, GAINS, H, inputs, KP, run, Terms
+from laws import error, GAINS, H, inputs, KP, run, Terms
 import numpy as np
-from oracles import Array
 import pytest
 
 KI = np.array([300.0, 900.0])
-
-
-def test_by_hand() -> None:
-    """Check M (ddq_d + Kv de + Kp e + ∫ Ki e) + C dq + G, with Euler's integral."""
-    x = np.zeros(2)
-
-    def step(at: Terms) -> Array:
-        nonlocal x
-        tau: Array = at.computed_torque + at.M @ x
-        x = x + H * KI * at.e
-        return tau
-
-    check_by_hand('integral', step, ki=KI.tolist())
 
 
 @pytest.mark.parametrize('anti_windup', [True, False])

@@ -18,7 +18,7 @@ import copy
 from typing import Any
 
 from ctc_chattering.control.controller import Controller, ControllerConfig
-from laws import check_by_hand, error, GAINS, H, inputs, KP, KV, rattles, run, Terms
+from laws import error, GAINS, H, inputs, KP, KV, rattles, run, Terms
 import numpy as np
 from oracles import Array
 
@@ -45,12 +45,6 @@ class ByHand:
             change = np.where(frozen, 0.0, change)
         self.level = np.maximum(self.level + change, 0.0)
         return tau
-
-
-def test_by_hand() -> None:
-    hand = ByHand()
-    check_by_hand('slotine_li', hand.step, 3.0, **VALUES)
-    assert (hand.level != GIVEN).all()
 
 
 def test_joints_at_their_limit_do_not_adapt() -> None:
