@@ -12,12 +12,17 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The integrated equation of motion, against closed forms and quadrature."""
+"""The integrated equation of motion, against closed forms and quadrature, and its rows."""
 
 from __future__ import annotations
 
+import tracemalloc
+
+from ctc_chattering.bags.recording import Stretch
+from ctc_chattering.dynamics.registry import make_model
 from ctc_chattering.dynamics.two_link import TwoLink
 from ctc_chattering.identification.drives import driven, weak_torque
+from ctc_chattering.identification.model_errors import ErrorColumns
 from ctc_chattering.identification.weak_form import (
     Dynamics,
     position_noise,
@@ -25,10 +30,12 @@ from ctc_chattering.identification.weak_form import (
     TestFunction,
     velocity_deviation,
 )
+from ctc_chattering.identification.windows import Rows
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
 import pytest
 from scipy.integrate import quad, solve_ivp  # type: ignore[import-untyped]
+from urdfs import TWO_LINKS, two_links
 
 H = 1e-3
 PHI = TestFunction(H)
@@ -117,3 +124,16 @@ def test_a_delay_shifts_the_torque_and_half_a_sample_is_the_mean() -> None:
     step = (np.arange(500)[:, None] >= 250).astype(float)
     total = weak_torque(step, 0.0, np.zeros(1), H, PHI, np.array([250]))
     assert total == pytest.approx(0.5)
+
+
+def test_windows_are_evaluated_in_blocks() -> None:
+    """All windows at once would need 70 MB for this, and more with every second."""
+    count = 12_000
+    t = H * np.arange(count)
+    q = np.stack((np.sin(2.0 * t), np.cos(3.0 * t)), axis=1)
+    model, phi = make_model('urdf', 9.81, TWO_LINKS, two_links()), TestFunction(H, H * count)
+    tracemalloc.start()
+    Rows.of(Stretch(0.0, H, q, None, q), model, phi, ErrorColumns.of(model))
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 30e6

@@ -62,18 +62,3 @@ def test_a_joint_sticks_up_to_its_friction(part: float, moves: bool) -> None:
     now = after(held, weight + part * level, np.zeros(2))  # The drives get there first.
     go_on(held._replace(coulomb=level), now, weight + part * level, 10_000, 1e-5)
     assert (np.abs(now.dq) > 0.0).all() == moves
-
-
-def test_bristles_hold_as_coulombs_friction_does() -> None:
-    stiff = arm(coulomb=np.array([30.0, 20.0]))
-    soft = stiff._replace(bristle=np.array([1e5, 1e5]))
-    tau = np.array([60.0, -5.0])
-    still = np.zeros(2)
-    a, b = after(stiff, tau, still), after(soft, tau, still)
-    np.testing.assert_allclose(a.q, b.q, atol=2e-3)
-
-
-def test_drives_have_a_lag_and_a_rate() -> None:
-    slow = arm(lag=np.array([2e-3, 2e-3]), rate=np.array([1e3, 1e6]))
-    now = after(slow, np.array([10.0, 10.0]), seconds=4e-3)
-    np.testing.assert_allclose(now.torque, [4.0, 10.0 * (1.0 - np.exp(-2.0))], rtol=1e-6)
