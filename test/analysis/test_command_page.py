@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The page of commands: its index, its figures, its plots in a browser."""
+"""The page of commands: index, figures, and plots in a browser; what these are made of."""
 
 from __future__ import annotations
 
@@ -23,6 +23,7 @@ from pathlib import Path
 
 from browser import browser_page, eventually, inked
 from ctc_chattering.analysis.drawing import FigureFile
+from ctc_chattering.analysis.interactive_plots import component
 from ctc_chattering.analysis.page import (
     Folded,
     Item,
@@ -148,3 +149,13 @@ def test_the_page_of_runs_in_a_browser(tmp_path: Path) -> None:
         page.evaluate('id => location.hash = id', folded.get_attribute('id'))
         eventually(lambda: folded.get_attribute('open') is not None, 'the figures', page)
         assert page.locator('nav details').get_attribute('open') is None
+
+
+def test_style_and_script_stand_in_a_page_with_the_licence_of_uplot() -> None:
+    text = str(component())
+    assert text.count('<style>') == text.count('</style>') == 1
+    assert text.count('<script>') == text.count('</script>') == 1
+    assert 'Permission is hereby granted' in text
+    assert 'Copyright (c) 2022 Leon Sorokin' in text
+    # Nothing is loaded from elsewhere.
+    assert 'http' not in text.replace('https://github.com/leeoniya/uPlot', '')

@@ -12,13 +12,27 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Directories that are written into."""
+"""Directories that are written into, and how numbers are shown."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
+from ctc_chattering.analysis.markup import in_html
 from ctc_chattering.analysis.output import prepare
+from ctc_chattering.analysis.tables import (
+    counted,
+    in_field,
+    measured,
+    number_text,
+    percent,
+    rounded,
+    scientific,
+    short,
+    shown,
+    span,
+    with_interval,
+)
 from ctc_chattering.errors import CtcError
 import pytest
 
@@ -94,3 +108,45 @@ def test_a_directory_that_cannot_be_made_even_by_root() -> None:
     """Check a file system that refuses even root."""
     with pytest.raises(CtcError, match='/proc/self/nothing'):
         prepare(Path('/proc/self/nothing'), NAMES)
+
+
+@pytest.mark.parametrize(('text', 'wanted'), [
+    (measured(None), '-'), (measured([1.23456e-5, 1234.5]), '1.23e-05 1234'),
+    (shown([0.5, 12.34567]), '[0.5, 12.35]'), (shown(True), 'True'),
+    (number_text((8.0, 8.0)), '8'), (number_text([8.0, 9.5]), '8/9.5'),
+    (in_field([0.1 + 0.2, 1]), '0.3, 1'), (in_field('sign'), 'sign'),
+    (with_interval(1.23456, 0.0, 'N*m'), '1.235 N*m'),
+    (with_interval(1.23456, 0.0123, 'N*m'), '1.235 ± 0.01 N*m'),
+    (with_interval(1.23456, 9.0), '1.23 ± 9'),
+    (in_html(None), '<span class="none" title="none">–</span>'),
+    (in_html(-1234.5), '<data value="-1234.5">−1234</data>'),
+    (in_html(1e-9), '<data value="1e-09">1.00e−09</data>')])
+def test_text(text: str, wanted: str) -> None:
+    assert text == wanted
+
+
+def test_rounded_keeps_the_digits_asked_for() -> None:
+    assert rounded(123456.0) == 123000.0
+    assert rounded(1.23456789, 6) == 1.23457
+
+
+@pytest.mark.parametrize(('value', 'text'), [
+    (0.0, '0'), (1.0, '1'), (-2.5, '-2.5'), (0.05, '0.05'), (0.0005, '5e-4'), (1e-9, '1e-9'),
+    (0.0011, '0.0011'), (12345.6, '1.235e4'), (2000.0, '2000'), (1.0 / 3.0, '0.3333')])
+def test_numbers_are_short(value: float, text: str) -> None:
+    assert short(value) == text
+
+
+def test_numbers_of_many_joints_are_a_range() -> None:
+    assert number_text([3.0, 1.0, 2.0, 4.0], 3) == '1 to 4'
+    assert number_text([3.0, 1.0], 3) == '3/1'
+    assert number_text((2.0,) * 7, 3) == '2'
+    assert number_text(0.5, 3) == '0.5'
+
+
+def test_counts_parts_and_ranges() -> None:
+    assert [counted(1, 'run'), counted(1200, 'run')] == [
+        '1 run', '1\N{NARROW NO-BREAK SPACE}200 runs']
+    assert percent(1, 3) == '33.3 %'
+    assert [span(1.0, 1.0), span(5e-4, 20.0)] == ['1', '5e-4 to 20']
+    assert [scientific(4.567e-5), scientific(7.54)] == ['4.57e−5', '7.54']

@@ -12,9 +12,12 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The filter (3): exact for its pole, without acceleration, bumpless."""
+"""The filter (3), the level of friction, and the limits of the torque."""
 
-from ctc_chattering.control.evaluation import error_filter
+import math
+
+from ctc_chattering.control.adaptation import friction_level, untaught
+from ctc_chattering.control.evaluation import error_filter, limiter
 import numpy as np
 from oracles import Array, random_spd
 import pytest
@@ -112,3 +115,79 @@ def test_nominal_response_is_the_next_output_without_an_error_acceleration(h: fl
     xi, de, u = np.array([0.2, -0.1]), np.array([0.3, 0.2]), np.array([1.0, -2.0])
     wanted = made.output(de - h * u, made.next_state(xi, de, u))
     np.testing.assert_allclose(made.nominal_response(made.output(de, xi), u), wanted, atol=1e-14)
+
+
+H, BANDWIDTH, BOUND = 1e-3, 100.0, np.array([30.0, 30.0])
+
+
+def learned(true: Array, start: Array, duration: float = 8.0, viscous: float = 0.0,
+            gravity: float = 0.0, motion: float = 0.5, gain: float = 20.0) -> Array:
+    """Return K̂ after a sinusoid of 1 Hz with the friction `true`, and disturbances beside it."""
+    made, memory, lags = (
+        friction_level(gain, BANDWIDTH, H, BOUND), untaught(start), [np.zeros(2)] * 3)
+    follow = 1.0 - math.exp(-BANDWIDTH * H)
+    for k in range(round(duration / H)):
+        angle = 2.0 * math.pi * k * H
+        dq = 2.0 * math.pi * motion * math.cos(angle) * np.ones(2)
+        x = (true - memory.level) * np.sign(dq) + viscous * dq + gravity * math.sin(angle)
+        for i in range(3):
+            lags[i] = lags[i] + follow * (x - lags[i])
+            x = lags[i]
+        memory = made.learn(memory, dq, x)
+    return memory.level
+
+
+@pytest.mark.parametrize('start', [[0.0, 0.0], [14.0, 1.0]])
+def test_the_level_is_found(start: list[float]) -> None:
+    true = np.array([9.9, 2.0])
+    np.testing.assert_allclose(learned(true, np.array(start)), true, rtol=0.02)
+
+
+def test_errors_of_the_model_and_viscous_friction_hardly_matter() -> None:
+    true = np.array([9.9, 5.0])
+    np.testing.assert_allclose(learned(true, np.zeros(2), viscous=0.5, gravity=20.0), true,
+                               rtol=0.12)
+
+
+def test_without_friction_or_motion_or_gain_nothing_is_learned() -> None:
+    np.testing.assert_allclose(learned(np.zeros(2), np.zeros(2)), 0.0, atol=1e-9)
+    np.testing.assert_array_equal(learned(np.array([9.0, 9.0]), np.ones(2), motion=0.0), 1.0)
+    np.testing.assert_array_equal(learned(np.array([9.0, 9.0]), np.ones(2), gain=0.0), 1.0)
+
+
+def test_the_level_is_bounded() -> None:
+    made = friction_level(20.0, BANDWIDTH, H, np.array([3.0, 3.0]))
+    memory = untaught(np.array([1.0, 1.0]))
+    for k in range(4000):
+        sign = 1.0 if k // 500 % 2 else -1.0
+        memory = made.learn(memory, np.full(2, sign), sign * np.array([50.0, -50.0]))
+        assert (memory.level >= 0.0).all()
+        assert (memory.level <= 3.0).all()
+    np.testing.assert_allclose(memory.level, [3.0, 0.0])
+
+
+@pytest.mark.parametrize('effort', [[5.0, 9.0, np.inf], [np.inf] * 3])
+@pytest.mark.parametrize('change', [[1.0, np.inf, 3.0], [np.inf] * 3])
+def test_first_the_change_then_the_size(effort: list[float], change: list[float]) -> None:
+    """Check a random walk: each torque near the one before, within the limits, and the rest."""
+    rng, made = np.random.default_rng(1), limiter(np.array(effort), np.array(change), 0.0)
+    before, saturated = np.zeros(3), 0
+    for _ in range(200):
+        wanted = before + 4.0 * rng.normal(size=3)
+        tau = made.limit(wanted, before)
+        size = np.minimum(effort, 1e300)
+        near = np.clip(wanted, before - change, before + change)
+        np.testing.assert_array_equal(tau, np.clip(near, -size, size))
+        saturated += bool((tau != wanted).any())
+        before = tau
+    assert (saturated > 20) == bool(np.isfinite([*effort, *change]).any())
+
+
+def test_correction_is_what_the_saturation_error_does_to_v() -> None:
+    """Check b h M⁻¹ times the error, and that there is none without it or without anti-windup."""
+    rng, none = np.random.default_rng(2), np.full(3, np.inf)
+    mass, error = random_spd(rng, 3), rng.normal(size=3)
+    made = limiter(np.ones(3), none, 1.3e-3)
+    np.testing.assert_array_equal(made.correction(mass, np.zeros(3)), 0.0)
+    np.testing.assert_allclose(mass @ made.correction(mass, error), 1.3e-3 * error, rtol=1e-9)
+    np.testing.assert_array_equal(limiter(np.ones(3), none, 0.0).correction(mass, error), 0.0)

@@ -95,6 +95,7 @@ def test_friction_that_depends_on_direction_and_speed() -> None:
     assert found.errors == []
 
 
+@pytest.mark.slow
 def test_friction_of_the_load() -> None:
     found = of(record('two_link', 3, 20.0, plant={'load_friction': [0.03, 0.0]}))
     assert found.friction[0].load.value == pytest.approx(0.03, rel=0.02)
@@ -160,16 +161,6 @@ def test_a_wrong_torque_constant_of_one_joint_is_no_mass() -> None:
     check_intervals(found, plain())
     assert found.scale[1].value == pytest.approx(0.95, abs=1e-3)
     assert found.errors == []
-
-
-def test_the_torque_constant_of_all_joints_or_all_masses() -> None:
-    """No motion tells these: intervals of friction contain what both would give."""
-    command = plain().recording.command
-    assert command is not None
-    found = of(plain(), changed(command=command / 0.95))
-    check_intervals(found, plain())
-    check_intervals(found, plain(), 1.0 / 0.95)
-    assert any('all masses' in x.reason for x in found.findings)
 
 
 def test_a_base_that_is_not_level() -> None:
@@ -271,6 +262,7 @@ def test_one_direction_does_not_show_coulomb_friction() -> None:
         assert 'hardly moves backwards' in str(friction.coulomb)
 
 
+@pytest.mark.slow
 def test_100_hz() -> None:
     made = record('two_link', 6, 30.0, period=0.01, plant={'input_delay': 1},
                   controller={'kp': [50.0] * 2, 'kv': [20.0] * 2})

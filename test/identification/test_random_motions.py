@@ -12,14 +12,18 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Waypoints of motions, random motions, and what they must keep."""
+"""Waypoints of motions, random motions, what they must keep, and what sticks in them."""
 
 from __future__ import annotations
 
+from itertools import product
 from pathlib import Path
 
+from ctc_chattering.configuration import parameter_file
 from ctc_chattering.configuration.yaml_file import read_trajectory, write_trajectory
+from ctc_chattering.dynamics.registry import model_of
 from ctc_chattering.errors import ParameterError
+from ctc_chattering.identification.excite import AssumedFriction, gains, sticking
 from ctc_chattering.identification.random_motions import (
     Bounds,
     bounds_of,
@@ -130,3 +134,29 @@ def test_joints_creep_at_every_pose() -> None:
                 # It has come a way before it creeps, so that it slides already.
                 middle = mine[len(mine) // 2]
                 assert np.ptp(q[max(middle - 200, 0):middle, i]) > 0.4 * bounds.slow[i]
+
+
+ROOT = Path(__file__).parents[2]
+
+
+def test_what_friction_holds_is_found_at_a_corner_of_its_box() -> None:
+    setup = parameter_file.load(ROOT / 'config' / 'ur5.yaml')
+    robot = model_of(setup.controller, setup.descriptions['controller'])
+    kp = np.linspace(50.0, 100.0, 6)
+    friction = AssumedFriction(np.array([8.0, 8.0, 6.0, 1.5, 1.5, 1.0]), np.zeros(6))
+    q = np.array(setup.reference.center)
+    mass = np.array(robot.mass_matrix(q.tolist()))
+    corners = [np.abs(np.linalg.solve(mass, friction.coulomb * signs)) / kp
+               for signs in product((-1.0, 1.0), repeat=6)]
+    hold = sticking(robot, q[np.newaxis], kp, friction)
+    assert hold == pytest.approx(np.max(corners, axis=0), rel=1e-9)
+
+
+def test_gains_rise_only_where_friction_holds_too_much_and_with_the_delay() -> None:
+    kp, kv, slow = np.array([100.0, 100.0, 100.0]), np.array([50.0, 50.0, 50.0]), np.full(3, 0.3)
+    higher, damping = gains(kp, kv, np.array([0.01, 0.6, 60.0]), slow, 0.001)
+    assert higher == pytest.approx([100.0, 1000.0, 2500.0])
+    assert damping == pytest.approx([50.0, 64.0, 100.0])
+    higher, damping = gains(kp, kv, np.array([0.01, 0.6, 60.0]), slow, 0.01)
+    assert higher == pytest.approx([100.0, 100.0, 100.0])
+    assert damping == pytest.approx(kv)

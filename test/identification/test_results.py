@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What is printed, shown and written of an identification, whose numbers are made up."""
+"""What is printed, shown, drawn and written of an identification of made-up numbers."""
 
 from __future__ import annotations
 
@@ -22,18 +22,24 @@ from types import SimpleNamespace
 from typing import Any, cast
 
 from ctc_chattering.analysis.tables import WIDTH
+from ctc_chattering.identification import figures
 from ctc_chattering.identification.findings import (
     ALL_JOINTS,
     Estimate,
     Finding,
     Kind,
     NONE,
+    Severity,
 )
 from ctc_chattering.identification.friction import JointFriction
-from ctc_chattering.identification.results import IdentificationResults, write_page
+from ctc_chattering.identification.perturbation import MeasuredPerturbation
+from ctc_chattering.identification.results import IdentificationResults, Validation, write_page
 from ctc_chattering.identification.sensors import Clock
 from ctc_chattering.identification.trial_runs import missing_gains
+from ctc_chattering.identification.verdict import Verdict
+from figure_layout import overlaps
 import numpy as np
+import pytest
 
 NAMES = tuple(f'left_manipulator_of_the_second_cell_joint_{k}' for k in range(7))
 #: A number that is only of the joint that is refused.
@@ -151,3 +157,31 @@ def test_a_reason_of_all_joints_is_said_once_where_gains_are_missing() -> None:
     found = SimpleNamespace(**{**vars(one.found), 'findings': (bad,)})
     (line,) = missing_gains(dataclasses.replace(one, found=cast(Any, found)).verdicts)
     assert line.startswith(', '.join(NAMES)) and line.count('no gains survive') == 1
+
+
+def test_a_joint_that_is_not_usable_has_no_ka_and_says_so() -> None:
+    ones = np.ones((5, 2))
+    run = cast(MeasuredPerturbation, SimpleNamespace(
+        t=np.arange(5.0), measured=ones, envelope=2.0 * ones))
+    verdicts = [Verdict('a', Severity.CARE, ()), Verdict('b', Severity.REFUSED, ())]
+    _, figure, caption = figures._perturbation(run, np.array([3.0, 4.0]), verdicts)
+    good, bad = figure.axes
+    assert [len(good.lines), len(bad.lines)] == [5, 1]
+    assert bad.get_title(loc='left') == 'b: not usable' and good.get_title(loc='left') == 'a'
+    assert 'not usable' in caption
+
+
+@pytest.mark.parametrize('n', [2, 7])
+def test_nothing_is_over_a_legend_or_a_label(n: int) -> None:
+    """Check joints and a bag of long names."""
+    ones = np.ones((50, n))
+    run = cast(MeasuredPerturbation, SimpleNamespace(
+        t=0.1 * np.arange(50.0), measured=ones, envelope=2.0 * ones, rest=ones, predicted=ones))
+    verdicts = [Verdict(f'a_joint_of_the_left_arm_of_a_robot_{k}', (
+        Severity.CARE, Severity.REFUSED)[k % 2], ()) for k in range(n)]
+    validation = Validation('a_bag_of_a_long_name_' * 9, run, 2.0 * ones, ones)
+    for _, figure, _ in (
+            figures._perturbation(run, np.ones(n), verdicts),
+            figures._residual(run, verdicts),
+            figures._validation(validation, verdicts)):
+        assert not overlaps(figure)

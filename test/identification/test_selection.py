@@ -12,18 +12,21 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Intervals of friction that contain what the data do not tell."""
+"""Terms that are selected, and corrected bodies, on windows that they were not fitted to."""
 
 from __future__ import annotations
 
 import dataclasses
 
 from ctc_chattering.identification import friction
+from ctc_chattering.identification.bodies import left_over
 from ctc_chattering.identification.friction import joint_friction, select
+from ctc_chattering.identification.least_squares import Term, TermKind
 from ctc_chattering.identification.model_errors import causes
+from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
 import pytest
-from random_windows import COULOMB, random_windows
+from random_windows import COULOMB, COUNT, random_windows
 
 
 def held(blur: float = 0.0, **faults: float) -> list[bool]:
@@ -54,3 +57,24 @@ def test_a_load_that_is_not_known_at_its_change_of_sign_is_in_the_intervals(
     monkeypatch.setattr(friction, '_FORM', 0.0)
     monkeypatch.setattr(friction, '_TRUSTED', 0.0)
     assert not any(held(0.1, gear=0.1))
+
+
+TERMS = [Term(kind, i) for i in range(2) for kind in (TermKind.FORWARDS, TermKind.BACKWARDS)]
+
+
+def ratios(rotor: Array) -> Array:
+    """Return what corrected bodies leave with these rotors in each window, shape (2,)."""
+    data, columns = random_windows(rotor)
+    return left_over(data, TERMS, columns, None)
+
+
+@pytest.mark.parametrize('later', [0.3, -0.3])
+def test_a_rotor_that_stays_is_corrected_and_one_that_changes_is_worse(later: float) -> None:
+    rotor = np.where(np.arange(COUNT) < COUNT // 2, 0.3, later)[:, None] * np.ones(2)
+    found = ratios(rotor)
+    assert (found < 0.2).all() if later > 0.0 else (found > 1.3).all(), found
+
+
+def test_noise_of_a_joint_that_nothing_corrects_is_not_worse() -> None:
+    found = ratios(np.array([0.0, 0.3]))
+    assert found[0] < 1.01 and found[1] < 0.2, found

@@ -150,6 +150,7 @@ def test_a_known_payload_tells_torque_constants_from_masses() -> None:
             identified(runs, payloads=payloads)
 
 
+@pytest.mark.slow
 def test_an_exact_run_has_no_error_of_the_model() -> None:
     run = simulate(parameter_file.load(Path('config/friction.yaml'))).run
     model = TwoLink()

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""All laws on robots that are not the paper's, joint by joint, and the table of it."""
+"""Laws and cases on robots, joint by joint: their tables, figures and page."""
 
 from __future__ import annotations
 
@@ -20,11 +20,14 @@ from collections.abc import Sequence
 import dataclasses
 from pathlib import Path
 import re
+from typing import Any
 
+from ctc_chattering import compare
 from ctc_chattering.analysis.compilation import PLAIN
 from ctc_chattering.analysis.result import Result, simulate
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.configuration.loop_setup import Overrides, Setup
+from ctc_chattering.configuration.package_share import config_directory, find_config
 from ctc_chattering.control.controller import LAWS
 from ctc_chattering.control.controller_config import RIVALS, SWITCHINGS
 from ctc_chattering.errors import CtcError
@@ -42,10 +45,11 @@ from ctc_chattering.runs.compare import (
     variants,
 )
 from ctc_chattering.runs.compare_page import write_parameters
-from ctc_chattering.runs.conditions import CONDITIONS, held_out, LOST
+from ctc_chattering.runs.conditions import Case, CONDITIONS, held_out, LOST, read_cases
 from ctc_chattering.runs.recommended import by_rule, recommended
-from ctc_chattering.runs.score import over_simulation, Runner, Score
+from ctc_chattering.runs.score import over_simulation, Runner, Score, score
 from ctc_commands import ctc, refused
+from figure_layout import overlaps
 from mujoco_plant import simulated_by_mujoco
 import numpy as np
 from processes import CONFIG
@@ -130,11 +134,11 @@ def test_the_table_says_what_was_measured() -> None:
     rng, outcomes = np.random.default_rng(1), []
     for variant in (BASE, Variant('chattering', 'sign', 'file'),
                     Variant('observer_feedback', '', RECOMMENDED)):
-        rms, variation, step, peak = (
+        error, way, jump, most = (
             tuple((x * rng.uniform(0.1, 1.0, 7)).tolist()) for x in (1e-2, 1e3, 5.0, 80.0))
         outcomes.append(Outcome(
             Task(CONFIG / 'panda.yaml', None, variant), 'panda', PANDA, ({},),
-            Score(rms, (), variation, step, tuple(1e3 * x for x in step), peak)))
+            Score(error, (), way, jump, tuple(1e3 * x for x in jump), most)))
     outcomes = [*outcomes, *(dataclasses.replace(
         x, experiment='other', task=x.task._replace(condition=CONDITIONS['lag']))
         for x in outcomes)]
@@ -262,7 +266,7 @@ def arm(tmp_path_factory: pytest.TempPathFactory) -> Path:
     assert 'control_period: 0.001' in text
     assert 'duration: 10.0' in text
     file.write_text(text.replace('control_period: 0.001', 'control_period: 0.01').replace(
-        'duration: 10.0', 'duration: 6.0\n    compiled: false'))
+        'duration: 10.0', 'duration: 5.2\n    compiled: false'))
     return file
 
 
@@ -406,3 +410,77 @@ def test_what_cannot_be_compared_is_refused_in_one_line(
     assert last.startswith('ctc compare: ')
     assert [word for word in words if word not in last] == []
     assert 'Traceback' not in result.stderr
+
+
+CASES = """
+overrides:
+  plant: {duration: 6.0, compiled: false}
+cases:
+  Drive lag:
+    2 ms: {x: 2, plant: {actuator_lag: [2.0e-3, 2.0e-3]}}
+  Sample period:
+    5 ms: {'/**': {control_period: 5.0e-3}, plant: {duration: 7.0}}
+"""
+
+
+def test_a_case_is_above_what_all_have_and_that_above_the_file(tmp_path: Path) -> None:
+    file = tmp_path / 'mine.yaml'
+    file.write_text(CASES)
+    found = compare(['friction'], ['compensation'], cases=file)
+    assert [x.task.condition.name for x in found if x.task.condition] == [
+        'Drive lag: 2 ms', 'Sample period: 5 ms']
+    given: tuple[dict[str, Any], ...] = (
+        {'plant': {'duration': 6.0, 'compiled': False, 'actuator_lag': [2e-3, 2e-3]}},
+        {'/**': {'control_period': 5e-3}, 'plant': {'duration': 7.0, 'compiled': False}})
+    for outcome, values in zip(found, given, strict=True):
+        setup = parameter_file.load(config_directory() / 'friction.yaml',
+                                    {**values, 'controller': {'law': 'compensation'}})
+        assert outcome.score == score(setup)
+
+
+@pytest.mark.parametrize('old, new, words', [
+    ('actuator_lag', 'actuator_lags', 'actuator_lags.*did you mean'),
+    ('overrides', 'override', 'override.*did you mean overrides'),
+    ("'/**'", 'robot', '5 ms.*robot.*controller'), ('cases:', 'cases: 3\nx:', 'x'),
+    ('    2 ms: {x: 2, plant: {actuator_lag: [2.0e-3, 2.0e-3]}}', '    2 ms: 3', '2 ms.*3')])
+def test_what_is_wrong_is_named_before_anything_runs(
+        old: str, new: str, words: str, tmp_path: Path) -> None:
+    file = tmp_path / 'mine.yaml'
+    file.write_text(CASES.replace(old, new))
+    with pytest.raises(CtcError, match=words):
+        compare(['friction'], ['compensation'], cases=file)
+
+
+def test_the_cases_of_the_package_are_allowed() -> None:
+    cases = read_cases(find_config('imperfections', folder='cases'))
+    assert len({case.name for case in cases}) == len(cases) == 81
+    for case in cases:
+        parameter_file.load(config_directory() / 'friction.yaml', case.values)
+    with pytest.raises(CtcError, match='did you mean imperfections'):
+        compare(['friction'], cases='imperfection')
+
+
+@pytest.mark.parametrize('n', [2, 7])
+def test_nothing_is_over_a_legend_or_a_label(n: int) -> None:
+    """Check joints and experiments of long names, under two conditions."""
+    score = Score(rms=tuple(3e-4 * (k + 1) for k in range(n)),
+                  variation=tuple(40.0 * (k + 1) for k in range(n)))
+    tasks = [Task(Path('robot.yaml'), condition, variant)
+             for condition in (None, list(CONDITIONS.values())[-1])
+             for variant in variants()[:9]]
+    made = [Outcome(task, 'an_experiment_' * 9, tuple(
+        f'a_joint_of_a_robot_{k}' for k in range(n)), (), score) for task in tasks]
+    assert not overlaps(compare_page.compromises(made, 'A title ' * 20))
+    assert not overlaps(compare_page.errors(made[-9:]))
+
+
+@pytest.mark.parametrize('count, figures, folded', [(16, 17, 0), (17, 1, 34)])
+def test_many_conditions_have_one_figure_and_folded_tables(
+        count: int, figures: int, folded: int, tmp_path: Path) -> None:
+    score = Score(rms=(1e-3,), variation=(40.0,), step=(1.0,), rate=(1.0,), peak=(1.0,))
+    made = [Outcome(Task(Path('robot.yaml'), Case(f'case {k}', f'case {k}'), BASE), 'x', ('j',),
+                    ({},), score) for k in range(count)]
+    assert len(list(compare_page.figures(made))) == figures
+    compare_page.write_page(made, [], tmp_path / 'index.html')
+    text = (tmp_path / 'index.html').read_text(encoding='utf-8')
+    assert text.count('<summary><b>') == folded and text.count('<table>') == 2 * count

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Chunks over processes: all of them come, a bounded number at a time, or one line says why."""
+"""Chunks over processes, and where bags of a reproduction are refused."""
 
 from __future__ import annotations
 
@@ -24,6 +24,7 @@ import threading
 import time
 from typing import Any
 
+from ctc_chattering import reproduce
 from ctc_chattering.errors import CtcError, ParameterError
 from ctc_chattering.runs import pool
 from ctc_chattering.runs.pool import computed, in_parallel, processes, threads, workers
@@ -133,3 +134,9 @@ def test_no_scheduler_answers(monkeypatch: pytest.MonkeyPatch) -> None:
         address = f'tcp://127.0.0.1:{free.getsockname()[1]}'
         with pytest.raises(CtcError, match=f'--scheduler {address}: no scheduler answers: '):
             workers(1, address).__enter__()
+
+
+def test_bags_that_exist_are_refused(tmp_path: Path) -> None:
+    (tmp_path / 'bags').mkdir()
+    with pytest.raises(CtcError, match='bags: exists already'):
+        reproduce(str(tmp_path))

@@ -12,20 +12,25 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Runs: their order by enumeration, and their setups as if their values stood in the file."""
+"""Runs of a map: their order, their setups, the run that a text names, and their draws."""
 
 from __future__ import annotations
 
 import itertools
 from pathlib import Path
 import pickle
+from typing import Any
 
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.configuration.loop_setup import Setup
-from ctc_chattering.errors import CtcError
+from ctc_chattering.errors import CtcError, UsageError
+from ctc_chattering.runs.points import draws, find_run, unit_draws
 from ctc_chattering.runs.recommended import recommended_setup
+from ctc_chattering.runs.spec import read_uncertain, Repeats, Uncertain
 from map_specs import ON_TRACK, runs
+import numpy as np
 import pytest
+from scipy import stats  # type: ignore[import-untyped]
 
 FRICTION = Path(__file__).parents[2] / 'config' / 'friction.yaml'
 
@@ -120,3 +125,85 @@ def test_an_example_is_a_run_without_its_draw() -> None:
     with pytest.raises(CtcError, match='coulomb_friction'):
         made.setup(0)
     assert made.example(0).controller.law == 'compensation'
+
+
+RUNS = runs()
+
+
+@pytest.mark.parametrize('run', [0, 5, 13, 23])
+def test_a_run_by_its_number_and_by_what_its_row_says(run: int) -> None:
+    row = RUNS.columns(run)
+    text = 'friction={friction},rate={rate}, law={variant} , repeat={repeat}'.format(**row)
+    assert find_run(RUNS, str(run)) == find_run(RUNS, text) == run
+
+
+def test_the_nearest_value_is_taken() -> None:
+    assert find_run(RUNS, 'friction=6.9,rate=0.1,law=compensation,repeat=1') == find_run(
+        RUNS, 'friction=5,rate=2e-3,law=compensation,repeat=1')
+
+
+def test_what_has_one_value_may_be_left_out() -> None:
+    assert find_run(runs(axes=None, laws=['compensation']), 'repeat=1') == 1
+
+
+@pytest.mark.parametrize(('text', 'words'), [
+    ('24', ['run: 24', '0 to 23']), ('-1', ['POINT', 'a run number, or name=value']),
+    ('', ['POINT', 'a run number']), ('friction', ['friction', 'name=value']),
+    ('friction=', ['friction=', 'name=value']), ('load=3', ['load', 'friction, rate, law']),
+    ('friction=5,law=compensation,repeat=0', ['rate', '0.001, 0.002', 'more than one']),
+    ('friction=5,rate=1e-3,repeat=0', ['law', 'compensation, chattering implicit']),
+    ('friction=5,rate=1e-3,law=compensation', ['repeat', '0, 1', 'more than one']),
+    ('friction=much,rate=1e-3,law=compensation,repeat=0', ["'much'", 'a number']),
+    ('friction=nan,rate=1e-3,law=compensation,repeat=0', ['nan', 'a number']),
+    ('friction=5,rate=1e-3,law=integral,repeat=0', ['integral', 'chattering implicit']),
+    ('friction=5,rate=1e-3,law=compensation,repeat=2', ['repeat: 2', '0 to 1']),
+    ('friction=5,rate=1e-3,law=compensation,repeat=0.5', ['repeat: 0.5', '0 to 1'])])
+def test_what_is_no_point(text: str, words: list[str]) -> None:
+    with pytest.raises(UsageError) as error:
+        find_run(RUNS, text)
+    assert [word for word in (f'--explain {text}', *words) if word not in str(error.value)] == []
+
+
+def uncertain(**distribution: Any) -> Uncertain:
+    return read_uncertain('x', {'parameter': 'plant.coulomb_friction', **distribution})
+
+
+def drawn(x: Uncertain, method: str = 'sobol', n: int = 1024) -> Any:
+    return draws([x], Repeats(method, n, 3))[:, 0]
+
+
+@pytest.mark.parametrize('method', ['random', 'latin_hypercube', 'sobol'])
+@pytest.mark.parametrize(('x', 'distribution'), [
+    (uncertain(uniform=[0.9, 1.1]), stats.uniform(0.9, 0.2)),
+    (uncertain(log_uniform=[1e-3, 10.0]), stats.loguniform(1e-3, 10.0)),
+    (uncertain(normal=[2.0, 0.5]), stats.norm(2.0, 0.5))], ids=['uniform', 'log', 'normal'])
+def test_distributions(method: str, x: Uncertain, distribution: Any) -> None:
+    assert stats.kstest(drawn(x, method), distribution.cdf).pvalue > 0.01
+
+
+@pytest.mark.parametrize('method', ['latin_hypercube', 'sobol'])
+def test_a_choice_is_balanced(method: str) -> None:
+    values, counts = np.unique(drawn(uncertain(choice=[0, 1, 5, 7]), method), return_counts=True)
+    assert values.tolist() == [0.0, 1.0, 5.0, 7.0]
+    assert counts.tolist() == [256] * 4
+
+
+def test_methods_are_what_they_are_called() -> None:
+    """Check a stratum of each dimension for each draw, and the elementary intervals of Sobol."""
+    for method in ('latin_hypercube', 'sobol'):
+        u = unit_draws(method, 16, 3, 0)
+        assert (np.sort((16 * u).astype(int), axis=0) == np.arange(16)[:, np.newaxis]).all()
+    u = unit_draws('sobol', 16, 2, 0)
+    assert len({(int(4 * x), int(4 * y)) for x, y in u}) == 16
+
+
+@pytest.mark.parametrize('method', ['random', 'sobol'])
+def test_more_repeats_begin_with_the_same(method: str) -> None:
+    many, few = unit_draws(method, 37, 2, 5), unit_draws(method, 5, 2, 5)
+    assert many[:5].tobytes() == few.tobytes()
+    assert not np.array_equal(unit_draws(method, 5, 2, 6), few)
+
+
+def test_nothing_uncertain() -> None:
+    assert draws([], Repeats('sobol', 4, 0)).shape == (4, 0)
+    assert draws([uncertain(normal=[0.0, 1.0])], Repeats('sobol', 1, 0)).shape == (1, 1)

@@ -12,17 +12,20 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The store of a map: chunks and their keys, whole files of one map, merged in order."""
+"""The store of a map: chunks, keys and files of one map, one process at a time."""
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
+import socket
 from typing import Any
 
 from ctc_chattering.errors import CtcError, MachineError
 from ctc_chattering.runs import store
 from ctc_chattering.runs.points import evaluate, Runs
-from ctc_chattering.runs.store import Directory, read_about
+from ctc_chattering.runs.store import Directory, locked, read_about
+from ctc_commands import python
 from map_specs import runs, SMALL
 import numpy as np
 import pyarrow
@@ -226,3 +229,33 @@ def test_columns_have_units(tmp_path: Path) -> None:
     directory.merge([store.compute(made, store.version(), range(2))])
     found = parquet.read_schema(tmp_path / 'map.parquet')
     assert found.field('error').metadata == {b'unit': b'rad'}
+
+
+TAKE = ('from pathlib import Path; from ctc_chattering.runs.store import locked; import os\n'
+        'with locked(Path({0!r})): os.kill(os.getpid(), {1})')
+
+
+def test_the_second_is_refused_and_told_by_whom(tmp_path: Path) -> None:
+    out = tmp_path / 'new' / 'map'
+    with locked(out):
+        result = python('-c', TAKE.format(str(out), 0))
+        assert result.returncode
+        assert (f'{out}: process {os.getpid()} on {socket.gethostname()} is writing there; wait'
+                in result.stderr)
+    with locked(out), pytest.raises(CtcError, match=f'{out}: process {os.getpid()} on '), locked(
+            out):
+        pass
+
+
+def test_a_killed_process_leaves_no_lock(tmp_path: Path) -> None:
+    assert python('-c', TAKE.format(str(tmp_path), 9)).returncode == -9
+    assert (tmp_path / '.lock').read_text().startswith('process ')
+    with locked(tmp_path):
+        assert (tmp_path / '.lock').read_text() == (
+            f'process {os.getpid()} on {socket.gethostname()}')
+
+
+def test_a_place_that_cannot_be_written(tmp_path: Path) -> None:
+    (tmp_path / 'file').touch()
+    with pytest.raises(CtcError, match=r'cannot write .*file'), locked(tmp_path / 'file'):
+        pass

@@ -12,18 +12,32 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""A search for gains in words: counts, tables, notes."""
+"""A search for gains in words, tables, figures and files."""
 
 from __future__ import annotations
 
+import csv
 import dataclasses
+import json
 from pathlib import Path
 
+from ctc_chattering.configuration import parameter_file
 from ctc_chattering.runs import tune_page as report
 from ctc_chattering.runs.score import Score
 from ctc_chattering.runs.search import Limits, over_draws, Range, Trial
 from ctc_chattering.runs.spec import rows_of
-from ctc_chattering.runs.tune import parse_tune, Tuning
+from ctc_chattering.runs.tune import parse_tune, scores_of, Tuning
+from ctc_chattering.runs.tune_page import (
+    as_mapping,
+    draws_figure,
+    front_figure,
+    gains_figure,
+    NAMES,
+    write_tuning,
+)
+from figure_layout import overlaps
+from matplotlib.axes import Axes
+import numpy as np
 import pytest
 from tunings import short_tuning
 
@@ -145,3 +159,151 @@ def test_a_number_at_the_end_of_its_range_is_noted() -> None:
                    for x in notes)
     for low, high in ((pole, pole), (0.1, 1e4)):
         assert not any('pole' in x for x in report.notes(with_range(tuning, low, high)))
+
+
+@pytest.fixture(scope='module')
+def tuning() -> Tuning:
+    return short_tuning()
+
+
+@pytest.fixture(scope='module')
+def out(tuning: Tuning, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp('tuned')
+    write_tuning(tuning, folder)
+    return folder
+
+
+def test_all_names_are_there(out: Path) -> None:
+    assert {x.name for x in out.iterdir()} == set(NAMES)
+
+
+def test_a_parameter_file_has_the_gains_of_its_point(out: Path, tuning: Tuning) -> None:
+    assert tuning.best in tuning.points
+    best = (out / 'front' / f'{tuning.best.name}.yaml').read_bytes()
+    assert (out / 'tuned.yaml').read_bytes() == best
+    for point in tuning.points:
+        setup = parameter_file.load(out / 'front' / f'{point.name}.yaml')
+        assert setup.controller == tuning.spec.setup.controller.changed(point.values)
+        assert setup.reference == tuning.spec.setup.reference
+        assert setup.plant == tuning.spec.setup.plant.changed({'duration': 10.0})
+        assert not setup.events
+
+
+def test_a_parameter_file_run_on_a_draw_gives_the_numbers_of_its_point(
+        out: Path, tuning: Tuning) -> None:
+    point, draws = tuning.points[-1], tuning.drawn
+    for run, (friction,), setup in zip(point.drawn.runs, draws.draws.tolist(), draws.setups):
+        loaded = parameter_file.load(out / 'front' / f'{point.name}.yaml', {'plant': {
+            'coulomb_friction': [friction, friction], 'duration': 0.5,
+            'noise_seed': setup.plant.noise_seed}})
+        assert scores_of(tuning.spec.window, [loaded]) == [run]
+
+
+def test_the_numbers_are_strict_json(out: Path, tuning: Tuning) -> None:
+    def refuse(name: str) -> None:
+        raise AssertionError(name)
+    found = json.loads((out / 'tune.json').read_text(), parse_constant=refuse)
+    assert len(found['trials']) == len(tuning.trials)
+    assert found['limits'] == {'torque_nm': [5e3, 5e3], 'torque_rate_nm_per_s': [None, None]}
+    assert found['recommended'] == (tuning.best and tuning.best.name)
+    for entry, trial in zip(found['trials'], tuning.trials):
+        assert entry['numbers'] == trial.numbers
+        assert entry['violating_runs'] == {k: n for k, n in trial.score.violating.items() if n}
+    assert [found['trials'][x['trial']]['error_rad'] for x in found['front']] == [
+        x.drawn.error for x in tuning.points]
+
+
+def test_the_table_has_a_line_a_point(out: Path, tuning: Tuning) -> None:
+    rows = list(csv.DictReader((out / 'front.csv').read_text().splitlines()))
+    assert [x['point'] for x in rows] == [x.name for x in tuning.points]
+    assert tuning.best is not None
+    assert [x['point'] for x in rows if x['recommended'] == '1'] == [tuning.best.name]
+    for row, point in zip(rows, tuning.points):
+        assert float(row['fresh_error_rad']) == point.fresh.error
+        assert [float(row[f'ka_{i}']) for i in (1, 2)] == point.values['ka']
+
+
+def test_the_page_shows_tables_and_figures(out: Path, tuning: Tuning) -> None:
+    page = (out / 'index.html').read_text()
+    for name in ('front', 'numbers', 'draws'):
+        assert f'figures/{name}.svg' in page
+        assert (out / 'figures' / f'{name}.svg').is_file()
+    for name in ('tuned.yaml', 'front.csv', 'tune.json'):
+        assert f'href="{name}"' in page
+    assert page.count('<td>') >= len(tuning.points) + len(tuning.others)
+    assert '4 fresh draws' not in page
+    assert '8 fresh draws' in page
+
+
+def test_without_a_point_there_is_no_parameter_file_but_all_else(tmp_path: Path) -> None:
+    tuning = short_tuning(torque_limit=1.0)
+    write_tuning(tuning, tmp_path)
+    assert {x.name for x in tmp_path.iterdir()} == set(NAMES) - {'tuned.yaml', 'front'}
+    assert (tmp_path / 'front.csv').read_text() == 'point\n'
+    page = (tmp_path / 'index.html').read_text()
+    assert 'No trial keeps the limits' in page
+    assert 'tuned.yaml' not in page
+    assert as_mapping(tuning)['recommended'] is None
+
+
+def drawn(ax: Axes, label: str) -> list[tuple[float, float]]:
+    """Return the places of the line with a label that begins so."""
+    (line,) = [x for x in ax.lines if str(x.get_label()).startswith(label)]
+    return [(float(x), float(y)) for x, y in zip(
+        np.asarray(line.get_xdata()), np.asarray(line.get_ydata()))]
+
+
+def test_the_front_is_drawn_on_both_kinds_of_draws() -> None:
+    tuning = short_tuning()
+    (ax,) = front_figure(tuning).axes
+    for label, scores in (('front', [x.drawn for x in tuning.points]),
+                          ('the same on fresh draws', [x.fresh for x in tuning.points])):
+        assert drawn(ax, label) == [(x.variation, x.error) for x in scores]
+    assert tuning.best is not None
+    best = tuning.best.fresh
+    assert drawn(ax, 'recommended point') == [(best.variation, best.error)]
+    for x in tuning.others:
+        assert drawn(ax, x.name) == [(x.fresh.variation, x.fresh.error)]
+    low, high = ax.get_ylim()
+    assert all(low < x.fresh.error < high for x in (*tuning.points, *tuning.others))
+
+
+def test_trials_beyond_a_limit_are_marked() -> None:
+    tuning = short_tuning(torque_limit=1.0)
+    (ax,) = front_figure(tuning).axes
+    assert len(drawn(ax, 'beyond the limit of the torque (12)')) == 12
+    assert not [x for x in ax.lines if str(x.get_label()).startswith('front')]
+    assert '(violates: torque)' in str([x.get_label() for x in ax.lines])
+
+
+def test_each_number_is_drawn_along_the_front_within_its_range() -> None:
+    tuning = short_tuning()
+    axes = gains_figure(tuning).axes
+    assert [ax.get_title('left').partition(',')[0] for ax in axes] == list(tuning.spec.ranges)
+    for ax, (name, limits) in zip(axes, tuning.spec.ranges.items()):
+        places = np.asarray(ax.lines[0].get_ydata())
+        assert places == pytest.approx([tuning.trials[k].numbers[name] for k in tuning.front])
+        low, high = ax.get_ylim()
+        assert low < limits.low < limits.high < high
+
+
+def test_errors_are_drawn_over_what_is_uncertain() -> None:
+    tuning = short_tuning()
+    (ax,) = draws_figure(tuning).axes
+    assert tuning.best is not None
+    assert drawn(ax, 'recommended point') == [
+        (x, run.error) for (x,), run in zip(tuning.fresh.draws, tuning.best.fresh.runs)]
+    assert len(drawn(ax, 'gains of the file')) == 8
+
+
+def test_nothing_is_over_a_legend_or_a_label() -> None:
+    """Check names of gains and of what is uncertain that are long, and no front."""
+    tuning = short_tuning()
+    (quantity,) = tuning.spec.uncertain
+    long = dataclasses.replace(tuning, others=tuple(
+        x._replace(name=f'{x.name}, with settings of its own') for x in tuning.others),
+        spec=dataclasses.replace(tuning.spec, uncertain=(
+            dataclasses.replace(quantity, name='a_rather_long_name_' * 5),)))
+    for draw in (front_figure, gains_figure, draws_figure):
+        assert not overlaps(draw(long))
+    assert not overlaps(front_figure(short_tuning(torque_limit=1.0)))

@@ -12,13 +12,19 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The desired motion."""
+"""The desired motion, and its table for compiled runs."""
 
 import math
 
 from ctc_chattering.errors import CtcError, ParameterError
 from ctc_chattering.trajectory.motions import Route, Waypoints
-from ctc_chattering.trajectory.reference import make_motion, ReferenceConfig, Sinusoid, Trapezoid
+from ctc_chattering.trajectory.reference import (
+    make_motion,
+    reference_table,
+    ReferenceConfig,
+    Sinusoid,
+    Trapezoid,
+)
 import numpy as np
 import pytest
 
@@ -162,3 +168,19 @@ def test_refusals_of_a_motion() -> None:
         make_motion(FULL.changed({'start_duration': 1.0}))
     with pytest.raises(ParameterError, match='joint_names'):
         make_motion(ReferenceConfig(), ROUTE)
+
+
+MS = 1_000_000
+
+
+@pytest.mark.parametrize('start', [0.0, 0.05])
+def test_the_layout_is_the_same_for_every_motion(start: float) -> None:
+    """The rows are those of the motion, in the order of the joints that is asked for."""
+    config = ReferenceConfig(start_duration=start)
+    where = {'joint1': (0.1, 0.0), 'joint2': (-0.2, 0.3)} if start else {}
+    table = reference_table(
+        config, None, tuple(where.items()), config.joint_names[::-1], MS, 100)
+    assert table.flags.c_contiguous
+    motion = make_motion(config, None, where)
+    expected = [[row[::-1] for row in motion.at(k * MS)] for k in range(100)]
+    np.testing.assert_allclose(table, expected, rtol=1e-12, atol=1e-12)

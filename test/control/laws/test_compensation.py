@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Law (2); test/control/test_controller.py has it by hand."""
+"""Law (2); test/control/test_control_steps.py has its torques."""
 
 from laws import rattles
 

@@ -12,13 +12,19 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The study of the switchings: its cases, and the acceptance thresholds."""
+"""The studies: cases and thresholds, what is recommended, and what counts as worse."""
+
+from __future__ import annotations
 
 import math
+from typing import Any
 
+from ctc_chattering.runs.recommended import recommended_setup
 from ctc_chattering.runs.score import Score
+from held_out_table import verdict
 import imperfections as cases
 from imperfections import Case, CaseOutcome, evaluate
+from imperfections import EVERY_LAW as LAWS
 from imperfections_page import OF_SWITCHINGS as KIND
 from imperfections_page import to_markdown
 import pytest
@@ -100,3 +106,54 @@ def test_threshold_under_noise_for_any_seed(seed: int) -> None:
     error, variation = measured(seeded, 'implicit_observer')
     assert error <= 1.8e-4
     assert variation < measured(seeded, 'sign')[1]
+
+
+LAG = Case('2 ms', 'Drive lag', {
+    'plant': {'duration': 1.0, 'actuator_lag': [2e-3, 2e-3], 'torque_rate_limit': [5e3, 1e3],
+              'compiled': False},
+    'controller': {'law': 'chattering', 'ka': [12.0, 12.0]}})
+
+
+@pytest.mark.parametrize('h, lag, delay, pole', [
+    (1e-3, 0.0, 0, 100.0), (1e-3, 2e-3, 1, 100.0), (1e-2, 0.0, 0, 40.0),
+    (2e-3, 6e-3, 2, 100.0 / 3.0)])
+def test_gains_follow_what_is_slow(h: float, lag: float, delay: int, pole: float) -> None:
+    """Check p (T + h (1 + delay)) <= 0.4, and what is made of p."""
+    case = Case('x', 'y', {'/**': {'control_period': h}, 'controller': {'input_delay': delay},
+                           'plant': {'actuator_lag': [lag, lag], 'duration': 1.0}})
+    config = recommended_setup(case.setup(), 'observer_feedback').controller
+    assert (config.kp[0], config.kv[0]) == pytest.approx((pole ** 2, 2.0 * pole))
+    assert config.estimator_bandwidth == pytest.approx(2.0 * pole)
+    coarse = Case('x', 'y', {**case.overrides, 'plant': {
+        **case.overrides['plant'], 'encoder_resolution': [1e-4, 0.0]}})
+    assert recommended_setup(coarse.setup(), 'observer_feedback'
+                             ).controller.estimator_bandwidth == pytest.approx(pole)
+    setup = recommended_setup(case.setup(), 'integral')
+    p = 0.6 * pole
+    assert (setup.controller.kp[0], setup.controller.kv[0], setup.controller.ki[0]
+            ) == pytest.approx((3.0 * p ** 2, 3.0 * p, p ** 3))
+    assert setup.reference.start_duration == 2.0
+
+
+def test_what_a_lab_knows_is_given() -> None:
+    """Check friction, lag and rate, and that every law can be recommended."""
+    for law in LAWS:
+        config = recommended_setup(LAG.setup(), law).controller
+        assert (config.law, config.actuator_lag) == (law, (2e-3, 2e-3))
+        assert config.friction_level == (
+            (9.9, 9.9) if law in ('slotine_li', 'friction_feedforward') else (0.0, 0.0))
+
+
+def row(telling: str, diverged: float | None, *rms: float, slips: float = 0.0) -> dict[str, Any]:
+    """Return a row of one condition."""
+    return {'label': 'x', 'seed': 1, 'telling': telling, 'diverged': diverged, 'rms': list(rms),
+            'slips': slips, 'condition': 'trapezoid',
+            'tripped': diverged and [0.5 * diverged, 1.0]}
+
+
+def test_what_counts_as_worse() -> None:
+    base = row('compensation', None, 0.1, 0.2)
+    assert verdict(row('rough', 3.0), base) == 'diverged'
+    assert verdict(row('rough', None, 0.01, 0.3), base) == 'worse'
+    assert verdict(row('rough', None, 0.11, 0.2), base) == 'held'
+    assert verdict(row('rough', None, 5.0, 5.0), row('compensation', 1.0)) == 'held'
