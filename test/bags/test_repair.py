@@ -280,26 +280,6 @@ def test_a_wrong_topic_in_the_index_is_found(whole: Path, tmp_path: Path) -> Non
     assert messages(bag) == messages(whole)
 
 
-def test_checksums_of_0_stand_for_none(whole: Path, tmp_path: Path) -> None:
-    """Check a bag with checksums of 0, as rosbags writes them."""
-    bag = tmp_path / 'bag'
-    shutil.copytree(whole, bag)
-    file = bag / 'bag_0.mcap'
-    with file.open('rb') as stream:
-        ends = [(stream.tell(), len(record.data))
-                for record in StreamReader(stream, emit_chunks=True).records
-                if isinstance(record, Chunk)]
-    data = bytearray(file.read_bytes())
-    for end, length in ends:
-        place = end - length - 8 - len('zstd') - 4 - 4
-        assert any(data[place:place + 4])
-        data[place:place + 4] = bytes(4)
-    data[-12:-8] = bytes(4)
-    file.write_bytes(data)
-    assert repair(bag) is None
-    assert messages(bag) == messages(whole)
-
-
 def test_types_and_qos_of_other_recorders_are_recovered(tmp_path: Path) -> None:
     """Check a type that is not installed, and policies as numbers, as in bags of ROS 2 Humble."""
     (tmp_path / 'bag').mkdir()

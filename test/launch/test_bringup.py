@@ -24,7 +24,6 @@ import subprocess
 import time
 
 from bags import reports_of
-from ctc_chattering.bags.reader import read_bag
 from ctc_chattering.launch.requests import graph_monitor
 from ctc_chattering.simulation.closed_loop import Event
 from processes import alive, bringup, CONFIG, descendants, PATIENCE, probe, run_bringup, wait_for
@@ -121,20 +120,6 @@ def test_a_trip_ends_lockstep_with_its_reason() -> None:
     _, end = output.split('bringup: controller ended with status 1')
     assert 'exceed error_limit; no torque until ~/reset' in end
     assert 'waiting for the answer' not in output
-
-
-def test_arguments_for_ros_stand_above_its_own(tmp_path: Path) -> None:
-    """Check by the bag that they reach the nodes, in a namespace, the last one of each."""
-    file, bag = tmp_path / 'more.yaml', tmp_path / 'bag'
-    file.write_text('controller: {ros__parameters: {law: compensation, b: 2.0}}')
-    status, output = run_bringup(
-        '--duration', '0.2', '--law', 'chattering', '--record', str(bag), '--ros-args',
-        '-p', 'law:=chattering', '--params-file', str(file), '-r', '__ns:=/robot1',
-        '-p', 'experiment:=mine', '-p', 'controller:b:=3')
-    assert status == 0, output
-    result = read_bag(bag)
-    (_, config), = result.configs
-    assert (result.experiment, config.law, config.b) == ('mine', 'compensation', 3.0)
 
 
 def test_an_event_is_asked_for_again_where_no_answer_comes() -> None:

@@ -25,13 +25,12 @@ import socket
 import threading
 from typing import Any
 
-from browser import browser_page, ctc_live
+from browser import browser_page
 from ctc_chattering.errors import CtcError
 from ctc_chattering.live import require_viser
 from ctc_chattering.live.access import Access, HEADERS, VIEW_HEADERS
 from ctc_chattering.live.page_socket import PageSocket
 from ctc_chattering.live.server import free_port, serve, stop
-from ctc_chattering.ros.process import own_domain
 import pytest
 from websockets import Headers
 from websockets.exceptions import InvalidStatus
@@ -276,11 +275,3 @@ def _reached(page: Any, own: str) -> list[bool]:
         fetch(own, {credentials: 'include'}).then(it => it.ok, () => false)])"""
     found: list[bool] = page.evaluate(script, [own, f'viser-v{require_viser().__version__}'])
     return found
-
-
-@pytest.mark.ros
-def test_the_printed_address_has_the_token() -> None:
-    with own_domain(), ctc_live('--port', 0) as (_, url):
-        assert re.fullmatch(r'http://127\.0\.0\.1:\d+/\?token=[-\w]{43}', url)
-        assert ask(url, '/')[0].status == 403
-        assert ask(url, '/?' + url.partition('?')[2])[0].status == 200

@@ -54,7 +54,11 @@ bringup:
 
 
 def test_other_period_names_namespace_waypoints_and_every_imperfection(tmp_path: Path) -> None:
-    """Waypoints are quintic, cubic and linear, for the joints in another order, with a rest."""
+    """
+    Waypoints are quintic, cubic and linear, for the joints in another order, with a rest.
+
+    Arguments for ROS stand above those of bringup, and reach the nodes.
+    """
     file, waypoints = tmp_path / 'params.yaml', tmp_path / 'waypoints.yaml'
     waypoints.write_text("""
 joint_names: [elbow, shoulder]
@@ -80,7 +84,7 @@ plant:
     joint_stiffness: [.inf, 5000.0], motor_inertia: [0.0, 0.1], joint_damping: [0.0, 5.0],
     velocity_sensor: filtered, velocity_cutoff: 900.0, sample_loss: 0.1, late_samples: 0.1}}
 controller:
-  ros__parameters: {{kp: [120.0, 5.0, 5.0, 90.0], ka: [4.0, 2.0], lambda: 5.0, b: 0.8,
+  ros__parameters: {{kp: [120.0, 5.0, 5.0, 90.0], ka: [4.0, 2.0], lambda: 5.0, b: 0.5,
     effort_limit: [300.0, .inf], switching: implicit_observer, input_delay: 2,
     inertia_scale: 0.95, gravity_scale: 1.05}}
 reference:
@@ -90,11 +94,15 @@ bringup:
     events: ['0.2 controller ka [13.0, 13.0]', '0.25 plant sample_loss 0.4',
              '0.3 plant friction_asymmetry [0.0, 0.1]']
 """)
-    result = record(tmp_path / 'bag', '--params-file', str(file), '--ros-args', '-r',
-                    '__ns:=/robot1')
-    expected = simulate(parameter_file.load(file))
+    result = record(
+        tmp_path / 'bag', '--params-file', str(file), '--law', 'compensation', '--ros-args', '-r',
+        '__ns:=/robot1', '-p', 'law:=chattering', '-p', 'experiment:=mine', '-p',
+        'controller:b:=0.8')
+    expected = simulate(parameter_file.load(
+        file, {'plant': {'experiment': 'mine'}, 'controller': {'b': 0.8}}))
     assert_equal(result, expected)
     assert result.metrics() == {**expected.metrics(), 'bag': 'bag'}
+    assert result.experiment == 'mine'
     assert result.joint_names == ('shoulder', 'elbow')
     assert np.abs(result.run.tau[:, 0]).max() == 300.0
     assert 300 < len(result.run.t) < 450

@@ -22,7 +22,7 @@ from pathlib import Path
 import signal
 from typing import Any
 
-from controller_process import ControllerUnderTest
+from controller_process import ControllerUnderTest, ReferenceUnderTest
 from ctc_chattering.configuration.node_parameters import parameters_of
 from ctc_chattering.control.controller import Controller, ControllerConfig
 from ctc_chattering.simulation.plant import Plant
@@ -37,7 +37,6 @@ from ros_messages import COMMANDS, MS, reference, stamp, state, torques
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
-from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 pytestmark = pytest.mark.ros
 NODES = ('plant', 'controller', 'reference', 'recorder')
@@ -244,20 +243,11 @@ def test_the_plant_in_lockstep_takes_torques_by_label_and_holds_time() -> None:
 def test_the_reference_follows_the_clock_ahead_of_time() -> None:
     motion = Sinusoid(ReferenceConfig(phase=(0.3, 0.4), control_period=2e-3))
     with probe() as it:
-        chunks = it.listen(JointTrajectory, 'reference')
-        clock = it.node.create_publisher(Clock, 'clock', 10)
-        it.start('reference', '-p', 'phase:=[0.3, 0.4]', '-p', 'control_period:=0.002',
-                 '-p', 'horizon:=0.2')
-        it.until(clock.get_subscription_count, 'the reference')
-
-        def known() -> dict[int, JointTrajectoryPoint]:
-            return {m.header.stamp.sec * 1000 * MS + m.header.stamp.nanosec
-                    + p.time_from_start.sec * 1000 * MS + p.time_from_start.nanosec: p
-                    for m in chunks for p in m.points}
+        node = ReferenceUnderTest(it, '-p', 'phase:=[0.3, 0.4]', '-p', 'control_period:=0.002',
+                                  '-p', 'horizon:=0.2')
         for now in (0, 50 * MS, 90 * MS, 1_500 * MS):
-            clock.publish(Clock(clock=stamp(now)))
-            it.until(lambda: known() and max(known()) >= now + 190 * MS, 'the motion ahead')
-        points = known()
+            node.tell(now, 190 * MS)
+        points = node.points
         assert all(t % (2 * MS) == 0 for t in points)
         assert all(t in points for t in range(0, 290 * MS, 2 * MS))
         for t, point in points.items():
@@ -273,29 +263,13 @@ def test_a_sinusoid_that_is_changed_while_it_runs_goes_on_without_a_jump() -> No
     changed = ReferenceConfig(
         amplitude=(0.2, 0.9), center=(1.0, -1.0), frequency=(0.4, 1.7), control_period=1e-2)
     with probe() as it:
-        chunks = it.listen(JointTrajectory, 'reference')
-        clock = it.node.create_publisher(Clock, 'clock', 10)
-        it.start('reference', '-p', 'control_period:=0.01')
-        it.until(clock.get_subscription_count, 'the reference')
-        now = -200 * MS
-
-        def known() -> dict[int, JointTrajectoryPoint]:
-            return {m.header.stamp.sec * 1000 * MS + m.header.stamp.nanosec
-                    + p.time_from_start.sec * 1000 * MS + p.time_from_start.nanosec: p
-                    for m in chunks for p in m.points}
-
-        def run_to(end: int) -> None:
-            nonlocal now
-            while now < end:
-                now += 200 * MS
-                clock.publish(Clock(clock=stamp(now)))
-                it.until(lambda: known() and max(known()) >= now + 400 * MS, 'the motion ahead')
-        run_to(1000 * MS)
+        node = ReferenceUnderTest(it, '-p', 'control_period:=0.01')
+        node.run_to(1000 * MS)
         for name in ('amplitude', 'center', 'frequency'):
             assert it.set('reference', name, list(getattr(changed, name))).successful
         assert not it.set('reference', 'frequency', [-1.0, 1.0]).successful
-        run_to(6000 * MS)
-        points = known()
+        node.run_to(6000 * MS)
+        points = node.points
         times = sorted(points)
         assert times == list(range(0, times[-1] + 1, period))
         for before, after in itertools.pairwise(times):

@@ -23,6 +23,7 @@ import random
 from typing import Any, NamedTuple
 
 from ctc_chattering.configuration.node_parameters import NODES, parameters_of
+from ctc_chattering.controller.trips import change_steps
 from ctc_chattering.parameters import LARGEST, LEAST
 from ctc_chattering.ros.topics import COMMANDS, JOINT_STATES
 from faults import Diagnostics, JOINTS
@@ -388,8 +389,11 @@ class Fuzzer:
             if result.successful:
                 self.accepted += 1
                 value, before = plain(parameter.value), self.expected[parameter.name]
-                if isinstance(before, list) and isinstance(value, (int, float)):
-                    value = [float(value)] * len(JOINTS)  # One number is for all joints.
+                if isinstance(before, (float, list)) and isinstance(value, str):
+                    value = float(value)  # Of the words only 1.0 is a number.
+                if isinstance(before, list):  # One number is for all joints.
+                    values = value if isinstance(value, list) else [value]
+                    value = values * len(JOINTS) if len(values) == 1 else values
                 self.expected[parameter.name] = value
             else:
                 self.refused += 1
@@ -406,6 +410,15 @@ class Fuzzer:
                     config.from_mapping(mine).as_mapping().items()} == mine
 
 
+def lead(setter: Setter, wanted: Mapping[str, Any]) -> None:
+    """Set the controller's parameters one after another, in as many steps as each takes."""
+    for name in setter.settable[1:]:  # Without use_sim_time.
+        before, after = (tuple(x) if isinstance(x, list) else x
+                         for x in (setter.values()[name], wanted[name]))
+        for value in change_steps(parameters_of('controller')[name], before, after, len(JOINTS)):
+            assert setter.all_or_nothing([(name, value)]) == (True, '')
+
+
 @pytest.mark.slow
 def test_a_thousand_random_sets_end_no_node_and_leave_valid_values(tmp_path: Path) -> None:
     """The loop runs meanwhile, with whatever gains; its drives are limited, as real ones are."""
@@ -420,9 +433,10 @@ def test_a_thousand_random_sets_end_no_node_and_leave_valid_values(tmp_path: Pat
             assert fuzzer.refused > 50
             assert fuzzer.accepted > ACCEPTED[fuzzer.setter.node]
         assert sum(x.refused + x.accepted for x in fuzzers) > 900
+        lead(loop.setters['controller'], initial['controller'])
         for node, setter in loop.setters.items():
             assert setter.all_or_nothing(
-                [(name, initial[node][name]) for name in setter.settable]).successful
+                [(name, initial[node][name]) for name in setter.settable]) == (True, '')
             assert setter.values() == initial[node]
         assert it.call(Trigger, '/controller/reset', Trigger.Request()).success
         loop.goes_on()

@@ -25,7 +25,8 @@ import sys
 import time
 from typing import Any
 
-from builtin_interfaces.msg import Duration, Time
+from builtin_interfaces.msg import Duration
+from controller_process import ReferenceUnderTest
 from ctc_chattering.analysis.result import simulate
 from ctc_chattering.bags.reader import read_bag
 from ctc_chattering.bags.repair import open_bag
@@ -41,8 +42,7 @@ from processes import CONFIG, Probe, probe
 import pytest
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from recorded_runs import assert_equal, record
-from ros_messages import COMMANDS, MS, stamp
-from rosgraph_msgs.msg import Clock
+from ros_messages import COMMANDS, MS, ns, stamp
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray, String
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
@@ -54,10 +54,6 @@ DESCRIPTION = 'robot_description'
 EXAMPLE = CONFIG.parent / 'examples' / 'mujoco_plant.py'
 ARM = ['-p', 'model:=urdf', '-p', 'joint_names:=[a,b]']
 S = 10 ** 9
-
-
-def ns(t: Time | Duration) -> int:
-    return int(t.sec) * S + int(t.nanosec)
 
 
 # Robots, in lockstep.
@@ -366,32 +362,15 @@ def test_waypoints_are_gone_through_and_held_at_the_end() -> None:
     kinds: list[tuple[Any, Any]] = [(fast, zero), (fast, None), (None, None)]
     with probe() as it:
         reports = Diagnostics(it)
-        chunks = it.listen(JointTrajectory, 'reference')
-        clock = it.node.create_publisher(Clock, 'clock', 10)
         topic = it.node.create_publisher(JointTrajectory, 'reference/joint_trajectory', 10)
-        it.start('reference', '-p', 'control_period:=0.01', '-p', 'center:=[0.0, 0.0]', '-p',
-                 'amplitude:=[0.0, 0.0]')
-        it.until(lambda: clock.get_subscription_count() and topic.get_subscription_count(),
-                 'the reference')
-        now = -200 * MS
-
-        def known() -> dict[int, JointTrajectoryPoint]:
-            return {ns(m.header.stamp) + ns(p.time_from_start): p for m in chunks
-                    for p in m.points}
-
-        def run(duration: int) -> None:
-            nonlocal now
-            end = now + duration
-            while now < end:
-                now += 200 * MS
-                clock.publish(Clock(clock=stamp(now)))
-                it.until(lambda: known() and max(known()) >= now + 400 * MS, 'the motion ahead')
-
-        run(S)
+        node = ReferenceUnderTest(it, '-p', 'control_period:=0.01', '-p', 'center:=[0.0, 0.0]',
+                                  '-p', 'amplitude:=[0.0, 0.0]')
+        it.until(topic.get_subscription_count, 'the reference')
+        node.run_to(S)
         here: Sequence[float] = zero
         for i, (moving, resting) in enumerate(kinds):
             a, b, c = (0.3 + 0.2 * i, -0.2), (0.5, -0.5 + 0.1 * i), (0.1 * i, 0.2 - 0.3 * i)
-            begun, still = now, moving and zero
+            begun, still = node.now, moving and zero
             topic.publish(route(
                 ('joint2', 'joint1'), *[
                     (t, q[::-1], v and v[::-1], resting) for t, q, v in (
@@ -400,12 +379,12 @@ def test_waypoints_are_gone_through_and_held_at_the_end() -> None:
 
             def passed() -> bool:
                 """Return whether the motion has ended there, while time goes on."""
-                run(200 * MS)
-                return tuple(known()[max(known())].positions) == c
+                node.run_to(node.now + 200 * MS)
+                return tuple(node.points[max(node.points)].positions) == c
 
             it.until(passed, f'the end of trajectory {i}')
-            run(S)
-            points = {t: p for t, p in sorted(known().items()) if t >= begun}
+            node.run_to(node.now + S)
+            points = {t: p for t, p in sorted(node.points.items()) if t >= begun}
             times = list(points)
             assert times == list(range(times[0], times[-1] + 1, period))
             desired = np.array([p.positions for p in points.values()])
@@ -423,11 +402,11 @@ def test_waypoints_are_gone_through_and_held_at_the_end() -> None:
                  route(('joint1', 'joint2'), (0.2, (1.0, math.nan), None, None)),
                  route(('joint1', 'joint2'), (0.2, (1.0, 1.0), (1.0,), None)),
                  route(('joint1', 'joint2'))]
-        begun = now
+        begun = node.now
         for message in wrong:
             topic.publish(message)
         report = reports.until('reference', lambda r: sum(r.refused(
             '~/joint_trajectory').values()) == len(wrong), 'the refusals')
         assert report.refused('~/joint_trajectory') == {'waypoints': len(wrong)}
-        run(S)
-        assert {tuple(p.positions) for t, p in known().items() if t > begun} == {tuple(here)}
+        node.run_to(node.now + S)
+        assert {tuple(p.positions) for t, p in node.points.items() if t > begun} == {tuple(here)}

@@ -23,17 +23,13 @@ import time
 from faults import Diagnostics, ERROR, Report
 from processes import probe
 import pytest
-from ros_messages import MS, reference, stamp, state
+from ros_messages import MS, ns, reference, stamp, state
 from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import JointTrajectory
 
 pytestmark = pytest.mark.ros
 JOINTS, ZERO = ['joint1', 'joint2'], [0.0, 0.0]
 CHUNK = 1000
-
-
-def ns(message: JointState) -> int:
-    return int(message.header.stamp.sec) * 10 ** 9 + int(message.header.stamp.nanosec)
 
 
 def test_unused_references_are_discarded_and_a_time_without_a_clock_is_reported() -> None:
@@ -111,7 +107,7 @@ def test_a_node_that_was_stopped_for_longer_than_its_lease_is_heard_again() -> N
             finally:
                 child.signal(signal.SIGCONT)
             well()
-        stamps = [ns(m) for m in states]
+        stamps = [ns(m.header.stamp) for m in states]
         assert len(stamps) > 500
         assert all(b > a for a, b in itertools.pairwise(stamps))
         assert [child.status for child in children.values()] == [None] * 3

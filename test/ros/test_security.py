@@ -43,7 +43,8 @@ def command(name: str, folder: Path) -> list[str]:
     return [sys.executable, '-m', 'ctc_chattering.cli.node', name, *bag]
 
 
-@pytest.mark.parametrize('keystore', ['unset', 'without the libraries'])
+@pytest.mark.parametrize(
+    'keystore', ['unset', pytest.param('without the libraries', marks=pytest.mark.slow)])
 def test_enforced_security_without_a_keystore_ends_all_at_once(
         keystore: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """One line, status 1, no traceback, and nothing is left: neither a process nor a bag."""

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""A controller process between states and references of the test."""
+"""A controller or a reference between messages of the test, in its time."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ from ctc_chattering.control.controller import Controller, ControllerConfig
 from ctc_chattering.numerics.linear_algebra import Vector
 from ctc_chattering.trajectory.buffer import Point
 from processes import Probe
-from ros_messages import COMMANDS
+from ros_messages import COMMANDS, MS, ns, stamp
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
-from trajectory_msgs.msg import JointTrajectory
+from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 
 class ControllerUnderTest:
@@ -46,6 +46,35 @@ class ControllerUnderTest:
         self.states.publish(message)
         self.probe.until(lambda: len(self.commands) > before, 'a torque')
         return list(self.commands[-1].data)
+
+
+class ReferenceUnderTest:
+    """A reference process in our time, and the points that it publishes."""
+
+    def __init__(self, it: Probe, *ros_args: str) -> None:
+        self.probe = it
+        self.chunks = it.listen(JointTrajectory, 'reference')
+        self.clock = it.node.create_publisher(Clock, 'clock', 10)
+        it.start('reference', *ros_args)
+        it.until(self.clock.get_subscription_count, 'the reference')
+        self.now = -200 * MS
+
+    @property
+    def points(self) -> dict[int, JointTrajectoryPoint]:
+        """Return the points by their instants [ns]; of two, the one sent later."""
+        return {ns(m.header.stamp) + ns(p.time_from_start): p for m in self.chunks
+                for p in m.points}
+
+    def tell(self, now: int, ahead: int = 400 * MS) -> None:
+        """Publish a time, and wait for the motion ahead [ns]."""
+        self.clock.publish(Clock(clock=stamp(now)))
+        self.probe.until(
+            lambda: self.chunks and max(self.points) >= now + ahead, 'the motion ahead')
+
+    def run_to(self, end: int) -> None:
+        while self.now < end:
+            self.now += 200 * MS
+            self.tell(self.now)
 
 
 def after_an_outage(q: Vector, dq: Vector, point: Point) -> list[float]:

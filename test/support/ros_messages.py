@@ -55,5 +55,5 @@ def reference(names: list[str], rows: Sequence[Sequence[Sequence[float]]]) -> Jo
             time_from_start=Duration(nanosec=k * MS)) for k, (q, dq, ddq) in enumerate(rows)])
 
 
-def ns(time: Time) -> int:
+def ns(time: Time | Duration) -> int:
     return int(time.sec) * 10 ** 9 + int(time.nanosec)
