@@ -47,7 +47,7 @@ ELASTIC = {'joint_stiffness': [1e4, 1e4], 'joint_damping': [10.0, 10.0],
 def setup(plant: dict[str, Any] | None = None, **controller: Any) -> Setup:
     return parameter_file.load(None, {
         'plant': {'duration': 0.2, 'experiment': 'trial', **(plant or {})},
-        'controller': {'switching': 'implicit', **controller}})
+        'controller': {'switching': 'implicit_observer', **controller}})
 
 
 def test_what_can_be_compiled() -> None:
