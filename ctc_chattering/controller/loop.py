@@ -196,7 +196,7 @@ class ControlLoop:
 
         """
         state, law = self._pending, self.law
-        if state is None or law is None:
+        if state is None or law is None or self._is_silent(now):
             return None
         allowed = self.mode.allows_torque
         at = law.instant(state.t)
@@ -257,6 +257,8 @@ class ControlLoop:
         """
         Send the torque that answers the predicted state of the period at `now`, as `due`.
 
+        None after `state_timeout`, however late this is called.
+
         Raises
         ------
         RejectedMessage
@@ -266,12 +268,18 @@ class ControlLoop:
         law, last = self.law, self.last
         assert law is not None and last is not None
         before, self._goes_on = law.predicted_periods, False
+        if self._is_silent(now):
+            return
         periods = min(self._periods_since(last.t, now), self.predicted_periods)
         points = self._desired(law.instant(last.t + periods * self.period), last)
         sample = None if points is None else law.predicted_step(
             *points[0], points[1:], periods - before)
         self._goes_on = sample is not None and self._send_checked(law, sample)
         self.predicted += self._goes_on
+
+    def _is_silent(self, now: int) -> bool:
+        """Return whether `check_silence` is due: this process, too, may have stood still."""
+        return not self.simulated and self.watchdog.silence(now) > self.watchdog.timeout
 
     def _desired(self, at: int, state: JointSample) -> list[Point] | None:
         """Return what is desired at an instant and for each sample of delay, if it is known."""

@@ -181,6 +181,29 @@ def test_the_first_torque_is_that_of_the_state_however_late_it_is_answered() -> 
     assert robot.sent[-1:] != law(*[(0.1, 0.2)] * 7, first=31, bumpless=True)[-1:]
 
 
+@pytest.mark.parametrize(('k', 'torques'), [(12, 1), (4000, 0)])
+def test_no_state_is_predicted_after_an_outage_of_the_controller_itself(k: int, torques: int
+                                                                        ) -> None:
+    robot = Robot(simulated=False)
+    robot.loop.predicted_periods = 8
+    robot.reference(0, 5000)
+    for sample in range(10):
+        robot.state(sample)
+    assert robot.loop.due() is not None
+    robot.loop.predict(k * MS)
+    assert len(robot.sent) == 10 + torques
+
+
+@pytest.mark.parametrize(('k', 'torques'), [(12, 1), (4000, 0)])
+def test_no_state_is_answered_after_an_outage_of_the_controller_itself(k: int, torques: int
+                                                                       ) -> None:
+    robot = Robot(simulated=False)
+    assert robot.state(0) == []
+    robot.reference(0, 5000)
+    robot.loop.answer(True, k * MS)
+    assert len(robot.sent) == torques
+
+
 @pytest.mark.parametrize('begun', [False, True])
 def test_gaps_of_the_start_are_no_faults(begun: bool) -> None:
     """Let states jump and pause, before the reference is heard, and after a torque."""
