@@ -92,9 +92,10 @@ class Child:
 
     def _read(self, show: Callable[[str], None]) -> None:
         assert self.process.stdout is not None
-        for line in self.process.stdout:
-            self.tail.append(line.rstrip())
-            show(f'[{self.name}] {line.rstrip()}')
+        with self.process.stdout as lines:
+            for line in lines:
+                self.tail.append(line.rstrip())
+                show(f'[{self.name}] {line.rstrip()}')
 
     @property
     def status(self) -> int | None:

@@ -131,7 +131,7 @@ OPEN = (f'from ctc_chattering.live.server import opened\n'
         '    print(done, flush=True)\n'
         '    input()\n')
 BROWSER = """#!{python}
-import json, os, sys
+import json, sys, time
 from pathlib import Path
 from urllib.parse import unquote, urlparse
 file = Path(unquote(urlparse(sys.argv[1]).path))
@@ -139,6 +139,8 @@ made = Path({out!r} + '.part')
 made.write_text(json.dumps([sys.argv[1], file.stat().st_mode & 0o77, file.read_text(),
                             file.parent.stat().st_mode & 0o77]))
 made.rename({out!r})
+while file.exists():  # Its window stays open: one that is gone at once counts as none.
+    time.sleep(0.02)
 """
 
 

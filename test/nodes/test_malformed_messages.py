@@ -106,6 +106,7 @@ def test_a_node_alone_refuses_counts_and_runs_on(topic: str, arguments: tuple[st
         child = it.start(name, *arguments)
         diagnostics.until(
             name, lambda r: r.values.get(f'{topic}: publishers') == '/probe', 'a connection')
+        it.until(publisher.get_subscription_count, 'the reader')  # Each finds the other.
         send(it, publisher, messages)
         bad = undecodable(kind, messages)
         report = diagnostics.until(
