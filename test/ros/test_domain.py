@@ -53,10 +53,10 @@ def only(domains: Sequence[int], monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_two_processes_and_ourselves(monkeypatch: pytest.MonkeyPatch) -> None:
     """What two others hold is passed over, and free once they end, or are killed."""
-    with own_domain() as third:
-        pass
     with holder() as first, holder() as second:
         taken = [said(first), said(second)]
+        with own_domain() as third:
+            pass
         assert len({*taken, third} & set(DOMAINS)) == 3
         only([*taken, third], monkeypatch)
         with own_domain() as ours:
