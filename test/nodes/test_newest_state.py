@@ -49,6 +49,9 @@ class Slow(TwoLink):
 """
 #: States that are sent, and torques that answer them, at least.
 STATES, TORQUES = 500, 10
+#: In which a message that the kernel has dropped comes again, by `config/fastdds.xml`, with time
+#: for a busy machine; those after it wait for it [ns].
+RESENT = 300_000_000
 
 
 class Robot:
@@ -86,7 +89,8 @@ def test_a_slow_controller_answers_the_newest_state(
     """
     Check by numbers of states that none waits in a queue, and that all of them are counted.
 
-    What was published before torque n was sent has arrived when step n + 2 begins, a step later.
+    What was published before torque n was sent has arrived when step n + 2 begins, a step later,
+    unless it was dropped on the way and had to be sent again.
     """
     (tmp_path / 'slow_arm.py').write_text(MODEL)
     monkeypatch.setenv('PYTHONPATH', str(tmp_path), prepend=os.pathsep)
@@ -118,7 +122,7 @@ def test_a_slow_controller_answers_the_newest_state(
         assert numbers == sorted(set(numbers))
         assert len(robot.torques) == len(numbers) >= TORQUES
         for (_, sent), (number, _) in zip(robot.answered, robot.answered[2:]):
-            assert number >= bisect(robot.times, sent)
+            assert number >= bisect(robot.times, sent - RESENT)
 
         report = reports.until('controller', lambda r: r.count('samples') == len(numbers)
                                and r.level == ERROR, 'the counts')
