@@ -103,6 +103,7 @@ def test_the_example_node_of_mujoco_is_a_robot() -> None:
         it.until(lambda: len(states) > 1, 'the first state, which is repeated')
         it.start('controller', *arguments, *(
             x for name, value in law.items() for x in ('-p', f'{name}:={value}')))
+        Diagnostics(it).next('controller')  # It knows all that we listen to, and can go on.
         it.start('reference', *arguments)
         it.until(lambda: robot.status is not None and len(tracking) == 2001, 'the end')
         assert robot.status == 0, it.lines
