@@ -339,8 +339,6 @@ class ControllerHealth:
     taken, skipped, restarts, saturated : int
         States taken, states skipped for newer ones, restarts of the law, samples with a torque at
         its limit.
-    robust : sequence of float, shape (n,)
-        Robust term of the last sample [N·m]; empty before the first.
     rates : HealthMonitor
         Of restarts and rejected states.
     skips : HealthMonitor
@@ -351,7 +349,6 @@ class ControllerHealth:
     def __init__(self, names: Sequence[str], period: int) -> None:
         self._names, self._period = names, period
         self.taken = self.skipped = self.restarts = self.saturated = 0
-        self.robust: Vector = ()
         self.rates = HealthMonitor('restarts', 'of the states refused', *_REJECTED, period)
         self.skips = HealthMonitor('', 'of the states skipped for newer ones', *_SKIPPED, period)
         #: Stamp [ns] of the last state, and its number with those skipped; the same at the last
@@ -387,7 +384,6 @@ class ControllerHealth:
 
     def add(self, sample: Sample, config: ControllerConfig) -> None:
         """Count a sample of the law."""
-        self.robust = sample.robust
         self.saturated += sample.saturation_error is not None
         if config is not self._config:
             self._config = config

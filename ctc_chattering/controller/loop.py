@@ -206,8 +206,8 @@ class ControlLoop:
             self.handle(Input.NO_REFERENCE)
             return None
         # Before the first torque it is not known what moved the robot, such as a brake.
-        late = 0 if self.simulated or self._too_slow or self._held is None else min(
-            self._periods_since(state.t, now), self.predicted_periods)
+        late = 0 if self.simulated or self._too_slow or self._held is None else (
+            self._periods_since(state.t, now))
         sample = self._step(law, state, points, at, late)
         if not self._send_checked(law, sample):
             return None
@@ -246,12 +246,13 @@ class ControlLoop:
 
     def _periods_since(self, t: int, now: int) -> int:
         """
-        Return the periods that have passed at `now` since the sample of stamp `t` [ns].
+        Return the periods passed at `now` since the sample of stamp `t` [ns], and made good.
 
         A torque sent within half a period after the state should have come is in force from its
         sample on.
         """
-        return max((now - self._stamps.arrival(t) + self.period // 2) // self.period, 0)
+        passed = (now - self._stamps.arrival(t) + self.period // 2) // self.period
+        return min(max(passed, 0), self.predicted_periods)
 
     def predict(self, now: int) -> None:
         """
@@ -270,7 +271,7 @@ class ControlLoop:
         before, self._goes_on = law.predicted_periods, False
         if self._is_silent(now):
             return
-        periods = min(self._periods_since(last.t, now), self.predicted_periods)
+        periods = self._periods_since(last.t, now)
         points = self._desired(law.instant(last.t + periods * self.period), last)
         sample = None if points is None else law.predicted_step(
             *points[0], points[1:], periods - before)
