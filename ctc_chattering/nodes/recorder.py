@@ -129,8 +129,8 @@ class RecorderNode(BaseNode):
         timing = None
         if topic.name in (JOINT_STATES, CLOCK):
             timing = ValidatedSubscription(
-                self, kind, topic.name, read_stamp,
-                lambda stamp, _now: self._time.note(name, stamp), profile)
+                self, kind, topic.name, lambda stamp, _now: self._time.note(name, stamp),
+                profile, read_stamp)
         return _Recorded(
             name, topic.kind, offered_qos(100 if topic.latched else 1000, topic.latched),
             timing.subscription if timing else MatchingSubscription(
