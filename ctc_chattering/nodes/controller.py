@@ -41,7 +41,7 @@ from ctc_chattering.errors import RejectedMessage
 from ctc_chattering.nodes.control_terms import ControlTerms
 from ctc_chattering.numerics.time_grid import seconds
 from ctc_chattering.parameters import OWN_CLASS
-from ctc_chattering.ros.messages import effort_writer, LATEST, nanoseconds
+from ctc_chattering.ros.messages import effort_writer, LATEST, nanoseconds, Rows, state_reader
 from ctc_chattering.ros.node import ERROR, LoopNode, qos, Status, TICK
 from ctc_chattering.ros.subscription import ValidatedSubscription
 from ctc_chattering.ros.topics import (
@@ -110,7 +110,7 @@ class ControllerNode(LoopNode[ControllerConfig, ControllerSettings]):
         reference = ValidatedSubscription(
             self, JointTrajectory, REFERENCE, self._on_reference, qos())
         states = ValidatedSubscription(
-            self, JointState, JOINT_STATES, self._on_state, qos(), newest=False)
+            self, JointState, JOINT_STATES, self._on_state, qos(), state_reader(), newest=False)
         self.inputs = [states, reference]
 
     @property
@@ -136,20 +136,19 @@ class ControllerNode(LoopNode[ControllerConfig, ControllerSettings]):
         self._loop.take_reference(times, list(zip(rows[::3], rows[1::3], rows[2::3])))
         self._answer(now)
 
-    def _on_state(self, state: JointState, now: int) -> None:
-        q, dq = select(self._names, state.name, state.position, state.velocity)
-        t = nanoseconds(state.header.stamp)
-        if t > LATEST:
-            raise RejectedMessage('stamp', f'no stamp is as late as {seconds(t):.9f} s')
+    def _on_state(self, state: Rows, now: int) -> None:
+        q, dq = select(self._names, state.names, *state.rows[:2])
+        if state.t > LATEST:
+            raise RejectedMessage('stamp', f'no stamp is as late as {seconds(state.t):.9f} s')
         if self._loop.last is None:
             self._clock_published = self.count_publishers(CLOCK) > 0
         self.lockstep, self.inputs[0].newest = self._clock_published, not self._clock_published
-        if self._loop.take_state(JointSample(t, q, dq), now, self._clock_published,
+        if self._loop.take_state(JointSample(state.t, q, dq), now, self._clock_published,
                                  self.inputs[0].skipped):
             self._terms.count = 0
             self.parameters.changed = True
             self.get_logger().info(
-                f'time restarts at {seconds(t):.3f} s', throttle_duration_sec=1.0)
+                f'time restarts at {seconds(state.t):.3f} s', throttle_duration_sec=1.0)
         self._answer(now)
 
     def idle(self) -> None:

@@ -16,12 +16,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 import importlib
 import os
 from pathlib import Path
 import struct
-from typing import Any
+from typing import Any, NamedTuple
 
 from builtin_interfaces.msg import Duration, Time
 from ctc_chattering.errors import CtcError
@@ -36,6 +36,8 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 Point = tuple[Sequence[float], Sequence[float], Sequence[float]]
 #: Latest time that is taken from a stamp, an hour before the last possible one [ns].
 LATEST = (2 ** 31 - 3600) * NANOSECONDS
+#: A stamp in CDR: seconds and nanoseconds.
+_STAMP = struct.Struct('<iI')
 
 
 def message_type(kind: str) -> Any:
@@ -90,35 +92,100 @@ def read_stamp(data: bytes) -> int:
     return nanoseconds(time)
 
 
+class Rows(NamedTuple):
+    """A message of the control loop: stamp (0 for none) [ns], names, rows of numbers."""
+
+    t: int
+    names: tuple[str, ...]
+    rows: Sequence[Sequence[float]]
+
+
+def _row_struct(rows: int, n: int) -> struct.Struct:
+    """Return `rows` of n doubles as CDR has them: after the first each has its count before it."""
+    return struct.Struct('<' + 'I4x'.join([f'{n}d'] * rows))
+
+
+class Reader:
+    """
+    Reads messages that end with rows of doubles.
+
+    Plant and controller answer each other by them, and to have ROS convert each field by field
+    takes more than a tenth of a control cycle. ROS reads a message; one that has the same frame,
+    which is all but stamp and numbers, then differs from it in these only.
+
+    Parameters
+    ----------
+    kind : type
+        Message class.
+    content : callable
+        Returns what is read of a message.
+    stamped : bool
+        Whether a stamp is at the beginning.
+
+    """
+
+    def __init__(self, kind: Any, content: Callable[[Any], Rows], stamped: bool) -> None:
+        self._kind, self._content, self._begin = kind, content, 12 if stamped else 4
+        self._frame, self._struct = b'', _row_struct(1, 0)
+        self._names: tuple[str, ...] = ()
+
+    def __call__(self, data: bytes) -> Rows:
+        """Return the content of a serialized message; raise `RuntimeError` if it is malformed."""
+        end = len(data) - self._struct.size
+        n = len(self._names)
+        if self._frame and data[self._begin:end] == self._frame:
+            values = self._struct.unpack_from(data, end)
+            if set(values[n::n + 1]) <= {n}:  # The counts between the rows.
+                sec, nanosec = _STAMP.unpack_from(data, 4) if self._begin > 4 else (0, 0)
+                return Rows(sec * NANOSECONDS + nanosec, self._names, [
+                    values[k:k + n] for k in range(0, len(values), n + 1)])
+        message = deserialize_message(data, self._kind)
+        found = self._content(message)
+        n = len(found.names)
+        self._frame, self._names = b'', found.names
+        if n and {len(row) for row in found.rows} == {n} and data[1] == 1 and (
+                len(serialize_message(message)) == len(data)):
+            self._struct = _row_struct(len(found.rows), n)
+            self._frame = data[self._begin:len(data) - self._struct.size]
+        return found
+
+
+def state_reader() -> Reader:
+    """Return what reads `JointState` messages: positions, velocities, efforts."""
+    return Reader(JointState, lambda m: Rows(
+        nanoseconds(m.header.stamp), tuple(m.name), (m.position, m.velocity, m.effort)), True)
+
+
+def effort_reader() -> Reader:
+    """Return what reads `Float64MultiArray` messages and their labels, if there are some."""
+    return Reader(Float64MultiArray, lambda m: Rows(
+        0, tuple([x.label for x in m.layout.dim]), (m.data,)), False)
+
+
 class Writer:
     """
-    Serializes messages of the control loop that end with rows of doubles.
-
-    Plant and controller answer each other by them: to have ROS convert them field by field takes
-    more than a tenth of a control cycle. So ROS serializes one message, and only its numbers are
-    replaced. In CDR, from the last row backwards: n doubles, and before them their count and four
-    bytes of padding.
+    Writes messages that end with rows of doubles: the numbers of one that ROS has serialized.
 
     Parameters
     ----------
     message : object
-        Of ROS; its last fields are the rows, of n doubles each. A stamp is at its beginning.
+        Of ROS; its last fields are the rows. A stamp is at its beginning.
     rows, n : int
         How many rows there are, and the numbers in each, at least one.
 
     """
 
     def __init__(self, message: Any, rows: int, n: int) -> None:
-        self._data, self._row = bytearray(serialize_message(message)), struct.Struct(f'<{n}d')
-        end, size = len(self._data), self._row.size
-        self._offsets = [end - size - k * (size + 8) for k in reversed(range(rows))]
+        self._data, self._n = bytearray(serialize_message(message)), n
+        self._struct = _row_struct(rows, n)
 
     def write(self, *rows: Sequence[float], t: int | None = None) -> bytes:
         """Return the message with `rows`, each of shape (n,), and stamp `t` [ns] if it has one."""
         if t is not None:
-            struct.pack_into('<iI', self._data, 4, *divmod(t, NANOSECONDS))
-        for offset, row in zip(self._offsets, rows):
-            self._row.pack_into(self._data, offset, *row)
+            _STAMP.pack_into(self._data, 4, *divmod(t, NANOSECONDS))
+        first, *others = rows
+        self._struct.pack_into(self._data, len(self._data) - self._struct.size, *first, *(
+            x for row in others for x in (self._n, *row)))
         return bytes(self._data)
 
 

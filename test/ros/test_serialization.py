@@ -20,6 +20,7 @@ from array import array
 from collections.abc import Iterable, Sequence
 import math
 import os
+import random
 import struct
 import subprocess
 import sys
@@ -29,6 +30,7 @@ from bags import chunk, efforts, state
 from builtin_interfaces.msg import Time
 from ctc_chattering.errors import CtcError, RejectedMessage
 from ctc_chattering.ros.messages import (
+    effort_reader,
     effort_writer,
     joint_state,
     message_type,
@@ -36,6 +38,7 @@ from ctc_chattering.ros.messages import (
     Point,
     read_stamp,
     stamp,
+    state_reader,
     state_writer,
     trajectory,
 )
@@ -69,11 +72,10 @@ def read_state(data: bytes) -> tuple[Any, ...]:
 
 def used(kind: Any, data: bytes, ours: Sequence[str]) -> list[tuple[float, ...]]:
     """Return what the nodes use of a message."""
+    if kind is not JointTrajectory:
+        m = (state_reader if kind is JointState else effort_reader)()(data)
+        return select(ours, m.names or ours, *m.rows[:2])
     m = deserialize_message(data, kind)
-    if kind is JointState:
-        return select(ours, m.name, m.position, m.velocity)
-    if kind is Float64MultiArray:
-        return select(ours, [x.label for x in m.layout.dim] or ours, m.data)
     rows = [row for x in m.points for row in (x.positions, x.velocities, x.accelerations)]
     times = [ns(x.time_from_start) for x in m.points]
     if times != sorted(set(times)):
@@ -158,6 +160,30 @@ def test_states_that_are_sent(names: tuple[str, ...]) -> None:
             message = deserialize_message(effort_writer(names).write(rows[0]), Float64MultiArray)
             assert tuple(x.label for x in message.layout.dim) == names
             assert bits(message.data) == bits(rows[0])
+
+
+@pytest.mark.parametrize('names', NAMES)
+def test_messages_of_one_frame_and_others_between(names: tuple[str, ...]) -> None:
+    """Check what is read of each against ROS, whichever came before."""
+    read, read_efforts, n = state_reader(), effort_reader(), len(names)
+    dice = random.Random(n)
+    for k in range(60):
+        ours = dice.choice((names, names, names, names[::-1], names[1:], ('x', 'y')))
+        rows = [[dice.choice(ODD) if dice.random() < 0.3 else dice.gauss(0.0, 1.0)
+                 for _ in range(len(ours))] for _ in range(3)]
+        if k % 7 == 0:
+            rows[dice.randrange(3)] = [1.0] * dice.choice((0, 1, len(ours) + 1))
+        data = state(ours, rows, (k - 3, k), *dice.choice((('',), ('',), ('base',), ('', '>'))))
+        data += bytes(dice.choice((0, 0, 0, 4, 8)))
+        found = read(data)
+        assert (found.t, found.names, *map(bits, found.rows)) == read_state(data)
+        data = efforts(ours, rows[0]) + bytes(dice.choice((0, 0, 0, 4, 8)))
+        message = deserialize_message(data, Float64MultiArray)
+        found = read_efforts(data)
+        assert found.names == tuple(x.label for x in message.layout.dim)
+        assert [bits(row) for row in found.rows] == [bits(message.data)]
+        with pytest.raises(RuntimeError, match='deserialize'):
+            read(data[:dice.randrange(12)])
 
 
 def test_writers_take_no_other_number_of_joints() -> None:
