@@ -39,7 +39,7 @@ from ctc_chattering.configuration import parameter_file
 from ctc_chattering.configuration.package_share import find_config
 from ctc_chattering.control.controller import LAWS
 from ctc_chattering.errors import CtcError, given_by_user
-from ctc_chattering.parameters import Parameter
+from ctc_chattering.parameters import LEAST, Parameter
 from ctc_chattering.simulation.plant_config import PlantConfig
 
 if TYPE_CHECKING:
@@ -237,10 +237,10 @@ def tune_options(parser: argparse.ArgumentParser) -> None:
             ('--torque-rate', 'torque_rate_limit', 'largest change of the torque sent', 'N*m/s')):
         add_declared(parser, Parameter(
             name, 'float[]', None, f'{text}, by default of the file and the description',
-            unit=unit, minimum=0.0, exclusive=True, infinite=True, shape='n'), flag)
+            unit=unit, minimum=LEAST, infinite=True, shape='n'), flag)
     add_number(parser, '--trials', 'gains to try', 200, minimum=1)
     add_number(parser, '--percentile', 'percentile of error and torque variation over the draws, '
-               '100 for the worst case', 95.0, 'float', minimum=0.0, exclusive=True, maximum=100.0)
+               '100 for the worst case', 95.0, 'float', minimum=LEAST, maximum=100.0)
     parser.add_argument('--draws', type=int, dest='repeats', metavar='N',
                         help="draws of what is uncertain, default: the spec's, or 32")
     parser.add_argument('--duration', type=float, metavar='S',
