@@ -27,12 +27,12 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from copy import copy
 import dataclasses
-from functools import cache
 import importlib
+import inspect
 import math
 from numbers import Integral
 import re
-from typing import Any, TypeVar
+from typing import Any, ClassVar, TypeVar
 
 from ctc_chattering.errors import CtcError, near, ParameterError, refused_as
 import numpy as np
@@ -46,8 +46,8 @@ LEAST, LARGEST = 1e-9, 1e9
 #: What a class of the user's is called: ``package.module:Name``.
 OWN_CLASS = re.compile(r'[^\W\d]\w*(\.[^\W\d]\w*)*:[^\W\d]\w*')
 #: Kinds of annotations that are no kind themselves, and shapes that they imply.
-_KINDS: dict[Any, str] = {'tuple[float, ...]': 'float[]', 'tuple[str, ...]': 'str[]'}
-_SHAPES: dict[Any, str] = {'tuple[float, ...]': 'n'}
+_KINDS = {'tuple[float, ...]': 'float[]', 'tuple[str, ...]': 'str[]'}
+_SHAPES = {'tuple[float, ...]': 'n'}
 _TYPE_NAMES = {
     'bool': 'a boolean', 'int': 'an integer', 'float': 'a number', 'str': 'a string',
     'float[]': 'a list of numbers', 'str[]': 'a list of strings'}
@@ -249,6 +249,22 @@ class Config:
 
     """
 
+    _declared: ClassVar[dict[str, Parameter]] = {}
+
+    def __init_subclass__(cls) -> None:
+        """Collect the declarations, inherited ones first, and describe them in the docstring."""
+        specs = [spec for base in cls.__bases__[::-1] for spec in vars(base)['_declared'].values()]
+        for name, field in vars(cls).items():
+            if isinstance(field, dataclasses.Field):
+                kind = cls.__annotations__[name]
+                specs.append(Parameter(**{
+                    'name': name, 'kind': _KINDS.get(kind, kind), 'shape': _SHAPES.get(kind, ''),
+                    **field.metadata}))
+        cls._declared = {spec.name: spec for spec in specs}
+        cls.__doc__ = '\n'.join((
+            inspect.cleandoc(cls.__doc__ or ''), '', 'Parameters', '----------', *(
+                f'{spec.field} : {spec.kind}\n    {spec.meaning}' for spec in specs)))
+
     def __post_init__(self) -> None:
         """Fill in defaults, coerce types and check every value."""
         n = 0
@@ -271,13 +287,9 @@ class Config:
         """Check what concerns several parameters at once; a subclass overrides this."""
 
     @classmethod
-    @cache  # The control loop asks with every sample.
     def parameters(cls) -> dict[str, Parameter]:
         """Return the declared parameters by name, in order."""
-        specs = (Parameter(**{'name': field.name, 'kind': _KINDS.get(field.type, field.type),
-                              'shape': _SHAPES.get(field.type, ''), **field.metadata})
-                 for field in dataclasses.fields(cls))
-        return {spec.name: spec for spec in specs}
+        return cls._declared
 
     @classmethod
     def from_mapping(cls: type[C], values: Mapping[str, object]) -> C:

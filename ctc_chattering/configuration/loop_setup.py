@@ -55,12 +55,12 @@ class Setup:
         Desired motion.
     events : sequence of Event
         Parameters that change during the run, in the order of time.
+    values : mapping
+        Every parameter's value, by executable and parameter; empty without a file.
     route : Route or None
         Contents of the reference's `trajectory_file`, in the order of its joints.
     descriptions : mapping
         Text of the robot's description by node, for those that need one and name a file.
-    lines : sequence of str
-        The events as in a file.
 
     Raises
     ------
@@ -80,15 +80,9 @@ class Setup:
     controller: ControllerConfig
     reference: ReferenceConfig
     events: Sequence[Event] = ()
+    values: Mapping[str, Values] = dataclasses.field(default_factory=dict)
     route: Route | None = None
     descriptions: Mapping[str, str] = dataclasses.field(default_factory=dict)
-    lines: Sequence[str] = ()
-
-    @property
-    def values(self) -> dict[str, Values]:
-        """Return every parameter's value, by node and parameter, as a file has them."""
-        return {**{node: getattr(self, node).as_mapping() for node in LOOP},
-                'bringup': {'events': self.lines}}
 
     def changed(self, values: Overrides) -> Setup:
         """
@@ -110,7 +104,9 @@ class Setup:
         configs: dict[str, Any] = {
             node: made(node, getattr(self, node).changed, mine)
             for node, mine in values.items() if mine}
-        found = dataclasses.replace(self, **configs)
+        resolved = {node: {**self.values.get(node, {}), **config.as_mapping()}
+                    for node, config in configs.items()}
+        found = dataclasses.replace(self, **configs, values={**self.values, **resolved})
         check_agreement(found.plant, found.controller, found.reference)
         if _STARTS & set(values.get('plant', ())) or set(values.get('reference', ())) - _TIMING:
             check_motion(found)

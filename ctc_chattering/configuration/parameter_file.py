@@ -36,7 +36,7 @@ from ctc_chattering.configuration.loop_setup import (
     Setup,
     Values,
 )
-from ctc_chattering.configuration.node_parameters import INTERNAL, LOOP, NODES
+from ctc_chattering.configuration.node_parameters import LOOP, NODES
 from ctc_chattering.configuration.package_share import find_config, read_description
 from ctc_chattering.configuration.yaml_file import (
     Dumper,
@@ -95,22 +95,24 @@ def load(path: Path | None, overrides: Overrides | None = None) -> Setup:
     values = {node: node_values(sections, node, str(path))
               | node_values(overrides or {}, node, 'overrides') for node in NODES}
     values['plant'].setdefault('experiment', path.stem if path is not None else 'friction')
-    configs: dict[str, Any] = {
-        node: made(node, kind.from_mapping, {
-            name: x for name, x in values[node].items() if name not in OF_ROS})
+    resolved = {node: made(node, kind.from_mapping, {
+        name: x for name, x in values[node].items() if name not in OF_ROS}).as_mapping()
         for node, kind in NODES.items()}
-    plant, controller, reference, _, bringup = configs.values()
+    loop: dict[str, Any] = {node: kind.from_mapping({name: resolved[node][name] for name in (
+        kind.parameters())}) for node, kind in LOOP.items()}
+    plant, controller, reference = loop.values()
     check_agreement(plant, controller, reference)
     if values['plant'].get('use_sim_time') is True and plant.pacing == 'real_time':
         raise UsageError('use_sim_time: true contradicts real_time, the pacing of plant: it '
                          'gives the time itself, in lockstep on clock')
     route = read_trajectory(Path(reference.trajectory_file), reference.joint_names
                             ) if reference.trajectory_file else None
-    descriptions = {node: read_description(configs[node].description) for node in LOOP
-                    if configs[node].described and configs[node].description}
-    events = parse_events(bringup.events, {'plant': plant, 'controller': controller},
+    descriptions = {node: read_description(config.description) for node, config in loop.items()
+                    if config.described and config.description}
+    events = parse_events(resolved['bringup']['events'],
+                          {'plant': plant, 'controller': controller},
                           lambda: known_model_torque(controller, descriptions))
-    setup = Setup(plant, controller, reference, events, route, descriptions, bringup.events)
+    setup = Setup(plant, controller, reference, events, resolved, route, descriptions)
     check_motion(setup)
     return setup
 
@@ -257,7 +259,7 @@ def parse_events(lines: Sequence[str], configs: Mapping[str, Any],
             ) from None
         if not 0.0 <= time < float('inf'):
             raise ParameterError('events', line, 'a time >= 0')
-        if spec is not None and (spec.read_only or name in INTERNAL):
+        if spec is not None and spec.read_only:
             raise ParameterError('events', name, 'a parameter that can change during the run')
         try:
             events.append((time, node, name, parse_value(value)))

@@ -455,4 +455,8 @@ def write_excitation(found: Plan, setup: Setup, out: str | Path) -> None:
         If a file exists already, or cannot be written.
 
     """
-    write(found, setup.values, prepare(Path(out), (MOTION, RUN)))
+    sections: dict[str, Values] = {node: {
+        **setup.values.get(node, {}), **config.as_mapping()} for node, config in (
+            ('plant', setup.plant), ('controller', setup.controller),
+            ('reference', setup.reference))}
+    write(found, sections, prepare(Path(out), (MOTION, RUN)))

@@ -134,12 +134,14 @@ def node_values(setup: Setup, record: Path | None, with_bringup: bool = True
     if setup.events and not with_bringup:
         raise CtcError('bringup: events are not allowed in a launch file; run bringup: '
                        'ros2 run ctc_chattering bringup')
-    values: dict[str, dict[str, Any]] = {'recorder': {'bag': str(record)}} if record else {}
-    values |= {name: given for name, given in setup.values.items() if name in LOOP}
+    names = (*(('recorder',) if record else ()), *LOOP)
+    values = {name: dict(setup.values[name]) for name in names}
     for name in LOOP:
-        values[name]['wait_for'] = [*(['bringup'] if with_bringup else []), *values]
+        values[name]['wait_for'] = [*(['bringup'] if with_bringup else []), *names]
     if setup.plant.pacing == 'lockstep' and setup.events:
         values['plant']['hold_at'] = setup.events[0].time
+    if record:
+        values['recorder']['bag'] = str(record)
     return values
 
 

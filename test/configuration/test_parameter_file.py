@@ -22,7 +22,7 @@ from typing import Any
 
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.configuration.loop_setup import Setup
-from ctc_chattering.configuration.node_parameters import LOOP
+from ctc_chattering.configuration.node_parameters import LOOP, NODES
 from ctc_chattering.configuration.package_share import find_config
 from ctc_chattering.configuration.parameter_file import load_parameters, with_gains
 from ctc_chattering.control.recommended_gains import GAINS
@@ -218,7 +218,7 @@ def test_values(file: Path) -> None:
     assert setup.plant.disturbance_amplitude == (1.0, 2.0)
     assert setup.plant.disturbance_frequency == (3.0, 4.0)
     assert setup.values['controller']['state_decimation'] == 7
-    assert list(setup.values) == [*LOOP, 'bringup']
+    assert list(setup.values) == list(NODES)
 
 
 @pytest.mark.parametrize('text', [
@@ -365,9 +365,14 @@ def test_dump_and_load(tmp_path_factory: pytest.TempPathFactory, kp: list[float]
 @pytest.mark.parametrize('word', WORDS)
 def test_dump_and_load_of_words(file: Path, word: str) -> None:
     """Check that a string stays one."""
-    setup = parameter_file.load(None, {'plant': {'experiment': word}})
+    setup = parameter_file.load(None, {'recorder': {'bag': word}, 'plant': {'experiment': word}})
     parameter_file.dump(setup.values, file)
     assert parameter_file.load(file).values == setup.values
+
+
+def test_dump_has_all_nodes(file: Path) -> None:
+    parameter_file.dump(parameter_file.load(None).values, file)
+    assert set(parameter_file.read(file)) == set(NODES)
 
 
 def test_what_is_beyond_the_limits_of_the_urdf_is_refused_at_load(tmp_path: Path) -> None:

@@ -25,6 +25,7 @@ from typing import Any
 from controller_process import ControllerUnderTest, ReferenceUnderTest
 from ctc_chattering.configuration.node_parameters import NODES as CONFIGS
 from ctc_chattering.control.controller import Controller, ControllerConfig
+from ctc_chattering.parameters import LEAST
 from ctc_chattering.simulation.plant import Plant
 from ctc_chattering.simulation.plant_config import PlantConfig
 from ctc_chattering.trajectory.reference import ReferenceConfig, Sinusoid
@@ -180,9 +181,9 @@ def test_every_parameter_is_described_and_a_signal_ends_the_node(tmp_path: Path)
                 spec = CONFIGS[name].parameters()[found.name]
                 assert found.description.startswith(spec.description)
                 assert found.read_only == spec.read_only
-                if spec.kind == 'float' and spec.minimum == 0.0 and not spec.infinite:
+                if spec.kind == 'float' and spec.minimum <= LEAST and not spec.infinite:
                     least = found.floating_point_range[0].from_value
-                    assert 0.0 < least <= 1e-9 if spec.exclusive else least == 0.0
+                    assert 0.0 < least <= 1e-9 if spec.minimum else least == 0.0
             assert interrupt(child, signal.SIGTERM if name == 'plant' else signal.SIGINT) < 1.0
             assert child.status == 0
         assert not any('Traceback' in line for line in it.lines)
