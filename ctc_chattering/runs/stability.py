@@ -32,7 +32,6 @@ from functools import cached_property
 import math
 from typing import Any, NamedTuple
 
-from ctc_chattering.analysis import drawing
 from ctc_chattering.analysis.tables import rounded
 from ctc_chattering.configuration.loop_setup import Setup
 from ctc_chattering.control.controller import Controller
@@ -47,7 +46,6 @@ from ctc_chattering.numerics.linear_algebra import Array, peak_gain, Rows, Vecto
 from ctc_chattering.numerics.time_grid import period_ns, seconds
 from ctc_chattering.parameters import matrix
 from ctc_chattering.runs.recommended import desired_points
-from matplotlib.figure import Figure
 import numpy as np
 from scipy.optimize import minimize_scalar  # type: ignore[import-untyped]
 
@@ -512,8 +510,6 @@ def _masses(setup: Setup) -> list[Array]:
 
 #: M̂ M⁻¹ for which lags and delays are said.
 RATIOS = (1.0, 0.8, 1.25)
-#: Of the figure: eigenvalues of M̂ M⁻¹, lags, and those of the guarantee.
-_WIDE, _HIGH, _GUARANTEED = 80, 50, 40
 
 
 @dataclasses.dataclass(frozen=True)
@@ -601,11 +597,6 @@ def rows(found: Margins, period: float) -> Iterator[tuple[str, str]]:
             f'at most {_digits(found.error_gain, up=True)} rad')
 
 
-def as_json(found: Margins) -> dict[str, Any]:
-    """Return margins as JSON has them."""
-    return {**dataclasses.asdict(found), 'of_ratios': RATIOS}
-
-
 def _span(found: StableRange | None, factor: float = 1.0, unit: str = '') -> str:
     if found is None:
         return 'none'
@@ -626,30 +617,3 @@ def _digits(x: float, up: bool) -> str:
         return f'{x:g}'
     step = 10.0 ** (math.floor(math.log10(x)) - 1)
     return f'{rounded((math.ceil if up else math.floor)(x / step) * step, 2):g}'
-
-
-def region(loops: Loops, found: Margins) -> Iterator[tuple[str, Figure, str]]:
-    """Yield name, figure and caption: where the loop is stable, over model and lag."""
-    lags = [x.high for x in found.lags if x is not None]
-    most = 1.3 * max([*lags, float(loops.robots[0].lag.max()), loops.robots[0].period])
-    ratio, lag = np.geomspace(0.2, 5.0, _WIDE), np.linspace(0.0, most, _HIGH)
-    radius = np.array([[at.radius(x) for x in ratio.tolist()] for at in (
-        loops.with_drives(lag=y) for y in lag.tolist())])
-    figure, grid = drawing.sheet('Stable region', 1, (1.0,), 3.6)
-    ax = drawing.panel(figure, grid[0, 0], '', 'lag of the drives [ms]')
-    ax.contourf(ratio, 1e3 * lag, radius, [0.0, 1.0], colors=['#cfe3f3'])
-    ax.contour(ratio, 1e3 * lag, radius, [1.0], colors=['#0072B2'], linewidths=1.6)
-    some = [(1e3 * y, span) for y in np.linspace(0.0, most, _GUARANTEED).tolist()
-            if (span := loops.with_drives(lag=y).guaranteed()) is not None]
-    if some:
-        at, spans = zip(*some)
-        low, high = zip(*spans)
-        ax.fill_betweenx(at, low, high, color='#7fb2da')
-    ax.plot(1.0, 1e3 * loops.robots[0].lag.max(), 'o', color='#1b1b1b')
-    ax.set(xscale='log', xlabel='M of the model / M of the robot')
-    ax.set_xticks([0.2, 0.5, 1.0, 2.0, 5.0], ['0.2', '0.5', '1', '2', '5'])
-    ax.minorticks_off()
-    yield 'region', figure, (
-        'Light: all poles are within the unit circle, for a constant error of the model. Dark: '
-        'exponentially stable for errors that vary from sample to sample. Dot: the robot of the '
-        'file.')
