@@ -64,8 +64,6 @@ def compare_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--seed', type=int, default=SEED, metavar='S',
                         help=f'seed of the held-out conditions, default: {SEED}')
     add_jobs(parser)
-    parser.add_argument('--ros', action='store_true',
-                        help='run the nodes and evaluate their bags instead of simulating')
     add_output(parser)
 
 
@@ -79,18 +77,14 @@ def run_compare(options: argparse.Namespace) -> int:
     """
     from ctc_chattering.runs.compare import compare
     from ctc_chattering.runs.compare_page import NAMES, PAGE, to_markdown, write_comparison
-    from ctc_chattering.runs.score import over_simulation, Runner
 
-    runner: Runner = over_simulation
-    if options.ros:
-        from ctc_chattering.runs.reproduction import over_ros as runner
     files = list(map(find_config, options.files))
     out = options.out and prepare(options.out, NAMES, options.overwrite)
     with progress('compare', unit='law') as moved, given_by_user(
             ('laws', 'condition', 'held_out', 'seed')):
         outcomes = compare(
             files, options.laws, options.condition, options.gains, options.held_out, options.seed,
-            1 if options.ros else options.jobs, runner, say, moved, options.cases)
+            options.jobs, say, moved, options.cases)
     print(to_markdown(outcomes))
     if out is not None:
         write_comparison(outcomes, out, options.format, options.said)

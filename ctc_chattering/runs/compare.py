@@ -18,7 +18,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 import dataclasses
-from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -43,7 +42,7 @@ from ctc_chattering.runs.conditions import (
 )
 from ctc_chattering.runs.pool import in_parallel
 from ctc_chattering.runs.recommended import by_rule
-from ctc_chattering.runs.score import over_simulation, Runner, Score, score, worst
+from ctc_chattering.runs.score import Score, score, worst
 
 #: Where gains come from.
 GAINS = FILE, RECOMMENDED = 'file', 'recommended'
@@ -175,8 +174,7 @@ class Outcome:
         return self.experiment + (f', {condition.name}' if condition else '')
 
 
-def compared(todo: Sequence[Task], jobs: int = 1, run: Runner = over_simulation
-             ) -> Iterator[Outcome]:
+def compared(todo: Sequence[Task], jobs: int = 1) -> Iterator[Outcome]:
     """
     Yield the outcome of every task, in their order.
 
@@ -186,8 +184,6 @@ def compared(todo: Sequence[Task], jobs: int = 1, run: Runner = over_simulation
         As `tasks` returns them.
     jobs : int
         Processes; 1 for this one alone.
-    run : callable
-        `over_simulation` or `over_ros`.
 
     Raises
     ------
@@ -197,7 +193,7 @@ def compared(todo: Sequence[Task], jobs: int = 1, run: Runner = over_simulation
     """
     for task in todo:
         runs_of(task)
-    return in_parallel(partial(evaluate, run=run), todo, jobs)
+    return in_parallel(evaluate, todo, jobs)
 
 
 def runs_of(task: Task) -> tuple[Overrides, ...]:
@@ -222,24 +218,24 @@ def setups(todo: Sequence[Task]) -> Iterator[Setup]:
         yield parameter_file.load(task.path, runs_of(task)[0])
 
 
-def evaluate(task: Task, run: Runner = over_simulation) -> Outcome:
+def evaluate(task: Task) -> Outcome:
     """Run a task; raise `CtcError` if `BASE` has no numbers."""
     runs = runs_of(task)
     setup = parameter_file.load(task.path, runs[0])
-    found = _scored(task.path, runs, run)
+    found = _scored(task.path, runs)
     if task.variant == BASE and found.failure:
         raise CtcError(f'{task.path}: {found.failure}')
     file, judged = parameter_file.load(task.path), []
     for other in task.held_out:  # What the law does in a condition for which it was not chosen.
         known = _with_law(task, [other.overrides(file)])
-        judged.append(Judged(other, known[0], _scored(task.path, known, run)))
+        judged.append(Judged(other, known[0], _scored(task.path, known)))
     return Outcome(task, setup.plant.experiment, setup.plant.joint_names, runs, found,
                    tuple(judged))
 
 
-def _scored(path: Path, runs: Sequence[Overrides], run: Runner) -> Score:
+def _scored(path: Path, runs: Sequence[Overrides]) -> Score:
     """Return the numbers of the worst of some runs of a file, joint by joint."""
-    return worst(score(parameter_file.load(path, x), run=run) for x in runs)
+    return worst(score(parameter_file.load(path, x)) for x in runs)
 
 
 def merged(*parts: Overrides) -> Overrides:
@@ -251,7 +247,7 @@ def merged(*parts: Overrides) -> Overrides:
 
 def compare(files: Sequence[str | Path], laws: Sequence[str] = LAWS,
             conditions: Sequence[str] = (), gains: str = FILE, held_out: int = 0,
-            seed: int = SEED, jobs: int = 1, runner: Runner = over_simulation,
+            seed: int = SEED, jobs: int = 1,
             show: Callable[[str], None] = print,
             progress: Callable[[int, int], None] | None = None, cases: str | Path = ''
             ) -> list[Outcome]:
@@ -275,8 +271,6 @@ def compare(files: Sequence[str | Path], laws: Sequence[str] = LAWS,
         Of these.
     jobs : int
         Processes; with more than 1 a script needs ``if __name__ == '__main__'``.
-    runner : callable
-        Runs a `Setup`: the simulation, or `runs.reproduction.over_ros`.
     show : callable
         Takes lines about what is compiled.
     progress : callable, optional
@@ -306,9 +300,8 @@ def compare(files: Sequence[str | Path], laws: Sequence[str] = LAWS,
     paths = [find_config(x) if isinstance(x, str) else x for x in files]
     more = read_cases(find_config(str(cases), folder='cases')) if str(cases) else ()
     todo = tasks(paths, conditions or ([] if more else [None]), laws, gains, held_out, seed, more)
-    runs = compared(todo, jobs, runner)
-    if runner is over_simulation:
-        compile_setups(setups(todo), show)
+    runs = compared(todo, jobs)
+    compile_setups(setups(todo), show)
     found: list[Outcome] = []
     for outcome in runs:
         found.append(outcome)
