@@ -130,7 +130,6 @@ def test_bounds_that_have_a_closed_form(switching: str, bandwidth: float, most: 
     assert span.high == pytest.approx(most, rel=2e-3)
 
 
-
 def test_settings_that_differ_between_joints() -> None:
     """With the same numbers on both joints, all M̂ give what one joint gives."""
     one = loops(REAL_ARM, LAG, 1)
