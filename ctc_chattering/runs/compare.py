@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 import dataclasses
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -42,7 +43,7 @@ from ctc_chattering.runs.conditions import (
 )
 from ctc_chattering.runs.pool import in_parallel
 from ctc_chattering.runs.recommended import by_rule
-from ctc_chattering.runs.score import Score, score, worst
+from ctc_chattering.runs.score import over_simulation, Runner, Score, score, worst
 
 #: Where gains come from.
 GAINS = FILE, RECOMMENDED = 'file', 'recommended'
@@ -174,7 +175,8 @@ class Outcome:
         return self.experiment + (f', {condition.name}' if condition else '')
 
 
-def compared(todo: Sequence[Task], jobs: int = 1) -> Iterator[Outcome]:
+def compared(todo: Sequence[Task], jobs: int = 1, run: Runner = over_simulation
+             ) -> Iterator[Outcome]:
     """
     Yield the outcome of every task, in their order.
 
@@ -184,6 +186,8 @@ def compared(todo: Sequence[Task], jobs: int = 1) -> Iterator[Outcome]:
         As `tasks` returns them.
     jobs : int
         Processes; 1 for this one alone.
+    run : callable
+        Runs a `Setup`.
 
     Raises
     ------
@@ -193,7 +197,7 @@ def compared(todo: Sequence[Task], jobs: int = 1) -> Iterator[Outcome]:
     """
     for task in todo:
         runs_of(task)
-    return in_parallel(evaluate, todo, jobs)
+    return in_parallel(partial(evaluate, run=run), todo, jobs)
 
 
 def runs_of(task: Task) -> tuple[Overrides, ...]:
@@ -218,24 +222,24 @@ def setups(todo: Sequence[Task]) -> Iterator[Setup]:
         yield parameter_file.load(task.path, runs_of(task)[0])
 
 
-def evaluate(task: Task) -> Outcome:
+def evaluate(task: Task, run: Runner = over_simulation) -> Outcome:
     """Run a task; raise `CtcError` if `BASE` has no numbers."""
     runs = runs_of(task)
     setup = parameter_file.load(task.path, runs[0])
-    found = _scored(task.path, runs)
+    found = _scored(task.path, runs, run)
     if task.variant == BASE and found.failure:
         raise CtcError(f'{task.path}: {found.failure}')
     file, judged = parameter_file.load(task.path), []
     for other in task.held_out:  # What the law does in a condition for which it was not chosen.
         known = _with_law(task, [other.overrides(file)])
-        judged.append(Judged(other, known[0], _scored(task.path, known)))
+        judged.append(Judged(other, known[0], _scored(task.path, known, run)))
     return Outcome(task, setup.plant.experiment, setup.plant.joint_names, runs, found,
                    tuple(judged))
 
 
-def _scored(path: Path, runs: Sequence[Overrides]) -> Score:
+def _scored(path: Path, runs: Sequence[Overrides], run: Runner) -> Score:
     """Return the numbers of the worst of some runs of a file, joint by joint."""
-    return worst(score(parameter_file.load(path, x)) for x in runs)
+    return worst(score(parameter_file.load(path, x), run=run) for x in runs)
 
 
 def merged(*parts: Overrides) -> Overrides:
