@@ -195,7 +195,7 @@ class Controls:
         for name, names in (('law', LAWS), ('switching', SWITCHINGS)):
             socket.on(name, one_of[names], partial(self._set, 'controller', name))
         for name, kind, receive in (
-                ('gain', GainRequest, self._gain), ('torques', bool, self._torques),
+                ('gain', GainRequest, self._gain), ('torques', bool, requests.torques),
                 ('record', str | None, self._record), ('plant', FieldRequest, self._plant),
                 ('push', PushRequest, self._push), ('time', HoldRequest, self._hold)):
             socket.on(name, kind, receive)
@@ -227,10 +227,8 @@ class Controls:
                                  'at': time.strftime('%H:%M:%S')})
 
     def _set(self, node: str, name: str, *values: Any) -> None:
-        """Set a parameter to values, one after the other; the answer says if it had the last."""
-        same = self._reader.parameters[node].get(name) == values[-1]
-        self._requests.set(node, *({name: value} for value in values),
-                           done='was so already' if same else 'done')
+        """Set a parameter to values, one after the other."""
+        self._requests.set(node, *({name: value} for value in values))
 
     def _gain(self, asked: GainRequest) -> None:
         for gain in gains_of(self._in_force, self._reader.names):
@@ -254,11 +252,6 @@ class Controls:
         else:
             self._set('controller', asked.name,
                       *(list(x) if isinstance(x, tuple) else x for x in steps))
-
-    def _torques(self, on: bool) -> None:
-        if on:
-            self._requests.reset()
-        self._requests.enable(on)
 
     def _record(self, name: str | None) -> None:
         if name is None:
