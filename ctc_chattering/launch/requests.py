@@ -35,10 +35,9 @@ from ctc_chattering.ros.subscription import ValidatedSubscription
 from ctc_chattering.ros.topics import CLOCK, PARAMETERS
 from ctc_chattering.simulation.closed_loop import Event
 from rcl_interfaces.msg import ParameterEvent
-from rcl_interfaces.srv import GetParameters, SetParameters
+from rcl_interfaces.srv import SetParameters
 import rclpy
 from rclpy.parameter import Parameter as RosParameter
-from rclpy.parameter import parameter_value_to_python
 from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 from rosgraph_msgs.msg import Clock
@@ -57,8 +56,6 @@ class _Pending:
     client: Any
     request: Any
     asked: float
-    #: Takes the answer of what no user has asked.
-    use: Callable[[Any], None] | None
     sent: float = -1.0
     futures: list[Future] = dataclasses.field(default_factory=list)
 
@@ -99,12 +96,6 @@ class Requests:
         self._ask(f'{node}: {name} = {in_field(value)}', SetParameters, f'{node}/set_parameters',
                   request)
 
-    def get(self, node: str, names: Sequence[str], use: Callable[[dict[str, Any]], None]) -> None:
-        """Ask for parameters of a node that are declared, and call `use` with them."""
-        self._ask(f'{node}: its parameters', GetParameters, f'{node}/get_parameters',
-                  GetParameters.Request(names=list(names)), lambda answer: use(
-                      dict(zip(names, map(parameter_value_to_python, answer.values)))))
-
     def torques(self, on: bool) -> None:
         """Stop the torques, or resume them, after an error beyond the limit as well."""
         if on:
@@ -112,12 +103,10 @@ class Requests:
         self._ask('enable' if on else 'disable', SetBool, 'controller/enable',
                   SetBool.Request(data=on))
 
-    def _ask(self, what: str, kind: Any, service: str, request: Any,
-             use: Callable[[Any], None] | None = None) -> None:
+    def _ask(self, what: str, kind: Any, service: str, request: Any) -> None:
         if service not in self._services:
             self._services[service] = self._node.create_client(kind, service)
-        self.pending.append(_Pending(
-            what, self._services[service], request, time.monotonic(), use))
+        self.pending.append(_Pending(what, self._services[service], request, time.monotonic()))
 
     def poll(self) -> None:
         """Send what waits, and show the answers that have come."""
@@ -126,11 +115,8 @@ class Requests:
             answers = [x.result() for x in it.futures if x.done()]
             if answers or now - it.asked > self._patience:
                 self.pending.remove(it)
-                if answers and it.use:
-                    it.use(answers[0])
-                else:
-                    self._show(it.what, *(_outcome(answers[0]) if answers else (
-                        False, f'no answer of {it.client.srv_name}')))
+                self._show(it.what, *(_outcome(answers[0]) if answers else (
+                    False, f'no answer of {it.client.srv_name}')))
             elif now - it.sent > _AGAIN and it.client.service_is_ready():
                 it.sent = now
                 it.futures.append(it.client.call_async(it.request))

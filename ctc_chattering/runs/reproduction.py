@@ -60,32 +60,27 @@ def reproduce(out: str | Path, progress: Callable[[str, float, float], None] | N
         Without ROS.
 
     """
-    from ctc_chattering.bags.reader import read_bag
-    from ctc_chattering.launch.graph import run_graph
-    from ctc_chattering.ros.process import own_domain
-
     directory = prepare(Path(out), (BAGS,)) / BAGS
     bags = [directory / x.name for x in EXPERIMENTS]
     with own_domain():
         for experiment, bag in zip(EXPERIMENTS, bags):
-            duration = parameter_file.load(experiment.path, experiment.overrides).plant.duration
+            setup = parameter_file.load(experiment.path, experiment.overrides)
 
-            def moved(time: float, name: str = bag.name, end: float = duration) -> None:
+            def moved(time: float, name: str = bag.name, end: float = setup.plant.duration
+                      ) -> None:
                 if progress is not None:
                     progress(name, time, end)
-            run_graph(experiment.path, experiment.overrides, bag, progress=moved,
-                      show=lambda _: None)
-            moved(duration)
+            run_graph(setup, bag, progress=moved, show=lambda _: None)
+            moved(setup.plant.duration)
     return [read_bag(bag) for bag in bags]
 
 
 def over_ros(setup: Setup) -> Result:
     """Run the nodes, record a bag, and return what it says; the states are the measured ones."""
     with own_domain(), tempfile.TemporaryDirectory(prefix='ctc_chattering_') as scratch:
-        file, bag = Path(scratch) / 'parameters.yaml', Path(scratch) / 'bag'
-        parameter_file.dump(setup.values, file)
+        bag = Path(scratch) / 'bag'
         try:
-            run_graph(file, {}, bag, show=lambda _: None)
+            run_graph(setup, bag, show=lambda _: None)
         except Stopped as error:
             raise KeyboardInterrupt(str(error)) from None
         return read_bag(bag)
