@@ -56,7 +56,7 @@ from ctc_chattering.identification.identified_robot import (
     write_identified,
 )
 from ctc_chattering.identification.random_motions import ExcitationConfig
-from ctc_chattering.parameters import Parameter
+from ctc_chattering.parameters import LEAST, Parameter
 import numpy as np
 
 #: What is asked of the motion: parameters that are options.
@@ -202,7 +202,7 @@ def identify_options(parser: argparse.ArgumentParser) -> None:
                              'effort_controller/commands, or the only one that fits; TOPIC:FIELD '
                              'for a field of any message')
     add_declared(parser, Parameter('torque_rate', 'float[]', None, 'rate limit of the drives',
-                                   unit='N*m/s', minimum=0.0, exclusive=True, shape='n'))
+                                   unit='N*m/s', minimum=LEAST, shape='n'))
     parser.add_argument('--payload', action='append', metavar='KG@LINK', default=[],
                         help='known payload at the origin of a link, as 1.3@tool0, for each bag '
                              'in turn, 0 for none; given once, that of the last bag. A run with '

@@ -36,6 +36,7 @@ from ctc_chattering.configuration import parameter_file
 from ctc_chattering.configuration.package_share import find_config
 from ctc_chattering.control.controller import LAWS
 from ctc_chattering.errors import CtcError, given_by_user
+from ctc_chattering.parameters import LEAST
 
 if TYPE_CHECKING:
     from ctc_chattering.runs.points import Runs
@@ -64,8 +65,6 @@ def compare_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--seed', type=int, default=SEED, metavar='S',
                         help=f'seed of the held-out conditions, default: {SEED}')
     add_jobs(parser)
-    parser.add_argument('--ros', action='store_true',
-                        help='run the nodes and evaluate their bags instead of simulating')
     add_output(parser)
 
 
@@ -79,18 +78,14 @@ def run_compare(options: argparse.Namespace) -> int:
     """
     from ctc_chattering.runs.compare import compare
     from ctc_chattering.runs.compare_page import NAMES, PAGE, to_markdown, write_comparison
-    from ctc_chattering.runs.score import over_simulation, Runner
 
-    runner: Runner = over_simulation
-    if options.ros:
-        from ctc_chattering.runs.reproduction import over_ros as runner
     files = list(map(find_config, options.files))
     out = options.out and prepare(options.out, NAMES, options.overwrite)
     with progress('compare', unit='law') as moved, given_by_user(
             ('laws', 'condition', 'held_out', 'seed')):
         outcomes = compare(
             files, options.laws, options.condition, options.gains, options.held_out, options.seed,
-            1 if options.ros else options.jobs, runner, say, moved, options.cases)
+            options.jobs, say, moved, options.cases)
     print(to_markdown(outcomes))
     if out is not None:
         write_comparison(outcomes, out, options.format, options.said)
@@ -162,7 +157,7 @@ def tune_options(parser: argparse.ArgumentParser) -> None:
                        help='output of ctc identify; its intervals are the uncertainty')
     add_number(parser, '--trials', 'gains to try', 200, minimum=1)
     add_number(parser, '--percentile', 'percentile of error and torque variation over the draws, '
-               '100 for the worst case', 95.0, 'float', minimum=0.0, exclusive=True, maximum=100.0)
+               '100 for the worst case', 95.0, 'float', minimum=LEAST, maximum=100.0)
     parser.add_argument('--draws', type=int, metavar='N',
                         help="draws of what is uncertain, default: the spec's, or 32")
     add_jobs(parser)

@@ -161,7 +161,7 @@ class ParameterEventScheduler(BaseNode):
         kind, topic, profile = ((Clock, CLOCK, qos()) if lockstep else (
             ParameterEvent, f'plant/{PARAMETERS}', qos(100, latched=True)))
         self.inputs = [ValidatedSubscription(
-            self, kind, topic, read_stamp, self._on_stamp, profile)]
+            self, kind, topic, self._on_stamp, profile, read_stamp)]
 
     def _on_stamp(self, stamp: int, _arrival: int) -> None:
         if self._simulated or self._stamp is None:

@@ -26,7 +26,7 @@ from typing import Any
 
 from ctc_chattering.bags.writer import BagWriter, LogTime, offered_qos, SequenceTracker
 from ctc_chattering.configuration.loop_setup import Values
-from ctc_chattering.configuration.node_parameters import RecorderSettings
+from ctc_chattering.configuration.node_parameters import RecorderConfig
 from ctc_chattering.numerics.time_grid import NANOSECONDS
 from ctc_chattering.ros.messages import message_type, read_stamp
 from ctc_chattering.ros.node import BaseNode, ERROR, NAP, OK, qos, Status
@@ -93,8 +93,8 @@ class RecorderNode(BaseNode):
 
     def __init__(self, values: Values | None = None) -> None:
         super().__init__('recorder', values)
-        parameters = NodeParameters(self, self.given, (RecorderSettings,), lambda: None)
-        self._recording = BagWriter(Path(parameters.get(RecorderSettings).bag))
+        parameters = NodeParameters(self, self.given, RecorderConfig, lambda: None)
+        self._recording = BagWriter(Path(parameters.config.bag))
         self.tick = NAP
         self._received = 0
         #: When the last message recorded was sent [ns], by the system's clock.
@@ -129,8 +129,8 @@ class RecorderNode(BaseNode):
         timing = None
         if topic.name in (JOINT_STATES, CLOCK):
             timing = ValidatedSubscription(
-                self, kind, topic.name, read_stamp,
-                lambda stamp, _now: self._time.note(name, stamp), profile)
+                self, kind, topic.name, lambda stamp, _now: self._time.note(name, stamp),
+                profile, read_stamp)
         return _Recorded(
             name, topic.kind, offered_qos(100 if topic.latched else 1000, topic.latched),
             timing.subscription if timing else MatchingSubscription(

@@ -12,22 +12,17 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Runs of the nodes: the experiments of the paper, and one in place of a simulation."""
+"""Runs of the nodes: the experiments of the paper."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-import tempfile
 
 from ctc_chattering.analysis.output import prepare
 from ctc_chattering.analysis.result import Result
-from ctc_chattering.bags.reader import read_bag
 from ctc_chattering.configuration import parameter_file
-from ctc_chattering.configuration.loop_setup import Setup
 from ctc_chattering.configuration.package_share import EXPERIMENTS
-from ctc_chattering.launch.graph import run_graph, Stopped
-from ctc_chattering.ros.process import own_domain
 
 #: Name in the directory of `reproduce`.
 BAGS = 'bags'
@@ -60,6 +55,10 @@ def reproduce(out: str | Path, progress: Callable[[str, float, float], None] | N
         Without ROS.
 
     """
+    from ctc_chattering.bags.reader import read_bag
+    from ctc_chattering.launch.graph import run_graph
+    from ctc_chattering.ros.process import own_domain
+
     directory = prepare(Path(out), (BAGS,)) / BAGS
     bags = [directory / x.name for x in EXPERIMENTS]
     with own_domain():
@@ -73,14 +72,3 @@ def reproduce(out: str | Path, progress: Callable[[str, float, float], None] | N
             run_graph(setup, bag, progress=moved, show=lambda _: None)
             moved(setup.plant.duration)
     return [read_bag(bag) for bag in bags]
-
-
-def over_ros(setup: Setup) -> Result:
-    """Run the nodes, record a bag, and return what it says; the states are the measured ones."""
-    with own_domain(), tempfile.TemporaryDirectory(prefix='ctc_chattering_') as scratch:
-        bag = Path(scratch) / 'bag'
-        try:
-            run_graph(setup, bag, show=lambda _: None)
-        except Stopped as error:
-            raise KeyboardInterrupt(str(error)) from None
-        return read_bag(bag)

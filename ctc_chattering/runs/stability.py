@@ -319,8 +319,6 @@ _INSTANTS = 5
 _COUPLING = 0.3
 #: Steps of a bisection.
 _HALVINGS = 40
-#: Most samples of a response that are summed.
-_LONG = 200_000
 
 
 class StableRange(NamedTuple):
@@ -404,26 +402,6 @@ class Loops:
         """Return for which true delays, in samples, all poles are stable."""
         return [d for d in range(self.robots[0].delay + _DELAYS)
                 if self.with_drives(delay=d).radius(ratio) < 1.0]
-
-    def error_gain(self, ratio: float = 1.0) -> float:
-        """
-        Return the largest |e_i| for |M⁻¹ P|_i <= 1 rad/s², M̂ = `ratio` M [s²]; inf if unstable.
-
-        For equal settings of all joints. P is any bounded torque, friction for example: the sum
-        of the absolute values of the response to impulses of its two means over a period.
-        """
-        (loop,), (robot,) = self.all, self.robots
-        if loop.radius(ratio) >= 1.0:
-            return np.inf
-        A, h, total = loop.closed(ratio), robot.period, 0.0
-        x = np.zeros((len(A), 2))
-        x[0, 0], x[1, 1] = 0.5 * h * h, h
-        for _ in range(_LONG):
-            total += np.abs(x[0]).sum()
-            x = A @ x
-            if np.abs(x[0]).sum() < 1e-12 * total:
-                break
-        return total
 
 
 def stable(radius: Callable[[float], float], at: float, grid: Array) -> StableRange | None:
@@ -525,8 +503,6 @@ class Margins:
         Of the eigenvalues of M̂ M⁻¹, constant; varying.
     lags, delays : sequence
         For each of `RATIOS`: true lags [s], true delays in samples.
-    error_gain : float or None
-        Of bounded perturbations [s²]; None where the settings of the joints differ.
 
     """
 
@@ -535,7 +511,6 @@ class Margins:
     guaranteed: StableRange | None
     lags: tuple[StableRange | None, ...]
     delays: tuple[tuple[int, ...], ...]
-    error_gain: float | None
 
 
 def stability(setup: Setup) -> Margins:
@@ -575,8 +550,7 @@ def margins(loops: Loops) -> Margins:
     """Return the margins of loops."""
     return Margins(
         loops.radius(), loops.ratios(), loops.guaranteed(), tuple(map(loops.lags, RATIOS)),
-        tuple(tuple(loops.delays(x)) for x in RATIOS),
-        loops.error_gain() if len(loops.laws) == 1 else None)
+        tuple(tuple(loops.delays(x)) for x in RATIOS))
 
 
 def rows(found: Margins, period: float) -> Iterator[tuple[str, str]]:
@@ -592,9 +566,6 @@ def rows(found: Margins, period: float) -> Iterator[tuple[str, str]]:
         at = '' if ratio == 1.0 else f', model {ratio:g} M'
         yield f'lag of the drives{at}', _span(lags, 1e3, ' ms')
         yield f'delay{at}', f'{_counts(delays)} samples' if delays else 'none'
-    if found.error_gain is not None and math.isfinite(found.error_gain):
-        yield 'error for 1 rad/s^2 of bounded perturbation', (
-            f'at most {_digits(found.error_gain, up=True)} rad')
 
 
 def _span(found: StableRange | None, factor: float = 1.0, unit: str = '') -> str:
