@@ -259,7 +259,6 @@ def _begin(names: Sequence[str], start: Mapping[str, tuple[float, float]], there
     return tuple(zip(*rows))  # type: ignore[return-value]
 
 
-
 def reference_table(config: ReferenceConfig, route: Route | None,
                     start: tuple[tuple[str, tuple[float, float]], ...], joints: tuple[str, ...],
                     period: int, count: int) -> Array:
