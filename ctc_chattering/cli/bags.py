@@ -29,6 +29,7 @@ from ctc_chattering.cli.options import (
     own,
 )
 from ctc_chattering.errors import CtcError
+from ctc_chattering.parameters import LEAST
 
 
 def plot_options(parser: argparse.ArgumentParser) -> None:
@@ -96,7 +97,7 @@ def run_export(options: argparse.Namespace) -> int:
 def replay_options(parser: argparse.ArgumentParser) -> None:
     """Add the options of `ctc replay`."""
     add_bag(parser)
-    add_number(parser, '--rate', 'speed factor', 1.0, 'float', minimum=0.0, exclusive=True)
+    add_number(parser, '--rate', 'speed factor', 1.0, 'float', minimum=LEAST)
     add_number(parser, '--delay', 'time to wait for subscribers first', 1.0, 'float', unit='s',
                minimum=0.0)
 

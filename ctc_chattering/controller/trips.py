@@ -164,7 +164,7 @@ def check_change(before: ControllerConfig, after: ControllerConfig) -> None:
     may be any.
     """
     n = len(before.joint_names)
-    for name, spec in before.parameters().items():
+    for name, spec in ControllerConfig.parameters().items():
         if spec.read_only or spec.kind not in ('float', 'float[]'):
             continue
         old, new = (np.abs(np.diagonal(matrix(x, n)) if spec.shape == 'nn' else np.atleast_1d(x))

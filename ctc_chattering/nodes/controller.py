@@ -23,7 +23,7 @@ from typing import Any
 
 from ctc_chattering.compiled.machine_code import HOW_TO_COMPILE
 from ctc_chattering.configuration.loop_setup import Values
-from ctc_chattering.configuration.node_parameters import ControllerSettings
+from ctc_chattering.configuration.node_parameters import ControllerNodeConfig
 from ctc_chattering.control.controller import Controller, ControllerConfig, LAWS
 from ctc_chattering.control.recommended_gains import (
     GainChoice,
@@ -67,7 +67,7 @@ from trajectory_msgs.msg import JointTrajectory
 _SHORTEST = 1e-5
 
 
-class ControllerNode(LoopNode[ControllerConfig, ControllerSettings]):
+class ControllerNode(LoopNode[ControllerNodeConfig]):
     """
     Answers every joint state with a torque, by the law that the parameters name.
 
@@ -78,7 +78,7 @@ class ControllerNode(LoopNode[ControllerConfig, ControllerSettings]):
 
     def __init__(self, values: Values | None = None) -> None:
         super().__init__('controller', values)
-        config, settings = self.config, self.settings
+        config = self.config
         self._commands = self.create_publisher(Float64MultiArray, COMMANDS, qos())
         self._names = config.joint_names
         self._terms = ControlTerms(self, self._names)
@@ -87,7 +87,7 @@ class ControllerNode(LoopNode[ControllerConfig, ControllerSettings]):
         self._of_law: dict[str, Any] = {}
         writer = effort_writer(self._names)
         self._loop = ControlLoop(
-            config, settings.state_timeout, settings.reference_timeout, settings.enabled,
+            config, config.state_timeout, config.reference_timeout, config.enabled,
             lambda tau: self._commands.publish(writer.write(tau)),
             self.get_logger())
         self.on_change()
@@ -190,13 +190,13 @@ class ControllerNode(LoopNode[ControllerConfig, ControllerSettings]):
             if not self._loop.mode.sends_torque:
                 self.statistics.pause()
             if (self._loop.mode is Mode.TRIPPED and self._loop.simulated
-                    and 'bringup' in self.settings.wait_for and not self.done.done()):
+                    and 'bringup' in self.config.wait_for and not self.done.done()):
                 self.failure = f'tripped: {self._loop.tripped}'  # Time would wait for a reset.
                 self.done.set_result(None)
             return
         self._loop.took.append(time.thread_time_ns() - begin)
         assert self._loop.law is not None
-        self._terms.publish(answer, self.settings.state_decimation, self._loop.law)
+        self._terms.publish(answer, self.config.state_decimation, self._loop.law)
         if self.parameters.changed:
             self.parameters.announce(answer.state.t)
         end = time.monotonic_ns()
@@ -251,8 +251,8 @@ class ControllerNode(LoopNode[ControllerConfig, ControllerSettings]):
 
     def on_change(self) -> None:
         """Have the law take what has been set."""
-        self._loop.restart_duration = self.settings.restart_duration
-        self._loop.predicted_periods = self.settings.predicted_periods
+        self._loop.restart_duration = self.config.restart_duration
+        self._loop.predicted_periods = self.config.predicted_periods
         if self._loop.law is not None:
             self._loop.law.configure(self.config)
             self._tell_if_plain(self._loop.law)

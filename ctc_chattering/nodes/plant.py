@@ -19,7 +19,7 @@ from __future__ import annotations
 import time
 
 from ctc_chattering.configuration.loop_setup import Values
-from ctc_chattering.configuration.node_parameters import PlantSettings
+from ctc_chattering.configuration.node_parameters import PlantNodeConfig
 from ctc_chattering.controller.health import FaultRates
 from ctc_chattering.controller.timing import LockstepExchange, Watchdog
 from ctc_chattering.errors import CtcError, UsageError
@@ -30,7 +30,6 @@ from ctc_chattering.ros.node import ERROR, LoopNode, OK, qos, Status, WARN
 from ctc_chattering.ros.subscription import ValidatedSubscription
 from ctc_chattering.ros.topics import CLOCK, COMMANDS, JOINT_STATES, select
 from ctc_chattering.simulation.plant import limits_of, make_plant, Plant
-from ctc_chattering.simulation.plant_config import PlantConfig
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
@@ -43,7 +42,7 @@ _CLOCK_PERIOD = NANOSECONDS // 100
 _REPORT = 3.0
 
 
-class PlantNode(LoopNode[PlantConfig, PlantSettings]):
+class PlantNode(LoopNode[PlantNodeConfig]):
     """
     Publishes the robot's state and holds the torques it is sent.
 
@@ -171,7 +170,7 @@ class PlantNode(LoopNode[PlantConfig, PlantSettings]):
     def on_change(self) -> None:
         """Have the robot take what has been set; go on where time was held."""
         self._watchdog.timeout = max(
-            round(self.settings.command_timeout * NANOSECONDS), 3 * self._period)
+            round(self.config.command_timeout * NANOSECONDS), 3 * self._period)
         if self.inputs:
             self._robot.configure(self.config)
         if self._held:
@@ -190,7 +189,7 @@ class PlantNode(LoopNode[PlantConfig, PlantSettings]):
 
     def _publish_sample(self) -> None:
         """Send the state, after those that are lost, unless time is held."""
-        robot, hold = self._robot, self.settings.hold_at
+        robot, hold = self._robot, self.config.hold_at
         while not hold or robot.t < hold:
             k, sent = robot.k, not robot.lost
             if sent:

@@ -26,7 +26,7 @@ from typing import Any
 
 from ctc_chattering.bags.writer import BagWriter, LogTime, offered_qos, SequenceTracker
 from ctc_chattering.configuration.loop_setup import Values
-from ctc_chattering.configuration.node_parameters import RecorderSettings
+from ctc_chattering.configuration.node_parameters import RecorderConfig
 from ctc_chattering.numerics.time_grid import NANOSECONDS
 from ctc_chattering.ros.messages import message_type, read_stamp
 from ctc_chattering.ros.node import BaseNode, ERROR, NAP, OK, qos, Status
@@ -93,8 +93,8 @@ class RecorderNode(BaseNode):
 
     def __init__(self, values: Values | None = None) -> None:
         super().__init__('recorder', values)
-        parameters = NodeParameters(self, self.given, (RecorderSettings,), lambda: None)
-        self._recording = BagWriter(Path(parameters.get(RecorderSettings).bag))
+        parameters = NodeParameters(self, self.given, RecorderConfig, lambda: None)
+        self._recording = BagWriter(Path(parameters.config.bag))
         self.tick = NAP
         self._received = 0
         #: When the last message recorded was sent [ns], by the system's clock.

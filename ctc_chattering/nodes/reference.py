@@ -22,7 +22,7 @@ import time
 from typing import Any
 
 from ctc_chattering.configuration.loop_setup import Values
-from ctc_chattering.configuration.node_parameters import ReferenceSettings
+from ctc_chattering.configuration.node_parameters import ReferenceNodeConfig
 from ctc_chattering.configuration.yaml_file import read_trajectory
 from ctc_chattering.errors import CtcError, RejectedMessage
 from ctc_chattering.numerics.time_grid import NANOSECONDS, period_ns
@@ -51,7 +51,7 @@ _RETRY = 5 * NANOSECONDS
 _IN_STEP = NANOSECONDS // 4
 
 
-class ReferenceNode(LoopNode[ReferenceConfig, ReferenceSettings]):
+class ReferenceNode(LoopNode[ReferenceNodeConfig]):
     """
     Publishes chunks of the motion, each before it is needed.
 
@@ -74,7 +74,7 @@ class ReferenceNode(LoopNode[ReferenceConfig, ReferenceSettings]):
         #: Why the motion does not begin, and when to try again [ns].
         self._refusal, self._retry = '', 0
         self._period = period_ns(config.control_period)
-        horizon = round(self.settings.horizon * NANOSECONDS)
+        horizon = round(self.config.horizon * NANOSECONDS)
         self._ahead = max(4, horizon // self._period)
         self._piece = self._ahead // 4
         self._publisher = self.create_publisher(JointTrajectory, REFERENCE, qos())
