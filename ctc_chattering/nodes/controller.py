@@ -17,6 +17,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from itertools import pairwise
 from math import inf
 import time
 from typing import Any
@@ -40,14 +41,7 @@ from ctc_chattering.errors import RejectedMessage
 from ctc_chattering.nodes.control_terms import ControlTerms
 from ctc_chattering.numerics.time_grid import seconds
 from ctc_chattering.parameters import OWN_CLASS
-from ctc_chattering.ros.messages import (
-    effort_writer,
-    LATEST,
-    read_chunk,
-    read_state,
-    StateMessage,
-    TrajectoryChunk,
-)
+from ctc_chattering.ros.messages import effort_writer, LATEST, nanoseconds, Rows, state_reader
 from ctc_chattering.ros.node import ERROR, LoopNode, qos, Status, TICK
 from ctc_chattering.ros.subscription import ValidatedSubscription
 from ctc_chattering.ros.topics import (
@@ -114,10 +108,9 @@ class ControllerNode(LoopNode[ControllerNodeConfig]):
                 String, f'~/{ROBOT_DESCRIPTION}', qos(1, latched=True))
             self._described.publish(String(data=description))
         reference = ValidatedSubscription(
-            self, JointTrajectory, REFERENCE, read_chunk, self._on_reference, qos())
+            self, JointTrajectory, REFERENCE, self._on_reference, qos())
         states = ValidatedSubscription(
-            self, JointState, JOINT_STATES, read_state, self._on_state, qos(),
-            lambda: self._names, newest=False)
+            self, JointState, JOINT_STATES, self._on_state, qos(), state_reader(), newest=False)
         self.inputs = [states, reference]
 
     @property
@@ -133,16 +126,18 @@ class ControllerNode(LoopNode[ControllerNodeConfig]):
         return (f'law {config.law}{switching}, model {config.model}, '
                 f'{", ".join(config.joint_names)}, {1 / config.control_period:g} Hz; {waits}')
 
-    def _on_reference(self, chunk: TrajectoryChunk, now: int) -> None:
-        rows = select(
-            self._names, chunk.names, *(row for point in chunk.points for row in point))
-        if any(b <= a for a, b in zip(chunk.times, chunk.times[1:])):
+    def _on_reference(self, chunk: JointTrajectory, now: int) -> None:
+        rows = select(self._names, chunk.joint_names, *(
+            row for x in chunk.points for row in (x.positions, x.velocities, x.accelerations)))
+        start = nanoseconds(chunk.header.stamp)
+        times = [start + nanoseconds(point.time_from_start) for point in chunk.points]
+        if any(b <= a for a, b in pairwise(times)):
             raise RejectedMessage('times', 'points whose times do not increase')
-        self._loop.take_reference(chunk.times, list(zip(rows[::3], rows[1::3], rows[2::3])))
+        self._loop.take_reference(times, list(zip(rows[::3], rows[1::3], rows[2::3])))
         self._answer(now)
 
-    def _on_state(self, state: StateMessage, now: int) -> None:
-        q, dq = select(self._names, state.names, state.position, state.velocity)
+    def _on_state(self, state: Rows, now: int) -> None:
+        q, dq = select(self._names, state.names, *state.rows[:2])
         if state.t > LATEST:
             raise RejectedMessage('stamp', f'no stamp is as late as {seconds(state.t):.9f} s')
         if self._loop.last is None:
@@ -175,7 +170,7 @@ class ControllerNode(LoopNode[ControllerNodeConfig]):
             try:
                 self._loop.predict(now)
             except RejectedMessage as rejected:
-                self.inputs[0].reject(rejected, now)
+                self.inputs[0].reject(rejected)
 
     def _answer(self, now: int) -> None:
         """Have the pending state answered, and publish what the torque is made of."""
@@ -184,7 +179,7 @@ class ControllerNode(LoopNode[ControllerNodeConfig]):
         try:
             answer = self._loop.answer(self._matched, now)
         except RejectedMessage as rejected:
-            self.inputs[0].reject(rejected, now)
+            self.inputs[0].reject(rejected)
             return
         if answer is None:
             if not self._loop.mode.sends_torque:

@@ -25,7 +25,7 @@ from ctc_chattering.controller.timing import LockstepExchange, Watchdog
 from ctc_chattering.errors import CtcError, UsageError
 from ctc_chattering.numerics.linear_algebra import Vector
 from ctc_chattering.numerics.time_grid import NANOSECONDS, period_ns, samples, seconds
-from ctc_chattering.ros.messages import Efforts, read_efforts, stamp, state_writer
+from ctc_chattering.ros.messages import effort_reader, Rows, stamp, state_writer
 from ctc_chattering.ros.node import ERROR, LoopNode, OK, qos, Status, WARN
 from ctc_chattering.ros.subscription import ValidatedSubscription
 from ctc_chattering.ros.topics import CLOCK, COMMANDS, JOINT_STATES, select
@@ -85,8 +85,8 @@ class PlantNode(LoopNode[PlantNodeConfig]):
         self._robot = make_plant(self.config, description)
         self._limits = limits_of(self.config, description)
         self.inputs = [ValidatedSubscription(
-            self, Float64MultiArray, COMMANDS, read_efforts,
-            self._on_command if self.in_real_time else self._on_answer, qos(),
+            self, Float64MultiArray, COMMANDS,
+            self._on_command if self.in_real_time else self._on_answer, qos(), effort_reader(),
             newest=True if self.in_real_time else None)]
         if self.in_real_time:
             self._timer = self.create_timer(seconds(self._period), self._on_tick)
@@ -177,7 +177,7 @@ class PlantNode(LoopNode[PlantNodeConfig]):
             self._held = False
             self._publish_sample()
 
-    def _on_answer(self, efforts: Efforts, now: int) -> None:
+    def _on_answer(self, efforts: Rows, now: int) -> None:
         tau = self._torques(efforts)
         if not self._begun or self._held or not self._exchange.accept(tau):
             return
@@ -208,7 +208,7 @@ class PlantNode(LoopNode[PlantNodeConfig]):
         assert self._ticker is not None
         self._ticker.publish(Clock(clock=stamp(self._robot.k * self._period)))
 
-    def _on_command(self, efforts: Efforts, now: int) -> None:
+    def _on_command(self, efforts: Rows, now: int) -> None:
         self._latest = self._torques(efforts)
         self._watchdog.feed(now)
         if self._sent is not None:
@@ -280,9 +280,9 @@ class PlantNode(LoopNode[PlantNodeConfig]):
         self._states.publish(self._writer.write(
             *robot.measured, robot.applied, t=self._start + robot.stamp))
 
-    def _torques(self, efforts: Efforts) -> Vector:
+    def _torques(self, efforts: Rows) -> Vector:
         """Return the torques of a message in our order."""
-        return select(self._names, efforts.names or self._names, efforts.values)[0]
+        return select(self._names, efforts.names or self._names, *efforts.rows)[0]
 
     def _at_end(self) -> bool:
         """Return whether the experiment is over, and end if so."""
