@@ -64,7 +64,6 @@ class PlantNode(LoopNode[PlantNodeConfig]):
         self._names = config.joint_names
         self._latest: Vector = (0.0,) * len(self._names)
         self._begun = self._held = False
-        self._subscribers = 0
         #: Time of sample 0 [ns]; that of lockstep is 0.
         self._start = 0
         self._timer_grid = TimerGrid(self._period)
@@ -96,12 +95,8 @@ class PlantNode(LoopNode[PlantNodeConfig]):
 
     def introduction(self) -> str:
         """Return what moves the robot, and what comes first."""
-        config = self.config
         first = COMMANDS if self._ticker is None else f'the subscribers to {JOINT_STATES}'
-        waits = self.problem or f'waits for {first}'
-        return (f'simulated robot, model {config.model}, '
-                f'{", ".join(config.joint_names)}, {config.pacing}, '
-                f'{1 / config.control_period:g} Hz; {waits}')
+        return f'simulated robot, {self.config.pacing}; {self.problem or f"waits for {first}"}'
 
     @property
     def in_real_time(self) -> bool:
@@ -113,7 +108,6 @@ class PlantNode(LoopNode[PlantNodeConfig]):
         if self._ticker is None or not self.inputs:
             return
         now = time.monotonic_ns()
-        before, self._subscribers = self._subscribers, self._ticker.get_subscription_count()
         if not self._begun:
             if self._states.get_subscription_count() and self.matched(
                     self._states, self._ticker):
@@ -122,8 +116,6 @@ class PlantNode(LoopNode[PlantNodeConfig]):
         elif not self._held and self._exchange.repeat_due(now):
             self._publish_clock()
             self._publish_state()
-        elif self._subscribers > before:
-            self._publish_clock()
         if not self._held and self._exchange.report_due(now):
             self.get_logger().info(f'waiting for {self._awaited()}')
 
@@ -270,8 +262,6 @@ class PlantNode(LoopNode[PlantNodeConfig]):
             self._robot.step(self._latest)
         except CtcError as error:
             self.failure = str(error)
-            if self.in_real_time and self._real_time_status({})[0] > OK:
-                self.failure += f'; {self._health}'
             self.get_logger().fatal(self.failure)
             self.done.set_result(None)
         return self.failure is None
@@ -295,7 +285,3 @@ class PlantNode(LoopNode[PlantNodeConfig]):
             self.get_logger().info(over)
             self.done.set_result(over)
         return True
-
-
-#: What the executable runs.
-NODE = PlantNode

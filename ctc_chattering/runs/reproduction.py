@@ -17,6 +17,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+import os
 from pathlib import Path
 
 from ctc_chattering.analysis.output import prepare
@@ -57,18 +58,17 @@ def reproduce(out: str | Path, progress: Callable[[str, float, float], None] | N
     """
     from ctc_chattering.bags.reader import read_bag
     from ctc_chattering.launch.graph import run_graph
-    from ctc_chattering.ros.process import own_domain
 
     directory = prepare(Path(out), (BAGS,)) / BAGS
     bags = [directory / x.name for x in EXPERIMENTS]
-    with own_domain():
-        for experiment, bag in zip(EXPERIMENTS, bags):
-            duration = parameter_file.load(experiment.path, experiment.overrides).plant.duration
+    # Another graph on this host may run meanwhile.
+    ours = '--ros-args', '-r', f'__ns:=/reproduction_{os.getpid()}'
+    for experiment, bag in zip(EXPERIMENTS, bags):
+        duration = parameter_file.load(experiment.path, experiment.overrides).plant.duration
 
-            def moved(time: float, name: str = bag.name, end: float = duration) -> None:
-                if progress is not None:
-                    progress(name, time, end)
-            run_graph(experiment.path, experiment.overrides, bag, progress=moved,
-                      show=lambda _: None)
-            moved(duration)
+        def moved(time: float, name: str = bag.name, end: float = duration) -> None:
+            if progress is not None:
+                progress(name, time, end)
+        run_graph(experiment.path, experiment.overrides, bag, ours, moved, lambda _: None)
+        moved(duration)
     return [read_bag(bag) for bag in bags]
