@@ -226,7 +226,7 @@ class PlantNode(LoopNode[PlantConfig, PlantSettings]):
             if self._timer_grid.start is None:
                 self._anchor()
             self.parameters.announce(self._start)
-        self._robot.braking = False
+        self._robot.brake(False)
 
     def _on_tick(self) -> None:
         begin = time.monotonic_ns()
@@ -236,7 +236,7 @@ class PlantNode(LoopNode[PlantConfig, PlantSettings]):
             self._anchor()
         else:
             if self._watchdog.check(begin, lambda: self.count_publishers(COMMANDS)):
-                plant.braking = True
+                plant.brake(True)
                 self._latest, self._sent = (0.0,) * len(self._names), None
             due = self._timer_grid.due(now, plant.k)
             self.statistics.misses += max(0, due - 1)
