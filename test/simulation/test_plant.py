@@ -285,7 +285,7 @@ def test_configure_keeps_the_brakes() -> None:
 
 def disturbance(amplitude: Vector, frequency: Vector, t: float) -> Vector:
     mechanics = Plant(PlantConfig()).parameters.mechanics._replace(
-        amplitude=np.array(amplitude), frequency=np.array(frequency), disturbed=1.0)
+        amplitude=np.array(amplitude), frequency=np.array(frequency))
     nothing = np.zeros(len(amplitude))
     loads: list[float] = total(
         mechanics, acting(mechanics, nothing, nothing, 0), nothing, t, 0.0).tolist()
