@@ -48,8 +48,6 @@ _FRAME, _NUMBERS, _PLOTS = 1 / 30, 0.2, 0.1
 _ASK = 2.0
 #: Time for callbacks in each frame; to wait for a service and its answer [s].
 _SERVE, _PATIENCE = 0.001, 3.0
-#: What is left out of the tables of the nodes' reports.
-_LONG = 'histogram'
 #: How long the middleware may take to leave the graph [s]: Fast DDS hangs now and then.
 _LEAVE = 0.5
 #: Last seconds that the plots follow [s], and signals that are chosen at first.
@@ -161,9 +159,8 @@ class GraphPage:
             light={'level': found.level, 'sign': SIGNS[found.level], 'lines': lines,
                    'law': self._law()},
             ended=f'{SIGNS[ENDED]}. {"; ".join(lines)}' if found.level == ENDED else '',
-            reports=[(name, report.message, [
-                pair for pair in report.values.items() if _LONG not in pair[0]])
-                for name, report in sorted(reports.items())])
+            reports=[(name, report.message, list(report.values.items()))
+                     for name, report in sorted(reports.items())])
         if self._controls is not None:
             socket.tell(controls=self._controls.state(), answers=list(self._controls.answers))
         # Also where nothing is new: the page counts anew.

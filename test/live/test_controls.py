@@ -17,14 +17,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-import itertools
 import json
 from math import inf, nan
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
-from browser import answered, browser_page, unfold
+from browser import browser_page, unfold
 from ctc_chattering.control.controller import ControllerConfig
 import ctc_chattering.live
 from ctc_chattering.live.controls import ALL, Controls, GAINS, gains_of, numbers
@@ -91,8 +90,8 @@ def say(socket: PageSocket, *messages: Any) -> None:
     socket.poll(tuple)
 
 
-def gain(name: Any, joint: Any, value: Any, confirmed: Any = False) -> dict[str, Any]:
-    return {'gain': {'name': name, 'joint': joint, 'value': value, 'confirmed': confirmed}}
+def gain(name: Any, joint: Any, value: Any) -> dict[str, Any]:
+    return {'gain': {'name': name, 'joint': joint, 'value': value}}
 
 
 def is_set(name: str, value: Any, done: str = 'done') -> list[tuple[Any, ...]]:
@@ -109,24 +108,6 @@ def test_one_release_is_one_request_with_the_values_of_all_joints() -> None:
     full = [4.0, 1.0, 0.0, 1.0, 2.0, 0.0, 0.0, 0.0, 1.0]
     assert asked(gain('kp', ALL, 8.0), kp=full) == is_set('kp', [2.0 * x for x in full])
     assert asked(gain('kp', 0, 8.0), kp=full) == []
-
-
-@pytest.mark.parametrize(('joint', 'value', 'large'), [
-    (1, 5000.0, False), (1, 5100.0, True), (1, 0.5, False), (1, 0.49, True), (ALL, 1e9, True)])
-def test_a_change_by_more_than_a_factor_of_100_must_be_confirmed(
-        joint: int, value: float, large: bool) -> None:
-    made, socket, found = controls()
-    say(socket, gain('kp', joint, value))
-    assert len(found) == (0 if large else 1)
-    assert [not x['done'] and 'confirmed' in x['text'] for x in made.answers] == [True] * large
-    say(socket, gain('kp', joint, value, True))
-    assert len(found) == (1 if large else 2)
-    _, _, *steps, _ = found[-1]  # One after another, each of at most this factor.
-    assert (len(steps) > 1) == large
-    values = [PARAMETERS['kp'], *(step['kp'] for step in steps)]
-    assert max(max(b / a, a / b) for x in itertools.pairwise(values)
-               for a, b in zip(*x)) < 102.0
-    assert values[-1][max(joint, 0)] == value
 
 
 def test_limits_are_the_declared_ones_and_hold_the_values_in_force() -> None:
@@ -152,7 +133,6 @@ ODD: dict[str, tuple[Any, ...]] = {
 
 @pytest.mark.parametrize('message', [
     *[gain('kp', 0, value) for value in (*WRONG, nan, inf, -inf, 10 ** 400)],
-    *[gain('kp', 0, 5.0, confirmed) for confirmed in (1, 'yes', None)],
     *[gain('kp', joint, 5.0) for joint in (-2, 3, 0.0, True, None, '0')],
     *[gain(name, 0, 5.0) for name in ('ki', 'error_limit', '', None, *WRONG)],
     {'gain': {'name': 'kp', 'value': 5.0}}, {'gain': {**gain('kp', 0, 5.0)['gain'], 'node': 'x'}},
@@ -167,7 +147,7 @@ def test_what_no_page_of_ours_sends_is_passed_over(message: Any) -> None:
 @pytest.mark.parametrize('value', [-1, 0, 1e10])
 def test_a_value_that_is_not_allowed_is_refused_with_the_reason(value: Any) -> None:
     made, socket, found = controls()
-    say(socket, gain('kp', 1, value, True))
+    say(socket, gain('kp', 1, value))
     (answer,) = made.answers
     assert not found
     assert not answer['done']
@@ -267,11 +247,6 @@ def test_sliders_ask_once_on_release_and_follow_the_values_in_force() -> None:
             assert reason in page.locator('label', has=shown).locator('.ctc-wrong').inner_text()
             shown.press('Enter')
         assert len(page.evaluate('sent')) == 1
-        questions = answered(page, accept=False)
-        shown.fill('301')
-        shown.press('Enter')
-        assert questions == ['ka: 3 → 301 N·m, a change by more than a factor of 100. Set it?']
-        assert shown.input_value() == '3'
         shown.fill('4.25')
         assert shown.get_attribute('aria-invalid') == 'false'
         shown.press('Enter')
