@@ -63,12 +63,12 @@ def reproduce(out: str | Path, progress: Callable[[str, float, float], None] | N
     bags = [directory / x.name for x in EXPERIMENTS]
     with own_domain():
         for experiment, bag in zip(EXPERIMENTS, bags):
-            duration = parameter_file.load(experiment.path, experiment.overrides).plant.duration
+            setup = parameter_file.load(experiment.path, experiment.overrides)
 
-            def moved(time: float, name: str = bag.name, end: float = duration) -> None:
+            def moved(time: float, name: str = bag.name, end: float = setup.plant.duration
+                      ) -> None:
                 if progress is not None:
                     progress(name, time, end)
-            run_graph(experiment.path, experiment.overrides, bag, progress=moved,
-                      show=lambda _: None)
-            moved(duration)
+            run_graph(setup, bag, progress=moved, show=lambda _: None)
+            moved(setup.plant.duration)
     return [read_bag(bag) for bag in bags]

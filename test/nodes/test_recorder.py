@@ -25,11 +25,12 @@ from pathlib import Path
 import random
 import resource
 import signal
+from tempfile import TemporaryDirectory
 import time
 from typing import Any
 
 from bags import joint_state
-from ctc_chattering.bags.repair import open_bag
+from ctc_chattering.bags.repair import open_bag, recover
 from ctc_chattering.launch import child_process
 from ctc_chattering.ros.messages import read_stamp
 from ctc_chattering.ros.topics import COMMANDS, DIAGNOSTICS, JOINT_STATES, ROBOT_DESCRIPTION
@@ -55,9 +56,13 @@ EMPTY = 500
 def recorded(bag: Path) -> dict[str, list[bytes]]:
     """Return the messages of a bag by topic, as `ctc plot` reads them."""
     found: dict[str, list[bytes]] = {}
-    with closing(open_bag(bag)) as reader:
-        for connection, _, data in reader.messages():
-            found.setdefault(connection.topic, []).append(bytes(data))
+    with TemporaryDirectory() as scratch:
+        if not (bag / 'metadata.yaml').exists():  # It is being recorded.
+            recover(bag, Path(scratch) / 'bag')
+            bag = Path(scratch) / 'bag'
+        with closing(open_bag(bag)) as reader:
+            for connection, _, data in reader.messages():
+                found.setdefault(connection.topic, []).append(bytes(data))
     return found
 
 
