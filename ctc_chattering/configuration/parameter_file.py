@@ -52,7 +52,7 @@ from ctc_chattering.control.recommended_gains import (
     model_torque,
     suitable_gains,
 )
-from ctc_chattering.controller.trips import change_steps
+from ctc_chattering.controller.trips import check_change
 from ctc_chattering.dynamics.registry import model_of
 from ctc_chattering.errors import CtcError, near, ParameterError, UsageError
 from ctc_chattering.numerics.linear_algebra import Array
@@ -278,13 +278,9 @@ def parse_events(lines: Sequence[str], configs: Mapping[str, Any],
             taken = choice.of_law(law, before)
             values |= {x: taken[x] if without_gains else before.as_mapping()[x] for x in taken}
         current[node] = before.changed(values)
-        wanted = {x: current[node].as_mapping()[x] for x in values}
-        if node == 'controller':  # A file that names a large change confirms it.
-            old = before.as_mapping()
-            result += [Event(time, node, {x: step}) for x, value in wanted.items()
-                       for step in change_steps(before.parameters()[x], old[x], value,
-                                                len(old['joint_names']))[:-1]]
-        result.append(Event(time, node, wanted))
+        if node == 'controller':
+            check_change(before, current[node])
+        result.append(Event(time, node, {x: current[node].as_mapping()[x] for x in values}))
     return tuple(result)
 
 

@@ -34,7 +34,7 @@ from ctc_chattering.control.recommended_gains import (
     recommended_gains,
 )
 from ctc_chattering.controller.loop import Answer, ControlLoop, JointSample
-from ctc_chattering.controller.state_machine import Mode
+from ctc_chattering.controller.state_machine import Input, Mode
 from ctc_chattering.controller.trips import check_change, missing_limits
 from ctc_chattering.dynamics.registry import model_of
 from ctc_chattering.errors import RejectedMessage
@@ -156,12 +156,11 @@ class ControllerNode(LoopNode[ControllerNodeConfig]):
         if self._loop.last is None:
             self._clock_published = self.count_publishers(CLOCK) > 0
         self.lockstep, self.inputs[0].newest = self._clock_published, not self._clock_published
-        if self._loop.take_state(JointSample(state.t, q, dq), now, self._clock_published,
-                                 self.inputs[0].skipped):
+        if self._loop.take_state(JointSample(state.t, q, dq), now, self._clock_published):
             self._samples = 0
             self.parameters.changed = True
             self.get_logger().info(
-                f'time restarts at {seconds(state.t):.3f} s', throttle_duration_sec=1.0)
+                f'time begins at {seconds(state.t):.3f} s', throttle_duration_sec=1.0)
         self._answer(now)
 
     def idle(self) -> None:
@@ -169,7 +168,7 @@ class ControllerNode(LoopNode[ControllerNodeConfig]):
         self._clock_published = self.count_publishers(CLOCK) > 0
         now = time.monotonic_ns()
         if self.in_real_time:
-            self._loop.check_silence(now, lambda: self.count_publishers(JOINT_STATES))
+            self._loop.check_silence(now)
         self._answer(now)
 
     def patience(self) -> float:
@@ -203,7 +202,7 @@ class ControllerNode(LoopNode[ControllerNodeConfig]):
                 self.failure = f'tripped: {self._loop.tripped}'  # Time would wait for a reset.
                 self.done.set_result(None)
             return
-        self._loop.took(time.thread_time_ns() - begin)
+        self._loop.took.append(time.thread_time_ns() - begin)
         if self._samples % self.config.state_decimation == 0:
             self._publish_terms(answer)
         self._samples += 1
@@ -235,7 +234,8 @@ class ControllerNode(LoopNode[ControllerNodeConfig]):
                    ) -> SetBool.Response:
         word = 'enabled' if request.data else 'disabled'
         response.success = True
-        response.message = word if self._loop.enable(request.data) else f'was {word} already'
+        changed = self._loop.request(Input.ENABLE if request.data else Input.DISABLE)
+        response.message = word if changed else f'was {word} already'
         if request.data and self._loop.mode is Mode.TRIPPED:
             response.message += ', but tripped: call ~/reset'
         return response
@@ -243,7 +243,7 @@ class ControllerNode(LoopNode[ControllerNodeConfig]):
     def _on_reset(self, _request: Trigger.Request, response: Trigger.Response
                   ) -> Trigger.Response:
         response.success = True
-        response.message = 'reset' if self._loop.reset() else 'was not tripped'
+        response.message = 'reset' if self._loop.request(Input.RESET) else 'was not tripped'
         return response
 
     def check(self, config: ControllerConfig) -> None:
@@ -282,18 +282,17 @@ class ControllerNode(LoopNode[ControllerNodeConfig]):
         """Return what the controller does and why."""
         config, loop = self.config, self._loop
         cause = self.statistics.too_slow(loop.period)
-        level, message = loop.status(
-            time.monotonic_ns(), self.inputs[0].rejected if self.inputs else {}, cause)
-        if self.problem:
-            level, message = ERROR, self.problem
+        level, message = ERROR, self.problem
+        if not self.problem:
+            states = self.inputs[0]
+            level, message = loop.status(
+                time.monotonic_ns(), states.rejected, states.skipped, cause)
         return Status(level, message, {
-            'period of the stamps, mean [ms]': 1e3 * seconds((loop.health.periods or [0])[-1]),
             'law': config.law, **({'switching': config.switching}
                                   if config.takes('switching') else {}),
             'computed by': loop.law.computed_by if loop.law else '',
             'points of the reference': len(loop.motion),
             'saturated samples': loop.health.saturated, 'restarts': loop.health.restarts,
-            'restarts per second': loop.health.rates.events_per_second,
             'timeouts, state': loop.watchdog.outages,
             'timeouts, reference': loop.reference_outages,
             'time': 'simulated' if loop.simulated else 'real'})

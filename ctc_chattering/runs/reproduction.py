@@ -64,11 +64,11 @@ def reproduce(out: str | Path, progress: Callable[[str, float, float], None] | N
     # Another graph on this host may run meanwhile.
     ours = '--ros-args', '-r', f'__ns:=/reproduction_{os.getpid()}'
     for experiment, bag in zip(EXPERIMENTS, bags):
-        duration = parameter_file.load(experiment.path, experiment.overrides).plant.duration
+        setup = parameter_file.load(experiment.path, experiment.overrides)
 
-        def moved(time: float, name: str = bag.name, end: float = duration) -> None:
+        def moved(time: float, name: str = bag.name, end: float = setup.plant.duration) -> None:
             if progress is not None:
                 progress(name, time, end)
-        run_graph(experiment.path, experiment.overrides, bag, ours, moved, lambda _: None)
-        moved(duration)
+        run_graph(setup, bag, ours, moved, lambda _: None)
+        moved(setup.plant.duration)
     return [read_bag(bag) for bag in bags]
