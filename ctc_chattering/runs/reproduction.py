@@ -22,7 +22,7 @@ from pathlib import Path
 from ctc_chattering.analysis.output import prepare
 from ctc_chattering.analysis.result import Result
 from ctc_chattering.configuration import parameter_file
-from ctc_chattering.configuration.package_share import EXPERIMENTS
+from ctc_chattering.configuration.package_share import EXPERIMENTS, find_config
 
 #: Name in the directory of `reproduce`.
 BAGS = 'bags'
@@ -60,15 +60,15 @@ def reproduce(out: str | Path, progress: Callable[[str, float, float], None] | N
     from ctc_chattering.ros.process import own_domain
 
     directory = prepare(Path(out), (BAGS,)) / BAGS
-    bags = [directory / x.name for x in EXPERIMENTS]
+    bags = [directory / name for name in EXPERIMENTS]
     with own_domain():
-        for experiment, bag in zip(EXPERIMENTS, bags):
-            duration = parameter_file.load(experiment.path, experiment.overrides).plant.duration
+        for (experiment, values), bag in zip(EXPERIMENTS.values(), bags):
+            file, over = find_config(experiment), {'controller': values}
+            duration = parameter_file.load(file, over).plant.duration
 
             def moved(time: float, name: str = bag.name, end: float = duration) -> None:
                 if progress is not None:
                     progress(name, time, end)
-            run_graph(experiment.path, experiment.overrides, bag, progress=moved,
-                      show=lambda _: None)
+            run_graph(file, over, bag, progress=moved, show=lambda _: None)
             moved(duration)
     return [read_bag(bag) for bag in bags]
