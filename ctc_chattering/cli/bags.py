@@ -106,7 +106,7 @@ def run_replay(options: argparse.Namespace) -> int:
     """
     Run `ctc replay`.
 
-    With its original timing, and /clock.
+    With its original timing.
     """
     from ctc_chattering.bags.replay import replay
     print(f'{replay(options.bag, options.rate, options.delay)} messages')
@@ -126,5 +126,6 @@ def run_repair(options: argparse.Namespace) -> int:
 
     done = repair(options.bag)
     print(f'{options.bag}: '
-          + (f'{done[0]}; the damaged bag is now {done[1]}' if done else 'nothing to repair'))
+          + (f'{done[0]} messages recovered; the damaged bag is now {done[1]}' if done
+             else 'nothing to repair'))
     return 0

@@ -195,12 +195,10 @@ def identify_options(parser: argparse.ArgumentParser) -> None:
     for name, text in _OF_EFFORT.items():
         add_declared(parser, Parameter(name, 'float[]', None, text, shape='n'))
     parser.add_argument('--states', default='joint_states', metavar='TOPIC',
-                        help='topic of the joint states, default: joint_states, or the only '
-                             'one that fits')
+                        help='topic of the joint states, default: joint_states')
     parser.add_argument('--commands', default='effort_controller/commands', metavar='TOPIC',
                         help='topic of the commanded torques, default: '
-                             'effort_controller/commands, or the only one that fits; TOPIC:FIELD '
-                             'for a field of any message')
+                             'effort_controller/commands; TOPIC:FIELD for a field of any message')
     add_declared(parser, Parameter('torque_rate', 'float[]', None, 'rate limit of the drives',
                                    unit='N*m/s', minimum=LEAST, shape='n'))
     parser.add_argument('--payload', action='append', metavar='KG@LINK', default=[],

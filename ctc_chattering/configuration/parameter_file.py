@@ -52,7 +52,7 @@ from ctc_chattering.control.recommended_gains import (
     model_torque,
     suitable_gains,
 )
-from ctc_chattering.controller.trips import change_steps
+from ctc_chattering.controller.trips import check_change
 from ctc_chattering.dynamics.registry import model_of
 from ctc_chattering.errors import CtcError, near, ParameterError, UsageError
 from ctc_chattering.numerics.linear_algebra import Array
@@ -253,17 +253,13 @@ def parse_events(lines: Sequence[str], configs: Mapping[str, Any], torque: Array
     events = []
     for at, node, name, value in parsed:
         before, values = current[node], {name: value}
-        old = before.as_mapping()
         if name == 'law':
             taken = choice.of_law(before.changed(values).law, before)
-            values |= taken if without_gains else {x: old[x] for x in taken}
+            values |= taken if without_gains else {x: before.as_mapping()[x] for x in taken}
         current[node] = before.changed(values)
-        wanted = {x: current[node].as_mapping()[x] for x in values}
-        if node == 'controller':  # A file that names a large change confirms it.
-            events += [Event(at, node, {x: step}) for x, new in wanted.items() for step in
-                       change_steps(before.parameters()[x], old[x], new, len(old['joint_names']))
-                       if step != new]
-        events.append(Event(at, node, wanted))
+        if node == 'controller':
+            check_change(before, current[node])
+        events.append(Event(at, node, {x: current[node].as_mapping()[x] for x in values}))
     return tuple(events)
 
 

@@ -17,6 +17,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from itertools import pairwise
 from math import inf
 import time
 from typing import Any
@@ -33,21 +34,14 @@ from ctc_chattering.control.recommended_gains import (
     recommended_gains,
 )
 from ctc_chattering.controller.loop import ControlLoop, JointSample
-from ctc_chattering.controller.state_machine import Mode
+from ctc_chattering.controller.state_machine import Input, Mode
 from ctc_chattering.controller.trips import check_change, missing_limits
 from ctc_chattering.dynamics.registry import model_of
 from ctc_chattering.errors import RejectedMessage
 from ctc_chattering.nodes.control_terms import ControlTerms
 from ctc_chattering.numerics.time_grid import seconds
 from ctc_chattering.parameters import OWN_CLASS
-from ctc_chattering.ros.messages import (
-    effort_writer,
-    LATEST,
-    read_chunk,
-    read_state,
-    StateMessage,
-    TrajectoryChunk,
-)
+from ctc_chattering.ros.messages import effort_writer, LATEST, nanoseconds, Rows, state_reader
 from ctc_chattering.ros.node import ERROR, LoopNode, qos, Status, TICK
 from ctc_chattering.ros.subscription import ValidatedSubscription
 from ctc_chattering.ros.topics import (
@@ -114,10 +108,9 @@ class ControllerNode(LoopNode[ControllerNodeConfig]):
                 String, f'~/{ROBOT_DESCRIPTION}', qos(1, latched=True))
             self._described.publish(String(data=description))
         reference = ValidatedSubscription(
-            self, JointTrajectory, REFERENCE, read_chunk, self._on_reference, qos())
+            self, JointTrajectory, REFERENCE, self._on_reference, qos())
         states = ValidatedSubscription(
-            self, JointState, JOINT_STATES, read_state, self._on_state, qos(),
-            lambda: self._names, newest=False)
+            self, JointState, JOINT_STATES, self._on_state, qos(), state_reader(), newest=False)
         self.inputs = [states, reference]
 
     @property
@@ -133,27 +126,28 @@ class ControllerNode(LoopNode[ControllerNodeConfig]):
         return (f'law {config.law}{switching}, model {config.model}, '
                 f'{", ".join(config.joint_names)}, {1 / config.control_period:g} Hz; {waits}')
 
-    def _on_reference(self, chunk: TrajectoryChunk, now: int) -> None:
-        rows = select(
-            self._names, chunk.names, *(row for point in chunk.points for row in point))
-        if any(b <= a for a, b in zip(chunk.times, chunk.times[1:])):
+    def _on_reference(self, chunk: JointTrajectory, now: int) -> None:
+        rows = select(self._names, chunk.joint_names, *(
+            row for x in chunk.points for row in (x.positions, x.velocities, x.accelerations)))
+        start = nanoseconds(chunk.header.stamp)
+        times = [start + nanoseconds(point.time_from_start) for point in chunk.points]
+        if any(b <= a for a, b in pairwise(times)):
             raise RejectedMessage('times', 'points whose times do not increase')
-        self._loop.take_reference(chunk.times, list(zip(rows[::3], rows[1::3], rows[2::3])))
+        self._loop.take_reference(times, list(zip(rows[::3], rows[1::3], rows[2::3])))
         self._answer(now)
 
-    def _on_state(self, state: StateMessage, now: int) -> None:
-        q, dq = select(self._names, state.names, state.position, state.velocity)
+    def _on_state(self, state: Rows, now: int) -> None:
+        q, dq = select(self._names, state.names, *state.rows[:2])
         if state.t > LATEST:
             raise RejectedMessage('stamp', f'no stamp is as late as {seconds(state.t):.9f} s')
         if self._loop.last is None:
             self._clock_published = self.count_publishers(CLOCK) > 0
         self.lockstep, self.inputs[0].newest = self._clock_published, not self._clock_published
-        if self._loop.take_state(JointSample(state.t, q, dq), now, self._clock_published,
-                                 self.inputs[0].skipped):
+        if self._loop.take_state(JointSample(state.t, q, dq), now, self._clock_published):
             self._terms.count = 0
             self.parameters.changed = True
             self.get_logger().info(
-                f'time restarts at {seconds(state.t):.3f} s', throttle_duration_sec=1.0)
+                f'time begins at {seconds(state.t):.3f} s', throttle_duration_sec=1.0)
         self._answer(now)
 
     def idle(self) -> None:
@@ -161,7 +155,7 @@ class ControllerNode(LoopNode[ControllerNodeConfig]):
         self._clock_published = self.count_publishers(CLOCK) > 0
         now = time.monotonic_ns()
         if self.in_real_time:
-            self._loop.check_silence(now, lambda: self.count_publishers(JOINT_STATES))
+            self._loop.check_silence(now)
         self._answer(now)
 
     def patience(self) -> float:
@@ -176,7 +170,7 @@ class ControllerNode(LoopNode[ControllerNodeConfig]):
             try:
                 self._loop.predict(now)
             except RejectedMessage as rejected:
-                self.inputs[0].reject(rejected, now)
+                self.inputs[0].reject(rejected)
 
     def _answer(self, now: int) -> None:
         """Have the pending state answered, and publish what the torque is made of."""
@@ -185,7 +179,7 @@ class ControllerNode(LoopNode[ControllerNodeConfig]):
         try:
             answer = self._loop.answer(self._matched, now)
         except RejectedMessage as rejected:
-            self.inputs[0].reject(rejected, now)
+            self.inputs[0].reject(rejected)
             return
         if answer is None:
             if not self._loop.mode.sends_torque:
@@ -195,7 +189,7 @@ class ControllerNode(LoopNode[ControllerNodeConfig]):
                 self.failure = f'tripped: {self._loop.tripped}'  # Time would wait for a reset.
                 self.done.set_result(None)
             return
-        self._loop.took(time.thread_time_ns() - begin)
+        self._loop.took.append(time.thread_time_ns() - begin)
         assert self._loop.law is not None
         self._terms.publish(answer, self.config.state_decimation, self._loop.law)
         if self.parameters.changed:
@@ -213,7 +207,8 @@ class ControllerNode(LoopNode[ControllerNodeConfig]):
                    ) -> SetBool.Response:
         word = 'enabled' if request.data else 'disabled'
         response.success = True
-        response.message = word if self._loop.enable(request.data) else f'was {word} already'
+        changed = self._loop.request(Input.ENABLE if request.data else Input.DISABLE)
+        response.message = word if changed else f'was {word} already'
         if request.data and self._loop.mode is Mode.TRIPPED:
             response.message += ', but tripped: call ~/reset'
         return response
@@ -221,7 +216,7 @@ class ControllerNode(LoopNode[ControllerNodeConfig]):
     def _on_reset(self, _request: Trigger.Request, response: Trigger.Response
                   ) -> Trigger.Response:
         response.success = True
-        response.message = 'reset' if self._loop.reset() else 'was not tripped'
+        response.message = 'reset' if self._loop.request(Input.RESET) else 'was not tripped'
         return response
 
     def check(self, config: ControllerConfig) -> None:
@@ -269,18 +264,17 @@ class ControllerNode(LoopNode[ControllerNodeConfig]):
         """Return what the controller does and why."""
         config, loop = self.config, self._loop
         cause = self.statistics.too_slow(loop.period)
-        level, message = loop.status(
-            time.monotonic_ns(), self.inputs[0].rejected if self.inputs else {}, cause)
-        if self.problem:
-            level, message = ERROR, self.problem
+        level, message = ERROR, self.problem
+        if not self.problem:
+            states = self.inputs[0]
+            level, message = loop.status(
+                time.monotonic_ns(), states.rejected, states.skipped, cause)
         return Status(level, message, {
-            'period of the stamps, mean [ms]': 1e3 * seconds((loop.health.periods or [0])[-1]),
             'law': config.law, **({'switching': config.switching}
                                   if config.takes('switching') else {}),
             'computed by': loop.law.computed_by if loop.law else '',
             'points of the reference': len(loop.motion),
             'saturated samples': loop.health.saturated, 'restarts': loop.health.restarts,
-            'restarts per second': loop.health.rates.events_per_second,
             'timeouts, state': loop.watchdog.outages,
             'timeouts, reference': loop.reference_outages,
             'time': 'simulated' if loop.simulated else 'real'})

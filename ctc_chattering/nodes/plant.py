@@ -20,12 +20,12 @@ import time
 
 from ctc_chattering.configuration.loop_setup import Values
 from ctc_chattering.configuration.node_parameters import PlantNodeConfig
-from ctc_chattering.controller.health import HealthMonitor
-from ctc_chattering.controller.timing import LockstepExchange, TimerGrid, Watchdog
+from ctc_chattering.controller.health import FaultRates
+from ctc_chattering.controller.timing import LockstepExchange, Watchdog
 from ctc_chattering.errors import CtcError, UsageError
 from ctc_chattering.numerics.linear_algebra import Vector
 from ctc_chattering.numerics.time_grid import NANOSECONDS, period_ns, samples, seconds
-from ctc_chattering.ros.messages import Efforts, read_efforts, stamp, state_writer
+from ctc_chattering.ros.messages import effort_reader, Rows, stamp, state_writer
 from ctc_chattering.ros.node import ERROR, LoopNode, OK, qos, Status, WARN
 from ctc_chattering.ros.subscription import ValidatedSubscription
 from ctc_chattering.ros.topics import CLOCK, COMMANDS, JOINT_STATES, select
@@ -38,8 +38,8 @@ from std_msgs.msg import Float64MultiArray
 _CATCH_UP = 100
 #: Lockstep: simulated time between two messages on clock [ns].
 _CLOCK_PERIOD = NANOSECONDS // 100
-#: Real time: silence of commands that is reported as an error at once [ns].
-_SILENCE = NANOSECONDS // 2
+#: Lockstep: time without an answer after which, and how often, it says what it waits for [s].
+_REPORT = 3.0
 
 
 class PlantNode(LoopNode[PlantNodeConfig]):
@@ -65,16 +65,13 @@ class PlantNode(LoopNode[PlantNodeConfig]):
         self._latest: Vector = (0.0,) * len(self._names)
         self._begun = self._held = False
         self._subscribers = 0
-        #: Time of sample 0 [ns]; that of lockstep is 0.
+        #: Time of sample 0 [ns]; 0 in lockstep, and before the first tick.
         self._start = 0
-        self._timer_grid = TimerGrid(self._period)
         self._exchange = LockstepExchange(time.monotonic_ns())
         #: Real time: when the first state was sent after which no torque has come yet [ns].
         self._sent: int | None = None
-        self._watchdog = Watchdog(
-            COMMANDS, 'command', 'torque 0, brakes on', _SILENCE, self.get_logger())
-        self._health = HealthMonitor(
-            'outages', 'of the samples without a new command', 0.2, 0.5, self._period)
+        self._watchdog = Watchdog(COMMANDS, 'command', 'torque 0, brakes on', self.get_logger())
+        self._rates = FaultRates(('{:.2g} outages per second', 0.0, 1.0))
         self.on_change()
         self._writer = state_writer(self._names)
         lockstep = self.lockstep = config.pacing == 'lockstep'
@@ -88,8 +85,8 @@ class PlantNode(LoopNode[PlantNodeConfig]):
         self._robot = make_plant(self.config, description)
         self._limits = limits_of(self.config, description)
         self.inputs = [ValidatedSubscription(
-            self, Float64MultiArray, COMMANDS, read_efforts,
-            self._on_command if self.in_real_time else self._on_answer, qos(),
+            self, Float64MultiArray, COMMANDS,
+            self._on_command if self.in_real_time else self._on_answer, qos(), effort_reader(),
             newest=True if self.in_real_time else None)]
         if self.in_real_time:
             self._timer = self.create_timer(seconds(self._period), self._on_tick)
@@ -124,8 +121,9 @@ class PlantNode(LoopNode[PlantNodeConfig]):
             self._publish_state()
         elif self._subscribers > before:
             self._publish_clock()
-        if not self._held and self._exchange.report_due(now):
-            self.get_logger().info(f'waiting for {self._awaited()}')
+        if not self._held and seconds(now - self._exchange.asked) > _REPORT:
+            self.get_logger().info(
+                f'waiting for {self._awaited()}', throttle_duration_sec=_REPORT)
 
     def _awaited(self) -> str:
         """Return what simulated time waits for."""
@@ -159,19 +157,15 @@ class PlantNode(LoopNode[PlantNodeConfig]):
 
     def _real_time_status(self, values: dict[str, object]) -> tuple[int, str]:
         """Return level and text, and add to `values` how well commands keep up."""
-        watchdog, health = self._watchdog, self._health
-        health.cause = self.statistics.too_slow(self._period)
-        health.note(time.monotonic_ns(), watchdog.outages, watchdog.stale, self._robot.k,
-                    f'longest time without one {seconds(watchdog.longest):.3f} s')
-        watchdog.longest = 0
-        values |= {'timeouts, command': watchdog.outages,
-                   'timeouts, command, per second': health.events_per_second,
-                   'samples without a new command [%]': 100.0 * health.fraction}
+        watchdog = self._watchdog
+        found = self._rates.report(self.statistics.too_slow(self._period), (
+            watchdog.outages, seconds(time.monotonic_ns())))
+        values['timeouts, command'] = watchdog.outages
         if self._robot.braking:
             return ERROR, f'no command for {seconds(watchdog.timeout):g} s; torque 0, brakes on'
         if not self._begun:
             return WARN, f'waiting for {COMMANDS}'
-        return health.level, f'running, but {health}' if health.level else 'running'
+        return next(((level, f'running, but {text}') for level, text in found), (OK, 'running'))
 
     def on_change(self) -> None:
         """Have the robot take what has been set; go on where time was held."""
@@ -183,7 +177,7 @@ class PlantNode(LoopNode[PlantNodeConfig]):
             self._held = False
             self._publish_sample()
 
-    def _on_answer(self, efforts: Efforts, now: int) -> None:
+    def _on_answer(self, efforts: Rows, now: int) -> None:
         tau = self._torques(efforts)
         if not self._begun or self._held or not self._exchange.accept(tau):
             return
@@ -214,7 +208,7 @@ class PlantNode(LoopNode[PlantNodeConfig]):
         assert self._ticker is not None
         self._ticker.publish(Clock(clock=stamp(self._robot.k * self._period)))
 
-    def _on_command(self, efforts: Efforts, now: int) -> None:
+    def _on_command(self, efforts: Rows, now: int) -> None:
         self._latest = self._torques(efforts)
         self._watchdog.feed(now)
         if self._sent is not None:
@@ -222,7 +216,7 @@ class PlantNode(LoopNode[PlantNodeConfig]):
             self._sent = None
         if not self._begun:
             self._begun = True
-            if self._timer_grid.start is None:
+            if not self._start:
                 self._anchor()
             self.parameters.announce(self._start)
         self._robot.braking = False
@@ -234,15 +228,14 @@ class PlantNode(LoopNode[PlantNodeConfig]):
         if not self._begun:
             self._anchor()
         else:
-            if self._watchdog.check(begin, lambda: self.count_publishers(COMMANDS)):
+            if self._watchdog.check(begin):
                 plant.braking = True
                 self._latest, self._sent = (0.0,) * len(self._names), None
-            due = self._timer_grid.due(now, plant.k)
+            due = (now - self._start) // self._period - plant.k
             self.statistics.misses += max(0, due - 1)
             for _ in range(min(due, _CATCH_UP)):
                 if self._at_end():
                     return
-                self._watchdog.sample()
                 if not self._step():
                     return
             if due > _CATCH_UP or due < -_CATCH_UP:  # The process stood still, or the clock leapt.
@@ -258,9 +251,14 @@ class PlantNode(LoopNode[PlantNodeConfig]):
             self._sent = end
 
     def _anchor(self) -> None:
-        """Have the present sample be that of the tick that was due last."""
+        """
+        Have the present sample be that of the tick that was due last.
+
+        A tick comes when it is due or a little later, never earlier. On a grid of any other phase
+        some would come before their period, and the next ones would have two to make good.
+        """
         now, left = self.get_clock().now().nanoseconds, self._timer.time_until_next_call()
-        self._start = self._timer_grid.anchor(now, left, self._robot.k)
+        self._start = now - (self._period - left) % self._period - self._robot.k * self._period
 
     def _step(self) -> bool:
         """Go on by one period; return whether the robot still has a motion, and end if not."""
@@ -270,8 +268,9 @@ class PlantNode(LoopNode[PlantNodeConfig]):
             self._robot.step(self._latest)
         except CtcError as error:
             self.failure = str(error)
-            if self.in_real_time and self._real_time_status({})[0] > OK:
-                self.failure += f'; {self._health}'
+            level, message = self._real_time_status({}) if self.in_real_time else (OK, '')
+            if level > OK:
+                self.failure += f'; {message}'
             self.get_logger().fatal(self.failure)
             self.done.set_result(None)
         return self.failure is None
@@ -281,9 +280,9 @@ class PlantNode(LoopNode[PlantNodeConfig]):
         self._states.publish(self._writer.write(
             *robot.measured, robot.applied, t=self._start + robot.stamp))
 
-    def _torques(self, efforts: Efforts) -> Vector:
+    def _torques(self, efforts: Rows) -> Vector:
         """Return the torques of a message in our order."""
-        return select(self._names, efforts.names or self._names, efforts.values)[0]
+        return select(self._names, efforts.names or self._names, *efforts.rows)[0]
 
     def _at_end(self) -> bool:
         """Return whether the experiment is over, and end if so."""

@@ -62,13 +62,13 @@ def reproduce(out: str | Path, progress: Callable[[str, float, float], None] | N
     directory = prepare(Path(out), (BAGS,)) / BAGS
     bags = [directory / name for name in EXPERIMENTS]
     with own_domain():
-        for (experiment, values), bag in zip(EXPERIMENTS.values(), bags):
-            file, over = find_config(experiment), {'controller': values}
-            duration = parameter_file.load(file, over).plant.duration
+        for (file, values), bag in zip(EXPERIMENTS.values(), bags):
+            setup = parameter_file.load(find_config(file), {'controller': values})
 
-            def moved(time: float, name: str = bag.name, end: float = duration) -> None:
+            def moved(time: float, name: str = bag.name, end: float = setup.plant.duration
+                      ) -> None:
                 if progress is not None:
                     progress(name, time, end)
-            run_graph(file, over, bag, progress=moved, show=lambda _: None)
-            moved(duration)
+            run_graph(setup, bag, progress=moved, show=lambda _: None)
+            moved(setup.plant.duration)
     return [read_bag(bag) for bag in bags]

@@ -313,9 +313,7 @@ def test_events() -> None:
         (1.5, 'plant', {'disturbance.amplitude': (1.0, 2.0)}),
         (5.0, 'controller', {'law': 'compensation'}), (5.0, 'controller', {'lambda': 10.0})]
     assert events() == []
-    # What is too much at once for a running controller goes there in steps.
-    assert events('1 controller lambda 1e6') == [
-        (1.0, 'controller', {'lambda': pytest.approx(x)}) for x in (464.1589, 21544.347, 1e6)]
+    assert len(events('1 controller lambda 1e3', '1 controller lambda 1e5')) == 2
 
 
 @pytest.mark.parametrize(('line', 'word'), [
@@ -324,6 +322,7 @@ def test_events() -> None:
     ('-1 controller b 2', '>= 0'), ('nan controller b 2', '>= 0'),
     ('inf controller b 2', '>= 0'),
     ('5 controller law pid', 'compensation'), ('5 controller mass 1', 'mass'),
+    ('5 controller lambda 1e6', 'factor of at most 100'),
     ('5 controller b 0', '>= 0.001'), ('5 controller kp [1, 2, 3]', 'n = 2'),
     ('5 plant gravity 1', 'change'),
     ('5 controller control_period 0.1', 'change'), ('5 controller kp [1, 2', 'kp'),

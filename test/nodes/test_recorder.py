@@ -25,13 +25,14 @@ from pathlib import Path
 import random
 import resource
 import signal
+from tempfile import TemporaryDirectory
 import time
 from typing import Any
 
 from bags import joint_state
-from ctc_chattering.bags.repair import open_bag
+from ctc_chattering.bags.repair import open_bag, recover
 from ctc_chattering.launch import child_process
-from ctc_chattering.ros.messages import read_state
+from ctc_chattering.ros.messages import read_stamp
 from ctc_chattering.ros.topics import COMMANDS, DIAGNOSTICS, JOINT_STATES, ROBOT_DESCRIPTION
 from faults import Diagnostics, ERROR
 import numpy as np
@@ -55,9 +56,13 @@ EMPTY = 500
 def recorded(bag: Path) -> dict[str, list[bytes]]:
     """Return the messages of a bag by topic, as `ctc plot` reads them."""
     found: dict[str, list[bytes]] = {}
-    with closing(open_bag(bag)) as reader:
-        for connection, _, data in reader.messages():
-            found.setdefault(connection.topic, []).append(bytes(data))
+    with TemporaryDirectory() as scratch:
+        if not (bag / 'metadata.yaml').exists():  # It is being recorded.
+            recover(bag, Path(scratch) / 'bag')
+            bag = Path(scratch) / 'bag'
+        with closing(open_bag(bag)) as reader:
+            for connection, _, data in reader.messages():
+                found.setdefault(connection.topic, []).append(bytes(data))
     return found
 
 
@@ -146,7 +151,7 @@ def test_what_is_dropped_is_counted_exactly_and_said(
     published = next(sent)
 
     def recorded_stamps() -> list[int]:
-        return [read_state(x).t for x in recorded(bag)[STATES]]
+        return [read_stamp(x) for x in recorded(bag)[STATES]]
 
     def complete() -> bool:
         dropped, found = reports.next('recorder').count('dropped'), recorded_stamps()
@@ -199,7 +204,7 @@ def test_what_comes_while_it_has_no_processor_is_kept_by_the_kernel(
     it.until(over, 'that all is recorded or dropped')
     child.signal(signal.SIGINT)
     assert child.process.wait(PATIENCE) == 0
-    found = [read_state(x).t for x in recorded(bag)[STATES]]
+    found = [read_stamp(x) for x in recorded(bag)[STATES]]
     assert [t for t in found if 0 < t < 301] == list(range(1, 301))
 
 

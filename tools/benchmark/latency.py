@@ -34,7 +34,7 @@ import time
 from typing import NamedTuple
 
 from ctc_chattering.configuration.node_parameters import RealTimeSettings
-from ctc_chattering.controller.health import Durations
+from ctc_chattering.controller.health import LoopStatistics
 from ctc_chattering.ros.real_time import RealTime
 from real_time_loop import real_time_loop
 
@@ -98,23 +98,21 @@ def _echo(priority: int, pipe: multiprocessing.connection.Connection) -> None:
 
 def _timer(priority: int, pipe: multiprocessing.connection.Connection) -> None:
     scheduling = _request(priority)
-    periods, answers = Durations(), Durations()
+    loop = LoopStatistics()
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as udp:
         udp.connect(pipe.recv())
         begin = due = time.monotonic()
-        last = None
         while due < begin + _WINDOW:
             due += _PERIOD
             time.sleep(max(0.0, due - time.monotonic()))
-            now = time.monotonic()
-            if last is not None:
-                periods.add(now - last)
-            last = now
+            now = time.monotonic_ns()
             udp.send(bytes(100))
             udp.recv(100)
-            answers.add(time.monotonic() - now)
-    shown = [[float(durations.summary()[f'{column} [ms]']) for column in _COLUMNS]
-             for durations in (periods, answers)]
+            loop.sample(now, now)
+            loop.answer(now, time.monotonic_ns())
+    values = loop.values()
+    shown = [[values[f'{name}, {column} [ms]'] for column in _COLUMNS]
+             for name in ('period', 'answer time')]
     pipe.send((*shown, scheduling))
 
 
