@@ -83,4 +83,4 @@ def test_nothing_else_reads_what_a_user_writes() -> None:
     found = {str(path.relative_to(PACKAGE)) for path in PACKAGE.rglob('*.py')
              if 'yaml.load' in (text := path.read_text()) or 'safe_load' in text}
     assert found == {'configuration/yaml_file.py',
-                     *(f'bags/{name}.py' for name in ('bag', 'repair'))}
+                     *(f'bags/{name}.py' for name in ('bag', 'writer'))}
