@@ -219,7 +219,7 @@ class PlantNode(LoopNode[PlantNodeConfig]):
             if not self._start:
                 self._anchor()
             self.parameters.announce(self._start)
-        self._robot.braking = False
+        self._robot.brake(False)
 
     def _on_tick(self) -> None:
         begin = time.monotonic_ns()
@@ -229,7 +229,7 @@ class PlantNode(LoopNode[PlantNodeConfig]):
             self._anchor()
         else:
             if self._watchdog.check(begin):
-                plant.braking = True
+                plant.brake(True)
                 self._latest, self._sent = (0.0,) * len(self._names), None
             due = (now - self._start) // self._period - plant.k
             self.statistics.misses += max(0, due - 1)
