@@ -23,7 +23,7 @@ from pathlib import Path
 from ctc_chattering.analysis.output import prepare
 from ctc_chattering.analysis.result import Result
 from ctc_chattering.configuration import parameter_file
-from ctc_chattering.configuration.package_share import EXPERIMENTS
+from ctc_chattering.configuration.package_share import EXPERIMENTS, find_config
 
 #: Name in the directory of `reproduce`.
 BAGS = 'bags'
@@ -60,11 +60,11 @@ def reproduce(out: str | Path, progress: Callable[[str, float, float], None] | N
     from ctc_chattering.launch.graph import run_graph
 
     directory = prepare(Path(out), (BAGS,)) / BAGS
-    bags = [directory / x.name for x in EXPERIMENTS]
+    bags = [directory / name for name in EXPERIMENTS]
     # Another graph on this host may run meanwhile.
     ours = '--ros-args', '-r', f'__ns:=/reproduction_{os.getpid()}'
-    for experiment, bag in zip(EXPERIMENTS, bags):
-        setup = parameter_file.load(experiment.path, experiment.overrides)
+    for (file, values), bag in zip(EXPERIMENTS.values(), bags):
+        setup = parameter_file.load(find_config(file), {'controller': values})
 
         def moved(time: float, name: str = bag.name, end: float = setup.plant.duration) -> None:
             if progress is not None:

@@ -179,6 +179,10 @@ def publish(publisher: Publisher, begin: int, count: int) -> None:
         publisher.publish(joint_state(t, ['joint1'], *np.full((3, 1), float(t))).message)
 
 
+def state_of(child: child_process.Child) -> str:
+    return Path(f'/proc/{child.process.pid}/stat').read_text().rsplit(')', 1)[1].split()[0]
+
+
 def test_a_full_disk_before_the_first_state_ends_the_recording_with_one_line(
         recorder: tuple[Probe, Path, child_process.Child, Publisher]) -> None:
     """The limit on the size of files stands for the end of the disk; the node stays."""
