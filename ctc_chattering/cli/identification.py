@@ -160,18 +160,12 @@ def _say(text: str) -> None:
 
 
 def _warn(found: Plan) -> None:
-    """Print which limits are assumed, and on which joints the motion shows little."""
+    """Print which limits are assumed."""
     for quantity in ('velocity', 'acceleration'):
         names = [joint.name for joint in found.limits if getattr(joint, quantity)[1] == inf]
         if names:
             _say(f'no {quantity} limit in the description, so the one above is assumed: '
                  + ('all joints' if len(names) == len(found.limits) else ', '.join(names)))
-    held = [f'{joint.name} ({hold:.2g} of ±{slow:.2g} {joint.unit})' for joint, hold, slow in zip(
-        found.limits, found.hold, found.bounds.slow) if hold > 0.5 * slow]
-    if held:
-        _say('warning: friction may hold joints through much of their slow reversals: '
-             f'{", ".join(held)}; a greater position_range helps, a higher kp (a shorter '
-             'control_period allows it), or a position controller that plays the motion')
 
 
 def identify_options(parser: argparse.ArgumentParser) -> None:

@@ -188,10 +188,9 @@ def for_each(values: tuple[float, ...], n: int) -> tuple[float, ...]:
     return values * n if len(values) == 1 else values
 
 
-def load_setup(options: argparse.Namespace, more: Mapping[str, Any] | None = None
-               ) -> tuple[Path, Any, Setup]:
+def load_setup(options: argparse.Namespace, more: Mapping[str, Any] | None = None) -> Setup:
     """
-    Return the parameter file, the values that override it, and both, checked.
+    Return what the parameter file and the options say, checked.
 
     Values by node in `more` override those of the options. Gains that are taken beside those of
     the file are said in a line.
@@ -207,4 +206,4 @@ def load_setup(options: argparse.Namespace, more: Mapping[str, Any] | None = Non
         setup = parameter_file.load(file, over)
     if line:
         say(line)
-    return file, over, setup
+    return setup
