@@ -90,7 +90,7 @@ def run_reproduce(options: argparse.Namespace) -> int:
     out = prepare(options.out, (BAGS, *NAMES), options.overwrite)
     with progress(f'each of {len(EXPERIMENTS)} experiments') as moved:
         results = reproduce(out, lambda _, at, duration: moved(at, duration))
-    bags = [out / BAGS / experiment.name for experiment in EXPERIMENTS]
+    bags = [out / BAGS / name for name in EXPERIMENTS]
     return present(results, bags, out, options.format, options.said)
 
 
