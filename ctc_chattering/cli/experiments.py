@@ -92,7 +92,7 @@ def run_reproduce(options: argparse.Namespace) -> int:
     from ctc_chattering.runs.reproduction import BAGS, reproduce
 
     out = prepare(options.out, (BAGS, *NAMES), options.overwrite)
-    width = max(len(experiment.name) for experiment in EXPERIMENTS)
+    width = max(map(len, EXPERIMENTS))
     shown: dict[str, Callable[..., None]] = {}
     with ExitStack() as bars:
         def moved(name: str, at: float, duration: float) -> None:
@@ -101,7 +101,7 @@ def run_reproduce(options: argparse.Namespace) -> int:
                 shown[name] = bars.enter_context(progress(f'{name:{width}}', duration))
             shown[name](at)
         results = reproduce(out, moved)
-    bags = [out / BAGS / experiment.name for experiment in EXPERIMENTS]
+    bags = [out / BAGS / name for name in EXPERIMENTS]
     return present(results, bags, out, options.format, options.said)
 
 

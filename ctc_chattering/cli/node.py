@@ -80,13 +80,11 @@ def _run(name: str, arguments: Sequence[str]) -> int:
 def _make_parser(name: str) -> argparse.ArgumentParser:
     """Return the parser of the arguments that are not for ROS."""
     from ctc_chattering.cli.command_line import Parser
-    from ctc_chattering.configuration.node_parameters import NODE_DESCRIPTIONS, parameter_help
+    from ctc_chattering.configuration.node_parameters import NODE_DESCRIPTIONS
     parser = Parser(
         prog=name, description=NODE_DESCRIPTIONS[name],
         usage='%(prog)s [--help] [--version] [--ros-args [--params-file F] [-p NAME:=VALUE] '
-              '[-r FROM:=TO] ...]',
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-        epilog=f'parameters:\n{parameter_help(name)}')
+              '[-r FROM:=TO] ...]', epilog='parameters: ctc parameters')
     parser.add_argument('--version', action='version', version=__version__)
     parser.add_argument('--parent', type=int, help=argparse.SUPPRESS)
     return parser

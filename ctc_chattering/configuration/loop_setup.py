@@ -17,14 +17,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 import dataclasses
 from typing import Any
 
 from ctc_chattering.configuration.node_parameters import LOOP
 from ctc_chattering.control.controller import ControllerConfig
 from ctc_chattering.errors import CtcError, ParameterError
-from ctc_chattering.numerics.time_grid import period_ns
 from ctc_chattering.parameters import C, Config
 from ctc_chattering.simulation.closed_loop import Event
 from ctc_chattering.simulation.plant import check_start
@@ -100,7 +99,9 @@ class Setup:
             If a value is not allowed, or contradicts another.
 
         """
-        check_overrides('values', values, LOOP)
+        for node in values:
+            if node not in LOOP:
+                raise ParameterError('values', node, ' | '.join(LOOP))
         configs: dict[str, Any] = {
             node: made(node, getattr(self, node).changed, mine)
             for node, mine in values.items() if mine}
@@ -111,13 +112,6 @@ class Setup:
         if _STARTS & set(values.get('plant', ())) or set(values.get('reference', ())) - _TIMING:
             check_motion(found)
         return found
-
-
-def check_overrides(name: str, values: Overrides, nodes: Collection[str]) -> None:
-    """Raise `ParameterError` unless values are by some of the nodes; `name` is theirs."""
-    for node in values:
-        if node not in nodes:
-            raise ParameterError(name, node, ' | '.join(nodes))
 
 
 def made(node: str, make: Callable[[Mapping[str, Any]], C], values: Mapping[str, Any]) -> C:
@@ -131,21 +125,18 @@ def made(node: str, make: Callable[[Mapping[str, Any]], C], values: Mapping[str,
 def check_agreement(plant: PlantConfig, controller: ControllerConfig,
                     reference: ReferenceConfig) -> None:
     """Raise `CtcError` if the nodes' values contradict each other."""
-    for name in ('joint_names', 'gravity', 'model', 'locked'):
-        if getattr(controller, name) != getattr(plant, name):
-            raise _contradiction(name, 'controller', controller, 'plant', plant)
-    for node, config in (('controller', controller), ('reference', reference)):
-        if period_ns(config.control_period) != period_ns(plant.control_period):
-            raise _contradiction('control_period', node, config, 'plant', plant)
+    shared = [(name, 'controller', controller) for name in (
+        'joint_names', 'gravity', 'model', 'locked', 'control_period')]
+    for name, node, config in (*shared, ('control_period', 'reference', reference)):
+        if getattr(config, name) != getattr(plant, name):
+            raise _contradiction(name, node, config, 'plant', plant)
     if not set(controller.joint_names) <= set(reference.joint_names):
         raise _contradiction('joint_names', 'reference', reference, 'controller', controller)
 
 
 def _contradiction(name: str, node: str, config: Config, other: str, theirs: Config) -> CtcError:
-    def shown(x: Any) -> object:
-        return list(x) if isinstance(x, tuple) else x
-    return CtcError(f'{name}: {shown(getattr(config, name))} of {node} contradicts '
-                    f'{shown(getattr(theirs, name))} of {other}; put what nodes share under /**')
+    return CtcError(f'{name}: {getattr(config, name)} of {node} contradicts '
+                    f'{getattr(theirs, name)} of {other}; put what nodes share under /**')
 
 
 def check_motion(setup: Setup) -> None:

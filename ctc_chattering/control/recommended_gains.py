@@ -126,8 +126,8 @@ class GainChoice:
 
     """
 
-    def __init__(self) -> None:
-        self.torque: Array | None = None
+    def __init__(self, torque: Array | None = None) -> None:
+        self.torque = torque
         #: The gains in force when a law with gains of its own, or one without, was left.
         self._left: dict[bool, dict[str, Any]] = {}
 

@@ -22,7 +22,7 @@ from pathlib import Path
 from ctc_chattering.analysis.output import prepare
 from ctc_chattering.analysis.result import Result
 from ctc_chattering.configuration import parameter_file
-from ctc_chattering.configuration.package_share import EXPERIMENTS
+from ctc_chattering.configuration.package_share import EXPERIMENTS, find_config
 
 #: Name in the directory of `reproduce`.
 BAGS = 'bags'
@@ -60,10 +60,10 @@ def reproduce(out: str | Path, progress: Callable[[str, float, float], None] | N
     from ctc_chattering.ros.process import own_domain
 
     directory = prepare(Path(out), (BAGS,)) / BAGS
-    bags = [directory / x.name for x in EXPERIMENTS]
+    bags = [directory / name for name in EXPERIMENTS]
     with own_domain():
-        for experiment, bag in zip(EXPERIMENTS, bags):
-            setup = parameter_file.load(experiment.path, experiment.overrides)
+        for (file, values), bag in zip(EXPERIMENTS.values(), bags):
+            setup = parameter_file.load(find_config(file), {'controller': values})
 
             def moved(time: float, name: str = bag.name, end: float = setup.plant.duration
                       ) -> None:

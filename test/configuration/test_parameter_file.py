@@ -230,10 +230,10 @@ def test_numbers_as_ros_reads_them(file: Path, text: str) -> None:
 @pytest.mark.parametrize('key', [
     'controller', '/controller', '/robot1/controller', '/a/b/controller', '/**/controller'])
 def test_namespaces(file: Path, key: str) -> None:
-    """Check that a namespace in front of a node's name does not matter, nor nesting."""
+    """Check that a namespace in front of a node's name does not matter."""
     assert loaded(file, (key, 'lambda: 3.5')).controller.lambda_ == 3.5
-    file.write_text('robot1:\n  controller:\n    ros__parameters: {lambda: 4.5}\n'
-                    '  plant: {ros__parameters: {}}\n/ns/**: {ros__parameters: {b: 2.0}}\n')
+    file.write_text('/robot1/controller:\n  ros__parameters: {lambda: 4.5}\n'
+                    '/robot1/plant: {ros__parameters: {}}\n/ns/**: {ros__parameters: {b: 2.0}}\n')
     setup = parameter_file.load(file)
     assert (setup.controller.lambda_, setup.controller.b) == (4.5, 2.0)
 
@@ -262,9 +262,9 @@ def test_a_law_without_gains_takes_those_that_suit_it_and_starts_smoothly() -> N
         'estimator_bandwidth': 100.0}
     assert over['reference'] == {'start_duration': 2.0}
     assert line == (
-        'law observer_feedback takes recommended gains: kp 10000, kv 200, ka 65.3/13.7, '
-        'estimator_bandwidth 100, and start_duration 2.0 s for a smooth start; --gains file '
-        'takes those of the file')
+        'law observer_feedback takes recommended gains and a smooth start: kp (10000.0, 10000.0), '
+        'kv (200.0, 200.0), ka (65.3, 13.7), estimator_bandwidth 100.0; --gains file takes those '
+        'of the file')
     cases: list[tuple[dict[str, Any], str | None]] = [
         (law, 'file'), ({**law, 'ka': 60.0}, None), ({}, None), ({'law': 'compensation'}, None)]
     for values, gains in cases:
@@ -284,7 +284,7 @@ def test_a_file_that_names_the_law_and_no_gains_has_those_that_suit_it(tmp_path:
     file.write_text('controller:\n  ros__parameters: {law: observer_feedback}\n')
     over, line = with_gains(file, {})
     assert (over['controller']['kp'], over['controller']['ka'][0] > 20.0) == ((1e4, 1e4), True)
-    assert line.startswith('law observer_feedback takes recommended gains: kp 10000, kv 200, ')
+    assert line.startswith('law observer_feedback takes recommended gains and a smooth start: kp ')
     file.write_text('controller:\n  ros__parameters: {law: observer_feedback, ka: 60.0}\n')
     assert with_gains(file, {}) == ({}, '')
 
