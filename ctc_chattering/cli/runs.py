@@ -182,7 +182,7 @@ def run_tune(options: argparse.Namespace) -> int:
         spec = (_tune_spec(options.file, more) if options.identified is None
                 else tune_spec(more, options.identified))
     out = prepare(options.out, NAMES, options.overwrite)
-    with progress('tune', unit='run') as moved:
+    with progress('tune', unit='trial') as moved:
         tuning = tune(spec, options.trials, options.percentile, jobs=options.jobs,
                       show=partial(print, flush=True), progress=moved)
     write_tuning(tuning, out, options.format, options.said)
