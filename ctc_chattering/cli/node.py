@@ -66,14 +66,13 @@ def _run(name: str, arguments: Sequence[str]) -> int:
     parent = _make_parser(name).parse_args(own).parent
     if parent is not None:
         child_process.end_with(parent)
-    with given_by_user(ros.assigned):
-        values = ros.checked(name)
+    values = ros.values([name])[name]
     module = importlib.import_module(f'ctc_chattering.nodes.{name}')
     run = importlib.import_module('ctc_chattering.ros.node').run
 
     def make_node() -> Any:
         with given_by_user(ros.assigned):
-            return module.NODE(values)
+            return getattr(module, f'{name.capitalize()}Node')(values)
     return int(run(make_node, name, ['--ros-args', *ros.rest], process.collect_signals()))
 
 

@@ -26,20 +26,11 @@ from ctc_chattering.trajectory.reference import ReferenceConfig
 
 @dataclasses.dataclass(frozen=True)
 class NodeConfig(Config):
-    """
-    Parameters that all nodes of the loop have besides those of their subject.
-
-    Those of scheduling are called as in ros2_control's manager.
-    """
+    """A parameter that all nodes of the loop have besides those of their subject."""
 
     wait_for: tuple[str, ...] = parameter(
         ('',), 'Nodes that must have subscribed before the first message (set by bringup).',
         read_only=True)
-    thread_priority: int = parameter(
-        0, 'Real time: SCHED_FIFO priority; 0 for none.', maximum=99, read_only=True)
-    lock_memory: bool = parameter(False, 'Real time: memory is never swapped out.', read_only=True)
-    cpu_affinity: int = parameter(
-        -1, 'Processor to run on; -1 for any.', minimum=-1, maximum=1023, read_only=True)
 
 
 @dataclasses.dataclass(frozen=True)

@@ -17,6 +17,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+import os
 from pathlib import Path
 
 from ctc_chattering.analysis.output import prepare
@@ -57,18 +58,17 @@ def reproduce(out: str | Path, progress: Callable[[str, float, float], None] | N
     """
     from ctc_chattering.bags.reader import read_bag
     from ctc_chattering.launch.graph import run_graph
-    from ctc_chattering.ros.process import own_domain
 
     directory = prepare(Path(out), (BAGS,)) / BAGS
     bags = [directory / name for name in EXPERIMENTS]
-    with own_domain():
-        for (file, values), bag in zip(EXPERIMENTS.values(), bags):
-            setup = parameter_file.load(find_config(file), {'controller': values})
+    # Another graph on this host may run meanwhile.
+    ours = '--ros-args', '-r', f'__ns:=/reproduction_{os.getpid()}'
+    for (file, values), bag in zip(EXPERIMENTS.values(), bags):
+        setup = parameter_file.load(find_config(file), {'controller': values})
 
-            def moved(time: float, name: str = bag.name, end: float = setup.plant.duration
-                      ) -> None:
-                if progress is not None:
-                    progress(name, time, end)
-            run_graph(setup, bag, progress=moved, show=lambda _: None)
-            moved(setup.plant.duration)
+        def moved(time: float, name: str = bag.name, end: float = setup.plant.duration) -> None:
+            if progress is not None:
+                progress(name, time, end)
+        run_graph(setup, bag, ours, moved, lambda _: None)
+        moved(setup.plant.duration)
     return [read_bag(bag) for bag in bags]

@@ -212,8 +212,8 @@ def _by_steps(robot: Plant, law: Controller, table: Array, events: Sequence[Even
     period, last, delay = robot.period_ns, robot.last, law.config.input_delay
     due = deque(sorted(events, key=lambda event: event.time))
     changed: dict[str, Any] = {'plant': robot, 'controller': law}
-    stamps, rows = [], []
-    tau: Vector = ()
+    stamps, rows = np.zeros(last + 1, np.int64), np.empty((last + 1, 4, robot.n))
+    tau, count = robot.applied, 0
     for k in range(last + 1):
         t = seconds(k * period)
         while due and t >= due[0].time:
@@ -223,13 +223,14 @@ def _by_steps(robot: Plant, law: Controller, table: Array, events: Sequence[Even
             point, *ahead = table[k:k + delay + 1].tolist()
             sample = _step(law, robot.stamp, k * period, *robot.measured, point, ahead)
             tau = sample.tau
-            stamps.append(robot.stamp)
-            rows.append((*((robot.q, robot.dq) if truth else robot.measured), tau, sample.v))
+            stamps[count] = robot.stamp
+            rows[count] = *((robot.q, robot.dq) if truth else robot.measured), tau, sample.v
+            count += 1
         if k < last:
             robot.step(tau)
         if k % max(1, last // 100) == 0:
             show(t)
-    return np.array(stamps), np.array(rows)
+    return stamps[:count], rows[:count]
 
 
 def _run_of(stamps: Any, rows: Array, table: Array, period: int, truth: bool, compiled: bool

@@ -106,7 +106,7 @@ class Plant:
     braking : bool
         Whether the brakes are on.
     state : PlantState
-        Of drives, coordinates and sensors.
+        Of drives, coordinates and sensors; of machine code, views of its memory.
     config : PlantConfig
         In force.
     parameters : PlantParameters

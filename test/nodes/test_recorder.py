@@ -179,35 +179,6 @@ def publish(publisher: Publisher, begin: int, count: int) -> None:
         publisher.publish(joint_state(t, ['joint1'], *np.full((3, 1), float(t))).message)
 
 
-def test_what_comes_while_it_has_no_processor_is_kept_by_the_kernel(
-        recorder: tuple[Probe, Path, child_process.Child, Publisher]) -> None:
-    """As of a real robot, whose publisher sends nothing again: more than fits by default."""
-    it, bag, child, publisher = recorder
-
-    def begun() -> bool:
-        publish(publisher, 0, 1)
-        return size(bag) > EMPTY
-
-    it.until(begun, 'the first state')
-    child.signal(signal.SIGSTOP)
-    it.until(lambda: state_of(child) == 'T', 'that it stops')
-    publish(publisher, 1, 300)
-    child.signal(signal.SIGCONT)
-    reports = Diagnostics(it)
-
-    def over() -> bool:
-        publish(publisher, 301, 1)
-        it.executor.spin_once(0.02)
-        report = reports.latest.get('recorder')
-        return report is not None and report.count('messages') + report.count('dropped') > 300
-
-    it.until(over, 'that all is recorded or dropped')
-    child.signal(signal.SIGINT)
-    assert child.process.wait(PATIENCE) == 0
-    found = [read_stamp(x) for x in recorded(bag)[STATES]]
-    assert [t for t in found if 0 < t < 301] == list(range(1, 301))
-
-
 def state_of(child: child_process.Child) -> str:
     return Path(f'/proc/{child.process.pid}/stat').read_text().rsplit(')', 1)[1].split()[0]
 
