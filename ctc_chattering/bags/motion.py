@@ -248,7 +248,8 @@ def read_motion(path: str | Path, joints: Sequence[str] = (), description: str =
                 raise
             if _if_any(effort) is None:
                 raise CtcError(f'no torque: no effort in the states, and {error}') from None
-            notes.append(f'no commands are used: {error}')
+            if _topics(bag, '', MULTI_ARRAY, ()):
+                notes.append(f'no commands are used: {error}')
         without = [name for name, x in zip(names, effort.T) if not np.isfinite(x).any()]
         if 0 < len(without) < len(names):
             notes.append(f'the effort is not used: there is none of {", ".join(without)}')
