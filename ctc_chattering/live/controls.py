@@ -193,7 +193,7 @@ class Controls:
         for name, names in (('law', LAWS), ('switching', SWITCHINGS)):
             socket.on(name, one_of[names], partial(self._set, 'controller', name))
         for name, kind, receive in (
-                ('gain', GainRequest, self._gain), ('torques', bool, self._torques),
+                ('gain', GainRequest, self._gain), ('torques', bool, requests.torques),
                 ('record', str | None, self._record), ('plant', FieldRequest, self._plant),
                 ('push', PushRequest, self._push), ('time', HoldRequest, self._hold)):
             socket.on(name, kind, receive)
@@ -225,9 +225,8 @@ class Controls:
                                  'at': time.strftime('%H:%M:%S')})
 
     def _set(self, node: str, name: str, value: Any) -> None:
-        """Set a parameter; the answer says if it had that value already."""
-        same = self._reader.parameters[node].get(name) == value
-        self._requests.set(node, {name: value}, done='was so already' if same else 'done')
+        """Set a parameter."""
+        self._requests.set(node, {name: value})
 
     def _gain(self, asked: GainRequest) -> None:
         for gain in gains_of(self._in_force, self._reader.names):
@@ -242,11 +241,6 @@ class Controls:
             return
         if value is not None:
             self._set('controller', asked.name, value)
-
-    def _torques(self, on: bool) -> None:
-        if on:
-            self._requests.reset()
-        self._requests.enable(on)
 
     def _record(self, name: str | None) -> None:
         if name is None:

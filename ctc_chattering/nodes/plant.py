@@ -64,7 +64,6 @@ class PlantNode(LoopNode[PlantNodeConfig]):
         self._names = config.joint_names
         self._latest: Vector = (0.0,) * len(self._names)
         self._begun = self._held = False
-        self._subscribers = 0
         #: Time of sample 0 [ns]; 0 in lockstep, and before the first tick.
         self._start = 0
         self._exchange = LockstepExchange(time.monotonic_ns())
@@ -93,12 +92,8 @@ class PlantNode(LoopNode[PlantNodeConfig]):
 
     def introduction(self) -> str:
         """Return what moves the robot, and what comes first."""
-        config = self.config
         first = COMMANDS if self._ticker is None else f'the subscribers to {JOINT_STATES}'
-        waits = self.problem or f'waits for {first}'
-        return (f'simulated robot, model {config.model}, '
-                f'{", ".join(config.joint_names)}, {config.pacing}, '
-                f'{1 / config.control_period:g} Hz; {waits}')
+        return f'simulated robot, {self.config.pacing}; {self.problem or f"waits for {first}"}'
 
     @property
     def in_real_time(self) -> bool:
@@ -110,7 +105,6 @@ class PlantNode(LoopNode[PlantNodeConfig]):
         if self._ticker is None or not self.inputs:
             return
         now = time.monotonic_ns()
-        before, self._subscribers = self._subscribers, self._ticker.get_subscription_count()
         if not self._begun:
             if self._states.get_subscription_count() and self.matched(
                     self._states, self._ticker):
@@ -119,8 +113,6 @@ class PlantNode(LoopNode[PlantNodeConfig]):
         elif not self._held and self._exchange.repeat_due(now):
             self._publish_clock()
             self._publish_state()
-        elif self._subscribers > before:
-            self._publish_clock()
         if not self._held and seconds(now - self._exchange.asked) > _REPORT:
             self.get_logger().info(
                 f'waiting for {self._awaited()}', throttle_duration_sec=_REPORT)
@@ -219,7 +211,7 @@ class PlantNode(LoopNode[PlantNodeConfig]):
             if not self._start:
                 self._anchor()
             self.parameters.announce(self._start)
-        self._robot.braking = False
+        self._robot.brake(False)
 
     def _on_tick(self) -> None:
         begin = time.monotonic_ns()
@@ -229,7 +221,7 @@ class PlantNode(LoopNode[PlantNodeConfig]):
             self._anchor()
         else:
             if self._watchdog.check(begin):
-                plant.braking = True
+                plant.brake(True)
                 self._latest, self._sent = (0.0,) * len(self._names), None
             due = (now - self._start) // self._period - plant.k
             self.statistics.misses += max(0, due - 1)
@@ -268,9 +260,6 @@ class PlantNode(LoopNode[PlantNodeConfig]):
             self._robot.step(self._latest)
         except CtcError as error:
             self.failure = str(error)
-            level, message = self._real_time_status({}) if self.in_real_time else (OK, '')
-            if level > OK:
-                self.failure += f'; {message}'
             self.get_logger().fatal(self.failure)
             self.done.set_result(None)
         return self.failure is None
@@ -294,7 +283,3 @@ class PlantNode(LoopNode[PlantNodeConfig]):
             self.get_logger().info(over)
             self.done.set_result(over)
         return True
-
-
-#: What the executable runs.
-NODE = PlantNode

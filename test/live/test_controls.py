@@ -45,14 +45,11 @@ WRONG: tuple[Any, ...] = (True, '5', None, [5.0], {})
 class Asked(list[tuple[Any, ...]]):
     """What was asked of a graph and of a recorder."""
 
-    def set(self, node: str, *values: Any, done: str = 'done') -> None:  # noqa: A003
-        self.append(('set', node, *values, done))
+    def set(self, node: str, *values: Any) -> None:  # noqa: A003
+        self.append(('set', node, *values))
 
-    def enable(self, on: bool) -> None:
-        self.append(('enable', on))
-
-    def reset(self) -> None:
-        self.append(('reset',))
+    def torques(self, on: bool) -> None:
+        self.append(('torques', on))
 
     def start(self, name: str) -> None:
         self.append(('start', name))
@@ -94,8 +91,8 @@ def gain(name: Any, joint: Any, value: Any) -> dict[str, Any]:
     return {'gain': {'name': name, 'joint': joint, 'value': value}}
 
 
-def is_set(name: str, value: Any, done: str = 'done') -> list[tuple[Any, ...]]:
-    return [('set', 'controller', {name: value}, done)]
+def is_set(name: str, value: Any) -> list[tuple[Any, ...]]:
+    return [('set', 'controller', {name: value})]
 
 
 def test_one_release_is_one_request_with_the_values_of_all_joints() -> None:
@@ -104,7 +101,7 @@ def test_one_release_is_one_request_with_the_values_of_all_joints() -> None:
     assert asked(gain('ka', ALL, 3.0), ka=[0.0] * 3) == is_set('ka', [3.0] * 3)
     assert asked(gain('kv', 2, 7.0)) == is_set('kv', [50.0, 50.0, 7.0])
     assert asked(gain('lambda', ALL, 20)) == is_set('lambda', 20.0)
-    assert asked(gain('kp', 1, 50)) == is_set('kp', [100.0, 50.0, 20.0], 'was so already')
+    assert asked(gain('kp', 1, 50)) == is_set('kp', [100.0, 50.0, 20.0])
     full = [4.0, 1.0, 0.0, 1.0, 2.0, 0.0, 0.0, 0.0, 1.0]
     assert asked(gain('kp', ALL, 8.0), kp=full) == is_set('kp', [2.0 * x for x in full])
     assert asked(gain('kp', 0, 8.0), kp=full) == []
@@ -159,15 +156,15 @@ def test_a_value_that_is_not_allowed_is_refused_with_the_reason(value: Any) -> N
 def test_all_else_is_asked_for() -> None:
     assert asked({'law': 'compensation'}, {'switching': 'sign'}, {'record': ''}, {'record': None},
                  {'torques': True}, {'torques': False}) == [
-        *is_set('law', 'compensation'), *is_set('switching', 'sign', 'was so already'),
-        ('start', ''), ('stop',), ('reset',), ('enable', True), ('enable', False)]
+        *is_set('law', 'compensation'), *is_set('switching', 'sign'),
+        ('start', ''), ('stop',), ('torques', True), ('torques', False)]
     fields = [{'plant': {'name': 'coulomb_friction', 'value': x}} for x in ('1, 2, 3', '5', 'x')]
     values: tuple[Any, ...] = ([1.0, 2.0, 3.0], [5.0] * 3, 'x')
     assert asked(*fields) == [
-        ('set', 'plant', {'coulomb_friction': value}, 'done') for value in values]
+        ('set', 'plant', {'coulomb_friction': value}) for value in values]
     assert asked({'push': PUSH}) == [(
         'set', 'plant', {'disturbance.push_duration': 0.5}, {'disturbance.push': [0.0] * 3},
-        {'disturbance.push': [0.0, 5.0, 0.0]}, 'done')]
+        {'disturbance.push': [0.0, 5.0, 0.0]})]
     assert [asked({'time': {**TIME, 'word': x}})[0][2]['hold_at'] for x in (
         'hold', 'step', 'run')] == [1.001, 1.007, 0.0]
 

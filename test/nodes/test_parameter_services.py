@@ -32,11 +32,10 @@ import pytest
 from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue, SetParametersResult
 from rcl_interfaces.srv import GetParameters, SetParameters, SetParametersAtomically
 from rclpy.parameter import Parameter as RosParameter
-from rclpy.parameter import parameter_dict_from_yaml_file, parameter_value_to_python
+from rclpy.parameter import parameter_value_to_python
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 from std_srvs.srv import Trigger
-import yaml
 
 pytestmark = pytest.mark.ros
 EXAMPLES = Path(__file__).resolve().parents[2] / 'examples'
@@ -174,32 +173,12 @@ def assert_a_law_brings_its_gains(setter: Setter) -> None:
     assert setter.values() == before
 
 
-def assert_loads_its_dump(setter: Setter, file: Path) -> None:
-    """Write what `ros2 param dump` writes, and send what `ros2 param load` reads of it."""
-    before = setter.values()
-    file.write_text(yaml.dump({setter.node: {'ros__parameters': before}}))
-    read = parameter_dict_from_yaml_file(str(file))
-    values = [read[name] for name in setter.settable]
-    future = setter.send(SetParameters, values)
-    setter.probe.until(future.done, f'an answer of {setter.node}')
-    assert [x.reason for x in future.result().results if not x.successful] == []
-    assert setter.values() == before
-
-
 def test_a_set_is_all_or_nothing_and_a_wrong_one_leaves_the_loop_as_it_was(
         tmp_path: Path) -> None:
     with probe() as it:
         loop = Loop(it, tmp_path / 'bag')
         loop.hold()  # Each set would have to wait for messages otherwise.
-        words = [('effort_limit', '[inf, 500.0]'), ('error_limit', ['inf', '.inf']),
-                 ('actuator_lag', '[.inf, 1e-05]'), ('lambda', '1e1')]
-        assert loop.setters['controller'].all_or_nothing(words) == (True, '')
-        assert {name: it.get('controller', name) for name, _ in words} == {
-            'effort_limit': [INF, 500.0], 'error_limit': [INF, INF], 'actuator_lag': [INF, 1e-5],
-            'lambda': 10.0}
         assert_a_law_brings_its_gains(loop.setters['controller'])
-        for setter in loop.setters.values():
-            assert_loads_its_dump(setter, tmp_path / 'dump.yaml')
         for node, setter in loop.setters.items():
             before = setter.values()
             for bad in WRONG[node]:
@@ -389,8 +368,6 @@ class Fuzzer:
             if result.successful:
                 self.accepted += 1
                 value, before = plain(parameter.value), self.expected[parameter.name]
-                if isinstance(before, (float, list)) and isinstance(value, str):
-                    value = float(value)  # Of the words only 1.0 is a number.
                 if isinstance(before, list):  # One number is for all joints.
                     values = value if isinstance(value, list) else [value]
                     value = values * len(JOINTS) if len(values) == 1 else values

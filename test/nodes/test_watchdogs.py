@@ -206,7 +206,7 @@ def test_without_commands_the_plant_brakes(graph: Graph) -> None:
     # Of the brakes' first samples some may be made good in one tick and published as one.
     robot = Plant(PlantConfig(control_period=PERIOD, initial_position=tuple(begin.position),
                               initial_velocity=tuple(begin.velocity)))
-    robot.braking = True
+    robot.brake(True)
     for message in idle[1:50]:
         passed = 1e-9 * (ns(message.header.stamp) - ns(begin.header.stamp))
         for _ in range(round(passed / PERIOD) - robot.k):
