@@ -111,10 +111,10 @@ class FrictionLevel(NamedTuple):
     """Learns the level of friction of every joint; made by `friction_level`."""
 
     #: γ h, 1 - exp(-ω h) and 1 - exp(-w₀ h).
-    gain: Array
-    follow: Array
-    forget: Array
-    #: Ka [N·m]; all of shape (n,).
+    gain: float
+    follow: float
+    forget: float
+    #: Ka [N·m], shape (n,).
     bound: Array
 
     def slowed(self, part: float) -> FrictionLevel:
@@ -123,7 +123,7 @@ class FrictionLevel(NamedTuple):
 
     def learn(self, last: Learned, dq: Array, perturbation: Array) -> Learned:
         """Return K̂ improved by dq̂ [rad/s] and P̂ [N·m], shape (n,), of one sample."""
-        if not some(self.gain):
+        if self.gain == 0.0:
             return last
         sign = np.where(np.abs(dq) > _MOVING, np.sign(dq), 0.0)
         lag1 = last.lag1 + self.follow * (sign - last.lag1)
@@ -138,15 +138,8 @@ class FrictionLevel(NamedTuple):
 
 def friction_level(gain: float, bandwidth: float, period: float, bound: Array) -> FrictionLevel:
     """Return what learns with γ [1/s], ω [rad/s], h [s] and Ka, shape (n,) [N·m]."""
-    one = np.ones_like(bound)
-    return FrictionLevel(gain * period * one, (1.0 - exp(-bandwidth * period)) * one,
-                         (1.0 - exp(-_SLOW * period)) * one, bound)
-
-
-def untaught(level: Array) -> Learned:
-    """Return the start at the level K̂, shape (n,) [N·m]."""
-    zero = np.zeros_like(level)
-    return Learned(level, zero, zero, zero, zero, zero)
+    return FrictionLevel(gain * period, 1.0 - exp(-bandwidth * period),
+                         1.0 - exp(-_SLOW * period), bound)
 
 
 #: δ [rad]; with more noise of the position no joint is held.
@@ -172,10 +165,10 @@ class Rest(NamedTuple):
 class Standstill(NamedTuple):
     """Decides which joints are held; made by `standstill`."""
 
-    #: h, W and the shortest stop [s], shape (n,).
-    period: Array
+    #: h and the shortest stop [s], and W [s], shape (n,).
+    period: float
+    shortest: float
     patience: Array
-    shortest: Array
 
     def placed_at(self, rest: Rest, q: Array) -> Rest:
         """Return the rest after a measured position, shape (n,) [rad]."""
@@ -232,24 +225,18 @@ def standstill(bandwidth: float, bound: Array, rate: Array, period: float) -> St
         h [s].
 
     """
-    one = np.ones_like(bound)
-    return Standstill(period * one, _PATIENCE / bandwidth + bound / rate,
-                      _SHORTEST / bandwidth * one)
-
-
-def moving(zero: Array) -> Rest:
-    """Return that no joint rests yet, for zeros of shape (n,)."""
-    return Rest(zero, zero, zero, zero)
+    return Standstill(period, _SHORTEST / bandwidth, _PATIENCE / bandwidth + bound / rate)
 
 
 #: Least s.
 LEAST = 0.1
+_LN_LEAST = log(LEAST)
 #: Below which the feedback is slow, at s = 1, and how fast a half-wave fades [rad/s].
 _SLOW_PART, _FADING = 30.0, 10.0
 #: The ratio r that is normal; w [rad/s]; t [s].
 _NORMAL, _RETREAT, _RETURN = 0.5, 80.0, 2.0
 #: Feedback in Ka, and s, beyond and below which the loop may be out of control.
-_STRONG, _LOW = 3.0, 0.2
+_STRONG, _LN_LOW = 3.0, log(0.2)
 #: How much later that counts after a start that is strong from the first sample on [s].
 GRACE = 2.0
 #: In the place of a bound of 0 [N·m].
@@ -283,12 +270,8 @@ class OscillationGuard(NamedTuple):
     #: 1 - exp(-30 h) and exp(-10 h).
     renewed: float
     fading: float
-    #: 80 h, exp(-h / 2 s), and the least ln s.
-    retreating: float
+    #: exp(-h / 2 s), and h [s].
     kept: float
-    farthest: float
-    #: ln 0.2, and h [s].
-    low: float
     period: float
 
     def noticed(self, last: Oscillation, feedback: Array, missing: Array) -> Oscillation:
@@ -312,11 +295,12 @@ class OscillationGuard(NamedTuple):
         slow = last.slow + exp(last.retreat) * self.renewed * (believed - last.slow)
         ratio = np.maximum(np.abs(believed - slow) / (self.believed + np.abs(slow)),
                            np.minimum(size, np.minimum(f1, f2)) / self.sustained).max()
-        retreat = self.kept * last.retreat - self.retreating * max(ratio - _NORMAL, 0.0)
+        retreat = (self.kept * last.retreat
+                   - _RETREAT * self.period * max(ratio - _NORMAL, 0.0))
         strained = last.strained + self.period
-        if (size / self.bound).max() < _STRONG or retreat > self.low:
+        if (size / self.bound).max() < _STRONG or retreat > _LN_LOW:
             strained = 0.0
-        return Oscillation(slow, extreme, f1, f2, max(retreat, self.farthest), strained)
+        return Oscillation(slow, extreme, f1, f2, max(retreat, _LN_LEAST), strained)
 
 
 def oscillation_guard(bound: Array, rate: Array, pole: Array, period: float) -> OscillationGuard:
@@ -324,5 +308,4 @@ def oscillation_guard(bound: Array, rate: Array, pole: Array, period: float) -> 
     bound, followed = np.maximum(bound, _LEAST_BOUND), rate / pole
     return OscillationGuard(
         bound, bound + np.where(followed < np.inf, followed, 0.0), np.minimum(bound, followed),
-        1.0 - exp(-_SLOW_PART * period), exp(-_FADING * period), _RETREAT * period,
-        exp(-period / _RETURN), log(LEAST), log(_LOW), period)
+        1.0 - exp(-_SLOW_PART * period), exp(-_FADING * period), exp(-period / _RETURN), period)

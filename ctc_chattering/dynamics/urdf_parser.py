@@ -190,22 +190,14 @@ class Tree:
                 raise ParameterError(
                     'locked', f'{name}: {value}',
                     f'finite positions of joints not in joint_names: {", ".join(free) or "none"}')
-        return {name: self._stands(name, chosen, positions, ())
-                for name in self.joints if name not in chosen}
-
-    def _stands(self, name: str, chosen: Sequence[str], positions: Mapping[str, float],
-                followers: tuple[str, ...]) -> float:
-        """Return where a joint stands, through the joints it mimics."""
-        if name in chosen:
-            raise CtcError(f'URDF: joint {followers[-1]} mimics {name}, a joint of the model')
-        mimic = self.joints[name].mimic
-        if mimic is None:
-            return positions.get(name, 0.0)
-        if mimic.leader not in self.joints or name in followers:
-            raise CtcError(f'URDF: joint {name} mimics {mimic.leader}, which is '
-                           f'{"a circle" if name in followers else "no movable joint"}')
-        leader = self._stands(mimic.leader, chosen, positions, (*followers, name))
-        return mimic.multiplier * leader + mimic.offset
+        stand = {name: positions.get(name, 0.0) for name in free}
+        for name, (*_, mimic) in self.joints.items():
+            if mimic is not None:
+                if mimic.leader not in free:
+                    raise CtcError(f'URDF: joint {name} mimics {mimic.leader}, which is a joint '
+                                   'of the model, mimics another joint, or is not movable')
+                stand[name] = mimic.multiplier * stand[mimic.leader] + mimic.offset
+        return stand
 
     def bare(self) -> str:
         """
@@ -251,12 +243,8 @@ def parse_description(text: str) -> ET.Element:
     except (ET.ParseError, ValueError) as error:
         raise CtcError(f'the description is not XML: {error}') from None
     bodies = sum(element.tag in ('link', 'body') for element in root.iter())
-    depth, level = 0, [root]
-    while level:
-        depth, level = depth + 1, [child for element in level for child in element]
-    for name, count in (('bodies', bodies), ('levels', depth)):
-        if count > _BODIES:
-            raise CtcError(f'the description is too large: {count} {name}, of {_BODIES} at most')
+    if bodies > _BODIES:
+        raise CtcError(f'the description is too large: {bodies} bodies, of {_BODIES} at most')
     return root
 
 

@@ -88,8 +88,8 @@ def test_a_fixed_joint_is_no_joint_of_a_model() -> None:
 
 
 @pytest.mark.parametrize(('mimic', 'words'), [
-    ('<mimic joint="f2"/>', 'f2 mimics f2, which is a circle'),
-    ('<mimic joint="nothing"/>', 'f2 mimics nothing, which is no movable joint'),
+    ('<mimic joint="f2"/>', 'f2 mimics f2, .* mimics another joint'),
+    ('<mimic joint="nothing"/>', 'f2 mimics nothing, .* is not movable'),
     ('<mimic joint="f1" multiplier="two"/>', "joint f2: multiplier is 'two'")])
 def test_bad_mimics(mimic: str, words: str) -> None:
     with pytest.raises(CtcError, match=words):
