@@ -27,7 +27,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from math import atan2, degrees, hypot
-from typing import Any
 import xml.etree.ElementTree as ET
 
 from ctc_chattering.dynamics.pseudo_inertia import parameters_of, pseudo_inertia
@@ -144,14 +143,9 @@ def _link_inertia(link: ET.Element) -> Array:
     about = [float(inertia.get(key, '0')) for key in _INERTIA]
     place = origin('', inertial)
     turn = np.eye(4)
-    turn[:3, :3], turn[:3, 3] = _rpy().rpyToMatrix(*place.rpy), place.xyz
+    turn[:3, :3], turn[:3, 3] = pinocchio().rpy.rpyToMatrix(*place.rpy), place.xyz
     found: Array = turn @ pseudo_inertia(np.array([m, 0.0, 0.0, 0.0, *about])) @ turn.T
     return found
-
-
-def _rpy() -> Any:
-    """Return what Pinocchio has for roll, pitch and yaw."""
-    return pinocchio().rpy
 
 
 def _child(parent: ET.Element, tag: str, **attributes: str) -> ET.Element:
@@ -239,9 +233,7 @@ def with_payload(description: str, joint_names: Sequence[str], mass: float, link
 
     """
     robot = parse_description(description)
-    if robot.tag != 'robot':
-        raise CtcError('payload needs a URDF, no MJCF')
-    tree = Tree(description)
+    tree = Tree(robot)
     if joint_names[-1] not in tree.joints:
         raise ParameterError('joint_names', tuple(joint_names), 'joints of the description')
     if link and link not in tree.links:

@@ -145,11 +145,9 @@ class Tree:
             if kind in _MOVABLE:
                 self.joints[name] = _joint(self._elements[name])
                 self.axes[name] = axis(f'joint {name}', self._elements[name])
-            elif kind in ('floating', 'planar'):
-                raise CtcError(f'URDF: joint {name} is {kind}; an arm has joints with one degree '
-                               'of freedom on a base that stands still')
             elif kind != 'fixed':
-                raise CtcError(f'URDF: joint {name} has the unknown type {kind!r}')
+                raise CtcError(f'URDF: joint {name} is {kind!r}; an arm has fixed joints, and '
+                               f'joints with one degree of freedom: {", ".join(_MOVABLE)}')
 
     @property
     def movable(self) -> tuple[str, ...]:

@@ -181,7 +181,8 @@ def test_odd_texts() -> None:
 @pytest.mark.parametrize('change, words', [
     ({'parameters': np.ones((2, 10))}, 'no body can have'),
     ({'parameters': np.full((2, 10), np.nan)}, 'no body can have'),
-    ({'rotor': [np.nan, 0.0]}, 'rotor_inertia'),
+    ({'rotor': [np.nan, 0.0]}, 'cannot be corrected'),
+    ({'rotor': [0.1]}, 'cannot be corrected'),
     ({'parameters': np.zeros((2, 10))}, 'no body can have'),
     ({'rotor': [-0.1, 0.0]}, 'negative'),
     ({'gravity': [0.0, 0.0, 9.81]}, 'down'), ({'gravity': [0.0, -9.81]}, 'down')])
