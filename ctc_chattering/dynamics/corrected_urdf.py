@@ -99,7 +99,7 @@ def _check(parameters: Array, gravity: Sequence[float]) -> None:
     for row in parameters:
         if not _possible(pseudo_inertia(row)):
             raise CtcError(f'no body can have the inertial parameters {row.tolist()}')
-    if not gravity[-1] < 0.0:
+    if len(gravity) != 3 or not gravity[2] < 0.0:
         raise CtcError(f'gravity must point down, with three numbers: {list(gravity)}')
 
 
