@@ -45,6 +45,9 @@ C = TypeVar('C', bound='Config')
 LEAST, LARGEST = 1e-9, 1e9
 #: What a class of the user's is called: ``package.module:Name``.
 OWN_CLASS = re.compile(r'[^\W\d]\w*(\.[^\W\d]\w*)*:[^\W\d]\w*')
+#: Kinds of annotations that are no kind themselves, and shapes that they imply.
+_KINDS = {'tuple[float, ...]': 'float[]', 'tuple[str, ...]': 'str[]'}
+_SHAPES = {'tuple[float, ...]': 'n'}
 _TYPE_NAMES = {
     'bool': 'a boolean', 'int': 'an integer', 'float': 'a number', 'str': 'a string',
     'float[]': 'a list of numbers', 'str[]': 'a list of strings'}
@@ -71,18 +74,17 @@ class Parameter:
     description, unit : str
         For `ros2 param describe` and the README.
     minimum, maximum : float
-        Range of the value, or of each element; numbers are within ±`LARGEST` in any case.
-    exclusive : bool
-        Whether the minimum is not 0 but `LEAST`.
+        Range of the value, or of each element; numbers are within ±`LARGEST` in any case, and
+        `LEAST` is the minimum of what must not be 0.
     infinite : bool
         Whether infinity is a value.
     choices : tuple of str
         The only strings allowed; empty for any.
     own : bool
         Whether a class of the user's is allowed besides, itself or as ``package.module:Name``.
-    shape : {'', 'n', 'nn', 'any'}
-        For lists: one element per joint; n or n·n (a symmetric positive definite matrix, row by
-        row); or any number of them.
+    shape : {'', 'n', 'nn'}
+        For lists: any number of elements; one per joint; n or n·n (a symmetric positive definite
+        matrix, row by row).
     read_only : bool
         Whether it is fixed once the node runs.
     laws : tuple of str
@@ -99,7 +101,6 @@ class Parameter:
     unit: str = ''
     minimum: float = -math.inf
     maximum: float = math.inf
-    exclusive: bool = False
     infinite: bool = False
     choices: tuple[str, ...] = ()
     own: bool = False
@@ -117,14 +118,6 @@ class Parameter:
     def meaning(self) -> str:
         """Return the description, and the laws that take it."""
         return self.description + (f' Law {", ".join(self.laws)}.' if self.laws else '')
-
-    @property
-    def documentation(self) -> str:
-        """Return its entry in a docstring."""
-        kind = self.kind.replace('float[]', 'float or sequence of float').replace(
-            'str[]', 'sequence of str')
-        default = f'{self.default!r} by default.' + (f' Unit: {self.unit}.' if self.unit else '')
-        return f'{self.field} : {kind}\n    {self.meaning.rstrip(".")}. {default}'
 
     @property
     def allowed(self) -> str:
@@ -147,7 +140,7 @@ class Parameter:
     def bounds(self) -> tuple[float, float]:
         """Least and largest finite value."""
         most = 2 ** 62 if self.kind == 'int' else LARGEST
-        return (LEAST if self.exclusive else max(self.minimum, -most)), min(self.maximum, most)
+        return max(self.minimum, -most), min(self.maximum, most)
 
     def default_for(self, n: int) -> Any:
         """Return the default for `n` joints."""
@@ -223,10 +216,23 @@ def matrix(values: tuple[float, ...], n: int) -> npt.NDArray[np.float64]:
     return np.reshape(values, (n, n)) if len(values) == n * n else np.diag(values)
 
 
-def parameter(name: str, kind: str, default: Any, description: str, **more: Any) -> Any:
-    """Return a dataclass field that declares one parameter; arguments as in `Parameter`."""
-    spec = Parameter(name, kind, default, description, **more)
-    return dataclasses.field(default=None, metadata={'parameter': spec})
+def parameter(default: Any, description: str, unit: str = '', **more: Any) -> Any:
+    """
+    Return a dataclass field that declares one parameter.
+
+    Parameters
+    ----------
+    default, description, unit
+        As in `Parameter`.
+    **more
+        Others of `Parameter`. Where they are left out, the name is that of the field, the kind
+        that of its annotation, a number at least 0, infinity a value if it is the default, and a
+        list of numbers has one per joint.
+
+    """
+    return dataclasses.field(default=None, metadata={
+        'default': default, 'description': description, 'unit': unit, 'minimum': 0.0,
+        'infinite': default == math.inf, **more})
 
 
 @dataclasses.dataclass(frozen=True)
@@ -243,20 +249,21 @@ class Config:
 
     """
 
-    #: Title of the configuration in the documentation.
-    title: ClassVar[str] = ''
-    _declared: ClassVar[dict[str, Parameter]]
+    _declared: ClassVar[dict[str, Parameter]] = {}
 
     def __init_subclass__(cls) -> None:
-        """Describe the parameters, inherited ones as well, in the docstring of the class."""
-        fields = [x for base in cls.__bases__ for x in getattr(
-            base, '__dataclass_fields__', {}).values()]
-        fields += [x for x in vars(cls).values() if isinstance(x, dataclasses.Field)]
-        specs = [x.metadata['parameter'] for x in fields if 'parameter' in x.metadata]
+        """Collect the declarations, inherited ones first, and describe them in the docstring."""
+        specs = [spec for base in cls.__bases__[::-1] for spec in vars(base)['_declared'].values()]
+        for name, field in vars(cls).items():
+            if isinstance(field, dataclasses.Field):
+                kind = cls.__annotations__[name]
+                specs.append(Parameter(**{
+                    'name': name, 'kind': _KINDS.get(kind, kind), 'shape': _SHAPES.get(kind, ''),
+                    **field.metadata}))
+        cls._declared = {spec.name: spec for spec in specs}
         cls.__doc__ = '\n'.join((
-            inspect.cleandoc(cls.__doc__ or ''), '', 'Parameters', '----------',
-            *(spec.documentation for spec in specs), '', 'Raises', '------', 'ParameterError',
-            '    For a value that is not allowed.', ''))
+            inspect.cleandoc(cls.__doc__ or ''), '', 'Parameters', '----------', *(
+                f'{spec.field} : {spec.kind}\n    {spec.meaning}' for spec in specs)))
 
     def __post_init__(self) -> None:
         """Fill in defaults, coerce types and check every value."""
@@ -282,9 +289,6 @@ class Config:
     @classmethod
     def parameters(cls) -> dict[str, Parameter]:
         """Return the declared parameters by name, in order."""
-        if '_declared' not in cls.__dict__:  # The control loop asks with every sample.
-            specs = (field.metadata.get('parameter') for field in dataclasses.fields(cls))
-            cls._declared = {spec.name: spec for spec in specs if spec is not None}
         return cls._declared
 
     @classmethod

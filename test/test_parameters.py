@@ -14,13 +14,15 @@
 
 """Declaration and checks of parameters."""
 
+from __future__ import annotations
+
 import dataclasses
 import math
-from typing import Any, ClassVar
+from typing import Any
 
 from ctc_chattering.control.controller import ControllerConfig
 from ctc_chattering.errors import CtcError, ParameterError
-from ctc_chattering.parameters import Config, matrix, parameter
+from ctc_chattering.parameters import Config, LEAST, matrix, parameter
 from ctc_chattering.simulation.plant_config import PlantConfig
 from ctc_chattering.trajectory.reference import ReferenceConfig
 from hypothesis import given, settings
@@ -36,17 +38,14 @@ CONFIGS: list[type[Config]] = [PlantConfig, ControllerConfig, ReferenceConfig]
 class Sample(Config):
     """One parameter of every kind."""
 
-    title: ClassVar[str] = 'sample'
-
-    joint_names: tuple[str, ...] = parameter('joint_names', 'str[]', ('a', 'b', 'c'), 'Joints.')
-    flag: bool = parameter('flag', 'bool', True, 'A switch.')
-    count: int = parameter('count', 'int', 3, 'A count.', minimum=0, maximum=10)
-    share: float = parameter('share', 'float', 0.5, 'A share.', minimum=0.0, maximum=1.0)
+    joint_names: tuple[str, ...] = parameter(('a', 'b', 'c'), 'Joints.')
+    flag: bool = parameter(True, 'A switch.')
+    count: int = parameter(3, 'A count.', maximum=10)
+    share: float = parameter(0.5, 'A share.', maximum=1.0)
     some_gain: tuple[float, ...] = parameter(
-        'some.gain', 'float[]', 2.0, 'A gain.', minimum=0.0, exclusive=True, shape='nn')
-    limit: tuple[float, ...] = parameter(
-        'limit', 'float[]', INF, 'A limit.', minimum=0.0, infinite=True, shape='n')
-    times: tuple[float, ...] = parameter('times', 'float[]', (1.0, 2.0), 'Times.', shape='any')
+        2.0, 'A gain.', name='some.gain', minimum=LEAST, shape='nn')
+    limit: tuple[float, ...] = parameter(INF, 'A limit.')
+    times: tuple[float, ...] = parameter((1.0, 2.0), 'Times.', minimum=-INF, shape='')
 
 
 REFUSED: list[tuple[type[Config], str, Any, str]] = [

@@ -21,10 +21,8 @@ whose index is not what it was.
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import ExitStack
-from functools import cache
 from io import BytesIO
 import mmap
 from pathlib import Path, PurePath
@@ -39,85 +37,59 @@ from ctc_chattering.ros.topics import PARAMETERS, ROBOT_DESCRIPTION
 import lz4.frame  # type: ignore[import-untyped]
 from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
-from mcap.reader import make_reader
+from mcap.reader import SeekingReader
 from mcap.records import Chunk
 from mcap.summary import Summary
 from rosbags.highlevel import AnyReader
 from rosbags.interfaces import Connection
-from rosbags.typesys import get_types_from_msg, get_typestore, Stores
+from rosbags.typesys import get_typestore, Stores
 from tqdm import tqdm
 import yaml
 import zstandard
 
-_LATEST_VERSION = 9
-#: Time after which a terminal shows a bar [s].
-_LONG = 2.0
-_FILES = ('.mcap', '.db3')
-_IN_URI = frozenset('%?#')
-#: Name and type.
-Topic = tuple[str, str]
 MAGIC = b'\x89MCAP0\r\n'
 #: What a record begins with: kind and length.
 RECORD = struct.Struct('<BQ')
 #: Footer, with the place and the checksum of the index, and the end of a file.
 _END = struct.Struct('<BQQQI8s')
-#: Bytes that are unpacked in any case, those for each packed one, and the most of all.
-_ALWAYS, _RATIO, _MOST = 1 << 25, 100, 1 << 27
+#: Most that a chunk or message may unpack to, and a file besides what is allowed for its size
+#: [bytes]; the latter for each packed byte.
+_MOST, _RATIO = 1 << 27, 100
 
 
-class UnknownDefinition(CtcError):
-    """A file has the definition of a type that `rosbags` does not read."""
-
-
-@cache
-def is_readable(kind: str, encoding: str, definition: bytes) -> bool:
-    """Return whether `rosbags` reads a definition; those of services are not of its kinds."""
-    try:
-        if encoding == 'ros2msg':
-            get_types_from_msg(definition.decode(), kind)
-    except Exception:  # Of arbitrary text, a parser raises arbitrary exceptions.
-        return False
-    return encoding in ('ros2msg', 'ros2idl', '')
-
-
-def unpacked(data: bytes, compression: str, size: int | None = None) -> bytes:
+def unpacked(data: bytes, compression: str) -> bytes:
     """
-    Return what is packed; with a `size` [bytes] at most one byte more than that.
+    Return what a chunk or message is unpacked.
 
     Raises
     ------
     CtcError
-        If it is more than is allowed for as much data, or the compression is not known.
-        What unpacks raises errors of its own.
+        If it is more than is allowed, or the compression is not known. What unpacks raises
+        errors of its own.
 
     """
-    most = min(_MOST, _ALWAYS + _RATIO * len(data))
-    wanted = most if size is None else size
-    if wanted > most:
-        raise CtcError(f'{len(data)} bytes would unpack to {size} bytes; allowed: up to {most}')
     if compression == 'zstd':
         with zstandard.ZstdDecompressor().stream_reader(data, read_across_frames=True) as stream:
-            found = stream.read(wanted + 1)
+            found = stream.read(_MOST + 1)
     elif compression == 'lz4':
-        found = lz4.frame.LZ4FrameDecompressor().decompress(data, max_length=wanted + 1)
+        found = lz4.frame.LZ4FrameDecompressor().decompress(data, max_length=_MOST + 1)
     elif compression:
         raise CtcError(f'unknown compression {compression!r}; allowed: zstd, lz4')
     else:
         found = data
-    if len(found) > most:
-        raise CtcError(f'{len(data)} bytes unpack to more than {most} bytes, which is allowed')
+    if len(found) > _MOST:
+        raise CtcError(f'{len(data)} bytes unpack to more than {_MOST} bytes, which is allowed')
     return bytes(found)
 
 
 def _unpacked_file(source: Path, target: Path) -> Path:
     """Unpack a file of zstd; return it. Raise `CtcError` if it is more than is allowed."""
-    most = _ALWAYS + _RATIO * source.stat().st_size
+    most = _MOST + _RATIO * source.stat().st_size
     with source.open('rb') as packed, target.open('wb') as found, (
             zstandard.ZstdDecompressor().stream_reader(packed, read_across_frames=True)) as stream:
-        while piece := stream.read(_ALWAYS):
+        while piece := stream.read(1 << 20):
             if found.write(piece) and found.tell() > most:
-                raise CtcError(f'{source.name}: it unpacks to more than {most} bytes, which is '
-                               'allowed for its size')
+                raise CtcError(f'{source.name} unpacks to more than {most} bytes')
     return target
 
 
@@ -126,17 +98,6 @@ def mapped(path: Path) -> Any:
     with path.open('rb') as stream:
         return mmap.mmap(
             stream.fileno(), 0, access=mmap.ACCESS_READ) if path.stat().st_size else b''
-
-
-def records(data: Any, begin: int, end: int) -> Iterator[tuple[int, int, int]]:
-    """Yield kind, begin of the content, and end of the records in a part of an MCAP file."""
-    while begin + RECORD.size <= end:
-        kind, length = RECORD.unpack_from(data, begin)
-        begin += RECORD.size
-        if begin + length > end:
-            break
-        yield kind, begin, begin + length
-        begin += length
 
 
 def unpacked_chunk(content: bytes) -> tuple[Chunk, bytes]:
@@ -151,26 +112,23 @@ def unpacked_chunk(content: bytes) -> tuple[Chunk, bytes]:
     """
     stream = ReadDataStream(BytesIO(content))
     chunk: Chunk = Chunk.read(stream)
-    if stream.count != len(content):
-        raise CtcError('a chunk has another length than it states')
-    found = unpacked(chunk.data, chunk.compression, chunk.uncompressed_size)
-    if len(found) != chunk.uncompressed_size:
+    found = unpacked(chunk.data, chunk.compression)
+    if (stream.count, len(found)) != (len(content), chunk.uncompressed_size):
         raise CtcError(f'a chunk of {chunk.uncompressed_size} bytes has another size')
     if chunk.uncompressed_crc not in (0, zlib.crc32(found)):
         raise CtcError('a chunk has a wrong checksum')
     return chunk, found
 
 
-def index_of(path: Path, data: Any) -> Summary | None:
+def index_of(data: Any) -> Summary | None:
     """Return the index of a file, None without one; raise `CtcError` if it is not what it was."""
-    if len(data) < _END.size or bytes(data[-len(MAGIC):]) != MAGIC:
+    if data[-len(MAGIC):] != MAGIC:
         raise CtcError('the file is cut off')
     footer = len(data) - _END.size
     _, _, start, _, checksum, _ = _END.unpack_from(data, footer)
     if checksum not in (0, zlib.crc32(data[start or footer:-12])):
         raise CtcError('the index has a wrong checksum')
-    with path.open('rb') as stream:
-        return make_reader(stream).get_summary()
+    return SeekingReader(data).get_summary()
 
 
 def check(path: Path) -> None:
@@ -181,29 +139,21 @@ def check(path: Path) -> None:
     ------
     CtcError
         Otherwise, or if the file is cut off. Where it is damaged, errors of any kind.
-    UnknownDefinition
-        If all is well but for a definition.
 
     """
-    data = mapped(path)
-    try:
-        summary, chunks = index_of(path, data), set()
-        for kind, start, end in records(data, len(MAGIC), len(data)):
-            if kind == Opcode.CHUNK:
-                chunk, _ = unpacked_chunk(data[start:end])
-                chunks.add((start - RECORD.size, len(chunk.data), chunk.compression,
-                            chunk.uncompressed_size))
-    except CtcError as error:
-        raise CtcError(f'{path.name}: {error}') from None
-    if summary is None:
-        return
-    if not chunks >= {
+    data, chunks, begin = mapped(path), set(), len(MAGIC)
+    summary = index_of(data)
+    while begin + RECORD.size <= len(data) - len(MAGIC):
+        kind, length = RECORD.unpack_from(data, begin)
+        end = begin + RECORD.size + length
+        if kind == Opcode.CHUNK:
+            chunk, _ = unpacked_chunk(data[begin + RECORD.size:end])
+            chunks.add((begin, len(chunk.data), chunk.compression, chunk.uncompressed_size))
+        begin = end
+    if summary and not chunks >= {
             (x.chunk_start_offset, x.compressed_size, x.compression, x.uncompressed_size)
             for x in summary.chunk_indexes}:
-        raise CtcError(f'{path.name}: the index has chunks that are not there')
-    for x in summary.schemas.values():
-        if not is_readable(x.name, x.encoding, x.data):
-            raise UnknownDefinition(f'the definition of {x.name} is not one of a message')
+        raise CtcError('the index has chunks that are not there')
 
 
 #: Field of a ParameterValue that holds the value, by its type.
@@ -218,9 +168,7 @@ class Bag:
     Parameters
     ----------
     path : Path
-        What errors name.
-    place : Path
-        Directory or file to read.
+        Directory, or one of its files.
 
     Attributes
     ----------
@@ -231,7 +179,7 @@ class Bag:
     start_time, end_time : int
         Log time of the first and of the last message [ns].
     message_count : int
-        Number of all messages, as the metadata count them.
+        Number of all messages.
 
     Raises
     ------
@@ -240,59 +188,49 @@ class Bag:
 
     """
 
-    def __init__(self, path: Path, place: Path) -> None:
-        self.path, self._counts, self._is_packed = path, Counter[Topic](), False
+    def __init__(self, path: Path) -> None:
+        self.path, self._is_packed = path, False
         with ExitStack() as stack:
-            files = self._listed(place, stack) if place.is_dir() else [place]
-            for number, file in enumerate(files):
-                if file.suffix not in _FILES:
-                    raise ValueError(
-                        f'unknown storage {file.suffix!r}; known: {", ".join(_FILES)}')
+            files, counted = self._listed(stack) if path.is_dir() else ([path], None)
+            for file in files:
                 if file.suffix == '.mcap':
                     check(file)
-                elif not _IN_URI.isdisjoint(str(file.absolute())):  # sqlite3 takes it for a URI.
-                    link = Path(stack.enter_context(tempfile.TemporaryDirectory())) / 'bag.db3'
-                    link.symlink_to(file.absolute())
-                    files[number] = link
+                elif file.suffix != '.db3':
+                    raise CtcError(f'unknown storage {file.suffix!r}; known: .mcap, .db3')
+                elif not set('%?#').isdisjoint(str(file)):  # They mean something to sqlite3.
+                    raise CtcError('its path has one of % ? #, not allowed with sqlite3')
             known = get_typestore(Stores.ROS2_JAZZY)
             self._reader = stack.enter_context(AnyReader(files, default_typestore=known))
             self._reader.typestore.register({  # What the definitions in the bag lack.
                 name: fields for name, fields in known.fielddefs.items()
                 if name not in self._reader.typestore.fielddefs})
+            self.message_count = self._reader.message_count
+            if counted not in (None, self.message_count):
+                raise CtcError(
+                    f'{self.message_count} messages, {counted} according to its metadata')
             self._stack = stack.pop_all()
         self.deserialize: Callable[[bytes, str], Any] = self._reader.deserialize
         self.connections: list[Connection] = list(self._reader.connections)
-        for x in () if self._counts else self.connections:
-            self._counts[x.topic, x.msgtype] += x.msgcount
         self.start_time: int = self._reader.start_time
         self.end_time: int = self._reader.end_time - 1
-        self.message_count = self._counts.total()
 
     def close(self) -> None:
         """Close the files."""
         self._stack.close()
 
-    def _listed(self, place: Path, stack: ExitStack) -> list[Path]:
-        """Return the files that the metadata of a bag name."""
-        file = place / 'metadata.yaml'
-        try:
-            info = yaml.safe_load(file.read_text(encoding='utf-8'))['rosbag2_bagfile_information']
-            if info['version'] > _LATEST_VERSION:
-                raise ValueError(f'version {info["version"]}; known: 1 to {_LATEST_VERSION}')
-            mode = (info.get('compression_mode') or 'none').lower()
-            files = [place / PurePath(x).name for x in info['relative_file_paths']]
-            for topic in info['topics_with_message_count']:
-                what = topic['topic_metadata']
-                self._counts[what['name'], what['type']] += topic['message_count']
-        except (yaml.YAMLError, LookupError, TypeError, AttributeError) as error:
-            raise ValueError(f'{file.name}: {type(error).__name__}: {error}') from None
-        if mode not in ('none', 'file', 'message'):
-            raise ValueError(f'unknown compression_mode {mode}')
-        self._is_packed = mode == 'message'
-        if mode != 'file':
-            return files
-        scratch = Path(stack.enter_context(tempfile.TemporaryDirectory()))
-        return [_unpacked_file(x, scratch / x.stem) for x in files]
+    def _listed(self, stack: ExitStack) -> tuple[list[Path], int]:
+        """Return the files that the metadata of a bag name, and how many messages they count."""
+        info = yaml.safe_load((self.path / 'metadata.yaml').read_text(encoding='utf-8')
+                              )['rosbag2_bagfile_information']
+        if info['version'] > 9:
+            raise CtcError(f'version {info["version"]}; known: 1 to 9')
+        files = [self.path / PurePath(x).name for x in info['relative_file_paths']]
+        mode = (info.get('compression_mode') or 'none').lower()
+        self._is_packed = {'none': False, 'file': False, 'message': True}[mode]
+        if mode == 'file':
+            scratch = Path(stack.enter_context(tempfile.TemporaryDirectory()))
+            files = [_unpacked_file(x, scratch / x.stem) for x in files]
+        return files, info['message_count']
 
     def messages(self, connections: Collection[Connection] = ()
                  ) -> Iterator[tuple[Connection, int, bytes]]:
@@ -302,23 +240,20 @@ class Bag:
         Raises
         ------
         CtcError
-            Where the bag is damaged, and if it has not as many messages as its metadata count.
+            Where the bag is damaged, or its index has more messages.
 
         """
-        topics = {(x.topic, x.msgtype) for x in connections}
-        found, counted = 0, sum(self._counts[x] for x in topics or self._counts)
+        found, count = 0, sum(x.msgcount for x in connections or self.connections)
         try:
             for connection, t, data in tqdm(
-                    self._reader.messages(connections), f'reading {self.path.name}', counted,
-                    unit=' messages', disable=None, delay=_LONG, leave=False):
+                    self._reader.messages(connections), f'reading {self.path.name}', count,
+                    unit=' messages', disable=None, delay=2.0, leave=False):
                 found += 1
                 yield connection, t, unpacked(data, 'zstd') if self._is_packed else data
         except Exception as error:  # Damaged files may raise any exception.
             raise damaged(self.path, error) from None
-        if found != counted:
-            names = ', '.join(sorted(x for x, _ in topics)) or 'all topics'
-            raise damaged(self.path, ValueError(
-                f'{found} messages of {names}, {counted} according to its metadata'))
+        if found != count:
+            raise damaged(self.path, CtcError(f'{found} messages, {count} according to its index'))
 
     def named(self, name: str) -> list[Connection]:
         """Return the topic `name`; without a slash in front, it stands for any namespace."""
@@ -332,30 +267,20 @@ class Bag:
         Raises
         ------
         CtcError
-            If the messages of a topic cannot be read; as `messages`.
+            If the bag has no definition of their type; as `messages`.
 
         """
         for x in connections:
-            self._check_type(x)
+            if x.msgtype not in self._reader.typestore.fielddefs:
+                raise CtcError(
+                    f'{self.path}: the bag has no definition of {x.msgtype}, which {x.topic} is '
+                    'of: record with --storage mcap, or convert it where that is installed')
         for x, t, data in self.messages(connections) if connections else ():
             try:
                 message = self.deserialize(data, x.msgtype)
             except Exception:  # Of arbitrary bytes, decoders raise arbitrary exceptions.
                 continue
             yield t, message
-
-    def _check_type(self, connection: Connection) -> None:
-        """Raise `CtcError` if the messages of a topic cannot be read."""
-        serialization = getattr(connection.ext, 'serialization_format', 'cdr')
-        if serialization != 'cdr':
-            raise CtcError(f'{self.path}: {connection.topic} is serialized by {serialization}; '
-                           'allowed: cdr')
-        if connection.msgtype not in self._reader.typestore.fielddefs:
-            raise CtcError(
-                f'{self.path}: the bag has no definition of {connection.msgtype}, which '
-                f'{connection.topic} is of: sqlite3 of ROS 2 Humble and before stores none; '
-                'record with MCAP (--storage mcap), or convert it where the package is installed '
-                '(ros2 bag convert)')
 
     def parameters(self, node: str, kind: Any, own: Mapping[str, object]
                    ) -> list[tuple[int, Any]]:
@@ -388,9 +313,9 @@ class Bag:
 def damaged(path: Path, error: Exception) -> CtcError:
     """Return an error that names the bag and what to do."""
     bag = path if path.is_dir() else path.parent
-    advice = (f'; "ctc repair {bag}" recovers the rest' if any(bag.glob('*.mcap')) else
-              f'; "ros2 bag reindex {bag}" may help')
-    return CtcError(f'{path}: damaged: {" ".join(str(error).split()).rstrip(".")}{advice}')
+    name = '' if isinstance(error, CtcError) else f'{type(error).__name__}: '
+    advice = f'; "ctc repair {bag}" recovers the rest' if any(bag.glob('*.mcap')) else ''
+    return CtcError(f'{path}: damaged, or not a bag: {name}{" ".join(str(error).split())}{advice}')
 
 
 def nanoseconds(time: Any) -> int:

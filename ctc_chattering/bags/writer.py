@@ -22,6 +22,7 @@ they are. What each of them would send next is remembered, also of those that ha
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import suppress
@@ -29,15 +30,14 @@ import dataclasses
 import os
 from pathlib import Path
 import time
-from typing import Any, BinaryIO, NamedTuple
+from typing import Any, BinaryIO
+import zlib
 
-from ctc_chattering.bags.bag import is_readable
 from ctc_chattering.errors import CtcError
 from ctc_chattering.numerics.time_grid import NANOSECONDS
 from mcap.data_stream import RecordBuilder
-from mcap.records import Channel, Schema
+from mcap.records import Channel, Chunk, Schema
 from mcap.writer import Writer
-from rosbags.rosbag2.metadata import dump_qos_v9, parse_qos
 from rosbags.typesys import get_typestore, Stores
 import yaml
 
@@ -62,32 +62,23 @@ class LogTime:
 
     def __init__(self) -> None:
         self.now = 0
-        self._begun = False
-        self._jumps: dict[str, int] = {}
+        self._last: dict[str, int] = {}
 
     def note(self, topic: str, stamp: int) -> None:
         """Take the stamp of a message of `topic` [ns]."""
-        jump = self._jumps.pop(topic, None)
-        if not self._begun:
-            self._begun = True
+        before = self._last.get(topic, stamp + 1)
+        if not self._last or (abs(stamp - self.now) > _SKEW and 0 <= stamp - before <= _SKEW):
             self.now = stamp
         elif abs(stamp - self.now) <= _SKEW:
             self.now = max(self.now, stamp)
-        elif jump is not None and 0 <= stamp - jump <= _SKEW:
-            self.now = stamp
-        else:
-            self._jumps[topic] = stamp
-
-
-#: Publishers that are remembered.
-_MANY = 16
+        self._last[topic] = stamp
 
 
 class SequenceTracker:
     """Follows the numbers of one topic's messages."""
 
     def __init__(self) -> None:
-        self._next: dict[int, None] = {}
+        self._next: set[int] = set()
 
     def lost(self, number: int, publishers: Callable[[], int]) -> int:
         """
@@ -105,11 +96,8 @@ class SequenceTracker:
         before = number if number in self._next else None
         if before is None and publishers() == 1:
             before = max((x for x in self._next if x < number), default=None)
-        if before is not None:
-            del self._next[before]
-        self._next[number + 1] = None
-        if len(self._next) > _MANY:
-            del self._next[next(iter(self._next))]
+        self._next.discard(before or 0)
+        self._next.add(number + 1)
         return 0 if before is None else number - before
 
 
@@ -118,10 +106,8 @@ class SequenceTracker:
 _FILE_AGE = 600.0
 #: Size at which a chunk is ended [bytes]: compressing takes some times as much memory.
 _CHUNK = 1 << 18
-#: Name of an attachment with the schemas and channels of the chunk beside it.
-DESCRIPTIONS = 'descriptions'
-#: The time at which a bag without messages begins [ns].
-_NEVER = 2 ** 63 - 1
+#: Where the metadata of a channel have what its publishers offer.
+QOS = 'offered_qos_profiles'
 
 
 def offered_qos(depth: int, latched: bool) -> str:
@@ -134,36 +120,18 @@ def offered_qos(depth: int, latched: bool) -> str:
         'liveliness_lease_duration': unlimited, 'avoid_ros_namespace_conventions': False}])
 
 
-class TopicType(NamedTuple):
-    """The type of a topic's messages with its definition, and the channel's metadata."""
-
-    kind: str
-    encoding: str
-    definition: bytes
-    metadata: dict[str, str]
-
-    @property
-    def schema(self) -> tuple[str, str, bytes]:
-        """Name, encoding and definition of the type; both empty if readers do not know it."""
-        definition = self.encoding, self.definition
-        return (self.kind, *(definition if is_readable(self.kind, *definition) else ('', b'')))
-
-    @property
-    def profiles(self) -> list[Any]:
-        """Profiles of the publishers, with names of their policies; none if they are damaged."""
-        try:
-            return dump_qos_v9(parse_qos(self.metadata.get('offered_qos_profiles', '')))
-        except Exception:  # Of arbitrary text, any.
-            return []
-
-
 @dataclasses.dataclass
 class Span:
     """Number of messages, and the first and last log time [ns]."""
 
     count: int = 0
-    begin: int = _NEVER
+    begin: int = 2 ** 63 - 1  # Of a bag without messages, as of rosbag2.
     end: int = 0
+
+    def add(self, t: int) -> None:
+        """Count a message."""
+        self.count += 1
+        self.begin, self.end = min(t, self.begin), max(t, self.end)
 
     def entry(self) -> dict[str, Any]:
         """Return the span as the metadata of a bag have it."""
@@ -172,46 +140,30 @@ class Span:
                 'duration': {'nanoseconds': max(0, self.end - self.begin)}}
 
 
-class _Sync:
-    """Has the disk take what a file holds, in a thread of its own: a slow one takes seconds."""
-
-    def __init__(self) -> None:
-        self._pool = ThreadPoolExecutor(1)
-        self._last: Future[None] | None = None
-
-    def begin(self, file: int) -> None:
-        """Begin, unless the last call is still at work; raise what came of that one."""
-        if self._last is None or self._last.done():
-            self.end()
-            self._last = self._pool.submit(os.fsync, file)
-
-    def end(self) -> None:
-        """Wait for the last call, and raise what came of it."""
-        last, self._last = self._last, None
-        if last is not None:
-            last.result()
-
-
 class BagWriter:
     """
     A bag being written.
 
-    When the disk is full, `write`, `flush` or `close` raises an `OSError`, once; the bag is closed
-    then, with what was written before, and later calls do nothing.
+    When the disk takes no more, `write`, `flush` or `close` raises an `OSError`; `abandon` is all
+    that is left to do then.
 
     Parameters
     ----------
     path : Path
         Directory to create.
-    clock : callable
-        Returns the time that the age of a file is measured by [s].
 
     Attributes
     ----------
     file : Path
         The file that is being written.
-    counts : dict
+    topics : dict
+        What is known of each topic; the numbers in the records do not matter.
+    counts : Counter
         Number of messages by topic.
+    notes : dict
+        What the bag's metadata say of the recording.
+    span : Span
+        Of all messages.
 
     Raises
     ------
@@ -220,15 +172,19 @@ class BagWriter:
 
     """
 
-    def __init__(self, path: Path, clock: Callable[[], float] = time.monotonic) -> None:
-        self._clock = clock
+    def __init__(self, path: Path) -> None:
         self._store = get_typestore(Stores.ROS2_JAZZY)
-        self._types: dict[str, TopicType] = {}
-        self._custom: dict[str, str] = {}
-        self._spans: dict[str, Span] = {}
-        self.counts: dict[str, int] = {}
-        self.path = path
-        self._sync = _Sync()
+        self.topics: dict[str, tuple[Schema, Channel]] = {}
+        self.notes: dict[str, str] = {}
+        self._files: dict[str, Span] = {}
+        #: Of topics that are new since the last flush.
+        self._descriptions = b''
+        self.counts: Counter[str] = Counter()
+        self.span, self.path = Span(), path
+        # A slow disk takes seconds for what it is asked to keep.
+        self._pool = ThreadPoolExecutor(1)
+        self._sync: Future[None] = Future()
+        self._sync.set_result(None)
         try:
             path.mkdir(parents=True)
             self._begin_file()
@@ -236,13 +192,6 @@ class BagWriter:
             raise CtcError(f'{path}: exists already, not overwritten') from None
         except OSError as error:
             raise CtcError(f'{path}: {error.strerror or error}') from None
-
-    @property
-    def span(self) -> Span:
-        """Return the number of all messages, and the first and last log time."""
-        spans = self._spans.values()
-        return Span(sum(x.count for x in spans), min(x.begin for x in spans),
-                    max(x.end for x in spans))
 
     def write(self, topic: str, kind: str, t: int, data: bytes, qos: str) -> None:
         """
@@ -260,40 +209,20 @@ class BagWriter:
             What the publishers offer; used for the first message of a topic.
 
         """
-        if topic not in self._types:
+        if topic not in self.topics:
             definition, _ = self._store.generate_msgdef(kind, ros_version=2)
-            self.add_topic(topic, TopicType(
-                kind, 'ros2msg', definition.encode(),
-                {'offered_qos_profiles': qos, 'topic_type_hash': self._store.hash_rihs01(kind)}))
+            metadata = {QOS: qos, 'topic_type_hash': self._store.hash_rihs01(kind)}
+            self.topics[topic] = (Schema(0, definition.encode(), 'ros2msg', kind),
+                                  Channel(0, topic, 'cdr', metadata, 0))
         self.add_message(topic, t, data)
 
-    def add_topic(self, topic: str, kind: TopicType) -> None:
-        """Say what the messages of a topic are."""
-        self._types[topic] = kind
-        self.counts[topic] = 0
-
     def add_message(self, topic: str, t: int, data: bytes) -> None:
-        """Add a message of a topic that `add_topic` was called for, with log time `t` [ns]."""
-        if self._stream.closed:
-            return
-        try:
-            if self._flushed - self._begun >= _FILE_AGE:
-                self._end_file()
-                self._begin_file()
-            channel = self._channels.get(topic) or self._add_channel(topic)
-            number = (self.counts[topic] + 1) & 0xffffffff
-            self._writer.add_message(channel, t, data, t, number)
-        except OSError:
-            self.abandon()
-            raise
-        span = self._span
-        span.count += 1
-        span.begin, span.end = min(t, span.begin), max(t, span.end)
+        """Add a message of one of `topics` with log time `t` [ns]."""
+        number = self._numbers.get(topic) or self._add_channel(*self.topics[topic])
+        self._writer.add_message(number, t, data, t)
         self.counts[topic] += 1
-
-    def note(self, key: str, value: str) -> None:
-        """Have the bag's metadata say something about the recording."""
-        self._custom[key] = value
+        for span in (self.span, self._files[self.file.name]):
+            span.add(t)
 
     def flush(self) -> None:
         """
@@ -302,100 +231,75 @@ class BagWriter:
         The disk is asked to keep it, too. What comes of that is raised by a later call, as
         `OSError`; as long as the disk takes, no more is asked of it, while writing goes on.
         """
-        if self._stream.closed:
-            return
-        try:
-            # The first chunk with messages of a topic has its type. A damaged chunk must not take
-            # it along: it stands on both sides of that chunk as well.
-            descriptions = self._descriptions.end()
-            self._describe(descriptions)
-            self._writer.flush()
-            self._describe(descriptions)
-            self._stream.flush()
-            self._sync.begin(self._stream.fileno())
-            self._flushed = self._clock()
-        except OSError:
-            self.abandon()
-            raise
+        self._writer.flush()
+        self._stream.write(self._descriptions)
+        self._stream.flush()
+        self._descriptions = b''
+        if self._sync.done():
+            self._sync.result()
+            self._sync = self._pool.submit(os.fsync, self._stream.fileno())
+        if time.monotonic() - self._begun >= _FILE_AGE:
+            self._end_file()
+            self._begin_file()
 
     def abandon(self) -> None:
         """Close without index and metadata: the disk takes no more."""
-        for action in (self._sync.end, self._stream.close,
-                       (self.path / 'metadata.yaml.tmp').unlink):
+        for action in (self._sync.result, self._stream.close,
+                       (self.path / 'metadata.yaml').unlink):
             with suppress(OSError):
                 action()
 
     def close(self) -> None:
         """Write index and metadata; without them, tools cannot open the bag."""
-        if self._stream.closed:
-            return
-        try:
-            self._end_file()
-            file = self.path / 'metadata.yaml.tmp'
-            # Keys are sorted: of metadata that are cut off, the version is missing.
-            file.write_text(yaml.safe_dump(
-                {'rosbag2_bagfile_information': self._information()}), encoding='utf-8')
-            file.replace(self.path / 'metadata.yaml')
-        except OSError:
-            self.abandon()
-            raise
+        self._end_file()
+        information = {
+            'version': 9, 'storage_identifier': 'mcap', 'ros_distro': 'jazzy', **self.span.entry(),
+            'relative_file_paths': list(self._files),
+            'files': [{'path': name, **span.entry()} for name, span in self._files.items()],
+            'topics_with_message_count': [{
+                'message_count': self.counts[topic], 'topic_metadata': {
+                    'name': topic, 'type': schema.name, 'serialization_format': 'cdr',
+                    'offered_qos_profiles': yaml.safe_load(channel.metadata[QOS] or '[]'),
+                    'type_description_hash': channel.metadata.get('topic_type_hash', '')}}
+                for topic, (schema, channel) in self.topics.items()],
+            'compression_format': '', 'compression_mode': '', 'custom_data': self.notes or None}
+        # Keys are sorted: of metadata that are cut off, the version is missing.
+        (self.path / 'metadata.yaml').write_text(
+            yaml.safe_dump({'rosbag2_bagfile_information': information}), encoding='utf-8')
 
     def _begin_file(self) -> None:
         """Begin a file, named as the recorder of ROS names it."""
-        self.file = self.path / f'{self.path.name}_{len(self._spans)}.mcap'
-        self._span = self._spans[self.file.name] = Span()
-        self._channels: dict[str, int] = {}
-        self._schemas: dict[tuple[str, str, bytes], int] = {}
-        self._begun = self._flushed = self._clock()
-        #: Of topics that are new since the last flush.
-        self._descriptions: Any = RecordBuilder()
+        self.file = self.path / f'{self.path.name}_{len(self._files)}.mcap'
+        self._files[self.file.name] = Span()
+        self._numbers: dict[str, int] = {}
+        self._begun: float = time.monotonic()
         self._stream: BinaryIO = self.file.open('xb')
         self._writer: Any = Writer(self._stream, chunk_size=_CHUNK)
         self._writer.start('ros2', 'ctc_chattering')
 
-    def _describe(self, descriptions: bytes) -> None:
-        """Write schemas and channels, if there are any, with a checksum."""
-        if descriptions:
-            self._writer.add_attachment(0, 0, DESCRIPTIONS, 'application/mcap', descriptions)
-
     def _end_file(self) -> None:
         """Write the index of a file."""
-        self._writer.add_metadata(
-            'rosbag2', {'serialized_metadata': yaml.safe_dump(self._information())})
         self._writer.finish()
         self._stream.flush()
-        self._sync.end()
+        self._sync.result()
         self._stream.close()
 
-    def _add_channel(self, topic: str) -> int:
-        """Describe a topic in the file; return its number."""
-        kind = self._types[topic]
-        metadata = {**kind.metadata,
-                    'offered_qos_profiles': yaml.safe_dump(kind.profiles) if kind.profiles else ''}
-        schema = self._schemas.get(kind.schema)
-        if schema is None:
-            name, encoding, definition = kind.schema
-            schema = self._writer.register_schema(name, encoding, definition)
-            self._schemas[kind.schema] = schema
-            Schema(schema, definition, encoding, name).write(self._descriptions)
-        channel: int = self._writer.register_channel(topic, 'cdr', schema, metadata)
-        Channel(channel, topic, 'cdr', metadata, schema).write(self._descriptions)
-        self._channels[topic] = channel
-        return channel
+    def _add_channel(self, schema: Schema, channel: Channel) -> int:
+        """
+        Describe a topic in the file; return its number.
 
-    def _information(self) -> dict[str, Any]:
-        """Return the metadata of the bag as the recorder of ROS writes them."""
-        return {
-            'version': 9, 'storage_identifier': 'mcap', 'ros_distro': 'jazzy', **self.span.entry(),
-            'relative_file_paths': list(self._spans),
-            'files': [{'path': name, **span.entry()} for name, span in self._spans.items()],
-            'topics_with_message_count': [
-                {'topic_metadata': _topic_metadata(topic, self._types[topic]),
-                 'message_count': count} for topic, count in self.counts.items()],
-            'compression_format': '', 'compression_mode': '', 'custom_data': self._custom or None}
-
-
-def _topic_metadata(topic: str, kind: TopicType) -> dict[str, Any]:
-    return {'name': topic, 'type': kind.kind, 'serialization_format': 'cdr',
-            'offered_qos_profiles': kind.profiles,
-            'type_description_hash': kind.metadata.get('topic_type_hash', '')}
+        The first chunk with messages of a topic has its description. A damaged chunk must not take
+        it along: it is in chunks without messages on both sides of that chunk as well.
+        """
+        kind = self._writer.register_schema(schema.name, schema.encoding, schema.data)
+        number = self._writer.register_channel(channel.topic, 'cdr', kind, channel.metadata)
+        records: Any = RecordBuilder()
+        dataclasses.replace(schema, id=kind).write(records)
+        dataclasses.replace(channel, id=number, schema_id=kind).write(records)
+        data = records.end()
+        Chunk('', data, 0, 0, zlib.crc32(data), len(data)).write(records)
+        description = records.end()
+        self._stream.write(description)
+        self._descriptions += description
+        self._numbers[channel.topic] = number
+        return int(number)

@@ -29,6 +29,7 @@ from ctc_chattering.cli.options import (
     own,
 )
 from ctc_chattering.errors import CtcError
+from ctc_chattering.parameters import LEAST
 
 
 def plot_options(parser: argparse.ArgumentParser) -> None:
@@ -96,7 +97,7 @@ def run_export(options: argparse.Namespace) -> int:
 def replay_options(parser: argparse.ArgumentParser) -> None:
     """Add the options of `ctc replay`."""
     add_bag(parser)
-    add_number(parser, '--rate', 'speed factor', 1.0, 'float', minimum=0.0, exclusive=True)
+    add_number(parser, '--rate', 'speed factor', 1.0, 'float', minimum=LEAST)
     add_number(parser, '--delay', 'time to wait for subscribers first', 1.0, 'float', unit='s',
                minimum=0.0)
 
@@ -105,7 +106,7 @@ def run_replay(options: argparse.Namespace) -> int:
     """
     Run `ctc replay`.
 
-    With its original timing, and /clock.
+    With its original timing.
     """
     from ctc_chattering.bags.replay import replay
     print(f'{replay(options.bag, options.rate, options.delay)} messages')
@@ -125,5 +126,6 @@ def run_repair(options: argparse.Namespace) -> int:
 
     done = repair(options.bag)
     print(f'{options.bag}: '
-          + (f'{done[0]}; the damaged bag is now {done[1]}' if done else 'nothing to repair'))
+          + (f'{done[0]} messages recovered; the damaged bag is now {done[1]}' if done
+             else 'nothing to repair'))
     return 0

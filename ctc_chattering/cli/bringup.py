@@ -66,7 +66,7 @@ def bringup(arguments: Sequence[str]) -> int:
     with given_by_user(ros.assigned):
         file, over, setup = load_setup(options, ros_arguments.bringup_values(ros))
     plant = setup.plant
-    with progress(f'experiment {plant.experiment}:', plant.duration) as moved:
+    with progress(f'experiment {plant.experiment}', plant.duration) as moved:
         try:
             run_graph(file, over, options.record, ['--ros-args', *ros.rest], moved, tqdm.write,
                       options.live)

@@ -66,7 +66,7 @@ def run_simulate(options: argparse.Namespace) -> int:
             say(HOW_TO_COMPILE)
         else:
             compile_setups([setup], say)
-    with progress(f'experiment {setup.plant.experiment}:', duration) as moved:
+    with progress(f'experiment {setup.plant.experiment}', duration) as moved:
         result = simulate(setup, moved)
         moved(duration)
     if options.out is not None:

@@ -37,7 +37,7 @@ from ctc_chattering.cli.presentation import print_page
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.configuration.package_share import find_config, read_description
 from ctc_chattering.errors import CtcError, given_by_user, UsageError
-from ctc_chattering.identification.effort import check_effort, CURRENT, EffortNames, LINK, MOTOR
+from ctc_chattering.identification.effort import CURRENT, LINK, MOTOR
 from ctc_chattering.identification.excite import (
     CHECK,
     excite,
@@ -56,7 +56,7 @@ from ctc_chattering.identification.identified_robot import (
     write_identified,
 )
 from ctc_chattering.identification.random_motions import ExcitationConfig
-from ctc_chattering.parameters import Parameter
+from ctc_chattering.parameters import LEAST, Parameter
 import numpy as np
 
 #: What is asked of the motion: parameters that are options.
@@ -72,7 +72,6 @@ _OF_EFFORT = {
                   'current at the motor',
     'torque_constant': 'torque of the motor per ampere [N·m/A], or of the joint without '
                        '--gear-ratio'}
-_EFFORT = EffortNames('--effort', '--gear-ratio', '--torque-constant')
 
 
 def excite_options(parser: argparse.ArgumentParser) -> None:
@@ -89,7 +88,7 @@ def excite_options(parser: argparse.ArgumentParser) -> None:
     add_number(parser, '--seed', 'seed of the random motions', 0, minimum=0)
     parser.add_argument('--for', dest='joints', type=words, default=(), metavar='A,B',
                         help='joints that the motion is for: the others move little; default: all')
-    add_output(parser, figures=False)
+    add_output(parser, 'excite', figures=False)
 
 
 def run_excite(options: argparse.Namespace) -> int:
@@ -113,16 +112,13 @@ def run_excite(options: argparse.Namespace) -> int:
             friction = for_each(friction, n)
             _FRICTION.check(friction, n)
     srdf = read_description(options.srdf) if options.srdf else ''
-    if options.out is not None and not options.overwrite:
-        prepare(options.out, (MOTION, RUN))  # Refused before the search rather than after it.
+    out = prepare(options.out, (MOTION, RUN), options.overwrite)
     found = excite(setup, request, friction, options.evaluations, options.seed, srdf,
                    options.floor, options.joints)
-    if options.out is not None:
-        write(found, sections, prepare(options.out, (MOTION, RUN), options.overwrite))
+    write(found, sections, out)
     _show_motion(found)
-    if options.out is not None:
-        print(f'{len(found.excitation.route.times)} waypoints: {options.out / MOTION}; play them '
-              f'with bringup {options.out / RUN}')
+    print(f'{len(found.excitation.route.times)} waypoints: {out / MOTION}; play them with bringup '
+          f'{out / RUN}')
     return 0
 
 
@@ -140,10 +136,6 @@ def _show_motion(found: Plan) -> None:
             *(f'{most:.3g}/{limit:.4g}' for most, limit in peaks), f'{found.kp[i]:g}',
             f'{found.kv[i]:g}', f'{found.hold[i]:.3f}'))
     print('\n'.join(fitted(rows, 0)))
-    (first, _), (_, last) = found.excitation.slow[0], found.excitation.creep[-1]
-    begin, end = found.excitation.sines
-    _say(f'slow reversals and creeping at {len(found.excitation.slow)} poses from {first:.1f} to '
-         f'{last:.1f} s, multisines from {begin:.1f} to {end:.1f} s')
     _show_distances(found)
     _warn(found)
 
@@ -210,7 +202,7 @@ def identify_options(parser: argparse.ArgumentParser) -> None:
                              'effort_controller/commands, or the only one that fits; TOPIC:FIELD '
                              'for a field of any message')
     add_declared(parser, Parameter('torque_rate', 'float[]', None, 'rate limit of the drives',
-                                   unit='N*m/s', minimum=0.0, exclusive=True, shape='n'))
+                                   unit='N*m/s', minimum=LEAST, shape='n'))
     parser.add_argument('--payload', action='append', metavar='KG@LINK', default=[],
                         help='known payload at the origin of a link, as 1.3@tool0, for each bag '
                              'in turn, 0 for none; given once, that of the last bag. A run with '
@@ -228,28 +220,21 @@ def run_identify(options: argparse.Namespace) -> int:
     The bags may come from any recorder; intervals are those of 95 %. Write identified.yaml,
     identify.json, figures and index.html.
     """
-    said = (options.effort or '', options.gear_ratio is not None,
-            options.torque_constant is not None)
-    check_effort(*said, names=_EFFORT)
     urdf = read_description(options.urdf) if options.urdf else ''
     bags = [*options.bags, *filter(None, [options.validate])]
     motions = [read_motion(bag, options.joints, urdf, options.states, options.commands,
                            options.model) for bag in bags]
     for note in (note for motion in motions for note in motion.notes):
         say(note)
-    recordings = [motion.recording for motion in motions]
-    check_effort(*said, recordings, _EFFORT)
-    n = len(recordings[0].joints)
+    n = len(motions[0].recording.joints)
     numbers = {name: for_each(x, n) for name in ('torque_rate', *_OF_EFFORT)
                if (x := getattr(options, name)) is not None}
     validation = motions.pop() if options.validate else None
-    if not options.overwrite:
-        prepare(options.out, NAMES)  # Refused before the search rather than after it.
+    out = prepare(options.out, NAMES, options.overwrite)
     with given_by_user(numbers):
         found = identify(motions, validation, options.model, urdf, options.gravity,
-                         options.torque or '', said[0], **numbers,
+                         options.torque or '', options.effort or '', **numbers,
                          payloads=_payloads(options.payload, len(motions)))
-    out = prepare(options.out, NAMES, options.overwrite)
     return _show_robot(write_identified(found, out, options.trials, options.seed, say,
                                         options.format, options.said), out)
 

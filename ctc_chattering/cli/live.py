@@ -25,7 +25,6 @@ from typing import Any, TYPE_CHECKING
 
 from ctc_chattering.cli.command_line import say
 from ctc_chattering.cli.options import add_number, add_own, own
-from ctc_chattering.configuration.package_share import config_directory
 from ctc_chattering.errors import CtcError, UsageError
 
 if TYPE_CHECKING:
@@ -35,8 +34,7 @@ if TYPE_CHECKING:
 def live_options(parser: argparse.ArgumentParser) -> None:
     """Add the options of `ctc live`."""
     parser.add_argument('bags', nargs='*', type=Path, metavar='BAG',
-                        help='bag, or a parameter file (panda, for example): its graph is started '
-                             'in real time, and shown')
+                        help='bag; one or two')
     parser.add_argument('--export', type=Path, metavar='FILE',
                         help='write a self-contained HTML file of the bags, serve no page')
     parser.add_argument('--overwrite', action='store_true', help='replace an existing file')
@@ -64,10 +62,6 @@ def run_live(options: argparse.Namespace) -> int:
     arguments after --ros-args are for ROS, such as -r __ns:=/robot1. Two bags are shown side by
     side.
     """
-    if len(options.bags) == 1 and _is_parameter_file(options.bags[0]):
-        from ctc_chattering.cli.bringup import bringup
-        return bringup([str(options.bags[0]), '--pacing', 'real_time', '--duration', '0', '--live',
-                        *options.ros_args])
     if options.export is not None:
         return _export(options)
     from ctc_chattering.live import require_viser
@@ -92,12 +86,6 @@ def run_live(options: argparse.Namespace) -> int:
 
         _serve(options, make_page)
     return 0
-
-
-def _is_parameter_file(path: Path) -> bool:
-    """Return whether a parameter file is named, and no bag: one of the package, or YAML."""
-    return path.suffix == '.yaml' or (
-        not path.exists() and (config_directory() / f'{path}.yaml').exists())
 
 
 def _serve(options: argparse.Namespace, make_page: Callable[..., Page]) -> None:

@@ -18,22 +18,18 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
-import io
 from pathlib import Path
-import sys
 from typing import Any
 
-#: Time between lines where there is no terminal [s].
-_SELDOM = 10.0
+_BAR = '{desc}: {bar} {n_fmt}/{total_fmt} {unit} [{elapsed}]'
 
 
 @contextmanager
 def progress(title: str, total: float = 0.0, unit: str = 's') -> Iterator[Callable[..., None]]:
     """
-    Yield a function of what is done, and of all there is, which shows a bar.
+    Yield a function of what is done, and of all there is, which shows a bar in a terminal.
 
-    There is no bar before its first call: what is refused until then is one line. Where the output
-    is no terminal, there are lines, and seldom.
+    There is no bar before its first call: what is refused until then is one line.
 
     Parameters
     ----------
@@ -47,19 +43,13 @@ def progress(title: str, total: float = 0.0, unit: str = 's') -> Iterator[Callab
     """
     from tqdm import tqdm  # A node's executable does without.
     bars: list[Any] = []
-    terminal = sys.stderr.isatty()
-    form = '{desc}: {bar} {n_fmt}/{total_fmt} {unit} [{elapsed}]'
-    if unit == 's':
-        form = '{desc} {bar} {n:.1f} of {total:g} s [{elapsed}]' if total else '{desc} {n:.1f} s'
-    often: dict[str, Any] = {'mininterval': 0.2} if terminal else {
-        'file': _Lines(), 'mininterval': _SELDOM, 'maxinterval': _SELDOM}
 
     def moved(done: float, whole: float = total) -> None:
         if not bars:
-            bars.append(tqdm(desc=title, total=whole or None, unit=unit, **often,
-                             bar_format=form if terminal else form.replace('{bar} ', '')))
+            bars.append(tqdm(desc=title, total=whole or None, unit=unit, disable=None,
+                             mininterval=0.2, bar_format=_BAR))
         bars[0].total = whole or None
-        bars[0].n = min(done, whole) if whole else done
+        bars[0].n = round(min(done, whole) if whole else done, 1)
         with suppress(OSError):  # Nobody reads it any more.
             bars[0].update(0)
     try:
@@ -67,19 +57,6 @@ def progress(title: str, total: float = 0.0, unit: str = 's') -> Iterator[Callab
     finally:
         for bar in bars:
             bar.close()
-
-
-class _Lines(io.TextIOBase):
-    """Prints what tqdm draws over itself as lines, each once."""
-
-    _last = ''
-
-    def write(self, text: str) -> int:
-        line = text.strip()
-        if line and line != self._last:
-            self._last = line
-            print(line, file=sys.stderr, flush=True)
-        return len(text)
 
 
 def present(results: Sequence[Any], bags: Sequence[Path], out: Path, extra: str = 'svg',

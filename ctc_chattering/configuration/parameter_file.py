@@ -36,7 +36,7 @@ from ctc_chattering.configuration.loop_setup import (
     Setup,
     Values,
 )
-from ctc_chattering.configuration.node_parameters import LOOP, NODES, parameters_of
+from ctc_chattering.configuration.node_parameters import LOOP, NODES
 from ctc_chattering.configuration.package_share import find_config, read_description
 from ctc_chattering.configuration.yaml_file import (
     Dumper,
@@ -95,24 +95,22 @@ def load(path: Path | None, overrides: Overrides | None = None) -> Setup:
     values = {node: node_values(sections, node, str(path))
               | node_values(overrides or {}, node, 'overrides') for node in NODES}
     values['plant'].setdefault('experiment', path.stem if path is not None else 'friction')
-    configs: dict[str, list[Any]] = {
-        node: [made(node, kind.from_mapping, {
-            name: x for name, x in values[node].items() if name in kind.parameters()})
-            for kind in kinds] for node, kinds in NODES.items()}
-    plant, controller, reference, bringup = (configs[node][0] for node in (*LOOP, 'bringup'))
+    resolved = {node: made(node, kind.from_mapping, {
+        name: x for name, x in values[node].items() if name not in OF_ROS}).as_mapping()
+        for node, kind in NODES.items()}
+    loop: dict[str, Any] = {node: kind.from_mapping({name: resolved[node][name] for name in (
+        kind.parameters())}) for node, kind in LOOP.items()}
+    plant, controller, reference = loop.values()
     check_agreement(plant, controller, reference)
     if values['plant'].get('use_sim_time') is True and plant.pacing == 'real_time':
         raise UsageError('use_sim_time: true contradicts real_time, the pacing of plant: it '
                          'gives the time itself, in lockstep on clock')
-    resolved = {node: {name: value for config in configs[node]
-                       for name, value in config.as_mapping().items()} for node in NODES}
     route = read_trajectory(Path(reference.trajectory_file), reference.joint_names
                             ) if reference.trajectory_file else None
-    descriptions = {node: read_description(config.description)
-                    for node, config in zip(LOOP, (plant, controller, reference))
+    descriptions = {node: read_description(config.description) for node, config in loop.items()
                     if config.described and config.description}
-
-    events = parse_events(bringup.events, {'plant': plant, 'controller': controller},
+    events = parse_events(resolved['bringup']['events'],
+                          {'plant': plant, 'controller': controller},
                           lambda: known_model_torque(controller, descriptions))
     setup = Setup(plant, controller, reference, events, resolved, route, descriptions)
     check_motion(setup)
@@ -213,8 +211,8 @@ def node_values(sections: Overrides, node: str, source: str) -> Values:
         For a parameter that the node, or under ``/**`` any node, does not have.
 
     """
-    known = parameters_of(node)
-    everyone = {name for other in NODES for name in parameters_of(other)}
+    known = NODES[node].parameters()
+    everyone = {name for other in NODES for name in NODES[other].parameters()}
     values = {}
     for section, allowed in ((EVERY_NODE, everyone), (node, set(known))):
         for name, value in sections.get(section, {}).items():

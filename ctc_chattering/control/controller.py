@@ -76,16 +76,6 @@ class Sample(NamedTuple):
     saturation_error: Vector | None
 
 
-class _Answered(NamedTuple):
-    """A period that was answered without a state."""
-
-    #: The rows that the step took, and how long after their instant the sample was [ns].
-    rows: Array
-    after: int
-    #: The torque in force, shape (n,) [N·m].
-    tau: Array
-
-
 class Controller:
     """
     The sampled controller: one call of `step` per state.
@@ -181,8 +171,10 @@ class Controller:
         #: Stamp of the last state, and how long after its sample it was measured [ns].
         self._t: int | None = None
         self._offset = 0
-        #: Periods after it that have been answered, and memories and transit before them.
-        self._answered: list[_Answered] = []
+        #: Periods after it that were answered without a state: the rows that the step took, how
+        #: long after their instant the sample was [ns], and the torque in force, shape (n,) [N·m];
+        #: memories and transit before them.
+        self._answered: list[tuple[Array, int, Array]] = []
         self._measured: tuple[Memories, Array]
         zero = np.zeros(n)
         tau = zero if held is None else vector('held', held, n)
@@ -228,8 +220,7 @@ class Controller:
     @property
     def stability(self) -> tuple[float, float]:
         """Return part of its bandwidth that the law uses, and how long it was too much [s]."""
-        memory = self.memories.law
-        return self.law.bandwidth_in_use(memory), self.law.out_of_control(memory)
+        return self.law.stability(self.memories.law)
 
     def _begin(self, rows: Array) -> None:
         """Begin with v = 0, or take over from another law, for `rows` as of `step`."""
@@ -334,21 +325,21 @@ class Controller:
         if not self._answered:
             self._measured = self.memories, self.transit.copy()
         sample = self._step(rows, Arrival(0.0, after / 1e9, 0.0, float(kept)))
-        self._answered.append(_Answered(rows, after, np.array(sample.tau)))
+        self._answered.append((rows, after, np.array(sample.tau)))
         return sample
 
     def _merged(self, missed: int, rows: Array, offset: int, after: int, t: int) -> Sample:
         """Take a state whose period has been answered; return the sample of the last period."""
         answered, (memories, self.transit[:]) = self._answered, self._measured
-        for k, one in enumerate(answered):
+        for k, (rows_before, after_before, tau) in enumerate(answered):
             self._stepper.memories = memories._replace(
-                control=memories.control._replace(held=one.tau))
+                control=memories.control._replace(held=tau))
             if k == missed:
                 sample = self._step(rows, Arrival(offset / 1e9, after / 1e9, 1.0, 1.0))
                 self._measured = self.memories, self.transit.copy()
                 self._t, self._offset, self._answered = t, offset, answered[k + 1:]
             else:
-                sample = self._step(one.rows, Arrival(0.0, one.after / 1e9, 0.0, 1.0))
+                sample = self._step(rows_before, Arrival(0.0, after_before / 1e9, 0.0, 1.0))
             memories = self.memories
         return sample
 

@@ -18,12 +18,10 @@ from __future__ import annotations
 
 import dataclasses
 from math import inf
-from typing import ClassVar
 
-from ctc_chattering.dynamics.registry import check_model, locked_positions, RobotConfig
+from ctc_chattering.dynamics.registry import RobotConfig
 from ctc_chattering.numerics.linear_algebra import Vector
-from ctc_chattering.numerics.time_grid import period_ns
-from ctc_chattering.parameters import parameter
+from ctc_chattering.parameters import LEAST, parameter
 
 #: Values of the parameter ``law``, besides classes; each is a module of `control/laws`.
 LAWS = ('compensation', 'chattering', 'integral', 'momentum_observer', 'super_twisting',
@@ -45,132 +43,86 @@ _OF_DRIVES = ('pid_kalman', *_OBSERVING)
 class ControllerConfig(RobotConfig):
     """Parameters of the laws, of the filter (3) and of the limits."""
 
-    title: ClassVar[str] = 'controller'
-
-    law: str = parameter(
-        'law', 'str', 'chattering',
-        'Control law: docs/laws.md.', choices=LAWS, own=True)
+    law: str = parameter('chattering', 'Control law: docs/laws.md.', choices=LAWS, own=True)
     kp: tuple[float, ...] = parameter(
-        'kp', 'float[]', 100.0, 'Position gain Kp.', unit='1/s^2', minimum=0.0, exclusive=True,
-        shape='nn', usual=(1.0, 1e4))
+        100.0, 'Position gain Kp.', '1/s^2', minimum=LEAST, shape='nn', usual=(1.0, 1e4))
     kv: tuple[float, ...] = parameter(
-        'kv', 'float[]', 50.0, 'Velocity gain Kv.', unit='1/s', minimum=0.0, exclusive=True,
-        shape='nn', usual=(1.0, 1e3))
+        50.0, 'Velocity gain Kv.', '1/s', minimum=LEAST, shape='nn', usual=(1.0, 1e3))
     ka: tuple[float, ...] = parameter(
-        'ka', 'float[]', 10.0,
-        'Chattering gain Ka; must exceed friction plus disturbance. Of laws that observe a '
-        'state, the bound of the estimate; must also exceed the error of the model.',
-        unit='N*m', minimum=0.0, shape='n', usual=(0.1, 1e3),
-        laws=('chattering', *_OBSERVING))
+        10.0, 'Chattering gain Ka; must exceed friction plus disturbance. Of laws that observe a '
+        'state, the bound of the estimate; must also exceed the error of the model.', 'N*m',
+        usual=(0.1, 1e3), laws=('chattering', *_OBSERVING))
     lambda_: float = parameter(
-        'lambda', 'float', 10.0, 'Pole of the filter (3).', unit='1/s', minimum=0.0,
-        exclusive=True, usual=(0.1, 1e3), laws=(*_PAPER, 'super_twisting'))
+        10.0, 'Pole of the filter (3).', '1/s', name='lambda', minimum=LEAST, usual=(0.1, 1e3),
+        laws=(*_PAPER, 'super_twisting'))
     b: float = parameter(
-        'b', 'float', 1.0, 'Gain of the filter (3); 1 in the paper.', minimum=1e-3,
-        maximum=1e3, laws=(*_PAPER, 'super_twisting'))
+        1.0, 'Gain of the filter (3); 1 in the paper.', minimum=1e-3, maximum=1e3,
+        laws=(*_PAPER, 'super_twisting'))
     switching: str = parameter(
-        'switching', 'str', 'sign', 'How the chattering term is evaluated.', choices=SWITCHINGS,
-        own=True, laws=('chattering',))
+        'sign', 'How the chattering term is evaluated.', choices=SWITCHINGS, own=True,
+        laws=('chattering',))
     boundary_layer: float = parameter(
-        'boundary_layer', 'float', 0.05, 'Switching boundary_layer: half the width of the layer.',
-        unit='rad/s', minimum=0.0, exclusive=True, laws=('chattering',))
+        0.05, 'Switching boundary_layer: half the width of the layer.', 'rad/s', minimum=LEAST,
+        laws=('chattering',))
     observer_bandwidth: float = parameter(
-        'observer_bandwidth', 'float', 200.0,
-        'Switching implicit_observer: bandwidth of the estimate, at most 0.3 / lag of the '
-        'drives; .inf for one sample.',
-        unit='rad/s', minimum=0.0, exclusive=True, infinite=True, laws=('chattering',),
-        usual=(10.0, 1e4))
+        200.0, 'Switching implicit_observer: bandwidth of the estimate, at most 0.3 / lag of the '
+        'drives; .inf for one sample.', 'rad/s', minimum=LEAST, infinite=True,
+        laws=('chattering',), usual=(10.0, 1e4))
     estimator_bandwidth: float = parameter(
-        'estimator_bandwidth', 'float', 100.0,
-        'Bandwidth of the observer, or of the Kalman filter.',
-        unit='rad/s', minimum=0.0, exclusive=True, maximum=1e4, laws=_OF_DRIVES)
+        100.0, 'Bandwidth of the observer, or of the Kalman filter.', 'rad/s', minimum=LEAST,
+        maximum=1e4, laws=_OF_DRIVES)
     actuator_lag: tuple[float, ...] = parameter(
-        'actuator_lag', 'float[]', float('inf'),
-        'Time constant of the drives; .inf if unknown: 3 ms.',
-        unit='s', minimum=0.0, maximum=1.0, infinite=True,
-        shape='n', laws=_OF_DRIVES)
+        inf, 'Time constant of the drives; .inf if unknown: 3 ms.', 's', maximum=1.0,
+        laws=_OF_DRIVES)
     torque_rate_limit: tuple[float, ...] = parameter(
-        'torque_rate_limit', 'float[]', float('inf'),
-        'Rate limit of the drives; .inf if unknown.', unit='N*m/s',
-        minimum=0.0, exclusive=True, infinite=True, shape='n', laws=_OF_DRIVES)
+        inf, 'Rate limit of the drives; .inf if unknown.', 'N*m/s', minimum=LEAST, laws=_OF_DRIVES)
     friction_learning: float = parameter(
-        'friction_learning', 'float', 20.0,
-        'Learning rate of the level of friction; 0 for none.', unit='1/s', minimum=0.0,
-        maximum=1e3, laws=('observer_feedback',))
+        20.0, 'Learning rate of the level of friction; 0 for none.', '1/s', maximum=1e3,
+        laws=('observer_feedback',))
     ki: tuple[float, ...] = parameter(
-        'ki', 'float[]', 100.0,
-        'Integral gain Ki, less than Kv Kp; docs/laws.md.',
-        unit='1/s^3', minimum=0.0, shape='n', laws=('integral', 'pid_kalman'))
+        100.0, 'Integral gain Ki, less than Kv Kp; docs/laws.md.', '1/s^3',
+        laws=('integral', 'pid_kalman'))
     lead_ratio: float = parameter(
-        'lead_ratio', 'float', 0.5,
-        'Fraction of the lag that the lead leaves; 1 for no lead.', minimum=0.0,
-        exclusive=True, maximum=1.0, laws=('pid_kalman',))
+        0.5, 'Fraction of the lag that the lead leaves; 1 for no lead.', minimum=LEAST,
+        maximum=1.0, laws=('pid_kalman',))
     momentum_gain: float = parameter(
-        'momentum_gain', 'float', 200.0,
-        'Bandwidth of the estimate of the perturbation.', unit='1/s',
-        minimum=0.0, exclusive=True, laws=('momentum_observer',))
+        200.0, 'Bandwidth of the estimate of the perturbation.', '1/s', minimum=LEAST,
+        laws=('momentum_observer',))
     super_twisting_k1: tuple[float, ...] = parameter(
-        'super_twisting_k1', 'float[]', 60.0, 'Gain of sqrt(|v|).', unit='sqrt(rad/s^3)',
-        minimum=0.0, exclusive=True, shape='n', laws=('super_twisting',))
+        60.0, 'Gain of sqrt(|v|).', 'sqrt(rad/s^3)', minimum=LEAST, laws=('super_twisting',))
     super_twisting_k2: tuple[float, ...] = parameter(
-        'super_twisting_k2', 'float[]', 2000.0,
-        'Gain of the integral of sgn(v); must exceed the rate of change of the acceleration by '
-        'the perturbation.', unit='rad/s^3', minimum=0.0, exclusive=True, shape='n',
-        laws=('super_twisting',))
+        2000.0, 'Gain of the integral of sgn(v); must exceed the rate of change of the '
+        'acceleration by the perturbation.', 'rad/s^3', minimum=LEAST, laws=('super_twisting',))
     adaptation_gain: tuple[float, ...] = parameter(
-        'adaptation_gain', 'float[]', 100.0,
-        'Adaptation rate of the level of friction; less than D Kv / h.',
-        unit='N*m/rad', minimum=0.0, shape='n', laws=('slotine_li',))
+        100.0, 'Adaptation rate of the level of friction; less than D Kv / h.', 'N*m/rad',
+        laws=('slotine_li',))
     friction_level: tuple[float, ...] = parameter(
-        'friction_level', 'float[]', 0.0,
-        'Known Coulomb friction; slotine_li and observer_feedback adapt it.',
-        unit='N*m', minimum=0.0, shape='n',
+        0.0, 'Known Coulomb friction; slotine_li and observer_feedback adapt it.', 'N*m',
         laws=('slotine_li', 'friction_feedforward', *_OF_DRIVES))
     friction_velocity: float = parameter(
-        'friction_velocity', 'float', 0.05,
-        'Velocity over which this friction changes sign.', unit='rad/s',
-        minimum=0.0, exclusive=True,
+        0.05, 'Velocity over which this friction changes sign.', 'rad/s', minimum=LEAST,
         laws=('slotine_li', 'friction_feedforward', 'pid_kalman', 'extended_state_observer'))
     friction_lead: float = parameter(
-        'friction_lead', 'float', 0.0,
-        'Time before a reversal at which this friction changes sign.', unit='s',
-        minimum=0.0, maximum=0.1, laws=('pid_kalman', 'extended_state_observer'))
+        0.0, 'Time before a reversal at which this friction changes sign.', 's', maximum=0.1,
+        laws=('pid_kalman', 'extended_state_observer'))
     input_delay: int = parameter(
-        'input_delay', 'int', 0,
-        'Known delay of the torque, in samples; the law predicts the state.', minimum=0,
-        maximum=100, read_only=True)
-    inertia_scale: float = parameter(
-        'inertia_scale', 'float', 1.0, 'Factor on M and C, to study model errors.', minimum=0.0,
-        exclusive=True, read_only=True)
-    gravity_scale: float = parameter(
-        'gravity_scale', 'float', 1.0, 'Factor on G, to study model errors.', minimum=0.0,
+        0, 'Known delay of the torque, in samples; the law predicts the state.', maximum=100,
         read_only=True)
+    inertia_scale: float = parameter(
+        1.0, 'Factor on M and C, to study model errors.', minimum=LEAST, read_only=True)
+    gravity_scale: float = parameter(1.0, 'Factor on G, to study model errors.', read_only=True)
     effort_limit: tuple[float, ...] = parameter(
-        'effort_limit', 'float[]', float('inf'),
-        'Largest torque sent; .inf for that of the description, or unlimited.',
-        unit='N*m', minimum=0.0, exclusive=True, infinite=True, shape='n')
+        inf, 'Largest torque sent; .inf for that of the description, or unlimited.', 'N*m',
+        minimum=LEAST)
     effort_rate_limit: tuple[float, ...] = parameter(
-        'effort_rate_limit', 'float[]', float('inf'),
-        'Rate limit of the torque sent, from 0 at the start; .inf for unlimited.',
-        unit='N*m/s', minimum=0.0, exclusive=True, infinite=True, shape='n')
+        inf, 'Rate limit of the torque sent, from 0 at the start; .inf for unlimited.', 'N*m/s',
+        minimum=LEAST)
     anti_windup: bool = parameter(
-        'anti_windup', 'bool', True,
-        'Filter (3) and integrals do not wind up at the effort limits.',
+        True, 'Filter (3) and integrals do not wind up at the effort limits.',
         laws=(*_PAPER, 'integral', 'super_twisting', 'slotine_li', 'pid_kalman'))
     error_limit: tuple[float, ...] = parameter(
-        'error_limit', 'float[]', float('inf'),
-        'Position error beyond which no torque is sent until ~/reset; .inf for never, but under '
-        'observer_feedback where it has grown by 1 rad.',
-        unit='rad', minimum=0.0, exclusive=True, infinite=True, shape='n')
-    control_period: float = parameter(
-        'control_period', 'float', 1e-3, 'Sample period h.', unit='s', minimum=0.0,
-        exclusive=True, maximum=10.0, read_only=True)
-
-    def validate(self) -> None:
-        """Check the model's number of joints and the period."""
-        check_model(self.model, self.joint_names)
-        locked_positions(self.locked)
-        period_ns(self.control_period)
+        inf, 'Position error beyond which no torque is sent until ~/reset; .inf for never, but '
+        'under observer_feedback where it has grown by 1 rad.', 'rad', minimum=LEAST)
 
     def takes(self, name: str) -> bool:
         """Return whether the law in force takes the parameter `name`; a user's takes all."""
@@ -204,8 +156,3 @@ class ControllerConfig(RobotConfig):
     def switching_in_force(self) -> str:
         """Return the switching; empty under a law without one."""
         return self.switching if self.takes('switching') else ''
-
-    @property
-    def described(self) -> bool:
-        """Whether a description of the robot is needed."""
-        return self.model == 'urdf'

@@ -68,18 +68,6 @@ _NO_LAG = 1e-15
 
 
 @record
-class Response(NamedTuple):
-    """Torque of the drives over a period, each of shape (n,) [N·m]."""
-
-    #: At the end.
-    end: Array
-    #: Mean, which changes the velocity.
-    mean: Array
-    #: Mean weighted by the time that is left, which changes the position.
-    weighted: Array
-
-
-@record
 class DriveModel(NamedTuple):
     """Drives with a known lag and rate limit, as `drive_model` makes them; arrays (n,)."""
 
@@ -98,20 +86,25 @@ class DriveModel(NamedTuple):
     mean: Array
     weighted: Array
 
-    def response(self, torque: Array, command: Array) -> Response:
-        """Return what `torque` does over a period in which `command` is held, both (n,) [N·m]."""
+    def response(self, torque: Array, command: Array) -> tuple[Array, Array, Array]:
+        """
+        Return what `torque` does over a period in which `command` is held, all (n,) [N·m].
+
+        That is the torque at the end; its mean, which changes the velocity; and its mean weighted
+        by the time that is left, which changes the position.
+        """
         h, T, x0 = self.period, self.lag, torque - command
         if every(np.abs(x0) <= self.linear):
-            return Response(command + self.decay * x0, command + self.mean * x0,
-                            command + self.weighted * x0)
+            return (command + self.decay * x0, command + self.mean * x0,
+                    command + self.weighted * x0)
         r = np.minimum(np.maximum(np.abs(x0) / self.rate - T, 0.0), h)
         slope, rest = -np.sign(x0) * self.slope, h - r
         x1 = x0 + slope * r
         decay = np.exp(-rest / T)
         ramp, tail = r * (x0 + 0.5 * slope * r), T * x1 * (1.0 - decay)
         weighted = h * ramp - r * r * (0.5 * x0 + slope * r / 3.0) + T * (x1 * rest - tail)
-        return Response(command + x1 * decay, command + (ramp + tail) / h,
-                        command + 2.0 / (h * h) * weighted)
+        return (command + x1 * decay, command + (ramp + tail) / h,
+                command + 2.0 / (h * h) * weighted)
 
     def command(self, now: Array, after: Array) -> Array:
         """
@@ -204,15 +197,16 @@ class StateObserver(NamedTuple):
             Torque commanded for the period [N·m].
 
         """
-        h, drive = self.drives.period, self.drives.response(at.torque, command)
-        mean = drive.mean - (bias + at.perturbation + 0.5 * h * at.slope)
-        _, rest = nearest_and_rest(mass, dot(mass, at.dq) / h + mean, level)
+        h = self.drives.period
+        end, mean, weighted = self.drives.response(at.torque, command)
+        load = mean - (bias + at.perturbation + 0.5 * h * at.slope)
+        _, rest = nearest_and_rest(mass, dot(mass, at.dq) / h + load, level)
         dq = h * rest
-        other = drive.weighted - drive.mean + h / 6.0 * at.slope
+        other = weighted - mean + h / 6.0 * at.slope
         q = at.q + 0.5 * h * (at.dq + dq)
         if some(other):
             q = q + 0.5 * h * h * solve(mass, other)
-        return Observed(q, dq, drive.end, at.perturbation + h * at.slope, at.slope)
+        return Observed(q, dq, end, at.perturbation + h * at.slope, at.slope)
 
     def correct(self, at: Observed, mass: Array, q: Array) -> Observed:
         """Return the state with what the measured position `q`, (n,) [rad], says, by (SO2)."""

@@ -59,13 +59,14 @@ Filter and observer themselves advance with what is measured and applied.
 from __future__ import annotations
 
 from math import exp, expm1, inf
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 from ctc_chattering.compiled.compilable import dot, function, record, solve, some
 from ctc_chattering.compiled.machine_code import Call, Code
 from ctc_chattering.compiled.records import load, packed, rows, store
 from ctc_chattering.control.controller_config import ControllerConfig
 from ctc_chattering.dynamics.compiled_model import Arm, CompiledArm, CompiledModel, EvaluatedModel
+from ctc_chattering.dynamics.model import Model
 from ctc_chattering.numerics.linear_algebra import Array, Vector
 from ctc_chattering.numerics.time_grid import period_ns, seconds
 from ctc_chattering.parameters import matrix
@@ -131,23 +132,6 @@ def error_filter(pole: float, b: float, period: float) -> ErrorFilter:
 
 
 @record
-class Limiter(NamedTuple):
-    """Limits of the torque; arrays of shape (n,)."""
-
-    #: Largest torque, and largest change of it in a period [N·m]; inf for unlimited.
-    effort: Array
-    change: Array
-    #: Whether there are limits, and whether the filter does not wind up at them; 1.0 or 0.0.
-    limited: float
-    anti_windup: float
-
-    def limit(self, unsaturated: Array, held: Array) -> Array:
-        """Return the torque to send after the torque `held`, shape (n,) [N·m]."""
-        near = np.minimum(np.maximum(unsaturated, held - self.change), held + self.change)
-        return np.minimum(np.maximum(near, -self.effort), self.effort)
-
-
-@record
 class ControlSettings(NamedTuple):
     """What is common to all laws; made by `control_settings`."""
 
@@ -159,19 +143,19 @@ class ControlSettings(NamedTuple):
     kp: Array
     kv: Array
     filter: ErrorFilter  # noqa: A003
-    limiter: Limiter
+    #: Largest torque, and largest change of it in a period, shape (n,) [N·m]; inf for unlimited.
+    effort: Array
+    change: Array
+    #: Whether there are limits, and whether the filter does not wind up at them; 1.0 or 0.0.
+    limited: float
+    anti_windup: float
     #: n zeros.
     zero: Array
 
-
-class Evaluates(Protocol):
-    """The part of a model that the control step takes."""
-
-    def evaluate(self, q: Array, dq: Array) -> tuple[Array, Array, Array]:
-        """Return M, C and G, shapes (n, n), (n, n) and (n,)."""
-
-    def forward(self, q: Array, dq: Array, u: Array) -> Array:
-        """Return ddq, shape (n,) [rad/s²], under a torque [N·m]."""
+    def limit(self, unsaturated: Array, held: Array) -> Array:
+        """Return the torque to send after the torque `held`, shape (n,) [N·m]."""
+        near = np.minimum(np.maximum(unsaturated, held - self.change), held + self.change)
+        return np.minimum(np.maximum(near, -self.effort), self.effort)
 
 
 @record
@@ -182,10 +166,11 @@ class Models(NamedTuple):
     Compiled code keeps M and C of each in a place of its own.
     """
 
-    #: Of the sample, of the arrival of its torque, and of a period later.
-    now: Evaluates
-    arriving: Evaluates
-    after: Evaluates
+    #: Of the sample, of the arrival of its torque, and of a period later; each a `Model`, or what
+    #: compiled code has in its place.
+    now: Any
+    arriving: Any
+    after: Any
 
 
 @record
@@ -303,7 +288,7 @@ REGULAR = Arrival(0.0, 0.0, 1.0, 0.0)
 @function
 def losing(settings: ControlSettings, memory: ControlMemory) -> bool:
     """Return whether a torque that is applied may be another one than that of its law."""
-    return settings.limiter.limited != 0.0 or memory.fading > -settings.delay
+    return settings.limited != 0.0 or memory.fading > -settings.delay
 
 
 def control_settings(config: ControllerConfig, effort_limits: Vector) -> ControlSettings:
@@ -311,12 +296,12 @@ def control_settings(config: ControllerConfig, effort_limits: Vector) -> Control
     n, h = len(config.joint_names), seconds(period_ns(config.control_period))
     effort = np.array(config.largest_torque(effort_limits))
     change = h * np.array(config.effort_rate_limit)
-    limited = min(effort.min(), change.min()) < inf
+    limited = float(min(effort.min(), change.min()) < inf)
     return ControlSettings(
         h, float(config.input_delay), float(max(round(FADE / h), 1)),
         np.array(matrix(config.kp, n)), np.array(matrix(config.kv, n)),
-        error_filter(config.lambda_, config.b, h),
-        Limiter(effort, change, float(limited), float(config.anti_windup)), np.zeros(n))
+        error_filter(config.lambda_, config.b, h), effort, change, limited,
+        float(config.anti_windup), np.zeros(n))
 
 
 @function
@@ -357,14 +342,15 @@ def arriving(law: Any, law_memory: Any, now: State, context: Context) -> State:
         row = context.row(j)
         xi = settings.filter.next_state(xi, at.de, at.u)
         if lossy:
-            xi = xi + settings.filter.correction(at.M, context.transit[row + 2])
+            excess = settings.anti_windup * context.transit[row + 2]
+            xi = xi + settings.filter.correction(at.M, excess)
         q, dq = predict(model, at, context.transit[row] - perturbation, settings.period)
         at = evaluated(settings, model, q, dq, context.points, 3 * j + 3, xi)
     return at
 
 
 @function
-def predict(model: Evaluates, at: State, u: Array, h: float) -> tuple[Array, Array]:
+def predict(model: Model, at: State, u: Array, h: float) -> tuple[Array, Array]:
     """
     Return q and dq after one period under a held torque, by the midpoint rule.
 
@@ -418,7 +404,8 @@ class Applied(NamedTuple):
     tau, saturation_error : ndarray
         Within the limits, and what these have taken from it.
     excess : ndarray
-        Torque of the law alone less ``tau``, which the filter does not see; 0 for no anti-windup.
+        Torque of the law alone less ``tau``, which the filter does not see; to `advanced` 0 for
+        no anti-windup.
     clipping_error : ndarray
         As in `Terms`.
 
@@ -441,18 +428,6 @@ class Memories(NamedTuple):
     control: ControlMemory
     law: Any
     last: LastSample
-
-
-@record
-class Step(NamedTuple):
-    """What one control step computed."""
-
-    #: The sample as the law takes it.
-    now: State
-    #: Of the torque, and the torque as it will be applied.
-    parts: Terms
-    sent: Applied
-    memories: Memories
 
 
 @function
@@ -490,9 +465,11 @@ def at_sample(points: Array, after: float, delay: float, room: Array) -> Array:
 
 @function
 def step(context: Context, law: Any, law_memory: Any, last: LastSample, arrival: Arrival,
-         q: Array, dq: Array) -> Step:
+         q: Array, dq: Array) -> tuple[State, Terms, Applied, Memories]:
     """
-    Return the torque of a sample, and what is remembered a period later.
+    Return the sample as the law takes it, its torque, and what is remembered a period later.
+
+    The torque is returned as the law has it, and as it will be applied.
 
     Parameters
     ----------
@@ -533,9 +510,8 @@ def step(context: Context, law: Any, law_memory: Any, last: LastSample, arrival:
                 difference = memory.held - own
             wanted = own + fading / settings.fading * difference
         fading = max(fading - 1.0, -settings.delay)
-        tau = settings.limiter.limit(wanted, memory.held)
-        sent = Applied(tau, wanted - tau, settings.limiter.anti_windup * (own - tau),
-                       terms.clipping_error)
+        tau = settings.limit(wanted, memory.held)
+        sent = Applied(tau, wanted - tau, own - tau, terms.clipping_error)
     if arrival.kept != 0.0:
         tau = memory.held
         sent = Applied(tau, settings.zero, settings.zero, settings.zero)
@@ -543,13 +519,14 @@ def step(context: Context, law: Any, law_memory: Any, last: LastSample, arrival:
     if settings.delay > 0.0:
         applied = exchanged(context.transit, context.row(0), sent)
         turn = (turn + 1.0) % settings.delay
-    xi = settings.filter.next_state(memory.xi, now.de, now.u)
+    xi, excess = settings.filter.next_state(memory.xi, now.de, now.u), settings.zero
     if lossy:
-        xi = xi + settings.filter.correction(now.M, applied.excess)
-    law_memory = law.advanced(law_memory, now, applied)
-    return Step(now, terms, sent, Memories(
+        excess = settings.anti_windup * applied.excess
+        xi = xi + settings.filter.correction(now.M, excess)
+    law_memory = law.advanced(law_memory, now, applied._replace(excess=excess))
+    return now, terms, sent, Memories(
         ControlMemory(xi, tau, difference, fading, turn), law_memory,
-        LastSample(now.q, now.dq, applied.tau)))
+        LastSample(now.q, now.dq, applied.tau))
 
 
 @function
@@ -565,7 +542,7 @@ def exchanged(transit: Array, row: int, sent: Applied) -> Applied:
 
 
 def taken_over(settings: ControlSettings, before: tuple[Any, Any], law: Any, memories: Memories,
-               model: Evaluates, rows: Array) -> Memories:
+               model: Model, rows: Array) -> Memories:
     """
     Return the memories with which a law goes on after another one.
 
@@ -619,7 +596,7 @@ class PlainStep:
     compiled = False
 
     def __init__(self, settings: ControlSettings, law: Any, memories: Memories, transit: Array,
-                 model: Evaluates) -> None:
+                 model: Model) -> None:
         self.memories, self._law = memories, law
         self._fixed = settings, Models(model, model, model), transit
         self._room = np.zeros((3 + 3 * int(settings.delay), len(settings.zero)))
@@ -639,10 +616,9 @@ class PlainStep:
         control, of_law, last = self.memories
         points = at_sample(
             rows[2:], arrival.after_points, self._fixed[0].delay, self._room)
-        made = step(Context(*self._fixed, control, points), self._law, of_law, last, arrival,
-                    rows[0], rows[1])
-        self.memories = made.memories
-        now, terms, sent = made.now, made.parts, made.sent
+        now, terms, sent, self.memories = step(
+            Context(*self._fixed, control, points), self._law, of_law, last, arrival, rows[0],
+            rows[1])
         return [x.tolist() for x in (sent.tau, now.e, now.de, now.v, terms.nominal,
                                      terms.compensation, terms.robust, sent.saturation_error)]
 
@@ -767,10 +743,10 @@ def stepped(p: ControlRecords, points: Array) -> int:
     reference = at_sample(
         rows(points, like), arrival.after_points, settings.delay, rows(p.reference, like))
     context = Context(settings, models, rows(p.transit, like), memories.control, reference)
-    found = step(context, load(p.law), memories.law, memories.last, arrival, measured[0],
-                 measured[1])
-    store(p.memories, found.memories)
-    made, now, terms, sent = rows(p.made, like), found.now, found.parts, found.sent
+    now, terms, sent, after = step(context, load(p.law), memories.law, memories.last, arrival,
+                                   measured[0], measured[1])
+    store(p.memories, after)
+    made = rows(p.made, like)
     made[TAU], made[E], made[DE], made[V] = sent.tau, now.e, now.de, now.v
     made[NOMINAL], made[COMPENSATION] = terms.nominal, terms.compensation
     made[ROBUST], made[SATURATION_ERROR] = terms.robust, sent.saturation_error

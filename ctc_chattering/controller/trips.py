@@ -218,7 +218,7 @@ def unsafe_settings(config: ControllerConfig) -> Iterator[str]:
 def check_change(before: ControllerConfig, after: ControllerConfig) -> None:
     """Raise `ParameterError` if a number changes by more than `FACTOR` at once."""
     n = len(before.joint_names)
-    for name, spec in before.parameters().items():
+    for name, spec in ControllerConfig.parameters().items():
         first, *more = change_steps(spec, getattr(before, spec.field), getattr(after, spec.field),
                                     n)
         if more:

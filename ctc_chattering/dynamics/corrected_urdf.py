@@ -73,7 +73,11 @@ def corrected_urdf(description: str, joints: Sequence[str], parameters: Array,
         If no body has such parameters, or the URDF is not that of a model.
 
     """
-    _check(parameters, gravity)
+    for row in parameters:
+        if not _possible(pseudo_inertia(row)):
+            raise CtcError(f'no body can have the inertial parameters {row.tolist()}')
+    if len(gravity) != 3 or not gravity[2] < 0.0:
+        raise CtcError(f'gravity must point down, with three numbers: {list(gravity)}')
     model, tree = UrdfModel(description, joints, locked=locked), Tree(description)
     robot = ET.fromstring(
         description.strip(), ET.XMLParser(target=ET.TreeBuilder(insert_comments=True)))
@@ -92,15 +96,6 @@ def corrected_urdf(description: str, joints: Sequence[str], parameters: Array,
     result = header + ET.tostring(robot, encoding='unicode') + '\n'
     _verify(UrdfModel(result, joints, locked=locked), parameters, rotor)
     return result
-
-
-def _check(parameters: Array, gravity: Sequence[float]) -> None:
-    """Raise `CtcError` unless bodies can have the parameters, and gravity points down."""
-    for row in parameters:
-        if not _possible(pseudo_inertia(row)):
-            raise CtcError(f'no body can have the inertial parameters {row.tolist()}')
-    if len(gravity) != 3 or not gravity[2] < 0.0:
-        raise CtcError(f'gravity must point down, with three numbers: {list(gravity)}')
 
 
 def _possible(matrix: Array) -> bool:
@@ -178,9 +173,7 @@ def _tilt(robot: ET.Element, tree: Tree, gravity: Sequence[float]) -> None:
     x, y, z = gravity
     if hypot(x, y) <= _SAME * abs(z):
         return
-    children = {child for _, child in tree.ends.values()}
-    (root,) = (name for name in tree.links if name not in children)
-    name = _LEVEL
+    (root, _), name = next(iter(tree.ends.values())), _LEVEL
     while name in tree.links or name in tree.ends:
         name += '_'
     robot.append(ET.Comment(

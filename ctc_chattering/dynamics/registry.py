@@ -31,7 +31,8 @@ from threading import get_ident
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.dynamics.two_link import TwoLink
 from ctc_chattering.errors import CtcError, ParameterError, refused_as
-from ctc_chattering.parameters import Config, named_class, parameter
+from ctc_chattering.numerics.time_grid import period_ns
+from ctc_chattering.parameters import Config, LEAST, named_class, parameter
 
 #: Values of the parameter ``model``, besides classes.
 MODELS = ('two_link', 'urdf')
@@ -42,15 +43,24 @@ class DescribedConfig(Config):
     """Joints, and the description of the robot; what the configurations of all loop nodes have."""
 
     joint_names: tuple[str, ...] = parameter(
-        'joint_names', 'str[]', ('joint1', 'joint2'),
-        'Joints, in the order of gains and torques.', read_only=True)
+        ('joint1', 'joint2'), 'Joints, in the order of gains and torques.', read_only=True)
     model: str = parameter(
-        'model', 'str', 'two_link',
-        'Robot model, or your own: docs/robots.md.', choices=MODELS, own=True, read_only=True)
+        'two_link', 'Robot model, or your own: docs/robots.md.', choices=MODELS, own=True,
+        read_only=True)
     description: str = parameter(
-        'description', 'str', '',
-        'Model urdf: file of the robot, a path or package://NAME/PATH; empty for the topic '
+        '', 'Model urdf: file of the robot, a path or package://NAME/PATH; empty for the topic '
         'robot_description.', read_only=True)
+    control_period: float = parameter(
+        1e-3, 'Sample period h.', 's', minimum=LEAST, maximum=10.0, read_only=True)
+
+    def validate(self) -> None:
+        """Check the period."""
+        period_ns(self.control_period)
+
+    @property
+    def described(self) -> bool:
+        """Whether a description of the robot is needed."""
+        return self.model == 'urdf'
 
 
 @dataclasses.dataclass(frozen=True)
@@ -58,16 +68,17 @@ class RobotConfig(DescribedConfig):
     """Joints and model; the base of the configurations that have a model."""
 
     locked: tuple[str, ...] = parameter(
-        'locked', 'str[]', ('',),
-        'Positions of joints not in joint_names, each "name position"; default 0.',
-        shape='any', read_only=True)
-    gravity: float = parameter(
-        'gravity', 'float', 9.81, 'Acceleration of gravity in G.', unit='m/s^2', minimum=0.0,
+        ('',), 'Positions of joints not in joint_names, each "name position"; default 0.',
         read_only=True)
+    gravity: float = parameter(9.81, 'Acceleration of gravity in G.', 'm/s^2', read_only=True)
     compiled: bool = parameter(
-        'compiled', 'bool', True,
-        'Use the machine code of `ctc compile` where it is available.',
-        read_only=True)
+        True, 'Use the machine code of `ctc compile` where it is available.', read_only=True)
+
+    def validate(self) -> None:
+        """Check the period, the model's number of joints and the locked joints."""
+        super().validate()
+        check_model(self.model, self.joint_names)
+        locked_positions(self.locked)
 
 
 #: Models that are kept.

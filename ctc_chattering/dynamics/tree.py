@@ -89,7 +89,7 @@ def body_scratch(n: int) -> BodyScratch:
         return np.zeros((n + 1, *shape))
     made = BodyScratch(
         rows(3, 3), rows(3), rows(6), rows(6), rows(6), rows(6), rows(), rows(3), rows(6),
-        rows(3, 3), rows(3), rows(6), *np.zeros((2, n)), *np.zeros((2, n, n)), np.zeros(n))
+        rows(3, 3), rows(3), rows(6), *(np.zeros(shape) for shape in (n, n, (n, n), (n, n), n)))
     made.rotation[-1] = np.eye(3)
     return made
 

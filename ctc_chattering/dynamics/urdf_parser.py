@@ -40,9 +40,8 @@ class Origin(NamedTuple):
 def origin(where: str, element: ET.Element) -> Origin:
     """Return what an element's origin says, zeros without one; raise `CtcError` for no numbers."""
     found = element.find('origin')
-    if found is None:
-        return Origin((0.0,) * 3, (0.0,) * 3)
-    return Origin(*(tuple(numbers(where, f'origin {key}', found.get(key, '0 0 0'), 3))
+    given = {} if found is None else found.attrib
+    return Origin(*(tuple(numbers(where, f'origin {key}', given.get(key, '0 0 0'), 3))
                     for key in ('xyz', 'rpy')))
 
 
@@ -311,9 +310,8 @@ def _check_inertia(link: ET.Element) -> None:
 
 def _joint(element: ET.Element) -> Joint:
     name, kind = element.get('name', ''), element.get('type', '')
-    where, limit = f'joint {name}', element.find('limit')
-    if limit is None:
-        limit = ET.Element('limit')
+    where, found = f'joint {name}', element.find('limit')
+    limit = {} if found is None else found.attrib
     low, high, velocity, effort = (numbers(where, key, limit.get(key, '0'), 1, _INF)[0]
                                    for key in ('lower', 'upper', 'velocity', 'effort'))
     acceleration = min(numbers(where, key, limit.get(key, 'inf'), 1, _INF)[0] or _INF

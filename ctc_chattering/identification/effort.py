@@ -438,22 +438,11 @@ def _same(ratio: float, factor: float) -> bool:
     return 1.0 / factor <= ratio <= factor
 
 
-class EffortNames(NamedTuple):
-    """What a message calls the arguments of `identify` that say what the effort is."""
-
-    side: str = 'side'
-    gear_ratio: str = 'gear_ratio'
-    torque_constant: str = 'torque_constant'
-
-
-#: In Python.
-ARGUMENTS = EffortNames()
 #: One number for all joints, or one for each; None where it is not known.
 PerJoint = float | Sequence[float] | None
 
 
-def check_effort(side: str, geared: bool, constant: bool, recordings: Sequence[Recording] = (),
-                 names: EffortNames = ARGUMENTS) -> None:
+def check_effort(side: str, geared: bool, constant: bool, recordings: Sequence[Recording]) -> None:
     """
     Check that what is said of the effort goes together.
 
@@ -465,8 +454,6 @@ def check_effort(side: str, geared: bool, constant: bool, recordings: Sequence[R
         Whether there are gear ratios, and torque constants.
     recordings : sequence of Recording
         Of which one at least must have an effort, if something is said of it.
-    names : EffortNames
-        Of the arguments, for the message.
 
     Raises
     ------
@@ -476,14 +463,14 @@ def check_effort(side: str, geared: bool, constant: bool, recordings: Sequence[R
     """
     if geared and side not in (MOTOR, CURRENT):
         raise UsageError(
-            f'{names.gear_ratio} needs {names.side} motor or {names.side} current: '
+            'gear_ratio needs an effort that is of the motor, or a current: '
             f'{"behind the gear it is 1" if side == LINK else "what is the effort?"}')
     if constant and side != CURRENT:
-        raise UsageError(f'{names.torque_constant} needs {names.side} current')
+        raise UsageError('torque_constant needs an effort that is a current')
     if side == CURRENT and geared and not constant:
-        raise UsageError(f'{names.gear_ratio} of currents needs {names.torque_constant}')
-    if side and recordings and all(x.effort is None for x in recordings):
-        raise UsageError(f'{names.side} {side}: {recordings[0].name} has no effort')
+        raise UsageError('gear_ratio of currents needs torque_constant')
+    if side and all(x.effort is None for x in recordings):
+        raise UsageError(f'effort {side}: {recordings[0].name} has no effort')
 
 
 def in_torques(recordings: Sequence[Recording], side: str, gear_ratio: PerJoint,

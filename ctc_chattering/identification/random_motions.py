@@ -29,13 +29,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 import dataclasses
 from math import ceil, inf, isfinite, pi, sqrt
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, NamedTuple
 
 from ctc_chattering.errors import ParameterError
 from ctc_chattering.numerics.interpolation import quintic
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.numerics.time_grid import NANOSECONDS
-from ctc_chattering.parameters import Config, parameter
+from ctc_chattering.parameters import Config, LEAST, parameter
 from ctc_chattering.trajectory.joint_limits import JointLimits
 from ctc_chattering.trajectory.motions import Route
 import numpy as np
@@ -76,35 +76,25 @@ _QUINTIC_VELOCITY, _QUINTIC_ACCELERATION = 1.875, 10.0 / sqrt(3.0)
 class ExcitationConfig(Config):
     """What is asked of the motion."""
 
-    title: ClassVar[str] = 'excitation'
-
-    joint_names: tuple[str, ...] = parameter(
-        'joint_names', 'str[]', ('joint1', 'joint2'), 'Joints of the motion.')
+    joint_names: tuple[str, ...] = parameter(('joint1', 'joint2'), 'Joints of the motion.')
     duration: float = parameter(
-        'duration', 'float', 60.0, 'Time from the start of the motion to its end.', unit='s',
-        minimum=0.0, exclusive=True, maximum=3600.0)
+        60.0, 'Time from the start of the motion to its end.', 's', minimum=LEAST, maximum=3600.0)
     start: tuple[float, ...] = parameter(
-        'start', 'float[]', 0.0, 'Position from which the robot comes.', unit='rad', shape='n')
+        0.0, 'Position from which the robot comes.', 'rad', minimum=-inf)
     center: tuple[float, ...] = parameter(
-        'center', 'float[]', 0.0, 'Position about which the joints move.', unit='rad', shape='n')
+        0.0, 'Position about which the joints move.', 'rad', minimum=-inf)
     position_range: tuple[float, ...] = parameter(
-        'position_range', 'float[]', 0.8, 'Greatest distance from the centre.', unit='rad',
-        minimum=0.0, exclusive=True, shape='n')
+        0.8, 'Greatest distance from the centre.', 'rad', minimum=LEAST)
     velocity_scale: float = parameter(
-        'velocity_scale', 'float', 0.5,
-        'Part of the limits of velocity and acceleration in the description to use.', minimum=0.0,
-        exclusive=True, maximum=1.0)
+        0.5, 'Part of the limits of velocity and acceleration in the description to use.',
+        minimum=LEAST, maximum=1.0)
     velocity_limit: tuple[float, ...] = parameter(
-        'velocity_limit', 'float[]', inf, 'In place of that part; inf for it.', unit='rad/s',
-        minimum=0.0, exclusive=True, infinite=True, shape='n')
+        inf, 'In place of that part; inf for it.', 'rad/s', minimum=LEAST)
     acceleration_limit: tuple[float, ...] = parameter(
-        'acceleration_limit', 'float[]', inf, 'In place of that part; inf for it.', unit='rad/s^2',
-        minimum=0.0, exclusive=True, infinite=True, shape='n')
-    poses: int = parameter(
-        'poses', 'int', 3, 'Number of poses with slow reversals.', minimum=1, maximum=100)
+        inf, 'In place of that part; inf for it.', 'rad/s^2', minimum=LEAST)
+    poses: int = parameter(3, 'Number of poses with slow reversals.', minimum=1, maximum=100)
     clearance: float = parameter(
-        'clearance', 'float', 0.02, 'Distance that links keep from each other.', unit='m',
-        minimum=0.001, maximum=1.0)
+        0.02, 'Distance that links keep from each other.', 'm', minimum=0.001, maximum=1.0)
 
 
 @dataclasses.dataclass(frozen=True)

@@ -174,11 +174,11 @@ class ParameterEventScheduler(BaseNode):
         self.time = 0.0
         if lockstep:
             self.inputs = [ValidatedSubscription(
-                self, Clock, CLOCK, read_stamp, self._on_clock, qos())]
+                self, Clock, CLOCK, self._on_clock, qos(), read_stamp)]
         else:
             self.inputs = [ValidatedSubscription(
-                self, ParameterEvent, f'plant/{PARAMETERS}', read_stamp, self._on_start,
-                qos(100, latched=True))]
+                self, ParameterEvent, f'plant/{PARAMETERS}', self._on_start,
+                qos(100, latched=True), read_stamp)]
 
     def _on_clock(self, now: int, _arrival: int) -> None:
         self.time = seconds(now)

@@ -17,7 +17,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 import dataclasses
 from functools import partial
@@ -33,7 +33,7 @@ from ctc_chattering.live.health import NodeReport
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.numerics.time_grid import NANOSECONDS, seconds
 from ctc_chattering.ros import topics
-from ctc_chattering.ros.messages import message_type, read_stamp, read_state, StateMessage
+from ctc_chattering.ros.messages import message_type, nanoseconds, read_stamp
 from ctc_chattering.ros.node import BaseNode, qos
 from ctc_chattering.ros.subscription import MatchingSubscription, ValidatedSubscription
 from ctc_chattering.ros.topics import select
@@ -43,6 +43,7 @@ from rcl_interfaces.msg import ParameterEvent
 from rclpy.parameter import parameter_value_to_python
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.serialization import deserialize_message
+from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
 #: Messages of a signal that are kept between two looks, and taken at one; older ones are lost.
@@ -180,18 +181,17 @@ class GraphReader(BaseNode):
         self._take_names(())
         fast = QoSProfile(depth=_KEPT, reliability=ReliabilityPolicy.BEST_EFFORT)
         once = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
-        self._follow(topics.JOINT_STATES, read_state, self._on_state, fast,
-                     lambda: self.names)
+        self._follow(topics.JOINT_STATES, self._on_state, fast)
         for topic, take in ((topics.TRACKING, self._on_tracking), (topics.FILTER, self._on_filter),
                             (topics.TORQUES, self._on_torques)):
-            self._follow(f'controller/{topic}', read_state, take, fast)
-        self._follow(topics.REFERENCE, bytes, lambda _: None, once)
-        self._follow(topics.CLOCK, read_stamp, self._on_clock, once)
+            self._follow(f'controller/{topic}', take, fast)
+        self._follow(topics.REFERENCE, lambda _: None, once, bytes)
+        self._follow(topics.CLOCK, self._on_clock, once, read_stamp)
         for node in _NODES:
-            self._follow(f'{node}/{topics.PARAMETERS}', _reader(ParameterEvent),
-                         partial(self._on_parameters, node), qos(100, latched=True))
-        self._follow(f'controller/{topics.ROBOT_DESCRIPTION}', _reader(String),
-                     self._on_description, qos(1, latched=True))
+            self._follow(f'{node}/{topics.PARAMETERS}', partial(self._on_parameters, node),
+                         qos(100, latched=True))
+        self._follow(f'controller/{topics.ROBOT_DESCRIPTION}', self._on_description,
+                     qos(1, latched=True))
         # Every node publishes on it: no publisher owns it.
         self._polled.append((MatchingSubscription(
             self, DiagnosticArray, topics.DIAGNOSTICS, lambda _: None, qos(20)),
@@ -205,8 +205,7 @@ class GraphReader(BaseNode):
         self._first = 0.0
         self._tracked: Instant | None = None
 
-    def _follow(self, topic: str, read: Any, take: Any, profile: QoSProfile,
-                joints: Any = None) -> None:
+    def _follow(self, topic: str, take: Any, profile: QoSProfile, read: Any = None) -> None:
         def heard(message: Any, now: int) -> None:
             self._heard[topic] = seconds(now)
             try:
@@ -217,7 +216,7 @@ class GraphReader(BaseNode):
             except CtcError as error:
                 raise RejectedMessage('unusable', str(error)) from None
         made = ValidatedSubscription(
-            self, message_type(topics.TOPICS[topic].kind), topic, read, heard, profile, joints)
+            self, message_type(topics.TOPICS[topic].kind), topic, heard, profile, read)
         self.inputs.append(made)
         self._polled.append((made.subscription, made.receive))
 
@@ -287,17 +286,17 @@ class GraphReader(BaseNode):
             self._first = self._state[0]
         return self.start or self._first
 
-    def _select(self, names: Sequence[str], state: StateMessage, *rows: Sequence[float]) -> Any:
+    def _select(self, names: Sequence[str], state: JointState, *rows: Sequence[float]) -> Any:
         if not self.names:
             raise RejectedMessage('early')
-        return np.array(select(names, state.names, *rows), float)
+        return np.array(select(names, state.name, *rows), float)
 
-    def _on_state(self, state: StateMessage) -> None:
-        t = seconds(state.t)
+    def _on_state(self, state: JointState) -> None:
+        t = _time(state)
         if self._state is not None and t < self._state[0]:
             self.clear()  # Time has begun anew.
         # Drivers may leave out velocities and efforts.
-        count = len(state.names)
+        count = len(state.name)
         unknown = [0.0] * count
         rows = self._select(self.names, state, state.position, *(
             x if len(x) else unknown for x in (state.velocity, state.effort)))
@@ -307,23 +306,23 @@ class GraphReader(BaseNode):
         self._state = t, rows[0]
         self.tracks[topics.JOINT_STATES].add(t, rows.ravel())
 
-    def _on_tracking(self, state: StateMessage) -> None:
+    def _on_tracking(self, state: JointState) -> None:
         names = [f'{joint}/{x}' for x in ('desired', 'error') for joint in self.names]
         (row,) = self._select(names, state, state.position)
-        t, n = seconds(state.t), len(self.names)
+        t, n = _time(state), len(self.names)
         with np.errstate(over='raise'):
             q = row[:n] - row[n:]
         self._tracked = Instant(t, q, row[:n])
         self.tracks[topics.TRACKING].add(t, row)
 
-    def _on_filter(self, state: StateMessage) -> None:
+    def _on_filter(self, state: JointState) -> None:
         self.tracks[topics.FILTER].add(
-            seconds(state.t), self._select(self.names, state, state.velocity)[0])
+            _time(state), self._select(self.names, state, state.velocity)[0])
 
-    def _on_torques(self, state: StateMessage) -> None:
+    def _on_torques(self, state: JointState) -> None:
         names = [*(f'{joint}/{part}' for part in PARTS for joint in self.names), 'V']
         self.tracks[topics.TORQUES].add(
-            seconds(state.t), self._select(names, state, state.effort)[0])
+            _time(state), self._select(names, state, state.effort)[0])
 
     def _on_clock(self, now: int) -> None:
         self.clock = seconds(now)
@@ -375,6 +374,6 @@ class GraphReader(BaseNode):
         self.description = message.data
 
 
-def _reader(kind: Any) -> Callable[[bytes], Any]:
-    """Return what makes a message of its bytes."""
-    return lambda data: deserialize_message(data, kind)
+def _time(state: JointState) -> float:
+    """Return the stamp of a message [s]."""
+    return seconds(nanoseconds(state.header.stamp))

@@ -17,13 +17,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from itertools import pairwise
 from math import inf
 import time
 from typing import Any
 
 from ctc_chattering.compiled.machine_code import HOW_TO_COMPILE
 from ctc_chattering.configuration.loop_setup import Values
-from ctc_chattering.configuration.node_parameters import ControllerSettings
+from ctc_chattering.configuration.node_parameters import ControllerNodeConfig
 from ctc_chattering.control.controller import Controller, ControllerConfig, LAWS
 from ctc_chattering.control.recommended_gains import (
     GainChoice,
@@ -40,14 +41,7 @@ from ctc_chattering.errors import RejectedMessage
 from ctc_chattering.nodes.control_terms import ControlTerms
 from ctc_chattering.numerics.time_grid import seconds
 from ctc_chattering.parameters import OWN_CLASS
-from ctc_chattering.ros.messages import (
-    effort_writer,
-    LATEST,
-    read_chunk,
-    read_state,
-    StateMessage,
-    TrajectoryChunk,
-)
+from ctc_chattering.ros.messages import effort_writer, LATEST, nanoseconds, Rows, state_reader
 from ctc_chattering.ros.node import ERROR, LoopNode, qos, Status, TICK
 from ctc_chattering.ros.subscription import ValidatedSubscription
 from ctc_chattering.ros.topics import (
@@ -67,7 +61,7 @@ from trajectory_msgs.msg import JointTrajectory
 _SHORTEST = 1e-5
 
 
-class ControllerNode(LoopNode[ControllerConfig, ControllerSettings]):
+class ControllerNode(LoopNode[ControllerNodeConfig]):
     """
     Answers every joint state with a torque, by the law that the parameters name.
 
@@ -78,7 +72,7 @@ class ControllerNode(LoopNode[ControllerConfig, ControllerSettings]):
 
     def __init__(self, values: Values | None = None) -> None:
         super().__init__('controller', values)
-        config, settings = self.config, self.settings
+        config = self.config
         self._commands = self.create_publisher(Float64MultiArray, COMMANDS, qos())
         self._names = config.joint_names
         self._terms = ControlTerms(self, self._names)
@@ -87,7 +81,7 @@ class ControllerNode(LoopNode[ControllerConfig, ControllerSettings]):
         self._of_law: dict[str, Any] = {}
         writer = effort_writer(self._names)
         self._loop = ControlLoop(
-            config, settings.state_timeout, settings.reference_timeout, settings.enabled,
+            config, config.state_timeout, config.reference_timeout, config.enabled,
             lambda tau: self._commands.publish(writer.write(tau)),
             self.get_logger())
         self.on_change()
@@ -114,10 +108,9 @@ class ControllerNode(LoopNode[ControllerConfig, ControllerSettings]):
                 String, f'~/{ROBOT_DESCRIPTION}', qos(1, latched=True))
             self._described.publish(String(data=description))
         reference = ValidatedSubscription(
-            self, JointTrajectory, REFERENCE, read_chunk, self._on_reference, qos())
+            self, JointTrajectory, REFERENCE, self._on_reference, qos())
         states = ValidatedSubscription(
-            self, JointState, JOINT_STATES, read_state, self._on_state, qos(),
-            lambda: self._names, newest=False)
+            self, JointState, JOINT_STATES, self._on_state, qos(), state_reader(), newest=False)
         self.inputs = [states, reference]
 
     @property
@@ -133,16 +126,18 @@ class ControllerNode(LoopNode[ControllerConfig, ControllerSettings]):
         return (f'law {config.law}{switching}, model {config.model}, '
                 f'{", ".join(config.joint_names)}, {1 / config.control_period:g} Hz; {waits}')
 
-    def _on_reference(self, chunk: TrajectoryChunk, now: int) -> None:
-        rows = select(
-            self._names, chunk.names, *(row for point in chunk.points for row in point))
-        if any(b <= a for a, b in zip(chunk.times, chunk.times[1:])):
+    def _on_reference(self, chunk: JointTrajectory, now: int) -> None:
+        rows = select(self._names, chunk.joint_names, *(
+            row for x in chunk.points for row in (x.positions, x.velocities, x.accelerations)))
+        start = nanoseconds(chunk.header.stamp)
+        times = [start + nanoseconds(point.time_from_start) for point in chunk.points]
+        if any(b <= a for a, b in pairwise(times)):
             raise RejectedMessage('times', 'points whose times do not increase')
-        self._loop.take_reference(chunk.times, list(zip(rows[::3], rows[1::3], rows[2::3])))
+        self._loop.take_reference(times, list(zip(rows[::3], rows[1::3], rows[2::3])))
         self._answer(now)
 
-    def _on_state(self, state: StateMessage, now: int) -> None:
-        q, dq = select(self._names, state.names, state.position, state.velocity)
+    def _on_state(self, state: Rows, now: int) -> None:
+        q, dq = select(self._names, state.names, *state.rows[:2])
         if state.t > LATEST:
             raise RejectedMessage('stamp', f'no stamp is as late as {seconds(state.t):.9f} s')
         if self._loop.last is None:
@@ -176,7 +171,7 @@ class ControllerNode(LoopNode[ControllerConfig, ControllerSettings]):
             try:
                 self._loop.predict(now)
             except RejectedMessage as rejected:
-                self.inputs[0].reject(rejected, now)
+                self.inputs[0].reject(rejected)
 
     def _answer(self, now: int) -> None:
         """Have the pending state answered, and publish what the torque is made of."""
@@ -185,19 +180,19 @@ class ControllerNode(LoopNode[ControllerConfig, ControllerSettings]):
         try:
             answer = self._loop.answer(self._matched, now)
         except RejectedMessage as rejected:
-            self.inputs[0].reject(rejected, now)
+            self.inputs[0].reject(rejected)
             return
         if answer is None:
             if not self._loop.mode.sends_torque:
                 self.statistics.pause()
             if (self._loop.mode is Mode.TRIPPED and self._loop.simulated
-                    and 'bringup' in self.settings.wait_for and not self.done.done()):
+                    and 'bringup' in self.config.wait_for and not self.done.done()):
                 self.failure = f'tripped: {self._loop.tripped}'  # Time would wait for a reset.
                 self.done.set_result(None)
             return
         self._loop.took(time.thread_time_ns() - begin)
         assert self._loop.law is not None
-        self._terms.publish(answer, self.settings.state_decimation, self._loop.law)
+        self._terms.publish(answer, self.config.state_decimation, self._loop.law)
         if self.parameters.changed:
             self.parameters.announce(answer.state.t)
         end = time.monotonic_ns()
@@ -251,8 +246,8 @@ class ControllerNode(LoopNode[ControllerConfig, ControllerSettings]):
 
     def on_change(self) -> None:
         """Have the law take what has been set."""
-        self._loop.restart_duration = self.settings.restart_duration
-        self._loop.predicted_periods = self.settings.predicted_periods
+        self._loop.restart_duration = self.config.restart_duration
+        self._loop.predicted_periods = self.config.predicted_periods
         if self._loop.law is not None:
             self._loop.law.configure(self.config)
             self._tell_if_plain(self._loop.law)

@@ -19,18 +19,17 @@ from __future__ import annotations
 import time
 
 from ctc_chattering.configuration.loop_setup import Values
-from ctc_chattering.configuration.node_parameters import PlantSettings
+from ctc_chattering.configuration.node_parameters import PlantNodeConfig
 from ctc_chattering.controller.health import HealthMonitor
 from ctc_chattering.controller.timing import LockstepExchange, TimerGrid, Watchdog
 from ctc_chattering.errors import CtcError, UsageError
 from ctc_chattering.numerics.linear_algebra import Vector
 from ctc_chattering.numerics.time_grid import NANOSECONDS, period_ns, samples, seconds
-from ctc_chattering.ros.messages import Efforts, read_efforts, stamp, state_writer
+from ctc_chattering.ros.messages import effort_reader, Rows, stamp, state_writer
 from ctc_chattering.ros.node import ERROR, LoopNode, OK, qos, Status, WARN
 from ctc_chattering.ros.subscription import ValidatedSubscription
 from ctc_chattering.ros.topics import CLOCK, COMMANDS, JOINT_STATES, select
 from ctc_chattering.simulation.plant import limits_of, make_plant, Plant
-from ctc_chattering.simulation.plant_config import PlantConfig
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
@@ -43,7 +42,7 @@ _CLOCK_PERIOD = NANOSECONDS // 100
 _SILENCE = NANOSECONDS // 2
 
 
-class PlantNode(LoopNode[PlantConfig, PlantSettings]):
+class PlantNode(LoopNode[PlantNodeConfig]):
     """
     Publishes the robot's state and holds the torques it is sent.
 
@@ -89,8 +88,8 @@ class PlantNode(LoopNode[PlantConfig, PlantSettings]):
         self._robot = make_plant(self.config, description)
         self._limits = limits_of(self.config, description)
         self.inputs = [ValidatedSubscription(
-            self, Float64MultiArray, COMMANDS, read_efforts,
-            self._on_command if self.in_real_time else self._on_answer, qos(),
+            self, Float64MultiArray, COMMANDS,
+            self._on_command if self.in_real_time else self._on_answer, qos(), effort_reader(),
             newest=True if self.in_real_time else None)]
         if self.in_real_time:
             self._timer = self.create_timer(seconds(self._period), self._on_tick)
@@ -177,14 +176,14 @@ class PlantNode(LoopNode[PlantConfig, PlantSettings]):
     def on_change(self) -> None:
         """Have the robot take what has been set; go on where time was held."""
         self._watchdog.timeout = max(
-            round(self.settings.command_timeout * NANOSECONDS), 3 * self._period)
+            round(self.config.command_timeout * NANOSECONDS), 3 * self._period)
         if self.inputs:
             self._robot.configure(self.config)
         if self._held:
             self._held = False
             self._publish_sample()
 
-    def _on_answer(self, efforts: Efforts, now: int) -> None:
+    def _on_answer(self, efforts: Rows, now: int) -> None:
         tau = self._torques(efforts)
         if not self._begun or self._held or not self._exchange.accept(tau):
             return
@@ -196,7 +195,7 @@ class PlantNode(LoopNode[PlantConfig, PlantSettings]):
 
     def _publish_sample(self) -> None:
         """Send the state, after those that are lost, unless time is held."""
-        robot, hold = self._robot, self.settings.hold_at
+        robot, hold = self._robot, self.config.hold_at
         while not hold or robot.t < hold:
             k, sent = robot.k, not robot.lost
             if sent:
@@ -215,7 +214,7 @@ class PlantNode(LoopNode[PlantConfig, PlantSettings]):
         assert self._ticker is not None
         self._ticker.publish(Clock(clock=stamp(self._robot.k * self._period)))
 
-    def _on_command(self, efforts: Efforts, now: int) -> None:
+    def _on_command(self, efforts: Rows, now: int) -> None:
         self._latest = self._torques(efforts)
         self._watchdog.feed(now)
         if self._sent is not None:
@@ -282,9 +281,9 @@ class PlantNode(LoopNode[PlantConfig, PlantSettings]):
         self._states.publish(self._writer.write(
             *robot.measured, robot.applied, t=self._start + robot.stamp))
 
-    def _torques(self, efforts: Efforts) -> Vector:
+    def _torques(self, efforts: Rows) -> Vector:
         """Return the torques of a message in our order."""
-        return select(self._names, efforts.names or self._names, efforts.values)[0]
+        return select(self._names, efforts.names or self._names, *efforts.rows)[0]
 
     def _at_end(self) -> bool:
         """Return whether the experiment is over, and end if so."""

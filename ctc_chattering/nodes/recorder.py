@@ -26,7 +26,7 @@ from typing import Any
 
 from ctc_chattering.bags.writer import BagWriter, LogTime, offered_qos, SequenceTracker
 from ctc_chattering.configuration.loop_setup import Values
-from ctc_chattering.configuration.node_parameters import RecorderSettings
+from ctc_chattering.configuration.node_parameters import RecorderConfig
 from ctc_chattering.numerics.time_grid import NANOSECONDS
 from ctc_chattering.ros.messages import message_type, read_stamp
 from ctc_chattering.ros.node import BaseNode, ERROR, NAP, OK, qos, Status
@@ -93,8 +93,8 @@ class RecorderNode(BaseNode):
 
     def __init__(self, values: Values | None = None) -> None:
         super().__init__('recorder', values)
-        parameters = NodeParameters(self, self.given, (RecorderSettings,), lambda: None)
-        self._recording = BagWriter(Path(parameters.get(RecorderSettings).bag))
+        parameters = NodeParameters(self, self.given, RecorderConfig, lambda: None)
+        self._recording = BagWriter(Path(parameters.config.bag))
         self.tick = NAP
         self._received = 0
         #: When the last message recorded was sent [ns], by the system's clock.
@@ -129,8 +129,8 @@ class RecorderNode(BaseNode):
         timing = None
         if topic.name in (JOINT_STATES, CLOCK):
             timing = ValidatedSubscription(
-                self, kind, topic.name, read_stamp,
-                lambda stamp, _now: self._time.note(name, stamp), profile)
+                self, kind, topic.name, lambda stamp, _now: self._time.note(name, stamp),
+                profile, read_stamp)
         return _Recorded(
             name, topic.kind, offered_qos(100 if topic.latched else 1000, topic.latched),
             timing.subscription if timing else MatchingSubscription(
@@ -169,7 +169,7 @@ class RecorderNode(BaseNode):
         if not count:
             return
         self._dropped[topic] += count
-        self._recording.note('dropped', str(dict(self._dropped)))
+        self._recording.notes['dropped'] = str(dict(self._dropped))
         self.get_logger().error(
             f'{topic}: {count} messages were dropped', throttle_duration_sec=1.0)
 
@@ -210,8 +210,7 @@ class RecorderNode(BaseNode):
         self._pending = [x for x in pending if x[0] > begin]
         for _, topic, data, info in pending[:len(pending) - len(self._pending)]:
             self._sent = info.get('source_timestamp') or 0
-            if self.failure is None:
-                self._record(topic, data, info)
+            self._record(topic, data, info)
 
     def _drain(self) -> None:
         """Take all that was sent before now, but not for ever."""
@@ -230,15 +229,18 @@ class RecorderNode(BaseNode):
     def idle(self) -> None:
         """Put what was received onto the disk every so often."""
         now = time.monotonic()
-        if self.failure is None and now - self._flushed > _FLUSH:
+        if now - self._flushed > _FLUSH:
             self._attempt(self._recording.flush)
             self._flushed = time.monotonic()
 
     def _attempt(self, action: Callable[..., None], *arguments: Any) -> None:
         """Call what writes to the disk; where that takes no more, let the control loop go on."""
+        if self.failure is not None:
+            return
         try:
             action(*arguments)
         except OSError as error:
+            self._recording.abandon()
             self.failure = (f'recording has stopped: {error.strerror or error}; what was written '
                             'before is kept, see ctc repair')
             self.get_logger().error(self.failure)

@@ -22,19 +22,11 @@ import time
 from typing import Any
 
 from ctc_chattering.configuration.loop_setup import Values
-from ctc_chattering.configuration.node_parameters import ReferenceSettings
+from ctc_chattering.configuration.node_parameters import ReferenceNodeConfig
 from ctc_chattering.configuration.yaml_file import read_trajectory
 from ctc_chattering.errors import CtcError, RejectedMessage
 from ctc_chattering.numerics.time_grid import NANOSECONDS, period_ns
-from ctc_chattering.ros.messages import (
-    LATEST,
-    read_chunk,
-    read_stamp,
-    read_state,
-    StateMessage,
-    trajectory,
-    TrajectoryChunk,
-)
+from ctc_chattering.ros.messages import LATEST, nanoseconds, read_stamp, trajectory
 from ctc_chattering.ros.node import ERROR, LoopNode, OK, qos, Status, WARN
 from ctc_chattering.ros.subscription import ValidatedSubscription
 from ctc_chattering.ros.topics import CLOCK, JOINT_STATES, JOINT_TRAJECTORY, REFERENCE
@@ -51,7 +43,7 @@ _RETRY = 5 * NANOSECONDS
 _IN_STEP = NANOSECONDS // 4
 
 
-class ReferenceNode(LoopNode[ReferenceConfig, ReferenceSettings]):
+class ReferenceNode(LoopNode[ReferenceNodeConfig]):
     """
     Publishes chunks of the motion, each before it is needed.
 
@@ -74,7 +66,7 @@ class ReferenceNode(LoopNode[ReferenceConfig, ReferenceSettings]):
         #: Why the motion does not begin, and when to try again [ns].
         self._refusal, self._retry = '', 0
         self._period = period_ns(config.control_period)
-        horizon = round(self.settings.horizon * NANOSECONDS)
+        horizon = round(self.config.horizon * NANOSECONDS)
         self._ahead = max(4, horizon // self._period)
         self._piece = self._ahead // 4
         self._publisher = self.create_publisher(JointTrajectory, REFERENCE, qos())
@@ -85,12 +77,11 @@ class ReferenceNode(LoopNode[ReferenceConfig, ReferenceSettings]):
         self._lead = 0
         self._next = 0
         self._subscribers = 0
-        self._states: ValidatedSubscription[StateMessage] | None = None
+        self._states: ValidatedSubscription[JointState] | None = None
         self.inputs = [
-            ValidatedSubscription(self, Clock, CLOCK, read_stamp, self._on_clock, qos()),
+            ValidatedSubscription(self, Clock, CLOCK, self._on_clock, qos(), read_stamp),
             ValidatedSubscription(
-                self, JointTrajectory, f'~/{JOINT_TRAJECTORY}', read_chunk,
-                self._on_route, qos(10))]
+                self, JointTrajectory, f'~/{JOINT_TRAJECTORY}', self._on_route, qos(10))]
         self.find_description()
 
     def begin(self, description: str) -> None:
@@ -134,8 +125,7 @@ class ReferenceNode(LoopNode[ReferenceConfig, ReferenceSettings]):
         begun = self._start is not None and self._plan.motion is not None
         if self._states is None and not begun:
             self._states = ValidatedSubscription(
-                self, JointState, JOINT_STATES, read_state, self._on_state, qos(10),
-                lambda: self.config.joint_names)
+                self, JointState, JOINT_STATES, self._on_state, qos(10))
         elif self._states is not None and begun:
             self._states.subscription.destroy()
             self._states = None
@@ -172,8 +162,8 @@ class ReferenceNode(LoopNode[ReferenceConfig, ReferenceSettings]):
             self._plan.restart()
         self._now = now
 
-    def _on_state(self, state: StateMessage, _arrival: int) -> None:
-        t = state.t
+    def _on_state(self, state: JointState, _arrival: int) -> None:
+        t = nanoseconds(state.header.stamp)
         if self.count_publishers(CLOCK) == 0:
             if not self._publisher.get_subscription_count() or not self.matched(self._publisher):
                 return
@@ -188,14 +178,14 @@ class ReferenceNode(LoopNode[ReferenceConfig, ReferenceSettings]):
         if self._plan.motion is None and not self.problem:
             self._begin_at(state, t)
 
-    def _begin_at(self, state: StateMessage, t: int) -> None:
+    def _begin_at(self, state: JointState, t: int) -> None:
         """Begin the motion where the robot is, unless that is beyond the limits."""
         now = time.monotonic_ns()
         if now < self._retry:
             return
         velocities = state.velocity or (0.0,) * len(state.position)
         start = {name: (q, dq) for name, q, dq in zip(
-            state.names, state.position, velocities) if isfinite(q + dq)}
+            state.name, state.position, velocities) if isfinite(q + dq)}
         try:
             self._plan.begin(start, t)
             self._refusal = ''
@@ -203,15 +193,18 @@ class ReferenceNode(LoopNode[ReferenceConfig, ReferenceSettings]):
             self._refusal, self._retry = str(error), now + _RETRY
             self.get_logger().error(self._refusal)
 
-    def _on_route(self, chunk: TrajectoryChunk, _arrival: int) -> None:
+    def _on_route(self, chunk: JointTrajectory, _arrival: int) -> None:
         """Go through waypoints, after what has been published already."""
         if self._now is None or self._plan.motion is None:
             raise RejectedMessage('early', 'the motion has not begun')
         begin = self._after_published(self._now)
-        shift = self._lead - (self._start or 0) if chunk.start != 0 else begin
+        start = nanoseconds(chunk.header.stamp)
+        start += self._lead - (self._start or 0) if start else begin
         try:
-            self._plan.follow(
-                Route(*chunk[:3])._replace(times=[t + shift for t in chunk.times]), begin)
+            self._plan.follow(Route(
+                tuple(chunk.joint_names),
+                [start + nanoseconds(x.time_from_start) for x in chunk.points],
+                [(x.positions, x.velocities, x.accelerations) for x in chunk.points]), begin)
         except CtcError as error:
             raise RejectedMessage('waypoints', str(error)) from None
         self._next = begin // self._period

@@ -16,7 +16,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 import importlib
 import os
 from pathlib import Path
@@ -27,135 +27,17 @@ from builtin_interfaces.msg import Duration, Time
 from ctc_chattering.errors import CtcError
 from ctc_chattering.numerics.time_grid import NANOSECONDS, seconds
 import rclpy
+from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Header
+from std_msgs.msg import Float64MultiArray, Header, MultiArrayDimension, MultiArrayLayout
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 #: Position, velocity and acceleration.
 Point = tuple[Sequence[float], Sequence[float], Sequence[float]]
-
-
-class StateMessage(NamedTuple):
-    """A `JointState`: stamp [ns], joint names, positions, velocities and efforts."""
-
-    t: int
-    names: tuple[str, ...]
-    position: Sequence[float]
-    velocity: Sequence[float]
-    effort: Sequence[float]
-
-
-class Efforts(NamedTuple):
-    """A `Float64MultiArray` of torques: labels of its dimensions (possibly none) and values."""
-
-    names: tuple[str, ...]
-    values: Sequence[float]
-
-
-class TrajectoryChunk(NamedTuple):
-    """A `JointTrajectory`: joint names, times [ns], and (position, velocity, acceleration)."""
-
-    names: tuple[str, ...]
-    times: list[int]
-    points: list[Point]
-    #: Stamp of the message; 0 for now [ns].
-    start: int = 0
-
-
-class _Fields:
-    """
-    Takes the fields of a serialized message, one after the other.
-
-    rclpy's `deserialize_message` takes as long, reads some incomplete messages as whole ones, and
-    writes to the terminal about others.
-
-    Parameters
-    ----------
-    data : bytes
-        The message: CDR in either byte order.
-
-    Raises
-    ------
-    CtcError
-        If the message is not CDR, as by the other methods if it is incomplete.
-
-    """
-
-    def __init__(self, data: bytes) -> None:
-        order = {b'\0\0': '>', b'\0\1': '<'}.get(data[:2])
-        if order is None:
-            raise CtcError('the encapsulation of the message is not CDR')
-        self._order, self._data, self._at = order, memoryview(data)[4:], 0
-
-    def numbers(self, code: str, size: int, count: int = 1) -> tuple[Any, ...]:
-        """Return `count` numbers that have a `code` of `struct`, and a `size` [bytes]."""
-        begin = self._at + -self._at % size
-        self._at = begin + size * count
-        try:
-            return struct.unpack_from(f'{self._order}{count}{code}', self._data, begin)
-        except struct.error:
-            raise CtcError('the message is incomplete: '
-                           f'{len(self._data)} of {self._at} bytes') from None
-
-    def count(self) -> int:
-        """Return a count of what follows."""
-        return int(self.numbers('I', 4)[0])
-
-    def time(self) -> int:
-        """Return a time [ns]."""
-        return int(self.numbers('i', 4)[0] * NANOSECONDS + self.count())
-
-    def text(self) -> str:
-        """Return a string."""
-        text: bytes = self.numbers('s', 1, self.count())[0]
-        return text.partition(b'\0')[0].decode(errors='replace')
-
-    def texts(self) -> tuple[str, ...]:
-        """Return a sequence of strings."""
-        return tuple([self.text() for _ in range(self.count())])
-
-    def doubles(self) -> tuple[float, ...]:
-        """Return a sequence of doubles."""
-        count = self.count()
-        return self.numbers('d', 8, count) if count else ()
-
-
-def read_state(data: bytes) -> StateMessage:
-    """Return the content of a serialized `JointState`; raise `CtcError` if it is malformed."""
-    it = _Fields(data)
-    t, _ = it.time(), it.text()
-    return StateMessage(t, it.texts(), it.doubles(), it.doubles(), it.doubles())
-
-
-def read_efforts(data: bytes) -> Efforts:
-    """Return the content of a `Float64MultiArray`; raise `CtcError` if it is malformed."""
-    it = _Fields(data)
-    names = tuple([(it.text(), it.count(), it.count())[0] for _ in range(it.count())])
-    it.count()  # The offset of the data.
-    return Efforts(names, it.doubles())
-
-
-def read_chunk(data: bytes) -> TrajectoryChunk:
-    """
-    Return the content of a serialized `JointTrajectory`; raise `CtcError` if it is malformed.
-
-    Missing velocities and accelerations are empty.
-    """
-    it = _Fields(data)
-    start, _, names = it.time(), it.text(), it.texts()
-    times: list[int] = []
-    points: list[Point] = []
-    for _ in range(it.count()):
-        points.append((it.doubles(), it.doubles(), it.doubles()))
-        it.doubles()  # The efforts.
-        times.append(start + it.time())
-    return TrajectoryChunk(names, times, points, start)
-
-
-#: Where a package of ROS lists its interfaces, in each prefix.
-_INTERFACES = Path('share/ament_index/resource_index/rosidl_interfaces')
 #: Latest time that is taken from a stamp, an hour before the last possible one [ns].
 LATEST = (2 ** 31 - 3600) * NANOSECONDS
+#: A stamp in CDR: seconds and nanoseconds.
+_STAMP = struct.Struct('<iI')
 
 
 def message_type(kind: str) -> Any:
@@ -171,15 +53,13 @@ def message_type(kind: str) -> Any:
 
     """
     package, _, name = kind.partition('/msg/')
+    listed = Path('share/ament_index/resource_index/rosidl_interfaces', package)
     prefixes = [Path(rclpy.__file__).parents[4], *map(
         Path, filter(None, os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep)))]
-    try:
-        if any(f'msg/{name}.idl' in (prefix / _INTERFACES / package).read_text().split()
-               for prefix in prefixes if (prefix / _INTERFACES / package).is_file()):
-            return getattr(importlib.import_module(f'{package}.msg'), name)
-    except (ImportError, AttributeError, ValueError):
-        pass
-    raise CtcError(f'{kind}: this message type is not installed')
+    if not any(f'msg/{name}.idl' in (prefix / listed).read_text().split()
+               for prefix in prefixes if (prefix / listed).is_file()):
+        raise CtcError(f'{kind}: this message type is not installed')
+    return getattr(importlib.import_module(f'{package}.msg'), name)
 
 
 def stamp(nanoseconds: int) -> Time:
@@ -188,53 +68,139 @@ def stamp(nanoseconds: int) -> Time:
     return Time(sec=sec, nanosec=nanosec)
 
 
-class Writer:
-    """
-    Serializes messages of the control loop that end with rows of doubles.
+def nanoseconds(time: Time | Duration) -> int:
+    """Return a time of a message [ns]."""
+    return int(time.sec * NANOSECONDS + time.nanosec)
 
-    Plant and controller answer each other by them: to have ROS convert them field by field takes
-    more than a tenth of a control cycle.
+
+def read_stamp(data: bytes) -> int:
+    """
+    Return the time in a `Clock`, or in a header, at the beginning of a serialized message [ns].
+
+    Raises
+    ------
+    CtcError
+        If this is no time from 0 to `LATEST`.
+    RuntimeError
+        If the message is incomplete.
+
+    """
+    time = deserialize_message(data, Time)
+    if not (0 <= nanoseconds(time) <= LATEST and time.nanosec < NANOSECONDS):
+        raise CtcError(f'{time.sec} s and {time.nanosec} ns are no time; allowed: 0 s to '
+                       f'{seconds(LATEST)} s')
+    return nanoseconds(time)
+
+
+class Rows(NamedTuple):
+    """A message of the control loop: stamp (0 for none) [ns], names, rows of numbers."""
+
+    t: int
+    names: tuple[str, ...]
+    rows: Sequence[Sequence[float]]
+
+
+def _row_struct(rows: int, n: int) -> struct.Struct:
+    """Return `rows` of n doubles as CDR has them: after the first each has its count before it."""
+    return struct.Struct('<' + 'I4x'.join([f'{n}d'] * rows))
+
+
+class Reader:
+    """
+    Reads messages that end with rows of doubles.
+
+    Plant and controller answer each other by them, and to have ROS convert each field by field
+    takes more than a tenth of a control cycle. ROS reads a message; one that has the same frame,
+    which is all but stamp and numbers, then differs from it in these only.
 
     Parameters
     ----------
-    head : sequence of str and int
-        Strings and numbers before the rows; the first two are the stamp if there is one.
-    rows, n : int
-        How many rows there are, and the numbers in each.
+    kind : type
+        Message class.
+    content : callable
+        Returns what is read of a message.
+    stamped : bool
+        Whether a stamp is at the beginning.
 
     """
 
-    def __init__(self, head: Sequence[str | int], rows: int, n: int) -> None:
-        data = bytearray()
-        for item in head:
-            text = item.encode() + b'\0' if isinstance(item, str) else b''
-            data += bytes(-len(data) % 4)
-            data += struct.pack('<I', item if isinstance(item, int) else len(text)) + text
-        self._head = bytearray(b'\0\1\0\0') + data
-        code, at = f'<{-len(data) % 4}x', len(data) + -len(data) % 4
-        for _ in range(rows):
-            padding = -(at + 4) % 8
-            code += f'I{padding}x{n}d'
-            at += 4 + padding + 8 * n
-        self._n, self._struct = n, struct.Struct(code)
+    def __init__(self, kind: Any, content: Callable[[Any], Rows], stamped: bool) -> None:
+        self._kind, self._content, self._begin = kind, content, 12 if stamped else 4
+        self._frame, self._struct = b'', _row_struct(1, 0)
+        self._names: tuple[str, ...] = ()
+
+    def __call__(self, data: bytes) -> Rows:
+        """Return the content of a serialized message; raise `RuntimeError` if it is malformed."""
+        end = len(data) - self._struct.size
+        n = len(self._names)
+        if self._frame and data[self._begin:end] == self._frame:
+            values = self._struct.unpack_from(data, end)
+            if set(values[n::n + 1]) <= {n}:  # The counts between the rows.
+                sec, nanosec = _STAMP.unpack_from(data, 4) if self._begin > 4 else (0, 0)
+                return Rows(sec * NANOSECONDS + nanosec, self._names, [
+                    values[k:k + n] for k in range(0, len(values), n + 1)])
+        message = deserialize_message(data, self._kind)
+        found = self._content(message)
+        n = len(found.names)
+        self._frame, self._names = b'', found.names
+        if n and {len(row) for row in found.rows} == {n} and data[1] == 1 and (
+                len(serialize_message(message)) == len(data)):
+            self._struct = _row_struct(len(found.rows), n)
+            self._frame = data[self._begin:len(data) - self._struct.size]
+        return found
+
+
+def state_reader() -> Reader:
+    """Return what reads `JointState` messages: positions, velocities, efforts."""
+    return Reader(JointState, lambda m: Rows(
+        nanoseconds(m.header.stamp), tuple(m.name), (m.position, m.velocity, m.effort)), True)
+
+
+def effort_reader() -> Reader:
+    """Return what reads `Float64MultiArray` messages and their labels, if there are some."""
+    return Reader(Float64MultiArray, lambda m: Rows(
+        0, tuple([x.label for x in m.layout.dim]), (m.data,)), False)
+
+
+class Writer:
+    """
+    Writes messages that end with rows of doubles: the numbers of one that ROS has serialized.
+
+    Parameters
+    ----------
+    message : object
+        Of ROS; its last fields are the rows. A stamp is at its beginning.
+    rows, n : int
+        How many rows there are, and the numbers in each, at least one.
+
+    """
+
+    def __init__(self, message: Any, rows: int, n: int) -> None:
+        self._data, self._n = bytearray(serialize_message(message)), n
+        self._struct = _row_struct(rows, n)
 
     def write(self, *rows: Sequence[float], t: int | None = None) -> bytes:
         """Return the message with `rows`, each of shape (n,), and stamp `t` [ns] if it has one."""
         if t is not None:
-            struct.pack_into('<iI', self._head, 4, *divmod(t, NANOSECONDS))
-        return bytes(self._head) + self._struct.pack(
-            *(x for row in rows for x in (self._n, *row)))
+            _STAMP.pack_into(self._data, 4, *divmod(t, NANOSECONDS))
+        first, *others = rows
+        self._struct.pack_into(self._data, len(self._data) - self._struct.size, *first, *(
+            x for row in others for x in (self._n, *row)))
+        return bytes(self._data)
 
 
 def state_writer(names: Sequence[str]) -> Writer:
     """Return what writes `JointState` messages: positions, velocities, efforts."""
-    return Writer((0, 0, '', len(names), *names), 3, len(names))
+    zeros = [0.0] * len(names)
+    return Writer(joint_state(0, names, position=zeros, velocity=zeros, effort=zeros),
+                  3, len(names))
 
 
 def effort_writer(names: Sequence[str]) -> Writer:
     """Return what writes `Float64MultiArray` messages, labelled with `names`."""
-    labels = [x for name in names for x in (name, 1, 1)]
-    return Writer((len(names), *labels, 0), 1, len(names))
+    labels = [MultiArrayDimension(label=name, size=1, stride=1) for name in names]
+    return Writer(Float64MultiArray(
+        layout=MultiArrayLayout(dim=labels), data=[0.0] * len(names)), 1, len(names))
 
 
 def joint_state(t: int, names: Sequence[str], **rows: Sequence[float]) -> JointState:
@@ -252,22 +218,3 @@ def trajectory(names: Sequence[str], t: int, period: int, points: Sequence[Point
             positions=q, velocities=dq, accelerations=ddq,
             time_from_start=Duration(sec=sec, nanosec=nanosec)))
     return message
-
-
-def read_stamp(data: bytes) -> int:
-    """
-    Return the time in a `Clock`, or in a header, at the beginning of a serialized message [ns].
-
-    Raises
-    ------
-    CtcError
-        If the message is incomplete, or this is no time from 0 to `LATEST`.
-
-    """
-    it = _Fields(data)
-    (sec,), nanosec = it.numbers('i', 4), it.count()
-    t = sec * NANOSECONDS + nanosec
-    if not (0 <= t <= LATEST and nanosec < NANOSECONDS):
-        raise CtcError(
-            f'{sec} s and {nanosec} ns are no time; allowed: 0 s to {seconds(LATEST)} s')
-    return int(t)

@@ -24,7 +24,7 @@ import time
 from typing import Any, cast, Generic, NamedTuple, TypeVar
 
 from ctc_chattering.configuration.loop_setup import Values
-from ctc_chattering.configuration.node_parameters import NODES, RealTimeSettings
+from ctc_chattering.configuration.node_parameters import NODES
 from ctc_chattering.configuration.package_share import read_description
 from ctc_chattering.configuration.parameter_file import OF_ROS
 from ctc_chattering.controller.health import LoopStatistics
@@ -269,12 +269,11 @@ def _shown(value: object) -> str:
 
 
 C = TypeVar('C', bound=Config)
-S = TypeVar('S', bound=Config)
 
 
-class LoopNode(BaseNode, Generic[C, S]):
+class LoopNode(BaseNode, Generic[C]):
     """
-    A node with the parameters of `C` and `S`, and of real time.
+    A node with the parameters of `C`, a `NodeConfig`.
 
     A subclass calls `find_description` at the end of its construction.
 
@@ -299,19 +298,14 @@ class LoopNode(BaseNode, Generic[C, S]):
         super().__init__(name, values)
         self.parameters = NodeParameters(
             self, self.given, NODES[name], self.on_change,
-            lambda configs: self.check(cast(C, configs[0])), self.completed)
-        self.scheduling = RealTime(self.parameters.get(RealTimeSettings))
+            lambda config: self.check(cast(C, config)), self.completed)
+        self.scheduling = RealTime(self.parameters.config)
         self.problem = ''
 
     @property
     def config(self) -> C:
         """Return the configuration in force."""
-        return cast(C, self.parameters.configs[0])
-
-    @property
-    def settings(self) -> S:
-        """Return the node's other parameters in force."""
-        return cast(S, self.parameters.configs[1])
+        return cast(C, self.parameters.config)
 
     def on_change(self) -> None:
         """Take what has been set."""
@@ -339,7 +333,7 @@ class LoopNode(BaseNode, Generic[C, S]):
                 if compatible(publisher.qos_profile, info.qos_profile)]
             if publisher.get_subscription_count() < len(infos):
                 return False
-            awaited = set(cast(Any, self.settings).wait_for) - {info.node_name for info in infos}
+            awaited = set(cast(Any, self.config).wait_for) - {info.node_name for info in infos}
             for topic in TOPICS.values():
                 if publisher.topic_name.endswith('/' + topic.name) and awaited & set(
                         topic.readers):

@@ -19,7 +19,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 import re
-from typing import Any, TypeVar
+from typing import Any
 
 from ctc_chattering.configuration.loop_setup import Values
 from ctc_chattering.errors import CtcError, ParameterError
@@ -61,12 +61,9 @@ class TolerantParameterService(ParameterService):
         return request
 
 
-C = TypeVar('C', bound=Config)
-
-
 class NodeParameters:
     """
-    Declares the parameters of a node and keeps its configurations in step with them.
+    Declares the parameters of a node and keeps its configuration in step with them.
 
     A set that is not allowed is refused with the reason and changes nothing; integers are taken
     where numbers are due.
@@ -77,19 +74,19 @@ class NodeParameters:
         Where they are declared.
     given : mapping
         Their values; the others have their defaults.
-    configs : sequence of Config types
-        Together they hold all parameters of the node.
+    kind : Config type
+        Of all parameters of the node.
     changed : callable
         Called after every accepted set.
     check : callable, optional
-        Called with the configurations that a set would make; refuses it by `CtcError`.
+        Called with the configuration that a set would make; refuses it by `CtcError`.
     completed : callable, optional
         Called with the values of a set; returns more that are set with them.
 
     Attributes
     ----------
-    configs : list of Config
-        The present configurations, in the order of `configs`.
+    config : Config
+        The present one.
     changed : bool
         Whether something has changed that has not been announced yet.
 
@@ -100,20 +97,17 @@ class NodeParameters:
 
     """
 
-    def __init__(self, node: Node, given: Values, configs: Sequence[type[Config]],
-                 changed: Callable[[], None],
-                 check: Callable[[Sequence[Config]], None] = lambda _: None,
+    def __init__(self, node: Node, given: Values, kind: type[Config],
+                 changed: Callable[[], None], check: Callable[[Any], None] = lambda _: None,
                  completed: Callable[[Mapping[str, Any]], Mapping[str, Any]] = lambda _: {}
                  ) -> None:
         self._node = node
         self._changed, self._check, self._completed = changed, check, completed
-        self._specs = {
-            name: spec for config in configs for name, spec in config.parameters().items()}
-        self.configs = [config.from_mapping(_of(config, given)) for config in configs]
+        self._specs = kind.parameters()
+        self.config: Any = kind.from_mapping(_of(kind, given))
         #: Values at the start: a class that they name may be named again.
-        self._first = {name: value for config in self.configs
-                       for name, value in config.as_mapping().items()}
-        self._joints = max(len(getattr(config, 'joint_names', ())) for config in self.configs)
+        self._first = self.config.as_mapping()
+        self._joints = len(getattr(self.config, 'joint_names', ()))
         for name, value in self._first.items():
             node.declare_parameter(name, _to_parameter(name, value).value,
                                    descriptor(self._specs[name]))
@@ -125,18 +119,13 @@ class NodeParameters:
         node.add_on_set_parameters_callback(self._validate)
         node.add_post_set_parameters_callback(self._apply)
 
-    def get(self, kind: type[C]) -> C:
-        """Return the present configuration of type `kind`."""
-        return next(config for config in self.configs if isinstance(config, kind))
-
     def assign(self, values: Mapping[str, Any]) -> None:
         """Set parameters by name, as a request of another node would."""
         self._node.set_parameters_atomically([_to_parameter(*item) for item in values.items()])
 
     def announce(self, t: int) -> None:
         """Publish on ``~/parameters`` what has changed: in force from the state at `t` [ns]."""
-        now = {name: value for config in self.configs
-               for name, value in config.as_mapping().items()}
+        now = self.config.as_mapping()
         changed = [_to_parameter(name, value).to_parameter_msg()
                    for name, value in now.items() if self._announced.get(name) != value]
         kind = 'changed_parameters' if self._announced else 'new_parameters'
@@ -162,9 +151,9 @@ class NodeParameters:
                 return _to_parameter(spec.name, value)
         return parameter
 
-    def _candidates(self, parameters: Sequence[RosParameter]) -> list[Config]:
-        values = {parameter.name: parameter.value for parameter in parameters}
-        return [config.changed(_of(config, values)) for config in self.configs]
+    def _candidate(self, parameters: Sequence[RosParameter]) -> Any:
+        return self.config.changed(_of(
+            type(self.config), {parameter.name: parameter.value for parameter in parameters}))
 
     def _validate(self, parameters: list[RosParameter]) -> SetParametersResult:
         try:
@@ -180,28 +169,26 @@ class NodeParameters:
                         and not self._node.count_publishers('/clock')):
                     raise ParameterError('use_sim_time', True, (
                         'false: /clock has no publisher, and time would stand still'))
-            self._check(self._candidates(parameters))
+            self._check(self._candidate(parameters))
         except CtcError as error:
             return SetParametersResult(successful=False, reason=str(error))
         return SetParametersResult(successful=True)
 
     def _apply(self, parameters: list[RosParameter]) -> None:
-        new = self._candidates(parameters)
-        if new != self.configs:
-            for before, config in zip(self.configs, new):
-                was = before.as_mapping()
-                for name, value in config.as_mapping().items():
-                    if value != was[name]:
-                        self._node.get_logger().info(
-                            f'{name}: {_shown(was[name])} -> {_shown(value)}')
-            self.configs = new
+        new, was = self._candidate(parameters), self.config.as_mapping()
+        if new != self.config:
+            for name, value in new.as_mapping().items():
+                if value != was[name]:
+                    self._node.get_logger().info(
+                        f'{name}: {_shown(was[name])} -> {_shown(value)}')
+            self.config = new
             self.changed = True
             self._changed()
 
 
-def _of(config: Config | type[Config], values: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the values of the parameters that a configuration has."""
-    return {name: value for name, value in values.items() if name in config.parameters()}
+def _of(kind: type[Config], values: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the values of parameters of ours, not of ROS."""
+    return {name: value for name, value in values.items() if name in kind.parameters()}
 
 
 def _numbers(spec: Parameter, value: Any) -> Any:

@@ -33,7 +33,7 @@ from pathlib import Path
 import resource
 from typing import Any
 
-from ctc_chattering.configuration.node_parameters import RealTimeSettings
+from ctc_chattering.configuration.node_parameters import NodeConfig
 from ctc_chattering.errors import ParameterError
 
 #: Of Linux: a limit that the module `resource` lacks, flags of mlockall, a capability's bit.
@@ -51,7 +51,7 @@ class RealTime:
 
     Parameters
     ----------
-    settings : RealTimeSettings
+    settings : NodeConfig
 
     Attributes
     ----------
@@ -65,7 +65,7 @@ class RealTime:
 
     """
 
-    def __init__(self, settings: RealTimeSettings) -> None:
+    def __init__(self, settings: NodeConfig) -> None:
         self._settings = settings
         self._asked = False
         self.outcome = _NORMAL

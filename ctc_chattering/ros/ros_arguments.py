@@ -31,7 +31,7 @@ from typing import NamedTuple
 
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.configuration.loop_setup import Values
-from ctc_chattering.configuration.node_parameters import NODES, parameters_of
+from ctc_chattering.configuration.node_parameters import NODES
 from ctc_chattering.configuration.yaml_file import parse_value
 from ctc_chattering.errors import CtcError, near, UsageError
 
@@ -95,9 +95,8 @@ class RosArguments(NamedTuple):
         What comes from these arguments alone is checked before anything starts.
         """
         values = self.values([executable])[executable]
-        for config in NODES[executable]:
-            config.from_mapping({
-                name: value for name, value in values.items() if name in config.parameters()})
+        NODES[executable].from_mapping({
+            name: x for name, x in values.items() if name not in parameter_file.OF_ROS})
         return values
 
 
@@ -134,7 +133,7 @@ def _assigned(where: str, rule: str, names: Mapping[str, str]) -> dict[str, Valu
     if match is None:
         raise UsageError(f'{where}: this is not NAME:=VALUE, nor NODE:NAME:=VALUE')
     node, name, text = match.groups()
-    asked = {x: (*parameters_of(x), *parameter_file.OF_ROS)
+    asked = {x: (*NODES[x].parameters(), *parameter_file.OF_ROS)
              for x in names if node in (None, names[x])}
     if not asked:
         raise UsageError(f'{where}: no node is called {node} here; ' + ' | '.join(names.values()))

@@ -17,7 +17,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 import copy
 import inspect
 import time
@@ -29,6 +29,7 @@ from rclpy.clock import Clock, ClockType
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.serialization import deserialize_message
 
 #: Time between two looks at who publishes [s].
 _PERIOD = 0.5
@@ -53,24 +54,14 @@ def compatible(offered: QoSProfile, requested: QoSProfile) -> bool:
                 and requested.durability == DurabilityPolicy.TRANSIENT_LOCAL))
 
 
-def weakened(requested: QoSProfile, offers: Sequence[QoSProfile]) -> QoSProfile:
-    """Return `requested` with no more reliability and durability than every offer has."""
-    result = copy.copy(requested)
-    if any(x.reliability == ReliabilityPolicy.BEST_EFFORT for x in offers):
-        result.reliability = ReliabilityPolicy.BEST_EFFORT
-    if any(x.durability == DurabilityPolicy.VOLATILE for x in offers):
-        result.durability = DurabilityPolicy.VOLATILE
-    return result
-
-
 class MatchingSubscription:
     """
     A subscription that hears best-effort publishers, too.
 
     It asks for what `profile` says. Only where no publisher of the topic offers that does
-    it subscribe again and asks for less: a request for reliable messages does not match
-    ``rclcpp::ClockQoS``, ``SensorDataQoS`` or the clock of ``ros2 bag play``. While a publisher
-    matches, nothing changes, whoever else comes.
+    it subscribe again and asks for what all of them offer: a request for reliable messages does
+    not match ``rclcpp::ClockQoS``, ``SensorDataQoS`` or the clock of ``ros2 bag play``. While a
+    publisher matches, nothing changes, whoever else comes.
 
     Parameters
     ----------
@@ -115,7 +106,9 @@ class MatchingSubscription:
         offers = [info.qos_profile for info in self._node.get_publishers_info_by_topic(name)]
         if offers and not any(compatible(offer, self._profile) for offer in offers):
             self._node.destroy_subscription(self.current)
-            self._profile = weakened(self._profile, offers)
+            self._profile = copy.copy(self._profile)
+            self._profile.reliability = ReliabilityPolicy.BEST_AVAILABLE
+            self._profile.durability = DurabilityPolicy.BEST_AVAILABLE
             self.current = self._subscribe()
 
     def destroy(self) -> None:
@@ -144,61 +137,27 @@ class TopicOwnership:
     They are obeyed while one publisher is matched; while there are several, none is obeyed. Who
     sent a message is not known: rclpy of Jazzy does not tell.
 
-    A shared topic, such as joint_states, may have a publisher for each part of a robot. It is
-    obeyed while as many different parts have been received as publishers are matched, never were
-    more, and just one of them is ours. After a publisher has left, that begins again.
-
     Attributes
     ----------
     publishers : int
         Number of publishers matched.
-    contested : bool
-        Whether more than one publisher may speak of our part.
 
     """
 
     def __init__(self) -> None:
         self.publishers = 0
-        self.contested = False
-        #: Parts received since a publisher left last; the value is whether it is ours.
-        self._parts: dict[Hashable, bool] = {}
-        #: Whether one publisher must have spoken of several parts.
-        self._mixed = False
         self._contested_until = -1
+
+    @property
+    def contested(self) -> bool:
+        """Whether there are several publishers."""
+        return self.publishers > 1
 
     def update(self, publishers: int, now: int) -> None:
         """Take the number of publishers matched at `now`, of the system's clock [ns]."""
-        if publishers < self.publishers:
-            self._parts.clear()
-            self._mixed = False
-        self.publishers = publishers
-        self._decide(now)
-
-    def note_part(self, part: Hashable, ours: bool, now: int) -> None:
-        """
-        Note what a message on a shared topic speaks of.
-
-        Parameters
-        ----------
-        part : hashable
-            Such as a list of joints.
-        ours : bool
-            Whether it concerns us.
-        now : int
-            Of the system's clock [ns].
-
-        """
-        if part not in self._parts and not self._mixed:
-            self._parts[part] = ours
-            self._mixed = len(self._parts) > self.publishers
-            self._decide(now)
-
-    def _decide(self, now: int) -> None:
         if self.contested:
             self._contested_until = now
-        told_apart = (not self._mixed and len(self._parts) == self.publishers
-                      and sum(self._parts.values()) == 1)
-        self.contested = self.publishers > 1 and not told_apart
+        self.publishers = publishers
 
     def admits(self, received: int) -> bool:
         """
@@ -219,8 +178,6 @@ T = TypeVar('T')
 
 #: By which rclpy sees that a callback wants the information.
 _SIGNATURE = inspect.signature(lambda _message, _info: None)
-#: Time between two reports of rejected messages [ns].
-_REPORT = NANOSECONDS
 
 
 def with_info(callback: Callable[[bytes, Mapping[str, Any]], None]) -> Callable[..., None]:
@@ -249,16 +206,14 @@ class ValidatedSubscription(Generic[T]):
         Message class.
     topic : str
         Relative name.
-    read : callable
-        Makes something useful of a serialized message; any exception says that it is none.
     take : callable
         Uses it: called with what was read and with the time of arrival on the monotonic clock
         [ns]. It raises `RejectedMessage` before it has changed anything.
     profile : QoSProfile
         As the subscription has it.
-    joints : callable, optional
-        For a topic that publishers share, a part of the robot each: returns our joints. Messages
-        whose `names` have none of them are passed over.
+    read : callable, optional
+        Makes something useful of a serialized message, by default a message of `kind`; any
+        exception says that it is none.
     newest : bool, optional
         Whether the newest message that waits is used and older ones are skipped, where time is
         real; it may change. None if every message is always used.
@@ -276,18 +231,16 @@ class ValidatedSubscription(Generic[T]):
 
     """
 
-    def __init__(self, node: Node, kind: Any, topic: str, read: Callable[[bytes], T],
-                 take: Callable[[T, int], None], profile: QoSProfile,
-                 joints: Callable[[], Iterable[str]] | None = None,
+    def __init__(self, node: Node, kind: Any, topic: str, take: Callable[[T, int], None],
+                 profile: QoSProfile, read: Callable[[bytes], T] | None = None,
                  newest: bool | None = None) -> None:
         self._node = node
         self.topic = topic
-        self._read, self._take, self.newest = read, take, newest
-        self._joints = joints
+        self._read = read or (lambda data: deserialize_message(data, kind))
+        self._take, self.newest = take, newest
         self._depth = profile.depth
         self.skipped = 0
         self.rejected: Counter[str] = Counter()
-        self._reported = 0
         self.ownership = TopicOwnership()
         self._contention = ''
         self.subscription = MatchingSubscription(
@@ -305,12 +258,9 @@ class ValidatedSubscription(Generic[T]):
         valid = []
         for data, info in messages:
             try:
-                message = self._admitted(data, info)
+                valid.append(self._admitted(data, info))
             except RejectedMessage as rejected:
-                self.reject(rejected, now)
-            else:
-                if message is not None:
-                    valid.append(message)
+                self.reject(rejected)
         before = self.skipped
         while valid:
             message = valid.pop()
@@ -318,7 +268,7 @@ class ValidatedSubscription(Generic[T]):
             try:
                 self._take(message, now)
             except RejectedMessage as rejected:
-                self.reject(rejected, now)
+                self.reject(rejected)
             else:
                 break
 
@@ -333,30 +283,24 @@ class ValidatedSubscription(Generic[T]):
                 return
             yield taken
 
-    def _admitted(self, data: bytes, info: Mapping[str, Any]) -> T | None:
-        """Return what a message says; None if it is not ours; raise `RejectedMessage`."""
+    def _admitted(self, data: bytes, info: Mapping[str, Any]) -> T:
+        """Return what a message says; raise `RejectedMessage`."""
         try:
             message = self._read(data)
         except Exception as error:
             raise RejectedMessage('undecodable', f'{len(data)} bytes that are no message: '
                                   f'{" ".join(str(error).split())}') from None
-        if self._joints is not None:
-            names = message.names  # type: ignore[attr-defined]
-            ours = not set(names).isdisjoint(self._joints())
-            self.ownership.note_part(names, ours, time.time_ns())
-            if not ours:
-                return None
         if not self.ownership.admits(info.get('received_timestamp') or 0):
             raise RejectedMessage('second_publisher')
         return message
 
-    def reject(self, rejected: RejectedMessage, now: int) -> None:
+    def reject(self, rejected: RejectedMessage) -> None:
         """Count a message that is not used, and say why, if there is a reason, once a second."""
         self.rejected[rejected.kind] += 1
-        if str(rejected) and now - self._reported > _REPORT:
-            self._reported = now
+        if str(rejected):
             self._node.get_logger().warning(
-                f'{self.topic}: refused: {rejected} ({sum(self.rejected.values())} so far)')
+                f'{self.topic}: refused: {rejected} ({sum(self.rejected.values())} so far)',
+                throttle_duration_sec=1.0)
 
     def publishers(self) -> list[str]:
         """Return the full names of the nodes that publish on the topic."""

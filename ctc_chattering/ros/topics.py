@@ -102,7 +102,7 @@ def select(ours: Sequence[str], names: Sequence[str], *rows: Sequence[float]
         value of ours is not finite.
 
     """
-    n = len(names)
+    ours, names, n = tuple(ours), tuple(names), len(names)
     if names != ours and (len(set(names)) != n or not set(names).issuperset(ours)):
         raise RejectedMessage('joints', (
             f'joints {list(names)}; needed: each of {list(ours)} once'))

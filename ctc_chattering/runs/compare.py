@@ -187,7 +187,7 @@ def compared(todo: Sequence[Task], jobs: int = 1, run: Runner = over_simulation
     jobs : int
         Processes; 1 for this one alone.
     run : callable
-        `over_simulation` or `over_ros`.
+        Runs a `Setup`.
 
     Raises
     ------
@@ -251,7 +251,7 @@ def merged(*parts: Overrides) -> Overrides:
 
 def compare(files: Sequence[str | Path], laws: Sequence[str] = LAWS,
             conditions: Sequence[str] = (), gains: str = FILE, held_out: int = 0,
-            seed: int = SEED, jobs: int = 1, runner: Runner = over_simulation,
+            seed: int = SEED, jobs: int = 1,
             show: Callable[[str], None] = print,
             progress: Callable[[int, int], None] | None = None, cases: str | Path = ''
             ) -> list[Outcome]:
@@ -275,8 +275,6 @@ def compare(files: Sequence[str | Path], laws: Sequence[str] = LAWS,
         Of these.
     jobs : int
         Processes; with more than 1 a script needs ``if __name__ == '__main__'``.
-    runner : callable
-        Runs a `Setup`: the simulation, or `runs.reproduction.over_ros`.
     show : callable
         Takes lines about what is compiled.
     progress : callable, optional
@@ -306,9 +304,8 @@ def compare(files: Sequence[str | Path], laws: Sequence[str] = LAWS,
     paths = [find_config(x) if isinstance(x, str) else x for x in files]
     more = read_cases(find_config(str(cases), folder='cases')) if str(cases) else ()
     todo = tasks(paths, conditions or ([] if more else [None]), laws, gains, held_out, seed, more)
-    runs = compared(todo, jobs, runner)
-    if runner is over_simulation:
-        compile_setups(setups(todo), show)
+    runs = compared(todo, jobs)
+    compile_setups(setups(todo), show)
     found: list[Outcome] = []
     for outcome in runs:
         found.append(outcome)

@@ -12,18 +12,16 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Parts of the figures of many runs: looks of laws, panels, error over variation, bars."""
+"""Parts of the figures of many runs: looks of laws, panels, error over variation."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from itertools import cycle
-import textwrap
-from typing import Any, NamedTuple
+from typing import Any
 
 from ctc_chattering.analysis import drawing
 from ctc_chattering.analysis.run_names import LAW_COLOURS, MIXED, shaded
-from ctc_chattering.numerics.linear_algebra import Array
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
@@ -75,43 +73,3 @@ def trade_off(ax: Axes, marks: Sequence[Mark], gone: str,
     ax.set(xlabel='torque variation [N·m/s]')
     for axis, values in zip('xy', zip(*(x[:2] for x in there), *further)):
         log_axis(ax, axis, values)
-
-
-def names_on(ax: Axes, names: Sequence[str]) -> None:
-    """Let rows of the axes have names, from the top."""
-    ax.grid(False, axis='y')
-    ax.set_yticks(range(len(names)), [textwrap.fill(name, 40) for name in names])
-    ax.set_ylim(len(names) - 0.4, -0.6)
-    ax.tick_params(axis='y', length=0)
-
-
-def room_for(names: Sequence[str]) -> float:
-    """Return the width of names of rows [inch]."""
-    return min(3.6, 0.5 + 0.075 * max(map(len, names)))
-
-
-class Series(NamedTuple):
-    """Bars of one kind: name, colour or that of each, lengths, and ends of intervals or none."""
-
-    name: str
-    colour: Any
-    values: Array
-    ends: Array | None = None
-
-
-def bars(title: str, xlabel: str, low: float, names: Sequence[str],
-         content: Sequence[tuple[str, Sequence[Series]]]) -> Figure:
-    """Draw panels with a row for each name, from `low` to 1."""
-    figure, axes = panels(title, [name for name, _ in content], '', 0.36 * len(names) + 0.4,
-                          left=room_for(names))
-    for k, (ax, (_, series)) in enumerate(zip(axes, content)):
-        height = 0.68 / len(series)
-        for j, each in enumerate(series):
-            place = np.arange(len(names)) + height * (j - 0.5 * (len(series) - 1))
-            ax.barh(place, each.values, height=height, color=each.colour, label=each.name)
-            if each.ends is not None:
-                ax.hlines(place, *each.ends, color='#555555', linewidth=1.2)
-        ax.axvline(0.0, color=drawing.REFERENCE, linewidth=0.8)
-        ax.set(xlabel=xlabel, xlim=(low, 1.0))
-        names_on(ax, names if not k % _COLUMNS else [''] * len(names))
-    return figure

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The runs of a map as a DataFrame: grids, shares of failures with intervals, laws compared."""
+"""The runs of a map as a DataFrame: failures with intervals, laws compared, what it depends on."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from functools import cached_property
 import itertools
 from typing import Any, NamedTuple
 
-from ctc_chattering.analysis.tables import short, span
+from ctc_chattering.analysis.tables import short, span, Table, two_lines
 from ctc_chattering.errors import CtcError
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.parameters import unit_text
@@ -47,6 +47,8 @@ _FAR = 1e6
 _HUGE, _LARGE = 1e300, 1e290
 #: Most rows of a table.
 _ROWS = 60
+#: Resamples of the intervals of Sobol indices, and the ends of these.
+_RESAMPLES, _ENDS = 500, (2.5, 97.5)
 
 
 class GridAxis(NamedTuple):
@@ -313,12 +315,6 @@ class MapData:
         return found['sum'].to_numpy(), found['count'].to_numpy()
 
 
-def slices(data: MapData, most: int) -> tuple[list[tuple[int, ...]], int]:
-    """Return indices of the axes after the third, at most `most`, and how many there are."""
-    every = list(itertools.product(*(range(n) for n in data.shape[3:])))
-    return [every[k] for k in spaced(len(every), most)], len(every)
-
-
 def spaced(n: int, most: int) -> list[int]:
     """Return at most `most` of n indices, evenly spaced, the first and the last among them."""
     return sorted({round(x) for x in np.linspace(0, n - 1, min(n, most)).tolist()})
@@ -377,3 +373,94 @@ def _ranges(values: tuple[float, ...], probability: Array) -> str:
     if found == [(values[0], values[-1])]:
         return 'all'
     return ', '.join(span(*ends) for ends in found) or 'none'
+
+
+def rank_correlations(data: MapData) -> Array:
+    """
+    Return Spearman's rank correlations, shape (V, axes and uncertain parameters).
+
+    A run without an error counts as the largest; nan where one of both never changes.
+    """
+    ranks = [data.of(v)[[*data.columns, 'error']].rank() for v in range(len(data.variants))]
+    return np.array([x.corr()['error'][data.columns] for x in ranks])
+
+
+def dependence_table(data: MapData) -> Table:
+    """Return the table of a page: a row a law, a column a quantity."""
+    rows = [[name, *(f'{x:.2f}' for x in mine)]
+            for name, mine in zip(data.variants, np.nan_to_num(rank_correlations(data)))]
+    return Table('What the error depends on', ['law', *data.columns], rows, note=(
+        'Rank correlation (Spearman) of the error with each quantity over all runs; a run that '
+        'diverged has the largest error. Above 0 the error grows with the quantity.'))
+
+
+class SobolIndices(NamedTuple):
+    """Of each of m quantities: index of first order and total one; with ends, shape (2, m)."""
+
+    first: Array
+    total: Array
+    first_ends: Array
+    total_ends: Array
+
+
+def sobol_indices(values: Array, m: int) -> SobolIndices:
+    """
+    Return the indices of what a run gives, for draws of `sampling: saltelli`.
+
+    Estimators of SciPy (Saltelli et al., *Variance based sensitivity analysis of model output*,
+    Computer Physics Communications 181, 2010); intervals of 95 % are percentiles of a bootstrap.
+
+    Parameters
+    ----------
+    values : array, shape ((m + 2) n,)
+        Of each draw, in their order.
+    m : int
+        Number of uncertain quantities.
+
+    """
+    from scipy import stats  # type: ignore[import-untyped]
+    parts = np.asarray(values, float).reshape(m + 2, 1, -1)
+    n, rng = parts.shape[-1], np.random.default_rng(0)
+
+    def of(which: npt.NDArray[np.int_]) -> Array:
+        A, B, *AB = parts[..., which]
+        found = stats.sobol_indices(func={'f_A': A, 'f_B': B, 'f_AB': np.array(AB)}, n=n)
+        return np.stack([found.first_order.reshape(m), found.total_order.reshape(m)])
+
+    with np.errstate(divide='ignore', invalid='ignore'):
+        first, total = of(np.arange(n))
+        ends = np.nanpercentile([of(rng.integers(0, n, n)) for _ in range(_RESAMPLES)], _ENDS,
+                                axis=0)
+    return SobolIndices(first, total, ends[:, 0], ends[:, 1])
+
+
+def sensitivities(data: MapData) -> list[tuple[str, str, SobolIndices]]:
+    """
+    Return law, result and indices of the results that vary, with draws for such indices.
+
+    Of the error its logarithm, if all runs have one; of failures whether a run fails.
+    """
+    found = []
+    for v, name in enumerate(data.variants if data.saltelli else ()):
+        rows = data.of(v).sort_values('repeat')
+        error = rows['error'].to_numpy()
+        results = {'fails': (rows['failure'] != '').to_numpy(float)}
+        if np.isfinite(error).all() and (error > 0.0).all():
+            results = {'log error': np.log10(error), **results}
+        found += [(name, result, sobol_indices(values, len(data.uncertain)))
+                  for result, values in results.items() if np.ptp(values) > 0.0]
+    return found
+
+
+def sobol_table(data: MapData) -> Table:
+    """Return the table of a page: a row for each law and result, two columns a quantity."""
+    rows = [[name, result, *(
+        two_lines(f'{value[k]:.2f}', ' to '.join(f'{x:.2f}' for x in ends[:, k]))
+        for k in range(len(data.uncertain))
+        for value, ends in ((found.first, found.first_ends), (found.total, found.total_ends)))]
+        for name, result, found in sensitivities(data)]
+    heads = [f'{name}{what}' for name in data.uncertain for what in ('', ', total')]
+    return Table('Sobol indices', ['law', 'of', *heads], rows, names=2, note=(
+        'Part of the variance of log₁₀ of the RMS error, and of whether a run fails, that is due '
+        'to a quantity alone, and in total with all that it does together with others; below, '
+        'intervals of 95 % (bootstrap). The error is left out where a run has none.'))

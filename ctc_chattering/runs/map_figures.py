@@ -12,28 +12,25 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Figures of maps: errors, failures with the boundary and its interval, what they depend on."""
+"""Figures of maps: errors, and failures with the boundary and its interval."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from itertools import product
-from typing import Any, NamedTuple
+from typing import Any
 
 from ctc_chattering.analysis import drawing
 from ctc_chattering.analysis.drawing import legend, legend_of
-from ctc_chattering.analysis.tables import short, Table, two_lines
+from ctc_chattering.analysis.tables import short
 from ctc_chattering.numerics.linear_algebra import Array
-from ctc_chattering.runs.figures import bars, law_styles, names_on, room_for, Series
+from ctc_chattering.runs.figures import law_styles
 from ctc_chattering.runs.map_data import (
     Counts,
     GridAxis,
-    KINDS,
     LEVEL,
     MapData,
-    pooled,
     share,
-    slices,
     spaced,
     wilson,
 )
@@ -46,11 +43,9 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.ticker import PercentFormatter
 import numpy as np
-import numpy.typing as npt
 
-#: Most panels beside each other, values of the third axis, and figures of a kind, for
-#: combinations of values of the axes after the third.
-_COLUMNS, THIRD, MOST = 4, 6, 4
+#: Most panels beside each other, values of the third axis, and axes of a map that is drawn.
+_COLUMNS, THIRD, _MOST_AXES = 4, 6, 3
 _MARKED: dict[str, Any] = {'linewidth': 1.4, 'markersize': 4.5, 'markeredgecolor': 'white',
                            'markeredgewidth': 0.5}
 #: Where there is no number: hatched, and plain colours of further reasons.
@@ -63,12 +58,8 @@ LINES: dict[str, dict[str, Any]] = {
     'half of the runs fail': {'linestyle': '-', 'linewidth': 1.8},
     'beyond, more than half fail (95 %)': {'linestyle': '--', 'linewidth': 1.1},
     'within, less than half fail (95 %)': {'linestyle': ':', 'linewidth': 1.4}}
-#: Colours of `KINDS`.
-KIND_COLOURS = ('#1b1b1b', '#D55E00', '#E69F00', '#009E73', '#56B4E9', '#7B5EA7', '#b5b5b5')
 #: Most steps of a distribution that are drawn.
 _STEPS = 1000
-#: Resamples of the intervals of Sobol indices, and the ends of these.
-_RESAMPLES, _ENDS = 500, (2.5, 97.5)
 
 
 def _ruled(ax: Axes, axis: str, grid: GridAxis, most: int) -> None:
@@ -111,7 +102,7 @@ def lines(data: MapData) -> Figure:
     return figure
 
 
-def maps(data: MapData, what: str, rest: tuple[int, ...], values: Array, bar: str, hatched: str,
+def maps(data: MapData, what: str, values: Array, bar: str, hatched: str,
          variants: Sequence[int] = (), limits: bool = False, ticks: str | None = None,
          handles: Sequence[Any] = (), **style: Any) -> Figure:
     """
@@ -120,11 +111,9 @@ def maps(data: MapData, what: str, rest: tuple[int, ...], values: Array, bar: st
     Parameters
     ----------
     data : MapData
-        Of two axes or more: the first is the abscissa, the second the ordinate.
+        Of two axes or three: the first is the abscissa, the second the ordinate.
     what, bar, hatched : str
         What it is, for the title; label of the colours; what a hatched cell, without a number, is.
-    rest : tuple of int
-        Indices of the axes after the third.
     values : array, shape (V, *shape)
         The numbers.
     variants : sequence of int
@@ -145,13 +134,11 @@ def maps(data: MapData, what: str, rest: tuple[int, ...], values: Array, bar: st
         (None,) if third is None else spaced(len(third.values), THIRD))]
     columns = min(len(places), _COLUMNS) if third is None else min(len(third.values), THIRD)
     rows = -(-len(places) // columns)
-    figure, grid = drawing.sheet(
-        ', '.join([f'{what} over {x.name} and {y.name}', *(
-            axis.at(k) for axis, k in zip(data.axes[3:], rest))]), rows, (1.0,) * columns,
-        min(max(5.0 / columns, 1.3), 3.0))
+    figure, grid = drawing.sheet(f'{what} over {x.name} and {y.name}', rows, (1.0,) * columns,
+                                 min(max(5.0 / columns, 1.3), 3.0))
     found: dict[str, Any] = {}
     for place, (v, k) in zip(product(range(rows), range(columns)), places):
-        at: Any = (v, slice(None), slice(None), *(() if k is None else (k, *rest)))
+        at: Any = (v, slice(None), slice(None), *(() if k is None else (k,)))
         shown, runs, failed, refused = (
             part[at].T for part in (values, data.runs, data.failed, data.refused))
         ax = drawing.panel(figure, grid[place], data.variants[v] if third is None or k is None else
@@ -203,24 +190,24 @@ def boundary(ax: Axes, failed: Counts, runs: Counts) -> dict[str, Line2D]:
     return handles
 
 
-def error_map(data: MapData, rest: tuple[int, ...] = ()) -> Figure:
+def error_map(data: MapData) -> Figure:
     """Draw the median error, colours on a logarithmic scale that all panels share."""
     median = data.median
     positive = median[np.isfinite(median) & (median > 0.0)]
     low, high = np.quantile(positive, (0.01, 0.99), method='inverted_cdf') if len(positive) else (
         1e-3, 1.0)  # Without rare extremes.
     low, high = (low, high) if high >= 1.3 * low else (low / 1.2, high * 1.2)
-    return maps(data, 'RMS error', rest, np.maximum(median, low), 'median of the RMS error [rad]',
+    return maps(data, 'RMS error', np.maximum(median, low), 'median of the RMS error [rad]',
                 'half of the runs or more diverged', norm=LogNorm(low, high), cmap='viridis')
 
 
-def failure_map(data: MapData, rest: tuple[int, ...] = ()) -> Figure:
+def failure_map(data: MapData) -> Figure:
     """Draw the share of failures with its boundary, and the interval of this."""
-    return maps(data, 'Failure probability', rest, data.probability, 'share of runs that fail',
+    return maps(data, 'Failure probability', data.probability, 'share of runs that fail',
                 '', limits=True, ticks='{x:.0%}', cmap='Oranges', norm=Normalize(0.0, 1.0))
 
 
-def gain_map(data: MapData, base: int, rest: tuple[int, ...] = ()) -> Figure:
+def gain_map(data: MapData, base: int) -> Figure:
     """Draw by how many decades the median error is less than that of the base."""
     name, others = data.variants[base], [v for v in range(len(data.variants)) if v != base]
     with np.errstate(divide='ignore', invalid='ignore'):
@@ -232,7 +219,7 @@ def gain_map(data: MapData, base: int, rest: tuple[int, ...] = ()) -> Figure:
     one = [Patch(facecolor=colour, label=text) for extreme, colour, text in (
         (np.inf, _BETTER, f'only {name} diverged'), (-np.inf, _WORSE, 'only this law diverged'))
         if (gain[others] == extreme).any()]
-    return maps(data, f'Gain against {name}', rest, beyond, f'decades less error than {name}',
+    return maps(data, f'Gain against {name}', beyond, f'decades less error than {name}',
                 'both diverged', others, handles=one, norm=Normalize(-most, most),
                 cmap=matplotlib.colormaps['RdBu'].with_extremes(under=_WORSE, over=_BETTER))
 
@@ -260,182 +247,31 @@ def distributions(data: MapData) -> Figure:
     return figure
 
 
-def shares(data: MapData) -> Figure:
-    """Draw the share of each kind of failure, with the interval of all."""
-    n = len(data.variants)
-    figure, grid = drawing.sheet('Failures by kind', 1, (1.0,), 0.36 * n + 0.4,
-                                 left=room_for(data.variants))
-    ax = drawing.panel(figure, grid[0, 0], '', '')
-    ax.set_axisbelow(True)
-    before = np.zeros(n)
-    for kind, colour, count in zip(KINDS, KIND_COLOURS, data.kinds):
-        if count.any():
-            ax.barh(range(n), count / data.made, left=before, height=0.66, color=colour,
-                    label=kind)
-            before += count / data.made
-    low, high = np.array([pooled(*data.of_draws(v)) for v in range(n)]).T
-    ax.errorbar(before, range(n), xerr=np.maximum([before - low, high - before], 0.0),
-                fmt='none', ecolor='#777777', elinewidth=1.4, capsize=4.0)
-    ax.set(xlabel='share of runs that fail', xlim=(0.0, 1.0))
-    ax.xaxis.set_major_formatter(PercentFormatter(1.0))
-    names_on(ax, data.variants)
-    if before.any():
-        legend_of(ax)
-    return figure
-
-
-def correlations(data: MapData) -> Figure:
-    """Draw Spearman's rank correlation of the error with each axis and uncertain parameter."""
-    figure = bars(
-        'What the error depends on', 'rank correlation', -1.0, data.columns,
-        [(name, [Series('', np.where(found > 0.0, '#D55E00', '#0072B2').tolist(),
-                        np.nan_to_num(found))])
-         for name, found in zip(data.variants, rank_correlations(data))])
-    for ax, runs in zip(figure.axes, data.made if not data.axes else ()):
-        half = 1.96 / np.sqrt(max(int(runs) - 1, 1))
-        ax.axvspan(-half, half, color='#eeeeee', linewidth=0.0, zorder=0)
-    return figure
-
-
-def rank_correlations(data: MapData) -> Array:
-    """
-    Return Spearman's rank correlations, shape (V, axes and uncertain parameters).
-
-    A run without an error counts as the largest; nan where one of both never changes.
-    """
-    ranks = [data.of(v)[[*data.columns, 'error']].rank() for v in range(len(data.variants))]
-    return np.array([x.corr()['error'][data.columns] for x in ranks])
-
-
-class SobolIndices(NamedTuple):
-    """Of each of m quantities: index of first order and total one; with ends, shape (2, m)."""
-
-    first: Array
-    total: Array
-    first_ends: Array
-    total_ends: Array
-
-
-def sobol_indices(values: Array, m: int) -> SobolIndices:
-    """
-    Return the indices of what a run gives, for draws of `sampling: saltelli`.
-
-    Estimators of SciPy (Saltelli et al., *Variance based sensitivity analysis of model output*,
-    Computer Physics Communications 181, 2010); intervals of 95 % are percentiles of a bootstrap.
-
-    Parameters
-    ----------
-    values : array, shape ((m + 2) n,)
-        Of each draw, in their order.
-    m : int
-        Number of uncertain quantities.
-
-    """
-    from scipy import stats  # type: ignore[import-untyped]
-    parts = np.asarray(values, float).reshape(m + 2, 1, -1)
-    n, rng = parts.shape[-1], np.random.default_rng(0)
-
-    def of(which: npt.NDArray[np.int_]) -> Array:
-        A, B, *AB = parts[..., which]
-        found = stats.sobol_indices(func={'f_A': A, 'f_B': B, 'f_AB': np.array(AB)}, n=n)
-        return np.stack([found.first_order.reshape(m), found.total_order.reshape(m)])
-
-    with np.errstate(divide='ignore', invalid='ignore'):
-        first, total = of(np.arange(n))
-        ends = np.nanpercentile([of(rng.integers(0, n, n)) for _ in range(_RESAMPLES)], _ENDS,
-                                axis=0)
-    return SobolIndices(first, total, ends[:, 0], ends[:, 1])
-
-
-def sensitivities(data: MapData) -> list[tuple[str, str, SobolIndices]]:
-    """
-    Return law, result and indices of the results that vary, with draws for such indices.
-
-    Of the error its logarithm, if all runs have one; of failures whether a run fails.
-    """
-    found = []
-    for v, name in enumerate(data.variants if data.saltelli else ()):
-        rows = data.of(v).sort_values('repeat')
-        error = rows['error'].to_numpy()
-        results = {'fails': (rows['failure'] != '').to_numpy(float)}
-        if np.isfinite(error).all() and (error > 0.0).all():
-            results = {'log error': np.log10(error), **results}
-        found += [(name, result, sobol_indices(values, len(data.uncertain)))
-                  for result, values in results.items() if np.ptp(values) > 0.0]
-    return found
-
-
-def sobol_table(data: MapData) -> Table:
-    """Return the table of a page: a row for each law and result, two columns a quantity."""
-    rows = [[name, result, *(
-        two_lines(f'{value[k]:.2f}', ' to '.join(f'{x:.2f}' for x in ends[:, k]))
-        for k in range(len(data.uncertain))
-        for value, ends in ((found.first, found.first_ends), (found.total, found.total_ends)))]
-        for name, result, found in sensitivities(data)]
-    heads = [f'{name}{what}' for name in data.uncertain for what in ('', ', total')]
-    return Table('Sobol indices', ['law', 'of', *heads], rows, names=2, note=(
-        'Part of the variance of log₁₀ of the RMS error, and of whether a run fails, that is due '
-        'to a quantity alone, and in total with all that it does together with others; below, '
-        'intervals of 95 % (bootstrap). The error is left out where a run has none.'))
-
-
-def sobol_figure(data: MapData) -> Figure:
-    """Draw the indices of each law and result."""
-    figure = bars('What the result depends on', 'part of the variance', 0.0, data.uncertain, [
-        (f'{name}: {result}', [Series('alone', '#0072B2', x.first, x.first_ends),
-                               Series('total', '#9ecae1', x.total, x.total_ends)])
-        for name, result, x in sensitivities(data)])
-    legend_of(figure.axes[0])
-    return figure
-
-
 def figures(data: MapData) -> Iterator[tuple[str, Figure, str]]:
-    """Yield file name, figure and caption."""
-    if len(data.axes) > 1:
-        yield from _maps(data)
-    elif data.axes:
+    """Yield file name, figure and caption; none for more than three axes."""
+    if not data.axes:
+        yield 'errors', distributions(data), (
+            'Share of the runs with this error or less; a curve that ends below 1 lacks the runs '
+            'that diverged. Further left is better.')
+    elif len(data.axes) == 1:
         yield 'lines', lines(data), (
             'Above: error of the worst joint, line: median, × where half of the runs or more '
             'diverged, band: 5 % to 95 %. Below: share of runs that fail, with the interval of '
             'each value by itself; the marks of a value are moved aside of each other.')
-    else:
-        yield 'errors', distributions(data), (
-            'Share of the runs with this error or less; a curve that ends below 1 lacks the runs '
-            'that diverged. Further left is better.')
-    yield 'failures', shares(data), (
-        'Share of all runs that fail, by the first kind that applies, and the interval of 95 % of '
-        'their sum' + (' for other draws, which all points share.' if data.axes else ' (Wilson).'))
-    if sensitivities(data):
-        yield 'sobol', sobol_figure(data), (
-            'Sobol indices: part of the variance that is due to a quantity alone, and with all '
-            'that it does together with others. Lines: intervals of 95 %.')
-    elif (len(data.columns) > 1 or data.uncertain) and data.rows['error'].nunique() > 1:
-        yield 'dependence', correlations(data), (
-            'Rank correlation (Spearman) of the error with each parameter over all runs; a run '
-            'that diverged has the largest error. Right: the error grows with the parameter.'
-            + ('' if data.axes else
-               ' Grey: 95 % of the values that independent quantities would have.'))
-
-
-def _maps(data: MapData) -> Iterator[tuple[str, Figure, str]]:
-    chosen, count = slices(data, MOST)
-    left_out = ''
-    if len(data.axes) > 2 and len(data.axes[2].values) > THIRD:
-        left_out = f' Of {data.axes[2].name}, {THIRD} of {len(data.axes[2].values)} values.'
-    if len(chosen) < count:
-        left_out += f' Figures for {len(chosen)} of {count} combinations of the further axes.'
-    for rest in chosen:
-        name = ''.join(f'_{axis.name}_{k}' for axis, k in zip(data.axes[3:], rest))
-        yield f'error{name}', error_map(data, rest), (
+    elif len(data.axes) <= _MOST_AXES:
+        left_out = ''
+        if len(data.axes) > 2 and len(data.axes[2].values) > THIRD:
+            left_out = f' Of {data.axes[2].name}, {THIRD} of {len(data.axes[2].values)} values.'
+        yield 'error', error_map(data), (
             'Median of the RMS error of the worst joint; all panels have the same colours. A '
             f'median hides single runs; they show among the failures.{left_out}')
-        yield f'failure{name}', failure_map(data, rest), (
+        yield 'failure', failure_map(data), (
             f'Share of failures among {data.runs.max()} runs at each point. Solid: a half. Beyond '
             'the dashed line the interval of 95 % (Wilson) of a point by itself is above a half, '
             'within the dotted one below; between them, and with less than 4 runs everywhere, '
             f'the runs do not decide.{left_out}')
         if data.base is not None and len(data.variants) > 1:
-            yield f'gain{name}', gain_map(data, data.base, rest), (
+            yield 'gain', gain_map(data, data.base), (
                 f'log₁₀ of the median error under {data.variants[data.base]} over that under the '
                 'law, at the same point. Blue: the law has the smaller error; 1 is ten times '
                 f'smaller.{left_out}')

@@ -30,8 +30,18 @@ from ctc_chattering.analysis.tables import (
     Table,
     two_lines,
 )
-from ctc_chattering.runs.map_data import against, Counts, KINDS, MapData, passing, pooled, side
-from ctc_chattering.runs.map_figures import figures, sobol_table
+from ctc_chattering.runs.map_data import (
+    against,
+    Counts,
+    dependence_table,
+    KINDS,
+    MapData,
+    passing,
+    pooled,
+    side,
+    sobol_table,
+)
+from ctc_chattering.runs.map_figures import figures
 from ctc_chattering.runs.spec import MapSpec, rows_of
 from ctc_chattering.runs.store import FIGURES, JSON, PAGE, TABLE
 import matplotlib
@@ -102,15 +112,14 @@ def write_map_page(data: MapData, files: Sequence[FigureFile], path: Path,
         If the file cannot be written.
 
     """
-    sobol, boundaries = sobol_table(data), list(_boundaries(data))
+    boundaries = list(_boundaries(data))
     write_page(
         path, _headline(data), _lead(data), [
             Section('Result', [*files[:1], _failures(data), *_against_base(data)]),
             Section('Further figures', files[1:]),
             Section('Further numbers', [
-                *([sobol] if sobol.rows else []), *(
-                    Folded(x.title, [x._replace(title='')], len(boundaries) == 1)
-                    for x in boundaries)]),
+                *(Folded(x.title, [x._replace(title='')], len(boundaries) == 1)
+                  for x in boundaries), *_dependence(data)]),
             Section('What was run', [Table('', (), [
                 *facts.items(), ('simulated', ', '.join(
                     f'{name or "not"}: {counted(n, "run")}' for name, n in
@@ -170,6 +179,15 @@ def _share(failures: Counts, runs: Counts) -> str:
     low, high = (100.0 * x for x in pooled(failures, runs))
     share = percent(int(failures.sum()), int(runs.sum()))
     return share if np.isnan(low) else two_lines(share, f'{low:.1f} to {high:.1f}')
+
+
+def _dependence(data: MapData) -> Iterator[Table]:
+    """Yield the table of what the result depends on, if there is something."""
+    sobol = sobol_table(data)
+    if sobol.rows:
+        yield sobol
+    elif (len(data.columns) > 1 or data.uncertain) and data.rows['error'].nunique() > 1:
+        yield dependence_table(data)
 
 
 def _against_base(data: MapData) -> Iterator[Table]:

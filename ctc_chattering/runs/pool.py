@@ -19,11 +19,9 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from functools import partial
-from itertools import islice
 import logging
 from multiprocessing import resource_tracker
 import signal
-import sys
 from typing import Any, TYPE_CHECKING, TypeVar
 
 from ctc_chattering.errors import CtcError
@@ -34,14 +32,8 @@ if TYPE_CHECKING:
 T = TypeVar('T')
 R = TypeVar('R')
 _LOST = 'the scheduler is lost'
-#: Tasks in flight per thread: the next ones wait at the worker while results are on their way.
-_IN_FLIGHT = 4
 #: Time to connect [s].
 _CONNECT = 10
-#: Time in which a process takes the place of one that was killed [s].
-_RESTART = 120
-#: Time without a result after which to look whether there are workers [s].
-_LOOK = 1.0
 #: What dask logs besides what is raised.
 _LOGS = ('distributed', 'distributed.client')
 
@@ -156,42 +148,20 @@ def _without_interrupts() -> Iterator[None]:
         signal.pthread_sigmask(signal.SIG_SETMASK, mask)
 
 
-def show(line: str) -> None:
-    """Print a line that is no result."""
-    print(line, file=sys.stderr, flush=True)
-
-
-def threads(client: Client, say: Callable[[str], None] = show) -> int:
-    """
-    Return the number of threads that compute; with none, `say` a line and wait for one.
-
-    Raises
-    ------
-    CtcError
-        If no process of this machine takes the place of those that were killed.
-
-    """
-    from distributed import TimeoutError as TooLate
-    found: int = sum(client.nthreads().values())
-    if not found:
+def threads(client: Client, say: Callable[[str], None]) -> int:
+    """Return the number of threads that compute; with none, `say` a line and wait for one."""
+    if not client.nthreads():
         say(f'waiting for workers at {client.scheduler.address}')
-        while not found:
-            try:
-                client.wait_for_workers(1, _RESTART if client.cluster else None)
-            except TooLate:
-                raise CtcError('the processes were killed, and no other one starts') from None
-            found = sum(client.nthreads().values())
-    return found
+        client.wait_for_workers(1)
+    return sum(client.nthreads().values())
 
 
 def computed(client: Client, function: Callable[..., Any], shared: Sequence[Any],
-             tasks: Iterable[tuple[str, Any]], say: Callable[[str], None] = show
-             ) -> Iterator[tuple[str, Any]]:
+             tasks: Iterable[tuple[str, Any]]) -> Iterator[tuple[str, Any]]:
     """
     Yield name and result of every task, in the order in which they are done.
 
-    A bounded number is in flight, whatever the number of tasks. The task of a worker that is
-    killed goes to another.
+    The task of a worker that is killed goes to another, or waits for one.
 
     Parameters
     ----------
@@ -203,8 +173,6 @@ def computed(client: Client, function: Callable[..., Any], shared: Sequence[Any]
         Sent to every worker once.
     tasks : iterable of (str, object)
         Name and argument. Equal names mean equal results.
-    say : callable
-        Takes a line when there is no worker.
 
     Raises
     ------
@@ -215,26 +183,12 @@ def computed(client: Client, function: Callable[..., Any], shared: Sequence[Any]
     from distributed import as_completed
     try:
         common = client.submit(tuple, shared, pure=False)
-        done, waiting = as_completed(loop=client.loop), iter(tasks)
-        while True:
-            room = _IN_FLIGHT * threads(client, say) - done.count()
-            for name, task in islice(waiting, max(0, room)):
-                done.add(client.submit(_called, function, common, task, key=name))
-            if done.is_empty():
-                return
-            with done.thread_condition:
-                ready = done.thread_condition.wait_for(done.has_ready, _LOOK)
-            if ready:
-                futures = []
-                for future in done.next_batch(block=False):
-                    if future.status == 'lost':  # Its worker was killed: it is computed again.
-                        done.add(future)
-                    else:
-                        _check(future)
-                        futures.append(future)
-                for future, result in zip(futures, client.gather(futures)):
-                    yield future.key, result
-                    future.release()
+        futures = [client.submit(_called, function, common, task, key=name)
+                   for name, task in tasks]
+        for future in as_completed(futures, loop=client.loop):
+            _check(future)
+            yield future.key, future.result()
+            future.release()
     except OSError:
         raise CtcError(_LOST) from None
 

@@ -12,22 +12,17 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Runs of the nodes: the experiments of the paper, and one in place of a simulation."""
+"""Runs of the nodes: the experiments of the paper."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-import tempfile
 
 from ctc_chattering.analysis.output import prepare
 from ctc_chattering.analysis.result import Result
-from ctc_chattering.bags.reader import read_bag
 from ctc_chattering.configuration import parameter_file
-from ctc_chattering.configuration.loop_setup import Setup
 from ctc_chattering.configuration.package_share import EXPERIMENTS
-from ctc_chattering.launch.graph import run_graph, Stopped
-from ctc_chattering.ros.process import own_domain
 
 #: Name in the directory of `reproduce`.
 BAGS = 'bags'
@@ -77,15 +72,3 @@ def reproduce(out: str | Path, progress: Callable[[str, float, float], None] | N
                       show=lambda _: None)
             moved(duration)
     return [read_bag(bag) for bag in bags]
-
-
-def over_ros(setup: Setup) -> Result:
-    """Run the nodes, record a bag, and return what it says; the states are the measured ones."""
-    with own_domain(), tempfile.TemporaryDirectory(prefix='ctc_chattering_') as scratch:
-        file, bag = Path(scratch) / 'parameters.yaml', Path(scratch) / 'bag'
-        parameter_file.dump(setup.values, file)
-        try:
-            run_graph(file, {}, bag, show=lambda _: None)
-        except Stopped as error:
-            raise KeyboardInterrupt(str(error)) from None
-        return read_bag(bag)

@@ -22,11 +22,11 @@ import dataclasses
 from itertools import pairwise
 from math import inf, prod
 from pathlib import Path
-from typing import Any, ClassVar, TypeVar
+from typing import Any, TypeVar
 
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.configuration.loop_setup import Setup
-from ctc_chattering.configuration.node_parameters import LOOP, NODES
+from ctc_chattering.configuration.node_parameters import LOOP
 from ctc_chattering.configuration.package_share import find_config
 from ctc_chattering.configuration.yaml_file import mapping, read_yaml
 from ctc_chattering.errors import CtcError, near, ParameterError
@@ -291,13 +291,13 @@ def _targets(key: str, text: str) -> list[tuple[str, Parameter]]:
     node, _, name = text.partition('.')
     nodes, name = ((node,), name) if node in LOOP else (LOOP, text)
     found = [(node, spec) for node in nodes
-             if (spec := NODES[node][0].parameters().get(name))]
+             if (spec := LOOP[node].parameters().get(name))]
     if name in _SET:
         raise ParameterError(key, text, 'any other: duration, seed and repeats set it')
     if not all(spec.kind in ('int', 'float', 'float[]') for _, spec in found) or not found:
         raise ParameterError(key, text, f'a parameter of {", ".join(LOOP)} that is a number or '
                              'a number a joint, such as plant.coulomb_friction' + near(
-                                 name, (x for node in nodes for x in NODES[node][0].parameters())))
+                                 name, (x for node in nodes for x in LOOP[node].parameters())))
     return found
 
 
@@ -311,38 +311,27 @@ KEYS = ('params_file', 'duration', 'window', 'overrides', 'laws', 'axes', 'uncer
 class Repeats(Config):
     """How often every point is run, and how what is uncertain is drawn."""
 
-    title: ClassVar[str] = 'repeats'
-
     sampling: str = parameter(
-        'sampling', 'str', 'sobol', 'How `uncertain` is drawn.',
+        'sobol', 'How `uncertain` is drawn.',
         choices=('random', 'latin_hypercube', 'sobol', 'saltelli'))
-    repeats: int = parameter(
-        'repeats', 'int', 1, 'Runs of every law at every point.', minimum=1, maximum=MOST)
+    repeats: int = parameter(1, 'Runs of every law at every point.', minimum=1, maximum=MOST)
     seed: int = parameter(
-        'seed', 'int', 0, 'Seed of the draws; noise_seed of the plant is seed + repeat.',
-        minimum=0, maximum=2 ** 61)
+        0, 'Seed of the draws; noise_seed of the plant is seed + repeat.', maximum=2 ** 61)
 
 
 @dataclasses.dataclass(frozen=True)
 class Failure(Config):
     """What counts as a failure besides a run that diverges or is refused."""
 
-    title: ClassVar[str] = 'failure'
-
-    error_above: float = parameter(
-        'error_above', 'float', inf, 'RMS error of any joint in the window.', unit='rad',
-        minimum=0.0, infinite=True)
+    error_above: float = parameter(inf, 'RMS error of any joint in the window.', 'rad')
     saturated_above: float = parameter(
-        'saturated_above', 'float', 1.0,
-        'Part of the samples in the window with a torque at its limit.', minimum=0.0, maximum=1.0)
-    slips_above: float = parameter(
-        'slips_above', 'float', inf, 'Stick-slips of any joint in a second of rest.', unit='1/s',
-        minimum=0.0, infinite=True)
+        1.0, 'Part of the samples in the window with a torque at its limit.', maximum=1.0)
+    slips_above: float = parameter(inf, 'Stick-slips of any joint in a second of rest.', '1/s')
     steps_above: int = parameter(
-        'steps_above', 'int', 1_000_000,
-        'Steps of the integrator of a run, which then is not run.', minimum=1, maximum=10 ** 12)
+        1_000_000, 'Steps of the integrator of a run, which then is not run.', minimum=1,
+        maximum=10 ** 12)
     not_reached: bool = parameter(
-        'not_reached', 'bool', False, 'Whether v that never stays within its band is a failure.')
+        False, 'Whether v that never stays within its band is a failure.')
 
 
 @dataclasses.dataclass(frozen=True)

@@ -32,7 +32,6 @@ from functools import cached_property
 import math
 from typing import Any, NamedTuple
 
-from ctc_chattering.analysis import drawing
 from ctc_chattering.analysis.tables import rounded
 from ctc_chattering.configuration.loop_setup import Setup
 from ctc_chattering.control.controller import Controller
@@ -46,7 +45,6 @@ from ctc_chattering.numerics.linear_algebra import Array, peak_gain, Rows, Vecto
 from ctc_chattering.numerics.time_grid import period_ns, seconds
 from ctc_chattering.parameters import matrix
 from ctc_chattering.runs.recommended import desired_points
-from matplotlib.figure import Figure
 import numpy as np
 from scipy.optimize import minimize_scalar  # type: ignore[import-untyped]
 
@@ -169,12 +167,11 @@ class _SteadyMotion:
         control, of_law = _record(self._memories, iter(rest))
         transit = values[m - ROWS * self._delay * n:m].reshape(-1, n).copy()
         context = Context(self._settings, self._models, transit, control, self._points)
-        made = step(context, self._law, of_law, self._last, REGULAR, values[m:m + n],
-                    values[m + n:])
-        control, of_law, _ = made.memories
+        *_, sent, (control, of_law, _) = step(
+            context, self._law, of_law, self._last, REGULAR, values[m:m + n], values[m + n:])
         after = np.roll(transit, -ROWS * int(control.turn), axis=0).ravel()
         return np.concatenate([
-            *_numbers((control._replace(turn=0.0), of_law)), after, made.sent.tau])
+            *_numbers((control._replace(turn=0.0), of_law)), after, sent.tau])
 
     def moved(self) -> Array:
         """
@@ -319,8 +316,6 @@ _INSTANTS = 5
 _COUPLING = 0.3
 #: Steps of a bisection.
 _HALVINGS = 40
-#: Most samples of a response that are summed.
-_LONG = 200_000
 
 
 class StableRange(NamedTuple):
@@ -404,26 +399,6 @@ class Loops:
         """Return for which true delays, in samples, all poles are stable."""
         return [d for d in range(self.robots[0].delay + _DELAYS)
                 if self.with_drives(delay=d).radius(ratio) < 1.0]
-
-    def error_gain(self, ratio: float = 1.0) -> float:
-        """
-        Return the largest |e_i| for |M⁻¹ P|_i <= 1 rad/s², M̂ = `ratio` M [s²]; inf if unstable.
-
-        For equal settings of all joints. P is any bounded torque, friction for example: the sum
-        of the absolute values of the response to impulses of its two means over a period.
-        """
-        (loop,), (robot,) = self.all, self.robots
-        if loop.radius(ratio) >= 1.0:
-            return np.inf
-        A, h, total = loop.closed(ratio), robot.period, 0.0
-        x = np.zeros((len(A), 2))
-        x[0, 0], x[1, 1] = 0.5 * h * h, h
-        for _ in range(_LONG):
-            total += np.abs(x[0]).sum()
-            x = A @ x
-            if np.abs(x[0]).sum() < 1e-12 * total:
-                break
-        return total
 
 
 def stable(radius: Callable[[float], float], at: float, grid: Array) -> StableRange | None:
@@ -510,8 +485,6 @@ def _masses(setup: Setup) -> list[Array]:
 
 #: M̂ M⁻¹ for which lags and delays are said.
 RATIOS = (1.0, 0.8, 1.25)
-#: Of the figure: eigenvalues of M̂ M⁻¹, lags, and those of the guarantee.
-_WIDE, _HIGH, _GUARANTEED = 80, 50, 40
 
 
 @dataclasses.dataclass(frozen=True)
@@ -527,8 +500,6 @@ class Margins:
         Of the eigenvalues of M̂ M⁻¹, constant; varying.
     lags, delays : sequence
         For each of `RATIOS`: true lags [s], true delays in samples.
-    error_gain : float or None
-        Of bounded perturbations [s²]; None where the settings of the joints differ.
 
     """
 
@@ -537,7 +508,6 @@ class Margins:
     guaranteed: StableRange | None
     lags: tuple[StableRange | None, ...]
     delays: tuple[tuple[int, ...], ...]
-    error_gain: float | None
 
 
 def stability(setup: Setup) -> Margins:
@@ -577,8 +547,7 @@ def margins(loops: Loops) -> Margins:
     """Return the margins of loops."""
     return Margins(
         loops.radius(), loops.ratios(), loops.guaranteed(), tuple(map(loops.lags, RATIOS)),
-        tuple(tuple(loops.delays(x)) for x in RATIOS),
-        loops.error_gain() if len(loops.laws) == 1 else None)
+        tuple(tuple(loops.delays(x)) for x in RATIOS))
 
 
 def rows(found: Margins, period: float) -> Iterator[tuple[str, str]]:
@@ -594,14 +563,6 @@ def rows(found: Margins, period: float) -> Iterator[tuple[str, str]]:
         at = '' if ratio == 1.0 else f', model {ratio:g} M'
         yield f'lag of the drives{at}', _span(lags, 1e3, ' ms')
         yield f'delay{at}', f'{_counts(delays)} samples' if delays else 'none'
-    if found.error_gain is not None and math.isfinite(found.error_gain):
-        yield 'error for 1 rad/s^2 of bounded perturbation', (
-            f'at most {_digits(found.error_gain, up=True)} rad')
-
-
-def as_json(found: Margins) -> dict[str, Any]:
-    """Return margins as JSON has them."""
-    return {**dataclasses.asdict(found), 'of_ratios': RATIOS}
 
 
 def _span(found: StableRange | None, factor: float = 1.0, unit: str = '') -> str:
@@ -624,30 +585,3 @@ def _digits(x: float, up: bool) -> str:
         return f'{x:g}'
     step = 10.0 ** (math.floor(math.log10(x)) - 1)
     return f'{rounded((math.ceil if up else math.floor)(x / step) * step, 2):g}'
-
-
-def region(loops: Loops, found: Margins) -> Iterator[tuple[str, Figure, str]]:
-    """Yield name, figure and caption: where the loop is stable, over model and lag."""
-    lags = [x.high for x in found.lags if x is not None]
-    most = 1.3 * max([*lags, float(loops.robots[0].lag.max()), loops.robots[0].period])
-    ratio, lag = np.geomspace(0.2, 5.0, _WIDE), np.linspace(0.0, most, _HIGH)
-    radius = np.array([[at.radius(x) for x in ratio.tolist()] for at in (
-        loops.with_drives(lag=y) for y in lag.tolist())])
-    figure, grid = drawing.sheet('Stable region', 1, (1.0,), 3.6)
-    ax = drawing.panel(figure, grid[0, 0], '', 'lag of the drives [ms]')
-    ax.contourf(ratio, 1e3 * lag, radius, [0.0, 1.0], colors=['#cfe3f3'])
-    ax.contour(ratio, 1e3 * lag, radius, [1.0], colors=['#0072B2'], linewidths=1.6)
-    some = [(1e3 * y, span) for y in np.linspace(0.0, most, _GUARANTEED).tolist()
-            if (span := loops.with_drives(lag=y).guaranteed()) is not None]
-    if some:
-        at, spans = zip(*some)
-        low, high = zip(*spans)
-        ax.fill_betweenx(at, low, high, color='#7fb2da')
-    ax.plot(1.0, 1e3 * loops.robots[0].lag.max(), 'o', color='#1b1b1b')
-    ax.set(xscale='log', xlabel='M of the model / M of the robot')
-    ax.set_xticks([0.2, 0.5, 1.0, 2.0, 5.0], ['0.2', '0.5', '1', '2', '5'])
-    ax.minorticks_off()
-    yield 'region', figure, (
-        'Light: all poles are within the unit circle, for a constant error of the model. Dark: '
-        'exponentially stable for errors that vary from sample to sample. Dot: the robot of the '
-        'file.')

@@ -35,7 +35,7 @@ from ctc_chattering.configuration.yaml_file import mapping, read_yaml
 from ctc_chattering.control.controller_config import ControllerConfig
 from ctc_chattering.dynamics.registry import model_of
 from ctc_chattering.errors import CtcError, ParameterError
-from ctc_chattering.parameters import Parameter, whole
+from ctc_chattering.parameters import LEAST, Parameter, whole
 from ctc_chattering.runs.points import Runs
 from ctc_chattering.runs.pool import processes
 from ctc_chattering.runs.recommended import recommended, recommended_setup
@@ -220,7 +220,7 @@ def _limits(section: Mapping[str, Any], setup: Setup) -> Limits:
     torque = (config.effort_limit, plant.torque_saturation, model.effort_limits)
     rate = (config.effort_rate_limit, config.torque_rate_limit, plant.torque_rate_limit)
     return Limits(*(
-        read_value(f'tune.{name}', 'float[]', section[name], model.n, minimum=0.0, exclusive=True,
+        read_value(f'tune.{name}', 'float[]', section[name], model.n, minimum=LEAST,
                    infinite=True, shape='n') if name in section else
         tuple(map(min, zip(*filter(None, known))))
         for name, known in (('torque_limit', torque), ('torque_rate_limit', rate))))
@@ -233,7 +233,7 @@ def _ranges(tree: object, setup: Setup) -> dict[str, Range]:
     ranges = {name: x for name, x in known.items() if name not in _ASKED or name in given}
     for name, value in given.items():
         numbers = read_value(f'tune.search.{name}', 'float[]', value if isinstance(
-            value, list) else [value, value], minimum=0.0, exclusive=True)
+            value, list) else [value, value], minimum=LEAST)
         if len(numbers) != 2 or numbers[0] > numbers[1]:
             raise ParameterError(f'tune.search.{name}', value, 'a number > 0, or two, ascending')
         ranges[name] = Range(*numbers)

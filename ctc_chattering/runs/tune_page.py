@@ -23,8 +23,8 @@ from typing import Any
 
 from ctc_chattering.analysis import drawing, page
 from ctc_chattering.analysis.drawing import FigureFile, legend_of
-from ctc_chattering.analysis.output import check_format, prepare, write_json, write_text, writing
-from ctc_chattering.analysis.tables import columns, csv_text, number_text, rounded, Table
+from ctc_chattering.analysis.output import check_format, prepare, write_json, writing
+from ctc_chattering.analysis.tables import columns, number_text, rounded, Table
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.runs.figures import log_axis, Mark, panels, trade_off
 from ctc_chattering.runs.search import (
@@ -48,8 +48,8 @@ _MANY = 3
 _VERBS = {DIVERGED: 'diverge', TORQUE: 'exceed the torque limit',
           RATE: 'exceed the limit of the torque rate'}
 #: Names in the directory.
-TUNED, NUMBERS, FRONT, POINTS, FIGURES, PAGE = NAMES = (
-    'tuned.yaml', 'tune.json', 'front.csv', 'front', 'figures', 'index.html')
+TUNED, NUMBERS, POINTS, FIGURES, PAGE = NAMES = (
+    'tuned.yaml', 'tune.json', 'front', 'figures', 'index.html')
 _LEAD = ('Gains with little error and little torque variation for a robot that is known in part: '
          'the best compromises of a search, and what they do on draws that it has not seen.')
 #: Colours: the front on the draws of the search, on fresh draws, and the recommended point.
@@ -57,10 +57,6 @@ _DRAWN, _FRESH, _KNEE = '#0072B2', '#D55E00', '#CC3311'
 _OTHERS = ('#222222', '#7B5EA7', '#007A5A')
 #: Colour and mark of a trial that violates a constraint.
 _VIOLATING = {TORQUE: ('#B8860B', 'x'), RATE: ('#888888', '+')}
-#: What numbers are, where they are not the parameters of the same name.
-_MEANING = {'pole': ', p of kp = p² [rad/s]', 'damping': ', d of kv = 2 d p',
-            'ka': ", times the file's", 'ki': ', times kp kv',
-            'adaptation_gain': ', times the friction'}
 
 
 def facts(tuning: Tuning) -> Iterator[tuple[str, str]]:
@@ -228,28 +224,6 @@ def _place(score: OverDraws) -> tuple[float, float]:
     return score.variation, score.error
 
 
-def gains_figure(tuning: Tuning) -> Figure:
-    """Draw each number that is searched along the front, with its range."""
-    names = list(tuning.spec.ranges)
-    figure, axes = panels('Numbers along the front', [
-        name + _MEANING.get(name, '') for name in names], '', 2.2)
-    x = [point.drawn.variation for point in tuning.points]
-    for ax, name in zip(axes, names):
-        limits = tuning.spec.ranges[name]
-        y = [tuning.trials[i].numbers[name] for i in tuning.front]
-        ax.plot(x, y, 'o', color=_DRAWN, markersize=5)
-        if tuning.best in tuning.points:
-            best = tuning.points.index(tuning.best)
-            ax.plot(x[best], y[best], '*', color=_KNEE, markersize=14,
-                    markeredgecolor='white')
-        for end in limits[:2]:
-            ax.axhline(end, color='#999999', linewidth=0.8, linestyle='--')
-        ax.set(xlabel='torque variation [N·m/s]')
-        log_axis(ax, 'x', x)
-        log_axis(ax, 'y', limits[:2])
-    return figure
-
-
 def draws_figure(tuning: Tuning) -> Figure:
     """Draw the error of every fresh draw over each uncertain quantity."""
     figure, axes = panels('Error over what is uncertain, fresh draws', [
@@ -277,11 +251,6 @@ def figures(tuning: Tuning) -> Iterator[tuple[str, Figure, str]]:
         'A dot a trial; the front has those that no other beats in both. The numbers are those '
         'of the table. Star, square, diamond and cross are on fresh draws. Where fresh draws lie '
         'above or to the right of the front, the search has fitted its own draws.')
-    if tuning.points:
-        yield 'numbers', gains_figure(tuning), (
-            'What was searched, at each point of the front. Star: recommended, if it is '
-            'on the front. Dashed: ends of the range that is searched. At an end the range may be '
-            'too narrow.')
     if tuning.spec.uncertain:
         yield 'draws', draws_figure(tuning), (
             'A dot a draw: which uncertain quantity makes the error.')
@@ -297,7 +266,7 @@ def write_tuning(tuning: Tuning, out: str | Path, extra: str = 'svg', command: s
         What `tune` has found.
     out : str or Path
         Directory for ``tuned.yaml``, which `simulate` and all nodes take, ``front``, with those
-        of all points, ``front.csv``, ``tune.json``, ``figures``, ``index.html``.
+        of all points, ``tune.json``, ``figures``, ``index.html``.
     extra : {'svg', 'pdf', 'png'}
         A second format for each figure.
     command : str
@@ -316,7 +285,6 @@ def write_tuning(tuning: Tuning, out: str | Path, extra: str = 'svg', command: s
     if tuning.best:
         write_parameters(tuning.spec, tuning.best, out / TUNED)
     write_json(as_mapping(tuning), out / NUMBERS)
-    write_text(out / FRONT, to_csv(tuning))
     write_page(tuning, drawing.save(figures(tuning), out / FIGURES, ('svg', extra)), out / PAGE,
                command)
 
@@ -325,7 +293,7 @@ def write_page(tuning: Tuning, files: Sequence[FigureFile], path: Path, command:
                ) -> None:
     """Write the page; raise `CtcError` if that cannot be done."""
     there = {TUNED: 'parameter file of what is recommended', POINTS: 'of all points of the '
-             'front', FRONT: 'their numbers', NUMBERS: 'all trials'}
+             'front', NUMBERS: 'all numbers'}
     head, *rows = table_of(tuning)
     numbers = Table('', head, rows, note=(
         '* recommended: of all under the tuned law that keep the limits on fresh draws, the one '
@@ -391,21 +359,3 @@ def as_mapping(tuning: Tuning) -> dict[str, Any]:
         'trials': [{'trial': k, 'numbers': x.numbers, **score(x.score)}
                    for k, x in enumerate(tuning.trials)],
         'notes': list(notes(tuning))}
-
-
-def to_csv(tuning: Tuning) -> str:
-    """Return a line per point of the front, with a header; numbers in full."""
-    rows = []
-    for k, x in zip(tuning.front, tuning.points):
-        row: dict[str, object] = {'point': x.name, 'recommended': int(x is tuning.best), **{
-            f'search_{name}': value for name, value in tuning.trials[k].numbers.items()}}
-        for name, value in x.values.items():
-            row.update({f'{name}_{i}': y for i, y in enumerate(value, 1)} if isinstance(
-                value, list) else {name: value})
-        for title, score in (('', x.drawn), ('fresh_', x.fresh)):
-            row.update({f'{title}error_rad': score.error,
-                        f'{title}torque_variation_nm_per_s': score.variation,
-                        **{f'{title}runs_violating_{name.replace(" ", "_")}': n
-                           for name, n in score.violating.items()}})
-        rows.append(row)
-    return csv_text(rows, ['point'])

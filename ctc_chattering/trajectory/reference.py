@@ -30,12 +30,11 @@ from collections.abc import Callable, Mapping, Sequence
 import dataclasses
 from functools import lru_cache
 from math import ceil, cos, inf, log10, pi, sin
-from typing import ClassVar
 
 from ctc_chattering.dynamics.registry import DescribedConfig
 from ctc_chattering.errors import CtcError, ParameterError
 from ctc_chattering.numerics.linear_algebra import Array
-from ctc_chattering.numerics.time_grid import NANOSECONDS, period_ns, seconds
+from ctc_chattering.numerics.time_grid import NANOSECONDS, seconds
 from ctc_chattering.parameters import parameter, whole
 from ctc_chattering.trajectory.buffer import Point
 from ctc_chattering.trajectory.joint_limits import check_limits, DescribedLimits
@@ -56,44 +55,23 @@ PROFILES = ('sinusoid', 'trapezoid')
 class ReferenceConfig(DescribedConfig):
     """Parameters of the desired motion."""
 
-    title: ClassVar[str] = 'reference'
-
     profile: str = parameter(
-        'profile', 'str', 'sinusoid',
-        'Between center - amplitude and center + amplitude: a sinusoid, or moves of trapezoidal '
-        'velocity, half as fast, with a rest after each.', choices=PROFILES,
+        'sinusoid', 'Between center - amplitude and center + amplitude: a sinusoid, or moves of '
+        'trapezoidal velocity, half as fast, with a rest after each.', choices=PROFILES,
         read_only=True)
     center: tuple[float, ...] = parameter(
-        'center', 'float[]', (pi, 0.5 * pi),
-        'Centre of the sinusoid; by default 0 where there are not two joints.', unit='rad',
-        shape='n')
+        (pi, 0.5 * pi), 'Centre of the sinusoid; by default 0 where there are not two joints.',
+        'rad', minimum=-inf)
     amplitude: tuple[float, ...] = parameter(
-        'amplitude', 'float[]', 0.5, 'Amplitude of the sinusoid.', unit='rad', shape='n')
-    frequency: tuple[float, ...] = parameter(
-        'frequency', 'float[]', 1.0, 'Frequency of the sinusoid.', unit='Hz', minimum=0.0,
-        shape='n')
+        0.5, 'Amplitude of the sinusoid.', 'rad', minimum=-inf)
+    frequency: tuple[float, ...] = parameter(1.0, 'Frequency of the sinusoid.', 'Hz')
     phase: tuple[float, ...] = parameter(
-        'phase', 'float[]', 0.0, 'Phase of the sinusoid at t = 0.', unit='rad', shape='n')
+        0.0, 'Phase of the sinusoid at t = 0.', 'rad', minimum=-inf)
     trajectory_file: str = parameter(
-        'trajectory_file', 'str', '',
-        'YAML file of waypoints, as trajectory_msgs/JointTrajectory, in place of the profile; '
+        '', 'YAML file of waypoints, as trajectory_msgs/JointTrajectory, in place of the profile; '
         'empty for none.', read_only=True)
     start_duration: float = parameter(
-        'start_duration', 'float', 0.0,
-        'Time of a smooth start from where the robot is; 0 for none, as in the paper.',
-        unit='s', minimum=0.0, maximum=3600.0)
-    control_period: float = parameter(
-        'control_period', 'float', 1e-3, 'Sample period h.', unit='s', minimum=0.0,
-        exclusive=True, maximum=10.0, read_only=True)
-
-    def validate(self) -> None:
-        """Check the period."""
-        period_ns(self.control_period)
-
-    @property
-    def described(self) -> bool:
-        """Whether a description of the robot is needed."""
-        return self.model == 'urdf'
+        0.0, 'Time of a smooth start from where the robot is; 0 for none, as in the paper.', 's')
 
 
 class Sinusoid:

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Opening bags of both kinds: odd names, single files, and what is wrong in one line."""
+"""Opening bags of both kinds: directories, single files, and what is wrong in one line."""
 
 from __future__ import annotations
 
@@ -32,11 +32,10 @@ PLUGINS = {'mcap': StoragePlugin.MCAP, 'db3': StoragePlugin.SQLITE3}
 
 
 def made(path: Path, ending: str) -> Path:
-    """Return a bag with 50 states, a millisecond apart, whose name means something in a URI."""
+    """Return a bag with 50 states, a millisecond apart."""
     messages = [('/joint_states', t, joint_state(t, ('a', 'b'), np.full(2, t), None, None))
                 for t in range(0, 50_000_000, 1_000_000)]
-    bag = write(path / 'bag', messages, PLUGINS[ending])
-    return bag.rename(path / 'we#ird %41?')
+    return write(path / 'bag', messages, PLUGINS[ending])
 
 
 @pytest.mark.parametrize('ending', PLUGINS)
@@ -51,14 +50,14 @@ def test_a_directory_and_a_single_file(tmp_path: Path, ending: str, is_file: boo
 
 
 @pytest.mark.parametrize(('ending', 'content', 'message'), [
-    ('mcap', b'', 'damaged: bag.mcap: the file is cut off; "ctc repair'),
-    ('mcap', b'hello' * 99, 'damaged: bag.mcap: the file is cut off; "ctc repair'),
+    ('mcap', b'', 'not a bag: the file is cut off; "ctc repair'),
+    ('mcap', b'hello' * 99, 'not a bag: the file is cut off; "ctc repair'),
     ('db3', b'', 'bag.db3 or database missing tables'),
-    ('db3', b'hello' * 99, 'not a bag: Cannot open database'),
-    ('yaml', b'rosbag2_bagfile_information: [1, 2', r'metadata.yaml: ParserError: '),
+    ('db3', b'hello' * 99, 'not a bag: AnyReaderError: Cannot open database'),
+    ('yaml', b'rosbag2_bagfile_information: [1, 2', 'not a bag: ParserError: '),
     ('yaml', b'rosbag2_bagfile_information: {version: 10}', 'version 10; known: 1 to 9'),
     ('yaml', b'rosbag2_bagfile_information: {version: 9}', "KeyError: 'relative_file_paths'"),
-    ('yaml', b'7', 'metadata.yaml: TypeError')])
+    ('yaml', b'7', 'not a bag: TypeError: ')])
 def test_what_cannot_be_read_is_said_in_one_line(
         tmp_path: Path, ending: str, content: bytes, message: str) -> None:
     bag = made(tmp_path, 'db3' if ending == 'db3' else 'mcap')
@@ -90,6 +89,12 @@ def test_a_type_that_only_the_bag_defines(
     with closing(open_bag(tmp_path / 'file.mcap')) as reader:
         ((t, found),) = reader.read(reader.named('thing'))
     assert (t, found.header.stamp.sec, found.x.tolist()) == (7, 1, [1.5, -2.5])
+
+
+def test_names_that_sqlite3_would_take_for_a_uri_are_refused(tmp_path: Path) -> None:
+    for name in ('we%41', 'what?', 'first#'):
+        with pytest.raises(CtcError, match=r'has one of % \? #'):
+            open_bag(made(tmp_path, 'db3').rename(tmp_path / name))
 
 
 def test_another_kind_of_file_is_refused(tmp_path: Path) -> None:

@@ -33,6 +33,7 @@ from bags import (
 )
 from ctc_chattering.analysis.result import Result, simulate
 from ctc_chattering.bags.reader import read_bag
+from ctc_chattering.bags.repair import repair
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.errors import CtcError
 from faults import KINDS, malformed
@@ -244,7 +245,9 @@ def test_truncated_files(tmp_path: Path, file: str) -> None:
     path.unlink()
     if file == 'bag_0.mcap':
         refused(tmp_path / 'bag')
-    else:  # What a killed recorder leaves is read without it.
+    else:  # As a killed recorder leaves it.
+        refused(tmp_path / 'bag', f'"ctc repair {tmp_path / "bag"}"')
+        assert repair(tmp_path / 'bag') is not None
         same(read_bag(tmp_path / 'bag').run, RESULT.run)
 
 
@@ -259,10 +262,11 @@ def test_junk_in_the_metadata(tmp_path: Path, junk: bytes) -> None:
 
 @pytest.mark.parametrize('name', ['run.bag', 'run.mcap', 'run.db3', 'run'])
 def test_the_name_of_a_bag_does_not_matter(tmp_path: Path, name: str) -> None:
-    """Check complete and truncated bags; one ending in .bag is not a bag of ROS 1."""
+    """Check complete and repaired bags; one ending in .bag is not a bag of ROS 1."""
     write_bag(tmp_path / name, messages())
     same(read_bag(tmp_path / name).run, RESULT.run)
     (tmp_path / name / 'metadata.yaml').unlink()
+    assert repair(tmp_path / name) is not None
     same(read_bag(tmp_path / name).run, RESULT.run)
 
 
@@ -273,6 +277,7 @@ def test_a_bag_with_the_old_name_of_the_file(tmp_path: Path) -> None:
     file.write_text(file.read_text().replace('run_0.mcap', 'run.mcap'))
     same(read_bag(tmp_path / 'run').run, RESULT.run)
     file.unlink()
+    assert repair(tmp_path / 'run') is not None
     same(read_bag(tmp_path / 'run').run, RESULT.run)
 
 

@@ -34,7 +34,7 @@ from typing import Any
 from bags import entries, write_bag
 from ctc_chattering.analysis.result import simulate
 from ctc_chattering.bags.reader import read_bag
-from ctc_chattering.bags.repair import is_whole, open_bag, recover, repair
+from ctc_chattering.bags.repair import open_bag, recover, repair
 from ctc_chattering.bags.writer import BagWriter, offered_qos
 from ctc_chattering.cli.ctc import main
 from ctc_chattering.configuration import parameter_file
@@ -52,6 +52,14 @@ import pytest
 from rosbags.rosbag2 import Writer
 from rosbags.typesys import get_typestore, Stores
 import yaml
+
+
+def is_whole(bag: Path) -> bool:
+    try:
+        open_bag(bag).close()
+    except CtcError:
+        return False
+    return True
 
 
 def messages(bag: Path) -> list[tuple[str, int, bytes]]:
@@ -129,7 +137,7 @@ def test_what_was_flushed_before_a_cut_or_a_wrong_byte_is_recovered(
         tail = b'' if wrong is None else bytes([data[place] ^ wrong]) + data[place + 1:]
         (bag / 'bag_0.mcap').write_bytes(data[:place] + tail)
         try:
-            count = recover(bag, Path(scratch) / 'whole').span.count
+            count = recover(bag, Path(scratch) / 'whole')
             found = messages(Path(scratch) / 'whole')
         except CtcError as error:
             assert safe == []
@@ -144,21 +152,21 @@ def test_what_was_flushed_before_a_cut_or_a_wrong_byte_is_recovered(
 
 
 def test_a_repaired_bag_is_read_by_the_mcap_library_and_has_the_run(
-        whole: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+        whole: Path, tmp_path: Path) -> None:
     size = (whole / f'{whole.name}_0.mcap').stat().st_size
     bag = cut(whole, tmp_path / 'bag', size * 3 // 4)
-    before = messages(bag)
-    assert f'{len(before)} messages over' in capsys.readouterr().err
+    with pytest.raises(CtcError, match=f'metadata.yaml.*; "ctc repair {bag}" recovers the rest$'):
+        read_bag(bag)
     done = repair(bag)
     assert done is not None
-    found, aside = done
+    count, aside = done
     assert aside == tmp_path / 'bag.damaged' and aside.exists()
-    assert found.span.count == len(before) > 0
-    assert sorted(messages(bag)) == sorted(before)
+    found = messages(bag)
+    assert found == messages(whole)[:count] and count > 0
     with (bag / 'bag_0.mcap').open('rb') as stream:
         summary = make_reader(stream).get_summary()
     assert summary is not None and summary.statistics is not None
-    assert summary.statistics.message_count == len(before)
+    assert summary.statistics.message_count == count
     run, complete = read_bag(bag).run, read_bag(whole).run
     n = len(run.t)
     assert 0 < n < len(complete.t)
@@ -170,9 +178,7 @@ def test_a_repaired_bag_is_read_by_the_mcap_library_and_has_the_run(
 def test_a_bag_without_a_readable_message_is_refused(
         whole: Path, tmp_path: Path, size: int) -> None:
     bag = cut(whole, tmp_path / 'bag', size)
-    with pytest.raises(CtcError, match='no message in it can be recovered'):
-        read_bag(bag)
-    with pytest.raises(CtcError, match='no message in it can be recovered'):
+    with pytest.raises(CtcError, match='no message in a whole chunk'):
         repair(bag)
     assert [path.name for path in tmp_path.iterdir()] == ['bag']
 
@@ -181,7 +187,7 @@ def test_what_is_no_bag_cannot_be_repaired(whole: Path, tmp_path: Path) -> None:
     with pytest.raises(CtcError, match='no such bag'):
         repair(tmp_path / 'bag')
     (tmp_path / 'bag').mkdir()
-    with pytest.raises(CtcError, match='no MCAP file'):
+    with pytest.raises(CtcError, match=r'not a bag: .*metadata\.yaml'):
         repair(tmp_path / 'bag')
     shutil.copytree(whole, tmp_path / 'good')
     (tmp_path / 'good' / 'metadata.yaml').unlink()
@@ -221,9 +227,9 @@ def wrong_bytes(file: Path, places: Sequence[int], dice: random.Random) -> Itera
     file.write_bytes(data)
 
 
-@pytest.mark.parametrize('name, count', [('bag_0.mcap', 30), ('metadata.yaml', 10)])
+@pytest.mark.parametrize('name, count, least', [('bag_0.mcap', 30, 10), ('metadata.yaml', 30, 4)])
 def test_a_bag_with_a_wrong_byte_is_not_whole_or_holds_the_same(
-        whole: Path, tmp_path: Path, name: str, count: int) -> None:
+        whole: Path, tmp_path: Path, name: str, count: int, least: int) -> None:
     bag, complete = tmp_path / 'bag', messages(whole)
     shutil.copytree(whole, bag)
     dice = random.Random(1)
@@ -234,7 +240,7 @@ def test_a_bag_with_a_wrong_byte_is_not_whole_or_holds_the_same(
             assert messages(bag) == complete
         else:
             found += 1
-    assert found > count // 3  # What stands twice does no harm where it is wrong once.
+    assert found > least  # What stands twice does no harm where it is wrong once.
     assert is_whole(bag)
 
 
@@ -246,19 +252,18 @@ def test_a_wrong_byte_in_a_chunk_is_found_and_costs_no_other(whole: Path, tmp_pa
     with file.open('rb') as stream:
         chunks = [(stream.tell(), len(record.data))
                   for record in StreamReader(stream, emit_chunks=True).records
-                  if isinstance(record, Chunk)][1:]
+                  if isinstance(record, Chunk) and record.message_end_time][1:]
     # Not in the first bytes of the compressed data, of which not every bit has a meaning.
     places = [dice.randrange(end - length + 20, end) for end, length in chunks]
     for _ in wrong_bytes(file, places[::2], dice):
         assert not is_whole(bag)
     assert is_whole(bag)
     next(wrong_bytes(file, places[5:], dice))
-    error = f'^{bag}: damaged: .*; "ctc repair {bag}" recovers the rest$'
+    error = f'^{bag}: damaged, .*; "ctc repair {bag}" recovers the rest$'
     with pytest.raises(CtcError, match=error):
         read_bag(bag)
     done = repair(bag)
     assert done is not None
-    assert done[0].lost == chunks[5][1] + 44  # With the head of the chunk.
     assert messages(bag) == complete[:240] + complete[280:]
 
 
@@ -273,10 +278,10 @@ def test_a_wrong_topic_in_the_index_is_found(whole: Path, tmp_path: Path) -> Non
     channel, offset = next(iter(summary.chunk_indexes[3].message_index_offsets.items()))
     place = file.read_bytes().rindex(struct.pack('<HQ', channel, offset))
     next(wrong_bytes(file, [place], random.Random(1)))
-    with pytest.raises(CtcError, match=r'damaged: bag_0\.mcap: the index has a wrong checksum'):
+    with pytest.raises(CtcError, match=r'damaged, .*: the index has a wrong checksum'):
         read_bag(bag)
     done = repair(bag)
-    assert done is not None and done[0].lost == 0
+    assert done is not None
     assert messages(bag) == messages(whole)
 
 
@@ -291,17 +296,20 @@ def test_types_and_qos_of_other_recorders_are_recovered(tmp_path: Path) -> None:
         writer: Any = McapWriter(stream)
         writer.start('ros2')
         schema = writer.register_schema('my_msgs/msg/Thing', 'ros2msg', b'float64 x')
-        for topic, text in (('/a', yaml.safe_dump([profile])), ('/b', 'a: ['), ('/c', '')):
-            channel = writer.register_channel(topic, 'cdr', schema, {'offered_qos_profiles': text})
+        service = writer.register_schema('std_srvs/srv/Trigger_Event', 'unknown', b'what it is')
+        for topic, text, kind in (('/a', yaml.safe_dump([profile]), schema), (
+                '/b', 'a: [', schema), ('/c', '', service)):
+            channel = writer.register_channel(topic, 'cdr', kind, {'offered_qos_profiles': text})
             writer.add_message(channel, 7, b'\0\1\0\0' + bytes(8), 7)
         writer.flush()
-    assert recover(tmp_path / 'bag', tmp_path / 'whole').span.count == 3
+    assert recover(tmp_path / 'bag', tmp_path / 'whole') == 3
     assert is_whole(tmp_path / 'whole')
     with (tmp_path / 'whole' / 'whole_0.mcap').open('rb') as stream:
         rows = [(channel.topic, schema and (schema.name, schema.data), message.data)
                 for schema, channel, message in make_reader(stream).iter_messages()]
-    assert rows == [(topic, ('my_msgs/msg/Thing', b'float64 x'), b'\0\1\0\0' + bytes(8))
-                    for topic in ('/a', '/b', '/c')]
+    thing = 'my_msgs/msg/Thing', b'float64 x'
+    assert rows == [(topic, kind, b'\0\1\0\0' + bytes(8)) for topic, kind in (
+        ('/a', thing), ('/b', thing), ('/c', ('std_srvs/srv/Trigger_Event', b'')))]
     text = (tmp_path / 'whole' / 'metadata.yaml').read_text(encoding='utf-8')
     topics = [x['topic_metadata'] for x in yaml.safe_load(text)['rosbag2_bagfile_information'][
         'topics_with_message_count']]
@@ -327,7 +335,8 @@ def test_a_killed_recorder_leaves_all_but_the_last_second(tmp_path: Path) -> Non
         process.communicate(timeout=PATIENCE)
     done = repair(bag)
     assert done is not None
-    assert done[0].span.end / 1e9 > killed - 1.0 - waited
+    with closing(open_bag(bag)) as reader:
+        assert reader.end_time / 1e9 > killed - 1.0 - waited
     assert read_bag(bag).run.t[-1] > 1.0
 
 
@@ -346,6 +355,7 @@ def test_a_full_disk_ends_the_recording_and_not_the_run(tmp_path: Path) -> None:
     assert re.search(r'recording has stopped: File too large', output)
     assert status == 1
     assert 'Traceback' not in output
+    assert repair(bag) is not None
     run = read_bag(bag).run
     expected = simulate(parameter_file.load(
         CONFIG / 'friction.yaml', {'plant': {'duration': 1.5}})).run

@@ -92,10 +92,12 @@ def test_what_the_effort_is(tmp_path: Path, capsys: pytest.CaptureFixture[str]) 
         return found.out + found.err
     assert '--effort current --torque-constant' in said()
     for arguments, words in (
-            (['--gear-ratio', '100'], '--gear-ratio needs --effort motor'),
+            (['--gear-ratio', '100'], 'gear_ratio needs an effort that is of the motor'),
             (['--effort', 'link', '--gear-ratio', '100'], 'behind the gear it is 1'),
-            (['--effort', 'motor', '--torque-constant', '1'], 'needs --effort current'),
-            (['--effort', 'current', '--gear-ratio', '1'], 'needs --torque-constant'),
+            (['--effort', 'motor', '--torque-constant', '1'],
+             'torque_constant needs an effort that is a current'),
+            (['--effort', 'current', '--gear-ratio', '1'],
+             'gear_ratio of currents needs torque_constant'),
             (['--effort', 'current', '--torque-constant', '1,2,3'],
              'torque_constant: [1.0, 2.0, 3.0] is not allowed; allowed: 2 numbers'),
             (['--effort', 'current', '--torque-constant', '0'],
@@ -107,8 +109,9 @@ def test_what_the_effort_is(tmp_path: Path, capsys: pytest.CaptureFixture[str]) 
     for friction, true in zip(found['friction'], made.plant.coulomb_friction):
         assert friction['coulomb']['value'] == pytest.approx(true, rel=0.02)
     idle = str(recorded_bag(tmp_path / 'idle', made))
-    assert main(['identify', idle, '--model', 'two_link', '--effort', 'motor', '--out', out]) == 2
-    assert '--effort motor: idle has no effort' in capsys.readouterr().err
+    assert main(['identify', idle, '--model', 'two_link', '--effort', 'motor', '--out',
+                 str(tmp_path / 'other')]) == 2
+    assert 'effort motor: idle has no effort' in capsys.readouterr().err
 
 
 def test_no_usable_joint_is_status_1_and_one_line_and_everything_is_written(

@@ -12,41 +12,49 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""`ctc stability`: its table, its files, and what it refuses."""
+"""`ctc stability`: its table, its status, and what it refuses."""
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
+from ctc_chattering.configuration import parameter_file
+from ctc_chattering.runs.stability import stability
 from ctc_commands import ctc, refused
 import pytest
 
-LAW = ('stability', '--law', 'observer_feedback')
+LAW = ('--law', 'observer_feedback', '--gains', 'recommended')
 
 
-def test_table_and_files(tmp_path: Path) -> None:
-    """The intervals printed lie within those of the file, and a robot with lag stands less."""
-    result = ctc(*LAW, '--lag', 0.002, '--out', tmp_path)
+def robot(folder: Path, lag: float) -> Path:
+    """Return a parameter file of the paper's arm with drives of this lag [s]."""
+    file = folder / 'robot.yaml'
+    file.write_text(f'plant: {{ros__parameters: {{actuator_lag: [{lag}, {lag}]}}}}\n'
+                    'controller: {ros__parameters: {actuator_lag: [0.003, 0.003]}}\n')
+    return file
+
+
+def test_the_table_is_rounded_inwards(tmp_path: Path) -> None:
+    file = robot(tmp_path, 0.002)
+    result = ctc('stability', file, *LAW)
     assert result.returncode == 0, result.stderr
     lines = result.stdout.splitlines()
     assert lines[1:3] == ['law: lag 3 ms, delay 0', 'robot: lag 2 ms, delay 0']
-    found = json.loads((tmp_path / 'stability.json').read_text(encoding='utf-8'))
+    over, _ = parameter_file.with_gains(file, {'controller': {'law': LAW[1]}}, LAW[3])
+    found = stability(parameter_file.load(file, over))
     (shown,) = (line for line in lines if ', constant' in line)
     low, high = (float(shown.split()[k]) for k in (-3, -1))
-    assert found['ratios'] == [pytest.approx(low, rel=0.1), pytest.approx(high, rel=0.1)]
-    assert found['ratios'][0] <= low < high <= found['ratios'][1]
-    assert found['ratios'][0] < found['guaranteed'][0] < found['guaranteed'][1] < high
-    assert (tmp_path / 'figures' / 'region.svg').exists()
+    assert found.ratios is not None and found.guaranteed is not None
+    assert tuple(found.ratios) == (pytest.approx(low, rel=0.1), pytest.approx(high, rel=0.1))
+    assert found.ratios[0] <= low < high <= found.ratios[1]
+    assert found.ratios[0] < found.guaranteed[0] < found.guaranteed[1] < high
 
 
-def test_an_unstable_loop_has_status_1() -> None:
-    result = ctc(*LAW, '--lag', 0.02)
+def test_an_unstable_loop_has_status_1(tmp_path: Path) -> None:
+    result = ctc('stability', robot(tmp_path, 0.02), *LAW)
     assert result.returncode == 1
     assert 'unstable: a pole at 1.0' in result.stdout
 
 
 def test_refuses() -> None:
     refused(ctc('stability', '--law', 'chattering'), 'chattering sign is not linear')
-    refused(ctc(*LAW, '--gains', 'file', '--lag', -1.0), 'actuator_lag', '-1', '>= 0')
-    refused(ctc(*LAW, '--gains', 'file', '--delay', 300), 'input_delay', '300', '<= 100')

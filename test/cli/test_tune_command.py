@@ -71,16 +71,17 @@ def test_a_spec_becomes_gains(folder: Path, capsys: pytest.CaptureFixture[str]) 
     assert main(['simulate', '--params-file', 'tuned/tuned.yaml', '--duration', '0.5']) == 0
     assert main(command) == 1
     assert 'exists already' in capsys.readouterr().err
-    assert main([*command, '--overwrite', '--seed', '0']) == 0
+    assert main([*command, '--overwrite']) == 0
     assert numbers(Path('tuned')) == found
 
 
-def test_options_stand_above_the_spec(folder: Path) -> None:
-    options = ['--law', 'integral', '--torque-limit', '600,700', '--torque-rate', '1e6',
-               '--draws', '3', '--seed', str(2 ** 40), '--percentile', '50', '--duration',
-               '0.4']
-    assert main(['tune', str(folder / 'spec.yaml'), '--trials', '3', '--jobs', '1', *options]
-                ) == 0
+def test_limits_of_the_spec_and_options(folder: Path) -> None:
+    spec = folder / 'other.yaml'
+    spec.write_text(SPEC.replace('law: chattering', 'law: integral').replace(
+        'torque_limit: 5000', 'torque_limit: [600, 700]\n  torque_rate_limit: 1e6').replace(
+        'search: {pole: [5, 50]}', '').replace('duration: 0.5', f'duration: 0.4\nseed: {2 ** 40}'))
+    assert main(['tune', str(spec), '--trials', '3', '--jobs', '1', '--draws', '3',
+                 '--percentile', '50']) == 0
     found = numbers(Path('tuned'))
     assert (found['law'], found['switching']) == ('integral', None)
     assert found['limits'] == {'torque_nm': [600.0, 700.0],
@@ -92,17 +93,17 @@ def test_options_stand_above_the_spec(folder: Path) -> None:
 
 
 def test_a_parameter_file_alone_is_enough(folder: Path) -> None:
-    file = str(folder / 'robot.yaml')
-    assert main(['tune', '--params-file', file, '--trials', '2', '--jobs', '1', '--draws', '2',
-                 '--duration', '0.5']) == 0
+    file = folder / 'robot.yaml'
+    file.write_text(ROBOT.replace('10.0', '0.5'))
+    assert main(['tune', str(file), '--trials', '2', '--jobs', '1', '--draws', '2']) == 0
     assert [x['name'] for x in numbers(Path('tuned'))['uncertain']] == [
         'model', 'friction', 'lag', 'noise']
 
 
 def test_limits_that_nothing_keeps_are_a_failure_with_all_files(
         folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(['tune', str(folder / 'spec.yaml'), '--trials', '2', '--jobs', '1',
-                 '--torque-limit', '1']) == 1
+    (folder / 'spec.yaml').write_text(SPEC.replace('5000', '1'))
+    assert main(['tune', str(folder / 'spec.yaml'), '--trials', '2', '--jobs', '1']) == 1
     error = capsys.readouterr().err.splitlines()[-1]
     assert error.startswith('ctc tune: no trial keeps the limits; trial ')
     assert error.endswith('see tuned/index.html')
@@ -116,11 +117,7 @@ def test_limits_that_nothing_keeps_are_a_failure_with_all_files(
      '--percentile: 0.0 is not allowed; allowed: a finite number >= 1e-09 and <= 100'),
     (['--percentile', '101'], '--percentile: 101.0 is not allowed'),
     (['--jobs', '0'], '--jobs: 0 is not allowed'),
-    (['--seed', '-1'], 'spec.yaml: seed: -1 is not allowed'),
-    (['--draws', '0'], 'spec.yaml: repeats: 0 is not allowed'),
-    (['--law', 'pid'], "spec.yaml: tune.law: 'pid' is not allowed"),
-    (['--torque-limit', 'x'], "--torque-limit: 'x' is not allowed"),
-    (['--torque-limit', '1,2,3'], 'tune.torque_limit: [1.0, 2.0, 3.0] is not allowed')])
+    (['--draws', '0'], 'spec.yaml: repeats: 0 is not allowed')])
 def test_errors_are_one_line(folder: Path, capsys: pytest.CaptureFixture[str],
                              arguments: list[str], words: str) -> None:
     assert main(['tune', str(folder / 'spec.yaml'), *arguments]) == 2
@@ -140,7 +137,7 @@ def test_axes_are_for_maps(folder: Path, capsys: pytest.CaptureFixture[str]) -> 
 
 
 @pytest.mark.parametrize('arguments', [
-    [], ['spec.yaml', '--params-file', 'friction'], ['--params-file', 'a', '--identified', 'b']])
+    [], ['spec.yaml', '--identified', 'b']])
 def test_there_is_one_robot(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> None:
     assert main(['tune', *arguments]) == 2
     error = capsys.readouterr().err

@@ -17,7 +17,7 @@
 import math
 
 from ctc_chattering.control.adaptation import friction_level, Learned
-from ctc_chattering.control.step import error_filter, Limiter
+from ctc_chattering.control.step import ControlSettings, error_filter
 import numpy as np
 from oracles import Array, random_spd
 import pytest
@@ -170,7 +170,9 @@ def test_the_level_is_bounded() -> None:
 @pytest.mark.parametrize('change', [[1.0, np.inf, 3.0], [np.inf] * 3])
 def test_first_the_change_then_the_size(effort: list[float], change: list[float]) -> None:
     """Check a random walk: each torque near the one before, within the limits, and the rest."""
-    rng, made = np.random.default_rng(1), Limiter(np.array(effort), np.array(change), 1.0, 0.0)
+    rng, none = np.random.default_rng(1), np.zeros((3, 3))
+    made = ControlSettings(1e-3, 0.0, 200.0, none, none, error_filter(5.0, 1.0, 1e-3),
+                           np.array(effort), np.array(change), 1.0, 0.0, none[0])
     before, saturated = np.zeros(3), 0
     for _ in range(200):
         wanted = before + 4.0 * rng.normal(size=3)

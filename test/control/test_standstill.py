@@ -19,9 +19,8 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from ctc_chattering.control.adaptation import kept, Rest, Standstill, standstill
+from ctc_chattering.control.adaptation import Desired, kept, Rest, Standstill, standstill
 from ctc_chattering.control.controller_config import ControllerConfig
-from ctc_chattering.control.feasible_reference import Desired
 from ctc_chattering.control.observer import Observed
 from ctc_chattering.simulation.closed_loop import simulate
 from ctc_chattering.simulation.plant_config import PlantConfig

@@ -18,12 +18,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 import dataclasses
-import itertools
 
 from ctc_chattering.ros.subscription import TopicOwnership
 from hypothesis import given
 from hypothesis import strategies as st
-import pytest
 
 MS = 1_000_000
 SECOND = 1000 * MS
@@ -107,56 +105,3 @@ def test_a_clock_that_was_set_does_not_silence_a_topic() -> None:
     assert not ownership.admits(1001 * SECOND - MS)
     assert ownership.admits(500 * SECOND)
     assert ownership.admits(0)  # The middleware does not tell.
-
-
-ARM, GRIPPER, CAMERA = ('joint1', 'joint2'), ('finger',), ('pan', 'tilt')
-
-
-def heard(ownership: TopicOwnership, *parts: tuple[str, ...]) -> bool:
-    """Note parts; return whether the last one would be obeyed."""
-    for part in parts:
-        ownership.note_part(part, bool(set(part) & set(ARM)), SECOND)
-    return ownership.admits(2 * SECOND)
-
-
-@pytest.mark.parametrize('order', [*itertools.permutations((ARM, GRIPPER, CAMERA))])
-def test_publishers_of_other_joints_share_a_topic(order: tuple[tuple[str, ...], ...]) -> None:
-    ownership = TopicOwnership()
-    ownership.update(3, 0)
-    assert [heard(ownership, part) for part in order] == [False, False, True]
-    ownership.update(4, SECOND)  # One more, of which nothing is known yet.
-    assert not heard(ownership, *order)
-    assert heard(ownership, ('wheel',))
-
-
-@pytest.mark.parametrize('second', [
-    (), (ARM,), (ARM[::-1],), (('joint1',),), (GRIPPER, ARM[::-1]), (GRIPPER, CAMERA),
-    (GRIPPER, ('joint2', 'finger'))])
-def test_a_second_publisher_of_our_joints_does_not(second: tuple[tuple[str, ...], ...]) -> None:
-    """Nor does one that speaks of several parts, as then it may speak of ours as well."""
-    ownership = TopicOwnership()
-    ownership.update(2, 0)
-    assert not heard(ownership, ARM, *second, ARM)
-    ownership.update(1, SECOND)
-    assert heard(ownership, ARM)
-
-
-def test_a_publisher_of_two_parts_shares_with_none() -> None:
-    """Arm and gripper from one, and then a second arm: there are two parts and two publishers."""
-    ownership = TopicOwnership()
-    ownership.update(1, 0)
-    assert heard(ownership, ARM, GRIPPER)
-    ownership.update(2, SECOND)
-    assert not heard(ownership, ARM, GRIPPER, ARM)
-
-
-def test_after_one_has_left_all_parts_must_be_heard_again() -> None:
-    """Arm, gripper and camera; the camera leaves, and another arm comes in its place."""
-    ownership = TopicOwnership()
-    ownership.update(3, 0)
-    assert heard(ownership, ARM, GRIPPER, CAMERA)
-    ownership.update(2, SECOND)
-    assert not heard(ownership, ARM)
-    assert heard(ownership, GRIPPER)
-    ownership.update(3, SECOND)
-    assert not heard(ownership, ARM, GRIPPER, ARM)

@@ -23,8 +23,9 @@ import signal
 from typing import Any
 
 from controller_process import ControllerUnderTest, ReferenceUnderTest
-from ctc_chattering.configuration.node_parameters import parameters_of
+from ctc_chattering.configuration.node_parameters import NODES as CONFIGS
 from ctc_chattering.control.controller import Controller, ControllerConfig
+from ctc_chattering.parameters import LEAST
 from ctc_chattering.simulation.plant import Plant
 from ctc_chattering.simulation.plant_config import PlantConfig
 from ctc_chattering.trajectory.reference import ReferenceConfig, Sinusoid
@@ -136,7 +137,7 @@ def test_a_law_set_in_mid_run_takes_effect_at_the_next_sample_and_a_refused_one_
                 k * MS, joint1=(q[0], dq[0]), joint2=(q[1], dq[1]))) == list(expected)
         told = it.listen(ParameterEvent, 'controller/parameters', latched)
         it.until(lambda: len(told) == 5, 'the parameters in force')
-        assert len(told[0].new_parameters) == len(parameters_of('controller'))
+        assert len(told[0].new_parameters) == len(CONFIGS['controller'].parameters())
         assert [(m.stamp, [p.name for p in m.changed_parameters]) for m in told[1:]] == [
             (stamp(k * MS), [name]) for k, (name, _) in changes.items()]
         assert [line.split(']: ')[1].split(': ')[0] for line in it.lines if ' -> ' in line] == [
@@ -172,17 +173,17 @@ def test_every_parameter_is_described_and_a_signal_ends_the_node(tmp_path: Path)
         for name, child in children.items():
             listed = it.call(
                 ListParameters, f'/{name}/list_parameters', ListParameters.Request())
-            names = [x for x in listed.result.names if x in parameters_of(name)]
-            assert set(names) == set(parameters_of(name))
+            names = [x for x in listed.result.names if x in CONFIGS[name].parameters()]
+            assert set(names) == set(CONFIGS[name].parameters())
             descriptors = it.call(DescribeParameters, f'/{name}/describe_parameters',
                                   DescribeParameters.Request(names=names)).descriptors
             for found in descriptors:
-                spec = parameters_of(name)[found.name]
+                spec = CONFIGS[name].parameters()[found.name]
                 assert found.description.startswith(spec.description)
                 assert found.read_only == spec.read_only
-                if spec.kind == 'float' and spec.minimum == 0.0 and not spec.infinite:
+                if spec.kind == 'float' and spec.minimum <= LEAST and not spec.infinite:
                     least = found.floating_point_range[0].from_value
-                    assert 0.0 < least <= 1e-9 if spec.exclusive else least == 0.0
+                    assert 0.0 < least <= 1e-9 if spec.minimum else least == 0.0
             assert interrupt(child, signal.SIGTERM if name == 'plant' else signal.SIGINT) < 1.0
             assert child.status == 0
         assert not any('Traceback' in line for line in it.lines)

@@ -22,7 +22,7 @@ from pathlib import Path
 import random
 from typing import Any, NamedTuple
 
-from ctc_chattering.configuration.node_parameters import NODES, parameters_of
+from ctc_chattering.configuration.node_parameters import NODES
 from ctc_chattering.controller.trips import change_steps
 from ctc_chattering.parameters import LARGEST, LEAST
 from ctc_chattering.ros.topics import COMMANDS, JOINT_STATES
@@ -80,9 +80,9 @@ class Setter:
                 (SetParameters, 'set_parameters'),
                 (SetParametersAtomically, 'set_parameters_atomically'),
                 (GetParameters, 'get_parameters'))}
-        self.names = [*parameters_of(node), 'use_sim_time']
+        self.names = [*NODES[node].parameters(), 'use_sim_time']
         self.settable = ['use_sim_time', *(
-            name for name, spec in parameters_of(node).items() if not spec.read_only)]
+            name for name, spec in NODES[node].parameters().items() if not spec.read_only)]
 
     def ready(self) -> bool:
         return all(client.service_is_ready() for client in self._clients.values())
@@ -344,7 +344,7 @@ def draw(dice: random.Random, node: str, names: Sequence[str],
     """Return a parameter to set, which may not exist."""
     name = dice.choice(names) if dice.random() < 0.9 else dice.choice(
         ('', 'x', 'kp.x', ' kp', 'KP', '\u03bb', 'bag' * 100, 'qos_overrides./x'))
-    spec = parameters_of(node).get(name)
+    spec = NODES[node].parameters().get(name)
     numbers = tame.get(name, NUMBERS)
     if dice.random() < 0.5:
         kind = 'bool' if spec is None else spec.kind
@@ -404,10 +404,8 @@ class Fuzzer:
         found = self.setter.values()
         assert found == self.expected
         assert isinstance(found.pop('use_sim_time'), bool)
-        for config in NODES[self.setter.node]:
-            mine = {name: found[name] for name in config.parameters()}
-            assert {name: list(value) if isinstance(value, tuple) else value for name, value in
-                    config.from_mapping(mine).as_mapping().items()} == mine
+        assert {name: list(value) if isinstance(value, tuple) else value for name, value in
+                NODES[self.setter.node].from_mapping(found).as_mapping().items()} == found
 
 
 def lead(setter: Setter, wanted: Mapping[str, Any]) -> None:
@@ -415,7 +413,8 @@ def lead(setter: Setter, wanted: Mapping[str, Any]) -> None:
     for name in setter.settable[1:]:  # Without use_sim_time.
         before, after = (tuple(x) if isinstance(x, list) else x
                          for x in (setter.values()[name], wanted[name]))
-        for value in change_steps(parameters_of('controller')[name], before, after, len(JOINTS)):
+        spec = NODES['controller'].parameters()[name]
+        for value in change_steps(spec, before, after, len(JOINTS)):
             assert setter.all_or_nothing([(name, value)]) == (True, '')
 
 

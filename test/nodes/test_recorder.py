@@ -31,7 +31,7 @@ from typing import Any
 from bags import joint_state
 from ctc_chattering.bags.repair import open_bag
 from ctc_chattering.launch import child_process
-from ctc_chattering.ros.messages import read_state
+from ctc_chattering.ros.messages import read_stamp
 from ctc_chattering.ros.topics import COMMANDS, DIAGNOSTICS, JOINT_STATES, ROBOT_DESCRIPTION
 from faults import Diagnostics, ERROR
 import numpy as np
@@ -146,7 +146,7 @@ def test_what_is_dropped_is_counted_exactly_and_said(
     published = next(sent)
 
     def recorded_stamps() -> list[int]:
-        return [read_state(x).t for x in recorded(bag)[STATES]]
+        return [read_stamp(x) for x in recorded(bag)[STATES]]
 
     def complete() -> bool:
         dropped, found = reports.next('recorder').count('dropped'), recorded_stamps()
@@ -199,7 +199,7 @@ def test_what_comes_while_it_has_no_processor_is_kept_by_the_kernel(
     it.until(over, 'that all is recorded or dropped')
     child.signal(signal.SIGINT)
     assert child.process.wait(PATIENCE) == 0
-    found = [read_state(x).t for x in recorded(bag)[STATES]]
+    found = [read_stamp(x) for x in recorded(bag)[STATES]]
     assert [t for t in found if 0 < t < 301] == list(range(1, 301))
 
 

@@ -25,11 +25,7 @@ from ctc_chattering import __version__
 from ctc_chattering.cli import bringup, node
 from ctc_chattering.cli.command_line import guarded
 from ctc_chattering.configuration import parameter_file
-from ctc_chattering.configuration.node_parameters import (
-    INTERNAL,
-    NODE_DESCRIPTIONS,
-    parameters_of,
-)
+from ctc_chattering.configuration.node_parameters import INTERNAL, NODE_DESCRIPTIONS, NODES
 from ctc_chattering.errors import UsageError
 from ctc_chattering.ros import ros_arguments
 from ctc_chattering.ros.ros_arguments import bringup_values, parse
@@ -182,7 +178,7 @@ def test_help_and_version_need_no_ros(name: str) -> None:
     assert result.stdout.startswith(f'{__version__}\nstatus 0\nusage: {name} ')
     assert result.stdout.endswith('status 0\nstatus 2\n')
     assert NODE_DESCRIPTIONS[name] in result.stdout
-    for parameter in parameters_of(name):
+    for parameter in NODES[name].parameters():
         assert (f'\n  {parameter} (' in result.stdout) == (parameter not in INTERNAL)
     assert result.stderr.startswith(f'{name}: ROS 2 is missing')
     assert "pip install '.[ros]'" in result.stderr

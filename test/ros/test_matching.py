@@ -22,7 +22,7 @@ import signal
 import time
 
 from ctc_chattering.bags.repair import open_bag
-from ctc_chattering.ros.subscription import compatible, ValidatedSubscription, weakened
+from ctc_chattering.ros.subscription import ValidatedSubscription
 from processes import interrupt, probe
 import pytest
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
@@ -40,31 +40,11 @@ LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 PLAIN = QoSProfile(depth=1)
 
 
-def test_what_is_asked_for_is_the_least_that_is_offered() -> None:
-    """Check every pair of profiles: what results matches all offers, and is no weaker than due."""
-    both = QoSProfile(depth=7, reliability=ReliabilityPolicy.BEST_EFFORT,
-                      durability=DurabilityPolicy.TRANSIENT_LOCAL)
-    profiles = (LOSSY, LATCHED, PLAIN, both)
-    for requested in profiles:
-        assert weakened(requested, ()) == requested
-        for one in profiles:
-            for other in profiles:
-                found = weakened(requested, (one, other))
-                assert compatible(one, found)
-                assert compatible(other, found)
-                assert found.depth == requested.depth
-                if compatible(one, requested) and compatible(other, requested):
-                    assert found == requested
-                for name in ('reliability', 'durability'):
-                    assert getattr(found, name) in {
-                        getattr(x, name) for x in (requested, one, other)}
-
-
 def test_a_message_taken_before_its_subscription_was_destroyed_is_ignored() -> None:
     used: list[bytes] = []
     with probe() as it:
         states: ValidatedSubscription[bytes] = ValidatedSubscription(
-            it.node, JointState, 'joint_states', bytes, lambda data, _: used.append(data), PLAIN)
+            it.node, JointState, 'joint_states', lambda data, _: used.append(data), PLAIN, bytes)
         states.receive(b'first', {'received_timestamp': time.time_ns()})
         states.subscription.destroy()
         states.receive(b'second', {'received_timestamp': time.time_ns()})

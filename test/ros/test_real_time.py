@@ -28,7 +28,7 @@ import time
 from typing import Any, TypeVar
 import weakref
 
-from ctc_chattering.configuration.node_parameters import RealTimeSettings
+from ctc_chattering.configuration.node_parameters import NodeConfig
 from ctc_chattering.errors import ParameterError
 from ctc_chattering.ros.real_time import garbage_off_the_loop, RealTime
 from ctc_chattering.ros.topics import CLOCK, JOINT_STATES
@@ -136,8 +136,8 @@ def test_nothing_is_asked_for_by_default() -> None:
     code = """
 import os
 from ctc_chattering.ros.real_time import RealTime
-from ctc_chattering.configuration.node_parameters import RealTimeSettings
-it = RealTime(RealTimeSettings())
+from ctc_chattering.configuration.node_parameters import NodeConfig
+it = RealTime(NodeConfig())
 assert it.update(True) == '' and it.outcome == 'normal scheduling'
 assert os.sched_getscheduler(0) == os.SCHED_OTHER
 """
@@ -146,7 +146,7 @@ assert os.sched_getscheduler(0) == os.SCHED_OTHER
 
 def test_a_processor_that_is_not_there() -> None:
     with pytest.raises(ParameterError, match=r'cpu_affinity: 1023 .*allowed: -1 \| \d'):
-        RealTime(RealTimeSettings(cpu_affinity=1023))
+        RealTime(NodeConfig(cpu_affinity=1023))
 
 
 class _Cycle:

@@ -26,7 +26,6 @@ from ctc_chattering.runs.map_data import (
     KINDS,
     MapData,
     QUANTILES,
-    slices,
 )
 from map_tables import made_up, table_of
 import numpy as np
@@ -147,16 +146,6 @@ def test_results_that_are_none() -> None:
     table = table_of(('compensation',), {}, {'error': [[[1.0]]], 'failure': [[['bored']]]})
     with pytest.raises(CtcError, match=r"^failure: 'bored' is not allowed; allowed: diverged, "):
         MapData(table, {})
-
-
-def test_slices_have_first_and_last() -> None:
-    axes = {name: [1.0, 2.0, 3.0] for name in ('a', 'b', 'c', 'd', 'e')}
-    shape = (243, 1, 1)
-    data = MapData(table_of(('compensation',), axes, {
-        'error': np.ones(shape), 'failure': np.full(shape, '')}), dict.fromkeys(axes, ''))
-    assert slices(data, 100) == ([(i, j) for i in range(3) for j in range(3)], 9)
-    chosen, count = slices(data, 4)
-    assert (len(chosen), chosen[0], chosen[-1], count) == (4, (0, 0), (2, 2), 9)
 
 
 def test_words() -> None:

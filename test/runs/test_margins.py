@@ -130,14 +130,6 @@ def test_bounds_that_have_a_closed_form(switching: str, bandwidth: float, most: 
     assert span.high == pytest.approx(most, rel=2e-3)
 
 
-def test_the_error_gain_bounds_what_a_bounded_torque_does() -> None:
-    """The worst torque is the sign of the response, reversed; a constant one does less."""
-    found = loops({'law': 'compensation', 'kp': [1e4] * 2, 'kv': [200.0] * 2})
-    assert found.error_gain() == pytest.approx(1e-4, rel=0.05)  # Critically damped: 1 / kp.
-    assert found.error_gain(50.0) == np.inf
-    assert 1e-4 < loops(REAL_ARM, LAG, 1).error_gain() < 1e-3
-
-
 def test_settings_that_differ_between_joints() -> None:
     """With the same numbers on both joints, all M̂ give what one joint gives."""
     one = loops(REAL_ARM, LAG, 1)

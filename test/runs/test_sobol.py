@@ -18,15 +18,8 @@ from __future__ import annotations
 
 from math import pi
 
-from ctc_chattering.runs.map_data import MapData
-from ctc_chattering.runs.map_figures import (
-    sensitivities,
-    sobol_figure,
-    sobol_indices,
-    sobol_table,
-)
+from ctc_chattering.runs.map_data import MapData, sensitivities, sobol_indices, sobol_table
 from ctc_chattering.runs.points import unit_draws
-from figure_layout import overlaps
 from map_tables import table_of
 import numpy as np
 import pytest
@@ -71,5 +64,3 @@ def test_the_table_has_what_varies() -> None:
     assert table.rows[0][:2] == ['compensation', 'log error']
     assert table.rows[0][3].startswith('1.0')
     assert table.rows[0][5].startswith('0.00')
-    figure = sobol_figure(data(2.0))
-    assert len(figure.axes) == 2 and not overlaps(figure)

@@ -100,7 +100,7 @@ def test_without_optuna_it_is_said_how_to_get_it(
     monkeypatch.setitem(sys.modules, 'optuna', None)
     with pytest.raises(UsageError, match=r'pip install optuna'):
         require_optuna('it')
-    assert main(['tune', '--params-file', 'friction']) == 2
+    assert main(['tune', 'friction']) == 2
     assert capsys.readouterr().err == (
         "ctc tune: ctc tune needs Optuna: pip install optuna, or '.[tune]' from the checkout\n")
 

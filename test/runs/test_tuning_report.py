@@ -16,7 +16,6 @@
 
 from __future__ import annotations
 
-import csv
 import dataclasses
 import json
 from pathlib import Path
@@ -31,7 +30,6 @@ from ctc_chattering.runs.tune_page import (
     as_mapping,
     draws_figure,
     front_figure,
-    gains_figure,
     NAMES,
     write_tuning,
 )
@@ -213,22 +211,12 @@ def test_the_numbers_are_strict_json(out: Path, tuning: Tuning) -> None:
         x.drawn.error for x in tuning.points]
 
 
-def test_the_table_has_a_line_a_point(out: Path, tuning: Tuning) -> None:
-    rows = list(csv.DictReader((out / 'front.csv').read_text().splitlines()))
-    assert [x['point'] for x in rows] == [x.name for x in tuning.points]
-    assert tuning.best is not None
-    assert [x['point'] for x in rows if x['recommended'] == '1'] == [tuning.best.name]
-    for row, point in zip(rows, tuning.points):
-        assert float(row['fresh_error_rad']) == point.fresh.error
-        assert [float(row[f'ka_{i}']) for i in (1, 2)] == point.values['ka']
-
-
 def test_the_page_shows_tables_and_figures(out: Path, tuning: Tuning) -> None:
     page = (out / 'index.html').read_text()
-    for name in ('front', 'numbers', 'draws'):
+    for name in ('front', 'draws'):
         assert f'figures/{name}.svg' in page
         assert (out / 'figures' / f'{name}.svg').is_file()
-    for name in ('tuned.yaml', 'front.csv', 'tune.json'):
+    for name in ('tuned.yaml', 'tune.json'):
         assert f'href="{name}"' in page
     assert page.count('<td>') >= len(tuning.points) + len(tuning.others)
     assert '4 fresh draws' not in page
@@ -239,7 +227,6 @@ def test_without_a_point_there_is_no_parameter_file_but_all_else(tmp_path: Path)
     tuning = short_tuning(torque_limit=1.0)
     write_tuning(tuning, tmp_path)
     assert {x.name for x in tmp_path.iterdir()} == set(NAMES) - {'tuned.yaml', 'front'}
-    assert (tmp_path / 'front.csv').read_text() == 'point\n'
     page = (tmp_path / 'index.html').read_text()
     assert 'No trial keeps the limits' in page
     assert 'tuned.yaml' not in page
@@ -276,17 +263,6 @@ def test_trials_beyond_a_limit_are_marked() -> None:
     assert '(violates: torque)' in str([x.get_label() for x in ax.lines])
 
 
-def test_each_number_is_drawn_along_the_front_within_its_range() -> None:
-    tuning = short_tuning()
-    axes = gains_figure(tuning).axes
-    assert [ax.get_title('left').partition(',')[0] for ax in axes] == list(tuning.spec.ranges)
-    for ax, (name, limits) in zip(axes, tuning.spec.ranges.items()):
-        places = np.asarray(ax.lines[0].get_ydata())
-        assert places == pytest.approx([tuning.trials[k].numbers[name] for k in tuning.front])
-        low, high = ax.get_ylim()
-        assert low < limits.low < limits.high < high
-
-
 def test_errors_are_drawn_over_what_is_uncertain() -> None:
     tuning = short_tuning()
     (ax,) = draws_figure(tuning).axes
@@ -304,6 +280,6 @@ def test_nothing_is_over_a_legend_or_a_label() -> None:
         x._replace(name=f'{x.name}, with settings of its own') for x in tuning.others),
         spec=dataclasses.replace(tuning.spec, uncertain=(
             dataclasses.replace(quantity, name='a_rather_long_name_' * 5),)))
-    for draw in (front_figure, gains_figure, draws_figure):
+    for draw in (front_figure, draws_figure):
         assert not overlaps(draw(long))
     assert not overlaps(front_figure(short_tuning(torque_limit=1.0)))

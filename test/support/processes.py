@@ -75,8 +75,21 @@ class Probe:
         """Spin until `done` says so."""
         deadline = time.monotonic() + PATIENCE
         while not done():
-            assert time.monotonic() < deadline, f'waited in vain for {what}: {self.lines}'
+            assert time.monotonic() < deadline, (
+                f'waited in vain for {what}: {self.lines}; {self.threads()}')
             self.executor.spin_once(timeout_sec=0.02)
+
+    def threads(self) -> list[str]:
+        """Return what all threads of the processes do, and how they are scheduled."""
+        found = []
+        tasks = [Path(f'/proc/{x.process.pid}/task') for x in self.children]
+        for path in (thread for task in tasks for thread in task.glob('*')):
+            with suppress(OSError):
+                state, waits = ((path / name).read_text() for name in ('stat', 'wchan'))
+                fields = state.rpartition(')')[2].split()
+                found.append(f'{path}: {fields[0]} in {waits}, {fields[11]} + {fields[12]} ticks, '
+                             f'processor {fields[36]}, priority {fields[37]}, policy {fields[38]}')
+        return found
 
     def listen(self, kind: Any, topic: str, qos: QoSProfile | int = 1000,
                raw: bool = False) -> list[Any]:

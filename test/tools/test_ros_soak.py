@@ -51,7 +51,7 @@ def ended(process: subprocess.Popen[str], out: Path) -> dict[str, Any]:
     assert process.returncode == bool(document['complaints']), stderr
     assert document['complaints'] == [], (out / 'soak.log').read_text(encoding='utf-8')
     assert stdout == (out / 'soak.md').read_text(encoding='utf-8')
-    bags = sorted((out / 'bags').iterdir())
+    bags = sorted(x for x in (out / 'bags').iterdir() if x.suffix != '.damaged')
     assert len(bags) == document['bags']['count'] == (
         1 + document['processes']['recorder']['restarts'])
     for bag in bags:

@@ -23,7 +23,7 @@ import itertools
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from ctc_chattering.bags.repair import open_bag
+from ctc_chattering.bags.repair import open_bag, repair
 from ctc_chattering.errors import CtcError
 from ctc_chattering.numerics.time_grid import NANOSECONDS, seconds
 from ctc_chattering.ros.topics import JOINT_STATES
@@ -133,7 +133,7 @@ def gaps(stamps: Iterable[int], outages: Sequence[Outage]) -> list[Gap]:
 
 def examine(bags: Sequence[Path], outages: Sequence[Outage]) -> dict[str, Any]:
     """
-    Read every bag and find the gaps in the stamps of the plant's states.
+    Read every bag and find the gaps in the stamps of the plant's states; repair it before.
 
     Parameters
     ----------
@@ -148,6 +148,7 @@ def examine(bags: Sequence[Path], outages: Sequence[Outage]) -> dict[str, Any]:
     messages = states = 0
     for bag in bags:
         try:
+            repair(bag)
             with closing(open_bag(bag)) as reader:
                 stamps = _stamps(reader)
                 count, end = reader.message_count, reader.end_time

@@ -29,17 +29,9 @@ import inspect
 from typing import Any, cast, NamedTuple, TypeVar
 
 from ctc_chattering.compiled.compilable import function, record, RECORDS
+from ctc_chattering.control import step
 from ctc_chattering.control.controller_config import ControllerConfig, LAWS
-from ctc_chattering.control.step import (
-    Applied,
-    arriving,
-    Context,
-    evaluated,
-    LastSample,
-    predict,
-    State,
-    Terms,
-)
+from ctc_chattering.control.step import Applied, Context, LastSample, State, Terms
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.parameters import named_class, Parameter
 
@@ -172,7 +164,7 @@ class Law(Estimator):
             Of the sample.
 
         """
-        return self.terms(memory, arriving(self, memory, now, context))
+        return self.terms(memory, step.arriving(self, memory, now, context))
 
     def terms(self, memory: T, at: State) -> tuple[Terms, T]:
         """Return the terms of the torque for a state, and the memory; every law has its own."""
@@ -182,21 +174,17 @@ class Law(Estimator):
         """Return what the delay prediction takes for P."""
         return self.estimate(memory, now)
 
-    def bandwidth_in_use(self, memory: Any) -> float:
-        """Return the part of its bandwidth that the law uses."""
-        return 1.0
-
-    def out_of_control(self, memory: Any) -> float:
-        """Return for how long the loop has seemed out of control [s]."""
-        return 0.0
+    def stability(self, memory: Any) -> tuple[float, float]:
+        """Return the part of its bandwidth in use, and how long that was too much [s]."""
+        return 1.0, 0.0
 
 
 @function
 def next_state(law: Any, memory: Any, last: LastSample, context: Context) -> tuple[Array, Array]:
     """Return `Law.predicted_state` by the model, with the torque and P of the last sample."""
     settings, model = context.settings, context.models.now
-    at = evaluated(settings, model, last.q, last.dq, context.points, 0, context.memory.xi)
-    return predict(model, at, last.applied - law.acting(memory, at), settings.period)
+    at = step.evaluated(settings, model, last.q, last.dq, context.points, 0, context.memory.xi)
+    return step.predict(model, at, last.applied - law.acting(memory, at), settings.period)
 
 
 def law(symbol: str = '', of_the_paper: bool = False, acts_on_v: bool = False
@@ -229,10 +217,8 @@ def law(symbol: str = '', of_the_paper: bool = False, acts_on_v: bool = False
 
     """
     def marked(kind: type[T]) -> type[T]:
-        with_defaults(kind, Law)
-        for name, value in (('symbol', symbol), ('of_the_paper', of_the_paper),
-                            ('acts_on_v', acts_on_v)):
-            setattr(kind, name, value)
+        made: Any = with_defaults(kind, Law)
+        made.symbol, made.of_the_paper, made.acts_on_v = symbol, of_the_paper, acts_on_v
         return kind
     return marked
 

@@ -34,8 +34,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from ctc_chattering.compiled.compilable import dot, record
+from ctc_chattering.control.adaptation import Desired, next_point
 from ctc_chattering.control.controller_config import ControllerConfig
-from ctc_chattering.control.feasible_reference import Desired, next_point
 from ctc_chattering.control.laws.base import law, next_state
 from ctc_chattering.control.laws.observer_feedback import Place, placed
 from ctc_chattering.control.observer import drive_model, Observed, state_observer, StateObserver

@@ -47,17 +47,12 @@ from typing import NamedTuple
 
 from ctc_chattering.compiled.compilable import diagonal, dot, function, record
 from ctc_chattering.control import adaptation
+from ctc_chattering.control.adaptation import Desired, Deviation
 from ctc_chattering.control.controller_config import ControllerConfig
-from ctc_chattering.control.feasible_reference import (
-    Desired,
-    Deviation,
-    feasible_reference,
-    FeasibleReference,
-    next_point,
-)
 from ctc_chattering.control.laws.base import law, next_state
 from ctc_chattering.control.observer import drive_model, Observed, state_observer, StateObserver
-from ctc_chattering.control.step import Applied, Context, Evaluates, LastSample, State, Terms
+from ctc_chattering.control.step import Applied, Context, LastSample, State, Terms
+from ctc_chattering.dynamics.model import Model
 from ctc_chattering.numerics.box_qp import nearest
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.parameters import matrix
@@ -105,10 +100,8 @@ class ObserverFeedback(NamedTuple):
     ka: Array
     #: The level of friction at the start, shape (n,) [N·m].
     given: Array
-    #: Whether a drive has a lag, 1.0 or 0.0.
-    lagging: float
     observer: StateObserver
-    reference: FeasibleReference
+    reference: adaptation.FeasibleReference
     learning: adaptation.FrictionLevel
     standstill: adaptation.Standstill
     guard: adaptation.OscillationGuard
@@ -123,27 +116,24 @@ class ObserverFeedback(NamedTuple):
         kp, kv = np.array(matrix(config.kp, n)), np.array(matrix(config.kv, n))
         lag, rate = np.array(config.assumed_lag), np.array(config.torque_rate_limit)
         return cls(
-            kp=kp, kv=kv, ka=ka, given=np.array(config.friction_level), lagging=float(any(lag)),
+            kp=kp, kv=kv, ka=ka, given=np.array(config.friction_level),
             observer=state_observer(drive_model(lag, rate, period), bandwidth, ka),
-            reference=feasible_reference(kp.diagonal(), kv.diagonal(), rate, lag, period),
+            reference=adaptation.feasible_reference(
+                kp.diagonal(), kv.diagonal(), rate, lag, period),
             learning=adaptation.friction_level(config.friction_learning, bandwidth, period, ka),
             standstill=adaptation.standstill(bandwidth, ka, rate, period),
             guard=adaptation.oscillation_guard(ka, rate, np.sqrt(kp.diagonal()), period),
             part=1.0, least=float(min(1.0, _STIFF / np.sqrt(kp.diagonal().max()))))
 
-    def bandwidth_in_use(self, memory: Memory) -> float:
-        """Return s of `oscillation`."""
-        return exp(memory.oscillation.retreat)
-
-    def out_of_control(self, memory: Memory) -> float:
-        """Return how long less bandwidth has not helped [s]."""
-        return memory.oscillation.strained
+    def stability(self, memory: Memory) -> tuple[float, float]:
+        """Return s of (OG1), and how long less bandwidth has not helped [s]."""
+        return exp(memory.oscillation.retreat), memory.oscillation.strained
 
     def slowed_down(self, memory: Memory) -> ObserverFeedback:
         """Return the law with the part of its bandwidths that it may use."""
         if memory.oscillation.retreat > _NO_RETREAT:
             return self
-        part = self.bandwidth_in_use(memory)
+        part, _ = self.stability(memory)
         return self._replace(
             observer=self.observer.slowed(part), reference=self.reference.slowed(part),
             learning=self.learning.slowed(part), part=max(part, self.least))
@@ -201,14 +191,13 @@ class ObserverFeedback(NamedTuple):
         held, level = place.at.torque, memory.learned.level
         tau, z, back, feedback = self.wanted(memory, place, point, by)
         by = self.reference.following(point, by, back, diagonal(place.M), level)
-        if self.lagging != 0.0:
-            half = 0.5 * (held + tau)                          # The drives are half way to τ*.
-            half_way = place._replace(at=place.at._replace(torque=half))
-            after = placed(context.models.after, self.predicted(memory, half_way, half))
-            step = memory.known * (point.ddq - memory.ddq)
-            later, _, _, _ = self.wanted(
-                memory, after, next_point(point, step, self.reference.period), by)
-            tau = self.observer.drives.command(tau, later)
+        half = 0.5 * (held + tau)                              # The drives are half way to τ*.
+        half_way = place._replace(at=place.at._replace(torque=half))
+        after = placed(context.models.after, self.predicted(memory, half_way, half))
+        step = memory.known * (point.ddq - memory.ddq)
+        later, _, _, _ = self.wanted(
+            memory, after, adaptation.next_point(point, step, self.reference.period), by)
+        tau = self.observer.drives.command(tau, later)
         sent = held + nearest(place.M, tau - held, self.observer.drives.reach)
         by = self.reference.relieved(by, tau - sent, place.M)
         return Terms(sent + z, now.zero, z, now.zero), memory._replace(
@@ -252,7 +241,7 @@ class ObserverFeedback(NamedTuple):
 
 
 @function
-def placed(model: Evaluates, at: Observed) -> Place:
+def placed(model: Model, at: Observed) -> Place:
     """Return a state with its dynamics."""
     M, C, G = model.evaluate(at.q, at.dq)
     return Place(at, M, dot(C, at.dq) + G)

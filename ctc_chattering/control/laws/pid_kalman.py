@@ -137,7 +137,7 @@ class PidKalman(NamedTuple):
         """Return the terms of (PK4), for the state in which the torque arrives."""
         at, held = arriving(self, memory, now, context), memory.torque
         for j in range(int(context.settings.delay)):
-            held = self.drives.response(held, context.in_transit(j)).end
+            held, _, _ = self.drives.response(held, context.in_transit(j))
         z = -self.estimate(memory, at)
         wanted, E, reach = at.N - z, self.drives.decay, self.drives.reach
         command = wanted
@@ -156,9 +156,10 @@ class PidKalman(NamedTuple):
         h, y = self.period, memory.integral + self.gain * now.e
         if some(applied.saturation_error):
             y = y - self.tracking * solve(now.M, applied.saturation_error)
+        torque, _, _ = self.drives.response(memory.torque, applied.tau)
         return memory._replace(
             q=memory.q + h * (memory.dq + 0.5 * h * memory.ddq), dq=memory.dq + h * memory.ddq,
-            integral=y, torque=self.drives.response(memory.torque, applied.tau).end, known=1.0)
+            integral=y, torque=torque, known=1.0)
 
     def estimate(self, memory: Kinematics, now: State) -> Array:
         """Return M y with the friction."""
