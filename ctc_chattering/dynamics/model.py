@@ -86,8 +86,9 @@ class Model(ABC):
 
     def mass_and_bias(self, q: Array, dq: Array) -> tuple[Array, Array]:
         """Return M(q) and C(q, dq) dq + G(q) as arrays, shapes (n, n) and (n,)."""
-        M, C, G = self.evaluate(q, dq)
-        return M, C.dot(dq) + G
+        at, speed = q.tolist(), dq.tolist()
+        return (np.array(self.mass_matrix(at), float),
+                np.array(self.inverse_dynamics(at, speed, (0.0,) * self.n), float))
 
 
 @runtime_checkable
