@@ -15,8 +15,8 @@
 """
 What all tests have in common.
 
-The processes that they start have the rights of an ordinary user, whoever runs the tests, and
-signals end them, where the tests run under nohup or in the background too.
+Signals end the processes that they start, where the tests run under nohup or in the background
+too.
 Tests of pages are left out where there is no Chromium, and the summary says so; with
 REQUIRE_BROWSER in the environment, as in CI, nothing is tested without it.
 Hypothesis tries the same examples every time, however slow the machine.
@@ -35,7 +35,6 @@ from calibration import text
 from ctc_chattering.compiled.machine_code import Code
 from hypothesis import HealthCheck, settings
 import pytest
-from rights import drop_rights
 
 # No test depends on the time an example takes.
 _TIMELESS = settings(deadline=None, suppress_health_check=[HealthCheck.too_slow])
@@ -46,7 +45,7 @@ settings.load_profile('repeatable')
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Take signals and rights as an ordinary user has them."""
+    """Take signals as an ordinary user has them."""
     if os.environ.get('REQUIRE_BROWSER') and chromium() is None:
         raise pytest.UsageError('there is no Chromium, and REQUIRE_BROWSER is set: '
                                 'apt-get install chromium, or CHROMIUM=/its/path')
@@ -54,7 +53,6 @@ def pytest_configure(config: pytest.Config) -> None:
         return  # It starts those that run the tests.
     signal.signal(signal.SIGINT, signal.default_int_handler)
     signal.signal(signal.SIGHUP, signal.SIG_DFL)
-    drop_rights()
 
 
 @pytest.hookimpl(trylast=True)  # Without tests that are left out by their marks.

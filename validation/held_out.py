@@ -293,7 +293,7 @@ def run(c: Condition, arm: Arm, path: Path3, first: Array, law: Controller) -> d
                                   ahead=points[1:], t=k * h + int(off[k]))
             if sample is None or not np.isfinite(error).all() or np.abs(error).max() > DIVERGED:
                 return {'diverged': round(k * c.period, 3), 'tripped': tripped}
-            if tripped is None and monitor.check(law, sample) is not None:
+            if tripped is None and monitor.check(law, sample):
                 tripped = [round(k * c.period, 3), float(np.abs(errors).max())]
             held = sample.tau
         torques.append(held)

@@ -65,7 +65,7 @@ def codes(setup: Setup, parts: bool = False) -> tuple[Code, ...]:
     loop = compiled_loop_of(robot, law)
     if loop is not None or not parts:
         return () if loop is None else loop.codes
-    steps = law.compiled_step(), robot.compiled_step()
+    steps = law.compiled_step(), robot.compiled_step
     return tuple(code for step in steps if step is not None for code in step.codes)
 
 

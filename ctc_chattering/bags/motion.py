@@ -13,35 +13,27 @@
 # limitations under the License.
 
 """
-The motion of a robot from a bag of any recorder: joint states and commanded torques.
+The motion of a robot from a bag of any recorder: joint states and commanded torques as arrays.
 
-`bags/reader.py` reads the runs of this package, with reference and law; here joint states are
-enough.
+A topic may be followed by a field: `/NAME/robot_state:desired_joint_state.effort`. Without one,
+the fields of known types are taken. `bags/reader.py` reads the runs of this package, with
+reference and law; here joint states are enough.
 """
 
 from __future__ import annotations
 
+from array import array
 from collections import Counter
 from collections.abc import Sequence
 from contextlib import closing
+import dataclasses
+from operator import attrgetter
 from pathlib import Path
+from typing import Any, NamedTuple
 
-from ctc_chattering.bags.bag import Bag
-from ctc_chattering.bags.recording import Indices, RecordedMotion, Recording
+from ctc_chattering.bags.bag import Bag, nanoseconds
+from ctc_chattering.bags.recording import Answers, answers, Indices, RecordedMotion, Recording
 from ctc_chattering.bags.repair import open_bag
-from ctc_chattering.bags.signals import (
-    answers,
-    COMMAND_FIELDS,
-    JOINT_STATE,
-    missing_topic,
-    MULTI_ARRAY,
-    named_topic,
-    placed,
-    Signal,
-    signal_topics,
-    SignalTopic,
-    STATE_FIELDS,
-)
 from ctc_chattering.control.controller import ControllerConfig, LAWS
 from ctc_chattering.control.controller_config import SWITCHINGS
 from ctc_chattering.dynamics.urdf_parser import Tree
@@ -50,15 +42,146 @@ from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.numerics.time_grid import NANOSECONDS
 from ctc_chattering.ros.topics import COMMANDS, JOINT_STATES, ROBOT_DESCRIPTION
 import numpy as np
+import numpy.typing as npt
+from rosbags.interfaces import Connection
 
-#: What a name says of values that are no commanded torques.
-_OTHERS = ('position', 'velocity', 'acceleration', 'external', 'gripper', 'measured')
-#: Commands for each state from which on there must be two publishers.
-_TOO_MANY = 1.5
+JOINT_STATE, MULTI_ARRAY = 'sensor_msgs/msg/JointState', 'std_msgs/msg/Float64MultiArray'
+#: What a joint state has.
+STATE_FIELDS = ('position', 'velocity', 'effort')
+#: Reports of torques that are in force from then on; those of other types were in force before.
+_TRAJECTORY_STATE = 'control_msgs/msg/JointTrajectoryControllerState'
+#: Fields of strings that name joints, as messages call them.
+_NAMES = ('name', 'names', 'joint_names', 'dof_names')
+#: Commands for each state from which on they must be even and smooth, as those of one publisher,
+#: and mean change from a command to the next, as a part of that to the one after it, that is.
+_SEVERAL, _SMOOTH = 1.5, 0.8
 #: Fewest messages for each state with a torque that the robot reports.
 _TOO_FEW = 0.8
 #: Difference from positions or velocities, as a part of their deviation, of what is no torque.
 _LIKE_MOTION = 0.05
+
+
+class Signal(NamedTuple):
+    """
+    The values of a topic; N messages, n joints.
+
+    Attributes
+    ----------
+    logged, stamps : ndarray of int, shape (N,)
+        When they were recorded, and their stamps, 0 without [ns].
+    values : tuple of ndarray, shape (N, n)
+        One for each field, nan where it is missing.
+
+    """
+
+    logged: npt.NDArray[np.int64]
+    stamps: npt.NDArray[np.int64]
+    values: tuple[Array, ...]
+
+    def where(self, known: Any) -> Signal:
+        """Return the messages that an index or a mask has."""
+        return Signal(self.logged[known], self.stamps[known], tuple(x[known] for x in self.values))
+
+
+class SignalTopic(NamedTuple):
+    """A topic of one type in an open bag, with the fields to read; the first must be there."""
+
+    bag: Bag
+    name: str
+    kind: str
+    fields: tuple[str, ...]
+    connections: tuple[Connection, ...]
+
+    def __str__(self) -> str:
+        """Return name, type and number of messages."""
+        return f'{self.name} ({self.kind}, {sum(x.msgcount for x in self.connections)} messages)'
+
+    def names(self) -> tuple[tuple[str, ...], int]:
+        """Return the joint names in the first message, or none, and the number of values."""
+        field = self.fields[0]
+        message = next(iter(self.bag.read(self.connections)), (0, None))[1]
+        values = _numbers(message, field)
+        if values is None:
+            known = [x.name for x in dataclasses.fields(message)] if message else []
+            raise CtcError(f'{self.bag.path}: {self.name} has no numbers in {field}; it has: '
+                           f'{", ".join(known)}{near(field, known)}')
+        return _names_of(message, field), len(values)
+
+    def read(self, joints: tuple[str, ...]) -> Signal:
+        """Return the values of some joints; messages without each of them are left out."""
+        logged, stamps, wanted = array('q'), array('q'), set(joints)
+        columns = [array('d') for _ in self.fields]
+        unknown = np.full(len(joints), np.nan)
+        for t, message in self.bag.read(self.connections):
+            names = _names_of(message, self.fields[0]) or joints
+            rows = [_numbers(message, field) for field in self.fields]
+            if rows[0] is None or not wanted <= set(names) or len(set(names)) < len(names):
+                continue
+            picked = [names.index(x) for x in joints]
+            for column, row in zip(columns, rows):
+                column.frombytes((
+                    unknown if row is None or len(row) != len(names) else row[picked]).tobytes())
+            stamp = getattr(getattr(message, 'header', None), 'stamp', None)
+            stamps.append(nanoseconds(stamp) if stamp else 0)
+            logged.append(t)
+        return Signal(np.array(logged), np.array(stamps), tuple(
+            np.array(x).reshape(-1, len(joints)) for x in columns))
+
+
+def _topics(bag: Bag, name: str, kind: str, fields: tuple[str, ...]) -> list[SignalTopic]:
+    """Return the topics with a name and a type; an empty one stands for all."""
+    found: dict[tuple[str, str], list[Connection]] = {}
+    for x in bag.named(name) if name else bag.connections:
+        if x.msgcount and kind in ('', x.msgtype):
+            found.setdefault((x.topic, x.msgtype), []).append(x)
+    return [SignalTopic(bag, *key, fields, tuple(same)) for key, same in sorted(found.items())]
+
+
+def _topic(bag: Bag, text: str, option: str, kind: str, fields: tuple[str, ...]) -> SignalTopic:
+    """Return the topic that an option names; raise `CtcError` that names those that fit."""
+    name, _, field = text.partition(':') if kind == MULTI_ARRAY else (text, '', '')
+    found = _topics(bag, name, *(('', (field,)) if field else (kind, fields)))
+    if len(found) > 1:
+        raise CtcError(f'{bag.path}: several topics: {", ".join(map(str, found))}; name one: '
+                       f'{option}')
+    if not found:
+        why = ', '.join(f'{x.name} is of type {x.kind}' for x in _topics(bag, name, '', ())) or (
+            f'no message on {name}{near(name, [x.topic for x in bag.connections])}')
+        fit = [*map(str, _topics(bag, '', kind, fields)), f'a topic of type {kind}']
+        raise CtcError(f'{bag.path}: {why}; {option} may be: {", ".join(fit[:-1] or fit)}'
+                       + ', or TOPIC:FIELD' * (kind == MULTI_ARRAY))
+    return found[0]
+
+
+def _value(message: Any, path: str) -> Any:
+    """Return what is in a field, `a.b.c`; None without it."""
+    try:
+        return attrgetter(path)(message)
+    except AttributeError:
+        return None
+
+
+def _numbers(message: Any, field: str) -> Array | None:
+    """Return the numbers in a field, shape (n,); None without any."""
+    value = _value(message, field)
+    try:
+        found = np.atleast_1d(value).astype(float, copy=False)
+    except (TypeError, ValueError):
+        return None
+    return found if found.size and value is not None else None
+
+
+def _names_of(message: Any, field: str) -> tuple[str, ...]:
+    """Return the names that stand beside a field, or above it; empty for none."""
+    if field == 'data':
+        return tuple(x.label for x in _value(message, 'layout.dim') or ())
+    while field:
+        field = field.rpartition('.')[0]
+        for name in _NAMES:
+            found = _value(message, f'{field}.{name}' if field else name)
+            if found:
+                return (found,) if isinstance(found, str) else tuple(found)
+    return ()
 
 
 def read_motion(path: str | Path, joints: Sequence[str] = (), description: str = '',
@@ -73,14 +196,13 @@ def read_motion(path: str | Path, joints: Sequence[str] = (), description: str =
         Directory of the bag.
     joints : sequence of str
         Joints in the order of the model, and of the commands if these have no names; empty for
-        those of the controller of this package, of the names in the commands, or all movable
-        joints of the description that are in the states.
+        those of the controller of this package, or all movable joints of the description that are
+        in the states.
     description : str
         Text of the URDF; empty for that in the bag.
     states, commands : str
         Topics of the joint states and of the commanded torques; without a slash in front, in any
-        namespace. Behind a colon may be the field that has the numbers. In place of the defaults,
-        the only topic that fits is taken.
+        namespace. Behind a colon may be the field that has the torques.
     model : str
         As `identify` takes it, for a bag that names a class of yours.
 
@@ -92,15 +214,15 @@ def read_motion(path: str | Path, joints: Sequence[str] = (), description: str =
     Raises
     ------
     CtcError
-        If there is no bag, it cannot be read, or `Recording.checked` refuses it.
+        If there is no bag, it cannot be read, a topic is not there, the commands are no torques of
+        the joints, or `Recording.checked` refuses it.
 
     """
     path = Path(path)
-    if len(set(joints)) < len(joints):
-        twice = next(name for name, count in Counter(joints).items() if count > 1)
-        raise CtcError(f'--joints: {twice} is given more than once')
+    twice = [name for name, count in Counter(joints).items() if count > 1]
+    if twice:
+        raise CtcError(f'--joints: {twice[0]} is given more than once')
     with closing(open_bag(path)) as bag, refused_as(f'{path}: damaged'):
-        notes: list[str] = []
         # What the law was is of no use here.
         own = {'law': LAWS[0], 'switching': SWITCHINGS[0]}
         if model or description:
@@ -108,132 +230,84 @@ def read_motion(path: str | Path, joints: Sequence[str] = (), description: str =
         history = bag.parameters('controller', ControllerConfig, own)
         controller = history[0][1] if history else None
         description = description or bag.description() or bag.description(ROBOT_DESCRIPTION)
-        source = _states(bag, states, notes)
-        orders = named_topic(bag, commands, '--commands', COMMAND_FIELDS)
-        if orders is None and commands != COMMANDS:
-            raise missing_topic(bag, commands, '--commands', COMMAND_FIELDS)
-        names = tuple(joints or (controller.joint_names if controller else
-                                 _joints(source, orders, description)))
+        source = _topic(bag, states, '--states', JOINT_STATE, STATE_FIELDS)
+        names = tuple(joints or (
+            controller.joint_names if controller else _joints(source, description)))
         motion = source.read(names)
         if not len(motion.logged):
-            known = source.all_names()
+            known, _ = source.names()
             raise CtcError(
                 f'{path}: no state has the joints {shortened(names)}; joints of the bag: '
                 f'{", ".join(known)}{"".join(near(x, known) for x in names[:3])}')
-        orders = orders or _only_command(source, names, notes)
-        found = _command(orders, names, motion, notes) if orders else None
-        times = motion.stamps if np.ptp(motion.stamps) else motion.logged
+        stamps = motion.stamps if np.ptp(motion.stamps) else motion.logged
         q, dq, effort = motion.values
-        has_effort = np.isfinite(effort).any(axis=0).reshape(-1).tolist()
-        if any(has_effort) and not all(has_effort):
-            without = ', '.join(name for name, has in zip(names, has_effort) if not has)
-            notes.append(f'the effort is not used: there is none of {without}')
+        notes, found = [], None
+        try:
+            topic = _topic(bag, commands, '--commands', MULTI_ARRAY, ('data',))
+            found = _command(topic, names, motion, stamps)
+        except CtcError as error:
+            if commands != COMMANDS:
+                raise
+            if _if_any(effort) is None:
+                raise CtcError(f'no torque: no effort in the states, and {error}') from None
+            notes.append(f'no commands are used: {error}')
+        without = [name for name, x in zip(names, effort.T) if not np.isfinite(x).any()]
+        if 0 < len(without) < len(names):
+            notes.append(f'the effort is not used: there is none of {", ".join(without)}')
         recording = Recording(
-            path.resolve().name, names, (times - times[0]) / NANOSECONDS, q, _if_any(dq),
-            _if_any(effort), *(found or ()))
+            path.resolve().name, names, (stamps - stamps[0]) / NANOSECONDS, q, _if_any(dq),
+            _if_any(effort), *((found.command, found.late) if found else ()))
         return RecordedMotion(recording.checked(), description, controller, tuple(notes))
 
 
-def _states(bag: Bag, text: str, notes: list[str]) -> SignalTopic:
-    """Return the topic of the joint states."""
-    if ':' in text:
-        raise CtcError(f'--states: {text} is not allowed; allowed: a topic without a field')
-    found = named_topic(bag, text, '--states', STATE_FIELDS)
-    if found is None:
-        fit = signal_topics(bag, bag.connections, STATE_FIELDS) if text == JOINT_STATES else []
-        fit = [x for x in fit if x.kind == JOINT_STATE] or fit
-        if len(fit) != 1:
-            raise missing_topic(bag, text, '--states', STATE_FIELDS)
-        (found,) = fit
-        notes.append(f'joint states are those of {found}')
-    return found
-
-
-def _only_command(states: SignalTopic, joints: tuple[str, ...], notes: list[str]
-                  ) -> SignalTopic | None:
-    """Return the only topic that may have the commands; None if there is none, or several."""
-    fit = [x for x in signal_topics(states.bag, states.bag.connections, COMMAND_FIELDS)
-           if _may_command(x, states, joints)]
-    if len(fit) == 1:
-        notes.append(f'no message on {COMMANDS}; commands are those of {fit[0]}')
-        return fit[0]
-    if fit:
-        notes.append(f'no message on {COMMANDS}, and no commands are used; they may be those of '
-                     f'{" or ".join(map(str, fit))}: --commands TOPIC')
-    return None
-
-
-def _may_command(topic: SignalTopic, states: SignalTopic, joints: tuple[str, ...]) -> bool:
-    """Return whether a topic may have the commanded torques of some joints."""
-    name = topic.name.lower()
-    if any(x in name for x in _OTHERS) or (topic.kind == JOINT_STATE and (
-            topic.name == states.name or not ('desired' in name or 'command' in name))):
-        return False
-    names, count = topic.names()
-    return count == len(names or joints) and (not names or set(joints) <= set(names))
-
-
-def _joints(states: SignalTopic, orders: SignalTopic | None, description: str
-            ) -> tuple[str, ...]:
+def _joints(states: SignalTopic, description: str) -> tuple[str, ...]:
     """Return the joints where none are asked for."""
     in_states, _ = states.names()
-    labels, count = orders.names() if orders else ((), 0)
-    if labels and set(labels) <= set(in_states):
-        return labels
-    found = tuple(name for name in Tree(description).movable
-                  if name in in_states) if description else in_states
-    if count and not labels and count != len(found):
-        raise CtcError(
-            f'{states.bag.path}: {count} commanded torques for {len(found)} joints, '
-            f'{", ".join(found)}; name them in the order of the commands: --joints')
+    movable = Tree(description).movable if description else in_states
+    found = tuple(name for name in movable if name in in_states)
+    if not found:
+        raise CtcError(f'{states.bag.path}: the description has the joints {shortened(movable)}; '
+                       f'the states have {shortened(in_states)}')
     return found
 
 
-def _command(topic: SignalTopic, names: tuple[str, ...], motion: Signal, notes: list[str]
-             ) -> tuple[Array, tuple[float, float]] | None:
-    """Return the torques commanded in answer to the states, and by how much they may be late."""
+def _command(topic: SignalTopic, names: tuple[str, ...], motion: Signal, stamps: Indices
+             ) -> Answers:
+    """Return the torques commanded in answer to the states; raise `CtcError` if they are none."""
     found = topic.read(names)
     found = found.where(np.isfinite(found.values[0]).all(axis=1))
     values, count = found.values[0], len(motion.logged)
     if not len(values):
         labels, width = topic.names()
-        if width:
-            notes.append(f'commands are not used: {topic} has no torques of all of '
-                         f'{shortened(names)}, but {width} of {shortened(labels)}')
-        return None
-    if len(values) > _TOO_MANY * count:
-        raise CtcError(f'{topic.bag.path}: {len(values)} commands on {topic.name} for {count} '
-                       'states: are there two publishers of commands?')
-    is_report = topic.kind != MULTI_ARRAY
-    if is_report and len(values) < _TOO_FEW * count:
-        raise CtcError(
-            f'{topic.bag.path}: {len(values)} torques on {topic.name} for {count} states: a '
-            'torque that is reported less often than the state is not known between; raise its '
-            'rate (state_publish_rate), or record what it is made from')
-    if is_report:
-        is_stamped = _overlap(found.stamps, motion.stamps)
-        times, at = (found.stamps, motion.stamps) if is_stamped else (found.logged, motion.logged)
-        if topic.is_late:  # What is reported with a state was in force before it.
-            times = times - int(np.median(np.diff(at)))
-        order = np.argsort(times, kind='stable')
-        which = np.searchsorted(at, times[order], side='right') - 1
-        command, late, _ = placed(values[order], which, at, 0.0)
-    else:
-        stamps = motion.stamps if np.ptp(motion.stamps) else motion.logged
-        command, late, _ = answers(values, found.logged, stamps, motion.logged)
+        raise CtcError(f'{topic.bag.path}: {width} commanded torques for {len(names)} joints, '
+                       f'{shortened(names)}; name those of the commands, in their order: --joints'
+                       + f' {shortened(labels)}' * bool(labels))
+    times, received = found.logged, motion.logged
+    if topic.kind != MULTI_ARRAY:
+        if len(values) < _TOO_FEW * count:
+            raise CtcError(
+                f'{topic.bag.path}: {len(values)} torques on {topic.name} for {count} states: a '
+                'torque that is reported less often than the state is not known between; raise '
+                'its rate (state_publish_rate), or record what it is made from')
+        if found.stamps[0] < stamps[-1] and stamps[0] < found.stamps[-1]:  # Of one clock.
+            times, received = found.stamps, stamps
+        if topic.kind != _TRAJECTORY_STATE:
+            times = times - int(np.median(np.diff(received)))
+    if len(values) > _SEVERAL * count:
+        step, (one, two) = np.diff(times), (
+            np.abs(values[k:] - values[:-k]).mean() for k in (1, 2))
+        if np.percentile(step, 25.0) < 0.5 * step.mean() or one > _SMOOTH * two:
+            raise CtcError(f'{topic.bag.path}: {len(values)} commands on {topic.name} for {count} '
+                           'states, which are not even or jump to and fro: are there two '
+                           'publishers of commands? If not, record as many states')
+    answered = answers(values, times, stamps, received)
     for row, what in zip(motion.values[:2], ('positions', 'velocities')):
-        known = np.isfinite(command).all(axis=1) & np.isfinite(row).all(axis=1)
-        difference = np.abs(command[known] - row[known])
-        if known.any() and (difference.mean(axis=0) < _LIKE_MOTION * row[known].std(axis=0)).any():
+        known = np.isfinite(answered.command).all(axis=1) & np.isfinite(row).all(axis=1)
+        off = np.abs(answered.command[known] - row[known])
+        if known.any() and (off.mean(axis=0) < _LIKE_MOTION * row[known].std(axis=0)).any():
             raise CtcError(
                 f'{topic.bag.path}: the commands on {topic.name} are {what}, no torques')
-    return command, late
-
-
-def _overlap(a: Indices, b: Indices) -> bool:
-    """Return whether two series of stamps are of one clock."""
-    both = min(a.max(), b.max()) - max(a.min(), b.min())
-    return bool(a.min() > 0 and both > 0.5 * (b.max() - b.min()))
+    return answered
 
 
 def _if_any(values: Array) -> Array | None:

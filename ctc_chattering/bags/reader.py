@@ -16,7 +16,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from contextlib import closing
 import dataclasses
 import itertools
@@ -26,16 +26,9 @@ from typing import Any
 from ctc_chattering.analysis.result import Result
 from ctc_chattering.analysis.terms import terms
 from ctc_chattering.bags.bag import Bag, nanoseconds
-from ctc_chattering.bags.recording import alone
+from ctc_chattering.bags.motion import JOINT_STATE, MULTI_ARRAY, Signal, SignalTopic, STATE_FIELDS
+from ctc_chattering.bags.recording import alone, answers
 from ctc_chattering.bags.repair import open_bag
-from ctc_chattering.bags.signals import (
-    answers,
-    JOINT_STATE,
-    MULTI_ARRAY,
-    Signal,
-    SignalTopic,
-    STATE_FIELDS,
-)
 from ctc_chattering.control.controller import ControllerConfig
 from ctc_chattering.dynamics.registry import model_of
 from ctc_chattering.errors import CtcError, refused_as, RejectedMessage
@@ -47,10 +40,6 @@ from ctc_chattering.simulation.closed_loop import Run
 from ctc_chattering.simulation.plant_config import PlantConfig
 from ctc_chattering.trajectory.buffer import Trajectory
 import numpy as np
-
-#: Longest step between two states that is accepted at once [periods], and the number of states
-#: that must stand together beside a longer one.
-_FEW = 20
 
 
 def read_bag(path: str | Path, model: str | type = '', law: str | type = '',
@@ -90,16 +79,9 @@ def find_bags(directory: Path) -> list[Path]:
 
     Damaged bags that `ctc repair` has kept are left out.
     """
-    if _is_bag(directory):
-        return []
-    return sorted(path for path in directory.rglob('*')
-                  if _is_bag(path) and path.suffix != '.damaged')
-
-
-def _is_bag(path: Path) -> bool:
-    """Return whether a path is a directory with the files of a bag."""
-    return path.is_dir() and any(
-        x.name == 'metadata.yaml' or x.suffix in ('.mcap', '.db3') for x in path.iterdir())
+    bags = {x.parent for x in directory.rglob('*')
+            if (x.name == 'metadata.yaml' or x.suffix in ('.mcap', '.db3')) and x.is_file()}
+    return [] if directory in bags else sorted(x for x in bags if x.suffix != '.damaged')
 
 
 def _run(bag: Bag, own: Mapping[str, object]) -> Result:
@@ -120,7 +102,7 @@ def _run(bag: Bag, own: Mapping[str, object]) -> Result:
                        f'{seconds(int(states.stamps[0])):g} s')
     # A recorder that is started during a run receives states before the first reference.
     unknown = len(states.stamps) - len(points)
-    tau = _torques(bag, names, states, period)[unknown:]
+    tau = _torques(bag, names, states)[unknown:]
     q, dq, _ = states.where(slice(unknown, None)).values
     stamps = states.stamps[unknown:].tolist()
     q_d, dq_d, ddq_d = (np.array(rows) for rows in zip(*points))
@@ -143,7 +125,7 @@ def _run(bag: Bag, own: Mapping[str, object]) -> Result:
                   description, bag.path.resolve().name)
 
 
-def _signal(bag: Bag, name: str, kind: str, fields: tuple[str, ...], joints: Sequence[str]
+def _signal(bag: Bag, name: str, kind: str, fields: tuple[str, ...], joints: tuple[str, ...]
             ) -> Signal:
     """Return our joints' values on a topic; the first two fields of a message must be finite."""
     found = SignalTopic(bag, name, kind, fields, tuple(
@@ -151,20 +133,20 @@ def _signal(bag: Bag, name: str, kind: str, fields: tuple[str, ...], joints: Seq
     return found.where(np.isfinite(np.hstack(found.values[:2])).all(axis=1))
 
 
-def _states(bag: Bag, joints: Sequence[str], since: int, period: int) -> Signal:
+def _states(bag: Bag, joints: tuple[str, ...], since: int, period: int) -> Signal:
     """
     Return the states from time `since` [ns] on, each stamp once, sorted by time.
 
-    Less than `_FEW` states with steps of more than `_FEW` periods on both sides are left out.
+    Few states that stand alone are left out: `alone`.
     """
-    found = _signal(bag, topics.JOINT_STATES, JOINT_STATE, STATE_FIELDS[JOINT_STATE], joints)
+    found = _signal(bag, topics.JOINT_STATES, JOINT_STATE, STATE_FIELDS, joints)
     found = found.where(found.stamps >= since)
     stamps, first = np.unique(found.stamps, return_index=True)
-    found = found.where(np.sort(first[~alone(stamps, _FEW * period, _FEW)]))
+    found = found.where(np.sort(first[~alone(stamps, period)]))
     return found.where(np.diff(np.maximum.accumulate(found.stamps), prepend=since - 1) > 0)
 
 
-def _trajectory(bag: Bag, joints: Sequence[str]) -> tuple[Trajectory, int]:
+def _trajectory(bag: Bag, joints: tuple[str, ...]) -> tuple[Trajectory, int]:
     """Return the reference and the time of its first point [ns]."""
     trajectory, start = Trajectory(), 0
     for _, message in bag.read(bag.named(topics.REFERENCE)):
@@ -182,26 +164,15 @@ def _trajectory(bag: Bag, joints: Sequence[str]) -> tuple[Trajectory, int]:
     return trajectory, start
 
 
-def _torques(bag: Bag, joints: Sequence[str], states: Signal, period: int) -> Array:
+def _torques(bag: Bag, joints: tuple[str, ...], states: Signal) -> Array:
     """
-    Return the torque that answers each state, shape (N, n); nan where it is unknown.
+    Return the commands that answer each state, shape (N, n); nan where none is known.
 
-    Commands have no stamp. If there are as many as states, as in lockstep, they answer them one by
-    one. Otherwise their times tell; where these do not, it is the effort in the next state.
+    If there are as many as states, as in lockstep, they answer them one by one. Otherwise their
+    times tell; where these do not, none is known.
     """
     commands = _signal(bag, topics.COMMANDS, MULTI_ARRAY, ('data',), joints)
     if len(commands.logged) == len(states.logged):
         return commands.values[0]
-    effort = states.values[2]
-    reported, answered = np.full((2, *effort.shape), np.nan)
-    consecutive = missing(states.stamps.astype(float), period) == 0
-    reported[:-1][consecutive] = effort[1:][consecutive]
-    is_sure = False
-    if len(commands.logged):
-        found = answers(commands.values[0], commands.logged, states.stamps, states.logged)
-        answered[found.own], is_sure = found.command[found.own], found.late == (0.0, 0.0)
-    first, second = (answered, reported) if is_sure else (reported, answered)
-    tau: Array = np.where(np.isfinite(first), first, second)
-    if not np.isfinite(tau[-1]).all():
-        tau[-1] = effort[-1]
-    return tau
+    found = answers(commands.values[0], commands.logged, states.stamps, states.logged)
+    return np.where(found.own[:, None] & (found.late[1] < 0.5), found.command, np.nan)

@@ -13,10 +13,11 @@
 # limitations under the License.
 
 """
-A recorded run as arrays, checked: the order of its stamps, and its parts without gaps.
+A recorded run as arrays, checked: stamps, commands without stamps, and parts without gaps.
 
-Late messages, clocks set back and changes of the period are put in order or left out (`ordered`);
-what remains is put on a regular grid of time (`stretches`).
+Late messages are put in order; stamps that have no one period are refused (`ordered`). Commands
+find the states that they answer (`answers`). What remains is put on a regular grid of time
+(`stretches`).
 """
 
 from __future__ import annotations
@@ -36,66 +37,19 @@ from scipy.ndimage import median_filter  # type: ignore[import-untyped]
 
 Indices = npt.NDArray[np.intp]
 
-#: Samples around one over which its clock and its period are taken.
-_AROUND = 41
-#: Difference from the clock around it beyond which a stamp is of no use, step back of the clock
-#: that splits [periods], and part by which a period may differ.
-_FAR, _BACK, _OTHER = 100.0, 1.5, 0.25
-#: Most breaks, and part of all stamps that may be of no use; with more, all are.
-_MOST_BREAKS, _MOST_FAR = 20, 0.01
-#: Time that is put in the place of a break [s], and periods of it at least.
-_PAUSE, _PERIODS = 0.1, 20.0
+#: States of which most must be closer than this part of two periods to the second one after them
+#: to be those of two series.
+_CROWD, _CLOSE = 21, 0.625
+#: Longest step between two states that stand together [periods], and the fewest of these.
+_FEW = 20
 
 
-class StampBreak(NamedTuple):
+def ordered(name: str, t: Array, *contents: Array) -> Indices:
     """
-    Where stamps do not go on as they should.
+    Return the indices of the states that are used, in the order of time, each stamp once.
 
-    Attributes
-    ----------
-    time : float
-        Of the last stamp before it, since the first one [s].
-    length : float
-        By how much the stamps run back, or how long the part is that is left out [s].
-    samples : int
-        That are left out.
-    reason : str
-        In words.
-
-    """
-
-    time: float
-    length: float
-    samples: int
-    reason: str
-
-
-class StampOrder(NamedTuple):
-    """
-    States in the order of time.
-
-    Attributes
-    ----------
-    keep : ndarray, shape (K,)
-        Indices of the states that are used.
-    t : ndarray, shape (K,)
-        Their times [s], rising; after a break they go on with a pause.
-    breaks : tuple of StampBreak
-        In the order of time.
-
-    """
-
-    keep: Indices
-    t: Array
-    breaks: tuple[StampBreak, ...]
-
-
-def ordered(name: str, t: Array, *contents: Array) -> StampOrder:
-    """
-    Return states in the order of time.
-
-    Single late messages are put where they belong. Where a clock was set back, the states after
-    it are a part of their own. A part with another period is left out.
+    Late messages are put where they belong. Few states that are far from all others, as with a
+    wrong stamp, are left out.
 
     Parameters
     ----------
@@ -109,118 +63,160 @@ def ordered(name: str, t: Array, *contents: Array) -> StampOrder:
     Raises
     ------
     CtcError
-        If the stamps are those of two publishers, or run back too often.
+        If the stamps are those of two series, as of two publishers, or after a clock was set back.
 
     """
-    finite = np.flatnonzero(np.isfinite(t))
-    by_time = finite[np.argsort(t[finite], kind='stable')]
-    repeated = np.diff(t[by_time]) == 0.0
-    twice = np.flatnonzero(repeated)
+    found: Indices = np.argsort(t, kind='stable')
+    repeated = np.diff(t[found]) == 0.0
     for values in contents:
-        repeated[twice] &= (values[by_time[twice + 1]] == values[by_time[twice]]).all(axis=1)
-    arrived = np.sort(by_time[np.append(True, ~repeated)]) if len(by_time) else by_time
-    stamps = t[arrived]
-    if len(stamps) < 2:
-        return StampOrder(arrived, stamps, ())
+        repeated &= (values[found[1:]] == values[found[:-1]]).all(axis=1)
+    found = found[np.append(True, ~repeated)]
+    stamps = t[found]
     step = np.diff(stamps)
-    _check_one_publisher(name, step)
-    period = float(np.median(step[step > 0.0])) if (step > 0.0).any() else 0.0
-    # Medians do not change by single messages that are late or have a wrong stamp.
-    clock = stamps - period * np.arange(len(stamps))
-    far = np.abs(clock - median_filter(clock, _AROUND)) > _FAR * period
-    keep = np.flatnonzero(~far)
-    others = _other_periods(stamps[keep], period)
-    left_out = [keep[first:last] for first, last in others]
-    keep = np.delete(keep, np.r_[tuple(slice(*x) for x in others)] if others else [])
-    cuts = [int(keep[k]) for k in _set_back(stamps[keep], period)] if len(keep) else []
-    if not period or 2 * len(keep) < len(stamps) or len(cuts) > _MOST_BREAKS or (
-            far.sum() > max(1.0, _MOST_FAR * len(stamps))):
-        raise CtcError(f'{name}: the stamps stand still or run back {len(cuts)} times, and '
-                       f'{len(stamps) - len(keep)} stamps stand in two states or in no order: are '
-                       'there two publishers of joint states, or are stamps coarser than the '
-                       'period?')
-    breaks, begin = [], float(stamps[keep].min())
-    for cut, end in pairwise([*cuts, len(stamps)]):
-        before = float(stamps[keep[keep < cut]].max())
-        after = float(stamps[keep[(cut <= keep) & (keep < end)]].min())
-        back = before + period - after
-        breaks.append(StampBreak(before - begin, back, 0, f'the stamps run back by {back:.3g} s'))
-        stamps[cut:] += before + max(_PAUSE, _PERIODS * period) - after
-    if far.any():
-        breaks.append(StampBreak(
-            float(np.flatnonzero(far)[0]) * period, 0.0, int(far.sum()),
-            f'{far.sum()} stamps are far from those before and after them'))
-    for part in left_out:
-        length, inside = float(np.ptp(stamps[part])), np.diff(stamps[part])
-        # Two series at once have uneven steps; their mean says more.
-        typical = min(float(inside.mean()), float(np.median(inside)))
-        breaks.append(StampBreak(
-            float(stamps[part[0]] - begin), length, len(part),
-            f'{length:.3g} s have a state every {typical:.3g} s, all else every {period:.3g} s: '
-            'another period, or two clocks at once'))
-    keep = keep[np.argsort(stamps[keep], kind='stable')]
-    keep = keep[np.diff(stamps[keep], prepend=-np.inf) > 0.0]
-    return StampOrder(arrived[keep], stamps[keep], tuple(sorted(breaks)))
+    period = float(np.median(step[step > 0.0])) if (step > 0.0).any() else np.inf
+    two = stamps[2:] - stamps[:-2]
+    crowded = median_filter(two, _CROWD) < 2.0 * _CLOSE * period
+    # Where two series with the period h are the most, steps are a, h - a, a, h - a, ...
+    often = two <= 2.0 * _CLOSE * np.median(two)
+    if (np.abs(np.diff(step)) > 0.1 * two)[often].mean() > 0.8 and (
+            np.ptp(np.percentile(two[often], (10.0, 90.0))) < 0.4 * np.median(two)):
+        crowded |= often
+    if crowded.any():
+        raise CtcError(
+            f'{name}: {stamps[int(crowded.argmax())] - stamps[0]:.4g} s after the first, states '
+            f'stand closer than the period of {period:.3g} s: was a clock set back, are there two '
+            'publishers of joint states, or are stamps coarser than the period? Record it again')
+    found = found[~alone(stamps, period)]
+    return found[np.diff(t[found], prepend=-np.inf) > 0.0]
 
 
-def _check_one_publisher(name: str, step: Array) -> None:
-    """Raise `CtcError` if steps are those of two interleaved series."""
-    # Two series with the period h and a phase: the steps a, h - a, a, h - a, ...
-    two = 0.5 * (step[:-1] + step[1:])
-    uneven = np.abs(step[:-1] - step[1:]) > 0.2 * two
-    if len(two) and uneven.mean() > 0.8 and np.ptp(np.percentile(two, (10.0, 90.0))) < (
-            0.4 * np.median(two)):
-        low, high = np.percentile(step, (25.0, 75.0))
-        raise CtcError(f'{name}: the stamps have no period: steps of {low:.2e} s and {high:.2e} s '
-                       'in turn; are there two publishers of joint states?')
-
-
-def _regions(mask: npt.NDArray[np.bool_]) -> list[tuple[int, int]]:
-    """Return where a mask is set, as first and last plus one of each run of indices."""
-    edges = np.flatnonzero(np.diff(np.concatenate(([False], mask, [False])).astype(int)))
-    return [(int(first), int(last)) for first, last in edges.reshape(-1, 2)]
-
-
-def _other_periods(t: Array, period: float) -> list[tuple[int, int]]:
-    """Return first and last plus one of the states of each part that has another period."""
-    step = np.diff(t)
-    if len(step) < 4 * _AROUND:
-        return []
-    slow = median_filter(step, _AROUND) > (1.0 + _OTHER) * period
-    # Two series at once have uneven steps, two of which are a period.
-    fast = median_filter(t[2:] - t[:-2], _AROUND) < 2.0 * (1.0 - _OTHER) * period
-    other = np.zeros(len(t), bool)
-    other[:-1] |= slow
-    other[1:] |= slow
-    other[1:-1] |= fast
-    return _regions(other)
-
-
-def _set_back(t: Array, period: float) -> list[int]:
-    """Return the first states after which the clock is behind what it was."""
-    clock = median_filter(t - period * np.arange(len(t)), _AROUND)
-    at, half = np.arange(1, len(t)), _AROUND // 2
-    ahead = clock[np.minimum(at + half, len(t) - 1)] - clock[np.maximum(at - 1 - half, 0)]
-    step = np.diff(t)
-    return [first + 1 + int(np.argmin(step[first:last]))
-            for first, last in _regions(ahead < -_BACK * period)]
-
-
-def alone(t: npt.NDArray[Any], gap: float, few: int) -> npt.NDArray[np.bool_]:
-    """Return which of sorted stamps are less than `few` between steps of more than `gap`."""
-    edges = [0, *(np.flatnonzero(np.diff(t) > gap) + 1).tolist(), len(t)]
+def alone(t: npt.NDArray[Any], period: float) -> npt.NDArray[np.bool_]:
+    """Return which of sorted stamps are few, with long steps before and after them."""
+    edges = [0, *(np.flatnonzero(np.diff(t) > _FEW * period) + 1).tolist(), len(t)]
     found = np.zeros(len(t), bool)
     for first, last in pairwise(edges):
-        found[first:last] = len(edges) > 2 and last - first < few
+        found[first:last] = len(edges) > 2 and last - first < _FEW
     return found
+
+
+#: Commands on each side over which their count is taken, and part by which their number may differ
+#: from that of the samples for that.
+_COUNTED, _ONE_FOR_ONE = 200, 0.02
+#: Part of a period by which a command may be received before its state, part from the usual time
+#: after a state beyond which it is not sure which one it answers, and part of all for which that
+#: does not matter.
+_EARLY, _SURE, _NEGLIGIBLE = 0.02, 0.35, 0.002
+#: Length of the mean direction of the times after a state, on a circle, below which there is no
+#: usual one.
+_USUAL = 0.3
+#: Periods after which a command is no longer held.
+_HELD = 20
+
+
+class Answers(NamedTuple):
+    """
+    Commands in the places of the states.
+
+    Attributes
+    ----------
+    command : ndarray, shape (N, n)
+        In force after each state [N·m], nan where it is unknown.
+    late : tuple of (float, float)
+        Samples by which they may be later than they stand here, at least and at most.
+    own : ndarray of bool, shape (N,)
+        Whether one answers this state, and not one before.
+
+    """
+
+    command: Array
+    late: tuple[float, float]
+    own: npt.NDArray[np.bool_]
+
+
+def answers(values: Array, times: Indices, stamps: Indices, received: Indices) -> Answers:
+    """
+    Return the commands in the places of the states that they answer.
+
+    A command has no stamp. It answers the state after which it is received by about the usual
+    time, which is less than a period. Where there is one for each sample they answer one by one,
+    so that it does not matter by how much single messages are late, nor, in lockstep, how long
+    answers take; the times tell only which is the first. Several for one state, of a controller
+    that is faster, are averaged; where there is none for a state, the last one is held.
+
+    Parameters
+    ----------
+    values : ndarray, shape (M, n)
+        Commands [N·m].
+    times : ndarray, shape (M,)
+        At which they were received [ns].
+    stamps, received : ndarray, shape (N,)
+        Stamps of the states, and times at which they were received, in this order [ns].
+
+    """
+    step = np.diff(stamps)
+    period = float(np.median(step[step > 0])) if (step > 0).any() else 1.0
+    # Numbers of the states, counting those that were not recorded.
+    numbers = np.append(0, np.cumsum(np.maximum(np.rint(step / period), 1.0))).astype(int)
+    got = np.maximum.accumulate(received - received[0])
+    wall = max(float(np.median(np.diff(got, append=got[-1] + 1))), 1.0)
+    order = np.argsort(times, kind='stable')
+    sent = times[order] - received[0]
+    inside = (sent > -wall) & (sent < got[-1] + 2.0 * wall)
+    values, sent = values[order[inside]], sent[inside]
+    heard = np.interp(sent, np.r_[-wall, got, got[-1] + wall], np.r_[-1, numbers, numbers[-1] + 1])
+    turn = complex(np.exp(2j * np.pi * heard).sum()) / max(len(heard), 1)
+    is_usual = abs(turn) > _USUAL
+    phase = (np.angle(turn) / (2.0 * np.pi) + _EARLY) % 1.0 - _EARLY if is_usual else 0.5
+    place = np.floor(heard - phase + 0.5)
+    far = (np.abs(heard - phase - place) > _SURE) | (np.diff(place, prepend=-np.inf) < 1.0)
+    unsure = float(far.mean()) if is_usual and len(far) else 1.0
+    if unsure > _NEGLIGIBLE and abs(len(place) / (numbers[-1] + 1) - 1.0) < _ONE_FOR_ONE:
+        count = np.arange(len(place))
+        ahead = place - count
+        ends = tuple(np.median(x) for x in (ahead[:_COUNTED], ahead[-_COUNTED:]))
+        first = median_filter(np.pad(ahead, _COUNTED, constant_values=ends), 2 * _COUNTED + 1
+                              )[_COUNTED:-_COUNTED]
+        place = count + first
+        if is_usual and not np.ptp(first):
+            unsure = 0.0
+    return _placed(values, place, numbers, unsure if unsure > _NEGLIGIBLE else 0.0)
+
+
+def _placed(values: Array, place: Array, numbers: Indices, unsure: float) -> Answers:
+    """
+    Return for each state the mean of its commands, or those before if it has none.
+
+    Parameters
+    ----------
+    values : ndarray, shape (M, n)
+        Commands [N·m].
+    place : ndarray, shape (M,)
+        Number of the state that each answers; it may be none of them.
+    numbers : ndarray, shape (N,)
+        Of the states.
+    unsure : float
+        Part of the commands that may answer the state before or after.
+
+    """
+    which = np.searchsorted(numbers, place).clip(0, len(numbers) - 1)
+    is_there = numbers[which] == place
+    which = which[is_there]
+    found = np.zeros((len(numbers), values.shape[1]))
+    np.add.at(found, which, values[is_there])
+    count = np.bincount(which, minlength=len(numbers))
+    found /= np.maximum(count, 1)[:, None]
+    own = count > 0
+    last = np.maximum.accumulate(np.where(own, np.arange(len(numbers)), -1))
+    age = numbers - numbers[last]
+    known = (last >= 0) & (age <= _HELD)
+    # Where a command was not recorded, one that is older stands in its place.
+    older = float(age[known].mean()) if known.any() else 0.0
+    return Answers(np.where(known[:, None], found[last], np.nan),
+                   (-unsure - (older if older > _NEGLIGIBLE else 0.0), unsure), own)
 
 
 #: Most samples missing at a stretch that are interpolated.
 BRIDGED = 5
-#: Mean age of commands that does not matter [samples].
-_NEGLIGIBLE = 0.002
-#: Jitter of stamps that does not matter [periods].
-_EVEN = 0.02
 #: Part of a period by which stamps may drift from a grid, and samples over which that is seen.
 _DRIFT, _SMOOTH = 0.3, 101
 #: Fewest samples of a run.
@@ -248,8 +244,6 @@ class Recording:
         Torque commanded in answer to each state [N·m], nan where it is unknown; None without any.
     late : tuple of (float, float)
         Samples by which commands may be later than they stand here, at least and at most.
-    breaks : tuple of StampBreak
-        Where the stamps do not go on; known of a checked one.
 
     Raises
     ------
@@ -266,16 +260,14 @@ class Recording:
     effort: Array | None = None
     command: Array | None = None
     late: tuple[float, float] = (0.0, 0.0)
-    breaks: tuple[StampBreak, ...] = ()
 
     def __post_init__(self) -> None:
         """Check the shapes."""
         shape = (*self.t.shape, len(self.joints))
-        for name in ('q', 'dq', 'effort', 'command'):
-            x = getattr(self, name)
-            if x is not None and (self.t.ndim != 1 or x.shape != shape):
-                raise CtcError(f'{name}: an array of shape {x.shape} is not allowed; allowed: '
-                               f'{shape}, a row a sample, a column a joint')
+        for x in (self.q, self.dq, self.effort, self.command):
+            if x is not None and x.shape != shape:
+                raise CtcError(f'{self.name}: an array of shape {x.shape} is not allowed; '
+                               f'allowed: {shape}, a row a sample, a column a joint')
 
     def checked(self) -> Recording:
         """
@@ -284,8 +276,8 @@ class Recording:
         Raises
         ------
         CtcError
-            If positions are not finite, two publishers seem to have sent states, stamps run back
-            too often, there is no torque, or there are too few samples.
+            If positions are not finite, `ordered` refuses the stamps, there is no torque, or there
+            are too few samples.
 
         """
         bad = ~np.isfinite(self.q)
@@ -295,14 +287,14 @@ class Recording:
                 f'{self.name}: {int(bad.any(axis=1).sum())} of {len(self.t)} states have a '
                 f'position that is not finite, the first of {self.joints[i]} at '
                 f'{self.t[k]:.3f} s')
-        order = ordered(self.name, self.t, self.q, *([] if self.dq is None else [self.dq]))
-        keep = order.keep
+        keep = np.unique(self.t, return_index=True)[1]
+        if len(keep) >= _FEWEST:
+            keep = ordered(self.name, self.t, self.q, *([] if self.dq is None else [self.dq]))
         if len(keep) < _FEWEST:
             raise CtcError(f'{self.name}: {len(keep)} states; at least {_FEWEST} are needed')
         found = dataclasses.replace(
-            self, t=order.t, q=_taken(self.q, keep), dq=_known(self.dq, keep),
-            effort=_known(self.effort, keep), command=_known(self.command, keep),
-            breaks=order.breaks)
+            self, t=self.t[keep], q=_taken(self.q, keep), dq=_known(self.dq, keep),
+            effort=_known(self.effort, keep), command=_known(self.command, keep))
         if found.effort is None and found.command is None:
             raise CtcError(f'{self.name}: no torque: neither effort in the states nor commands')
         return found
@@ -434,14 +426,9 @@ def _at(grid: Array, t: Array, q: Array) -> Array:
     """
     period = grid[1] - grid[0]
     place, first = np.unique(np.rint((t - grid[0]) / period), return_index=True)
-    found = interpolated(t, q, grid)
-    if np.std(t[first] - grid[0] - period * place) < _EVEN * period:
-        return found
-    even = interpolated(grid[0] + period * place, q[first], grid)
-    # Joint by joint, for long recordings.
-    less = [np.median(np.abs(np.diff(y, 3))) < np.median(np.abs(np.diff(x, 3)))
-            for x, y in zip(found.T, even.T)]
-    return even if sum(less) > 0.5 * len(less) else found
+    found = interpolated(t, q, grid), interpolated(grid[0] + period * place, q[first], grid)
+    rough = [np.mean([np.median(np.abs(np.diff(y, 3))) for y in x.T]) for x in found]
+    return found[int(rough[1] < rough[0])]
 
 
 def _without_drift(t: Array, period: float) -> Array:

@@ -132,7 +132,7 @@ def recover(bag: Path, target: Path) -> int:
                 if channel.topic not in recording.topics:
                     recording.topics[channel.topic] = _readable(schema, channel)
                 recording.add_message(channel.topic, message.log_time, message.data)
-        count = recording.span.count
+        count = recording.counts.total()
         recording.notes['repaired'] = f'{count} messages recovered'
         recording.close()
     except OSError as error:

@@ -128,11 +128,6 @@ class Span:
     begin: int = 2 ** 63 - 1  # Of a bag without messages, as of rosbag2.
     end: int = 0
 
-    def add(self, t: int) -> None:
-        """Count a message."""
-        self.count += 1
-        self.begin, self.end = min(t, self.begin), max(t, self.end)
-
     def entry(self) -> dict[str, Any]:
         """Return the span as the metadata of a bag have it."""
         return {'message_count': self.count,
@@ -154,16 +149,14 @@ class BagWriter:
 
     Attributes
     ----------
-    file : Path
-        The file that is being written.
+    path, file : Path
+        As given, and the file that is being written.
     topics : dict
         What is known of each topic; the numbers in the records do not matter.
     counts : Counter
         Number of messages by topic.
     notes : dict
         What the bag's metadata say of the recording.
-    span : Span
-        Of all messages.
 
     Raises
     ------
@@ -180,7 +173,7 @@ class BagWriter:
         #: Of topics that are new since the last flush.
         self._descriptions = b''
         self.counts: Counter[str] = Counter()
-        self.span, self.path = Span(), path
+        self.path = path
         # A slow disk takes seconds for what it is asked to keep.
         self._pool = ThreadPoolExecutor(1)
         self._sync: Future[None] = Future()
@@ -221,8 +214,9 @@ class BagWriter:
         number = self._numbers.get(topic) or self._add_channel(*self.topics[topic])
         self._writer.add_message(number, t, data, t)
         self.counts[topic] += 1
-        for span in (self.span, self._files[self.file.name]):
-            span.add(t)
+        span = self._span
+        span.count += 1
+        span.begin, span.end = min(t, span.begin), max(t, span.end)
 
     def flush(self) -> None:
         """
@@ -252,8 +246,10 @@ class BagWriter:
     def close(self) -> None:
         """Write index and metadata; without them, tools cannot open the bag."""
         self._end_file()
+        spans = self._files.values()
+        span = Span(self.counts.total(), min(x.begin for x in spans), max(x.end for x in spans))
         information = {
-            'version': 9, 'storage_identifier': 'mcap', 'ros_distro': 'jazzy', **self.span.entry(),
+            'version': 9, 'storage_identifier': 'mcap', 'ros_distro': 'jazzy', **span.entry(),
             'relative_file_paths': list(self._files),
             'files': [{'path': name, **span.entry()} for name, span in self._files.items()],
             'topics_with_message_count': [{
@@ -270,7 +266,7 @@ class BagWriter:
     def _begin_file(self) -> None:
         """Begin a file, named as the recorder of ROS names it."""
         self.file = self.path / f'{self.path.name}_{len(self._files)}.mcap'
-        self._files[self.file.name] = Span()
+        self._span = self._files[self.file.name] = Span()
         self._numbers: dict[str, int] = {}
         self._begun: float = time.monotonic()
         self._stream: BinaryIO = self.file.open('xb')

@@ -64,11 +64,11 @@ def bringup(arguments: Sequence[str]) -> int:
         require_viser()
 
     with given_by_user(ros.assigned):
-        file, over, setup = load_setup(options, ros_arguments.bringup_values(ros))
+        setup = load_setup(options, ros_arguments.bringup_values(ros))
     plant = setup.plant
     with progress(f'experiment {plant.experiment}', plant.duration) as moved:
         try:
-            run_graph(file, over, options.record, ['--ros-args', *ros.rest], moved, tqdm.write,
+            run_graph(setup, options.record, ['--ros-args', *ros.rest], moved, tqdm.write,
                       options.live)
             moved(plant.duration)
         except Stopped as stopped:

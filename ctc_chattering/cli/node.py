@@ -66,27 +66,24 @@ def _run(name: str, arguments: Sequence[str]) -> int:
     parent = _make_parser(name).parse_args(own).parent
     if parent is not None:
         child_process.end_with(parent)
-    with given_by_user(ros.assigned):
-        values = ros.checked(name)
+    values = ros.values([name])[name]
     module = importlib.import_module(f'ctc_chattering.nodes.{name}')
     run = importlib.import_module('ctc_chattering.ros.node').run
 
     def make_node() -> Any:
         with given_by_user(ros.assigned):
-            return module.NODE(values)
+            return getattr(module, f'{name.capitalize()}Node')(values)
     return int(run(make_node, name, ['--ros-args', *ros.rest], process.collect_signals()))
 
 
 def _make_parser(name: str) -> argparse.ArgumentParser:
     """Return the parser of the arguments that are not for ROS."""
     from ctc_chattering.cli.command_line import Parser
-    from ctc_chattering.configuration.node_parameters import NODE_DESCRIPTIONS, parameter_help
+    from ctc_chattering.configuration.node_parameters import NODE_DESCRIPTIONS
     parser = Parser(
         prog=name, description=NODE_DESCRIPTIONS[name],
         usage='%(prog)s [--help] [--version] [--ros-args [--params-file F] [-p NAME:=VALUE] '
-              '[-r FROM:=TO] ...]',
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-        epilog=f'parameters:\n{parameter_help(name)}')
+              '[-r FROM:=TO] ...]', epilog='parameters: ctc parameters')
     parser.add_argument('--version', action='version', version=__version__)
     parser.add_argument('--parent', type=int, help=argparse.SUPPRESS)
     return parser

@@ -25,14 +25,13 @@ from collections.abc import Callable
 import fcntl
 import inspect
 from itertools import count
-from types import FunctionType
 from typing import Any
 
-from ctc_chattering.compiled import compilable, matrices, vectors
+from ctc_chattering.compiled import compilable, vectors
 from ctc_chattering.compiled.machine_code import Code, invoke, Layout
 from ctc_chattering.compiled.matrices import MatrixType
 from ctc_chattering.compiled.records import kind_of, load, rows, store, value, write
-from ctc_chattering.compiled.vectors import INTERNAL, lowered, overloaded, read, VectorType
+from ctc_chattering.compiled.vectors import lowered, overloaded, read, VectorType
 from llvmlite import ir
 import numba
 from numba import types
@@ -67,7 +66,7 @@ def _write_array(_typing: Any, array: Any, value: Any) -> Any:
         if isinstance(value, VectorType):
             vectors.write(builder, values[1], data)
         else:
-            matrices.copy(builder, values[1], data, value.n)
+            cgutils.memcpy(builder, data, values[1], ir.Constant(_INT, value.n ** 2))
         return context.get_dummy_value()
     return types.none(array, value), generate
 
@@ -162,45 +161,28 @@ def register() -> None:
     marks = len(compilable.FUNCTIONS), len(compilable.RECORDS)
     if marks == tuple(map(len, _REGISTERED)):
         return
-    _check_names()
     for marked in compilable.FUNCTIONS[len(_REGISTERED[0]):]:
-        _REGISTERED[0].append(register_jitable(**INTERNAL)(marked))
+        _REGISTERED[0].append(register_jitable(**vectors.INTERNAL)(marked))
     for marked in compilable.RECORDS[len(_REGISTERED[1]):]:
-        for name, method in _methods(marked):
-            _register_method(marked, name, method)
+        for name, method in inspect.getmembers(marked, inspect.isfunction):
+            if not name.startswith('_'):
+                _register_method(marked, name, method)
         _REGISTERED[1].append(marked)
-
-
-def _methods(marked: type) -> list[tuple[str, Any]]:
-    return [(name, method) for name, method in inspect.getmembers(marked, inspect.isfunction)
-            if not name.startswith('_')]
-
-
-def _check_names() -> None:
-    """Refuse what numba could not tell apart: it knows methods of records by their names only."""
-    for marked in compilable.RECORDS:
-        for name, _ in _methods(marked):
-            clash = [x.__name__ for x in compilable.RECORDS if name in x.__annotations__]
-            assert not clash, f'method {name} of {marked.__name__} is a field of {clash}'
 
 
 def _register_method(marked: type, name: str, method: Callable[..., Any]) -> None:
     """Have compiled code find a method by the class of its record."""
     methods = _METHODS.setdefault(name, {})
-    # Without annotations, which numba compares.
-    methods[marked] = bare = FunctionType(
-        method.__code__, method.__globals__, name, method.__defaults__, method.__closure__)
+    methods[marked] = method
     if len(methods) > 1:
         return
 
     def chosen(*kinds: Any) -> Any:
         return methods.get(kinds[0].instance_class)
 
-    setattr(chosen, '__signature__', inspect.signature(bare))  # noqa: B010
+    setattr(chosen, '__signature__', inspect.signature(method))  # noqa: B010
     for kind in (types.NamedTuple, types.NamedUniTuple):
-        # Their arguments may have other names.
-        options: Any = {'strict': False, 'jit_options': INTERNAL}
-        overload_method(kind, name, **options)(chosen)
+        overload_method(kind, name, **vectors.OVERLOADED)(chosen)
 
 
 _INT = ir.IntType(64)
@@ -227,7 +209,7 @@ def _machine_code(code: Code) -> tuple[str, bytes]:
 
 def _entry(code: Code) -> Any:
     """Return a function that takes the address of the places of all arguments."""
-    function = register_jitable(**INTERNAL)(code.function)
+    function = register_jitable(**vectors.INTERNAL)(code.function)
     names: dict[str, Any] = {'function': function, 'at': _at, 'numbers': types.int64[::1]}
     place = count()
 

@@ -19,12 +19,12 @@ What an equation is written with so that one text runs as plain Python and compi
 vectors are arrays of shape (n,), their matrices arrays of shape (n, n). Compiled (`build`), a
 vector is one value of the processor, and the same text runs without an array being made.
 
-Such code uses on vectors: arithmetic, comparisons, ``&``, ``|``, ``[i]``, ``.all()``, ``.any()``,
-``.max()``, ``.min()``, `numpy.abs`, `sign`, `sqrt`, `cbrt`, `exp`, `sin`, `tanh`, `rint`,
-`minimum`, `maximum` and `where`, and the functions of this module. It changes nothing in place:
-memory goes in and comes out as a record, with other fields by ``record._replace(name=value)``.
-The one exception are rows that outlive a call: of an array of shape (k, n), ``rows[i]`` is a
-vector and ``rows[i] = x`` sets it.
+Such code uses on vectors: arithmetic, comparisons, ``&``, ``|``, ``[i]``, ``.max()``, ``.min()``,
+`numpy.abs`, `sign`, `sqrt`, `cbrt`, `exp`, `sin`, `tanh`, `rint`, `minimum`, `maximum` and
+`where`, and the functions of this module. It changes nothing in place: memory goes in and comes
+out as a record, with other fields by ``record._replace(name=value)``. The one exception are rows
+that outlive a call: of an array of shape (k, n), ``rows[i]`` is a vector and ``rows[i] = x`` sets
+it.
 """
 
 from __future__ import annotations

@@ -22,7 +22,7 @@ it computes it writes into them.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 import ctypes
 from functools import cached_property, lru_cache
@@ -87,24 +87,32 @@ def _places(argument: Any) -> Iterator[int]:
 
 class Code:
     """
-    A function of given arguments, compiled if it has been.
+    A function with its arguments, compiled if it has been.
 
     Parameters
     ----------
     function : callable
         Of NumPy records and arrays; a function of marked ones. It returns an int.
     arguments : tuple
-        NumPy records, contiguous arrays, or NamedTuples of such. Arrays may be of another length
-        in another call, nothing else differs.
+        NumPy records, contiguous arrays, or NamedTuples of such. They are kept. For arguments that
+        differ in nothing but the length of arrays, the machine code is the same.
     name : str
         What it is, in names of files.
+
+    Attributes
+    ----------
+    layouts : tuple of Layout
+        Of the arguments.
+    places : array
+        Addresses of the arguments.
 
     """
 
     def __init__(self, function: Callable[..., int], arguments: tuple[Any, ...], name: str
                  ) -> None:
-        self.function, self.name = function, name
+        self.function, self.name, self._kept = function, name, arguments
         self.layouts = tuple(map(layout, arguments))
+        self.places = np.array(list(_places(arguments)), np.int64)
 
     @cached_property
     def path(self) -> Path:
@@ -115,7 +123,7 @@ class Code:
     def compiled(self) -> bool:
         """Whether there is machine code, undamaged, and what is needed to load it."""
         with suppress(ImportError, OSError, CtcError):
-            return self.path in _LOADED or _intact(self.path, self.path.stat().st_mtime_ns)
+            return self.address() != 0
         return False
 
     def keep(self, symbol: str, machine_code: bytes) -> None:
@@ -131,38 +139,44 @@ class Code:
             _LOADED[self.path] = _load(self.path)
         return _LOADED[self.path][0]
 
+    def call(self) -> Callable[[], int]:
+        """Return what calls the machine code with the arguments."""
+        return _prepared(self.address(), self.places.ctypes.data)
 
-class Call:
+
+class Program:
     """
-    A call of machine code with arguments at their places.
+    A function with its arguments, and the functions that it calls by their addresses.
 
     Parameters
     ----------
-    code : Code
-        Which is compiled.
-    arguments : tuple
-        As of `Code`; they are kept.
+    needed : sequence of Code
+        Those that it calls.
+    function, arguments, name
+        As of `Code`.
 
-    Raises
-    ------
-    CtcError
-        If one of them has another type or shape: the code would take its bytes for other numbers.
+    Attributes
+    ----------
+    code : Code
+        Of the function.
+    codes : tuple of Code
+        What must be compiled.
+    compiled : bool
+        Whether it has been, before this was made.
+    call : callable
+        Calls the function; only if it is compiled.
 
     """
 
-    def __init__(self, code: Code, arguments: tuple[Any, ...]) -> None:
-        found = tuple(map(layout, arguments))
-        if found != code.layouts:
-            raise CtcError(f'{code.name} was compiled for {code.layouts}, not for {found}')
-        self._kept = arguments
-        #: Address of the function, and those of its arguments.
-        self.function = code.address()
-        self.places = np.array(list(_places(arguments)), np.int64)
-        self._call = _prepared(self.function, self.places.ctypes.data)
+    call: Callable[[], int]
 
-    def __call__(self) -> int:
-        """Call it."""
-        return self._call()
+    def __init__(self, needed: Sequence[Code], function: Callable[..., int],
+                 arguments: tuple[Any, ...], name: str) -> None:
+        self.code = Code(function, arguments, name)
+        self.codes = *needed, self.code
+        self.compiled = all(code.compiled for code in self.codes)
+        if self.compiled:
+            self.call = self.code.call()
 
 
 def invoke(function: int, places: int) -> int:
@@ -244,22 +258,11 @@ def _processor() -> str:
     return f'{binding.get_host_cpu_name()} {binding.get_host_cpu_features().flatten()}'
 
 
-def _content(path: Path) -> bytes | None:
-    """Return what is kept in a file; None for a damaged one, which must never be run."""
-    word, _, content = path.read_bytes().partition(b'\n')
-    return content if hashlib.sha256(content).hexdigest().encode() == word else None
-
-
-@lru_cache(1024)
-def _intact(path: Path, _written: int) -> bool:
-    return _content(path) is not None
-
-
 def _load(path: Path) -> tuple[int, Any]:
     """Return the address of the function in a file of `Code.keep`, and what keeps it there."""
     from llvmlite import binding
-    content = _content(path)
-    if content is None:
+    word, _, content = path.read_bytes().partition(b'\n')
+    if hashlib.sha256(content).hexdigest().encode() != word:  # It must never be run.
         raise CtcError(f'{path} is damaged: remove it')
     symbol, _, machine_code = content.partition(b'\n')
     for start in (binding.initialize, binding.initialize_native_target,

@@ -24,7 +24,6 @@ from ctc_chattering.compiled.vectors import (
     lowered,
     overloaded,
     read,
-    total,
     VectorType,
     with_element,
     write,
@@ -59,19 +58,10 @@ def _start(context: Any, builder: Any, n: int, row: Any, kind: Any, matrix: Any)
     return builder.gep(matrix, [builder.mul(i, ir.Constant(i.type, n))])
 
 
-@lowered
-def _place(_typing: Any, matrix: Any, i: Any, j: Any) -> Any:
-    def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
-        row = _start(context, builder, matrix.n, values[1], signature.args[1], values[0])
-        column = context.cast(builder, values[2], signature.args[2], types.intp)
-        return builder.load(builder.gep(row, [column]))
-    return types.float64(matrix, i, j), generate
-
-
 @overloaded(operator.getitem)
 def _item(matrix: Any, place: Any) -> Any:
     if isinstance(matrix, MatrixType) and isinstance(place, types.BaseTuple):
-        return lambda matrix, place: _place(matrix, place[0], place[1])
+        return lambda matrix, place: _row(matrix, place[0])[place[1]]
     if isinstance(matrix, MatrixType) and isinstance(place, types.Integer):
         return lambda matrix, place: _row(matrix, place)
     return None
@@ -117,7 +107,11 @@ def _dot(matrix: Any, x: Any) -> Any:
     def product(matrix: Any, x: Any) -> Any:
         y = x
         for i in range(n):
-            y = with_element(y, i, total(_row(matrix, i) * x))
+            row = _row(matrix, i) * x
+            total = row[0]
+            for j in range(1, n):
+                total += row[j]
+            y = with_element(y, i, total)
         return y
     return product
 
@@ -194,11 +188,3 @@ def _inverse_diagonal(matrix: Any) -> Any:
             y = with_element(y, i, column[i])
         return y
     return elements
-
-
-def copy(builder: Any, source: Any, target: Any, n: int) -> None:
-    """Copy the `n` rows of a matrix from pointer to pointer."""
-    for i in range(n):
-        place = ir.Constant(ir.IntType(64), i * n)
-        row = read(builder, builder.gep(source, [place]), n)
-        write(builder, row, builder.gep(target, [place]))

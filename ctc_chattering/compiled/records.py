@@ -53,6 +53,23 @@ def store(fields: Any, value: Any) -> None:
             fields[name] = x
 
 
+def views(fields: Any) -> Any:
+    """
+    Return the record of `load`, with views of the fields; numbers are arrays of shape ().
+
+    Parameters
+    ----------
+    fields : NumPy record, or array of shape ()
+        Of `packed`, or a record in it.
+
+    """
+    if isinstance(fields, np.void):
+        fields = np.frombuffer(fields, fields.dtype).reshape(())
+    kind = kind_of(fields.dtype.names)
+    return kind(*(views(fields[name]) if fields.dtype[name].names else fields[name]
+                  for name in kind._fields))
+
+
 def value(field: Any) -> Any:
     """Return the number, vector, matrix or record of a field of a NumPy record."""
     if isinstance(field, np.void):
@@ -81,7 +98,8 @@ def _described(value: Any) -> tuple[Any, tuple[Any, ...]]:
             layout, x = _described(x)
             fields.append((name, layout, ()))
         else:
-            x = np.asarray(x, np.int64 if type(x) is int else float)
+            x = np.asarray(x)
+            x = x if x.dtype == np.int64 and not x.ndim else x.astype(float)
             fields.append((name, x.dtype, x.shape))
         values.append(x)
     mark = (_IS + _name(type(value)), np.dtype(np.int64), ())

@@ -21,7 +21,7 @@ Arithmetic is one instruction for all joints, nothing is allocated, and n is a c
 from __future__ import annotations
 
 from collections.abc import Callable
-import inspect
+from functools import partial
 import operator
 from typing import Any
 
@@ -35,29 +35,13 @@ import numpy as np
 DOUBLE, BIT, INT = ir.DoubleType(), ir.IntType(1), ir.IntType(32)
 #: Of functions that compiled code alone calls: an entry for C takes a tenth of the compilation.
 INTERNAL: Any = {'no_cfunc_wrapper': True}
-
-
-def lowered(function: Callable[..., Any]) -> Any:
-    """Return what is compiled to the instructions that `function` says."""
-    return intrinsic(function)
-
-
-def overloaded(function: Any) -> Callable[[Callable[..., Any]], Any]:
-    """Have compiled code call for `function` what the decorated one returns for its types."""
-    return lambda chosen: overload(function, jit_options=INTERNAL)(_bare(chosen))
-
-
-def _bare(chosen: Callable[..., Any]) -> Callable[..., Any]:
-    """Return a function without annotations, its results too: numba compares them."""
-    def stripped(*kinds: Any) -> Any:
-        made = chosen(*kinds)
-        if made is not None:
-            made.__annotations__ = {}
-        return made
-
-    chosen.__annotations__ = {}
-    setattr(stripped, '__signature__', inspect.signature(chosen))  # noqa: B010
-    return stripped
+#: Of what is overloaded; strictly, numba would compare annotations.
+OVERLOADED: Any = {'strict': False, 'jit_options': INTERNAL}
+Decorator = Callable[[Callable[..., Any]], Any]
+#: The decorated function says to which instructions it is compiled.
+lowered: Decorator = intrinsic
+#: The decorated function returns, by its types, what compiled code calls for another one.
+overloaded: Callable[[Any], Decorator] = partial(overload, **OVERLOADED)
 
 
 class VectorType(types.Type):
@@ -75,10 +59,8 @@ class _VectorModel(models.PrimitiveModel):
         super().__init__(manager, kind, ir.VectorType(BIT if kind.truth else DOUBLE, kind.n))
 
 
-def method(name: str) -> Callable[[Callable[..., Any]], Any]:
-    """Have compiled code call for a method of vectors what the decorated function returns."""
-    options: Any = {'jit_options': INTERNAL}
-    return lambda chosen: overload_method(VectorType, name, **options)(_bare(chosen))
+#: The same for a method of vectors.
+method: Callable[[str], Decorator] = partial(overload_method, VectorType, **OVERLOADED)
 
 
 def is_vector(kind: Any) -> bool:
@@ -108,7 +90,8 @@ def _broadcast(context: Any, builder: Any, kind: Any, value: Any, n: int) -> Any
     return made
 
 
-def _elementwise(function: Any, emit: Callable[..., Any], truth: bool = False) -> None:
+def _elementwise(function: Any, emit: Callable[..., Any], truth: bool = False,
+                 takes: Callable[[Any], bool] = is_vector) -> None:
     """Have `function` take two vectors, or a vector and a number; `emit` writes it."""
     @lowered
     def made(_typing: Any, a: Any, b: Any) -> Any:
@@ -122,7 +105,7 @@ def _elementwise(function: Any, emit: Callable[..., Any], truth: bool = False) -
 
     @overloaded(function)
     def chosen(a: Any, b: Any) -> Any:
-        if any(map(is_vector, (a, b))) and all(is_vector(x) or _is_number(x) for x in (a, b)):
+        if any(map(takes, (a, b))) and all(takes(x) or _is_number(x) for x in (a, b)):
             return lambda a, b: made(a, b)
         return None
 
@@ -137,17 +120,6 @@ def _of_one(function: Any, emit: Callable[..., Any], takes: Callable[[Any], bool
     @overloaded(function)
     def chosen(a: Any) -> Any:
         return (lambda a: made(a)) if takes(a) else None
-
-
-def _of_truths(function: Any, instruction: str) -> None:
-    @lowered
-    def made(_typing: Any, a: Any, b: Any) -> Any:
-        return a(a, b), lambda _context, builder, _signature, values: getattr(
-            builder, instruction)(*values)
-
-    @overloaded(function)
-    def chosen(a: Any, b: Any) -> Any:
-        return (lambda a, b: made(a, b)) if _is_truths(a) and _is_truths(b) else None
 
 
 def _built_in(name: str) -> Callable[..., Any]:
@@ -201,8 +173,9 @@ for _function, _instruction in ((operator.lt, '<'), (operator.le, '<='), (operat
     _elementwise(_function, _comparison(_instruction), truth=True)
 _elementwise(np.minimum, _extreme('<'))
 _elementwise(np.maximum, _extreme('>'))
-_of_truths(operator.and_, 'and_')
-_of_truths(operator.or_, 'or_')
+for _function, _instruction in ((operator.and_, 'and_'), (operator.or_, 'or_')):
+    _elementwise(_function, lambda builder, a, b, name=_instruction: getattr(builder, name)(a, b),
+                 truth=True, takes=_is_truths)
 _of_one(operator.neg, lambda builder, value, _n: builder.fneg(value))
 _of_one(operator.invert, lambda builder, value, _n: builder.not_(value), _is_truths)
 _of_one(np.abs, _built_in('fabs'))
@@ -240,7 +213,6 @@ def _any_of(_typing: Any, condition: Any) -> Any:
     return types.boolean(condition), generate
 
 
-@method('any')
 @overloaded(compilable.some)
 def _some(condition: Any) -> Any:
     if condition.truth:
@@ -248,7 +220,6 @@ def _some(condition: Any) -> Any:
     return lambda condition: _any_of(condition != 0.0)
 
 
-@method('all')
 @overloaded(compilable.every)
 def _every(condition: Any) -> Any:
     return (lambda condition: not _any_of(~condition)) if condition.truth else None
@@ -277,39 +248,23 @@ def with_element(_typing: Any, x: Any, i: Any, value: Any) -> Any:
     return x(x, i, types.float64), generate
 
 
-@lowered
-def total(_typing: Any, x: Any) -> Any:
-    def generate(_context: Any, builder: Any, _signature: Any, values: Any) -> Any:
-        total = builder.extract_element(values[0], ir.Constant(INT, 0))
-        for i in range(1, x.n):
-            total = builder.fadd(total, builder.extract_element(values[0], ir.Constant(INT, i)))
-        return total
-    return types.float64(x), generate
-
-
-@lowered
-def _largest(_typing: Any, x: Any) -> Any:
-    def generate(_context: Any, builder: Any, _signature: Any, values: Any) -> Any:
-        largest = builder.extract_element(values[0], ir.Constant(INT, 0))
-        for i in range(1, x.n):
-            one = builder.extract_element(values[0], ir.Constant(INT, i))
-            larger = builder.and_(builder.fcmp_ordered('ord', largest, largest),  # nan is kept
-                                  builder.fcmp_unordered('>', one, largest))
-            largest = builder.select(larger, one, largest)
-        return largest
-    return types.float64(x), generate
-
-
 @method('max')
 def _max(x: Any) -> Any:
-    del x
-    return lambda x: _largest(x)
+    n = x.n
+
+    def largest(x: Any) -> Any:
+        found = x[0]
+        for i in range(1, n):
+            if x[i] > found or x[i] != x[i]:  # nan is kept.
+                found = x[i]
+        return found
+    return largest
 
 
 @method('min')
 def _min(x: Any) -> Any:
     del x
-    return lambda x: -_largest(-x)
+    return lambda x: -(-x).max()
 
 
 @overloaded(compilable.first)

@@ -20,13 +20,14 @@ from collections.abc import Sequence
 from math import inf, pi, sqrt
 
 from ctc_chattering.configuration import parameter_file
-from ctc_chattering.configuration.loop_setup import Setup, Values
+from ctc_chattering.configuration.loop_setup import Values
 from ctc_chattering.configuration.package_share import read_description
 from ctc_chattering.control.controller_config import ControllerConfig
 from ctc_chattering.control.recommended_gains import LAW, model_torque, recommended_gains
 from ctc_chattering.dynamics.registry import model_of
 from ctc_chattering.dynamics.urdf_parser import Tree
 from ctc_chattering.errors import CtcError
+from ctc_chattering.numerics.time_grid import NANOSECONDS
 from ctc_chattering.trajectory.joint_limits import DescribedLimits, JointLimits
 from ctc_chattering.trajectory.reference import make_motion
 import numpy as np
@@ -36,10 +37,9 @@ SHARE, _AMPLITUDE, _FREQUENCY = 0.5, 0.5, 0.5
 #: Coulomb friction that is assumed, as a part of the torque that the model takes, and what ka has
 #: for that of the real robot, as a part of the effort limit.
 FRICTION, KA = 0.1, 0.06
-#: Duration of a run and of its smooth start [s], and instants at which the torque is evaluated.
-_DURATION, _START, _INSTANTS = 10.0, 2.0, 200
-#: How often the motion is slowed down, and by what.
-_TRIES, _SLOWER = 12, 0.7
+#: Duration of a run and of its smooth start [s], and time between the instants at which the torque
+#: is evaluated [ns].
+_DURATION, _START, _STEP = 10.0, 2.0, NANOSECONDS // 20
 
 
 def new_robot(location: str, joints: Sequence[str] = (), gravity: float = 9.81
@@ -69,60 +69,44 @@ def new_robot(location: str, joints: Sequence[str] = (), gravity: float = 9.81
     """
     text = read_description(location)
     names = tuple(joints) or Tree(text).movable
-    if not names:
-        raise CtcError(f'{location}: the description has no joint that moves')
     every = {'joint_names': names, 'control_period': 1e-3, 'gravity': gravity, 'model': 'urdf',
              'description': location}
     config = ControllerConfig.from_mapping(every)
     model = model_of(config, text)
     expected = model_torque(config, model)
     assert expected is not None  # Only a model of the user's has none.
-    largest = [a if a < inf else b for a, b in zip(model.effort_limits, expected.tolist())]
+    largest = np.array([a if a < inf else b for a, b in zip(model.effort_limits, expected)])
     friction = [_short(FRICTION * x) for x in expected]
     centre, amplitude, frequency = map(list, zip(*map(_sinusoid, DescribedLimits(
         text, names).joints)))
-    for name, needed, most in zip(names, model.gravity_torque(centre), largest):
-        if abs(needed) > most:
-            raise CtcError(f'{name}: holding the robot in the middle of its limits takes '
-                           f'{abs(needed):.3g} N·m, but <limit effort> allows {most:g}; correct '
-                           'the URDF, or choose other joints by --joints')
-    gains = recommended_gains(config.changed({'ka': [KA * x for x in largest]}), expected)
+    gains = recommended_gains(config.changed({'ka': KA * largest}), expected)
     values: dict[str, Values] = {
         parameter_file.EVERY_NODE: every,
-        'plant': {'pacing': 'lockstep', 'duration': _DURATION, 'initial_position': list(centre),
+        'plant': {'pacing': 'lockstep', 'duration': _DURATION, 'initial_position': centre,
                   'coulomb_friction': friction},
         'controller': {'law': LAW, **gains},
-        'reference': {'center': centre, 'amplitude': amplitude, 'start_duration': _START}}
-    for k in range(_TRIES):
-        values['reference']['frequency'] = [_short(_SLOWER ** k * x) for x in frequency]
-        reason = _beyond(parameter_file.load(None, values), largest)
-        if not reason:
-            return values
-    raise CtcError(f'{location}: no sinusoid within the limits was found; {reason}')
+        'reference': {'center': centre, 'amplitude': amplitude, 'frequency': frequency,
+                      'start_duration': _START}}
+    motion = make_motion(parameter_file.load(None, values).reference, None,
+                         {name: (x, 0.0) for name, x in zip(names, centre)})
+    torques = np.max([np.abs(model.inverse_dynamics(*motion.at(t))) for t in range(
+        0, round(_DURATION * NANOSECONDS), _STEP)], axis=0) + friction
+    for name, needed, most in zip(names, torques, largest):
+        if needed > most:  # Nearly all of it is the weight: a slower motion would not help.
+            raise CtcError(f'{name}: a motion around the middle of the limits takes {needed:.3g} '
+                           f'N·m, but <limit effort> allows {most:g}; correct the URDF, or choose '
+                           'other joints by --joints')
+    return values
 
 
 def _sinusoid(joint: JointLimits) -> tuple[float, float, float]:
     """Return centre and amplitude [rad or m] and frequency [Hz] of a joint's motion."""
     low, high = joint.position
-    bounded = -inf < low < high < inf
-    room = 0.5 * (high - low) if bounded else pi
-    amplitude = min(_AMPLITUDE, SHARE * room)
+    centre = 0.5 * (low + high) if -inf < low < high < inf else 0.0
+    amplitude = min(_AMPLITUDE, 0.5 * SHARE * (high - low))
     fastest = min(2.0 * pi * _FREQUENCY, SHARE * joint.velocity[1] / amplitude,
                   sqrt(SHARE * joint.acceleration[1] / amplitude))
-    return (_short(0.5 * (low + high)) if bounded else 0.0, _short(amplitude),
-            _short(fastest / (2.0 * pi)))
-
-
-def _beyond(setup: Setup, largest: Sequence[float]) -> str:
-    """Return which joint's motion takes more than its torque [N·m]; empty if none does."""
-    config, plant = setup.controller, setup.plant
-    model = model_of(config, setup.descriptions['controller'])
-    motion = make_motion(setup.reference, None, dict(zip(
-        plant.joint_names, zip(plant.initial_position, plant.initial_velocity))))
-    torques = np.abs([model.inverse_dynamics(*motion.at(t)) for t in np.linspace(
-        0.0, 1e9 * _DURATION, _INSTANTS).astype(int).tolist()]).max(axis=0)
-    return '; '.join(f'{name} takes {x:.3g} N·m of {most:g}' for name, x, most, f in zip(
-        config.joint_names, torques, largest, plant.coulomb_friction) if x + f > most)
+    return _short(centre), _short(amplitude), _short(fastest / (2.0 * pi))
 
 
 def _short(value: float) -> float:

@@ -26,20 +26,11 @@ from ctc_chattering.trajectory.reference import ReferenceConfig
 
 @dataclasses.dataclass(frozen=True)
 class NodeConfig(Config):
-    """
-    Parameters that all nodes of the loop have besides those of their subject.
-
-    Those of scheduling are called as in ros2_control's manager.
-    """
+    """A parameter that all nodes of the loop have besides those of their subject."""
 
     wait_for: tuple[str, ...] = parameter(
         ('',), 'Nodes that must have subscribed before the first message (set by bringup).',
         read_only=True)
-    thread_priority: int = parameter(
-        0, 'Real time: SCHED_FIFO priority; 0 for none.', maximum=99, read_only=True)
-    lock_memory: bool = parameter(False, 'Real time: memory is never swapped out.', read_only=True)
-    cpu_affinity: int = parameter(
-        -1, 'Processor to run on; -1 for any.', minimum=-1, maximum=1023, read_only=True)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -122,39 +113,21 @@ NODE_DESCRIPTIONS = {
     'recorder': 'The recorder: records every message of the graph in a bag.'}
 
 
-def parameter_help(node: str) -> str:
-    """Return the parameters of an executable, one a line."""
-    return '\n'.join(f'  {spec.name} ({spec.kind}, {_shown(spec.default)}): {spec.meaning}'
-                     for spec in NODES[node].parameters().values() if spec.name not in INTERNAL)
-
-
 def parameter_table() -> str:
-    """Return all parameters of all executables as Markdown, under the nodes that have them."""
-    nodes: dict[str, list[str]] = {}
-    for node in NODES:
-        for spec in NODES[node].parameters().values():
-            if spec.name not in INTERNAL:
-                nodes.setdefault(_row(spec), []).append(node)
-    sections: dict[str, list[str]] = {}
-    for row, names in nodes.items():
-        sections.setdefault(', '.join(names), []).append(row)
-    return '\n\n'.join(
-        '\n'.join((f'## {title}\n',
-                   '| parameter | allowed | default | unit | while running | meaning |',
-                   '|---|---|---|---|---|---|', *rows)) for title, rows in sections.items())
-
-
-def _row(spec: Parameter) -> str:
-    """Return the cells of a parameter in the tables."""
-    allowed = spec.allowed.replace('|', '\\|')
-    return (f'| `{spec.name}` | {allowed} | `{_shown(spec.default)}` | {unit_text(spec.unit)} | '
-            f'{"" if spec.read_only else "yes"} | {spec.meaning} |')
+    """Return all parameters of all executables as a table in Markdown."""
+    nodes: dict[Parameter, list[str]] = {}
+    for node, kind in NODES.items():
+        for spec in kind.parameters().values():
+            nodes.setdefault(spec, []).append(node)
+    rows = [('parameter', 'nodes', 'allowed', 'default', 'unit', 'while running', 'meaning'),
+            ('---',) * 7, *(
+        (f'`{spec.name}`', ', '.join(names), spec.allowed.replace('|', '\\|'),
+         f'`{_shown(spec.default)}`', unit_text(spec.unit), '' if spec.read_only else 'yes',
+         spec.meaning) for spec, names in nodes.items() if spec.name not in INTERNAL)]
+    return '\n'.join(f'| {" | ".join(row)} |' for row in rows)
 
 
 def _shown(value: object) -> str:
-    """Return a default for the table; one number stands for every joint."""
-    if isinstance(value, tuple):
-        return f'[{", ".join(map(_shown, value))}]'
-    if isinstance(value, float):
-        return f'{value:g}'.replace('inf', '.inf')
-    return str(value).lower() if isinstance(value, bool) else str(value) or "''"
+    """Return a default as a file has it; one number stands for every joint."""
+    text = str(list(value) if isinstance(value, tuple) else value) or "''"
+    return text.replace('inf', '.inf')

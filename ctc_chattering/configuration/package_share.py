@@ -16,12 +16,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 import os
 from pathlib import Path
 import sys
-from types import MappingProxyType
-from typing import Any, NamedTuple
+from typing import Any
 
 from ctc_chattering.errors import CtcError, near, UsageError
 
@@ -39,13 +38,11 @@ def config_directory() -> Path:
         If there is none.
 
     """
-    package = Path(__file__).resolve().parents[1]
-    candidates = [package.parent / 'config'] if (package.parent / 'package.xml').exists() else []
-    candidates += [prefix / 'share' / 'ctc_chattering' / 'config'
-                   for prefix in (*package.parents, Path(sys.prefix))]
-    for candidate in candidates:
-        if (candidate / 'friction.yaml').exists():
-            return candidate
+    for prefix in (*Path(__file__).resolve().parents, Path(sys.prefix)):
+        checkout = (prefix / 'package.xml').exists()
+        found = prefix / ('config' if checkout else 'share/ctc_chattering/config')
+        if (found / 'friction.yaml').exists():
+            return found
     raise CtcError('the configuration files of ctc_chattering are not installed')
 
 
@@ -160,33 +157,14 @@ def _prefixes() -> Iterator[Path]:
             yield bundle
 
 
-class Experiment(NamedTuple):
-    """One run: a parameter file in `config/`, and parameters of the controller instead of its."""
-
-    file: str
-    values: Mapping[str, Any] = MappingProxyType({})
-
-    @property
-    def path(self) -> Path:
-        """Return the parameter file."""
-        return config_directory() / f'{self.file}.yaml'
-
-    @property
-    def name(self) -> str:
-        """Name of its bag."""
-        return '_'.join((self.file, *(x for x in self.values.values() if isinstance(x, str))))
-
-    @property
-    def overrides(self) -> dict[str, Mapping[str, Any]]:
-        """Values that override those of the file."""
-        return {'controller': self.values} if self.values else {}
-
-
 #: Figures 2 to 9 of the paper, the switching that this package recommends (Ka above friction),
-#: and the switch from one law to the other.
-EXPERIMENTS = (
-    Experiment('friction', {'law': 'compensation'}), Experiment('friction', {'law': 'chattering'}),
-    Experiment('friction', {
+#: and the switch from one law to the other: a parameter file of the package, and values of the
+#: controller in the place of its own, by the name of the bag.
+EXPERIMENTS: dict[str, tuple[str, dict[str, Any]]] = {
+    'friction_compensation': ('friction', {'law': 'compensation'}),
+    'friction_chattering': ('friction', {'law': 'chattering'}),
+    'friction_chattering_implicit_observer': ('friction', {
         'law': 'chattering', 'switching': 'implicit_observer', 'ka': [12.0, 12.0]}),
-    Experiment('disturbance', {'law': 'compensation'}),
-    Experiment('disturbance', {'law': 'chattering'}), Experiment('switch'))
+    'disturbance_compensation': ('disturbance', {'law': 'compensation'}),
+    'disturbance_chattering': ('disturbance', {'law': 'chattering'}),
+    'switch': ('switch', {})}

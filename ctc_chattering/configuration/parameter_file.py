@@ -22,42 +22,23 @@ of the package's files, and gives a law its gains (`with_gains`).
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from math import inf
 from operator import itemgetter
 from pathlib import Path
 from typing import Any
 
-from ctc_chattering.configuration.loop_setup import (
-    check_agreement,
-    check_motion,
-    check_overrides,
-    made,
-    Overrides,
-    Setup,
-    Values,
-)
+from ctc_chattering.configuration import yaml_file
+from ctc_chattering.configuration.loop_setup import check_motion, Overrides, Setup, Values
 from ctc_chattering.configuration.node_parameters import LOOP, NODES
 from ctc_chattering.configuration.package_share import find_config, read_description
-from ctc_chattering.configuration.yaml_file import (
-    Dumper,
-    parse_value,
-    read_trajectory,
-    read_yaml,
-)
 from ctc_chattering.control.controller_config import ControllerConfig
-from ctc_chattering.control.recommended_gains import (
-    GainChoice,
-    GAINS,
-    LAW,
-    model_torque,
-    suitable_gains,
-)
-from ctc_chattering.controller.trips import change_steps
+from ctc_chattering.control.recommended_gains import GainChoice, GAINS, LAW, model_torque
+from ctc_chattering.controller.trips import check_change
 from ctc_chattering.dynamics.registry import model_of
-from ctc_chattering.errors import CtcError, near, ParameterError, UsageError
+from ctc_chattering.errors import CtcError, near, ParameterError, prefixed, UsageError
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.simulation.closed_loop import Event
-import yaml
 
 #: Section whose parameters apply to every node that has them.
 EVERY_NODE = '/**'
@@ -87,31 +68,29 @@ def load(path: Path | None, overrides: Overrides | None = None) -> Setup:
         allowed, or contradictory values; or if its file of waypoints is wrong.
 
     """
-    sections = read(path) if path is not None else {}
-    for name in sections:
+    sections = read(path) if path else {}
+    for name in (*sections, *(overrides or {})):
         if name not in (*NODES, EVERY_NODE):
             raise CtcError(f'{path}: no node is called {name}; allowed: '
                            f'{", ".join((*NODES, EVERY_NODE))}{near(name, NODES)}')
     values = {node: node_values(sections, node, str(path))
               | node_values(overrides or {}, node, 'overrides') for node in NODES}
-    values['plant'].setdefault('experiment', path.stem if path is not None else 'friction')
-    resolved = {node: made(node, kind.from_mapping, {
-        name: x for name, x in values[node].items() if name not in OF_ROS}).as_mapping()
-        for node, kind in NODES.items()}
+    values['plant'].setdefault('experiment', path.stem if path else 'friction')
+    resolved: dict[str, Values] = {}
+    for node, kind in NODES.items():
+        with prefixed(f'{node}: '):
+            resolved[node] = kind.from_mapping({
+                name: x for name, x in values[node].items() if name not in OF_ROS}).as_mapping()
     loop: dict[str, Any] = {node: kind.from_mapping({name: resolved[node][name] for name in (
         kind.parameters())}) for node, kind in LOOP.items()}
     plant, controller, reference = loop.values()
-    check_agreement(plant, controller, reference)
-    if values['plant'].get('use_sim_time') is True and plant.pacing == 'real_time':
-        raise UsageError('use_sim_time: true contradicts real_time, the pacing of plant: it '
-                         'gives the time itself, in lockstep on clock')
-    route = read_trajectory(Path(reference.trajectory_file), reference.joint_names
-                            ) if reference.trajectory_file else None
+    file = reference.trajectory_file
+    route = yaml_file.read_trajectory(Path(file), reference.joint_names) if file else None
     descriptions = {node: read_description(config.description) for node, config in loop.items()
                     if config.described and config.description}
-    events = parse_events(resolved['bringup']['events'],
-                          {'plant': plant, 'controller': controller},
-                          lambda: known_model_torque(controller, descriptions))
+    lines = resolved['bringup']['events']
+    torque = known_model_torque(controller, descriptions) if LAW in ' '.join(lines) else None
+    events = parse_events(lines, {'plant': plant, 'controller': controller}, torque)
     setup = Setup(plant, controller, reference, events, resolved, route, descriptions)
     check_motion(setup)
     return setup
@@ -136,10 +115,9 @@ def dump(values: Mapping[str, Values], path: Path) -> None:
         File to write.
 
     """
-    tree = {node: {'ros__parameters': {
+    yaml_file.write_yaml({node: {'ros__parameters': {
         name: list(value) if isinstance(value, tuple) else value
-        for name, value in mine.items()}} for node, mine in values.items()}
-    path.write_text(yaml.dump(tree, Dumper=Dumper, default_flow_style=None), encoding='utf-8')
+        for name, value in mine.items()}} for node, mine in values.items()}, path)
 
 
 def read(path: Path) -> dict[str, Values]:
@@ -163,37 +141,25 @@ def read(path: Path) -> dict[str, Values]:
 
 def full_sections(path: Path) -> dict[str, Values]:
     """Return the sections of a parameter file: full name and flat values; see `read`."""
-    tree = read_yaml(path)
+    tree = yaml_file.read_yaml(path)
     if not isinstance(tree, dict):
         raise CtcError(f'{path}: not a parameter file; it needs node names at the top')
-    return _each_once(f'{path}: section', _sections(tree, '', path))
-
-
-def _each_once(what: str, pairs: Iterable[tuple[str, Any]]) -> Values:
-    """Return pairs by name; raise for a name that two spellings give, as a.b and a: {b: …}."""
-    found: Values = {}
-    for name, value in pairs:
-        if name in found:
-            raise CtcError(f'{what} {name} is given twice, in two spellings')
-        found[name] = value
+    found: dict[str, Values] = {}
+    for key, below in tree.items():
+        name = f'/{key}'.replace('//', '/')
+        values = below.get('ros__parameters', '') if isinstance(below, dict) else ''
+        if not (values is None or isinstance(values, dict)):
+            raise CtcError(f'{path}: {name}: ros__parameters is missing, or holds no parameters')
+        pairs = list(_flat(values or {}, ''))
+        if name in found or len({x for x, _ in pairs}) < len(pairs):
+            raise CtcError(f'{path}: section {name}, or a parameter in it, is given twice, in two '
+                           'spellings')
+        found[name] = dict(pairs)
     return found
 
 
-def _sections(tree: Mapping[Any, Any], prefix: str, path: Path) -> Iterator[tuple[str, Values]]:
-    for key, below in tree.items():
-        name = f'{prefix}/{key}'.replace('//', '/')
-        if not isinstance(below, dict):
-            raise CtcError(f'{path}: {name}: ros__parameters is missing')
-        if 'ros__parameters' in below:
-            values = below['ros__parameters']
-            if not (values is None or isinstance(values, dict)):
-                raise CtcError(f'{path}: {name}: ros__parameters holds no parameters')
-            yield name, _each_once(f'{path}: {name}: parameter', _flat(values or {}, ''))
-        else:
-            yield from _sections(below, name, path)
-
-
 def _flat(values: Mapping[Any, Any], prefix: str) -> Iterator[tuple[str, Any]]:
+    """Yield names and values; a name has a dot for each mapping that the value stands in."""
     for key, value in values.items():
         if isinstance(value, dict):
             yield from _flat(value, f'{prefix}{key}.')
@@ -224,8 +190,8 @@ def node_values(sections: Overrides, node: str, source: str) -> Values:
     return values
 
 
-def parse_events(lines: Sequence[str], configs: Mapping[str, Any],
-                 model_torque: Callable[[], Array | None] = lambda: None) -> tuple[Event, ...]:
+def parse_events(lines: Sequence[str], configs: Mapping[str, Any], torque: Array | None = None
+                 ) -> tuple[Event, ...]:
     """
     Return the events that `lines` describe, each "time node parameter value".
 
@@ -237,8 +203,8 @@ def parse_events(lines: Sequence[str], configs: Mapping[str, Any],
         The value is YAML; empty lines are ignored.
     configs : mapping
         Configuration of each node that can have events, at the start of the run.
-    model_torque : callable, optional
-        Returns `model_torque` of the controller; None while it is not known.
+    torque : array, shape (n,), optional
+        `model_torque` of the controller; None while it is not known.
 
     Raises
     ------
@@ -247,45 +213,34 @@ def parse_events(lines: Sequence[str], configs: Mapping[str, Any],
         or a value that is not allowed.
 
     """
-    events = []
+    parsed: list[tuple[float, str, str, Any]] = []
     for line in filter(None, lines):
-        words = line.split(None, 3)
         try:
-            time, (node, name, value) = float(words[0]), words[1:]
-            spec = configs[node].parameters().get(name)
-        except (ValueError, IndexError, KeyError):
-            raise ParameterError(
-                'events', line, '"time node parameter value", node ' + ' | '.join(configs)
-            ) from None
-        if not 0.0 <= time < float('inf'):
-            raise ParameterError('events', line, 'a time >= 0')
+            time, node, name, text = line.split(None, 3)
+            if not (0.0 <= float(time) < inf and node in configs):
+                raise ValueError
+            parsed.append((float(time), node, name, yaml_file.parse_value(text)))
+        except (ValueError, CtcError):
+            raise ParameterError('events', line, (
+                '"time node parameter value": a time >= 0, node ' + ' | '.join(configs)
+                + ', and a value in YAML, not null')) from None
+        spec = configs[node].parameters().get(name)
         if spec is not None and spec.read_only:
             raise ParameterError('events', name, 'a parameter that can change during the run')
-        try:
-            events.append((time, node, name, parse_value(value)))
-        except CtcError:
-            raise ParameterError('events', line, 'a value in YAML, not null') from None
-    events.sort(key=itemgetter(0))
-    current, choice = dict(configs), GainChoice()
-    without_gains = not any(name in GAINS for _, _, name, _ in events)
-    result = []
-    for time, node, name, value in events:
+    parsed.sort(key=itemgetter(0))
+    current, choice = dict(configs), GainChoice(torque)
+    without_gains = not any(name in GAINS for _, _, name, _ in parsed)
+    events = []
+    for at, node, name, value in parsed:
         before, values = current[node], {name: value}
         if name == 'law':
-            law = before.changed(values).law
-            if law == LAW != before.law:
-                choice.torque = model_torque()
-            taken = choice.of_law(law, before)
-            values |= {x: taken[x] if without_gains else before.as_mapping()[x] for x in taken}
+            taken = choice.of_law(before.changed(values).law, before)
+            values |= taken if without_gains else {x: before.as_mapping()[x] for x in taken}
         current[node] = before.changed(values)
-        wanted = {x: current[node].as_mapping()[x] for x in values}
-        if node == 'controller':  # A file that names a large change confirms it.
-            old = before.as_mapping()
-            result += [Event(time, node, {x: step}) for x, value in wanted.items()
-                       for step in change_steps(before.parameters()[x], old[x], value,
-                                                len(old['joint_names']))[:-1]]
-        result.append(Event(time, node, wanted))
-    return tuple(result)
+        if node == 'controller':
+            check_change(before, current[node])
+        events.append(Event(at, node, {x: current[node].as_mapping()[x] for x in values}))
+    return tuple(events)
 
 
 def with_gains(path: Path | None, overrides: Overrides, gains: str | None = None
@@ -321,34 +276,24 @@ def with_gains(path: Path | None, overrides: Overrides, gains: str | None = None
     found = {node: dict(values) for node, values in overrides.items()}
     given = node_values(found, 'controller', 'overrides')
     in_file = node_values(read(path) if path else {}, 'controller', str(path))
-    of_file = in_file.get('law')
-    law = given.get('law', of_file)
-    chosen = given.keys().isdisjoint(GAINS) and (
-        in_file.keys().isdisjoint(GAINS) if law == of_file == LAW
-        else (law == LAW) != (of_file == LAW))
-    if gains == FROM_FILE or (gains is None and not chosen):
+    own, of_own = given.get('law', in_file.get('law')) == LAW, in_file.get('law') == LAW
+    suit = own == of_own and not (own and in_file.keys().isdisjoint(GAINS))
+    if gains == FROM_FILE or (gains is None and (suit or not given.keys().isdisjoint(GAINS))):
         return found, ''
-    if gains is not None and law != LAW:
-        raise UsageError(f'--gains {gains}: {law} has no recommended '
-                         f'gains; allowed with --law {LAW}')
     setup = load(path, found)
-    torque = known_model_torque(setup.controller, setup.descriptions) if law == LAW else None
-    taken = {name: x for name, x in suitable_gains(str(law), setup.controller, torque).items()
-             if name not in given}
-    found.setdefault('controller', {}).update(taken)
-    text = ', '.join(f'{name} {_shown(x)}' for name, x in taken.items())
-    if law == LAW:
-        start = found.setdefault('reference', {}).setdefault(
+    if gains is not None and not own:
+        raise UsageError(f'--gains {gains}: {setup.controller.law} has no recommended gains; '
+                         f'allowed with --law {LAW}')
+    torque = known_model_torque(setup.controller, setup.descriptions) if own else None
+    taken = GainChoice(torque).suitable(setup.controller.law, setup.controller) | given
+    found['controller'] = taken
+    if own:
+        found.setdefault('reference', {}).setdefault(
             'start_duration', max(setup.reference.start_duration, _START))
-        text += f', and start_duration {start} s for a smooth start'
-    return found, (f'law {law} takes recommended gains: {text}; --gains file takes those of the '
-                   'file')
-
-
-def _shown(value: float | tuple[float, ...]) -> str:
-    """Return a gain, once if it is the same for all joints."""
-    values = value if isinstance(value, tuple) else (value,)
-    return f'{values[0]:g}' if len(set(values)) == 1 else '/'.join(f'{x:g}' for x in values)
+    return found, (f'law {setup.controller.law} takes recommended gains'
+                   + (' and a smooth start: ' if own else ': ') + ', '.join(
+                       f'{name} {x}' for name, x in taken.items() if name not in given)
+                   + '; --gains file takes those of the file')
 
 
 def load_parameters(path: str | Path = 'friction', overrides: Overrides | None = None,
@@ -390,8 +335,5 @@ def load_parameters(path: str | Path = 'friction', overrides: Overrides | None =
     ('integral', (50.0, 50.0))
 
     """
-    check_overrides('overrides', overrides or {}, (*NODES, EVERY_NODE))
-    if gains not in (None, FROM_FILE, RECOMMENDED):
-        raise ParameterError('gains', gains, f'{FROM_FILE} | {RECOMMENDED}')
     file = find_config(path) if isinstance(path, str) else path
     return load(file, with_gains(file, overrides or {}, gains)[0])

@@ -22,7 +22,7 @@ from pathlib import Path
 import re
 from typing import Any
 
-from ctc_chattering.errors import CtcError, near, ParameterError
+from ctc_chattering.errors import CtcError, near, ParameterError, prefixed
 from ctc_chattering.numerics.time_grid import NANOSECONDS, seconds
 from ctc_chattering.parameters import Parameter
 from ctc_chattering.trajectory.motions import Route
@@ -30,8 +30,8 @@ import yaml
 
 #: Times of messages are 32-bit seconds.
 _LATEST = 2 ** 31
-#: Decimal places of positions, velocities and accelerations in a file.
-_PLACES = 8
+#: Rows of a point of a trajectory, and decimal places of them in a file.
+_ROWS, _PLACES = ('positions', 'velocities', 'accelerations'), 8
 
 
 class Loader(yaml.SafeLoader):
@@ -40,30 +40,24 @@ class Loader(yaml.SafeLoader):
     def compose_mapping_node(self, anchor: Any) -> yaml.MappingNode:
         """Return a mapping as it is written; of equal keys YAML would take the last silently."""
         node: yaml.MappingNode = super().compose_mapping_node(anchor)
-        lines: dict[tuple[str, str], int] = {}
+        lines: dict[str, int] = {}
         for key in (key for key, _ in node.value if isinstance(key, yaml.ScalarNode)):
-            name, line = (key.tag, key.value), key.start_mark.line + 1
-            if name in lines:
-                raise CtcError(f'key {key.value} appears twice in one mapping, in lines '
-                               f'{lines[name]} and {line}')
-            lines[name] = line
+            line = key.start_mark.line + 1
+            if key.value in lines:
+                raise CtcError(f'{self.name}: key {key.value} appears twice in one mapping, in '
+                               f'lines {lines[key.value]} and {line}')
+            lines[key.value] = line
         return node
-
-
-Loader.add_implicit_resolver(
-    'tag:yaml.org,2002:float',
-    re.compile(r'^[-+]?(\d[\d_]*\.?\d*([eE][-+]?\d+)|\d[\d_]*\.\d*([eE][-+]?\d+)?|'
-               r'\.\d+([eE][-+]?\d+)?|\.(inf|Inf|INF)|\.(nan|NaN|NAN))$'),
-    list('-+0123456789.'))
 
 
 class Dumper(yaml.SafeDumper):
     """YAML that quotes the strings which ROS would read as numbers, such as 1e3."""
 
 
-Dumper.yaml_implicit_resolvers = {
-    key: [*Loader.yaml_implicit_resolvers.get(key, []), *value]
-    for key, value in yaml.SafeDumper.yaml_implicit_resolvers.items()}
+for _kind in (Loader, Dumper):  # What is an integer is one already.
+    _kind.add_implicit_resolver(
+        'tag:yaml.org,2002:float', re.compile(r'[-+]?(\d[\d_]*\.?\d*|\.\d+)([eE][-+]?\d+)?$'),
+        list('-+0123456789.'))
 
 
 def parse_value(text: str) -> Any:
@@ -99,14 +93,20 @@ def read_yaml(path: Path) -> object:
         with path.open(encoding='utf-8') as stream:
             tree = yaml.load(stream, Loader)
         json.dumps(tree, default=str, skipkeys=True)  # What contains itself is refused by it.
-        return tree
     except OSError as error:
         raise CtcError(f'{path}: {error.strerror or error}') from None
-    except CtcError as error:
-        raise CtcError(f'{path}: {error}') from None
     except (yaml.YAMLError, ValueError) as error:
-        text = ' '.join(str(error).split())
-        raise CtcError(f'{path}: not a YAML file: {text}') from None
+        raise CtcError(f'{path}: not a YAML file: {" ".join(str(error).split())}') from None
+    return tree
+
+
+def write_yaml(tree: object, path: Path) -> None:
+    """Write a YAML file as `read_yaml` reads it; raise `CtcError` if it cannot be written."""
+    text = yaml.dump(tree, Dumper=Dumper, default_flow_style=None, sort_keys=False, width=99)
+    try:
+        path.write_text(text, encoding='utf-8')
+    except OSError as error:
+        raise CtcError(f'cannot write {path}: {error.strerror or error}') from None
 
 
 def mapping(name: str, value: object, keys: Sequence[str]) -> dict[Any, Any]:
@@ -124,9 +124,9 @@ def read_trajectory(path: Path, joint_names: Sequence[str]) -> Route:
     """
     Return the waypoints of a file, checked, in the order of `joint_names`.
 
-    The file has `joint_names` and `points`, each of these with `positions`, `time_from_start` (a
-    number of seconds, or `sec` and `nanosec`), and maybe `velocities` and `accelerations`. A
-    `header` is ignored: times count from the start of the motion.
+    The file has `joint_names` and `points`, each of these with `positions`, `time_from_start` [s]
+    and maybe `velocities` and `accelerations`. A `header` is ignored: times count from the start
+    of the motion.
 
     Parameters
     ----------
@@ -141,11 +141,8 @@ def read_trajectory(path: Path, joint_names: Sequence[str]) -> Route:
         With the file, the point and the allowed values.
 
     """
-    tree = read_yaml(path)
-    try:
-        return _route(tree).ordered(joint_names)
-    except ParameterError as error:
-        raise ParameterError(f'{path}: {error.name}', error.value, error.allowed) from None
+    with prefixed(f'{path}: '):
+        return _route(read_yaml(path)).ordered(joint_names)
 
 
 def write_trajectory(route: Route, path: Path) -> None:
@@ -165,18 +162,10 @@ def write_trajectory(route: Route, path: Path) -> None:
         If it cannot be written.
 
     """
-    points = []
-    for t, point in zip(route.times, route.points):
-        rows = zip(('positions', 'velocities', 'accelerations'), point)
-        points.append({'time_from_start': seconds(t),
-                       **{name: [round(float(x), _PLACES) + 0.0 for x in row]
-                          for name, row in rows if row}})
-    text = yaml.dump({'joint_names': list(route.names), 'points': points}, Dumper=Dumper,
-                     default_flow_style=None, sort_keys=False, width=99)
-    try:
-        path.write_text(text, encoding='utf-8')
-    except OSError as error:
-        raise CtcError(f'cannot write {path}: {error.strerror or error}') from None
+    points = [{'time_from_start': seconds(t), **{
+        name: [round(float(x), _PLACES) + 0.0 for x in row]
+        for name, row in zip(_ROWS, point) if row}} for t, point in zip(route.times, route.points)]
+    write_yaml({'joint_names': list(route.names), 'points': points}, path)
 
 
 def _route(tree: object) -> Route:
@@ -188,23 +177,10 @@ def _route(tree: object) -> Route:
     times, points = [], []
     for i, row in enumerate(rows):
         name = f'points[{i}]'
-        point = mapping(name, row, (
-            'positions', 'velocities', 'accelerations', 'effort', 'time_from_start'))
-        if point.get('effort', []) != []:
+        point = mapping(name, row, (*_ROWS, 'effort', 'time_from_start'))
+        if point.get('effort'):
             raise ParameterError(f'{name}.effort', point['effort'], 'none: it would not be used')
-        times.append(_nanoseconds(f'{name}.time_from_start', point.get('time_from_start')))
-        points.append((point.get('positions'), point.get('velocities', []),
-                       point.get('accelerations', [])))
-    return Route(names, times, points)  # type: ignore[arg-type]
-
-
-def _nanoseconds(name: str, value: object) -> int:
-    if isinstance(value, dict) and value and set(value) <= {'sec', 'nanosec'}:
-        sec, nanosec = value.get('sec', 0), value.get('nanosec', 0)
-        if (type(sec) is type(nanosec) is int and 0 <= sec < _LATEST
-                and 0 <= nanosec < NANOSECONDS):
-            return sec * NANOSECONDS + nanosec
-    elif (isinstance(value, (int, float)) and not isinstance(value, bool)
-            and 0 <= value < _LATEST):
-        return round(value * NANOSECONDS)
-    raise ParameterError(name, value, 'a number of seconds >= 0, or integers sec and nanosec')
+        time = Parameter(f'{name}.time_from_start', 'float', None, '', 's', 0.0, _LATEST)
+        times.append(round(time.checked(point.get('time_from_start')) * NANOSECONDS))
+        points.append(tuple(point.get(x, []) for x in _ROWS))
+    return Route(names, times, points)

@@ -62,7 +62,7 @@ from math import exp, expm1, inf
 from typing import Any, NamedTuple
 
 from ctc_chattering.compiled.compilable import dot, function, record, solve, some
-from ctc_chattering.compiled.machine_code import Call, Code
+from ctc_chattering.compiled.machine_code import Program
 from ctc_chattering.compiled.records import load, packed, rows, store
 from ctc_chattering.control.controller_config import ControllerConfig
 from ctc_chattering.dynamics.compiled_model import Arm, CompiledArm, CompiledModel, EvaluatedModel
@@ -650,7 +650,7 @@ class ControlRecords(NamedTuple):
     made: Array
 
 
-class CompiledStep:
+class CompiledStep(Program):
     """
     The control step of a controller between two changes of its settings, as `PlainStep`.
 
@@ -663,20 +663,14 @@ class CompiledStep:
 
     Attributes
     ----------
-    codes : tuple of Code
-        What must be compiled, for all controllers with this law and number of joints.
     measured, points : array, shape (2, n) and (3 (1 + d), n)
         Of `step`.
     arrival : NumPy record
         As `Arrival` is; that of a regular state until it is set.
     made : array, shape (8, n)
         What it computes.
-    call : Call
-        Goes on by a sample; only if there is machine code.
 
     """
-
-    call: Call
 
     def __init__(self, settings: ControlSettings, law: Any, memories: Memories, transit: Array,
                  arm: Arm) -> None:
@@ -689,16 +683,8 @@ class CompiledStep:
             packed(settings), packed(law), packed(memories), self.arrival, *self._arm.model,
             *(self._arm.place() for _ in range(3)),  # type: ignore[call-arg]
             transit, np.zeros_like(self.points), self.measured, self.made)
-        arguments = (self._records, self.points)
-        code = Code(stepped, arguments, f'control-{type(law).__name__}-{n}'.lower())
-        self.codes = *self._arm.codes, code
-        if self.compiled:
-            self.call = Call(code, arguments)
-
-    @property
-    def compiled(self) -> bool:
-        """Whether there is machine code."""
-        return all(code.compiled for code in self.codes)
+        super().__init__(self._arm.codes, stepped, (self._records, self.points),
+                         f'control-{type(law).__name__}-{n}'.lower())
 
     @property
     def memories(self) -> Memories:

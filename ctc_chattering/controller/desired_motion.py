@@ -16,7 +16,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import cast
 
 from ctc_chattering.numerics.linear_algebra import Vector
@@ -28,7 +27,7 @@ from ctc_chattering.trajectory.motions import smooth_start, TimedMotion, Transit
 PAUSE = NANOSECONDS // 10
 
 
-class DesiredMotion:
+class DesiredMotion(Trajectory):
     """
     Points of the reference at the instants that a law needs, led back to after a pause.
 
@@ -46,48 +45,24 @@ class DesiredMotion:
 
     Attributes
     ----------
-    way_back_since : int or None
-        Instant at which the way back to the reference began [ns]; None where it is followed.
+    way_back : Transition or None
+        The way back to the reference; None where that is followed.
 
     """
 
     def __init__(self, grace: int, period: int, delay: int) -> None:
-        self._trajectory = Trajectory(grace)
+        super().__init__(grace)
         self._lags = [k * period for k in range(delay + 1)]
         self.restart()
-
-    def __len__(self) -> int:
-        """Return the number of points held."""
-        return len(self._trajectory)
 
     def restart(self) -> None:
         """Forget when the robot was driven last: time begins again."""
         self._driven: int | None = None
-        self._way_back: Transition | None = None
-        self.way_back_since: int | None = None
-
-    def extend(self, times: Sequence[int], points: Sequence[Point], most: int | None = None
-               ) -> None:
-        """
-        Add a chunk of the reference.
-
-        Parameters
-        ----------
-        times : sequence of int
-            Instants [ns], increasing.
-        points : sequence of (position, velocity, acceleration)
-            Each of shape (n,) [rad, rad/s, rad/s²].
-        most : int, optional
-            Number of points to keep, beside a longer chunk; by default all.
-
-        """
-        self._trajectory.extend(times, points)
-        if most is not None:
-            self._trajectory.limit(max(most, len(times)))
+        self.way_back: Transition | None = None
 
     def pass_over(self, t: int, driven: bool) -> None:
         """Forget what is past at `t` [ns]; `driven` is whether torques may be sent there."""
-        self._trajectory.forget(t)
+        self.forget(t)
         if not driven and self._driven is None:
             self._driven = t
 
@@ -118,23 +93,16 @@ class DesiredMotion:
             If a way back begins that is not finite.
 
         """
-        reference, last = self._trajectory, t + self._lags[-1]
-        if wait and (reference.end is None or last > reference.end) and not reference.ends_at_rest:
-            return None
-        points = [reference.at(t + lag) for lag in self._lags]
-        if points[0] is None:
+        points = [self.at(t + lag) for lag in self._lags]
+        late = self.end is None or t + self._lags[-1] > self.end
+        if points[0] is None or (wait and late and not self.ends_at_rest):
             return None
         if self._driven is not None and t - self._driven > PAUSE and duration > 0.0:
-            self._way_back = smooth_start(
-                cast('TimedMotion', reference), t, (q, dq, (0.0,) * len(q)), duration)
-            self.way_back_since = t
+            self.way_back = smooth_start(
+                cast('TimedMotion', self), t, (q, dq, (0.0,) * len(q)), duration)
         self._driven = t
-        if self._way_back is not None:
-            if t < self._way_back.end:
-                return [self._way_back.at(t + lag) for lag in self._lags]
-            self._way_back = self.way_back_since = None
+        if self.way_back is not None:
+            if t < self.way_back.end:
+                return [self.way_back.at(t + lag) for lag in self._lags]
+            self.way_back = None
         return cast('list[Point]', points)
-
-    def late(self, t: int) -> bool:
-        """Return whether a chunk that should go on at `t` [ns] has not come within the grace."""
-        return self._trajectory.overdue(t)

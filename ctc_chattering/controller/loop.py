@@ -26,7 +26,7 @@ from ctc_chattering.controller.desired_motion import DesiredMotion
 from ctc_chattering.controller.health import ControllerHealth
 from ctc_chattering.controller.state_machine import Input, Mode
 from ctc_chattering.controller.timing import Logger, Watchdog
-from ctc_chattering.controller.trips import TripMonitor, unsafe_settings
+from ctc_chattering.controller.trips import low_bandwidth, TripMonitor, unsafe_settings
 from ctc_chattering.errors import ParameterError, RejectedMessage
 from ctc_chattering.numerics.linear_algebra import Vector
 from ctc_chattering.numerics.time_grid import NANOSECONDS, period_ns, seconds
@@ -34,10 +34,6 @@ from ctc_chattering.trajectory.buffer import Point
 
 #: Points of the reference that are kept while there is no state: a minute at 1 kHz.
 _MOST_POINTS = 60_000
-#: Samples after which past points of the reference are forgotten.
-_FORGET = 10
-#: Real time: silence that is reported at once [ns]; a plant may take so long to shut down.
-_SILENCE = 2 * NANOSECONDS
 #: Steps are too slow if none of so many answers took less than a period.
 _SLOW = 10
 
@@ -89,10 +85,12 @@ class ControlLoop:
         Control period [ns].
     restart_duration, predicted_periods : float, int
         As the parameters of these names [s].
+    took : deque of int
+        Processor time of the last answers [ns], to be noted by the caller.
     simulated : bool
         Whether time is simulated, as of the last state.
-    reference_outages, predicted : int
-        How often the reference was late, and a predicted state was answered.
+    reference_outages : int
+        How often the reference was late.
     tripped : str
         Why the last trip was; empty before the first.
 
@@ -105,16 +103,15 @@ class ControlLoop:
         self._reference_timeout = reference_timeout
         self.law: Controller | None = None
         self.restart_duration = 0.0
-        self.predicted_periods = self.predicted = 0
-        #: Processor time of the last answers [ns].
-        self._took: deque[int] = deque(maxlen=_SLOW)
+        self.predicted_periods = 0
+        self.took: deque[int] = deque(maxlen=_SLOW)
         #: Whether the law has answered the last state, and all that were predicted after it.
         self._goes_on = False
         self.simulated = False
         self.mode = Mode.WAITING_FOR_STATE if enabled else Mode.DISABLED
         self.motion = DesiredMotion(
             round(reference_timeout * NANOSECONDS), self.period, config.input_delay)
-        self.watchdog = Watchdog('joint_states', 'state', 'no torque', _SILENCE, logger)
+        self.watchdog = Watchdog('joint_states', 'state', 'no torque', logger)
         self.watchdog.timeout = max(round(state_timeout * NANOSECONDS), 3 * self.period)
         self._stamps = timing.Stamps(self.watchdog.timeout)
         self.health = ControllerHealth(self._names, self.period)
@@ -131,12 +128,13 @@ class ControlLoop:
 
     def take_reference(self, times: Sequence[int], points: Sequence[Point]) -> None:
         """Add a chunk of the reference: instants [ns] and points."""
-        unused = self.last is None or self.watchdog.out
-        self.motion.extend(times, points, _MOST_POINTS if unused else None)
+        self.motion.extend(times, points)
+        if self.last is None or self.watchdog.out:
+            self.motion.limit(max(_MOST_POINTS, len(times)))
 
-    def take_state(self, state: JointSample, now: int, simulated: bool, skipped: int = 0) -> bool:
+    def take_state(self, state: JointSample, now: int, simulated: bool) -> bool:
         """
-        Take the next joint state; return whether time begins again with it.
+        Take the next joint state; return whether time begins with it, also the first time.
 
         Parameters
         ----------
@@ -146,8 +144,6 @@ class ControlLoop:
             When it came, on a clock that only goes forward [ns].
         simulated : bool
             Whether time is simulated.
-        skipped : int
-            States skipped so far because newer ones had come.
 
         Raises
         ------
@@ -158,25 +154,25 @@ class ControlLoop:
         self.simulated = simulated
         verdict = self._stamps.classify(state.t, now, simulated)
         if verdict not in timing.TAKEN:
-            if verdict == timing.REPEATED and simulated:
-                if self._pending is None and self._held is not None:
-                    self._send(self._held)
-                raise RejectedMessage(verdict)  # A plant that waits sends it again, and so do we.
-            raise RejectedMessage(
-                verdict, self._stamps.reason(verdict, state.t) if self._begun else '')
+            again = verdict == timing.REPEATED and simulated  # By a plant that waits.
+            if again and self._pending is None and self._held is not None:
+                self._send(self._held)
+            raise RejectedMessage(verdict, '' if again or not self._begun else (
+                f'stamp {seconds(state.t):.9f} s: {verdict}, '
+                f'{1e3 * seconds(self._stamps.lateness):.1f} ms late; allowed: increasing, at '
+                f'most {1e3 * seconds(self._stamps.limit):g} ms late (state_timeout)'))
         goes_on = verdict == timing.NEXT and not self.watchdog.out
-        begins_again = verdict == timing.RESTART and self.last is not None
         self.watchdog.feed(now, self._begun)
         if self._begun and not goes_on:
-            self.health.restart()
+            self.health.restarts += 1
             self._restart_law(bumpless=not simulated)
-        if begins_again:
+        if verdict == timing.RESTART:
             self.motion.restart()
         self.handle(Input.STATE)
-        self.health.take(state.t, skipped)
+        self.health.taken += 1
         self.last = self._pending = state
         self._goes_on = False
-        return begins_again
+        return verdict == timing.RESTART
 
     def answer(self, matched: bool, now: int = 0) -> Answer | None:
         """
@@ -208,11 +204,16 @@ class ControlLoop:
         # Before the first torque it is not known what moved the robot, such as a brake.
         late = 0 if self.simulated or self._too_slow or self._held is None else (
             self._periods_since(state.t, now))
-        sample = self._step(law, state, points, at, late)
+        sample = law.try_step(state.q, state.dq, *points[0], points[1:],
+                              None if self._too_slow else state.t, at, late)
+        if sample is None:  # The state is pending; the law that restarts is asked again.
+            law.reset(bumpless=True, held=self._held)
+            raise RejectedMessage('overflow', (
+                f'no torque can be computed for {list(state.q)}, {list(state.dq)}'))
         if not self._send_checked(law, sample):
             return None
         self._pending, self._begun, self._goes_on = None, True, True
-        self._note(state.t, sample, law.config)
+        self._note(state.t, sample)
         return Answer(state, points[0], sample)
 
     @property
@@ -222,11 +223,7 @@ class ControlLoop:
 
         The law then goes on by one period a state.
         """
-        return not self.simulated and min(self._took, default=0) > self.period
-
-    def took(self, processor: int) -> None:
-        """Note the processor time that the last answer took [ns]."""
-        self._took.append(processor)
+        return not self.simulated and min(self.took, default=0) > self.period
 
     def due(self) -> int | None:
         """
@@ -276,7 +273,6 @@ class ControlLoop:
         sample = None if points is None else law.predicted_step(
             *points[0], points[1:], periods - before)
         self._goes_on = sample is not None and self._send_checked(law, sample)
-        self.predicted += self._goes_on
 
     def _is_silent(self, now: int) -> bool:
         """Return whether `check_silence` is due: this process, too, may have stood still."""
@@ -284,94 +280,61 @@ class ControlLoop:
 
     def _desired(self, at: int, state: JointSample) -> list[Point] | None:
         """Return what is desired at an instant and for each sample of delay, if it is known."""
-        before = self.motion.way_back_since
         try:
-            points = self.motion.desired(
+            return self.motion.desired(
                 at, state.q, state.dq, self.simulated, self.restart_duration)
         except ParameterError as error:
             raise RejectedMessage('overflow', str(error)) from None
-        if self.motion.way_back_since not in (before, None):
-            self._log.info(
-                'no torque was sent for a while: back to the reference from where the robot is '
-                f'within {self.restart_duration:g} s', throttle_duration_sec=1.0)
-        return points
-
-    def _step(self, law: Controller, state: JointSample, points: list[Point], at: int, late: int
-              ) -> Sample:
-        """
-        Return the law's answer; if it has none that is finite, the law restarts.
-
-        Simulated time waits for the answer: there, the law that restarted is asked again.
-        """
-        for _ in range(2 if self.simulated else 1):
-            sample = law.try_step(
-                state.q, state.dq, *points[0], points[1:], None if self._too_slow else state.t, at,
-                late)
-            if sample is not None:
-                return sample
-            law.reset(bumpless=True, held=self._held)
-        raise RejectedMessage('overflow', (
-            f'no torque can be computed for {list(state.q)}, {list(state.dq)}'))
 
     def _send_checked(self, law: Controller, sample: Sample) -> bool:
         """Send the torque of a sample, or none until a reset; return whether it was sent."""
-        trip = self._trips.check(law, sample)
-        if trip is None:
-            self._send(sample.tau)
-            self._held = sample.tau
-            return True
-        self.tripped = trip.reason
-        self.handle(Input.TRIP)
-        self.end_torque()
-        self._log.error(f'{trip.detail}; no torque until ~/reset')
-        return False
+        if reason := self._trips.check(law, sample):
+            self.tripped = reason
+            self.handle(Input.TRIP)
+            self.end_torque()
+            self._log.error(f'{reason}; no torque until ~/reset')
+            return False
+        self._send(sample.tau)
+        self._held = sample.tau
+        return True
 
-    def _note(self, t: int, sample: Sample, config: ControllerConfig) -> None:
+    def _note(self, t: int, sample: Sample) -> None:
         """Note what a torque was made of, after it was sent."""
-        if self.motion.late(t):
+        if self.motion.overdue(t):
             if self.handle(Input.HOLD):
                 self.reference_outages += 1
                 self._log.error(f'reference: nothing for {self._reference_timeout:g} s; holding '
                                 'the position', throttle_duration_sec=1.0)
         else:
-            self.handle(Input.FOLLOW if self.motion.way_back_since is None
+            self.handle(Input.FOLLOW if self.motion.way_back is None
                         else Input.LEAD_BACK)
-        self.health.add(sample, config)
-        if self.health.taken % _FORGET == 0:
-            self.motion.pass_over(t, driven=True)
+        self.health.add(sample)
+        self.motion.forget(t)
 
-    def check_silence(self, now: int, publishers: Callable[[], int]) -> None:
+    def check_silence(self, now: int) -> None:
         """Real time: end the torques at `now` [ns] if no state has come for too long."""
-        if self.watchdog.check(now, publishers):
+        if self.watchdog.check(now):
             self._pending = None
             self.handle(Input.SILENCE)
 
-    def enable(self, on: bool) -> bool:
-        """Allow torques, or end them; return whether that was a change."""
-        if changed := self.handle(Input.ENABLE if on else Input.DISABLE):
-            self._log.info(f'{"enabled again" if on else "disabled"} by ~/enable')
-            if on:
+    def request(self, event: Input) -> bool:
+        """Handle what a user asks for by a service; return whether that was a change."""
+        if changed := self.handle(event):
+            self._log.info(f'{event.value}, by a service')
+            if event is not Input.DISABLE:
                 self._restart_law()
         return changed
-
-    def reset(self) -> bool:
-        """Go on after a trip; return whether there was one."""
-        if tripped := self.handle(Input.RESET):
-            self._log.info('reset by ~/reset')
-            self._restart_law()
-        return tripped
 
     def _restart_law(self, bumpless: bool = True) -> None:
         if self.law is not None:
             self.law.reset(bumpless, self._held if bumpless else None)
             self._trips.restart()
-            self.health.pause()
 
     def handle(self, event: Input) -> bool:
         """Handle an input; return whether it led to another mode, and end torques if so."""
         before = self.mode
         self.mode = after = before.after(event)
-        if after is not before and before.sends_torque and not after.sends_torque and not (
+        if before.sends_torque and not after.sends_torque and not (
                 self.simulated and after is Mode.WAITING_FOR_REFERENCE):
             self.end_torque()
         return after is not before
@@ -382,20 +345,23 @@ class ControlLoop:
             self._send((0.0,) * len(self._names))
         self._held = None
 
-    def status(self, now: int, rejected: Mapping[str, int], cause: str = '') -> tuple[int, str]:
+    def status(self, now: int, rejected: Mapping[str, int], skipped: int, cause: str = ''
+               ) -> tuple[int, str]:
         """
         Return level (0 all is well, 1 warning, 2 error) and text of the present mode.
 
         Parameters
         ----------
-        now, rejected, cause
+        now, rejected, skipped, cause
             As `ControllerHealth.report` takes them.
 
         """
-        problems = self.health.report(now, rejected, self.simulated, cause)
+        problems = [] if self.last is None else self.health.report(
+            now, self.last.t, rejected, skipped, self.simulated, cause)
         if self.law is not None:
-            problems += self._trips.warnings()
-            problems += [(1, text) for text in unsafe_settings(self.law.config)]
+            problems += self.health.saturation(self.law.config)
+            problems += [(1, text) for text in (
+                *low_bandwidth(self.law), *unsafe_settings(self.law.config))]
         tripped = f'tripped: {self.tripped}; call ~/reset'
         wrong = {
             Mode.TRIPPED: tripped, Mode.TRIPPED_AND_DISABLED: tripped,

@@ -27,9 +27,6 @@ from enum import Enum
 class Mode(Enum):
     """What the controller does; the value is what is said to a user."""
 
-    # The hash of Enum, computed from the name each time, takes as long as a product of matrices.
-    __hash__ = object.__hash__
-
     WAITING_FOR_STATE = 'waiting for joint_states'
     WAITING_FOR_REFERENCE = 'waiting for reference'
     RUNNING = 'running'
@@ -57,8 +54,6 @@ class Mode(Enum):
 
 class Input(Enum):
     """What happens to the controller."""
-
-    __hash__ = object.__hash__
 
     #: A joint state was accepted.
     STATE = 'state'

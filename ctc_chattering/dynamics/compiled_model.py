@@ -20,7 +20,7 @@ import dataclasses
 from typing import Any, NamedTuple
 
 from ctc_chattering.compiled.compilable import function, record, solve
-from ctc_chattering.compiled.machine_code import Call, Code, invoke
+from ctc_chattering.compiled.machine_code import Code, invoke
 from ctc_chattering.compiled.records import numpy_record, packed, record_of, value, write
 from ctc_chattering.dynamics import tree, two_link
 from ctc_chattering.dynamics.model import Model
@@ -132,28 +132,27 @@ class CompiledArm:
         self._n, self._bodies = n, (record_of(arm), body)
         call = numpy_record(dict.fromkeys(('function', 'places'), np.array(0)))
         self.model = CompiledModel(call, body)
-        self._kept: list[Call] = []
+        self._kept: list[Code] = []
         self._terms = Code(set_terms, (*self._bodies, self._place()), f'dynamics-{n}')
         self._mass = Code(set_mass_and_bias, self._bodies, f'mass-{n}')
         self.codes = self._terms, self._mass
         if self._mass.compiled:
-            self._set(call, self._mass, self._bodies)
+            self._set(call, self._mass)
 
     def _place(self) -> Any:
         zero, square = np.zeros(self._n), np.zeros((self._n, self._n))
         return packed(KeptTerms(0, 0, zero, zero, square, square, zero))
 
-    def _set(self, called: Any, code: Code, arguments: tuple[Any, ...]) -> None:
+    def _set(self, called: Any, code: Code) -> None:
         """Set the addresses by which compiled code calls another one."""
-        made = Call(code, arguments)
-        self._kept.append(made)
-        called.function, called.places = made.function, made.places.ctypes.data
+        self._kept.append(code)
+        called.function, called.places = code.address(), code.places.ctypes.data
 
     def place(self) -> Any:
         """Return a place for the terms of a state."""
         place = self._place()
         if self._terms.compiled:
-            self._set(place, self._terms, (*self._bodies, place))
+            self._set(place, Code(set_terms, (*self._bodies, place), self._terms.name))
         return place
 
 

@@ -67,27 +67,15 @@ def clock(recording: Recording) -> Clock:
     """Return what the stamps of a checked recording say."""
     step, period = np.diff(recording.t), recording.period
     near = step[np.abs(step - period) < 0.5 * period]
-    begin = recording.t[0]
-    # Where stamps run back or a part is left out, nothing is missing.
-    cut = np.zeros(len(step), bool)
-    for one in recording.breaks:
-        if one.length > 0.0:
-            after = np.searchsorted(recording.t[1:] - begin, one.time + 0.5 * period)
-            cut[after:after + 1] = True
-    long = np.flatnonzero((step > (BRIDGED + 1.5) * period) & ~cut)
-    missing = round(float(step[~cut].sum()) / period) - int((~cut).sum())
-    return Clock(period, float(near.std()), float(step[~cut].max()), max(missing, 0),
-                 tuple((float(recording.t[k] - begin), float(step[k])) for k in long))
+    long = np.flatnonzero(step > (BRIDGED + 1.5) * period)
+    missing = round(float(step.sum()) / period) - len(step)
+    return Clock(period, float(near.std()), float(step.max()), max(missing, 0),
+                 tuple((float(recording.t[k] - recording.t[0]), float(step[k])) for k in long))
 
 
 def stamp_findings(recordings: Sequence[Recording]) -> Iterator[Finding]:
     """Yield what is wrong with the stamps of checked recordings."""
     for recording in recordings:
-        for one in recording.breaks:
-            what = (f'{one.samples} states are left out' if one.samples else
-                    'what follows is a part of its own')
-            yield Finding(Kind.NOTE, ALL_JOINTS, f'{recording.name}, at {one.time:.4g} s: '
-                          f'{one.reason}; {what}')
         step, period = np.diff(recording.t), recording.period
         near = np.where(np.abs(step - period) < 0.5 * period, step, np.nan)
         tenths = np.array([np.nanmean(x) for x in np.array_split(near, 10)

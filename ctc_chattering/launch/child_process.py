@@ -27,27 +27,17 @@ import sys
 import threading
 import time
 
-#: Lines of a process's output that are kept for its exit report.
-_TAIL = 20
 _PR_SET_PDEATHSIG = 1
-#: glibc returns freed memory from this size on [bytes], and does not raise the size after a burst.
-_TRIM_THRESHOLD = str(1 << 17)
 
 #: As ``python -m``, which would import what lies in the current directory before all else.
 _RUN = ('import sys; sys.path[:] = filter(None, sys.path); import runpy; '
         "runpy.run_module(sys.argv.pop(1), run_name='__main__', alter_sys=True)")
 
 
-def node_command(name: str, *arguments: str) -> list[str]:
-    """Return the command that runs a node, which ends when this process has ended."""
-    return [sys.executable, '-c', _RUN, 'ctc_chattering.cli.node', name, '--parent',
+def node_command(name: str, *arguments: str, program: str = 'node') -> list[str]:
+    """Return the command that runs a node, or `ctc` NAME; it ends when this process has ended."""
+    return [sys.executable, '-c', _RUN, f'ctc_chattering.cli.{program}', name, '--parent',
             str(os.getpid()), *arguments]
-
-
-def page_command(*arguments: str) -> list[str]:
-    """Return the command that shows the graph in the browser; it ends when this process has."""
-    return [sys.executable, '-c', _RUN, 'ctc_chattering.cli.ctc', 'live', '--parent',
-            str(os.getpid()), '--open' if sys.stdout.isatty() else '--no-open', *arguments]
 
 
 def end_with(parent: int) -> None:
@@ -80,11 +70,12 @@ class Child:
     def __init__(self, name: str, argv: Sequence[str], show: Callable[[str], None],
                  processors: Set[int] | None = None) -> None:
         self.name = name
-        self.tail: deque[str] = deque(maxlen=_TAIL)
+        self.tail: deque[str] = deque(maxlen=20)  # Of its output, for the exit report.
+        # glibc returns freed memory from this size on [bytes]; a burst does not raise it.
         self.process = subprocess.Popen(
             argv, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
             text=True, errors='replace', start_new_session=True,
-            env={'MALLOC_TRIM_THRESHOLD_': _TRIM_THRESHOLD, **os.environ, 'PYTHONUNBUFFERED': '1'})
+            env={'MALLOC_TRIM_THRESHOLD_': str(1 << 17), **os.environ, 'PYTHONUNBUFFERED': '1'})
         if processors:
             os.sched_setaffinity(self.process.pid, processors)
         self._reader = threading.Thread(target=self._read, args=(show,), daemon=True)

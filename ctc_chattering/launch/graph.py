@@ -22,11 +22,12 @@ import os
 from pathlib import Path
 import random
 import signal
+import sys
 import tempfile
 from typing import Any
 
 from ctc_chattering.configuration import parameter_file
-from ctc_chattering.configuration.loop_setup import Overrides, Setup
+from ctc_chattering.configuration.loop_setup import Setup
 from ctc_chattering.configuration.node_parameters import LOOP
 from ctc_chattering.errors import CtcError
 from ctc_chattering.launch import child_process
@@ -37,18 +38,16 @@ class Stopped(CtcError):
     """The run was stopped by SIGINT or SIGTERM."""
 
 
-def run_graph(path: Path | None, overrides: Overrides | None = None, record: Path | None = None,
-              ros_args: Sequence[str] = (), progress: Callable[[float], object] = lambda _: None,
+def run_graph(setup: Setup, record: Path | None = None, ros_args: Sequence[str] = (),
+              progress: Callable[[float], object] = lambda _: None,
               show: Callable[[str], None] = print, live: bool = False) -> None:
     """
     Run the graph until the plant ends the experiment, and leave no process behind.
 
     Parameters
     ----------
-    path : Path or None
-        Parameter file for all nodes.
-    overrides : mapping, optional
-        As `params.load` takes them.
+    setup : Setup
+        Parameters of all nodes.
     record : Path, optional
         Directory to create for a bag.
     ros_args : sequence of str
@@ -68,7 +67,6 @@ def run_graph(path: Path | None, overrides: Overrides | None = None, record: Pat
         After SIGINT or SIGTERM.
 
     """
-    setup = parameter_file.load(path, overrides)
     values = node_values(setup, record)
     check_security()
     os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
@@ -78,7 +76,6 @@ def run_graph(path: Path | None, overrides: Overrides | None = None, record: Pat
     # They take turns: on one processor that is faster.
     turns = one_processor() if lockstep else None
     children: dict[str, child_process.Child] = {}
-    pages: list[child_process.Child] = []
     with (stop_signals() as caught, ExitStack() as leaving,
           tempfile.TemporaryDirectory(prefix='ctc_chattering_') as scratch):
         file = Path(scratch) / 'params.yaml'
@@ -90,23 +87,26 @@ def run_graph(path: Path | None, overrides: Overrides | None = None, record: Pat
                 children[name] = child_process.Child(
                     name, argv, show, turns if name in ('plant', 'controller') else None)
             if live:
-                pages.append(child_process.Child('live', child_process.page_command(
-                    *ros_args), show))
+                children['live'] = child_process.Child('live', child_process.node_command(
+                    'live', '--open' if sys.stdout.isatty() else '--no-open', *ros_args,
+                    program='ctc'), show)
             look, report_end = leaving.enter_context(
                 graph_monitor(setup.events, lockstep, ros_args))
             try:
-                _watch(children, look, caught, setup.plant.duration > 0.0, progress)
+                _watch({name: children[name] for name in values}, look, caught,
+                       setup.plant.duration > 0.0, progress)
                 report_end('the experiment has ended')
             except CtcError as error:
                 report_end(' '.join(str(error).split()))
                 raise
         finally:
             child_process.stop([children[x] for x in LOOP if x in children])
-            child_process.stop(pages)  # Later: they show how the graph has ended.
+            # Later: it shows how the graph has ended.
+            child_process.stop([children[x] for x in children if x == 'live'])
             child_process.stop(list(children.values()), patience=20.0)
-    for child in children.values():
-        if child.status:
-            raise CtcError(child.exit_report())
+    for name in values:
+        if children[name].status:
+            raise CtcError(children[name].exit_report())
 
 
 def node_values(setup: Setup, record: Path | None, with_bringup: bool = True

@@ -17,7 +17,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, ExitStack
 import dataclasses
 from functools import partial
 from itertools import zip_longest
@@ -35,10 +35,9 @@ from ctc_chattering.ros.subscription import ValidatedSubscription
 from ctc_chattering.ros.topics import CLOCK, PARAMETERS
 from ctc_chattering.simulation.closed_loop import Event
 from rcl_interfaces.msg import ParameterEvent
-from rcl_interfaces.srv import GetParameters, SetParameters
+from rcl_interfaces.srv import SetParameters
 import rclpy
 from rclpy.parameter import Parameter as RosParameter
-from rclpy.parameter import parameter_value_to_python
 from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 from rosgraph_msgs.msg import Clock
@@ -57,7 +56,6 @@ class _Pending:
     client: Any
     request: Any
     asked: float
-    outcome: Callable[[Any], tuple[bool, str]]
     sent: float = -1.0
     futures: list[Future] = dataclasses.field(default_factory=list)
 
@@ -75,16 +73,20 @@ class Requests:
     patience : float
         Time to wait for a service and its answer [s].
 
+    Attributes
+    ----------
+    pending : list
+        Requests that have no answer yet.
+
     """
 
     def __init__(self, node: BaseNode, show: Callable[[str, bool, str], None],
                  patience: float = inf) -> None:
         self._node, self._show, self._patience = node, show, patience
-        self._clients_by_name: dict[str, Any] = {}
-        self._pending: list[_Pending] = []
+        self._services: dict[str, Any] = {}
+        self.pending: list[_Pending] = []
 
-    def set(self, node: str, *values: Mapping[str, Any], done: str = 'done'  # noqa: A003
-            ) -> None:
+    def set(self, node: str, *values: Mapping[str, Any]) -> None:  # noqa: A003
         """Set parameters of a node; of several mappings one after the other."""
         items = [item for mapping in values for item in mapping.items()]
         request = SetParameters.Request(parameters=[
@@ -92,61 +94,39 @@ class Requests:
             .to_parameter_msg() for name, value in items])
         name, value = items[-1]
         self._ask(f'{node}: {name} = {in_field(value)}', SetParameters, f'{node}/set_parameters',
-                  request, partial(_outcome, done=done))
+                  request)
 
-    def get(self, node: str, names: Sequence[str], use: Callable[[dict[str, Any]], None]) -> None:
-        """Ask for parameters of a node that are declared, and call `use` with them."""
-        def show(response: Any) -> tuple[bool, str]:
-            use({name: parameter_value_to_python(value)
-                 for name, value in zip(names, response.values)})
-            return True, ''  # What was not asked by a user needs no answer.
-        self._ask(f'{node}: its parameters', GetParameters, f'{node}/get_parameters',
-                  GetParameters.Request(names=list(names)), show)
-
-    def enable(self, on: bool) -> None:
-        """Stop or resume the torques."""
+    def torques(self, on: bool) -> None:
+        """Stop the torques, or resume them, after an error beyond the limit as well."""
+        if on:
+            self._ask('reset', Trigger, 'controller/reset', Trigger.Request())
         self._ask('enable' if on else 'disable', SetBool, 'controller/enable',
                   SetBool.Request(data=on))
 
-    def reset(self) -> None:
-        """Resume the torques after an error beyond the limit."""
-        self._ask('reset', Trigger, 'controller/reset', Trigger.Request())
-
-    def _ask(self, what: str, kind: Any, service: str, request: Any,
-             outcome: Callable[[Any], tuple[bool, str]] | None = None) -> None:
-        client = self._clients_by_name.get(service)
-        if client is None:
-            client = self._clients_by_name[service] = self._node.create_client(kind, service)
-        self._pending.append(_Pending(
-            what, client, request, time.monotonic(), outcome or _outcome))
+    def _ask(self, what: str, kind: Any, service: str, request: Any) -> None:
+        if service not in self._services:
+            self._services[service] = self._node.create_client(kind, service)
+        self.pending.append(_Pending(what, self._services[service], request, time.monotonic()))
 
     def poll(self) -> None:
         """Send what waits, and show the answers that have come."""
         now = time.monotonic()
-        for it in list(self._pending):
-            done = next((x for x in it.futures if x.done()), None)
-            if done is not None:
-                self._pending.remove(it)
-                try:
-                    with refused_as('its answer'):
-                        outcome = it.outcome(done.result())
-                except CtcError as error:
-                    outcome = False, str(error)
-                if outcome[1] or not outcome[0]:
-                    self._show(it.what, *outcome)
-            elif now - it.asked > self._patience:
-                self._pending.remove(it)
-                self._show(it.what, False, f'no answer of {it.client.srv_name}')
+        for it in list(self.pending):
+            answers = [x.result() for x in it.futures if x.done()]
+            if answers or now - it.asked > self._patience:
+                self.pending.remove(it)
+                self._show(it.what, *(_outcome(answers[0]) if answers else (
+                    False, f'no answer of {it.client.srv_name}')))
             elif now - it.sent > _AGAIN and it.client.service_is_ready():
                 it.sent = now
                 it.futures.append(it.client.call_async(it.request))
 
 
-def _outcome(response: Any, done: str = '') -> tuple[bool, str]:
+def _outcome(response: Any) -> tuple[bool, str]:
     """Return whether what was asked was done, and the answer in words."""
     if isinstance(response, SetParameters.Response):
         reasons = [x.reason for x in response.results if not x.successful]
-        return not reasons, '; '.join(reasons) or done
+        return not reasons, '; '.join(reasons) or 'done'
     return bool(response.success), str(response.message)
 
 
@@ -163,44 +143,53 @@ class ParameterEventScheduler(BaseNode):
         In the order of time.
     lockstep : bool
 
+    Attributes
+    ----------
+    time : float
+        Time of the run [s]: that of ``/clock`` in lockstep, else since the first values of the
+        plant's parameters.
+
     """
 
     def __init__(self, events: Sequence[Event], lockstep: bool) -> None:
         super().__init__('bringup')
         self._events = list(_with_holds(events) if lockstep else events)
         self._requests = Requests(self, self._answered)
-        self._waiting = False
-        self._start: int | None = None
+        self._simulated = lockstep
+        self._stamp: int | None = None
         self.time = 0.0
-        if lockstep:
-            self.inputs = [ValidatedSubscription(
-                self, Clock, CLOCK, self._on_clock, qos(), read_stamp)]
-        else:
-            self.inputs = [ValidatedSubscription(
-                self, ParameterEvent, f'plant/{PARAMETERS}', self._on_start,
-                qos(100, latched=True), read_stamp)]
+        kind, topic, profile = ((Clock, CLOCK, qos()) if lockstep else (
+            ParameterEvent, f'plant/{PARAMETERS}', qos(100, latched=True)))
+        self.inputs = [ValidatedSubscription(
+            self, kind, topic, self._on_stamp, profile, read_stamp)]
 
-    def _on_clock(self, now: int, _arrival: int) -> None:
-        self.time = seconds(now)
+    def _on_stamp(self, stamp: int, _arrival: int) -> None:
+        if self._simulated or self._stamp is None:
+            self._stamp = stamp
 
-    def _on_start(self, start: int, _arrival: int) -> None:
-        if self._start is None:
-            self._start = start
-
-    def idle(self) -> None:
-        """Carry out the next event if it is due, one request at a time."""
-        if self._start is not None:
-            self.time = (self.get_clock().now().nanoseconds - self._start) / NANOSECONDS
-        if not self._waiting and self._events and self.time >= self._events[0].time:
+    def look(self, executor: Any) -> float:
+        """Serve the graph for a moment; return the time of the run, or raise `CtcError`."""
+        self.spin_in_batches(executor)
+        if self._stamp is not None:
+            self.time = seconds(self._stamp) if self._simulated else (
+                self.get_clock().now().nanoseconds - self._stamp) / NANOSECONDS
+        # One request at a time.
+        if not self._requests.pending and self._events and self.time >= self._events[0].time:
             event = self._events.pop(0)
-            self._waiting = True
             self._requests.set(event.node, event.values)
         self._requests.poll()
+        if self.failure:
+            raise CtcError(self.failure)
+        return self.time
 
     def _answered(self, _what: str, done: bool, answer: str) -> None:
-        self._waiting = not done  # After a refusal there is no other event.
         if not done:
             self.failure = f'an event was refused: {answer}'
+
+    def report_end(self, why: str = '') -> None:
+        """Say on ``/diagnostics`` why the graph ends, and wait until all have heard it."""
+        super().report_end(why)
+        wait_for_all_acked(self, [signal.SIGTERM])
 
 
 def _with_holds(events: Sequence[Event]) -> Iterator[Event]:
@@ -240,29 +229,13 @@ def graph_monitor(events: Sequence[Event], lockstep: bool, ros_args: Sequence[st
         If ROS cannot start.
 
     """
-    try:
-        rclpy.init(args=['bringup', *ros_args], signal_handler_options=SignalHandlerOptions.NO)
-        node = ParameterEventScheduler(events, lockstep)
-    except Exception as error:
-        rclpy.try_shutdown()
-        raise CtcError(' '.join(str(error).split())) from None
-    executor = Executor()
-    executor.add_node(node)
-
-    def look() -> float:
-        node.spin_in_batches(executor)
-        node.idle()
-        if node.failure:
-            raise CtcError(node.failure)
-        return node.time
-
-    def report_end(why: str) -> None:
-        node.report_end(why)
-        wait_for_all_acked(node, [signal.SIGTERM])
-
-    try:
-        yield look, report_end
-    finally:
-        executor.remove_node(node)
-        node.destroy_node()
-        rclpy.try_shutdown()
+    with ExitStack() as leaving:
+        with refused_as('bringup'):
+            leaving.callback(rclpy.try_shutdown)
+            rclpy.init(args=['bringup', *ros_args], signal_handler_options=SignalHandlerOptions.NO)
+            node = ParameterEventScheduler(events, lockstep)
+            leaving.callback(node.destroy_node)
+        executor = Executor()
+        executor.add_node(node)
+        leaving.callback(executor.remove_node, node)
+        yield partial(node.look, executor), node.report_end

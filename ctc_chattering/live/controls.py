@@ -27,7 +27,6 @@ from typing import Annotated, Any, Literal
 from ctc_chattering.analysis.tables import in_field
 from ctc_chattering.control.controller import ControllerConfig, LAWS
 from ctc_chattering.control.controller_config import SWITCHINGS
-from ctc_chattering.controller.trips import change_steps, FACTOR
 from ctc_chattering.errors import CtcError
 from ctc_chattering.live.graph_reader import GraphReader
 from ctc_chattering.live.page_socket import PageSocket
@@ -146,7 +145,6 @@ class GainRequest(Struct, forbid_unknown_fields=True):
     name: str
     joint: int
     value: float
-    confirmed: bool
 
 
 class FieldRequest(Struct, forbid_unknown_fields=True):
@@ -195,7 +193,7 @@ class Controls:
         for name, names in (('law', LAWS), ('switching', SWITCHINGS)):
             socket.on(name, one_of[names], partial(self._set, 'controller', name))
         for name, kind, receive in (
-                ('gain', GainRequest, self._gain), ('torques', bool, self._torques),
+                ('gain', GainRequest, self._gain), ('torques', bool, requests.torques),
                 ('record', str | None, self._record), ('plant', FieldRequest, self._plant),
                 ('push', PushRequest, self._push), ('time', HoldRequest, self._hold)):
             socket.on(name, kind, receive)
@@ -212,7 +210,7 @@ class Controls:
         return {
             'law': law, 'laws': LAWS, 'switchings': SWITCHINGS,
             'switching': switching if law == 'chattering' else None,
-            'joints': self._reader.names, 'largest': FACTOR,
+            'joints': self._reader.names,
             'gains': [gain.shown() for gain in gains_of(self._in_force, self._reader.names)],
             'record': self._recording.shown(), 'answered': self._answered,
             'plant': [{'name': name, 'title': title, 'value': in_field(plant[name])}
@@ -226,11 +224,9 @@ class Controls:
         self.answers.appendleft({'what': what, 'done': done, 'text': text[:1000],
                                  'at': time.strftime('%H:%M:%S')})
 
-    def _set(self, node: str, name: str, *values: Any) -> None:
-        """Set a parameter to values, one after the other; the answer says if it had the last."""
-        same = self._reader.parameters[node].get(name) == values[-1]
-        self._requests.set(node, *({name: value} for value in values),
-                           done='was so already' if same else 'done')
+    def _set(self, node: str, name: str, value: Any) -> None:
+        """Set a parameter."""
+        self._requests.set(node, {name: value})
 
     def _gain(self, asked: GainRequest) -> None:
         for gain in gains_of(self._in_force, self._reader.names):
@@ -243,22 +239,8 @@ class Controls:
         except CtcError as error:
             self.answer(asked.name, False, str(error))
             return
-        if value is None:
-            return
-        n = len(self._reader.names)
-        before = self._in_force[asked.name]
-        steps = change_steps(gain.spec, gain.spec.coerce(before, n), gain.spec.coerce(value, n), n)
-        if len(steps) > 1 and not asked.confirmed:
-            self.answer(asked.name, False, f'{in_field(value)} is a change by more than a factor '
-                        f'of {FACTOR:g}: it must be confirmed')
-        else:
-            self._set('controller', asked.name,
-                      *(list(x) if isinstance(x, tuple) else x for x in steps))
-
-    def _torques(self, on: bool) -> None:
-        if on:
-            self._requests.reset()
-        self._requests.enable(on)
+        if value is not None:
+            self._set('controller', asked.name, value)
 
     def _record(self, name: str | None) -> None:
         if name is None:

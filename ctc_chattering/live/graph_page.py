@@ -16,7 +16,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 import os
 from pathlib import Path
@@ -40,7 +40,10 @@ from ctc_chattering.ros.node import Executor
 from ctc_chattering.ros.process import check_security, end_after, use_profile
 import numpy as np
 import rclpy
+from rclpy.parameter import parameter_value_to_python
+from rclpy.parameter_client import AsyncParameterClient
 from rclpy.signals import SignalHandlerOptions
+from rclpy.task import Future
 
 #: Between two pictures of the arm, two of the numbers and the light, and two of the plots [s].
 _FRAME, _NUMBERS, _PLOTS = 1 / 30, 0.2, 0.1
@@ -48,8 +51,6 @@ _FRAME, _NUMBERS, _PLOTS = 1 / 30, 0.2, 0.1
 _ASK = 2.0
 #: Time for callbacks in each frame; to wait for a service and its answer [s].
 _SERVE, _PATIENCE = 0.001, 3.0
-#: What is left out of the tables of the nodes' reports.
-_LONG = 'histogram'
 #: How long the middleware may take to leave the graph [s]: Fast DDS hangs now and then.
 _LEAVE = 0.5
 #: Last seconds that the plots follow [s], and signals that are chosen at first.
@@ -86,6 +87,7 @@ class GraphPage:
         self._executor = Executor()
         self._executor.add_node(reader)
         self._requests = Requests(reader, self._answer, _PATIENCE)
+        self._controller = AsyncParameterClient(reader, 'controller')
         self._recording = RecorderProcess(bags, ros_args, self._answer)
         self._controls = (Controls(page.socket, reader, self._requests, self._recording)
                           if controls else None)
@@ -137,17 +139,19 @@ class GraphPage:
         config, description = self._reader.config, self._reader.description
         if config is None:
             if self._reader.incomplete and self._is_due('parameters', now, _ASK):
-                self._requests.get('controller', list(ControllerConfig.parameters()),
-                                   self._take_parameters)
+                self._controller.get_parameters(
+                    list(ControllerConfig.parameters()), self._take_parameters)
             return
         made_of = config.model, config.joint_names, config.locked, description
         if made_of != self._made_of:
             self._made_of = made_of
             self._arm.make(config, description, now)
 
-    def _take_parameters(self, values: Mapping[str, Any]) -> None:
+    def _take_parameters(self, answer: Future) -> None:
+        values = map(parameter_value_to_python, answer.result().values)
         with suppress(CtcError):  # Of a controller that is not ours.
-            self._reader.take_parameters('controller', values)
+            self._reader.take_parameters('controller', dict(
+                zip(ControllerConfig.parameters(), values)))
 
     def _show_numbers(self) -> None:
         reader, socket = self._reader, self._page.socket
@@ -161,9 +165,8 @@ class GraphPage:
             light={'level': found.level, 'sign': SIGNS[found.level], 'lines': lines,
                    'law': self._law()},
             ended=f'{SIGNS[ENDED]}. {"; ".join(lines)}' if found.level == ENDED else '',
-            reports=[(name, report.message, [
-                pair for pair in report.values.items() if _LONG not in pair[0]])
-                for name, report in sorted(reports.items())])
+            reports=[(name, report.message, list(report.values.items()))
+                     for name, report in sorted(reports.items())])
         if self._controls is not None:
             socket.tell(controls=self._controls.state(), answers=list(self._controls.answers))
         # Also where nothing is new: the page counts anew.

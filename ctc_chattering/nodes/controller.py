@@ -33,24 +33,33 @@ from ctc_chattering.control.recommended_gains import (
     model_torque,
     recommended_gains,
 )
-from ctc_chattering.controller.loop import ControlLoop, JointSample
-from ctc_chattering.controller.state_machine import Mode
+from ctc_chattering.controller.loop import Answer, ControlLoop, JointSample
+from ctc_chattering.controller.state_machine import Input, Mode
 from ctc_chattering.controller.trips import check_change, missing_limits
 from ctc_chattering.dynamics.registry import model_of
 from ctc_chattering.errors import RejectedMessage
-from ctc_chattering.nodes.control_terms import ControlTerms
 from ctc_chattering.numerics.time_grid import seconds
 from ctc_chattering.parameters import OWN_CLASS
-from ctc_chattering.ros.messages import effort_writer, LATEST, nanoseconds, Rows, state_reader
+from ctc_chattering.ros.messages import (
+    effort_writer,
+    joint_state,
+    LATEST,
+    nanoseconds,
+    Rows,
+    state_reader,
+)
 from ctc_chattering.ros.node import ERROR, LoopNode, qos, Status, TICK
 from ctc_chattering.ros.subscription import ValidatedSubscription
 from ctc_chattering.ros.topics import (
     CLOCK,
     COMMANDS,
+    FILTER,
     JOINT_STATES,
     REFERENCE,
     ROBOT_DESCRIPTION,
     select,
+    TORQUES,
+    TRACKING,
 )
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray, String
@@ -75,7 +84,14 @@ class ControllerNode(LoopNode[ControllerNodeConfig]):
         config = self.config
         self._commands = self.create_publisher(Float64MultiArray, COMMANDS, qos())
         self._names = config.joint_names
-        self._terms = ControlTerms(self, self._names)
+        #: What the torques are made of: publishers and names of the topics under ``~/``, which
+        #: carry every Nth sample, and the number of samples so far.
+        self._terms = [self.create_publisher(JointState, f'~/{name}', qos())
+                       for name in (TRACKING, FILTER, TORQUES)]
+        self._desired = [f'{j}/{x}' for x in ('desired', 'error') for j in self._names]
+        self._parts = [*(f'{j}/{x}' for x in ('nominal', 'compensation', 'robust')
+                         for j in self._names), 'V']
+        self._samples = 0
         self._gains = GainChoice()
         #: The gains that came with the law of the last request.
         self._of_law: dict[str, Any] = {}
@@ -88,8 +104,6 @@ class ControllerNode(LoopNode[ControllerNodeConfig]):
         self.tick = min(TICK, seconds(self._loop.watchdog.timeout) / 2)
         #: Whether all who are to receive the torques do, and whether the clock is published.
         self._matched = self._clock_published = False
-        #: Names of what could be machine code.
-        self._not_compiled: set[str] = set()
         self.create_service(SetBool, '~/enable', self._on_enable)
         self.create_service(Trigger, '~/reset', self._on_reset)
         self.find_description()
@@ -100,7 +114,9 @@ class ControllerNode(LoopNode[ControllerNodeConfig]):
         self._loop.law = Controller(self.config, model)
         self._gains.torque = model_torque(self.config, model)
         self._take_recommended_gains()
-        self._tell_if_plain(self._loop.law)
+        step = self._loop.law.compiled_step()
+        if step is not None and not all(code.compiled for code in step.codes):
+            self.get_logger().info(f'law {self.config.law}: {HOW_TO_COMPILE}')
         if missing := missing_limits(self.config, self._loop.law.model.effort_limits):
             self.get_logger().warning(f'{missing}: set them to the limits of the drives')
         if description:
@@ -120,11 +136,8 @@ class ControllerNode(LoopNode[ControllerNodeConfig]):
 
     def introduction(self) -> str:
         """Return the law, and what must come before the first torque."""
-        config = self.config
-        switching = f', switching {config.switching}' if config.takes('switching') else ''
         waits = self.problem or f'waits for {JOINT_STATES} and {REFERENCE}'
-        return (f'law {config.law}{switching}, model {config.model}, '
-                f'{", ".join(config.joint_names)}, {1 / config.control_period:g} Hz; {waits}')
+        return f'law {self.config.law}, {1 / self.config.control_period:g} Hz; {waits}'
 
     def _on_reference(self, chunk: JointTrajectory, now: int) -> None:
         rows = select(self._names, chunk.joint_names, *(
@@ -143,12 +156,11 @@ class ControllerNode(LoopNode[ControllerNodeConfig]):
         if self._loop.last is None:
             self._clock_published = self.count_publishers(CLOCK) > 0
         self.lockstep, self.inputs[0].newest = self._clock_published, not self._clock_published
-        if self._loop.take_state(JointSample(state.t, q, dq), now, self._clock_published,
-                                 self.inputs[0].skipped):
-            self._terms.count = 0
+        if self._loop.take_state(JointSample(state.t, q, dq), now, self._clock_published):
+            self._samples = 0
             self.parameters.changed = True
             self.get_logger().info(
-                f'time restarts at {seconds(state.t):.3f} s', throttle_duration_sec=1.0)
+                f'time begins at {seconds(state.t):.3f} s', throttle_duration_sec=1.0)
         self._answer(now)
 
     def idle(self) -> None:
@@ -156,7 +168,7 @@ class ControllerNode(LoopNode[ControllerNodeConfig]):
         self._clock_published = self.count_publishers(CLOCK) > 0
         now = time.monotonic_ns()
         if self.in_real_time:
-            self._loop.check_silence(now, lambda: self.count_publishers(JOINT_STATES))
+            self._loop.check_silence(now)
         self._answer(now)
 
     def patience(self) -> float:
@@ -176,7 +188,7 @@ class ControllerNode(LoopNode[ControllerNodeConfig]):
     def _answer(self, now: int) -> None:
         """Have the pending state answered, and publish what the torque is made of."""
         begin = time.thread_time_ns()
-        self._matched = self._matched or self.matched(self._commands, *self._terms.publishers)
+        self._matched = self._matched or self.matched(self._commands, *self._terms)
         try:
             answer = self._loop.answer(self._matched, now)
         except RejectedMessage as rejected:
@@ -190,15 +202,29 @@ class ControllerNode(LoopNode[ControllerNodeConfig]):
                 self.failure = f'tripped: {self._loop.tripped}'  # Time would wait for a reset.
                 self.done.set_result(None)
             return
-        self._loop.took(time.thread_time_ns() - begin)
-        assert self._loop.law is not None
-        self._terms.publish(answer, self.config.state_decimation, self._loop.law)
+        self._loop.took.append(time.thread_time_ns() - begin)
+        if self._samples % self.config.state_decimation == 0:
+            self._publish_terms(answer)
+        self._samples += 1
         if self.parameters.changed:
             self.parameters.announce(answer.state.t)
         end = time.monotonic_ns()
         self.statistics.sample(now, end)
         if self.in_real_time and end - now > self._loop.period:
             self.statistics.misses += 1
+
+    def _publish_terms(self, answer: Answer) -> None:
+        """Publish the error, v and the terms of the torque that answered a state."""
+        assert self._loop.law is not None
+        state, point, terms = answer
+        for publisher, message in zip(self._terms, (
+                joint_state(state.t, self._desired, position=[*point[0], *terms.e],
+                            velocity=[*point[1], *terms.de]),
+                joint_state(state.t, self._names, velocity=terms.v),
+                joint_state(state.t, self._parts, effort=[
+                    *terms.nominal, *(-x for x in terms.compensation),
+                    *(-x for x in terms.robust), self._loop.law.lyapunov(state.q, terms.v)]))):
+            publisher.publish(message)
 
     def finish(self) -> None:
         """Leave no torque behind."""
@@ -208,7 +234,8 @@ class ControllerNode(LoopNode[ControllerNodeConfig]):
                    ) -> SetBool.Response:
         word = 'enabled' if request.data else 'disabled'
         response.success = True
-        response.message = word if self._loop.enable(request.data) else f'was {word} already'
+        changed = self._loop.request(Input.ENABLE if request.data else Input.DISABLE)
+        response.message = word if changed else f'was {word} already'
         if request.data and self._loop.mode is Mode.TRIPPED:
             response.message += ', but tripped: call ~/reset'
         return response
@@ -216,7 +243,7 @@ class ControllerNode(LoopNode[ControllerNodeConfig]):
     def _on_reset(self, _request: Trigger.Request, response: Trigger.Response
                   ) -> Trigger.Response:
         response.success = True
-        response.message = 'reset' if self._loop.reset() else 'was not tripped'
+        response.message = 'reset' if self._loop.request(Input.RESET) else 'was not tripped'
         return response
 
     def check(self, config: ControllerConfig) -> None:
@@ -250,36 +277,22 @@ class ControllerNode(LoopNode[ControllerNodeConfig]):
         self._loop.predicted_periods = self.config.predicted_periods
         if self._loop.law is not None:
             self._loop.law.configure(self.config)
-            self._tell_if_plain(self._loop.law)
-
-    def _tell_if_plain(self, law: Controller) -> None:
-        """Say once for a law that plain Python computes it, if it could be machine code."""
-        step, before = law.compiled_step(), self._not_compiled
-        self._not_compiled = set() if step is None else {
-            code.name for code in step.codes if not code.compiled}
-        if self._not_compiled - before:
-            self.get_logger().info(f'law {self.config.law}: {HOW_TO_COMPILE}')
 
     def status(self) -> Status:
         """Return what the controller does and why."""
         config, loop = self.config, self._loop
         cause = self.statistics.too_slow(loop.period)
-        level, message = loop.status(
-            time.monotonic_ns(), self.inputs[0].rejected if self.inputs else {}, cause)
-        if self.problem:
-            level, message = ERROR, self.problem
+        level, message = ERROR, self.problem
+        if not self.problem:
+            states = self.inputs[0]
+            level, message = loop.status(
+                time.monotonic_ns(), states.rejected, states.skipped, cause)
         return Status(level, message, {
-            'period of the stamps, mean [ms]': 1e3 * seconds((loop.health.periods or [0])[-1]),
             'law': config.law, **({'switching': config.switching}
                                   if config.takes('switching') else {}),
             'computed by': loop.law.computed_by if loop.law else '',
             'points of the reference': len(loop.motion),
             'saturated samples': loop.health.saturated, 'restarts': loop.health.restarts,
-            'restarts per second': loop.health.rates.events_per_second,
             'timeouts, state': loop.watchdog.outages,
             'timeouts, reference': loop.reference_outages,
             'time': 'simulated' if loop.simulated else 'real'})
-
-
-#: What the executable runs.
-NODE = ControllerNode

@@ -20,8 +20,8 @@ import time
 
 from ctc_chattering.configuration.loop_setup import Values
 from ctc_chattering.configuration.node_parameters import PlantNodeConfig
-from ctc_chattering.controller.health import HealthMonitor
-from ctc_chattering.controller.timing import LockstepExchange, TimerGrid, Watchdog
+from ctc_chattering.controller.health import FaultRates
+from ctc_chattering.controller.timing import LockstepExchange, Watchdog
 from ctc_chattering.errors import CtcError, UsageError
 from ctc_chattering.numerics.linear_algebra import Vector
 from ctc_chattering.numerics.time_grid import NANOSECONDS, period_ns, samples, seconds
@@ -38,8 +38,8 @@ from std_msgs.msg import Float64MultiArray
 _CATCH_UP = 100
 #: Lockstep: simulated time between two messages on clock [ns].
 _CLOCK_PERIOD = NANOSECONDS // 100
-#: Real time: silence of commands that is reported as an error at once [ns].
-_SILENCE = NANOSECONDS // 2
+#: Lockstep: time without an answer after which, and how often, it says what it waits for [s].
+_REPORT = 3.0
 
 
 class PlantNode(LoopNode[PlantNodeConfig]):
@@ -64,17 +64,13 @@ class PlantNode(LoopNode[PlantNodeConfig]):
         self._names = config.joint_names
         self._latest: Vector = (0.0,) * len(self._names)
         self._begun = self._held = False
-        self._subscribers = 0
-        #: Time of sample 0 [ns]; that of lockstep is 0.
+        #: Time of sample 0 [ns]; 0 in lockstep, and before the first tick.
         self._start = 0
-        self._timer_grid = TimerGrid(self._period)
         self._exchange = LockstepExchange(time.monotonic_ns())
         #: Real time: when the first state was sent after which no torque has come yet [ns].
         self._sent: int | None = None
-        self._watchdog = Watchdog(
-            COMMANDS, 'command', 'torque 0, brakes on', _SILENCE, self.get_logger())
-        self._health = HealthMonitor(
-            'outages', 'of the samples without a new command', 0.2, 0.5, self._period)
+        self._watchdog = Watchdog(COMMANDS, 'command', 'torque 0, brakes on', self.get_logger())
+        self._rates = FaultRates(('{:.2g} outages per second', 0.0, 1.0))
         self.on_change()
         self._writer = state_writer(self._names)
         lockstep = self.lockstep = config.pacing == 'lockstep'
@@ -96,12 +92,8 @@ class PlantNode(LoopNode[PlantNodeConfig]):
 
     def introduction(self) -> str:
         """Return what moves the robot, and what comes first."""
-        config = self.config
         first = COMMANDS if self._ticker is None else f'the subscribers to {JOINT_STATES}'
-        waits = self.problem or f'waits for {first}'
-        return (f'simulated robot, model {config.model}, '
-                f'{", ".join(config.joint_names)}, {config.pacing}, '
-                f'{1 / config.control_period:g} Hz; {waits}')
+        return f'simulated robot, {self.config.pacing}; {self.problem or f"waits for {first}"}'
 
     @property
     def in_real_time(self) -> bool:
@@ -113,7 +105,6 @@ class PlantNode(LoopNode[PlantNodeConfig]):
         if self._ticker is None or not self.inputs:
             return
         now = time.monotonic_ns()
-        before, self._subscribers = self._subscribers, self._ticker.get_subscription_count()
         if not self._begun:
             if self._states.get_subscription_count() and self.matched(
                     self._states, self._ticker):
@@ -122,10 +113,9 @@ class PlantNode(LoopNode[PlantNodeConfig]):
         elif not self._held and self._exchange.repeat_due(now):
             self._publish_clock()
             self._publish_state()
-        elif self._subscribers > before:
-            self._publish_clock()
-        if not self._held and self._exchange.report_due(now):
-            self.get_logger().info(f'waiting for {self._awaited()}')
+        if not self._held and seconds(now - self._exchange.asked) > _REPORT:
+            self.get_logger().info(
+                f'waiting for {self._awaited()}', throttle_duration_sec=_REPORT)
 
     def _awaited(self) -> str:
         """Return what simulated time waits for."""
@@ -159,19 +149,15 @@ class PlantNode(LoopNode[PlantNodeConfig]):
 
     def _real_time_status(self, values: dict[str, object]) -> tuple[int, str]:
         """Return level and text, and add to `values` how well commands keep up."""
-        watchdog, health = self._watchdog, self._health
-        health.cause = self.statistics.too_slow(self._period)
-        health.note(time.monotonic_ns(), watchdog.outages, watchdog.stale, self._robot.k,
-                    f'longest time without one {seconds(watchdog.longest):.3f} s')
-        watchdog.longest = 0
-        values |= {'timeouts, command': watchdog.outages,
-                   'timeouts, command, per second': health.events_per_second,
-                   'samples without a new command [%]': 100.0 * health.fraction}
+        watchdog = self._watchdog
+        found = self._rates.report(self.statistics.too_slow(self._period), (
+            watchdog.outages, seconds(time.monotonic_ns())))
+        values['timeouts, command'] = watchdog.outages
         if self._robot.braking:
             return ERROR, f'no command for {seconds(watchdog.timeout):g} s; torque 0, brakes on'
         if not self._begun:
             return WARN, f'waiting for {COMMANDS}'
-        return health.level, f'running, but {health}' if health.level else 'running'
+        return next(((level, f'running, but {text}') for level, text in found), (OK, 'running'))
 
     def on_change(self) -> None:
         """Have the robot take what has been set; go on where time was held."""
@@ -222,10 +208,10 @@ class PlantNode(LoopNode[PlantNodeConfig]):
             self._sent = None
         if not self._begun:
             self._begun = True
-            if self._timer_grid.start is None:
+            if not self._start:
                 self._anchor()
             self.parameters.announce(self._start)
-        self._robot.braking = False
+        self._robot.brake(False)
 
     def _on_tick(self) -> None:
         begin = time.monotonic_ns()
@@ -234,15 +220,14 @@ class PlantNode(LoopNode[PlantNodeConfig]):
         if not self._begun:
             self._anchor()
         else:
-            if self._watchdog.check(begin, lambda: self.count_publishers(COMMANDS)):
-                plant.braking = True
+            if self._watchdog.check(begin):
+                plant.brake(True)
                 self._latest, self._sent = (0.0,) * len(self._names), None
-            due = self._timer_grid.due(now, plant.k)
+            due = (now - self._start) // self._period - plant.k
             self.statistics.misses += max(0, due - 1)
             for _ in range(min(due, _CATCH_UP)):
                 if self._at_end():
                     return
-                self._watchdog.sample()
                 if not self._step():
                     return
             if due > _CATCH_UP or due < -_CATCH_UP:  # The process stood still, or the clock leapt.
@@ -258,9 +243,14 @@ class PlantNode(LoopNode[PlantNodeConfig]):
             self._sent = end
 
     def _anchor(self) -> None:
-        """Have the present sample be that of the tick that was due last."""
+        """
+        Have the present sample be that of the tick that was due last.
+
+        A tick comes when it is due or a little later, never earlier. On a grid of any other phase
+        some would come before their period, and the next ones would have two to make good.
+        """
         now, left = self.get_clock().now().nanoseconds, self._timer.time_until_next_call()
-        self._start = self._timer_grid.anchor(now, left, self._robot.k)
+        self._start = now - (self._period - left) % self._period - self._robot.k * self._period
 
     def _step(self) -> bool:
         """Go on by one period; return whether the robot still has a motion, and end if not."""
@@ -270,8 +260,6 @@ class PlantNode(LoopNode[PlantNodeConfig]):
             self._robot.step(self._latest)
         except CtcError as error:
             self.failure = str(error)
-            if self.in_real_time and self._real_time_status({})[0] > OK:
-                self.failure += f'; {self._health}'
             self.get_logger().fatal(self.failure)
             self.done.set_result(None)
         return self.failure is None
@@ -295,7 +283,3 @@ class PlantNode(LoopNode[PlantNodeConfig]):
             self.get_logger().info(over)
             self.done.set_result(over)
         return True
-
-
-#: What the executable runs.
-NODE = PlantNode

@@ -31,15 +31,11 @@ from ctc_chattering.numerics.time_grid import NANOSECONDS
 from ctc_chattering.ros.messages import message_type, read_stamp
 from ctc_chattering.ros.node import BaseNode, ERROR, NAP, OK, qos, Status
 from ctc_chattering.ros.parameters import NodeParameters
-from ctc_chattering.ros.process import enlarge_receive_buffers
 from ctc_chattering.ros.subscription import MatchingSubscription, ValidatedSubscription
 from ctc_chattering.ros.topics import CLOCK, JOINT_STATES, Topic, TOPICS
 
 #: Messages that DDS keeps for us while we sleep, or the disk does.
 _DEPTH = 100_000
-#: What the kernel keeps for us while the middleware's thread has no processor, if
-#: ``net.core.rmem_max`` allows it [bytes]: some thousand messages.
-_RECEIVE_BUFFER = 1 << 22
 #: Between two flushes to the disk [s].
 _FLUSH = 0.3
 #: How long a message may still be on its way at the end [s].
@@ -93,8 +89,7 @@ class RecorderNode(BaseNode):
 
     def __init__(self, values: Values | None = None) -> None:
         super().__init__('recorder', values)
-        parameters = NodeParameters(self, self.given, RecorderConfig, lambda: None)
-        self._recording = BagWriter(Path(parameters.config.bag))
+        self._recording = BagWriter(Path(NodeParameters(self, RecorderConfig).config.bag))
         self.tick = NAP
         self._received = 0
         #: When the last message recorded was sent [ns], by the system's clock.
@@ -111,7 +106,6 @@ class RecorderNode(BaseNode):
         self._topics: list[_Recorded] = []
         for topic in TOPICS.values():
             self._topics.append(self._subscribe(topic))
-        enlarge_receive_buffers(_RECEIVE_BUFFER)
 
     def introduction(self) -> str:
         """Return where the bag is."""
@@ -254,7 +248,3 @@ class RecorderNode(BaseNode):
             total, lost = sum(self._recording.counts.values()), sum(self._dropped.values())
             self.get_logger().info(f'{total} messages on {len(self._recording.counts)} topics'
                                    + (f', {lost} dropped' if lost else ''))
-
-
-#: What the executable runs.
-NODE = RecorderNode

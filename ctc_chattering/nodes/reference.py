@@ -106,19 +106,10 @@ class ReferenceNode(LoopNode[ReferenceNodeConfig]):
         """Take what has come, in batches: the horizon is long enough."""
         self.spin_in_batches(executor)
 
-    @property
-    def in_real_time(self) -> bool:
-        """Whether the motion follows real time."""
-        return self._start is not None and not self._simulated
-
     def introduction(self) -> str:
         """Return the motion, and what begins it."""
-        config = self._plan.config
-        motion = config.trajectory_file or 'sinusoid'
-        start = (f', smooth start of {config.start_duration:g} s' if config.start_duration > 0.0
-                 else '')
-        return (f'motion {motion}{start}, {", ".join(config.joint_names)}; waits for '
-                f'{JOINT_STATES} or {CLOCK}')
+        motion = self._plan.config.trajectory_file or 'sinusoid'
+        return f'motion {motion}; waits for {JOINT_STATES} or {CLOCK}'
 
     def idle(self) -> None:
         """Publish what the node's own clock asks for, and again for a new subscriber."""
@@ -232,7 +223,3 @@ class ReferenceNode(LoopNode[ReferenceNodeConfig]):
                 self._period, [self._plan.motion.at((self._next + k) * self._period)
                                for k in range(self._piece)]))
             self._next += self._piece
-
-
-#: What the executable runs.
-NODE = ReferenceNode

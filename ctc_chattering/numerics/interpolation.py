@@ -25,7 +25,6 @@ from __future__ import annotations
 from typing import Any, TypeVar
 
 from ctc_chattering.numerics.linear_algebra import Array
-import numpy as np
 
 T = TypeVar('T', bound=Any)
 
@@ -62,10 +61,6 @@ def quintic(s: T, h: float, x0: float, v0: float, a0: float, x1: float, v1: floa
             (2.0 * c2 + s * (6.0 * c3 + s * (12.0 * c4 + s * 20.0 * c5))) / (h * h))
 
 
-#: Values of a piece, and knots around it: what one changes falls by 0.27 from knot to knot.
-_PIECE, _AROUND = 8192, 40
-
-
 def interpolated(t: Array, x: Array, at: Array) -> Array:
     """
     Return a cubic spline through x, shape (N, n), at the times `at`, shape (M,): shape (M, n).
@@ -73,10 +68,5 @@ def interpolated(t: Array, x: Array, at: Array) -> Array:
     Both times rise.
     """
     from scipy.interpolate import CubicSpline  # type: ignore[import-untyped]  # Takes time.
-    found = np.empty((len(at), *x.shape[1:]))
-    for first in range(0, len(at), _PIECE):
-        some = at[first:first + _PIECE]
-        low, high = np.searchsorted(t, (some[0], some[-1]))
-        knots = slice(max(0, int(low) - _AROUND), int(high) + _AROUND)
-        found[first:first + _PIECE] = CubicSpline(t[knots], x[knots])(some)
+    found: Array = CubicSpline(t, x)(at)
     return found

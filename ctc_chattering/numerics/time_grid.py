@@ -48,10 +48,7 @@ def samples(duration: float, period: int) -> int:
 
 def seconds(nanoseconds: int) -> float:
     """Return integer nanoseconds in seconds, the same float for the same instant everywhere."""
-    try:
-        return nanoseconds / NANOSECONDS
-    except OverflowError:
-        raise ParameterError('time', nanoseconds, 'nanoseconds that are a float in s') from None
+    return nanoseconds / NANOSECONDS
 
 
 def missing(t: npt.NDArray[np.float64], period: float) -> npt.NDArray[np.int64]:

@@ -17,6 +17,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+import gc
 from math import inf
 import signal
 import sys
@@ -33,7 +34,6 @@ from ctc_chattering.numerics.time_grid import NANOSECONDS
 from ctc_chattering.parameters import Config
 from ctc_chattering.ros.parameters import NodeParameters, TolerantParameterService
 from ctc_chattering.ros.process import check_security, end_after, use_profile
-from ctc_chattering.ros.real_time import garbage_off_the_loop, RealTime
 from ctc_chattering.ros.subscription import (
     compatible,
     MatchingSubscription,
@@ -69,6 +69,8 @@ TICK = 0.05
 NAP = 0.02
 #: Key of the value of a node's last report that says why it ends.
 ENDED = 'ended'
+#: Objects more than at the last search for reference cycles that are worth another one.
+_GARBAGE = 2000
 #: Time between two messages on /diagnostics [ns].
 _REPORT = NANOSECONDS
 
@@ -112,8 +114,6 @@ class BaseNode(Node):
         Set it to have the process end with status 1.
     stop : sequence of int
         The signals that have asked for the end.
-    scheduling : RealTime or None
-        Of its process, where it has parameters for that.
     parameter_service : TolerantParameterService
         Takes requests to set parameters.
 
@@ -131,7 +131,6 @@ class BaseNode(Node):
         self.lockstep = False
         self.statistics = LoopStatistics()
         self.inputs: list[ValidatedSubscription[Any]] = []
-        self.scheduling: RealTime | None = None
         # A spin for simulated time does not come back while there are messages: see `serve`.
         self.create_timer(TICK, self.check_signals, clock=Clock(clock_type=ClockType.STEADY_TIME))
         self._report_due = 0
@@ -145,22 +144,22 @@ class BaseNode(Node):
     def idle(self) -> None:
         """Do what need not wait for a message; called at least every `tick`."""
 
+    def on_change(self) -> None:
+        """Take what has been set."""
+
+    def check(self, config: Any) -> None:
+        """Raise `CtcError` if a configuration that would be set is not allowed."""
+
+    def completed(self, _values: Mapping[str, Any]) -> Mapping[str, Any]:
+        """Return parameters that are set with others, by name."""
+        return {}
+
     def patience(self) -> float:
         """Return how long it can wait for a message before it is `overdue` [s]."""
         return inf
 
     def overdue(self) -> None:
         """Do what must be done where a message has not come in time."""
-
-    @property
-    def in_real_time(self) -> bool:
-        """Whether the robot waits for none of its messages."""
-        return False
-
-    def schedule(self) -> None:
-        """Have the process scheduled for real time while that is needed, and say so."""
-        if self.scheduling and (line := self.scheduling.update(self.in_real_time)):
-            self.get_logger().info(line)
 
     def status(self) -> Status:
         """Return what is to be reported beside the loop statistics and what was refused."""
@@ -186,8 +185,6 @@ class BaseNode(Node):
             message = f'{message}; use_sim_time is true, but /clock has no publisher'
             self.get_logger().warning(message, throttle_duration_sec=5.0)
         everything = dict(values)
-        if self.scheduling:
-            everything['scheduling'] = self.scheduling.outcome
         if self.statistics.samples:
             everything |= self.statistics.values()
         for subscription in self.inputs:
@@ -296,26 +293,13 @@ class LoopNode(BaseNode, Generic[C]):
 
     def __init__(self, name: str, values: Values | None) -> None:
         super().__init__(name, values)
-        self.parameters = NodeParameters(
-            self, self.given, NODES[name], self.on_change,
-            lambda config: self.check(cast(C, config)), self.completed)
-        self.scheduling = RealTime(self.parameters.config)
+        self.parameters = NodeParameters(self, NODES[name])
         self.problem = ''
 
     @property
     def config(self) -> C:
         """Return the configuration in force."""
         return cast(C, self.parameters.config)
-
-    def on_change(self) -> None:
-        """Take what has been set."""
-
-    def check(self, config: C) -> None:
-        """Raise `CtcError` if a configuration that would be set is not allowed."""
-
-    def completed(self, _values: Mapping[str, Any]) -> Mapping[str, Any]:
-        """Return parameters that are set with others, by name."""
-        return {}
 
     def begin(self, description: str) -> None:
         """Begin with a robot; its description is empty where none is needed."""
@@ -424,8 +408,6 @@ def run(make_node: Callable[[], BaseNode], name: str, arguments: Sequence[str],
     finally:
         node.finish()
         node.report_end()
-        if node.scheduling:  # Whatever holds the end up must not hold up others.
-            node.scheduling.update(False)
         wait_for_all_acked(node, stop)
         status = 1 if node.failure else status
         end_after(_LEAVE, status)
@@ -439,16 +421,19 @@ def spin_until_stopped(node: BaseNode) -> None:
     """Serve a node until it is done or a signal comes."""
     executor = Executor()
     executor.add_node(node)
+    gc.disable()
+    gc.freeze()  # What there is already is there until the end.
     try:
-        with garbage_off_the_loop() as collect:
-            while not (node.stop or node.done.done()) and rclpy.ok():
-                node.spin(executor)
-                node.idle()
-                node.schedule()
-                node.report(time.monotonic_ns())
-                collect()
+        while not (node.stop or node.done.done()) and rclpy.ok():
+            node.spin(executor)
+            node.idle()
+            node.report(time.monotonic_ns())
+            if gc.get_count()[0] > _GARBAGE:  # In no sample, as Python would.
+                gc.collect()
     finally:
         executor.remove_node(node)
+        gc.unfreeze()  # For the node, whose end is that of its DDS participant.
+        gc.enable()
 
 
 def _failed(name: str, error: Exception) -> int:

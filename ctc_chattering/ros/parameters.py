@@ -16,27 +16,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
-import re
 from typing import Any
 
-from ctc_chattering.configuration.loop_setup import Values
 from ctc_chattering.errors import CtcError, ParameterError
 from ctc_chattering.parameters import Config, Parameter
 from ctc_chattering.ros.messages import stamp
 from ctc_chattering.ros.subscription import qos
 from ctc_chattering.ros.topics import PARAMETERS
 from rcl_interfaces.msg import (
-    FloatingPointRange,
-    IntegerRange,
     ParameterDescriptor,
     ParameterEvent,
     ParameterType,
     SetParametersResult,
 )
 from rclpy.exceptions import ParameterNotDeclaredException
-from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
 from rclpy.parameter_service import ParameterService
 
@@ -70,18 +65,11 @@ class NodeParameters:
 
     Parameters
     ----------
-    node : Node
-        Where they are declared.
-    given : mapping
-        Their values; the others have their defaults.
+    node : BaseNode
+        Where they are declared. Its `check` refuses a configuration that a set would make,
+        `completed` adds to the values of a set, and `on_change` is called after it.
     kind : Config type
         Of all parameters of the node.
-    changed : callable
-        Called after every accepted set.
-    check : callable, optional
-        Called with the configuration that a set would make; refuses it by `CtcError`.
-    completed : callable, optional
-        Called with the values of a set; returns more that are set with them.
 
     Attributes
     ----------
@@ -97,14 +85,10 @@ class NodeParameters:
 
     """
 
-    def __init__(self, node: Node, given: Values, kind: type[Config],
-                 changed: Callable[[], None], check: Callable[[Any], None] = lambda _: None,
-                 completed: Callable[[Mapping[str, Any]], Mapping[str, Any]] = lambda _: {}
-                 ) -> None:
+    def __init__(self, node: Any, kind: type[Config]) -> None:
         self._node = node
-        self._changed, self._check, self._completed = changed, check, completed
         self._specs = kind.parameters()
-        self.config: Any = kind.from_mapping(_of(kind, given))
+        self.config: Any = kind.from_mapping(self._ours(node.given))
         #: Values at the start: a class that they name may be named again.
         self._first = self.config.as_mapping()
         self._joints = len(getattr(self.config, 'joint_names', ()))
@@ -118,6 +102,10 @@ class NodeParameters:
         node.add_pre_set_parameters_callback(self._coerce)
         node.add_on_set_parameters_callback(self._validate)
         node.add_post_set_parameters_callback(self._apply)
+
+    def _ours(self, values: Mapping[str, Any]) -> dict[str, Any]:
+        """Return the values of parameters of ours, not of ROS."""
+        return {name: value for name, value in values.items() if name in self._specs}
 
     def assign(self, values: Mapping[str, Any]) -> None:
         """Set parameters by name, as a request of another node would."""
@@ -136,9 +124,9 @@ class NodeParameters:
                 stamp=stamp(t), node=self._node.get_fully_qualified_name(), **{kind: changed}))
 
     def _coerce(self, parameters: list[RosParameter]) -> list[RosParameter]:
-        """Turn integers and words for numbers into numbers where such are due, and complete."""
+        """Turn integers into numbers where such are due, and complete."""
         found = [self._coerced(parameter) for parameter in parameters]
-        more = self._completed({parameter.name: parameter.value for parameter in found})
+        more = self._node.completed({parameter.name: parameter.value for parameter in found})
         return found + [_to_parameter(name, value) for name, value in more.items()]
 
     def _coerced(self, parameter: RosParameter) -> RosParameter:
@@ -147,13 +135,12 @@ class NodeParameters:
         spec = self._specs.get(parameter.name)
         if spec is not None:
             with suppress(ParameterError):  # `_validate` refuses it, and says why.
-                value = spec.coerce(_numbers(spec, parameter.value), self._joints)
+                value = spec.coerce(parameter.value, self._joints)
                 return _to_parameter(spec.name, value)
         return parameter
 
     def _candidate(self, parameters: Sequence[RosParameter]) -> Any:
-        return self.config.changed(_of(
-            type(self.config), {parameter.name: parameter.value for parameter in parameters}))
+        return self.config.changed(self._ours({x.name: x.value for x in parameters}))
 
     def _validate(self, parameters: list[RosParameter]) -> SetParametersResult:
         try:
@@ -169,7 +156,7 @@ class NodeParameters:
                         and not self._node.count_publishers('/clock')):
                     raise ParameterError('use_sim_time', True, (
                         'false: /clock has no publisher, and time would stand still'))
-            self._check(self._candidate(parameters))
+            self._node.check(self._candidate(parameters))
         except CtcError as error:
             return SetParametersResult(successful=False, reason=str(error))
         return SetParametersResult(successful=True)
@@ -183,30 +170,7 @@ class NodeParameters:
                         f'{name}: {_shown(was[name])} -> {_shown(value)}')
             self.config = new
             self.changed = True
-            self._changed()
-
-
-def _of(kind: type[Config], values: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the values of parameters of ours, not of ROS."""
-    return {name: value for name, value in values.items() if name in kind.parameters()}
-
-
-def _numbers(spec: Parameter, value: Any) -> Any:
-    """
-    Return `value` with words for numbers replaced, where `spec` wants numbers.
-
-    `ros2 param load` and `set` print ``.inf`` as ``inf``, which is a string in YAML, as ``1e-05``
-    is, and send a list of numbers and strings as one string.
-    """
-    if spec.kind not in ('float', 'float[]'):
-        return value
-    row = re.fullmatch(r'\s*\[(.*)\]\s*', value) if isinstance(value, str) else None
-    items = row[1].split(',') if row else value if isinstance(value, list) else [value]
-    try:
-        numbers = [float(x.replace('.inf', 'inf')) if isinstance(x, str) else x for x in items]
-    except ValueError:
-        return value
-    return numbers if row or isinstance(value, list) else numbers[0]
+            self._node.on_change()
 
 
 def _to_parameter(name: str, value: Any) -> RosParameter:
@@ -219,15 +183,8 @@ def _shown(value: object) -> str:
 
 
 def descriptor(spec: Parameter) -> ParameterDescriptor:
-    """Return the descriptor of a parameter; `Parameter` checks its type, for a better message."""
+    """Return the descriptor of a parameter; `Parameter` checks values, for a better message."""
     unit = f' [{spec.unit}]' if spec.unit else ''
-    result = ParameterDescriptor(
+    return ParameterDescriptor(
         name=spec.name, description=spec.meaning + unit, read_only=spec.read_only,
         additional_constraints=spec.allowed, dynamic_typing=True)
-    low, high = spec.bounds
-    if spec.kind in ('float', 'float[]') and not spec.infinite and spec.shape != 'nn':
-        result.floating_point_range = [FloatingPointRange(from_value=low, to_value=high)]
-    elif spec.kind == 'int':
-        result.integer_range = [IntegerRange(
-            from_value=int(low), to_value=int(high), step=1)]
-    return result

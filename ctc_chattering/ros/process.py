@@ -12,18 +12,15 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""A process in the graph: its signals and its end, Fast DDS, SROS 2, a domain of its own."""
+"""A process in the graph: its signals and its end, Fast DDS, SROS 2."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, ExitStack, suppress
+from contextlib import contextmanager
 import ctypes
 import os
-from pathlib import Path
-import random
 import signal
-import socket
 import sys
 from types import FrameType
 
@@ -106,34 +103,9 @@ def use_profile() -> None:
         os.environ[VARIABLES[0]] = str(config_directory() / 'fastdds.xml')
 
 
-def enlarge_receive_buffers(size: int) -> None:
-    """
-    Have the kernel keep up to `size` bytes for each UDP socket of this process.
-
-    It keeps what comes while the thread that receives has no processor, by default about 200
-    messages; then it drops them. More than ``net.core.rmem_max`` takes a privilege. A profile of
-    Fast DDS does not reach the sockets that ROS makes for one host only.
-
-    Parameters
-    ----------
-    size : int
-        Bytes, with what the kernel needs of its own: a kilobyte a message.
-
-    """
-    for path in Path('/proc/self/fd').glob('*'):
-        with suppress(OSError):
-            if not path.readlink().name.startswith('socket:'):
-                continue
-            with socket.socket(fileno=os.dup(int(path.name))) as it:
-                buffer = socket.SOL_SOCKET, socket.SO_RCVBUF
-                if (it.family in (socket.AF_INET, socket.AF_INET6)
-                        and it.type == socket.SOCK_DGRAM and it.getsockopt(*buffer) < size):
-                    it.setsockopt(*buffer, size)
-
-
 def check_security() -> None:
     """
-    Refuse to go on where security is enforced and there is no keystore.
+    Refuse to go on where security is enforced and no keystore is named: ROS would not say why.
 
     Raises
     ------
@@ -141,66 +113,7 @@ def check_security() -> None:
         If it is so.
 
     """
-    if (os.environ.get('ROS_SECURITY_ENABLE') != 'true'
-            or os.environ.get('ROS_SECURITY_STRATEGY') != 'Enforce'):
-        return
-    keystore = os.environ.get('ROS_SECURITY_KEYSTORE')
-    if not keystore:
+    if (os.environ.get('ROS_SECURITY_ENABLE') == 'true'
+            and os.environ.get('ROS_SECURITY_STRATEGY') == 'Enforce'
+            and not os.environ.get('ROS_SECURITY_KEYSTORE')):
         raise CtcError('ROS_SECURITY_STRATEGY is Enforce, but ROS_SECURITY_KEYSTORE is not set')
-    if not Path(keystore, 'enclaves').is_dir():
-        raise CtcError(f'ROS_SECURITY_STRATEGY is Enforce, but ROS_SECURITY_KEYSTORE={keystore} '
-                       'is no keystore: it holds no directory enclaves')
-
-
-#: Domains whose ports are below those that Linux hands out to clients.
-DOMAINS = range(1, 102)
-#: UDP ports of domain d are those from `_PORTS` + `_EACH` d on. Nodes take the first one, for
-#: multicast, and from the tenth on two for each; who holds the domain takes the second.
-_PORTS, _EACH = 7400, 250
-_OF_NODES, _HELD = (0, 10), 2
-
-
-@contextmanager
-def own_domain() -> Iterator[int]:
-    """
-    Hold a domain that nothing else on this host uses, confined to this host.
-
-    It is held by a port that is bound: the kernel knows it from all users, leaves nothing behind,
-    and frees it when the process ends, however that ends. ``ROS_DOMAIN_ID`` and
-    ``ROS_AUTOMATIC_DISCOVERY_RANGE`` are set meanwhile.
-
-    Raises
-    ------
-    CtcError
-        If all of them are held.
-
-    """
-    names = ('ROS_DOMAIN_ID', 'ROS_AUTOMATIC_DISCOVERY_RANGE')
-    before = {name: os.environ[name] for name in names if name in os.environ}
-    for domain in random.sample(DOMAINS, len(DOMAINS)):
-        lock = _lock(domain)
-        if lock is None:
-            continue
-        with lock:
-            try:
-                os.environ.update(dict(zip(names, (str(domain), 'LOCALHOST'))))
-                yield domain
-            finally:
-                for name in names:
-                    os.environ.pop(name, None)
-                os.environ.update(before)
-        return
-    raise CtcError('every ROS domain from 1 to 101 is in use on this host')
-
-
-def _lock(domain: int) -> socket.socket | None:
-    """Return what holds a domain until it is closed; None if the domain is in use."""
-    with ExitStack() as bound:
-        first, *others = (bound.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM))
-                          for _ in range(1 + len(_OF_NODES)))
-        try:
-            for it, port in zip((first, *others), (_HELD, *_OF_NODES)):
-                it.bind(('', _PORTS + _EACH * domain + port))
-        except OSError:
-            return None
-        return socket.socket(fileno=first.detach())

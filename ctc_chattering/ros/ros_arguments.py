@@ -88,17 +88,6 @@ class RosArguments(NamedTuple):
                 found[executable] |= values
         return found
 
-    def checked(self, executable: str) -> Values:
-        """
-        Return the parameters of a node of its own; raise as `values` does, and `ParameterError`.
-
-        What comes from these arguments alone is checked before anything starts.
-        """
-        values = self.values([executable])[executable]
-        NODES[executable].from_mapping({
-            name: x for name, x in values.items() if name not in parameter_file.OF_ROS})
-        return values
-
 
 def _in_file(file: Path, namespace: str, names: Mapping[str, str]) -> dict[str, Values]:
     """
@@ -164,11 +153,6 @@ def parse(arguments: Sequence[str]) -> tuple[list[str], RosArguments]:
     ros : RosArguments
         Those between ``--ros-args`` and ``--`` or the end.
 
-    Raises
-    ------
-    UsageError
-        For an argument that rcl refuses.
-
     """
     own: list[str] = []
     rest: list[str] = []
@@ -183,12 +167,6 @@ def parse(arguments: Sequence[str]) -> tuple[list[str], RosArguments]:
             into = own
         else:
             sources.append((word, next(words, '')))
-    if rest:
-        from rclpy.impl.implementation_singleton import rclpy_implementation as rcl
-        try:
-            rcl.rclpy_remove_ros_args(['--ros-args', *rest])
-        except RuntimeError as error:
-            raise UsageError(f'ROS refuses what follows --ros-args: {error}') from None
     return own, RosArguments(tuple(sources), tuple(rest))
 
 

@@ -35,8 +35,6 @@ DIAGNOSTICS = '/diagnostics'
 ROBOT_DESCRIPTION = 'robot_description'
 #: Topics under ``~/`` of the controller.
 TRACKING, FILTER, TORQUES = 'tracking', 'filter', 'torques'
-#: Another one, of control_msgs, where that is installed; no node of ours reads or records it.
-CONTROLLER_STATE = 'controller_state'
 #: Topic under ``~/`` of plant, controller and reference: the parameters in force.
 PARAMETERS = 'parameters'
 

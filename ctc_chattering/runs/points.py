@@ -260,7 +260,8 @@ def steps(setup: Setup) -> float:
     """Return how many steps of the integrator a run has; stiff elastic joints have many."""
     plant = setup.plant
     if plant.elastic:
-        return make_plant(plant, setup.descriptions.get('plant', '')).steps
+        robot = make_plant(plant, setup.descriptions.get('plant', ''))
+        return robot.last * robot.parameters.mechanics.steps
     return plant.duration / min(plant.control_period, plant.integration_step)
 
 

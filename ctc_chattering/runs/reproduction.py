@@ -17,12 +17,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+import os
 from pathlib import Path
 
 from ctc_chattering.analysis.output import prepare
 from ctc_chattering.analysis.result import Result
 from ctc_chattering.configuration import parameter_file
-from ctc_chattering.configuration.package_share import EXPERIMENTS
+from ctc_chattering.configuration.package_share import EXPERIMENTS, find_config
 
 #: Name in the directory of `reproduce`.
 BAGS = 'bags'
@@ -57,18 +58,17 @@ def reproduce(out: str | Path, progress: Callable[[str, float, float], None] | N
     """
     from ctc_chattering.bags.reader import read_bag
     from ctc_chattering.launch.graph import run_graph
-    from ctc_chattering.ros.process import own_domain
 
     directory = prepare(Path(out), (BAGS,)) / BAGS
-    bags = [directory / x.name for x in EXPERIMENTS]
-    with own_domain():
-        for experiment, bag in zip(EXPERIMENTS, bags):
-            duration = parameter_file.load(experiment.path, experiment.overrides).plant.duration
+    bags = [directory / name for name in EXPERIMENTS]
+    # Another graph on this host may run meanwhile.
+    ours = '--ros-args', '-r', f'__ns:=/reproduction_{os.getpid()}'
+    for (file, values), bag in zip(EXPERIMENTS.values(), bags):
+        setup = parameter_file.load(find_config(file), {'controller': values})
 
-            def moved(time: float, name: str = bag.name, end: float = duration) -> None:
-                if progress is not None:
-                    progress(name, time, end)
-            run_graph(experiment.path, experiment.overrides, bag, progress=moved,
-                      show=lambda _: None)
-            moved(duration)
+        def moved(time: float, name: str = bag.name, end: float = setup.plant.duration) -> None:
+            if progress is not None:
+                progress(name, time, end)
+        run_graph(setup, bag, ours, moved, lambda _: None)
+        moved(setup.plant.duration)
     return [read_bag(bag) for bag in bags]

@@ -24,9 +24,9 @@ from typing import Any
 from ctc_chattering.control.controller import Controller, ControllerConfig, Sample
 from ctc_chattering.controller.trips import joint_beyond
 from ctc_chattering.dynamics.model import Model
-from ctc_chattering.errors import CtcError, ParameterError
+from ctc_chattering.errors import CtcError
 from ctc_chattering.numerics.linear_algebra import Vector
-from ctc_chattering.numerics.time_grid import period_ns, seconds
+from ctc_chattering.numerics.time_grid import seconds
 from ctc_chattering.simulation.compiled_loop import (
     BEYOND,
     CompiledLoop,
@@ -36,7 +36,6 @@ from ctc_chattering.simulation.compiled_loop import (
     NO_TORQUE,
     Q,
     SENT,
-    STAMP,
 )
 from ctc_chattering.simulation.plant import diverged, make_plant, Plant
 from ctc_chattering.simulation.plant_config import PlantConfig
@@ -69,11 +68,6 @@ class Event:
     node: str
     values: Mapping[str, Any]
 
-    def __post_init__(self) -> None:
-        """Check the node."""
-        if self.node not in ('plant', 'controller'):
-            raise ParameterError('node', self.node, 'plant | controller')
-
 
 @dataclasses.dataclass(frozen=True)
 class Run:
@@ -97,11 +91,6 @@ class Run:
     compiled : bool
         Whether machine code computed it.
 
-    Raises
-    ------
-    CtcError
-        If an array has another shape.
-
     """
 
     t: Array
@@ -113,15 +102,6 @@ class Run:
     tau: Array
     v: Array
     compiled: bool = dataclasses.field(default=False, kw_only=True)
-
-    def __post_init__(self) -> None:
-        """Check the shapes."""
-        shape = (*self.t.shape, *self.q.shape[1:])
-        for name, x in vars(self).items():
-            if name != 'compiled' and (x.ndim != (1 if name == 't' else 2)
-                                       or (name != 't' and x.shape != shape)):
-                raise CtcError(f'{name}: an array of shape {x.shape} is not allowed; allowed: '
-                               f'(N,) for t, and the same (N, n) for all others')
 
     @property
     def e(self) -> Array:
@@ -149,7 +129,8 @@ def simulate(plant: PlantConfig, controller: ControllerConfig, reference: Refere
     Parameters
     ----------
     plant, controller, reference
-        Configurations; the joints of all three are the same, in any order for the reference.
+        Configurations that agree (`configuration.loop_setup.check_agreement`); the joints of all
+        three are the same, in any order for the reference.
     events : sequence of Event
         Changes of parameters during the run.
     progress : callable, optional
@@ -170,7 +151,6 @@ def simulate(plant: PlantConfig, controller: ControllerConfig, reference: Refere
         exceeds `error_limit`, or the waypoints are not allowed.
 
     """
-    _check_agreement(plant, controller, reference)
     if plant.duration <= 0.0:
         raise CtcError('duration: a simulation must end; set the duration of the plant above 0')
     robot, law = robot or make_plant(plant), Controller(controller, model)
@@ -182,10 +162,10 @@ def simulate(plant: PlantConfig, controller: ControllerConfig, reference: Refere
     show(0.0)
     loop = None if events else compiled_loop_of(robot, law, truth)
     compiled = loop is not None and loop.compiled
-    rows = (_by_machine_code(loop, table, robot, law) if loop is not None and compiled
-            else _by_steps(robot, law, table, events, show, truth))
+    stamps, rows = (_by_machine_code(loop, table, robot, law) if loop is not None and compiled
+                    else _by_steps(robot, law, table, events, show, truth))
     show(plant.duration)
-    return _run_of(rows, table, robot.period_ns, truth, compiled)
+    return _run_of(stamps, rows, table, robot.period_ns, truth, compiled)
 
 
 def compiled_loop_of(robot: Plant, law: Controller, truth: bool = False) -> CompiledLoop | None:
@@ -194,15 +174,16 @@ def compiled_loop_of(robot: Plant, law: Controller, truth: bool = False) -> Comp
 
     It may have to be compiled first.
     """
-    step, plant_step = law.compiled_step(), robot.compiled_step()
+    step, plant_step = law.compiled_step(), robot.compiled_step
     if step is None or plant_step is None:
         return None
     return CompiledLoop(robot, plant_step, step, truth)
 
 
-def _by_machine_code(loop: CompiledLoop, table: Array, robot: Plant, law: Controller) -> Array:
+def _by_machine_code(loop: CompiledLoop, table: Array, robot: Plant, law: Controller
+                     ) -> tuple[Any, Array]:
     """Return what `_by_steps` does, of machine code."""
-    end, last, joint, rows = loop.run(table, np.array(law.config.error_limit))
+    end, last, joint, stamps, rows = loop.run(table, np.array(law.config.error_limit))
     t = seconds(last * robot.period_ns)
     if end == DIVERGED:
         raise diverged(t, loop.commanded)
@@ -210,13 +191,13 @@ def _by_machine_code(loop: CompiledLoop, table: Array, robot: Plant, law: Contro
         raise CtcError(_beyond(law.config, joint, t, loop.error[joint]))
     if end == NO_TORQUE:
         raise CtcError(_no_torque(t, *loop.measured.tolist()))
-    return rows
+    return stamps, rows
 
 
 def _by_steps(robot: Plant, law: Controller, table: Array, events: Sequence[Event],
-              show: Callable[[float], None], truth: bool) -> Array:
+              show: Callable[[float], None], truth: bool) -> tuple[Any, Array]:
     """
-    Return stamp [ns], q, dq, tau and v of each sample that is not lost, shape (N, 5, n).
+    Return stamp [ns], and q, dq, tau and v, of each sample not lost, (N,) and (N, 4, n).
 
     Parameters
     ----------
@@ -230,29 +211,31 @@ def _by_steps(robot: Plant, law: Controller, table: Array, events: Sequence[Even
     """
     period, last, delay = robot.period_ns, robot.last, law.config.input_delay
     due = deque(sorted(events, key=lambda event: event.time))
-    rows, count = np.empty((last + 1, 5, robot.n)), 0
-    tau: Vector = ()
+    changed: dict[str, Any] = {'plant': robot, 'controller': law}
+    stamps, rows = np.zeros(last + 1, np.int64), np.empty((last + 1, 4, robot.n))
+    tau, count = robot.applied, 0
     for k in range(last + 1):
         t = seconds(k * period)
         while due and t >= due[0].time:
-            _apply(due.popleft(), robot, law)
+            event = due.popleft()
+            changed[event.node].configure(changed[event.node].config.changed(event.values))
         if not robot.lost:
             point, *ahead = table[k:k + delay + 1].tolist()
             sample = _step(law, robot.stamp, k * period, *robot.measured, point, ahead)
             tau = sample.tau
-            rows[count] = ((robot.stamp,) * robot.n,
-                           *((robot.q, robot.dq) if truth else robot.measured), tau, sample.v)
+            stamps[count] = robot.stamp
+            rows[count] = *((robot.q, robot.dq) if truth else robot.measured), tau, sample.v
             count += 1
         if k < last:
             robot.step(tau)
         if k % max(1, last // 100) == 0:
             show(t)
-    return rows[:count]
+    return stamps[:count], rows[:count]
 
 
-def _run_of(rows: Array, table: Array, period: int, truth: bool, compiled: bool) -> Run:
-    """Return the run of rows as `_by_steps` returns them, under a reference."""
-    stamps = rows[:, STAMP, 0].astype(int)
+def _run_of(stamps: Any, rows: Array, table: Array, period: int, truth: bool, compiled: bool
+            ) -> Run:
+    """Return the run of what `_by_steps` returns, under a reference."""
     at = np.rint(stamps / period).astype(int)
     q_d, dq_d, ddq_d = table[at].transpose(1, 0, 2)
     if truth:
@@ -273,20 +256,6 @@ def _beyond(config: ControllerConfig, joint: int, t: float, error: float) -> str
             f'exceeds error_limit, {config.error_limit[joint]:g} rad')
 
 
-def _check_agreement(plant: PlantConfig, controller: ControllerConfig,
-                     reference: ReferenceConfig) -> None:
-    """Raise `ParameterError` if the configurations are not for the same loop."""
-    if controller.joint_names != plant.joint_names:
-        raise ParameterError('joint_names of the controller', controller.joint_names,
-                             f'those of the plant, {list(plant.joint_names)}')
-    if not set(controller.joint_names) <= set(reference.joint_names):
-        raise ParameterError('joint_names of the reference', reference.joint_names,
-                             f'with those of the controller, {list(controller.joint_names)}')
-    if period_ns(controller.control_period) != period_ns(plant.control_period):
-        raise ParameterError('control_period of the controller', controller.control_period,
-                             f'that of the plant, {plant.control_period}')
-
-
 def _step(law: Controller, stamp: int, at: int, q: Vector, dq: Vector, point: Point,
           ahead: Sequence[Point]) -> Sample:
     """Return the law's sample at a stamp; raise `CtcError` if no torque may be sent for it."""
@@ -297,10 +266,3 @@ def _step(law: Controller, stamp: int, at: int, q: Vector, dq: Vector, point: Po
     if i is not None:
         raise CtcError(_beyond(law.config, i, t, sample.e[i]))
     return sample
-
-
-def _apply(event: Event, robot: Plant, law: Controller) -> None:
-    if event.node == 'plant':
-        robot.configure(robot.config.changed(event.values))
-    else:
-        law.configure(law.config.changed(event.values))

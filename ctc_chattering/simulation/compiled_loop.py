@@ -16,26 +16,26 @@
 
 from __future__ import annotations
 
-from copy import copy
 from functools import lru_cache
-from math import isfinite
+from math import inf
 from random import Random
 from typing import Any, NamedTuple
 
-from ctc_chattering.compiled.compilable import function
-from ctc_chattering.compiled.machine_code import Call, Code, invoke
-from ctc_chattering.compiled.records import numpy_record
+from ctc_chattering.compiled.compilable import every, first, function, some
+from ctc_chattering.compiled.machine_code import Code, invoke, Program
+from ctc_chattering.compiled.records import load, numpy_record, rows, store, value
 from ctc_chattering.control.step import CompiledStep, E, periods, TAU, V
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.simulation.plant import Plant
 from ctc_chattering.simulation.plant_step import CompiledPlant, CompiledPlantStep, no_inputs
 import numpy as np
+import numpy.typing as npt
 
 #: How a run ends, and the sample: at its end, without a finite torque, with a position error
 #: beyond its limit (and its joint), with a state that is not finite.
 FINISHED, NO_TORQUE, BEYOND, DIVERGED = range(4)
 #: Rows of a sample.
-STAMP, Q, DQ, SENT, FILTERED = range(5)
+Q, DQ, SENT, FILTERED = range(4)
 
 
 class Control(NamedTuple):
@@ -54,7 +54,7 @@ class Control(NamedTuple):
     error_limit: Array
 
 
-class CompiledLoop:
+class CompiledLoop(Program):
     """
     A closed loop from its start to its end.
 
@@ -71,10 +71,6 @@ class CompiledLoop:
 
     Attributes
     ----------
-    code : Code
-        Of the loop, the same for all laws.
-    codes : tuple of Code
-        All that must be compiled.
     measured, error : array, shape (2, n) and (n,)
         q and dq [rad, rad/s], and the position error [rad], of the last sample.
 
@@ -84,34 +80,28 @@ class CompiledLoop:
                  truth: bool) -> None:
         self.measured, self.error, self._step = step.measured, step.made[E], step
         self._plant, self._plant_step, n = plant, plant_step, plant.n
-        zero = np.array(0)
-        self._call = numpy_record(dict.fromkeys(
-            ('control', 'control_places', 'plant', 'plant_places'), zero))
-        self._result = numpy_record(
-            {'rows': zero, 'last': zero, 'joint': zero, 'truth': np.array(int(truth))})
-        self.code = Code(run, self._arguments(
-            np.zeros(n), no_inputs(n, 1), np.zeros((3, n)), np.zeros((1, 5, n))), f'loop-{n}')
-        self.codes = *step.codes, *plant_step.codes, self.code
+        self._result = numpy_record({name: np.array(x) for name, x in (
+            ('rows', 0), ('last', 0), ('joint', 0), ('truth', int(truth)))})
+        self._call = numpy_record({name: np.array(0) for name in (
+            'control', 'control_places', 'plant', 'plant_places')})
+        super().__init__((*step.codes, *plant_step.codes), run, self._arguments(
+            np.zeros(n), no_inputs(n, 1), np.zeros((3, n)), 1), f'loop-{n}')
+        self.compiled &= step.compiled and plant_step.compiled
 
-    def _arguments(self, error_limit: Array, inputs: Any, points: Array, rows: Array
+    def _arguments(self, error_limit: Array, inputs: Any, points: Array, count: int
                    ) -> tuple[Any, ...]:
         step, plant_step = self._step, self._plant_step
         control = Control(self._call, plant_step.given, step.measured, step.points, step.arrival,
                           step.made, error_limit)
-        return plant_step.records, control, inputs, points, rows, self._result
-
-    @property
-    def compiled(self) -> bool:
-        """Whether it can run."""
-        return all(code.compiled for code in self.codes)
+        return (plant_step.records, control, inputs, points, np.zeros(count, np.int64),
+                np.empty((4 * count, self._plant.n)), self._result)
 
     @property
     def commanded(self) -> Array:
         """Return what the drives were asked for last, shape (n,) [N·m]."""
-        torque: Array = self._plant_step.records.state['driven']['commanded']
-        return torque
+        return self._plant_step.state.driven.commanded
 
-    def run(self, table: Array, error_limit: Array) -> tuple[int, int, int, Array]:
+    def run(self, table: Array, error_limit: Array) -> tuple[int, int, int, Any, Array]:
         """
         Run it.
 
@@ -126,34 +116,35 @@ class CompiledLoop:
         -------
         end, last, joint : int
             How the run ended, at which sample, with which joint.
-        rows : array, shape (N, 5, n)
-            Stamp [ns], q, dq, tau, v of each sample that is not lost.
+        stamps : array of int, shape (N,)
+            Of each sample that is not lost [ns].
+        rows : array, shape (N, 4, n)
+            Its q, dq, tau, v.
 
         """
-        for name, step in (('control', self._step), ('plant', self._plant_step)):
-            self._call[name] = step.call.function
-            self._call[f'{name}_places'] = step.call.places.ctypes.data
-        drawn = inputs(self._plant, self._plant.last + 1)
-        out = np.empty((len(drawn), 5, self._plant.n))
-        end = Call(self.code, self._arguments(
-            error_limit, drawn, table.reshape(-1, self._plant.n), out))()
-        return end, int(self._result.last), int(self._result.joint), out[:self._result.rows]
+        for name, code in (('control', self._step.code), ('plant', self._plant_step.code)):
+            self._call[name] = code.address()
+            self._call[f'{name}_places'] = code.places.ctypes.data
+        count = self._plant.last + 1
+        arguments = self._arguments(
+            error_limit, inputs(self._plant, count), table.reshape(-1, self._plant.n), count)
+        end, found = Code(run, arguments, self.code.name).call()(), int(self._result.rows)
+        *_, stamps, out, _ = arguments
+        return (end, int(self._result.last), int(self._result.joint), stamps[:found],
+                out.reshape(count, 4, -1)[:found])
 
 
 def inputs(plant: Plant, count: int) -> Any:
     """Return `count` records of `PlantInput` with the random numbers that `plant` would draw."""
-    n, config = plant.n, plant.config
-    made = no_inputs(n, count)
-    for name, random, asked in (('late', plant.lateness, config.late_samples),
-                                ('loss', plant.loss, config.sample_loss),
-                                ('jitter', plant.jitter, config.sample_jitter)):
-        draw = copy(random).random  # The plant stays at its start.
-        made[name] = [draw() for _ in range(count)] if asked else 1.0
-    noisy = np.array([*config.position_noise, *config.velocity_noise]) > 0.0
-    noise = np.zeros((count, 2 * n))
+    made = no_inputs(plant.n, count)
+    for name, random in plant.chances.items():
+        made[name] = ([random.random() for _ in range(count)] if getattr(plant.config, name)
+                      else 1.0)
+    noisy = np.array([*plant.config.position_noise, *plant.config.velocity_noise]) > 0.0
+    noise = np.zeros((count, len(noisy)))
     noise[:, noisy] = normal_numbers(
         plant.sensor.random.getstate(), count * int(noisy.sum())).reshape(count, -1)
-    made['position_noise'], made['velocity_noise'] = noise[:, :n], noise[:, n:]
+    made['position_noise'], made['velocity_noise'] = np.split(noise, 2, axis=1)
     return made
 
 
@@ -166,7 +157,8 @@ def normal_numbers(state: Any, count: int) -> Array:
 
 
 @function
-def run(p: CompiledPlant, c: Control, drawn: Any, points: Array, out: Array, result: Any) -> int:
+def run(p: CompiledPlant, c: Control, drawn: Any, points: Array, stamps: npt.NDArray[np.int64],
+        out: Array, result: Any) -> int:
     """
     Run the closed loop from the first sample to the last; return how it ended.
 
@@ -178,22 +170,23 @@ def run(p: CompiledPlant, c: Control, drawn: Any, points: Array, out: Array, res
         `PlantInput` of each sample but for the torque.
     points : array, shape (3 (N + delay), n)
         q_d, dq_d and ddq_d of one sample after the other.
-    out : array, shape (N, 5, n)
-        Rows to be filled with stamp, q, dq, tau, v of each sample that is not lost.
+    stamps, out : array, shape (N,) and (4 N, n)
+        To be filled with stamp [ns], and with q, dq, tau, v, of each sample that is not lost.
     result : record
         To be filled: the number of rows, the last sample, the joint that is concerned.
 
     """
-    s, given, n = p.state, c.given, out.shape[2]
+    s, tau = p.state, value(p.state.driven.received)
+    measured, ahead, made = rows(c.measured, tau), rows(c.points, tau), rows(c.made, tau)
+    table, kept, limit = rows(points, tau), rows(out, tau), rows(c.error_limit, tau)
     last, period = p.parameters.last, p.parameters.mechanics.period_ns
     before, offset = -period, 0
     for k in range(last + 1):
         result.last = k
         if not s.lost_in_a_row:  # Else the plant takes the last torque again.
-            for i in range(n):
-                c.measured[0, i], c.measured[1, i] = s.shown.q[i], s.shown.dq[i]
-                for j in range(len(c.points)):
-                    c.points[j, i] = points[3 * k + j, i]
+            measured[0], measured[1] = value(s.shown.q), value(s.shown.dq)
+            for j in range(len(c.points)):
+                ahead[j] = table[3 * k + j]
             stamp = k * period + round(1e9 * s.offset)
             missed, offset = periods(period, offset, stamp - before)
             for j in range(missed, -1, -1):
@@ -201,31 +194,23 @@ def run(p: CompiledPlant, c: Control, drawn: Any, points: Array, out: Array, res
                 c.arrival.after_points = (stamp - offset - (k + j) * period) / 1e9
                 c.arrival.measured, c.arrival.kept = 1 - min(j, 1), min(j, 1)
                 invoke(c.call.control, c.call.control_places)
-            before = stamp
-            row, total = out[result.rows], 0.0
-            for i in range(n):
-                given.tau[i] = c.made[TAU, i]
-                row[STAMP, i], row[SENT, i], row[FILTERED, i] = stamp, given.tau[i], c.made[V, i]
-                row[Q, i], row[DQ, i] = s.shown.q[i], s.shown.dq[i]
-                if result.truth:
-                    row[Q, i], row[DQ, i] = s.motion.q[i], s.motion.dq[i]
-                total += row[SENT, i] + row[FILTERED, i]
-            if not isfinite(total):
+            before, tau = stamp, made[TAU]
+            if not every(np.abs(tau) + np.abs(made[V]) < inf):
                 return NO_TORQUE
-            for i in range(n):
-                if not abs(c.made[E, i]) <= c.error_limit[i]:
-                    result.joint = i
-                    return BEYOND
+            beyond = ~(np.abs(made[E]) <= limit[0])
+            if some(beyond):
+                result.joint = first(beyond)
+                return BEYOND
+            i = 4 * result.rows
+            kept[i + Q], kept[i + DQ] = measured[0], measured[1]
+            if result.truth:
+                kept[i + Q], kept[i + DQ] = value(s.motion.q), value(s.motion.dq)
+            kept[i + SENT], kept[i + FILTERED] = tau, made[V]
+            stamps[result.rows] = stamp
             result.rows += 1
         if k < last:
-            given.late, given.loss, given.jitter = drawn[k].late, drawn[k].loss, drawn[k].jitter
-            total = 0.0
-            for i in range(n):
-                given.position_noise[i] = drawn[k].position_noise[i]
-                given.velocity_noise[i] = drawn[k].velocity_noise[i]
+            store(c.given, load(drawn[k])._replace(tau=tau))
             invoke(c.call.plant, c.call.plant_places)
-            for i in range(n):
-                total += s.motion.q[i] + s.motion.dq[i]
-            if not isfinite(total):
+            if not every(np.abs(value(s.motion.q)) + np.abs(value(s.motion.dq)) < inf):
                 return DIVERGED
     return FINISHED

@@ -29,7 +29,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from ctc_chattering.compiled.compilable import function, record
+from ctc_chattering.compiled.compilable import function, record, some
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.simulation.sensor import quantised
 import numpy as np
@@ -51,9 +51,7 @@ class Drives(NamedTuple):
     #: T [s] and R [N·m/s].
     lag: Array
     rate: Array
-    #: Whether any joint has a resolution, a limit, and whether none has a lag or a rate limit.
-    coarse: float
-    limited: float
+    #: Whether no joint has a lag or a rate limit.
     ideal: float
 
 
@@ -135,10 +133,9 @@ def driven(drives: Drives, before: Driven, transit: Array, k: int, tau: Array,
         arriving = 1.0 * transit[i]
         transit[i] = command
         command = arriving
-    if drives.coarse:
+    if some(drives.resolution):
         command = quantised(command, drives.resolution)
-    if drives.limited:
-        command = np.minimum(np.maximum(command, -drives.saturation), drives.saturation)
+    command = np.minimum(np.maximum(command, -drives.saturation), drives.saturation)
     if drives.ideal:
         return Driven(tau, command, before.gap, command)
     gap = command - before.torque

@@ -50,22 +50,17 @@ _HOLD = 1.0 + 1e-12
 
 @record
 class Friction(NamedTuple):
-    """Parameters of friction; vectors of shape (n,), truth values 1.0 and 0.0."""
+    """Parameters of friction; vectors of shape (n,)."""
 
     #: Kf [N·m], part of the load that adds to it, asymmetry.
     coulomb: Array
     share: Array
     asymmetry: Array
-    #: At rest, without a load [N·m].
-    breakaway: Array
     #: Viscous [N·m·s/rad], Stribeck [N·m] and its velocity [rad/s].
     viscous: Array
     stribeck: Array
     stribeck_velocity: Array
-    #: Whether it depends on the load, the direction, the velocity, and whether there is an own.
-    loaded: float
-    uneven: float
-    by_velocity: float
+    #: 1.0 with an own friction, else 0.0.
     own: float
 
 

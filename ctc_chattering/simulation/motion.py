@@ -43,15 +43,13 @@ _MAX_EVENTS = 50
 class Mechanics(NamedTuple):
     """What acts on the robot; vectors over the coordinates, truth values 1.0 and 0.0."""
 
-    #: h [ns] and [s]; steps of the integrator in it, and their length [s].
+    #: h [ns] and [s]; steps of the integrator in it.
     period_ns: int
     period: float
     steps: int
-    step: float
-    #: d(t) = amplitude sin(frequency t) [N·m, rad/s], and whether there is any.
+    #: d(t) = amplitude sin(frequency t) [N·m, rad/s].
     amplitude: Array
     frequency: Array
-    disturbed: float
     #: A push [N·m], and the first sample after it.
     push: Array
     push_end: int
@@ -91,11 +89,12 @@ class Mechanism(NamedTuple):
     def integrate(self, now: Acting, motion: Motion) -> Motion:
         """Return the motion a sample period later."""
         p, t = self.mechanics, now.start
-        if not motion.decided or some(motion.stuck) or p.friction.loaded or some(
+        if not motion.decided or some(motion.stuck) or some(p.friction.share) or some(
                 motion.dq == 0.0):
             motion = decided(self, now, motion.q, motion.dq, t)
+        h = p.period / p.steps
         for i in range(p.steps):
-            motion = integrated(self, now, motion, t + i * p.step, p.step)
+            motion = integrated(self, now, motion, t + i * h, h)
         return motion
 
 
@@ -160,16 +159,13 @@ def acting(mechanics: Mechanics, commanded: Array, gap: Array, k: int) -> Acting
 
     """
     p, rubbing = mechanics, mechanics.friction
-    command, breakaway, coulomb, mean = commanded, rubbing.breakaway, rubbing.coulomb, commanded
-    if rubbing.loaded:
+    coulomb, mean = rubbing.coulomb, commanded
+    if some(rubbing.share):
         if not p.ideal:
-            mean = command + response(gap, p.lag, p.rate, p.period)[1] / p.period
+            mean = commanded + response(gap, p.lag, p.rate, p.period)[1] / p.period
         coulomb = coulomb + rubbing.share * np.abs(mean)
-        breakaway = coulomb + rubbing.stribeck
-    if rubbing.uneven:
-        command = command - rubbing.asymmetry * coulomb
-    return Acting(k * p.period_ns / 1e9, command, breakaway, gap, mean,
-                  1.0 if k < p.push_end else 0.0)
+    return Acting(k * p.period_ns / 1e9, commanded - rubbing.asymmetry * coulomb,
+                  coulomb + rubbing.stribeck, gap, mean, 1.0 if k < p.push_end else 0.0)
 
 
 @function
@@ -191,7 +187,7 @@ def total(mechanics: Mechanics, now: Acting, load: Array, t: float, half: float)
 
     """
     p = mechanics
-    if p.disturbed:
+    if some(p.amplitude):
         load = load + p.amplitude * np.sin(p.frequency * t)
     if now.pushed:
         load = load + p.push
@@ -208,9 +204,10 @@ def total(mechanics: Mechanics, now: Acting, load: Array, t: float, half: float)
 def in_motion(mechanism: Mechanism, now: Acting, load: Array, dq: Array, mode: Array) -> Array:
     """Return `load` less what friction at the velocity exceeds its value near rest by."""
     rubbing = mechanism.mechanics.friction
-    if rubbing.by_velocity:
+    load = load - rubbing.viscous * dq
+    if some(rubbing.stribeck):
         r = dq / rubbing.stribeck_velocity
-        load = load - rubbing.viscous * dq + rubbing.stribeck * mode * (1.0 - np.exp(-r * r))
+        load = load + rubbing.stribeck * mode * (1.0 - np.exp(-r * r))
     if rubbing.own:
         load = load - mechanism.own.resistance(dq, now.mean, mode)
     return load

@@ -41,10 +41,10 @@ from ctc_chattering.simulation.motion import Mechanics, Mechanism, Motion, Rigid
 from ctc_chattering.simulation.plant_config import PlantConfig
 from ctc_chattering.simulation.plant_step import (
     CompiledPlantStep,
-    PlainPlantStep,
     PlantInput,
     PlantParameters,
     PlantState,
+    stepped,
 )
 from ctc_chattering.simulation.sensor import Sensor
 from ctc_chattering.trajectory.joint_limits import check_limits, DescribedLimits
@@ -103,10 +103,18 @@ class Plant:
         How long after the sample that is [s].
     lost : bool
         Whether that measurement is not sent: `step` then takes the last torque again.
+    braking : bool
+        Whether the brakes are on.
+    state : PlantState
+        Of drives, coordinates and sensors; of machine code, views of its memory.
     config : PlantConfig
         In force.
     parameters : PlantParameters
         What follows from it.
+    compiled_step : CompiledPlantStep or None
+        The step from now on as machine code takes it; None where it cannot.
+    chances : dict of Random
+        Of what decides which samples are late, lost and off the grid, by parameter.
 
     """
 
@@ -128,8 +136,8 @@ class Plant:
         self.own = own_friction(config.friction_model, config.joint_names)
         self._arm: Arm | None = None
         if config.compiled and not config.elastic and type(self.own) in RECORDS:
-            self._arm = self._compilable()
-        self._braking = False
+            self._arm = arm_of(self.model)
+        self.braking = False
         #: The push, and the first sample after it.
         self._push: Vector = (0.0,) * self.n
         self._push_end = 0
@@ -141,8 +149,8 @@ class Plant:
         self.sensor = Sensor(
             config.encoder_resolution, config.position_noise, config.velocity_noise,
             config.noise_seed, config.velocity_sensor, config.velocity_cutoff, self._period)
-        self.loss, self.lateness, self.jitter = (
-            Random(f'{config.noise_seed} {of}') for of in ('loss', 'lateness', 'jitter'))
+        self.chances = {parameter: Random(f'{config.noise_seed} {of}') for parameter, of in (
+            ('late_samples', 'lateness'), ('sample_loss', 'loss'), ('sample_jitter', 'jitter'))}
         rest, zero = np.zeros(self._coupled.n), np.zeros(self.n)
         motion = Motion(np.array(q), np.array(dq), rest, rest, rest, 0.0)
         self._begin(config, PlantState(
@@ -150,42 +158,41 @@ class Plant:
             self.sensor.first(*map(self._joints.seen, (motion.q, motion.dq))), 0.0, 0),
             np.zeros((max(config.input_delay, 1), self.n)))
 
-    def _compilable(self) -> Arm | None:
-        """Return the model as compiled code takes it; None where it cannot."""
-        return arm_of(self.model)
-
     def _mechanism(self, mechanics: Mechanics) -> Mechanism:
         """Return what plain Python moves."""
         return Mechanism(self._coupled, self.own, mechanics, self._joints)
 
     def configure(self, config: PlantConfig) -> None:
         """Use another friction or disturbance from the next step on."""
-        state = self._stepper.state
-        self._begin(config, state._replace(motion=state.motion._replace(decided=0.0)),
-                    self._stepper.transit)
+        motion = self.state.motion._replace(decided=0.0)
+        self._begin(config, self.state._replace(motion=motion), self._transit)
 
     def _begin(self, config: PlantConfig, state: PlantState, transit: Array) -> None:
         """Go on from a state with other parameters."""
         self.config = config
         drives = self._drives()
         mechanics = self._mechanics(drives.ideal)
-        self.parameters = parameters = PlantParameters(
+        self.parameters = PlantParameters(
             mechanics, drives, self.sensor.encoders, config.sample_loss, config.sample_jitter,
             self.last)
-        #: As machine code takes the step from now on; None where it cannot.
-        self._compiled: CompiledPlantStep | None = None
+        self._moving = self._mechanism(mechanics)
+        self.state, self._transit = state, transit
+        self.compiled_step: CompiledPlantStep | None = None
         if self._arm is not None:
-            self._compiled = CompiledPlantStep(self._arm, self.own, parameters, state, transit)
-        self._stepper: PlainPlantStep | CompiledPlantStep = PlainPlantStep(
-            self._mechanism(mechanics), parameters, state, transit)
-        if self._compiled is not None and self._compiled.compiled:
-            self._stepper = self._compiled
+            step = self.compiled_step = CompiledPlantStep(
+                self._arm, self.own, self.parameters, state, transit)
+            if step.compiled:
+                self.state, self._transit = step.state, step.transit
         self._show()
 
     def _show(self) -> None:
         """Take over what is known of the present sample."""
-        (self.q, self.dq, self.measured, self.applied, self.offset,
-         self.lost_in_a_row) = self._stepper.shown()
+        n, state = self.n, self.state
+        self.q: Vector = state.motion.q[:n].tolist()  # Links come before motors.
+        self.dq: Vector = state.motion.dq[:n].tolist()
+        self.measured: tuple[Vector, Vector] = state.shown.q.tolist(), state.shown.dq.tolist()
+        self.applied: Vector = state.driven.torque.tolist()
+        self.offset, self.lost = float(state.offset), bool(state.lost_in_a_row)
 
     def _drives(self) -> Drives:
         config = self.config
@@ -193,7 +200,6 @@ class Plant:
             self._period, config.input_delay, config.late_samples,
             np.array(config.torque_resolution), np.array(config.torque_saturation),
             np.array(config.actuator_lag), np.array(config.torque_rate_limit),
-            float(any(config.torque_resolution)), float(min(config.torque_saturation) < inf),
             float(not any(config.actuator_lag) and min(config.torque_rate_limit) == inf))
 
     def _mechanics(self, ideal: float) -> Mechanics:
@@ -212,47 +218,30 @@ class Plant:
             return values
 
         viscous = np.array(config.viscous_friction)
-        if self._braking:
+        if self.braking:
             viscous = viscous + config.fault_damping
         friction = Friction(
             on_motors(config.coulomb_friction), on_motors(config.load_friction),
-            on_motors(config.friction_asymmetry),
-            on_motors(np.add(config.coulomb_friction, config.stribeck_friction)),
-            on_motors(viscous), on_motors(config.stribeck_friction),
-            on_motors(config.stribeck_velocity, 1.0), float(any(config.load_friction)),
-            float(any(config.friction_asymmetry)),
-            float(any(viscous) or any(config.stribeck_friction)),
+            on_motors(config.friction_asymmetry), on_motors(viscous),
+            on_motors(config.stribeck_friction), on_motors(config.stribeck_velocity, 1.0),
             float(bool(config.friction_model)))
         return Mechanics(
-            self.period_ns, self._period, self._substeps, self._period / self._substeps,
+            self.period_ns, self._period, self._substeps,
             on_links(config.disturbance_amplitude), on_links(config.disturbance_frequency),
-            float(any(config.disturbance_amplitude)), on_links(self._push),
-            self._push_end if any(self._push) else 0, on_motors(config.actuator_lag),
-            on_motors(config.torque_rate_limit, inf), ideal, friction)
-
-    def compiled_step(self) -> CompiledPlantStep | None:
-        """Return the step from now on as machine code takes it; None where it cannot."""
-        return self._compiled
+            on_links(self._push), self._push_end if any(self._push) else 0,
+            on_motors(config.actuator_lag), on_motors(config.torque_rate_limit, inf), ideal,
+            friction)
 
     @property
     def computed_by(self) -> str:
         """Return what computes the next step."""
-        return MACHINE_CODE if self._stepper.compiled else PLAIN_PYTHON
-
-    @property
-    def state(self) -> PlantState:
-        """Return the state of drives, coordinates and sensors."""
-        return self._stepper.state
+        step = self.compiled_step
+        return MACHINE_CODE if step is not None and step.compiled else PLAIN_PYTHON
 
     @property
     def modes(self) -> tuple[int, ...]:
         """Return +1 or -1 for each coordinate that slides, 0 if it sticks or has no friction."""
         return tuple(map(int, self.state.motion.mode))
-
-    @property
-    def lost(self) -> bool:
-        """Whether the measurement is not sent: `step` then takes the last torque again."""
-        return self.lost_in_a_row > 0
 
     @property
     def t(self) -> float:
@@ -264,20 +253,10 @@ class Plant:
         """Return the time of the measurement since the start [ns]."""
         return self.k * self.period_ns + round(1e9 * self.offset)
 
-    @property
-    def steps(self) -> int:
-        """Return the number of steps of the integrator in the whole run."""
-        return self.last * self._substeps
-
-    @property
-    def braking(self) -> bool:
-        """Whether the brakes are on: viscous friction `fault_damping` beside all other."""
-        return self._braking
-
-    @braking.setter
-    def braking(self, on: bool) -> None:
-        if on != self._braking:
-            self._braking = on
+    def brake(self, on: bool) -> None:
+        """Put the brakes on or off: viscous friction `fault_damping` beside all other."""
+        if on != self.braking:
+            self.braking = on
             self.configure(self.config)
 
     def step(self, tau: Vector | Array) -> None:
@@ -293,22 +272,22 @@ class Plant:
             If the motion leaves the range of floating-point numbers.
 
         """
-        try:
-            command = [float(x) for x in tau]
-        except (TypeError, ValueError, OverflowError):
-            command = []
-        if len(command) != self.n:
-            raise ParameterError('tau', tau, f'{self.n} numbers')
-        if not isfinite(sum(command)):
-            raise CtcError(f'the torque {command} at t = {self.t:g} s is not finite')
-        config, sensor = self.config, self.sensor.encoders
+        command = np.array(tau, float)
+        if command.shape != (self.n,) or not isfinite(sum(command.tolist())):
+            raise ParameterError('tau', tau, f'{self.n} finite numbers')
+        sensor = self.sensor.encoders
+        late, lost, off = [random.random() if getattr(self.config, name) else 1.0
+                           for name, random in self.chances.items()]
         given = PlantInput(
-            np.array(command), self.lateness.random() if config.late_samples else 1.0,
-            self.loss.random() if config.sample_loss else 1.0,
-            self.jitter.random() if config.sample_jitter else 0.5,
-            self.sensor.noise(sensor.position_noise), self.sensor.noise(sensor.velocity_noise))
+            command, late, lost, off, self.sensor.noise(sensor.position_noise),
+            self.sensor.noise(sensor.velocity_noise))
         try:
-            self._stepper.go_on(given)
+            if self.compiled_step is not None and self.compiled_step.compiled:
+                self.compiled_step.go_on(given)
+            else:
+                with np.errstate(all='ignore'):  # What overflows shows in the state.
+                    self.state = stepped(
+                        self._moving, self.parameters, self.state, self._transit, given)
             self._show()
             if not isfinite(sum(self.q) + sum(self.dq)):
                 raise OverflowError

@@ -15,8 +15,7 @@
 """
 The simulated robot from sample to sample: drives, motion, sensors, and what is lost.
 
-`stepped` says what happens; `PlainPlantStep` and `CompiledPlantStep` run it, in plain Python and
-as machine code on records in memory.
+`stepped` says what happens; `CompiledPlantStep` runs it as machine code, on records in memory.
 """
 
 from __future__ import annotations
@@ -24,10 +23,10 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 from ctc_chattering.compiled.compilable import function, record
-from ctc_chattering.compiled.machine_code import Call, Code
-from ctc_chattering.compiled.records import load, packed, rows, store
+from ctc_chattering.compiled.machine_code import Program
+from ctc_chattering.compiled.records import load, packed, rows, store, views
 from ctc_chattering.dynamics.compiled_model import Arm, CompiledArm, CompiledModel
-from ctc_chattering.numerics.linear_algebra import Array, Vector
+from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.simulation.drive import Driven, driven, Drives
 from ctc_chattering.simulation.motion import acting, Mechanics, Mechanism, Motion, Rigid
 from ctc_chattering.simulation.sensor import Encoders, Measured, measured, off_the_grid
@@ -72,10 +71,10 @@ class PlantInput(NamedTuple):
     #: Torque [N·m].
     tau: Array
     #: Numbers in [0, 1) that decide whether it is late, the next measurement lost, and when that
-    #: is made.
-    late: float
-    loss: float
-    jitter: float
+    #: is made; by the parameter that says how often or how far.
+    late_samples: float
+    sample_loss: float
+    sample_jitter: float
     #: Noise of the next measurement, of the deviation 1.
     position_noise: Array
     velocity_noise: Array
@@ -100,74 +99,23 @@ def lost_in_a_row(probability: float, chance: float, before: int, k: int, last: 
 
 
 @function
-def offset_of(jitter: float, chance: float) -> float:
-    """Return whole nanoseconds within ±`jitter` [s], for a number in [0, 1)."""
-    return round(1e9 * jitter * (2.0 * chance - 1.0)) / 1e9
-
-
-@function
 def stepped(mechanism: Mechanism, p: PlantParameters, state: PlantState, transit: Any,
             given: PlantInput) -> PlantState:
     """Return the state a sample later; `transit` as of `driven`."""
     k, joints, drives = state.k, mechanism.joints, driven(
-        p.drives, state.driven, transit, state.k, given.tau, given.late)
+        p.drives, state.driven, transit, state.k, given.tau, given.late_samples)
     motion = mechanism.integrate(
         acting(p.mechanics, joints.on_motors(drives.commanded), joints.on_motors(drives.gap), k),
         state.motion)
     q, dq, offset, h = joints.seen(motion.q), joints.seen(motion.dq), 0.0, p.encoders.period
     if p.sample_jitter > 0.0:
-        offset = offset_of(p.sample_jitter, given.jitter)
+        # Whole nanoseconds.
+        offset = round(1e9 * p.sample_jitter * (2.0 * given.sample_jitter - 1.0)) / 1e9
         q, dq = off_the_grid(q, dq, joints.seen(state.motion.dq), offset, h)
     shown = measured(p.encoders, state.shown, q, dq, h + offset - state.offset,
                      given.position_noise, given.velocity_noise)
     return PlantState(k + 1, drives, motion, shown, offset, lost_in_a_row(
-        p.sample_loss, given.loss, state.lost_in_a_row, k + 1, p.last))
-
-
-class Shown(NamedTuple):
-    """What is known of a sample without its whole state; lists of n floats."""
-
-    #: Position [rad] and velocity [rad/s], true and as measured.
-    q: Vector
-    dq: Vector
-    measured: tuple[Vector, Vector]
-    #: Torque of the drives [N·m].
-    torque: Vector
-    #: As of `PlantState`.
-    offset: float
-    lost_in_a_row: int
-
-
-class PlainPlantStep:
-    """
-    The step of a plant between two changes of its parameters, in plain Python.
-
-    Parameters
-    ----------
-    mechanism, parameters, state, transit
-        As of `stepped`; `state` is the present one.
-
-    """
-
-    compiled = False
-
-    def __init__(self, mechanism: Mechanism, parameters: PlantParameters, state: PlantState,
-                 transit: Array) -> None:
-        self.state, self.transit = state, transit
-        self._mechanism, self._parameters = mechanism, parameters
-
-    @np.errstate(all='ignore')  # What overflows shows in the state.
-    def go_on(self, given: PlantInput) -> None:
-        """Go on by a sample."""
-        self.state = stepped(self._mechanism, self._parameters, self.state, self.transit, given)
-
-    def shown(self) -> Shown:
-        """Return what is known of the present sample."""
-        motion, measured, torque = self.state.motion, self.state.shown, self.state.driven.torque
-        n = len(torque)  # Links come before motors.
-        return Shown(motion.q[:n].tolist(), motion.dq[:n].tolist(),
-                     (measured.q.tolist(), measured.dq.tolist()), torque.tolist(),
-                     self.state.offset, self.state.lost_in_a_row)
+        p.sample_loss, given.sample_loss, state.lost_in_a_row, k + 1, p.last))
 
 
 class CompiledPlant(NamedTuple):
@@ -189,7 +137,7 @@ def no_inputs(n: int, count: int) -> Any:
     return np.zeros(count, packed(PlantInput(zero, 0.0, 0.0, 0.0, zero, zero)).dtype)
 
 
-class CompiledPlantStep:
+class CompiledPlantStep(Program):
     """
     The step of a plant between two changes of its parameters.
 
@@ -206,64 +154,32 @@ class CompiledPlantStep:
 
     Attributes
     ----------
-    codes : tuple of Code
-        What must be compiled, for all plants with this friction and number of joints.
     records : CompiledPlant
         Parameters and state.
+    state : PlantState
+        The present one: views of the records.
+    transit : array, shape (delay, n)
+        Torques in transit [N·m].
     given : record
         `PlantInput` of the next sample.
-    call : Call
-        Goes on by a sample; only if there is machine code.
 
     """
-
-    call: Call
 
     def __init__(self, arm: Arm, own: Any, parameters: PlantParameters, state: PlantState,
                  transit: Array) -> None:
         n = len(state.motion.q)
         self._arm, self.given = CompiledArm(arm, n), no_inputs(n, 1)[0]
+        self.transit = transit.copy()
         self.records = CompiledPlant(
-            *self._arm.model, packed(own), packed(parameters), packed(state),
-            transit.copy())
-        arguments = (self.records, self.given)
-        code = Code(called, arguments, f'plant-{n}')
-        self.codes = *self._arm.codes, code
-        if self.compiled:
-            self.call = Call(code, arguments)
-        # Views that take a microsecond to make.
-        self._rows = [self.records.state[part][name] for part, name in (
-            ('motion', 'q'), ('motion', 'dq'), ('shown', 'q'), ('shown', 'dq'),
-            ('driven', 'torque'))]
-
-    @property
-    def compiled(self) -> bool:
-        """Whether there is machine code."""
-        return all(code.compiled for code in self.codes)
-
-    @property
-    def state(self) -> PlantState:
-        """Return the present state."""
-        state: PlantState = load(self.records.state)
-        return state
-
-    @property
-    def transit(self) -> Array:
-        """Return the torques in transit, shape (delay, n) [N·m]."""
-        return self.records.transit
+            *self._arm.model, packed(own), packed(parameters), packed(state), self.transit)
+        self.state: PlantState = views(self.records.state)
+        super().__init__(self._arm.codes, called, (self.records, self.given), f'plant-{n}')
 
     def go_on(self, given: PlantInput) -> None:
         """Go on by a sample."""
         for name, x in zip(given._fields, given):
             self.given[name] = x
         self.call()
-
-    def shown(self) -> Shown:
-        """Return what is known of the present sample."""
-        q, dq, measured_q, measured_dq, torque = [row.tolist() for row in self._rows]
-        s = self.records.state
-        return Shown(q, dq, (measured_q, measured_dq), torque, float(s['offset']),
-                     int(s['lost_in_a_row']))
 
 
 @function

@@ -20,7 +20,7 @@ from math import expm1
 from random import Random
 from typing import NamedTuple
 
-from ctc_chattering.compiled.compilable import function, record
+from ctc_chattering.compiled.compilable import function, record, some
 from ctc_chattering.numerics.linear_algebra import Array, Vector
 import numpy as np
 
@@ -39,9 +39,8 @@ class Encoders(NamedTuple):
     #: 1 - exp(-ω h) of the low-pass, 1 for none, and h [s].
     gain: float
     period: float
-    #: Whether the velocity is the true one, and all else as well.
+    #: Whether the velocity is the true one, but for noise.
     exact: float
-    perfect: float
 
 
 @record
@@ -96,9 +95,9 @@ def measured(sensor: Encoders, before: Measured, q: Array, dq: Array, elapsed: f
         Noise of the deviation 1.
 
     """
-    if sensor.perfect:
-        return Measured(q, dq)
-    q = quantised(q + sensor.position_noise * position_noise, sensor.resolution)
+    q = q + sensor.position_noise * position_noise
+    if some(sensor.resolution):
+        q = quantised(q, sensor.resolution)
     if not sensor.exact:
         dq = (q - before.q) / elapsed
     dq = dq + sensor.velocity_noise * velocity_noise
@@ -138,13 +137,11 @@ class Sensor:
     def __init__(self, resolution: Vector, position_noise: Vector, velocity_noise: Vector,
                  seed: int, velocity: str = 'exact', cutoff: float = 1.0, period: float = 1.0
                  ) -> None:
-        exact = velocity == 'exact'
-        perfect = exact and not any((*resolution, *position_noise, *velocity_noise))
         self.encoders = Encoders(
             np.array(resolution), np.array(position_noise), np.array(velocity_noise),
-            -expm1(-cutoff * period) if velocity == 'filtered' else 1.0, period, float(exact),
-            float(perfect))
-        self.random, self._none = Random(seed), np.zeros(len(resolution))
+            -expm1(-cutoff * period) if velocity == 'filtered' else 1.0, period,
+            float(velocity == 'exact'))
+        self.random = Random(seed)
 
     def first(self, q: Array, dq: Array) -> Measured:
         """Return what is measured of the state at the start, with noise of its own."""
@@ -159,6 +156,4 @@ class Sensor:
 
     def noise(self, deviation: Array) -> Array:
         """Return noise of the deviation 1 where there is any; nothing else is drawn."""
-        if self.encoders.perfect:
-            return self._none
         return np.array([self.random.gauss(0.0, 1.0) if s else 0.0 for s in deviation.tolist()])

@@ -16,7 +16,7 @@
 
 from __future__ import annotations
 
-from bisect import bisect_right
+from bisect import bisect_left, bisect_right
 from collections.abc import Sequence
 
 from ctc_chattering.numerics.interpolation import quintic
@@ -44,7 +44,7 @@ class Trajectory:
     def __init__(self, grace: int = 0) -> None:
         self._grace = grace
         self._times: list[int] = []
-        self._points: dict[int, Point] = {}
+        self._points: list[Point] = []
 
     def __len__(self) -> int:
         """Return the number of points held."""
@@ -59,7 +59,7 @@ class Trajectory:
     def ends_at_rest(self) -> bool:
         """Whether nothing is to come after the last point: it has no velocity."""
         return bool(self._times) and not any(
-            x for row in self._points[self._times[-1]][1:] for x in row)
+            x for row in self._points[-1][1:] for x in row)
 
     def overdue(self, t: int) -> bool:
         """Return whether a chunk that should go on at `t` [ns] has not come within the grace."""
@@ -77,19 +77,14 @@ class Trajectory:
             Each of shape (n,) [rad, rad/s, rad/s²].
 
         """
-        if not times:
-            return
-        while self._times and self._times[-1] >= times[0]:
-            del self._points[self._times.pop()]
-        self._times.extend(times)
-        self._points.update(zip(times, points))
+        if times:
+            kept = bisect_left(self._times, times[0])
+            self._times[kept:], self._points[kept:] = times, points
 
     def forget(self, before: int) -> None:
         """Drop the points that no instant from `before` [ns] on needs."""
         keep = max(0, bisect_right(self._times, before) - 1)
-        for t in self._times[:keep]:
-            del self._points[t]
-        del self._times[:keep]
+        del self._times[:keep], self._points[:keep]
 
     def limit(self, most: int) -> None:
         """Drop the first points where there are more than `most`."""
@@ -102,26 +97,17 @@ class Trajectory:
 
         None if the first point is still to come, or there is no point.
         """
-        point = self._points.get(t)
-        if point is not None:
-            return point
         i = bisect_right(self._times, t)
         if i == 0:
             return None
-        before = self._points[self._times[i - 1]]
+        begin, before = self._times[i - 1], self._points[i - 1]
+        if begin == t:
+            return before
         if i == len(self._times):
-            return self._after(t, before)
-        after = self._points[self._times[i]]
-        h = seconds(self._times[i] - self._times[i - 1])
-        s = seconds(t - self._times[i - 1]) / h
-        joints = [quintic(s, h, *ends) for ends in zip(*before, *after)]
+            h, rest = seconds(min(t - begin, self._grace)), (0.0,) * len(before[0])
+            return (tuple(x + h * v for x, v in zip(*before[:2])),
+                    before[1] if t <= begin + self._grace else rest, rest)
+        h = seconds(self._times[i] - begin)
+        s = seconds(t - begin) / h
+        joints = [quintic(s, h, *ends) for ends in zip(*before, *self._points[i])]
         return tuple(zip(*joints))  # type: ignore[return-value]
-
-    def _after(self, t: int, last: Point) -> Point:
-        """Return the motion after the last point."""
-        q, dq, _ = last
-        rest = (0.0,) * len(q)
-        late = t - self._times[-1]
-        h = seconds(min(late, self._grace))
-        return (tuple(x + h * v for x, v in zip(q, dq)), dq if late <= self._grace else rest,
-                rest)

@@ -69,9 +69,7 @@ class Waypoints:
                  start: tuple[int, Point] | None = None) -> None:
         self._points = _checked(times, points)
         self._times = list(times)
-        if start is not None and len(start) != 2:
-            raise ParameterError('start', start, 'an instant [ns] and a point')
-        if start is not None and whole('start', start[0]) < self._times[0]:
+        if start is not None and start[0] < self._times[0]:
             self._times.insert(0, start[0])
             self._points.insert(0, _waypoint('start', start[1], len(self._points[0][0])))
 
@@ -88,7 +86,6 @@ class Waypoints:
 
     def at(self, t: int) -> Point:
         """Return position, velocity and acceleration, each of shape (n,), at `t` [ns]."""
-        t = t if type(t) is int else whole('t', t)
         i = bisect_right(self._times, t)
         before = self._points[max(i - 1, 0)]
         if i == 0 or i == len(self._times):
@@ -166,8 +163,7 @@ def _checked(times: Sequence[int], points: Sequence[Point], n: int = 0) -> list[
 
 
 def _waypoint(name: str, point: Point, n: int) -> Point:
-    if len(point) != len(_FIELDS):
-        raise ParameterError(name, point, ', '.join(_FIELDS))
+    """Return a point of n joints as tuples of floats; raise `ParameterError` if it is none."""
     rows: list[tuple[float, ...]] = []
     for field, value in zip(_FIELDS, point):
         spec = Parameter(f'{name}.{field}', 'float[]', (), '', shape='n')
@@ -241,6 +237,11 @@ class Transition:
     duration : float
         Time from there to the instant from which on it is `after`, to the last bit [s].
 
+    Attributes
+    ----------
+    end : int
+        That instant [ns].
+
     Raises
     ------
     ParameterError
@@ -253,16 +254,16 @@ class Transition:
         if span < 1:
             raise ParameterError('duration', duration, 'a finite number of seconds >= 1e-9')
         self.before, self.after = before, after
-        self._t0, self.end = t0, t0 + span
+        self.t0, self.end = t0, t0 + span
         self._span = seconds(span)
 
     def at(self, t: int) -> Point:
         """Return position, velocity and acceleration, each of shape (n,), at `t` [ns]."""
         if t >= self.end:
             return self.after.at(t)
-        if t <= self._t0:
+        if t <= self.t0:
             return self.before.at(t)
-        s = seconds(t - self._t0) / self._span
+        s = seconds(t - self.t0) / self._span
         w, dw, ddw = quintic(s, self._span, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0)
         rows = []
         for q, dq, ddq, x, dx, ddx in zip(*self.before.at(t), *self.after.at(t)):
@@ -299,9 +300,6 @@ def smooth_start(motion: TimedMotion, t0: int, start: Point, duration: float) ->
         as many as the motion has joints, or the robot would not stop at a finite position.
 
     """
-    n = len(motion.at(t0)[0])
-    for name, row in zip(('q0', 'dq0', 'ddq0'), start):
-        if len(row) != n or not all(map(isfinite, row)):
-            raise ParameterError(name, tuple(row), f'{n} finite numbers, one per joint')
+    start = _waypoint('start', start, len(motion.at(t0)[0]))
     before = braking(t0, start, min(duration, BRAKING_TIME) if duration > 0.0 else BRAKING_TIME)
     return Transition(before, motion, t0, duration)

@@ -35,7 +35,7 @@ from ctc_chattering.dynamics.registry import DescribedConfig
 from ctc_chattering.errors import CtcError, ParameterError
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.numerics.time_grid import NANOSECONDS, seconds
-from ctc_chattering.parameters import parameter, whole
+from ctc_chattering.parameters import parameter
 from ctc_chattering.trajectory.buffer import Point
 from ctc_chattering.trajectory.joint_limits import check_limits, DescribedLimits
 from ctc_chattering.trajectory.motions import (
@@ -47,9 +47,6 @@ from ctc_chattering.trajectory.motions import (
 )
 import numpy as np
 
-#: Values of the parameter ``profile``.
-PROFILES = ('sinusoid', 'trapezoid')
-
 
 @dataclasses.dataclass(frozen=True)
 class ReferenceConfig(DescribedConfig):
@@ -57,8 +54,8 @@ class ReferenceConfig(DescribedConfig):
 
     profile: str = parameter(
         'sinusoid', 'Between center - amplitude and center + amplitude: a sinusoid, or moves of '
-        'trapezoidal velocity, half as fast, with a rest after each.', choices=PROFILES,
-        read_only=True)
+        'trapezoidal velocity, half as fast, with a rest after each.',
+        choices=('sinusoid', 'trapezoid'), read_only=True)
     center: tuple[float, ...] = parameter(
         (pi, 0.5 * pi), 'Centre of the sinusoid; by default 0 where there are not two joints.',
         'rad', minimum=-inf)
@@ -98,8 +95,7 @@ class Sinusoid:
 
     def at(self, t: int) -> Point:
         """Return q_d [rad], dq_d [rad/s] and ddq_d [rad/s²], each of shape (n,), at `t` [ns]."""
-        s = seconds(t if type(t) is int else whole('t', t))
-        q_d, dq_d, ddq_d = map(list, zip(*(self._of_joint(s, *x) for x in self._joints)))
+        q_d, dq_d, ddq_d = map(list, zip(*(self._of_joint(seconds(t), *x) for x in self._joints)))
         return q_d, dq_d, ddq_d
 
     @staticmethod
@@ -198,16 +194,16 @@ def make_motion(config: ReferenceConfig, route: Route | None = None,
     def started(duration: float) -> Transition:
         return smooth_start(motion, t0, begin, duration)
     found = started(config.start_duration)
-    if limits is not None and (text := limits.excess(_sampled(found, t0))):
-        duration = shortest(started, t0, config.start_duration, limits)
+    if limits is not None and (text := limits.excess(_sampled(found))):
+        duration = shortest(started, config.start_duration, limits)
         raise CtcError(f'start_duration {config.start_duration:g} s: the start is beyond the '
                        f'limits of the description: {text}; '
                        + (f'{duration:g} s would do' if duration < inf else 'no other would do'))
     return found
 
 
-def shortest(make: Callable[[float], Transition], t0: int, duration: float,
-             limits: DescribedLimits) -> float:
+def shortest(make: Callable[[float], Transition], duration: float, limits: DescribedLimits
+             ) -> float:
     """
     Return the shortest duration of a transition, to a tenth, that keeps the limits.
 
@@ -215,8 +211,6 @@ def shortest(make: Callable[[float], Transition], t0: int, duration: float,
     ----------
     make : callable
         Returns the transition of a duration [s].
-    t0 : int
-        Its first instant [ns].
     duration : float
         The least one [s].
     limits : DescribedLimits
@@ -229,7 +223,7 @@ def shortest(make: Callable[[float], Transition], t0: int, duration: float,
 
     """
     def keeps(candidate: float) -> bool:
-        return not limits.excess(_sampled(make(candidate), t0))
+        return not limits.excess(_sampled(make(candidate)))
     if keeps(duration):
         return duration
     for k in range(1, 73):
@@ -241,10 +235,11 @@ def shortest(make: Callable[[float], Transition], t0: int, duration: float,
     return inf
 
 
-def _sampled(transition: Transition, t0: int) -> list[Point]:
+def _sampled(transition: Transition) -> list[Point]:
     """Return points of a transition, a millisecond apart or a two-thousandth of it."""
-    step = max(NANOSECONDS // 1000, (transition.end - t0) // 2000)
-    return [transition.at(t) for t in (*range(t0, transition.end, step), transition.end)]
+    t0, end = transition.t0, transition.end
+    step = max(NANOSECONDS // 1000, (end - t0) // 2000)
+    return [transition.at(t) for t in (*range(t0, end, step), end)]
 
 
 def _through(route: Route, names: Sequence[str],
@@ -262,10 +257,6 @@ def _begin(names: Sequence[str], start: Mapping[str, tuple[float, float]], there
     rows = [(*start[name], 0.0) if name in start else row
             for name, row in zip(names, zip(*there))]
     return tuple(zip(*rows))  # type: ignore[return-value]
-
-
-#: Motions whose samples are kept.
-_KEPT = 16
 
 
 def reference_table(config: ReferenceConfig, route: Route | None,
@@ -288,22 +279,19 @@ def reference_table(config: ReferenceConfig, route: Route | None,
         Number of samples.
 
     """
-    order = [config.joint_names.index(name) for name in joints]
+    order = tuple(config.joint_names.index(name) for name in joints)
     motion = make_motion(config, route, dict(start))
-    if not isinstance(motion, Transition):
-        return (_kept(config, tuple(order), period, count) if route is None
-                else _samples_of(motion, order, period, count))
-    table: Array
-    if route is None:  # What comes after the start does not depend on it.
-        table = _kept(config.changed({'start_duration': 0.0}), tuple(order), period, count).copy()
-    else:
-        table = _samples_of(motion.after, order, period, count)
-    inside = min(-(-motion.end // period), count)
-    table[:inside] = _samples_of(motion, order, period, inside)
+    if route is not None:
+        return _samples_of(motion, order, period, count)
+    # What comes after the start does not depend on it.
+    table: Array = _kept(config.changed({'start_duration': 0.0}), order, period, count).copy()
+    if isinstance(motion, Transition):
+        inside = min(-(-motion.end // period), count)
+        table[:inside] = _samples_of(motion, order, period, inside)
     return table
 
 
-@lru_cache(_KEPT)
+@lru_cache(16)
 def _kept(config: ReferenceConfig, order: Sequence[int], period: int, count: int) -> Array:
     """Return the samples of a motion that is the same in many runs."""
     return _samples_of(make_motion(config), order, period, count)
@@ -413,15 +401,18 @@ class MotionPlan:
         """
         before = self.motion
         assert before is not None
-        if isinstance(before, _Then) and before.end == begin:
+        if isinstance(before, Transition) and before.t0 == begin - 1:
             before = before.before  # What was to come at that instant never does.
         state = before.at(begin)
         ordered = route.ordered(self.config.joint_names)
         after = Waypoints(ordered.times, ordered.points, (begin, state))
         if self.limits is not None:
             check_limits('the motion', self.limits, after.extremes())
-        self.motion = _Then(before, begin, after if ordered.times[0] > begin else self._fitting(
-            lambda duration: smooth_start(after, begin, state, duration), begin, _JOIN))
+        # In a nanosecond, so that every sample is of the one or the other.
+        self.motion = Transition(
+            before, after if ordered.times[0] > begin else self._fitting(
+                lambda duration: smooth_start(after, begin, state, duration), _JOIN),
+            begin - 1, 1e-9)
 
     def update(self, now: int, begin: int) -> bool:
         """
@@ -435,36 +426,25 @@ class MotionPlan:
             Instant from which on the motion may be another one [ns].
 
         """
-        while isinstance(self.motion, (_Then, Transition)) and now >= self.motion.end:
+        while isinstance(self.motion, Transition) and now >= self.motion.end:
             self.motion = self.motion.after
         before = self.motion
         if (before is None or self._shape == _shape(self.config) or self._route is not None
-                or isinstance(before, (_Then, Transition))):
+                or isinstance(before, Transition)):
             return False
         after = make_motion(self.config.changed({'start_duration': 0.0}))
         self.motion = self._fitting(
-            lambda duration: Transition(before, after, begin, duration), begin, _CHANGE)
+            lambda duration: Transition(before, after, begin, duration), _CHANGE)
         self._shape, self.in_force = _shape(self.config), begin
         return True
 
-    def _fitting(self, make: Callable[[float], Transition], begin: int, least: float
-                 ) -> Transition:
+    def _fitting(self, make: Callable[[float], Transition], least: float) -> Transition:
         """Return a transition that lasts `start_duration`, or longer if the limits ask for it."""
         duration = self.config.start_duration or least
         if self.limits is None:
             return make(duration)
-        longer = shortest(make, begin, duration, self.limits)
+        longer = shortest(make, duration, self.limits)
         return make(longer if longer < inf else duration)
-
-
-class _Then:
-    """One motion until an instant, and another one from there on."""
-
-    def __init__(self, before: TimedMotion, end: int, after: TimedMotion) -> None:
-        self.before, self.end, self.after = before, end, after
-
-    def at(self, t: int) -> Point:
-        return (self.before if t < self.end else self.after).at(t)
 
 
 def _shape(config: ReferenceConfig) -> tuple[tuple[float, ...], ...]:

@@ -16,7 +16,7 @@
 
 from __future__ import annotations
 
-from ctc_chattering.bags.signals import Answers, answers
+from ctc_chattering.bags.recording import Answers, answers
 import numpy as np
 import pytest
 

@@ -30,10 +30,10 @@ from ctc_chattering.errors import CtcError
 from ctc_chattering.live.graph_reader import GraphReader
 from ctc_chattering.live.skeleton import skeleton_of
 from ctc_chattering.ros.messages import message_type
-from ctc_chattering.ros.process import own_domain
 from ctc_chattering.simulation.plant import Plant
 from ctc_chattering.simulation.plant_config import PlantConfig
 from ctc_commands import ctc_process, refused
+from domains import own_domain
 import pytest
 import rclpy
 from std_msgs.msg import String

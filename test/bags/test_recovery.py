@@ -146,6 +146,14 @@ def damages(original: Original, seed: int, count: int, length: int
         yield is_closed, place, bytes(data)
 
 
+def test_what_was_flushed_before_a_cut_is_recovered(original: Original) -> None:
+    """Check cuts within and between chunks, and that one flush ends with the chunk."""
+    dice, (_, first, _) = random.Random(4), original.chunks[0]
+    for size in [first, original.size, *dice.sample(range(first, original.size), 12)]:
+        assert recovered(original.data[:size]) == [
+            row for _, end, rows in original.chunks if end <= size for row in rows]
+
+
 @pytest.mark.parametrize('length', [1, NOISE])
 def test_wrong_bytes_anywhere_cost_their_chunks_only(original: Original, length: int) -> None:
     for is_closed, place, data in damages(original, length, 24, length):

@@ -16,7 +16,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Iterator, Sequence
 from contextlib import closing
 import os
@@ -27,7 +26,6 @@ import resource
 import shutil
 import signal
 import struct
-from tempfile import TemporaryDirectory
 import time
 from typing import Any
 
@@ -40,8 +38,6 @@ from ctc_chattering.cli.ctc import main
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.errors import CtcError
 from faults import nodes_of
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from mcap.reader import make_reader
 from mcap.records import Chunk
 from mcap.stream_reader import StreamReader
@@ -91,64 +87,6 @@ def cut(whole: Path, target: Path, size: int) -> Path:
     data = (whole / f'{whole.name}_0.mcap').read_bytes()
     (target / f'{whole.name}_0.mcap').write_bytes(data[:size])
     return target
-
-
-@st.composite
-def recordings(draw: st.DrawFn) -> list[list[tuple[str, int, bytes]]]:
-    """Return topic, log time and data of messages, a list for each flush."""
-    steps = st.tuples(st.sampled_from('abc'), st.integers(0, 10 ** 9), st.integers(0, 300))
-    t, flushes = 0, []
-    for part in draw(st.lists(st.lists(steps, min_size=1, max_size=8), min_size=1, max_size=5)):
-        rows = []
-        for topic, step, length in part:
-            t += step
-            text = draw(st.randoms(use_true_random=False)).randbytes(length) + b'\0'
-            rows.append((f'/{topic}', t, b'\0\1\0\0' + struct.pack('<I', length + 1) + text))
-        flushes.append(rows)
-    return flushes
-
-
-def killed(folder: Path, flushes: list[list[tuple[str, int, bytes]]]) -> tuple[bytes, list[int]]:
-    """Record without closing; return the file, and its size after each flush."""
-    recording, sizes = BagWriter(folder), []
-    file = folder / f'{folder.name}_0.mcap'
-    for rows in flushes:
-        for topic, t, data in rows:
-            recording.write(topic, 'std_msgs/msg/String', t, data, offered_qos(10, False))
-        recording.flush()
-        sizes.append(file.stat().st_size)
-    data = file.read_bytes()
-    recording.abandon()
-    return data, sizes
-
-
-@settings(max_examples=25)
-@given(recordings(), st.floats(0.0, 1.0), st.none() | st.integers(1, 255))
-def test_what_was_flushed_before_a_cut_or_a_wrong_byte_is_recovered(
-        flushes: list[list[tuple[str, int, bytes]]], where: float, wrong: int | None) -> None:
-    """Check complete flushes of a truncated bag, and those before a wrong byte."""
-    with TemporaryDirectory() as scratch:
-        data, sizes = killed(Path(scratch) / 'run', flushes)
-        place = min(int(where * len(data)), len(data) - 1)
-        flushed = sum(size <= place for size in sizes)
-        safe = [row for rows in flushes[:flushed] for row in rows]
-        bag = Path(scratch) / 'bag'
-        bag.mkdir()
-        tail = b'' if wrong is None else bytes([data[place] ^ wrong]) + data[place + 1:]
-        (bag / 'bag_0.mcap').write_bytes(data[:place] + tail)
-        try:
-            count = recover(bag, Path(scratch) / 'whole')
-            found = messages(Path(scratch) / 'whole')
-        except CtcError as error:
-            assert safe == []
-            assert len(str(error).splitlines()) == 1
-            return
-        assert len(found) == count
-        if wrong is None:  # A flush ends with an index, which nothing is lost without.
-            rest = [row for rows in flushes[flushed:flushed + 1] for row in rows]
-            assert sorted(found) in (sorted(safe), sorted(safe + rest))
-        else:
-            assert not Counter(safe) - Counter(found)
 
 
 def test_a_repaired_bag_is_read_by_the_mcap_library_and_has_the_run(

@@ -32,8 +32,9 @@ from ctc_chattering.bags.repair import open_bag, repair
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.errors import CtcError
 from ctc_chattering.ros.messages import read_stamp
-from ctc_chattering.ros.process import own_domain, STOP
+from ctc_chattering.ros.process import STOP
 from ctc_chattering.ros.subscription import with_info
+from domains import own_domain
 from processes import CONFIG, PATIENCE, probe, run_bringup, Stopwatch
 import pytest
 import rclpy

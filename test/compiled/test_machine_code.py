@@ -22,7 +22,7 @@ import sys
 from typing import Any, NamedTuple
 
 from ctc_chattering.compiled import compilable, machine_code
-from ctc_chattering.compiled.machine_code import Call, Code, invoke
+from ctc_chattering.compiled.machine_code import Code, invoke, Program
 from ctc_chattering.compiled.records import numpy_record, packed
 from ctc_chattering.errors import CtcError
 import numpy as np
@@ -78,33 +78,23 @@ def test_as_plain_python() -> None:
     assert code.compiled
     for rows in (2, 5):
         plain, compiled = _arguments(rows), _arguments(rows)
-        assert Call(code, compiled)() == added(*plain) == 6
+        assert Code(added, compiled, 'added').call()() == added(*plain) == 6
         assert compiled[0].first == plain[0].first
         assert compiled[0].first.k == rows
-
-
-@pytest.mark.parametrize('wrong', [
-    np.zeros((2, 2, 3), np.float32), np.zeros((2, 3, 3)), np.zeros(6),
-    numpy_record({'x': np.zeros(4), 'k': np.array(4)})])
-def test_arguments_of_another_layout_are_refused(wrong: Any) -> None:
-    """Their bytes would be taken for other numbers."""
-    code, (pair, table) = Code(added, _arguments(2), 'added'), _arguments(2)
-    build(code)
-    for arguments in ((pair, wrong), (Pair(pair.first, wrong), table), (pair,)):
-        with pytest.raises(CtcError, match='added was compiled for'):
-            Call(code, arguments)
 
 
 def test_called_by_its_address() -> None:
     """Machine code calls machine code."""
     code, plain, compiled = Code(added, _arguments(2), 'added'), _arguments(3), _arguments(3)
     build(code)
-    call = Call(code, compiled)
-    places = numpy_record({'function': np.array(call.function),
-                           'arguments': np.array(call.places.ctypes.data)})
-    outer = Code(twice, (places,), 'twice')
-    build(outer)
-    assert Call(outer, (places,))() == 12
+    given = Code(added, compiled, 'added')
+    places = numpy_record({'function': np.array(given.address()),
+                           'arguments': np.array(given.places.ctypes.data)})
+    assert not Program((code,), twice, (places,), 'twice').compiled
+    build(Code(twice, (places,), 'twice'))
+    outer = Program((code,), twice, (places,), 'twice')
+    assert outer.compiled
+    assert outer.call() == 12
     added(*plain)
     assert compiled[0].first != plain[0].first
     added(*plain)
@@ -126,7 +116,7 @@ if not code.compiled:
     make = build._machine_code
     build._machine_code = lambda code: compiled.append(code) or make(code)
     build.build(code)
-print(machine_code.Call(code, made)(), made[0].first.x.tolist(), len(compiled),
+print(machine_code.Code(t.added, made, 'added').call()(), made[0].first.x.tolist(), len(compiled),
       'numba' in sys.modules)"""
 
     def start() -> subprocess.Popen[str]:
@@ -208,9 +198,9 @@ def test_damaged_machine_code_is_never_run(damage: str) -> None:
     code.path.write_bytes(good[:len(good) // 2] if damage == 'truncated' else bytes(bad))
     assert not code.compiled
     with pytest.raises(CtcError, match='is damaged'):
-        Call(code, _arguments(2))
+        code.call()
     build(code)
-    assert Call(code, _arguments(2))() == 6
+    assert code.call()() == 6
 
 
 def test_without_a_directory_nothing_is_compiled(monkeypatch: pytest.MonkeyPatch) -> None:

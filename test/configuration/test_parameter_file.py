@@ -194,14 +194,6 @@ def test_the_experiment_is_called_as_its_file(file: Path) -> None:
     assert parameter_file.load(file, {'plant': {'experiment': 'y'}}).plant.experiment == 'y'
 
 
-def test_simulated_time_contradicts_real_time(file: Path) -> None:
-    for node in ('/**', 'plant'):
-        refused(lambda: loaded(file, (node, 'use_sim_time: true\npacing: real_time')),
-                'use_sim_time', 'real_time')
-        assert loaded(file, (node, 'use_sim_time: true\npacing: lockstep'))
-    assert loaded(file, ('controller', 'use_sim_time: true'))
-
-
 def test_values(file: Path) -> None:
     """Check dotted and nested names, integers, 1e-3, and a node's own over /**."""
     setup = loaded(
@@ -230,10 +222,10 @@ def test_numbers_as_ros_reads_them(file: Path, text: str) -> None:
 @pytest.mark.parametrize('key', [
     'controller', '/controller', '/robot1/controller', '/a/b/controller', '/**/controller'])
 def test_namespaces(file: Path, key: str) -> None:
-    """Check that a namespace in front of a node's name does not matter, nor nesting."""
+    """Check that a namespace in front of a node's name does not matter."""
     assert loaded(file, (key, 'lambda: 3.5')).controller.lambda_ == 3.5
-    file.write_text('robot1:\n  controller:\n    ros__parameters: {lambda: 4.5}\n'
-                    '  plant: {ros__parameters: {}}\n/ns/**: {ros__parameters: {b: 2.0}}\n')
+    file.write_text('/robot1/controller:\n  ros__parameters: {lambda: 4.5}\n'
+                    '/robot1/plant: {ros__parameters: {}}\n/ns/**: {ros__parameters: {b: 2.0}}\n')
     setup = parameter_file.load(file)
     assert (setup.controller.lambda_, setup.controller.b) == (4.5, 2.0)
 
@@ -262,9 +254,9 @@ def test_a_law_without_gains_takes_those_that_suit_it_and_starts_smoothly() -> N
         'estimator_bandwidth': 100.0}
     assert over['reference'] == {'start_duration': 2.0}
     assert line == (
-        'law observer_feedback takes recommended gains: kp 10000, kv 200, ka 65.3/13.7, '
-        'estimator_bandwidth 100, and start_duration 2.0 s for a smooth start; --gains file '
-        'takes those of the file')
+        'law observer_feedback takes recommended gains and a smooth start: kp (10000.0, 10000.0), '
+        'kv (200.0, 200.0), ka (65.3, 13.7), estimator_bandwidth 100.0; --gains file takes those '
+        'of the file')
     cases: list[tuple[dict[str, Any], str | None]] = [
         (law, 'file'), ({**law, 'ka': 60.0}, None), ({}, None), ({'law': 'compensation'}, None)]
     for values, gains in cases:
@@ -284,7 +276,7 @@ def test_a_file_that_names_the_law_and_no_gains_has_those_that_suit_it(tmp_path:
     file.write_text('controller:\n  ros__parameters: {law: observer_feedback}\n')
     over, line = with_gains(file, {})
     assert (over['controller']['kp'], over['controller']['ka'][0] > 20.0) == ((1e4, 1e4), True)
-    assert line.startswith('law observer_feedback takes recommended gains: kp 10000, kv 200, ')
+    assert line.startswith('law observer_feedback takes recommended gains and a smooth start: kp ')
     file.write_text('controller:\n  ros__parameters: {law: observer_feedback, ka: 60.0}\n')
     assert with_gains(file, {}) == ({}, '')
 
@@ -313,9 +305,7 @@ def test_events() -> None:
         (1.5, 'plant', {'disturbance.amplitude': (1.0, 2.0)}),
         (5.0, 'controller', {'law': 'compensation'}), (5.0, 'controller', {'lambda': 10.0})]
     assert events() == []
-    # What is too much at once for a running controller goes there in steps.
-    assert events('1 controller lambda 1e6') == [
-        (1.0, 'controller', {'lambda': pytest.approx(x)}) for x in (464.1589, 21544.347, 1e6)]
+    assert len(events('1 controller lambda 1e3', '1 controller lambda 1e5')) == 2
 
 
 @pytest.mark.parametrize(('line', 'word'), [
@@ -324,6 +314,7 @@ def test_events() -> None:
     ('-1 controller b 2', '>= 0'), ('nan controller b 2', '>= 0'),
     ('inf controller b 2', '>= 0'),
     ('5 controller law pid', 'compensation'), ('5 controller mass 1', 'mass'),
+    ('5 controller lambda 1e6', 'factor of at most 100'),
     ('5 controller b 0', '>= 0.001'), ('5 controller kp [1, 2, 3]', 'n = 2'),
     ('5 plant gravity 1', 'change'),
     ('5 controller control_period 0.1', 'change'), ('5 controller kp [1, 2', 'kp'),
@@ -388,10 +379,10 @@ reference:
 """)
     assert parameter_file.load(file).reference.model == 'urdf'
     for node, values, message in (
-            ('reference', {'center': [2.7, 0.0]}, 'reference: the motion is beyond the limits of '
+            ('reference', {'center': [2.7, 0.0]}, 'the motion is beyond the limits of '
              'the description: a: position 3.2 rad, 0.2 above its upper limit of 3'),
             ('reference', {'frequency': [0.4, 0.5]}, 'b: velocity 1.571 rad/s, 0.0708 above'),
-            ('reference', {'center': [1.0, 3.0]}, r'reference: start_duration 2 s: .*; b: |'
+            ('reference', {'center': [1.0, 3.0]}, r'start_duration 2 s: .*; b: |'
              r'b: velocity .* would do'),
             ('plant', {'initial_position': [-2.1, 0.0]}, 'the start of the plant is beyond the '
              'limits of the description: a: position -2.1 rad, 0.1 below its lower limit of -2'),
@@ -416,5 +407,5 @@ def test_what_is_changed_is_checked() -> None:
             ('plant', {'control_period': 2e-3}, ('control_period', 'put what nodes share')),
             ('controller', {'ka': [-1.0] * 7}, ('controller: ka', '-1.0', '>= 0')),
             ('plant', {'initial_position': [9.0] * 7}, ('panda_joint1', 'limits')),
-            ('reference', {'amplitude': [9.0] * 7}, ('reference', 'panda_joint1', 'limits'))):
+            ('reference', {'amplitude': [9.0] * 7}, ('the motion', 'panda_joint1', 'limits'))):
         refused(lambda: setup.changed({node: values}), *words)

@@ -170,7 +170,7 @@ def test_the_plant(given_: dict[str, Any], seed: int) -> None:
     try:
         for tau, *_ in islice(rows(seed), STEPS // 2):
             plant.step(tau)
-            plant.braking = not plant.braking
+            plant.brake(not plant.braking)
             assert math.isfinite(sum(plant.q) + sum(plant.dq))
             assert all(math.isfinite(sum(row)) for row in (*plant.measured, plant.applied))
     except CtcError as error:

@@ -57,7 +57,7 @@ def test_after_a_pause_the_error_begins_at_zero_and_the_way_is_within_the_hull(
         [0, MS, 2 * MS, *(t0 + k * PAUSE for k in range(60 + delay))], delay)
     for t in (0, MS, 2 * MS):
         assert desired(motion, t, q, duration)[0] == REFERENCE.at(t)
-        assert motion.way_back_since is None
+        assert motion.way_back is None
     assert desired(motion, t0, q, duration)[0] == (q, ZERO, ZERO)
     for k in range(1, 60):
         t = t0 + k * PAUSE
@@ -66,7 +66,8 @@ def test_after_a_pause_the_error_begins_at_zero_and_the_way_is_within_the_hull(
                 assert min(start, center - 0.5) - 1e-9 <= x <= max(start, center + 0.5) + 1e-9
             if t + lag * PAUSE >= t0 + round(duration * S):
                 assert found == REFERENCE.at(t + lag * PAUSE)
-        assert motion.way_back_since == (t0 if t < t0 + round(duration * S) else None)
+        end = t0 + round(duration * S)
+        assert (motion.way_back and motion.way_back.end) == (end if t < end else None)
 
 
 @pytest.mark.parametrize(('gap', 'duration'), [(PAUSE, 1.0), (5 * S, 0.0), (-5 * S, 1.0)])
@@ -74,7 +75,7 @@ def test_without_a_pause_or_a_duration_nothing_is_replaced(gap: int, duration: f
     motion = following((0, gap))
     desired(motion, 0, (9.0, 9.0), duration)
     assert desired(motion, gap, (9.0, 9.0), duration) == [REFERENCE.at(gap)]
-    assert motion.way_back_since is None
+    assert motion.way_back is None
 
 
 def test_a_controller_that_is_disabled_at_first_joins_a_reference_that_runs() -> None:
@@ -82,7 +83,7 @@ def test_a_controller_that_is_disabled_at_first_joins_a_reference_that_runs() ->
     for t in (0, S, 2 * S):
         motion.pass_over(t, driven=False)
     assert desired(motion, 2 * S + MS, (0.3, 0.4), 1.0)[0][0] == (0.3, 0.4)
-    assert motion.way_back_since == 2 * S + MS
+    assert motion.way_back is not None and motion.way_back.end == 3 * S + MS
 
 
 def test_a_way_back_that_is_not_finite_is_refused_and_the_next_one_taken() -> None:
@@ -90,5 +91,5 @@ def test_a_way_back_that_is_not_finite_is_refused_and_the_next_one_taken() -> No
     desired(motion, 0, ZERO, 1.0)
     with pytest.raises(ParameterError):
         desired(motion, S, (1.7e308, 0.0), 1.0, (1.7e308, 0.0))
-    assert motion.way_back_since is None
+    assert motion.way_back is None
     assert desired(motion, S + MS, (0.3, 0.4), 1.0)[0] == ((0.3, 0.4), ZERO, ZERO)

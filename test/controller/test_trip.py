@@ -21,7 +21,7 @@ from typing import Any
 
 from ctc_chattering.control.controller import Controller, ControllerConfig, Sample
 from ctc_chattering.control.laws.observer_feedback import Memory
-from ctc_chattering.controller.trips import Trip, TripMonitor
+from ctc_chattering.controller.trips import low_bandwidth, TripMonitor
 from ctc_chattering.simulation.plant import Plant
 from ctc_chattering.simulation.plant_config import PlantConfig
 from ctc_chattering.trajectory.reference import ReferenceConfig, Sinusoid
@@ -41,44 +41,41 @@ def at(part: float, strained: float = 0.0, law: str = 'observer_feedback') -> Co
     return made
 
 
-def checked(monitor: TripMonitor, law: Controller, samples: int) -> Trip | None:
+def checked(monitor: TripMonitor, law: Controller, samples: int) -> str:
     """Return the first trip within some samples."""
     for _ in range(samples):
-        if (found := monitor.check(law, QUIET)) is not None:
+        if found := monitor.check(law, QUIET):
             return found
-    return None
+    return ''
 
 
 @pytest.mark.parametrize('period', [MS, 2 * MS, 50 * MS])
 def test_a_fifth_of_a_second_out_of_control_trips(period: int) -> None:
     monitor = TripMonitor(['a', 'b'], period)
-    assert checked(monitor, at(0.1, 0.19), 100) is None
+    assert checked(monitor, at(0.1, 0.19), 100) == ''
     found = checked(monitor, at(0.1, 0.21), max(20 * MS // period, 1))
-    assert found is not None and 'oscillated' in found.reason
-    assert found.detail.startswith(
-        'the feedback of observer_feedback oscillated at 10 % of its bandwidth; the drives may be')
-    assert 'input_delay 0 samples' in found.detail
+    assert found.startswith(
+        'the feedback of observer_feedback oscillated; the drives may be slower')
 
 
 def test_a_loop_that_found_its_bandwidth_goes_on_with_a_warning() -> None:
     monitor = TripMonitor(['a', 'b'], MS)
-    assert checked(monitor, at(0.1), 150) is None and checked(monitor, at(0.3), 2000) is None
-    (level, text), = monitor.warnings()
-    assert level == 1 and 'down to 10 % of its bandwidth' in text
-    assert monitor.warnings() == []
+    assert checked(monitor, at(0.1), 150) == checked(monitor, at(0.3), 2000) == ''
+    text, = low_bandwidth(at(0.1))
+    assert 'down to 10 % of its bandwidth' in text
 
 
 def test_other_laws_and_a_quiet_loop_are_not_warned_of() -> None:
     for law in (at(1.0), at(0.8), at(1.0, law='chattering')):
         monitor = TripMonitor(['a', 'b'], MS)
-        assert checked(monitor, law, 1000) is None and monitor.warnings() == []
+        assert checked(monitor, law, 1000) == '' and low_bandwidth(law) == []
 
 
 #: Gains for drives with a lag of 2 ms.
 HIGH = {'kp': [1e4] * 2, 'kv': [200.0] * 2, 'estimator_bandwidth': 200.0}
 
 
-def trip_of(rate: list[float], **gains: Any) -> tuple[Trip | None, float]:
+def trip_of(rate: list[float], **gains: Any) -> tuple[str, float]:
     """Return the trip of the arm with drives of which nothing is known, and the error then."""
     motion = Sinusoid(ReferenceConfig())
     start = motion.at(0)
@@ -91,72 +88,51 @@ def trip_of(rate: list[float], **gains: Any) -> tuple[Trip | None, float]:
     monitor, largest = TripMonitor(['a', 'b'], MS), 0.0
     for k in range(1500):
         sample = law.step(*plant.measured, *motion.at(k * MS))
-        if (found := monitor.check(law, sample)) is not None:
+        if found := monitor.check(law, sample):
             return found, largest
         largest = max(largest, *map(abs, sample.e))
         plant.step(sample.tau)
-    return None, largest
+    return '', largest
 
 
 def test_drives_that_are_too_slow_for_the_motion_trip_before_they_diverge() -> None:
     """Check both sides, with drives of which the law knows nothing."""
     found, error = trip_of([1000.0, 200.0], **HIGH)
-    assert found is not None and 'oscillated' in found.reason and error < 1.0
-    assert trip_of([5000.0, 1000.0], **HIGH)[0] is None
+    assert 'oscillated' in found and error < 1.0
+    assert trip_of([5000.0, 1000.0], **HIGH)[0] == ''
 
 
 def test_an_error_that_runs_away_trips_before_the_feedback_oscillates_for_long() -> None:
     """Check a rate told 2.5 times too high; without (TR1) the error is 1.5 rad by the trip."""
     found, error = trip_of([400.0, 100.0], torque_rate_limit=[1000.0, 250.0])
-    assert found is not None and 'position error' in found.reason and error <= 1.0
-    assert found.reason == 'the position error of a has grown by 1.00 rad'
+    assert found.startswith('the position error of a has grown by 1.00 rad') and error <= 1.0
 
 
 def test_the_error_limit_comes_first() -> None:
     law = Controller(ControllerConfig(error_limit=(0.1, 0.1)))
     found = TripMonitor(['a', 'b'], MS).check(law, QUIET._replace(e=[0.0, 0.2]))
-    assert found is not None and 'position error' in found.reason
-    assert found.reason == 'the position error of b exceeded error_limit'
+    assert found == 'the position error of b, 0.2 rad, exceeded error_limit'
 
 
-def along(errors: list[float], law: str = 'observer_feedback', limit: float = math.inf
-          ) -> tuple[Trip | None, list[tuple[int, str]]]:
-    """Return the trip at the last of these errors of joint b, and the warnings before it."""
+def along(errors: list[float], law: str = 'observer_feedback', limit: float = math.inf) -> str:
+    """Return the trip at the last of these errors of joint b."""
     config = ControllerConfig(law=law, compiled=False, error_limit=(limit, limit))
     monitor, made = TripMonitor(['a', 'b'], MS), Controller(config)
     for x in errors[:-1]:
-        assert monitor.check(made, QUIET._replace(e=[0.0, x])) is None
-    warned = monitor.warnings()
-    return monitor.check(made, QUIET._replace(e=[0.0, errors[-1]])), warned
+        assert monitor.check(made, QUIET._replace(e=[0.0, x])) == ''
+    return monitor.check(made, QUIET._replace(e=[0.0, errors[-1]]))
 
 
-def test_an_error_that_grows_trips_and_is_warned_of_before() -> None:
+def test_an_error_that_grows_trips() -> None:
     """Check both sides of (TR1), after a start 1 rad off, with an overshoot."""
-    found, warned = along([-1.0, -0.2, 0.6, -0.3, 1.21])
-    assert found is not None and 'position error' in found.reason
-    assert found.reason == 'the position error of b has grown by 1.01 rad'
-    assert 'to 1.21 rad, and exceeded the limit of 1 rad (set error_limit' in found.detail
-    assert warned == []
-    found, ((level, text),) = along([-1.0, -0.2, 0.75, -1.19])
-    assert found is None and level == 1
-    assert 'of b has grown by 0.55 rad; beyond 1 rad no torque is sent; the drives may' in text
-
-
-def test_a_bound_that_is_too_small_is_told_apart_from_drives_that_are_too_slow() -> None:
-    """Check the words where the estimate is at its bound, with and without an oscillation."""
-    at_bound = QUIET._replace(e=[0.0, 1.1], robust=[0.0, -10.0])
-    for sample, part, ka in ((at_bound, 1.0, True), (at_bound, 0.3, False),
-                             (at_bound._replace(robust=[0.0, -9.0]), 1.0, False)):
-        monitor, law = TripMonitor(['a', 'b'], MS), at(part)
-        assert monitor.check(law, QUIET) is None
-        found = monitor.check(law, sample)
-        assert found is not None and ('ka is too small' in found.detail) is ka
-        assert ('the drives may be slower' in found.detail) is not ka
+    assert along([-1.0, -0.2, 0.6, -0.3, 1.21]).startswith(
+        'the position error of b has grown by 1.01 rad (set error_limit to allow more than 1 rad)')
+    assert along([-1.0, -0.2, 0.75, -1.19]) == ''
 
 
 def test_an_error_that_grows_is_allowed_to_other_laws_and_where_a_limit_is_set() -> None:
-    assert along([0.0, 2.9], 'compensation') == along([0.0, 2.9], 'chattering') == (None, [])
-    assert along([0.0, 2.9], limit=3.0) == (None, [])
+    assert along([0.0, 2.9], 'compensation') == along([0.0, 2.9], 'chattering') == ''
+    assert along([0.0, 2.9], limit=3.0) == ''
 
 
 def test_growth_counts_from_the_start_of_torques_and_of_the_law() -> None:
@@ -164,7 +140,7 @@ def test_growth_counts_from_the_start_of_torques_and_of_the_law() -> None:
         Controller(ControllerConfig(law=x, compiled=False)) for x in (
             'compensation', 'observer_feedback')]
     far, near = QUIET._replace(e=[2.0, 0.0]), QUIET
-    assert monitor.check(laws[0], near) is None and monitor.check(laws[1], far) is None
-    assert monitor.check(laws[1], near) is None and monitor.check(laws[1], far) is not None
+    assert monitor.check(laws[0], near) == monitor.check(laws[1], far) == ''
+    assert monitor.check(laws[1], near) == '' != monitor.check(laws[1], far)
     monitor.restart()
-    assert monitor.warnings() == [] and monitor.check(laws[1], far) is None
+    assert monitor.check(laws[1], far) == ''

@@ -31,7 +31,7 @@ from ctc_chattering.cli.ctc import make_parser as ctc_parser
 from ctc_chattering.cli.node import _make_parser as node_parser
 from ctc_chattering.configuration.node_parameters import NODE_DESCRIPTIONS
 from ctc_chattering.ros import ros_arguments
-from ctc_chattering.ros.process import own_domain
+from domains import own_domain
 from processes import PATIENCE
 import pytest
 

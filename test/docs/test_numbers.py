@@ -23,7 +23,7 @@ from pathlib import Path
 from ctc_chattering.analysis.metrics import metrics
 from ctc_chattering.analysis.result import simulate
 from ctc_chattering.configuration import parameter_file
-from ctc_chattering.configuration.package_share import EXPERIMENTS
+from ctc_chattering.configuration.package_share import EXPERIMENTS, find_config
 from ctc_chattering.control.controller_config import SWITCHINGS
 from ctc_chattering.runs.score import Score
 import imperfections as cases
@@ -134,11 +134,12 @@ def table(text: str, head: str) -> list[list[str]]:
 
 def test_the_experiments_of_the_paper_page() -> None:
     """RMS errors and torque variation of the runs under one law, in their order."""
-    experiments = [x for x in EXPERIMENTS if x.values]
+    experiments = [x for x in EXPERIMENTS.values() if x[1]]
     rows = table(PAPER, '| experiment | law |')
-    for (name, law, *columns), x in zip(rows, experiments, strict=True):
-        assert (name, law.split()[0].strip(',')) == (x.file, x.values['law'])
-        found = metrics(simulate(parameter_file.load(x.path, x.overrides)).run)
+    for (name, law, *columns), (file, values) in zip(rows, experiments, strict=True):
+        assert (name, law.split()[0].strip(',')) == (file, values['law'])
+        setup = parameter_file.load(find_config(file), {'controller': values})
+        found = metrics(simulate(setup).run)
         for column, key in zip(columns, ('rms_error_rad', 'torque_variation_nm_per_s'),
                                strict=True):
             assert [float(number) for number in column.split(', ')] == pytest.approx(

@@ -27,7 +27,7 @@ import sys
 from threading import Event
 from time import monotonic
 
-from ctc_chattering.launch.child_process import Child, node_command, page_command, stop
+from ctc_chattering.launch.child_process import Child, node_command, stop
 import pytest
 from stopwatch import Stopwatch
 
@@ -77,7 +77,7 @@ def gone(pid: int) -> bool:
 
 
 @pytest.mark.parametrize('command', [
-    node_command('plant', '--help'), [*page_command('--help')]])
+    node_command('plant', '--help'), node_command('live', '--help', program='ctc')])
 def test_the_current_directory_has_no_modules(command: list[str], tmp_path: Path) -> None:
     """A directory of bags may have a `yaml.py`; one that is named on PYTHONPATH is searched."""
     for name in ('yaml', 'argparse', 'runpy', 'ctc_chattering'):

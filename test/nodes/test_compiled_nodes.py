@@ -57,7 +57,7 @@ bringup:
 
 def test_nodes_say_what_computes_them(
         tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The controller says how its law is compiled, for another one again, and goes on plain."""
+    """The controller says how its law is compiled, and goes on plain."""
     compile_setups([parameter_file.load(None)], print)
     with probe() as it:
         reports = Diagnostics(it)
@@ -83,6 +83,5 @@ def test_nodes_say_what_computes_them(
         it.until(lambda: said() == 1, 'the line')
         for name, value in (('ka', [3.0, 3.0]), ('law', 'compensation'), ('ka', [4.0, 4.0])):
             assert it.set('controller', name, value).successful
-        it.until(lambda: said() == 2, 'the line of another law')
         assert reports.next('controller').values['computed by'] == 'plain Python'
-        assert [x for x in it.lines if HOW_TO_COMPILE in x][-1].count('law compensation: ') == 1
+        assert said() == 1

@@ -84,12 +84,10 @@ def test_the_motion_stays_bounded_and_recovers() -> None:
             assert report.level == ERROR, (node, report)
             assert 'too busy, or processes are stopped' in report.message or (
                 'no command' in report.message or 'no state' in report.message)
-        assert float(level['controller'].values['restarts per second']) >= 1.0
-        assert float(level['plant'].values['timeouts, command, per second']) >= 1.0
         met = len(tracking)
         it.until(lambda: len(tracking) > met + 10 and follows(), 'recovery')
         assert max(abs(a - b) for m in tracking
                    for a, b in zip(m.velocity[:2], m.velocity[2:])) < SPEED
         assert [child.status for child in it.children] == [None] * 3
-        late = [x for x in it.lines if 'refused: it comes' in x]
-        assert late and 'more than 20 ms (state_timeout): this computer is too busy' in late[0]
+        late = [x for x in it.lines if 'stale, ' in x]
+        assert late and 'at most 20 ms late (state_timeout)' in late[0]

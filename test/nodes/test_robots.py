@@ -309,7 +309,6 @@ def test_a_broadcaster_of_ros2_control_is_answered_by_the_law() -> None:
         assert report.level == WARN
         assert report.message.startswith(
             'running, but states come every 5 ms; control_period is 2 ms')
-        assert float(report.values['period of the stamps, mean [ms]']) == 5.0
         assert report.count('restarts') == 0
         source.until('controller', lambda r: 'states come' not in r.message, publish(period),
                      'health')

@@ -104,28 +104,3 @@ def test_degenerate_problems(point: list[float], bound: list[float], c: float) -
     _check_conditions(mass, np.array(point), np.array(bound), z)
     np.testing.assert_allclose(
         z, inclusion_by_enumeration(mass, np.array(point), np.array(bound)), atol=1e-12)
-
-
-def test_a_joint_at_its_bound_moves_the_other() -> None:
-    """Check two joints by hand: x = (1, 0) with 2 x = 5 - 3, so that z2 = 0 - 1.9 x."""
-    mass = np.array([[2.0, 1.9], [1.9, 2.0]])
-    z = nearest(mass, np.array([5.0, 0.0]), np.array([3.0, 50.0]))
-    assert z == pytest.approx([3.0, -1.9])
-
-
-def test_on_the_edge() -> None:
-    """Check points at the bound, bounds of 0, and none that is exceeded."""
-    rng = np.random.default_rng(4)
-    mass, bound = random_spd(rng, 5), np.array([1.0, 2.0, 0.0, 4.0, 0.0])
-    edge = np.array([1.0, -2.0, 0.0, 3.0, 0.0])
-    assert nearest(mass, edge, bound) is edge
-    assert nearest(mass, np.full(5, 5.0), np.zeros(5)).tolist() == [0.0] * 5
-    held = mass @ [0.0, 0.0, 1.0, 0.0, 0.0] + [1.0, 2.0, 0.0, 1.0, 0.0]
-    np.testing.assert_allclose(nearest(mass, held, bound), [1.0, 2.0, 0.0, 1.0, 0.0], atol=1e-12)
-
-
-def test_the_argument_is_not_changed() -> None:
-    """Check that point and bound are left alone where a bound is active."""
-    mass, point, bound = np.array([[2.0, 1.0], [1.0, 2.0]]), np.array([5.0, 0.0]), np.ones(2)
-    nearest(mass, point, bound)
-    assert (point.tolist(), bound.tolist()) == ([5.0, 0.0], [1.0, 1.0])

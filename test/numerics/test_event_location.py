@@ -19,7 +19,6 @@ import math
 
 from ctc_chattering.numerics import integration
 import pytest
-from scipy.optimize import brentq  # type: ignore[import-untyped]
 
 CASES: list[tuple[Callable[[float], float], float]] = [
     (lambda s: 0.3 - s, 0.3),
@@ -47,15 +46,6 @@ def test_finds_the_sign_change(f: Callable[[float], float], root: float) -> None
     assert f(s) < 0.0
     assert s == pytest.approx(root, abs=4e-12)
     assert f(s - 2 * tol) >= 0.0 or f(s) > -1e-12
-
-
-def test_agrees_with_brent() -> None:
-    """Check against scipy's root finder for a family of transcendental functions."""
-    for k in range(1, 40):
-        def f(s: float, k: float = 0.02 * k) -> float:
-            return k * math.exp(-s) - s
-        assert first_negative(f, 1.0, f(1.0), 1e-13) == pytest.approx(
-            brentq(f, 0.0, 1.0, xtol=1e-15), abs=1e-12)
 
 
 def test_negative_at_once_ends_within_the_tolerance() -> None:

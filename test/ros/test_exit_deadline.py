@@ -21,7 +21,7 @@ import subprocess
 import sys
 import textwrap
 
-from ctc_chattering.ros.process import own_domain
+from domains import own_domain
 import pytest
 from stopwatch import PATIENCE, Stopwatch
 

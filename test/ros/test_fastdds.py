@@ -16,12 +16,10 @@
 
 from __future__ import annotations
 
-from contextlib import ExitStack
 import os
 from pathlib import Path
-import socket
 
-from ctc_chattering.ros.process import enlarge_receive_buffers, use_profile, VARIABLES
+from ctc_chattering.ros.process import use_profile, VARIABLES
 from processes import CONFIG, has_port, probe, use_plain_profile
 import pytest
 from rclpy.utilities import get_rmw_implementation_identifier
@@ -40,24 +38,6 @@ def test_it_is_used_unless_there_is_another_one(monkeypatch: pytest.MonkeyPatch)
         assert [os.environ.get(x) for x in VARIABLES] == [
             'theirs.xml' if x == name else None for x in VARIABLES]
         monkeypatch.delenv(name)
-
-
-def test_only_the_buffers_of_udp_sockets_are_enlarged_and_none_is_made_smaller() -> None:
-    def opened() -> set[str]:
-        return {path.name for path in Path('/proc/self/fd').iterdir()}
-
-    kinds = ((socket.AF_INET, socket.SOCK_DGRAM), (socket.AF_INET6, socket.SOCK_DGRAM),
-             (socket.AF_INET, socket.SOCK_STREAM), (socket.AF_UNIX, socket.SOCK_DGRAM))
-    with ExitStack() as stack:
-        sockets = [stack.enter_context(socket.socket(*kind)) for kind in kinds]
-        for it in sockets:
-            it.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 20_000)
-        before = opened()
-        for size in (60_000, 10_000):
-            enlarge_receive_buffers(size)
-            assert [x.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF) for x in sockets] == [
-                120_000, 120_000, 40_000, 40_000]  # Linux doubles it, for its own needs.
-        assert opened() == before
 
 
 @pytest.mark.ros

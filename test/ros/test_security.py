@@ -21,8 +21,7 @@ from pathlib import Path
 import subprocess
 import sys
 
-from ctc_chattering.errors import CtcError
-from ctc_chattering.ros.process import check_security, own_domain
+from domains import own_domain
 from faults import nodes_of
 from processes import alive, CONFIG, descriptors, has_port, PATIENCE, wait_for
 import pytest
@@ -73,18 +72,6 @@ def test_enforced_security_without_a_keystore_ends_all_at_once(
             assert len(output.splitlines()) == 1
             assert 'Traceback' not in output
     assert not list(tmp_path.glob('*/bag'))
-
-
-@pytest.mark.parametrize('there', [False, True])
-def test_a_place_without_enclaves_is_named_as_no_keystore(
-        there: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    place = tmp_path / 'keys'
-    if there:
-        place.mkdir()
-    for name, value in {**ENFORCED, 'ROS_SECURITY_KEYSTORE': str(place)}.items():
-        monkeypatch.setenv(name, value)
-    with pytest.raises(CtcError, match=f'ROS_SECURITY_KEYSTORE={place} is no keystore'):
-        check_security()
 
 
 def environment(pid: int) -> dict[str, str]:

@@ -45,7 +45,7 @@ def run(config: PlantConfig, changes: dict[int, dict[str, Any]]) -> Array:
     for k, tau in enumerate(TAU):
         if k in changes:
             plant.configure(plant.config.changed(changes[k]))
-        plant.braking = 300 <= k < 350
+        plant.brake(300 <= k < 350)
         assert plant.computed_by == ('machine code' if config.compiled else 'plain Python')
         plant.step(tau)
         seen.append([*plant.q, *plant.dq, *plant.measured[0], *plant.measured[1], *plant.applied,

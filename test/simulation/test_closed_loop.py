@@ -18,15 +18,14 @@ from typing import Any
 
 from ctc_chattering.analysis.metrics import metrics, reaching_time
 from ctc_chattering.analysis.terms import RunTerms, terms
-from ctc_chattering.control.controller import Controller, ControllerConfig
+from ctc_chattering.control.controller import ControllerConfig
 from ctc_chattering.errors import CtcError
 from ctc_chattering.simulation.closed_loop import Event, Run, simulate
-from ctc_chattering.simulation.plant import Plant
 from ctc_chattering.simulation.plant_config import PlantConfig
 from ctc_chattering.trajectory.motions import Route
 from ctc_chattering.trajectory.reference import ReferenceConfig, Sinusoid
 import numpy as np
-from oracles import Array, Counting, paper_c, paper_field, paper_g, paper_m
+from oracles import Array, paper_c, paper_field, paper_g, paper_m
 import pytest
 from scipy.integrate import solve_ivp  # type: ignore[import-untyped]
 
@@ -149,13 +148,6 @@ def test_law_2_under_friction_has_the_expected_error() -> None:
     assert _rms_error(_run(1e-3, law='compensation')) != pytest.approx(limit, rel=0.01)
 
 
-@pytest.mark.slow
-def test_law_2_under_friction_at_a_fine_period() -> None:
-    """Check the same limit with a period of 10 µs, to 0.5 %."""
-    limit = [2.827e-3, 4.639e-2]
-    assert _rms_error(_run(1e-5, law='compensation')) == pytest.approx(limit, rel=0.005)
-
-
 @pytest.mark.parametrize(('law', 'parts', 'rel'), [
     ('compensation', 2, 0.005), ('chattering', 20, 0.10)])
 def test_integration_step_is_fine_enough(law: str, parts: int, rel: float) -> None:
@@ -173,20 +165,6 @@ def test_chattering_improves_on_compensation() -> None:
     calm, better = (_rms_error(_run(law=law, plant=push)) for law in (
         'compensation', 'chattering'))
     assert better[1] < 0.5 * calm[1]
-
-
-@pytest.mark.slow  # Of the arm that is let go, test_plant.py has it.
-def test_few_changes_of_mode() -> None:
-    """Check that joints stick and slide as often as the motion turns, not by the numbers."""
-    model = Counting()
-    plant, law = Plant(PlantConfig(), model), Controller(ControllerConfig(law='compensation'))
-    motion, changes, last = Sinusoid(ReferenceConfig()), [0, 0], plant.modes
-    for _ in range(10_000):
-        plant.step(law.step(plant.q, plant.dq, *motion.at(plant.k * plant.period_ns)).tau)
-        changes = [c + (a != b) for c, a, b in zip(changes, plant.modes, last)]
-        last = plant.modes
-    assert all(20 <= c <= 60 for c in changes)  # 20 turns, each at most slide-stick-slide
-    assert model.calls < 10_000 * 6 + sum(changes) * 500
 
 
 FREE = {'coulomb_friction': [0, 0]}

@@ -82,11 +82,11 @@ def numbers(record: Any) -> Array:
 
 def compiled(config: PlantConfig, model: Model) -> CompiledPlantStep:
     """Return the machine code of a plant."""
-    step = Plant(config, model).compiled_step()
+    step = Plant(config, model).compiled_step
     assert step is not None
     for code in step.codes:
         build(code)
-    made = Plant(config, model).compiled_step()
+    made = Plant(config, model).compiled_step
     assert made is not None
     return made
 

@@ -65,15 +65,6 @@ def test_a_step_of_the_command(lag: float) -> None:
         assert (np.abs(plant.q - way) < bound * np.abs(c / MASSES)).all()
 
 
-def test_the_discretisation_is_exact() -> None:
-    """Check τ[k+1] = c + (τ[k] - c) exp(-h/T), each joint with its own lag, also none."""
-    plant, torque, fade = robot(actuator_lag=[2e-3, 0.0]), np.zeros(2), exp(-H / 2e-3)
-    for c in commands(200):
-        plant.step(c)
-        torque = np.array([c[0] + (torque[0] - c[0]) * fade, c[1]])
-        assert plant.applied == pytest.approx(torque, rel=1e-12)
-
-
 def test_a_limited_rate_is_a_ramp() -> None:
     """Check R t up to the command, which is reached within a period; the impulse is exact."""
     rate, c = np.array([1100.0, 700.0]), np.array([3.0, -1.0])
@@ -176,16 +167,6 @@ def test_resolution_of_the_torque() -> None:
         assert list(plant.applied) == expected
         other.step(expected)
         assert list(plant.dq) == list(other.dq)
-
-
-def test_the_rate_of_the_torque_never_exceeds_the_limit() -> None:
-    plant, torques = robot(torque_rate_limit=[500.0, inf]), [[0.0, 0.0]]
-    for c in commands(200, 4):
-        plant.step(c)
-        torques.append(list(plant.applied))
-    steps = np.abs(np.diff(torques, axis=0)).max(axis=0)
-    assert steps[0] == pytest.approx(0.5)
-    assert steps[1] > 5.0
 
 
 @pytest.mark.parametrize('values', [

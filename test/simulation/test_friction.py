@@ -62,14 +62,6 @@ def test_arm_at_rest_against_enumeration() -> None:
     assert len(seen) == 9
 
 
-def test_coupling_decides_a_joint_within_its_level() -> None:
-    """Check that joint 2, unloaded, is dragged along when joint 1 breaks away, by its coupling."""
-    q = [0.0, 0.0]  # M12 / M11 * 9.9-fold load on joint 1
-    assert modes(ARM, q, REST, [50.0, 0.0], KF) == (1, 0)
-    assert modes(ARM, q, REST, [500.0, 0.0], KF) == (1, -1)
-    assert friction_by_enumeration(paper_m(q), np.array([500.0, 0.0]), np.array(KF)) == [(1, -1)]
-
-
 @pytest.mark.parametrize(('dq', 'level', 'expected'), [
     ([1.0, -1.0], KF, (1, -1)), ([5e-324, -5e-324], KF, (1, -1)), ([1.0, 1.0], [0.0, 9.9], (0, 1)),
     ([-1.0, 1.0], [0.0, 0.0], (0, 0)), ([0.0, 0.0], [0.0, 0.0], (0, 0)),

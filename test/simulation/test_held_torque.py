@@ -58,11 +58,11 @@ def stopped_at_random(setup: Setup, timeout: float, seed: int
         go(dice.randint(1, 5))
         tau, stop = plant.applied, dice.randint(0, 100)
         for i in range(stop):
-            plant.braking = i >= round(timeout * 1000)
+            plant.brake(i >= round(timeout * 1000))
             plant.step((0.0, 0.0) if plant.braking else tau)
             errors.append(np.abs(np.subtract(motion.at(plant.k * MS)[0], plant.q)).max())
             speeds.append(np.abs(plant.dq).max())
-        plant.braking = False
+        plant.brake(False)
         if stop > 20:
             law.reset(bumpless=True)
     go(3000)

@@ -292,22 +292,6 @@ def test_break_away_depends_on_the_direction(sign: float) -> None:
     assert plant.dq[1] * sign > 0.0
 
 
-def test_heat_of_a_friction_that_depends_on_the_direction() -> None:
-    """Check the energy of the arm against (1 ± a) Kf times the ways forwards and backwards."""
-    kf, a, tau = np.array([3.0, 2.0]), np.array([0.4, -0.2]), np.array([15.0, -4.0])
-    plant = _plant(initial_position=[2.0, 1.0], coulomb_friction=kf.tolist(),
-                   friction_asymmetry=a.tolist())
-    heat, start, first = 0.0, _energy(plant), plant.q
-    for _ in range(3000):
-        before = plant.q
-        plant.step(tau.tolist())
-        way = np.subtract(plant.q, before)
-        heat += float(np.abs(way) @ (kf * (1.0 + a * np.sign(way))))
-    gain = _energy(plant) - start - float(np.subtract(plant.q, first) @ tau)
-    assert heat > 30.0
-    assert gain == pytest.approx(-heat, rel=1e-4)
-
-
 @pytest.mark.parametrize('sign', [1.0, -1.0])
 def test_load_dependent_friction(sign: float) -> None:
     """Check break-away at Kf / (1 - μ), and (|τ| (1 - μ) - Kf) / m beyond."""

@@ -221,7 +221,7 @@ def test_brakes_are_viscous_friction(viscous: float) -> None:
     q, dq = np.zeros(2), np.array([1.0, -2.0])
     assert not plant.braking
     for braking in (False, True, False, True):
-        plant.braking = braking
+        plant.brake(braking)
         assert plant.braking == braking
         for _ in range(100):
             plant.step([0.0, 0.0])
@@ -238,7 +238,7 @@ def test_brakes_do_not_change_the_motion_unless_they_are_on() -> None:
     motions = []
     for damping, braking in ((20.0, False), (1e3, False), (0.0, True), (20.0, True)):
         plant = _plant(initial_position=[2.0, 1.0], fault_damping=[damping, damping])
-        plant.braking = braking
+        plant.brake(braking)
         for _ in range(500):
             plant.step([3.0, 1.0])
         motions.append([*plant.q, *plant.dq])
@@ -256,7 +256,7 @@ def test_brakes_and_coulomb_friction() -> None:
     stop = mass / c * np.log1p(c * v0 / kf)
     plant = _plant(masses=SLIDERS, coulomb_friction=[kf, 1.0], fault_damping=[c, c],
                    initial_velocity=[v0, 0.0])
-    plant.braking = True
+    plant.brake(True)
     while plant.t < 1.2:
         plant.step([0.0, 0.9])
         left = min(plant.t, stop)
@@ -276,7 +276,7 @@ def test_configure_keeps_the_brakes() -> None:
     """Check that a parameter set while they are on neither releases nor forgets them."""
     plant = _plant(masses=SLIDERS, coulomb_friction=[0, 0], initial_velocity=[1.0, 1.0],
                    fault_damping=[0.0, 0.0])
-    plant.braking = True
+    plant.brake(True)
     plant.configure(plant.config.changed({'fault_damping': [4.0, 0.0]}))
     assert plant.braking
     plant.step([0.0, 0.0])
@@ -285,7 +285,7 @@ def test_configure_keeps_the_brakes() -> None:
 
 def disturbance(amplitude: Vector, frequency: Vector, t: float) -> Vector:
     mechanics = Plant(PlantConfig()).parameters.mechanics._replace(
-        amplitude=np.array(amplitude), frequency=np.array(frequency), disturbed=1.0)
+        amplitude=np.array(amplitude), frequency=np.array(frequency))
     nothing = np.zeros(len(amplitude))
     loads: list[float] = total(
         mechanics, acting(mechanics, nothing, nothing, 0), nothing, t, 0.0).tolist()

@@ -128,17 +128,6 @@ def unfold(page: Any, title: str) -> None:
     page.locator('summary', has_text=title).dispatch_event('click')
 
 
-def answered(page: Any, accept: bool) -> list[str]:
-    """Have questions of the page answered from now on; return the list of those that will come."""
-    questions: list[str] = []
-
-    def answer(dialog: Any) -> None:
-        questions.append(dialog.message)
-        (dialog.accept if accept else dialog.dismiss)()
-    page.on('dialog', answer)
-    return questions
-
-
 def numbers(page: Any) -> list[list[str]]:
     """Return the cells of the tables of numbers, row by row."""
     rows: list[list[str]] = page.evaluate(

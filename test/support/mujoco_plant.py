@@ -25,6 +25,7 @@ from typing import Any
 import xml.etree.ElementTree as ElementTree
 
 from ctc_chattering.analysis.result import Result, simulate
+from ctc_chattering.compiled.compilable import some
 from ctc_chattering.configuration.loop_setup import Setup
 from ctc_chattering.dynamics.corrected_urdf import with_payload
 from ctc_chattering.dynamics.model import Model
@@ -124,9 +125,6 @@ class MujocoPlant(Plant):
         data.qvel[self._order] = config.initial_velocity
         super().__init__(config, Joints(len(config.joint_names)))
 
-    def _compilable(self) -> None:
-        """Return that there is no machine code."""
-
     def _mechanism(self, mechanics: Mechanics) -> Any:
         """Return what moves: this plant itself, as `Mechanism`."""
         self._acting, self.joints = mechanics, Rigid()
@@ -142,9 +140,10 @@ class MujocoPlant(Plant):
         """Return the motion a sample period later, in as many steps as the plant's."""
         order, data, p = self._order, self.mjdata, self._acting
         self.mjmodel.dof_frictionloss[order] = now.breakaway
-        if p.disturbed or now.pushed or not p.ideal:
+        if some(p.amplitude) or now.pushed or not p.ideal:
             for i in range(p.steps):
-                data.qfrc_applied[order] = self._mean_torque(now, now.start + (i + 0.5) * p.step)
+                data.qfrc_applied[order] = self._mean_torque(
+                    now, now.start + (i + 0.5) * p.period / p.steps)
                 mujoco.mj_step(self.mjmodel, data)
         else:
             data.qfrc_applied[order] = now.commanded
@@ -155,7 +154,8 @@ class MujocoPlant(Plant):
 
     def _mean_torque(self, now: Acting, t: float) -> Array:
         """Return the torque for the step whose middle is at `t` [s], shape (n,) [N·m]."""
-        p, command, half = self._acting, now.commanded, 0.5 * self._acting.step
+        p, command = self._acting, now.commanded
+        half = 0.5 * p.period / p.steps
         middle = total(p, now, command, t, half)
         if p.ideal:
             return middle

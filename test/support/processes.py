@@ -27,7 +27,8 @@ import time
 from typing import Any
 
 from ctc_chattering.launch import child_process
-from ctc_chattering.ros.process import own_domain, VARIABLES
+from ctc_chattering.ros.process import VARIABLES
+from domains import own_domain
 import pytest
 from rcl_interfaces.msg import SetParametersResult
 from rcl_interfaces.srv import GetParameters, SetParameters

@@ -30,7 +30,7 @@ import pytest
 
 CONFIG = Path(__file__).resolve().parents[2] / 'config'
 PAPER, THREE = ('joint1', 'joint2'), ('a', 'b', 'c')
-#: Names in the messages of the controller, in the order of `nodes.control_terms`.
+#: Names in the messages of the controller, in the order of `nodes.controller`.
 NAMES: dict[str, Callable[[tuple[str, ...]], list[str]]] = {
     '/controller/tracking': lambda n: [f'{j}/{x}' for x in ('desired', 'error') for j in n],
     '/controller/filter': list, '/joint_states': list,

@@ -269,9 +269,9 @@ def test_the_shortest_duration() -> None:
         return Transition(first, last, 0, duration)
 
     needed = 3.0 * 1.875 / 1.5
-    assert needed <= shortest(move, 0, 0.1, _limits(velocity=1.5)) <= 1.15 * needed
-    assert shortest(move, 0, 5.0, _limits(velocity=1.5)) == 5.0
-    assert shortest(move, 0, 0.1, _limits(upper=2.0)) == math.inf
+    assert needed <= shortest(move, 0.1, _limits(velocity=1.5)) <= 1.15 * needed
+    assert shortest(move, 5.0, _limits(velocity=1.5)) == 5.0
+    assert shortest(move, 0.1, _limits(upper=2.0)) == math.inf
 
 
 def test_extremes_of_a_sinusoid() -> None:
@@ -291,11 +291,11 @@ def test_extremes_of_a_sinusoid() -> None:
     ((0.0, 0.0), (0.0, 0.0), 1e-10, (0.0, 0.0), 'duration'),
     ((0.0, 0.0), (0.0, 0.0), float('nan'), (0.0, 0.0), 'duration'),
     ((0.0, 0.0), (0.0, 0.0), float('inf'), (0.0, 0.0), 'duration'),
-    ((0.0,), (0.0, 0.0), 1.0, (0.0, 0.0), 'q0'),
-    ((0.0, float('nan')), (0.0, 0.0), 1.0, (0.0, 0.0), 'q0'),
-    ((0.0, 0.0), (), 1.0, (0.0, 0.0), 'dq0'),
-    ((0.0, 0.0), (0.0, float('inf')), 1.0, (0.0, 0.0), 'dq0'),
-    ((0.0, 0.0), (0.0, 0.0), 1.0, (0.0,), 'ddq0')])
+    ((0.0,), (0.0, 0.0), 1.0, (0.0, 0.0), 'start.positions'),
+    ((0.0, float('nan')), (0.0, 0.0), 1.0, (0.0, 0.0), 'start.positions'),
+    ((0.0, 0.0), (), 1.0, (0.0, 0.0), 'start.accelerations'),
+    ((0.0, 0.0), (0.0, float('inf')), 1.0, (0.0, 0.0), 'start.velocities'),
+    ((0.0, 0.0), (0.0, 0.0), 1.0, (0.0,), 'start.accelerations')])
 def test_refusals(q0: tuple[float, ...], dq0: tuple[float, ...], duration: float,
                   ddq0: tuple[float, ...], name: str) -> None:
     """Check that the error names what is wrong."""

@@ -21,7 +21,9 @@ Measures speed: lockstep over ROS beside a bare ping-pong, a control step, a sim
 from __future__ import annotations
 
 import argparse
+import os
 from pathlib import Path
+import random
 import statistics
 import subprocess
 import sys
@@ -34,7 +36,6 @@ from ctc_chattering.configuration.package_share import config_directory, EXPERIM
 from ctc_chattering.control.controller import Controller
 from ctc_chattering.dynamics.registry import model_of
 from ctc_chattering.launch.graph import one_processor, run_graph
-from ctc_chattering.ros.process import own_domain
 from ctc_chattering.simulation.closed_loop import simulate
 from ctc_chattering.simulation.plant import Plant
 from ctc_chattering.trajectory.reference import make_motion
@@ -69,16 +70,16 @@ def ping_pong_rate(processors: set[int] | None) -> float:
 def lockstep_rate(bag: Path | None) -> float:
     """Return control cycles per second of the first experiment between t = 1 s and t = 9 s."""
     experiment = EXPERIMENTS[1]
-    period = parameter_file.load(experiment.path).plant.control_period
+    setup = parameter_file.load(experiment.path, experiment.overrides)
     passed: list[tuple[float, float]] = []
 
     def progress(t: float) -> None:
         if 1.0 <= t <= 9.0:
             passed.append((t, time.perf_counter()))
 
-    run_graph(experiment.path, experiment.overrides, bag, progress=progress, show=lambda _: None)
+    run_graph(setup, bag, progress=progress, show=lambda _: None)
     (t0, wall0), (t1, wall1) = passed[0], passed[-1]
-    return (t1 - t0) / period / (wall1 - wall0)
+    return (t1 - t0) / setup.plant.control_period / (wall1 - wall0)
 
 
 def step_time(path: Path, compiled: bool) -> float:
@@ -128,7 +129,9 @@ def main() -> None:
         'bare ping-pong', 'the same on one processor', 'lockstep with recording', 'lockstep')}
     compile_setups([parameter_file.load(config_directory() / f'{name}.yaml')
                     for name in ('friction', 'panda')], print)
-    with own_domain(), tempfile.TemporaryDirectory() as scratch:
+    os.environ.update(ROS_DOMAIN_ID=str(random.randint(1, 101)),
+                      ROS_AUTOMATIC_DISCOVERY_RANGE='LOCALHOST')
+    with tempfile.TemporaryDirectory() as scratch:
         for i in range(rounds):
             measured = (ping_pong_rate(None), ping_pong_rate(one_processor()),
                         lockstep_rate(Path(scratch) / f'bag{i}'), lockstep_rate(None))

@@ -33,9 +33,7 @@ import sys
 import time
 from typing import NamedTuple
 
-from ctc_chattering.configuration.node_parameters import RealTimeSettings
-from ctc_chattering.controller.health import Durations
-from ctc_chattering.ros.real_time import RealTime
+from ctc_chattering.controller.health import LoopStatistics
 from real_time_loop import real_time_loop
 
 _COLUMNS = ('p50', 'p99', 'p99.9', 'max')
@@ -55,8 +53,8 @@ class Times(NamedTuple):
 
 def measure_nodes(priority: int) -> Times:
     """Return what the plant's diagnostics say after a while in real time."""
-    with real_time_loop('-p', f'thread_priority:={priority}', '-p',
-                        f'lock_memory:={str(bool(priority)).lower()}') as (found, spin):
+    granted = _request(priority)  # The nodes inherit it.
+    with real_time_loop() as (found, spin):
         reports: list[dict[str, str]] = []
         while len(reports) < _WINDOW + 2:  # The first ones are of the start.
             spin()
@@ -65,7 +63,8 @@ def measure_nodes(priority: int) -> Times:
     last = reports[-1]
     period, answer = ([float(last[f'{name}, {column} [ms]']) for column in _COLUMNS]
                       for name in ('period', 'answer time'))
-    return Times(period, answer, last['scheduling'])
+    _request(0)
+    return Times(period, answer, granted)
 
 
 def measure_bare(priority: int) -> Times:
@@ -82,8 +81,13 @@ def measure_bare(priority: int) -> Times:
 
 
 def _request(priority: int) -> str:
-    return RealTime(RealTimeSettings(
-        thread_priority=priority, lock_memory=bool(priority))).update(True)
+    """Have this process, and what it starts, scheduled with a priority; return what came of it."""
+    policy = os.SCHED_FIFO if priority else os.SCHED_OTHER
+    try:
+        os.sched_setscheduler(0, policy, os.sched_param(priority))
+    except OSError as error:
+        return f'SCHED_FIFO {priority}: {error.strerror}'
+    return f'SCHED_FIFO {priority}' if priority else 'normal'
 
 
 def _echo(priority: int, pipe: multiprocessing.connection.Connection) -> None:
@@ -98,23 +102,21 @@ def _echo(priority: int, pipe: multiprocessing.connection.Connection) -> None:
 
 def _timer(priority: int, pipe: multiprocessing.connection.Connection) -> None:
     scheduling = _request(priority)
-    periods, answers = Durations(), Durations()
+    loop = LoopStatistics()
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as udp:
         udp.connect(pipe.recv())
         begin = due = time.monotonic()
-        last = None
         while due < begin + _WINDOW:
             due += _PERIOD
             time.sleep(max(0.0, due - time.monotonic()))
-            now = time.monotonic()
-            if last is not None:
-                periods.add(now - last)
-            last = now
+            now = time.monotonic_ns()
             udp.send(bytes(100))
             udp.recv(100)
-            answers.add(time.monotonic() - now)
-    shown = [[float(durations.summary()[f'{column} [ms]']) for column in _COLUMNS]
-             for durations in (periods, answers)]
+            loop.sample(now, now)
+            loop.answer(now, time.monotonic_ns())
+    values = loop.values()
+    shown = [[values[f'{name}, {column} [ms]'] for column in _COLUMNS]
+             for name in ('period', 'answer time')]
     pipe.send((*shown, scheduling))
 
 

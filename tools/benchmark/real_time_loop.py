@@ -19,11 +19,13 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+import os
+import random
 
 from ctc_chattering.configuration.node_parameters import LOOP
 from ctc_chattering.configuration.package_share import EXPERIMENTS
 from ctc_chattering.launch import child_process
-from ctc_chattering.ros.process import own_domain, use_profile
+from ctc_chattering.ros.process import use_profile
 from ctc_chattering.ros.topics import DIAGNOSTICS
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 import rclpy
@@ -45,28 +47,29 @@ def real_time_loop(*ros_args: str) -> Iterator[tuple[Reports, Callable[[], None]
         for status in message.status:
             reports[status.name].append(status)
 
-    with own_domain():
-        use_profile()
-        context = rclpy.Context()
-        rclpy.init(context=context)
-        node = rclpy.create_node('benchmark', context=context)
-        executor = rclpy.executors.SingleThreadedExecutor(context=context)
-        executor.add_node(node)
-        node.create_subscription(DiagnosticArray, DIAGNOSTICS, on_message, 10)
-        children = [child_process.Child(name, child_process.node_command(
-            name, '--ros-args', '--params-file', str(EXPERIMENTS[1].path), *ros_args,
-            *(('-p', 'pacing:=real_time', '-p', 'duration:=0.0') if name == 'plant' else ())),
-            lambda _: None) for name in LOOP]
+    os.environ.update(ROS_DOMAIN_ID=str(random.randint(1, 101)),
+                      ROS_AUTOMATIC_DISCOVERY_RANGE='LOCALHOST')
+    use_profile()
+    context = rclpy.Context()
+    rclpy.init(context=context)
+    node = rclpy.create_node('benchmark', context=context)
+    executor = rclpy.executors.SingleThreadedExecutor(context=context)
+    executor.add_node(node)
+    node.create_subscription(DiagnosticArray, DIAGNOSTICS, on_message, 10)
+    children = [child_process.Child(name, child_process.node_command(
+        name, '--ros-args', '--params-file', str(EXPERIMENTS[1].path), *ros_args,
+        *(('-p', 'pacing:=real_time', '-p', 'duration:=0.0') if name == 'plant' else ())),
+        lambda _: None) for name in LOOP]
 
-        def spin() -> None:
-            executor.spin_once(0.1)
-            ended = [child.exit_report() for child in children if child.status is not None]
-            assert not ended, ended
+    def spin() -> None:
+        executor.spin_once(0.1)
+        ended = [child.exit_report() for child in children if child.status is not None]
+        assert not ended, ended
 
-        try:
-            yield reports, spin
-        finally:
-            child_process.stop(children)
-            executor.shutdown()
-            node.destroy_node()
-            rclpy.shutdown(context=context)
+    try:
+        yield reports, spin
+    finally:
+        child_process.stop(children)
+        executor.shutdown()
+        node.destroy_node()
+        rclpy.shutdown(context=context)

@@ -21,7 +21,7 @@ import dataclasses
 import random
 from typing import Any, TypeVar
 
-from ctc_chattering.configuration.node_parameters import LOOP, parameters_of
+from ctc_chattering.configuration.node_parameters import LOOP, NODES
 from ctc_chattering.control.controller import LAWS
 from ctc_chattering.control.controller_config import SWITCHINGS
 from ctc_chattering.parameters import Parameter
@@ -154,7 +154,7 @@ def _valid(rng: random.Random, node: str) -> tuple[tuple[str, Any], ...]:
     """Return one to three parameters with allowed values."""
     result: list[tuple[str, Any]] = []
     for name in rng.sample(sorted(_RANGES[node]), rng.randint(1, 3)):
-        values, kind = _RANGES[node][name], parameters_of(node)[name].kind
+        values, kind = _RANGES[node][name], NODES[node].parameters()[name].kind
         if kind == 'float[]':
             result.append((name, [rng.uniform(*values) for _ in range(2)]))
         else:
@@ -164,7 +164,7 @@ def _valid(rng: random.Random, node: str) -> tuple[tuple[str, Any], ...]:
 
 def _invalid(rng: random.Random, node: str) -> tuple[tuple[str, Any], ...]:
     """Return three parameters, each of which must be refused."""
-    specs = parameters_of(node)
+    specs = NODES[node].parameters()
     names = rng.sample(sorted(specs), 2)
     return (('nonsense', 1.0), *((name, _refused(rng, specs[name])) for name in names))
 

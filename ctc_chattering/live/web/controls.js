@@ -87,14 +87,9 @@ const ctcControls = (parent, send) => {
     const value = () => Number((it.gain.least
       * (it.gain.most / it.gain.least) ** Number(slide.value)).toPrecision(3));
     const ask = asked => {
-      const before = inForce(it.gain), ratio = asked / before;
-      const large = before > 0 && (ratio > state.largest || ratio < 1 / state.largest);
       it.held = false;
-      if (large && !confirm(`${name}: ${digits(before)} → ${digits(asked)} ${it.gain.unit}, a `
-        + `change by more than a factor of ${state.largest}. Set it?`)) return place(it);
       it.asked = { answered: state.answered, at: Date.now() };
-      send({ gain: { name, joint: it.gain.values.length > 1 ? chosen() : -1, value: asked,
-        confirmed: large } });
+      send({ gain: { name, joint: it.gain.values.length > 1 ? chosen() : -1, value: asked } });
     };
     slide.setAttribute('aria-label', name);
     input.inputMode = 'decimal';
