@@ -60,7 +60,7 @@ def nodes(context):
     given = {name: context.launch_configurations[name] for name in ARGUMENTS}
     options = make_parser().parse_args([
         f'--{name.replace("_", "-")}={value}' for name, value in given.items() if value])
-    values = node_values(load_setup(options)[2], options.record, with_bringup=False)
+    values = node_values(load_setup(options), options.record, with_bringup=False)
     folder = Path(mkdtemp(prefix='ctc_chattering_'))
     file = folder / 'params.yaml'
     dump(values, file)

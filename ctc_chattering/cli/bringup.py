@@ -64,7 +64,7 @@ def bringup(arguments: Sequence[str]) -> int:
         require_viser()
 
     with given_by_user(ros.assigned):
-        _, _, setup = load_setup(options, ros_arguments.bringup_values(ros))
+        setup = load_setup(options, ros_arguments.bringup_values(ros))
     plant = setup.plant
     with progress(f'experiment {plant.experiment}', plant.duration) as moved:
         try:

@@ -21,17 +21,10 @@ from collections.abc import Callable
 import os
 import re
 import sys
-import tempfile
 import traceback
 from typing import Any, NoReturn
 
 from ctc_chattering.errors import CtcError, near, UsageError
-
-#: Names for pip of modules that are called otherwise.
-_PACKAGES = {'pinocchio': 'pin', 'yaml': 'PyYAML', 'dask': "'dask[distributed]'",
-             'distributed': "'dask[distributed]'"}
-#: Modules of ROS whose names do not end in _msgs.
-_OF_ROS = ('builtin_interfaces', 'rcl_interfaces', 'rclpy', 'rpyutils', 'std_srvs')
 
 
 class Parser(argparse.ArgumentParser):
@@ -60,7 +53,7 @@ def guarded(name: str, command: Callable[[], int]) -> int:
     Run a command; a `CtcError`, or too little memory, becomes one line.
 
     The status is then 1, or 2 if the command line is wrong or a package is missing. Any other
-    exception is a defect of this package: it becomes one line, too, and its traceback a file.
+    exception is a defect of this package, and shown with its traceback.
     From Python 3.11 on, no process that it starts imports what lies in the current directory.
     """
     os.environ.setdefault('PYTHONSAFEPATH', '1')
@@ -78,27 +71,11 @@ def guarded(name: str, command: Callable[[], int]) -> int:
     except BrokenPipeError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1
-    except Exception as error:  # Whatever else comes must not reach a user as a traceback.
-        missing = _how_to_install(error) if isinstance(error, ModuleNotFoundError) else ''
-        say(f'{name}: {missing or _defect(error)}')
-        return 2 if missing else 1
-
-
-def _how_to_install(error: ModuleNotFoundError) -> str:
-    """Return how to install a missing package; '' if it is one of this package."""
-    module = (error.name or '').split('.')[0]
-    if module in _OF_ROS or module.endswith('_msgs'):
-        return (f'ROS 2 is missing (no module {module}): source its setup file, or install the '
-                "wheels from the checkout: pip install '.[ros]'")
-    if module == 'ctc_chattering':
-        return ''
-    return f'{module} is missing: pip install {_PACKAGES.get(module, module)}'
-
-
-def _defect(error: Exception) -> str:
-    """Write the traceback of a defect into a file; return the line that names it."""
-    text = ' '.join(f'{type(error).__name__}: {error}'.split())
-    with tempfile.NamedTemporaryFile('w', prefix='ctc_chattering-', suffix='.txt', delete=False,
-                                     encoding='utf-8') as file:
-        traceback.print_exception(error, file=file)
-    return f'{text}. This is a defect of ctc_chattering: please report it with {file.name}'
+    except Exception as error:
+        module = (getattr(error, 'name', None) or '').split('.')[0]
+        if isinstance(error, ModuleNotFoundError) and module != 'ctc_chattering':
+            say(f'{name}: {module} is missing; docs/install.md says what to install')
+            return 2
+        traceback.print_exc()
+        say(f'{name}: a defect of ctc_chattering; please report the lines above')
+        return 1

@@ -17,15 +17,12 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable
-from contextlib import ExitStack
 import time
 
 from ctc_chattering.analysis.output import prepare
 from ctc_chattering.cli.command_line import say
 from ctc_chattering.cli.options import add_output, add_run_options, load_setup
 from ctc_chattering.cli.presentation import present, print_results, progress
-from ctc_chattering.configuration import parameter_file
 
 #: Simulated duration of a run without an end [s].
 _DURATION = 10.0
@@ -53,11 +50,10 @@ def run_simulate(options: argparse.Namespace) -> int:
     from ctc_chattering.analysis.result import METRICS, simulate, write_metrics, write_npz
     from ctc_chattering.compiled.machine_code import HOW_TO_COMPILE
 
-    file, over, setup = load_setup(options)
+    setup = load_setup(options)
     if setup.plant.duration == 0.0:
         say(f'duration is 0, no end: simulating {_DURATION:g} s')
-        over.setdefault('plant', {})['duration'] = _DURATION
-        setup = parameter_file.load(file, over)
+        setup = setup.changed({'plant': {'duration': _DURATION}})
     if options.out is not None:
         prepare(options.out, (METRICS, _SAMPLES), options.overwrite)
     duration = setup.plant.duration
@@ -92,15 +88,8 @@ def run_reproduce(options: argparse.Namespace) -> int:
     from ctc_chattering.runs.reproduction import BAGS, reproduce
 
     out = prepare(options.out, (BAGS, *NAMES), options.overwrite)
-    width = max(map(len, EXPERIMENTS))
-    shown: dict[str, Callable[..., None]] = {}
-    with ExitStack() as bars:
-        def moved(name: str, at: float, duration: float) -> None:
-            if name not in shown:
-                bars.close()  # That of the experiment before.
-                shown[name] = bars.enter_context(progress(f'{name:{width}}', duration))
-            shown[name](at)
-        results = reproduce(out, moved)
+    with progress(f'each of {len(EXPERIMENTS)} experiments') as moved:
+        results = reproduce(out, lambda _, at, duration: moved(at, duration))
     bags = [out / BAGS / name for name in EXPERIMENTS]
     return present(results, bags, out, options.format, options.said)
 
@@ -121,7 +110,7 @@ def run_compile(options: argparse.Namespace) -> int:
     from ctc_chattering.analysis.compilation import compile_setup
     from ctc_chattering.compiled.machine_code import cache_directory
 
-    start, (_, _, setup) = time.monotonic(), load_setup(options)
+    start, setup = time.monotonic(), load_setup(options)
     made = compile_setup(setup, options.all, say)
     print(f'{made} functions compiled in {time.monotonic() - start:.0f} s; the others were '
           f'already compiled: {cache_directory()}')

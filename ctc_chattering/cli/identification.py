@@ -36,7 +36,7 @@ from ctc_chattering.cli.options import (
 from ctc_chattering.cli.presentation import print_page
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.configuration.package_share import find_config, read_description
-from ctc_chattering.errors import CtcError, given_by_user, UsageError
+from ctc_chattering.errors import CtcError, given_by_user
 from ctc_chattering.identification.effort import CURRENT, LINK, MOTOR
 from ctc_chattering.identification.excite import (
     CHECK,
@@ -160,18 +160,12 @@ def _say(text: str) -> None:
 
 
 def _warn(found: Plan) -> None:
-    """Print which limits are assumed, and on which joints the motion shows little."""
+    """Print which limits are assumed."""
     for quantity in ('velocity', 'acceleration'):
         names = [joint.name for joint in found.limits if getattr(joint, quantity)[1] == inf]
         if names:
             _say(f'no {quantity} limit in the description, so the one above is assumed: '
                  + ('all joints' if len(names) == len(found.limits) else ', '.join(names)))
-    held = [f'{joint.name} ({hold:.2g} of ±{slow:.2g} {joint.unit})' for joint, hold, slow in zip(
-        found.limits, found.hold, found.bounds.slow) if hold > 0.5 * slow]
-    if held:
-        _say('warning: friction may hold joints through much of their slow reversals: '
-             f'{", ".join(held)}; a greater position_range helps, a higher kp (a shorter '
-             'control_period allows it), or a position controller that plays the motion')
 
 
 def identify_options(parser: argparse.ArgumentParser) -> None:
@@ -201,10 +195,10 @@ def identify_options(parser: argparse.ArgumentParser) -> None:
                              'effort_controller/commands; TOPIC:FIELD for a field of any message')
     add_declared(parser, Parameter('torque_rate', 'float[]', None, 'rate limit of the drives',
                                    unit='N*m/s', minimum=LEAST, shape='n'))
-    parser.add_argument('--payload', action='append', metavar='KG@LINK', default=[],
+    parser.add_argument('--payload', action='append', type=payload, metavar='KG@LINK', default=[],
                         help='known payload at the origin of a link, as 1.3@tool0, for each bag '
-                             'in turn, 0 for none; given once, that of the last bag. A run with '
-                             'and one without it tell torque constants from masses')
+                             'in turn, 0 for none. A run with and one without it tell torque '
+                             'constants from masses')
     add_number(parser, '--trials', 'number of simulated robots, drawn within the intervals, on '
                'which the gains are tried; default: 24, or 8 without numba; 0 for none', minimum=0)
     add_number(parser, '--seed', 'seed of the trials', 1, minimum=0)
@@ -232,22 +226,15 @@ def run_identify(options: argparse.Namespace) -> int:
     with given_by_user(numbers):
         found = identify(motions, validation, options.model, urdf, options.gravity,
                          options.torque or '', options.effort or '', **numbers,
-                         payloads=_payloads(options.payload, len(motions)))
+                         payloads=options.payload)
     return _show_robot(write_identified(found, out, options.trials, options.seed, say,
                                         options.format, options.said), out)
 
 
-def _payloads(texts: list[str], count: int) -> list[tuple[float, str]]:
-    """Return mass [kg] and link of the payload of each bag; empty without any."""
-    found = []
-    for text in texts:
-        mass, _, link = text.partition('@')
-        try:
-            found.append((float(mass), link))
-        except ValueError:
-            raise UsageError(f'--payload: {text} is not allowed; allowed: KG@LINK, as 1.3@tool0, '
-                             'or 0') from None
-    return [(0.0, '')] * (count - 1) + found if len(found) == 1 else found
+def payload(text: str) -> tuple[float, str]:
+    """Return mass [kg] and link of a payload."""
+    mass, _, link = text.partition('@')
+    return float(mass), link
 
 
 def _show_robot(found: IdentifiedRobot, out: Path) -> int:

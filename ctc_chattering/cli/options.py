@@ -60,8 +60,7 @@ def value_of(spec: Parameter) -> Callable[[str], Any]:
     return value
 
 
-def add_declared(parser: argparse.ArgumentParser, spec: Parameter, flag: str = '',
-                 dest: str = '') -> None:
+def add_declared(parser: argparse.ArgumentParser, spec: Parameter) -> None:
     """
     Add the option that a parameter declares: type, range, default, unit and description.
 
@@ -71,8 +70,6 @@ def add_declared(parser: argparse.ArgumentParser, spec: Parameter, flag: str = '
         Of the command.
     spec : Parameter
         Without a default where that of another place counts.
-    flag, dest : str
-        By default the parameter's name.
 
     """
     name = spec.name.lstrip('-').replace('-', '_')
@@ -82,8 +79,8 @@ def add_declared(parser: argparse.ArgumentParser, spec: Parameter, flag: str = '
     if isinstance(spec.default, (int, float)) and isfinite(spec.default):
         text += f'; default: {spec.default:g}'
     parser.add_argument(
-        flag or f'--{name.replace("_", "-")}', dest=dest or name, type=value_of(spec),
-        default=spec.default, metavar='S' if spec.unit == 's' else _METAVARS[spec.kind],
+        f'--{name.replace("_", "-")}', type=value_of(spec), default=spec.default,
+        metavar='S' if spec.unit == 's' else _METAVARS[spec.kind],
         help=text[0].lower() + text[1:])
 
 
@@ -93,13 +90,12 @@ def add_number(parser: argparse.ArgumentParser, flag: str, description: str, def
     add_declared(parser, Parameter(flag, kind, default, description, **limits))
 
 
-def add_overrides(parser: argparse.ArgumentParser, *names: str,
-                  instead: str = "instead of the file's") -> None:
+def add_overrides(parser: argparse.ArgumentParser, *names: str) -> None:
     """Add options of parameters of plant and controller, without a default."""
     declared = PlantConfig.parameters() | ControllerConfig.parameters()
     for name in names:
         add_declared(parser, dataclasses.replace(
-            declared[name], description=instead, default=None))
+            declared[name], description="instead of the file's", default=None))
 
 
 def add_run_options(parser: argparse.ArgumentParser) -> None:
@@ -188,10 +184,9 @@ def for_each(values: tuple[float, ...], n: int) -> tuple[float, ...]:
     return values * n if len(values) == 1 else values
 
 
-def load_setup(options: argparse.Namespace, more: Mapping[str, Any] | None = None
-               ) -> tuple[Path, Any, Setup]:
+def load_setup(options: argparse.Namespace, more: Mapping[str, Any] | None = None) -> Setup:
     """
-    Return the parameter file, the values that override it, and both, checked.
+    Return what the parameter file and the options say, checked.
 
     Values by node in `more` override those of the options. Gains that are taken beside those of
     the file are said in a line.
@@ -207,4 +202,4 @@ def load_setup(options: argparse.Namespace, more: Mapping[str, Any] | None = Non
         setup = parameter_file.load(file, over)
     if line:
         say(line)
-    return file, over, setup
+    return setup

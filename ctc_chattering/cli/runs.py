@@ -223,7 +223,7 @@ def run_stability(options: argparse.Namespace) -> int:
     from ctc_chattering.analysis.tables import number_text, print_columns
     from ctc_chattering.runs.stability import loops_of, margins, rows
 
-    _, _, setup = load_setup(options)
+    setup = load_setup(options)
     config, loops = setup.controller, loops_of(setup)
     robot = loops.robots[0]
     print(f'{config.law}: kp {number_text(config.kp)}, kv {number_text(config.kv)}, sampled every '

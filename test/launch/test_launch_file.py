@@ -47,13 +47,13 @@ def test_it_compiles_and_uses_what_there_is() -> None:
 
 def test_its_nodes_wait_for_one_another_and_not_for_bringup(tmp_path: Path) -> None:
     bag = tmp_path / 'bag'
-    setup = load_setup(make_parser().parse_args(['--params-file', 'panda']))[2]
+    setup = load_setup(make_parser().parse_args(['--params-file', 'panda']))
     values = node_values(setup, bag, with_bringup=False)
     names = ['recorder', 'plant', 'controller', 'reference']
     assert list(values) == names
     assert [values[x]['wait_for'] for x in names[1:]] == [names] * 3
     assert values['recorder']['bag'] == str(bag)
-    events = load_setup(make_parser().parse_args(['--params-file', 'switch']))[2]
+    events = load_setup(make_parser().parse_args(['--params-file', 'switch']))
     with pytest.raises(CtcError, match='events are not allowed in a launch file; run bringup'):
         node_values(events, None, with_bringup=False)
     with pytest.raises(CtcError, match='exists already'):

@@ -55,17 +55,6 @@ def test_derivatives_are_finite_differences() -> None:
         assert now[2] == pytest.approx((after[1] - before[1]) / (2 * h), abs=1e-3)
 
 
-def test_centre_amplitude_and_period() -> None:
-    """Check that each joint sweeps centre ± amplitude in 1 / frequency."""
-    motion = Sinusoid(FULL)
-    path = np.array([motion.at(k * S // 2000)[0] for k in range(20_001)])
-    assert path.max(axis=0) == pytest.approx([1.5, -0.5, 2.0], abs=1e-5)
-    assert path.min(axis=0) == pytest.approx([0.5, -3.5, -2.0], abs=1e-5)
-    for i, f in enumerate(FULL.frequency):
-        later = motion.at(2 * S // 5 + round(S / f))
-        assert later[0][i] == pytest.approx(motion.at(2 * S // 5)[0][i], abs=1e-8)
-
-
 def test_frequency_zero_rests_at_the_phase() -> None:
     """Check that a joint of frequency 0 stands still at centre + amplitude sin(phase)."""
     motion = Sinusoid(ReferenceConfig(frequency=(0.0, 1.0), phase=(math.pi / 2, 0.0)))
@@ -119,16 +108,6 @@ def test_without_a_smooth_start_it_is_the_sinusoid() -> None:
             assert motion.at(t) == sinusoid.at(t)
 
 
-def test_smooth_start_into_the_sinusoid() -> None:
-    """Check the robot's state at the start, the sinusoid afterwards, and motion between."""
-    config, sinusoid = FULL.changed({'start_duration': 1.5}), Sinusoid(FULL)
-    motion = make_motion(config, start=STATE, t0=S)
-    assert motion.at(S) == ((0.1, 0.3, 0.5), (0.2, 0.4, 0.6), (0.0, 0.0, 0.0))
-    for t in (2 * S + S // 2, 3 * S):
-        assert motion.at(t) == sinusoid.at(t)
-    assert motion.at(2 * S)[0] != pytest.approx(sinusoid.at(2 * S)[0], abs=1e-3)
-
-
 def test_a_joint_without_a_state_begins_on_the_motion() -> None:
     motion = make_motion(FULL.changed({'start_duration': 2.0}), start={'b': (9.0, 0.0)})
     for t in (0, 2 * S, 3 * S):
@@ -149,15 +128,6 @@ def test_waypoints_in_place_of_the_sinusoid() -> None:
         motion, exact = make_motion(FULL, ROUTE, state), Waypoints((S, 2 * S), points, start)
         for t in (-1, 0, S // 2, S, S + S // 3, 2 * S, 3 * S):
             assert motion.at(t) == exact.at(t)
-
-
-def test_smooth_start_into_waypoints() -> None:
-    """Check a start in the midst of them."""
-    config = FULL.changed({'start_duration': 0.25})
-    motion, exact = make_motion(config, ROUTE, STATE, S), make_motion(FULL, ROUTE)
-    assert motion.at(S)[:2] == ((0.1, 0.3, 0.5), (0.2, 0.4, 0.6))
-    for t in (S + S // 4, 2 * S, 3 * S):
-        assert motion.at(t) == exact.at(t)
 
 
 def test_refusals_of_a_motion() -> None:
