@@ -94,8 +94,6 @@ def test_wrong_values_inside() -> None:
         Controller(CONFIG, One())
     with pytest.raises(ParameterError, match='window'):
         Result('', [(0.0, CONFIG)], RUN, window=(2.0, 1.0)).metrics()
-    with pytest.raises(ParameterError, match=r"'plan' .*plant \| "):
-        SETUP.changed({'plan': {}})
     with pytest.raises(ParameterError, match=r'controller: kp: \[-1'):
         SETUP.changed({'controller': {'kp': -1}})
     with pytest.raises(ParameterError, match=r'npz or \.csv'):
