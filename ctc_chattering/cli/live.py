@@ -80,8 +80,8 @@ def run_live(options: argparse.Namespace) -> int:
             page = Page('ctc live', options.host, options.port, options.dark)
             print(f'open {page.url} in a browser; Ctrl-C stops', flush=True)
             wanted = sys.stdout.isatty() if options.open is None else options.open
-            if wanted and not open_pages.enter_context(opened(page.url)) and options.open:
-                say('ctc live: --open: no browser here')
+            if wanted:
+                open_pages.enter_context(opened(page.url))
             return page
 
         _serve(options, make_page)
