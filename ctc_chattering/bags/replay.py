@@ -30,10 +30,10 @@ from ctc_chattering.numerics.time_grid import NANOSECONDS
 from ctc_chattering.ros.messages import message_type
 from ctc_chattering.ros.node import wait_for_all_acked
 from ctc_chattering.ros.process import stop_signals, use_profile
+from ctc_chattering.ros.subscription import qos
 import rclpy
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.signals import SignalHandlerOptions
-from rosbags.interfaces import Connection, QosDurability, QosReliability
+from rosbags.interfaces import QosDurability
 
 
 def replay(bag: str | Path, rate: float = 1.0, delay: float = 1.0) -> int:
@@ -84,7 +84,11 @@ def _published(reader: Bag, rate: float, delay: float, node: Any, stop: Sequence
     count, publishers = 0, {}
     for x in {x.topic: x for x in reader.connections}.values():  # Each file of the bag has them.
         try:
-            publishers[x.topic] = node.create_publisher(message_type(x.msgtype), x.topic, _qos(x))
+            # Subscribers match a reliable publisher, whatever they ask for.
+            publishers[x.topic] = node.create_publisher(
+                message_type(x.msgtype), x.topic, qos(latched=any(
+                    y.durability == QosDurability.TRANSIENT_LOCAL
+                    for y in getattr(x.ext, 'offered_qos_profiles', []))))
         except CtcError:
             print(f'not replayed, because its message type is not installed: {x.topic} '
                   f'({x.msgtype})', file=sys.stderr, flush=True)
@@ -104,14 +108,3 @@ def _sleep_until(instant: float, stop: Sequence[int]) -> None:
     """Wait until a time on the monotonic clock [s], or a signal."""
     while not stop and (left := instant - time.monotonic()) > 0.0:
         time.sleep(min(left, 0.05))  # A signal is seen after that.
-
-
-def _qos(connection: Connection) -> QoSProfile:
-    """Return durability and reliability that the recorded publishers offered."""
-    profiles = getattr(connection.ext, 'offered_qos_profiles', [])
-    latched = any(x.durability == QosDurability.TRANSIENT_LOCAL for x in profiles)
-    lossy = any(x.reliability == QosReliability.BEST_EFFORT for x in profiles)
-    return QoSProfile(
-        depth=1000,
-        durability=(DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE),
-        reliability=ReliabilityPolicy.BEST_EFFORT if lossy else ReliabilityPolicy.RELIABLE)
