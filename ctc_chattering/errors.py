@@ -52,20 +52,15 @@ class ParameterError(CtcError, ValueError):
     """
 
     def __init__(self, name: str, value: object, allowed: str) -> None:
-        self.name = name
-        self.value = value
-        self.allowed = allowed
-        shown = list(value) if isinstance(value, tuple) else value
-        try:
-            text = ' '.join(repr(shown).split())
-        except ValueError:  # A number of thousands of digits.
-            text = f'a value of type {type(value).__name__}'
-        text = text if len(text) <= _LONGEST else f'{text[:_LONGEST]}…'
-        super().__init__(f'{name}: {text} is not allowed; allowed: {allowed}')
+        super().__init__(name, value, allowed)
+        self.name, self.value, self.allowed = name, value, allowed
 
-    def __reduce__(self) -> tuple[type[ParameterError], tuple[str, object, str]]:
-        """Return how to construct it again in another process."""
-        return ParameterError, (self.name, self.value, self.allowed)
+    def __str__(self) -> str:
+        """Return the line for a user, with as much of the value as fits in it."""
+        shown = list(self.value) if isinstance(self.value, tuple) else self.value
+        text = ' '.join(repr(shown).split())
+        text = text if len(text) <= _LONGEST else f'{text[:_LONGEST]}…'
+        return f'{self.name}: {text} is not allowed; allowed: {self.allowed}'
 
 
 class RejectedMessage(CtcError):
@@ -116,6 +111,15 @@ def given_by_user(names: Iterable[str]) -> Iterator[None]:
         if any(error.name == x or error.name.endswith((f' {x}', f'.{x}')) for x in names):
             raise UsageError(str(error)) from None
         raise
+
+
+@contextmanager
+def prefixed(prefix: str) -> Iterator[None]:
+    """Put the file, the node or the key in front of the name of a parameter that is refused."""
+    try:
+        yield
+    except ParameterError as error:
+        raise ParameterError(prefix + error.name, error.value, error.allowed) from None
 
 
 @contextmanager

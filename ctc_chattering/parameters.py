@@ -186,6 +186,12 @@ class Parameter:
                 return make(item)
         raise ParameterError(self.name, whole, self.allowed)
 
+    def checked(self, value: object, n: int = 0) -> Any:
+        """Return `value` as `coerce` does; raise `ParameterError` as that and `check` do."""
+        coerced = self.coerce(value, n)
+        self.check(coerced, n)
+        return coerced
+
     def check(self, value: Any, n: int) -> None:
         """Raise `ParameterError` unless `value` is allowed for a robot of `n` joints."""
         items = value if isinstance(value, tuple) else (value,)
@@ -270,18 +276,12 @@ class Config:
         n = 0
         for spec in self.parameters().values():
             value = getattr(self, spec.field)
-            self._set(spec, spec.default_for(n) if value is None else value, n)
+            value = spec.checked(spec.default_for(n) if value is None else value, n)
+            object.__setattr__(self, spec.field, value)
             if spec.name == 'joint_names':
-                names = getattr(self, spec.field)
-                check_joint_names(names)
-                n = len(names)
+                check_joint_names(value)
+                n = len(value)
         self.validate()
-
-    def _set(self, spec: Parameter, value: object, n: int) -> None:
-        """Set a parameter to `value`, checked for a robot of `n` joints."""
-        coerced = spec.coerce(value, n)
-        object.__setattr__(self, spec.field, coerced)
-        spec.check(coerced, n)
 
     def validate(self) -> None:
         """Check what concerns several parameters at once; a subclass overrides this."""
@@ -358,7 +358,7 @@ class Config:
             return self.from_mapping({**self.as_mapping(), **values})
         made, n = copy(self), len(getattr(self, 'joint_names', ()))
         for spec, value in self._known(values):
-            made._set(spec, value, n)
+            object.__setattr__(made, spec.field, spec.checked(value, n))
         made.validate()
         return made
 

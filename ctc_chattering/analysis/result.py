@@ -29,7 +29,7 @@ from ctc_chattering.analysis.metrics import metrics, rms, WINDOW, within
 from ctc_chattering.analysis.output import write_json, writing
 from ctc_chattering.analysis.tables import measured
 from ctc_chattering.analysis.terms import RunTerms, terms
-from ctc_chattering.configuration.loop_setup import check_agreement, Setup
+from ctc_chattering.configuration.loop_setup import Setup
 from ctc_chattering.control.controller import ControllerConfig
 from ctc_chattering.control.recommended_gains import LAW, recommended_gains
 from ctc_chattering.controller.health import Saturation, term_saturation, WORTH_A_WORD
@@ -332,7 +332,6 @@ def simulate(setup: Setup, progress: Callable[[float], None] | None = None, trut
     chattering 5.0e-04 rad
 
     """
-    check_agreement(setup.plant, setup.controller, setup.reference)
     run = closed_loop.simulate(
         setup.plant, setup.controller, setup.reference, setup.events, progress, truth,
         route=setup.route, robot=robot or make_plant(

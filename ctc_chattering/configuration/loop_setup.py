@@ -17,14 +17,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 import dataclasses
 from typing import Any
 
-from ctc_chattering.configuration.node_parameters import LOOP
 from ctc_chattering.control.controller import ControllerConfig
-from ctc_chattering.errors import CtcError, ParameterError
-from ctc_chattering.parameters import C, Config
+from ctc_chattering.errors import CtcError, prefixed
 from ctc_chattering.simulation.closed_loop import Event
 from ctc_chattering.simulation.plant import check_start
 from ctc_chattering.simulation.plant_config import PlantConfig
@@ -63,8 +61,8 @@ class Setup:
 
     Raises
     ------
-    ParameterError
-        If an argument is of another type.
+    CtcError
+        If values of the three contradict each other.
 
     Examples
     --------
@@ -83,6 +81,18 @@ class Setup:
     route: Route | None = None
     descriptions: Mapping[str, str] = dataclasses.field(default_factory=dict)
 
+    def __post_init__(self) -> None:
+        """Refuse values that contradict each other."""
+        shared = [(name, 'controller', 'plant') for name in (
+            'joint_names', 'gravity', 'model', 'locked', 'control_period')]
+        for name, one, other in (*shared, ('control_period', 'reference', 'plant'),
+                                 ('joint_names', 'reference', 'controller')):
+            mine, theirs = (getattr(getattr(self, node), name) for node in (one, other))
+            more = (one, name) == ('reference', 'joint_names')  # It may have joints more.
+            if not (set(theirs) <= set(mine) if more else mine == theirs):
+                raise CtcError(f'{name}: {mine} of {one} contradicts {theirs} of {other}; put '
+                               'what nodes share under /**')
+
     def changed(self, values: Overrides) -> Setup:
         """
         Return the setup with other values of some parameters, checked like those of a file.
@@ -99,44 +109,16 @@ class Setup:
             If a value is not allowed, or contradicts another.
 
         """
-        for node in values:
-            if node not in LOOP:
-                raise ParameterError('values', node, ' | '.join(LOOP))
-        configs: dict[str, Any] = {
-            node: made(node, getattr(self, node).changed, mine)
-            for node, mine in values.items() if mine}
+        configs: dict[str, Any] = {}
+        for node, mine in values.items():
+            with prefixed(f'{node}: '):
+                configs[node] = getattr(self, node).changed(mine)
         resolved = {node: {**self.values.get(node, {}), **config.as_mapping()}
                     for node, config in configs.items()}
         found = dataclasses.replace(self, **configs, values={**self.values, **resolved})
-        check_agreement(found.plant, found.controller, found.reference)
         if _STARTS & set(values.get('plant', ())) or set(values.get('reference', ())) - _TIMING:
             check_motion(found)
         return found
-
-
-def made(node: str, make: Callable[[Mapping[str, Any]], C], values: Mapping[str, Any]) -> C:
-    """Return what `make` makes of values; an error names the node."""
-    try:
-        return make(values)
-    except ParameterError as error:
-        raise ParameterError(f'{node}: {error.name}', error.value, error.allowed) from None
-
-
-def check_agreement(plant: PlantConfig, controller: ControllerConfig,
-                    reference: ReferenceConfig) -> None:
-    """Raise `CtcError` if the nodes' values contradict each other."""
-    shared = [(name, 'controller', controller) for name in (
-        'joint_names', 'gravity', 'model', 'locked', 'control_period')]
-    for name, node, config in (*shared, ('control_period', 'reference', reference)):
-        if getattr(config, name) != getattr(plant, name):
-            raise _contradiction(name, node, config, 'plant', plant)
-    if not set(controller.joint_names) <= set(reference.joint_names):
-        raise _contradiction('joint_names', 'reference', reference, 'controller', controller)
-
-
-def _contradiction(name: str, node: str, config: Config, other: str, theirs: Config) -> CtcError:
-    return CtcError(f'{name}: {getattr(config, name)} of {node} contradicts '
-                    f'{getattr(theirs, name)} of {other}; put what nodes share under /**')
 
 
 def check_motion(setup: Setup) -> None:
@@ -148,7 +130,4 @@ def check_motion(setup: Setup) -> None:
         return
     limits = DescribedLimits(description, reference.joint_names)
     start = dict(zip(plant.joint_names, zip(plant.initial_position, plant.initial_velocity)))
-    try:
-        make_motion(reference, setup.route, start, limits=limits)
-    except CtcError as error:
-        raise CtcError(f'reference: {error}') from None
+    make_motion(reference, setup.route, start, limits=limits)

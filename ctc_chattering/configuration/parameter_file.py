@@ -28,33 +28,15 @@ from operator import itemgetter
 from pathlib import Path
 from typing import Any
 
-from ctc_chattering.configuration.loop_setup import (
-    check_agreement,
-    check_motion,
-    made,
-    Overrides,
-    Setup,
-    Values,
-)
+from ctc_chattering.configuration import yaml_file
+from ctc_chattering.configuration.loop_setup import check_motion, Overrides, Setup, Values
 from ctc_chattering.configuration.node_parameters import LOOP, NODES
 from ctc_chattering.configuration.package_share import find_config, read_description
-from ctc_chattering.configuration.yaml_file import (
-    parse_value,
-    read_trajectory,
-    read_yaml,
-    write_yaml,
-)
 from ctc_chattering.control.controller_config import ControllerConfig
-from ctc_chattering.control.recommended_gains import (
-    GainChoice,
-    GAINS,
-    LAW,
-    model_torque,
-    suitable_gains,
-)
+from ctc_chattering.control.recommended_gains import GainChoice, GAINS, LAW, model_torque
 from ctc_chattering.controller.trips import check_change
 from ctc_chattering.dynamics.registry import model_of
-from ctc_chattering.errors import CtcError, near, ParameterError, UsageError
+from ctc_chattering.errors import CtcError, near, ParameterError, prefixed, UsageError
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.simulation.closed_loop import Event
 
@@ -94,18 +76,16 @@ def load(path: Path | None, overrides: Overrides | None = None) -> Setup:
     values = {node: node_values(sections, node, str(path))
               | node_values(overrides or {}, node, 'overrides') for node in NODES}
     values['plant'].setdefault('experiment', path.stem if path else 'friction')
-    resolved = {node: made(node, kind.from_mapping, {
-        name: x for name, x in values[node].items() if name not in OF_ROS}).as_mapping()
-        for node, kind in NODES.items()}
+    resolved: dict[str, Values] = {}
+    for node, kind in NODES.items():
+        with prefixed(f'{node}: '):
+            resolved[node] = kind.from_mapping({
+                name: x for name, x in values[node].items() if name not in OF_ROS}).as_mapping()
     loop: dict[str, Any] = {node: kind.from_mapping({name: resolved[node][name] for name in (
         kind.parameters())}) for node, kind in LOOP.items()}
     plant, controller, reference = loop.values()
-    check_agreement(plant, controller, reference)
-    if values['plant'].get('use_sim_time') is True and plant.pacing == 'real_time':
-        raise UsageError('use_sim_time: true contradicts real_time, the pacing of plant: it '
-                         'gives the time itself, in lockstep on clock')
-    route = read_trajectory(Path(reference.trajectory_file), reference.joint_names
-                            ) if reference.trajectory_file else None
+    file = reference.trajectory_file
+    route = yaml_file.read_trajectory(Path(file), reference.joint_names) if file else None
     descriptions = {node: read_description(config.description) for node, config in loop.items()
                     if config.described and config.description}
     lines = resolved['bringup']['events']
@@ -135,7 +115,7 @@ def dump(values: Mapping[str, Values], path: Path) -> None:
         File to write.
 
     """
-    write_yaml({node: {'ros__parameters': {
+    yaml_file.write_yaml({node: {'ros__parameters': {
         name: list(value) if isinstance(value, tuple) else value
         for name, value in mine.items()}} for node, mine in values.items()}, path)
 
@@ -161,7 +141,7 @@ def read(path: Path) -> dict[str, Values]:
 
 def full_sections(path: Path) -> dict[str, Values]:
     """Return the sections of a parameter file: full name and flat values; see `read`."""
-    tree = read_yaml(path)
+    tree = yaml_file.read_yaml(path)
     if not isinstance(tree, dict):
         raise CtcError(f'{path}: not a parameter file; it needs node names at the top')
     found: dict[str, Values] = {}
@@ -239,7 +219,7 @@ def parse_events(lines: Sequence[str], configs: Mapping[str, Any], torque: Array
             time, node, name, text = line.split(None, 3)
             if not (0.0 <= float(time) < inf and node in configs):
                 raise ValueError
-            parsed.append((float(time), node, name, parse_value(text)))
+            parsed.append((float(time), node, name, yaml_file.parse_value(text)))
         except (ValueError, CtcError):
             raise ParameterError('events', line, (
                 '"time node parameter value": a time >= 0, node ' + ' | '.join(configs)
@@ -305,7 +285,7 @@ def with_gains(path: Path | None, overrides: Overrides, gains: str | None = None
         raise UsageError(f'--gains {gains}: {setup.controller.law} has no recommended gains; '
                          f'allowed with --law {LAW}')
     torque = known_model_torque(setup.controller, setup.descriptions) if own else None
-    taken = suitable_gains(setup.controller.law, setup.controller, torque) | given
+    taken = GainChoice(torque).suitable(setup.controller.law, setup.controller) | given
     found['controller'] = taken
     if own:
         found.setdefault('reference', {}).setdefault(

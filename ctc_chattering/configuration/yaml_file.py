@@ -22,7 +22,7 @@ from pathlib import Path
 import re
 from typing import Any
 
-from ctc_chattering.errors import CtcError, near, ParameterError
+from ctc_chattering.errors import CtcError, near, ParameterError, prefixed
 from ctc_chattering.numerics.time_grid import NANOSECONDS, seconds
 from ctc_chattering.parameters import Parameter
 from ctc_chattering.trajectory.motions import Route
@@ -124,9 +124,9 @@ def read_trajectory(path: Path, joint_names: Sequence[str]) -> Route:
     """
     Return the waypoints of a file, checked, in the order of `joint_names`.
 
-    The file has `joint_names` and `points`, each of these with `positions`, `time_from_start` (a
-    number of seconds, or `sec` and `nanosec`), and maybe `velocities` and `accelerations`. A
-    `header` is ignored: times count from the start of the motion.
+    The file has `joint_names` and `points`, each of these with `positions`, `time_from_start` [s]
+    and maybe `velocities` and `accelerations`. A `header` is ignored: times count from the start
+    of the motion.
 
     Parameters
     ----------
@@ -141,10 +141,8 @@ def read_trajectory(path: Path, joint_names: Sequence[str]) -> Route:
         With the file, the point and the allowed values.
 
     """
-    try:
+    with prefixed(f'{path}: '):
         return _route(read_yaml(path)).ordered(joint_names)
-    except ParameterError as error:
-        raise ParameterError(f'{path}: {error.name}', error.value, error.allowed) from None
 
 
 def write_trajectory(route: Route, path: Path) -> None:
@@ -182,18 +180,7 @@ def _route(tree: object) -> Route:
         point = mapping(name, row, (*_ROWS, 'effort', 'time_from_start'))
         if point.get('effort'):
             raise ParameterError(f'{name}.effort', point['effort'], 'none: it would not be used')
-        times.append(_nanoseconds(f'{name}.time_from_start', point.get('time_from_start')))
+        time = Parameter(f'{name}.time_from_start', 'float', None, '', 's', 0.0, _LATEST)
+        times.append(round(time.checked(point.get('time_from_start')) * NANOSECONDS))
         points.append(tuple(point.get(x, []) for x in _ROWS))
     return Route(names, times, points)
-
-
-def _nanoseconds(name: str, value: object) -> int:
-    if isinstance(value, dict) and value and set(value) <= {'sec', 'nanosec'}:
-        sec, nanosec = value.get('sec', 0), value.get('nanosec', 0)
-        if (type(sec) is type(nanosec) is int and 0 <= sec < _LATEST
-                and 0 <= nanosec < NANOSECONDS):
-            return sec * NANOSECONDS + nanosec
-    elif (isinstance(value, (int, float)) and not isinstance(value, bool)
-            and 0 <= value < _LATEST):
-        return round(value * NANOSECONDS)
-    raise ParameterError(name, value, 'a number of seconds >= 0, or integers sec and nanosec')

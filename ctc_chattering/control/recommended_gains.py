@@ -106,15 +106,6 @@ def recommended_gains(config: ControllerConfig, torque: Array | None = None) -> 
             'estimator_bandwidth': estimator_bandwidth(pole, np.inf)}
 
 
-def suitable_gains(law: str, config: ControllerConfig, torque: Array | None = None
-                   ) -> dict[str, Any]:
-    """Return the gains of a law of the other kind than that of `config`, by parameter."""
-    if law == LAW:
-        return recommended_gains(config, torque)
-    known, n = config.parameters(), len(config.joint_names)
-    return {name: known[name].default_for(n) for name in ('kp', 'kv')}
-
-
 class GainChoice:
     """
     Decides which gains a law takes where it is chosen without any.
@@ -131,6 +122,13 @@ class GainChoice:
         #: The gains in force when a law with gains of its own, or one without, was left.
         self._left: dict[bool, dict[str, Any]] = {}
 
+    def suitable(self, law: str, config: ControllerConfig) -> dict[str, Any]:
+        """Return the gains of a law of the other kind than that of `config`, by parameter."""
+        if law == LAW:
+            return recommended_gains(config, self.torque)
+        known, n = config.parameters(), len(config.joint_names)
+        return {name: known[name].default_for(n) for name in ('kp', 'kv')}
+
     def of_law(self, law: str, config: ControllerConfig) -> dict[str, Any]:
         """
         Return the gains that `law` takes in place of those of `config`, by parameter.
@@ -143,4 +141,4 @@ class GainChoice:
             return {}
         values = config.as_mapping()
         self._left[before] = {name: values[name] for name in GAINS}
-        return self._left.get(own) or suitable_gains(law, config, self.torque)
+        return self._left.get(own) or self.suitable(law, config)

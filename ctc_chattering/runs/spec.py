@@ -29,7 +29,7 @@ from ctc_chattering.configuration.loop_setup import Setup
 from ctc_chattering.configuration.node_parameters import LOOP
 from ctc_chattering.configuration.package_share import find_config
 from ctc_chattering.configuration.yaml_file import mapping, read_yaml
-from ctc_chattering.errors import CtcError, near, ParameterError
+from ctc_chattering.errors import CtcError, near, ParameterError, prefixed
 from ctc_chattering.parameters import Config, Parameter, parameter
 from ctc_chattering.runs.recommended import recommended_setup
 from ctc_chattering.runs.score import of_map
@@ -522,10 +522,8 @@ def _check_saltelli(spec: MapSpec) -> None:
 
 def _failure(tree: object) -> Failure:
     values = mapping('failure', tree, tuple(Failure.parameters()))
-    try:
+    with prefixed('failure.'):
         return Failure.from_mapping(values)
-    except ParameterError as error:
-        raise ParameterError(f'failure.{error.name}', error.value, error.allowed) from None
 
 
 def _variants(values: Mapping[str, Any], setup: Setup) -> tuple[LawSettings, ...]:
@@ -553,14 +551,12 @@ def read_law(key: str, item: object, setup: Setup) -> LawSettings:
                              'parameters of the controller, name and recommended')
     name = read_value(f'{key}.name', 'str', values.pop('name', ''))
     recommended = read_value(f'{key}.recommended', 'bool', values.pop('recommended', False))
-    try:
+    with prefixed(f'{key}.'):
         made = setup.controller.changed(values)
         if recommended:
             made = recommended_setup(setup, made.law).controller.changed(values)
         if 'switching' in values and not made.takes('switching'):
             raise ParameterError('switching', values['switching'], f'none under law {made.law}')
-    except ParameterError as error:
-        raise ParameterError(f'{key}.{error.name}', error.value, error.allowed) from None
     switching = made.switching_in_force
     words = (made.law, switching, 'recommended' if recommended else '')
     return LawSettings(name or ' '.join(filter(None, words)), made.law, switching, values,

@@ -194,14 +194,6 @@ def test_the_experiment_is_called_as_its_file(file: Path) -> None:
     assert parameter_file.load(file, {'plant': {'experiment': 'y'}}).plant.experiment == 'y'
 
 
-def test_simulated_time_contradicts_real_time(file: Path) -> None:
-    for node in ('/**', 'plant'):
-        refused(lambda: loaded(file, (node, 'use_sim_time: true\npacing: real_time')),
-                'use_sim_time', 'real_time')
-        assert loaded(file, (node, 'use_sim_time: true\npacing: lockstep'))
-    assert loaded(file, ('controller', 'use_sim_time: true'))
-
-
 def test_values(file: Path) -> None:
     """Check dotted and nested names, integers, 1e-3, and a node's own over /**."""
     setup = loaded(
@@ -387,10 +379,10 @@ reference:
 """)
     assert parameter_file.load(file).reference.model == 'urdf'
     for node, values, message in (
-            ('reference', {'center': [2.7, 0.0]}, 'reference: the motion is beyond the limits of '
+            ('reference', {'center': [2.7, 0.0]}, 'the motion is beyond the limits of '
              'the description: a: position 3.2 rad, 0.2 above its upper limit of 3'),
             ('reference', {'frequency': [0.4, 0.5]}, 'b: velocity 1.571 rad/s, 0.0708 above'),
-            ('reference', {'center': [1.0, 3.0]}, r'reference: start_duration 2 s: .*; b: |'
+            ('reference', {'center': [1.0, 3.0]}, r'start_duration 2 s: .*; b: |'
              r'b: velocity .* would do'),
             ('plant', {'initial_position': [-2.1, 0.0]}, 'the start of the plant is beyond the '
              'limits of the description: a: position -2.1 rad, 0.1 below its lower limit of -2'),
@@ -415,5 +407,5 @@ def test_what_is_changed_is_checked() -> None:
             ('plant', {'control_period': 2e-3}, ('control_period', 'put what nodes share')),
             ('controller', {'ka': [-1.0] * 7}, ('controller: ka', '-1.0', '>= 0')),
             ('plant', {'initial_position': [9.0] * 7}, ('panda_joint1', 'limits')),
-            ('reference', {'amplitude': [9.0] * 7}, ('reference', 'panda_joint1', 'limits'))):
+            ('reference', {'amplitude': [9.0] * 7}, ('the motion', 'panda_joint1', 'limits'))):
         refused(lambda: setup.changed({node: values}), *words)

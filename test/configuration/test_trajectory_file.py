@@ -55,7 +55,7 @@ def refused(file: Path, *words: str) -> None:
 
 
 def test_values(file: Path) -> None:
-    """Check both forms of time, integers, 1e-1, the order of the joints, and a header."""
+    """Check integers, 1e-1, the order of the joints, and a header."""
     file.write_text("""
 header: {stamp: {sec: 5, nanosec: 0}, frame_id: ''}
 joint_names: [joint2, joint1]
@@ -65,8 +65,8 @@ points:
   - positions: [1e-3, -4]
     velocities: [5, 6]
     accelerations: [7, 8]
-    time_from_start: {sec: 1, nanosec: 500000001}
-  - {positions: [0, 0], time_from_start: {sec: 3}}
+    time_from_start: 1.500000001
+  - {positions: [0, 0], time_from_start: 3}
 """)
     names, times, points = read_trajectory(file, NAMES)
     assert names == NAMES
@@ -89,18 +89,13 @@ points:
     ({'velocities': [0, 0], 'accelerations': [1.0]}, ('accelerations', 'got 1')),
     ({'effort': [1.0, 2.0]}, ('effort', 'none')),
     ({'velocity': [0, 0]}, ('velocity', 'positions')),
-    ({'time_from_start': None}, ('time_from_start', 'seconds')),
+    ({'time_from_start': None}, ('time_from_start', 'number')),
     ({'time_from_start': -1}, ('time_from_start', '-1', '>= 0')),
     ({'time_from_start': 1e10}, ('time_from_start',)),
     ({'time_from_start': True}, ('time_from_start', 'True')),
     ({'time_from_start': '1 s'}, ('time_from_start', '1 s')),
     ({'time_from_start': float('nan')}, ('time_from_start', 'nan')),
-    ({'time_from_start': {}}, ('time_from_start', 'sec and nanosec')),
-    ({'time_from_start': {'sec': 1.5}}, ('time_from_start', '1.5', 'integers')),
-    ({'time_from_start': {'sec': True}}, ('time_from_start', 'integers')),
-    ({'time_from_start': {'sec': -1, 'nanosec': 5}}, ('time_from_start', '-1')),
-    ({'time_from_start': {'sec': 1, 'nanosec': 10 ** 9}}, ('time_from_start', '1000000000')),
-    ({'time_from_start': {'sec': 1, 'nsec': 5}}, ('time_from_start', 'nsec')),
+    ({'time_from_start': {'sec': 1, 'nanosec': 5}}, ('time_from_start', 'nanosec', 'number')),
     ({'time_from_start': 0.5}, ('time_from_start', '0.5', 'point before')),
     ({'time_from_start': 0.25}, ('time_from_start', '0.25', 'more than'))])
 def test_what_is_no_point(file: Path, change: dict[str, Any], words: tuple[str, ...]) -> None:
