@@ -32,7 +32,7 @@ from ctc_chattering.configuration.loop_setup import Setup, Values
 from ctc_chattering.configuration.package_share import find_config
 from ctc_chattering.configuration.yaml_file import mapping, read_yaml
 from ctc_chattering.dynamics.registry import model_of
-from ctc_chattering.errors import CtcError, ParameterError
+from ctc_chattering.errors import CtcError, ParameterError, prefixed
 from ctc_chattering.parameters import LEAST, Parameter, whole
 from ctc_chattering.runs.points import Runs
 from ctc_chattering.runs.pool import processes
@@ -233,11 +233,9 @@ def _ranges(tree: object, setup: Setup) -> dict[str, Range]:
 def _check(spec: TuneSpec) -> None:
     """Check that all gains searched are allowed, and that no draw sets one of them."""
     for end in ('low', 'high'):
-        try:
-            values = spec.gains({name: getattr(x, end) for name, x in spec.ranges.items()})
+        values = spec.gains({name: getattr(x, end) for name, x in spec.ranges.items()})
+        with prefixed('tune.search.'):
             spec.setup.controller.changed(values)
-        except ParameterError as error:
-            raise ParameterError(f'tune.search.{error.name}', error.value, error.allowed) from None
     for quantity in spec.uncertain:
         for node, target in quantity.targets:
             if node == 'controller' and target.name in (*values, 'law', 'switching'):
