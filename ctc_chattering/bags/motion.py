@@ -23,7 +23,6 @@ reference and law; here joint states are enough.
 from __future__ import annotations
 
 from array import array
-from collections import Counter
 from collections.abc import Sequence
 from contextlib import closing
 import dataclasses
@@ -219,9 +218,8 @@ def read_motion(path: str | Path, joints: Sequence[str] = (), description: str =
 
     """
     path = Path(path)
-    twice = [name for name, count in Counter(joints).items() if count > 1]
-    if twice:
-        raise CtcError(f'--joints: {twice[0]} is given more than once')
+    if len(set(joints)) < len(joints):
+        raise CtcError(f'--joints: {shortened(joints)}: a joint is given more than once')
     with closing(open_bag(path)) as bag, refused_as(f'{path}: damaged'):
         # What the law was is of no use here.
         own = {'law': LAWS[0], 'switching': SWITCHINGS[0]}
@@ -250,7 +248,8 @@ def read_motion(path: str | Path, joints: Sequence[str] = (), description: str =
                 raise
             if _if_any(effort) is None:
                 raise CtcError(f'no torque: no effort in the states, and {error}') from None
-            notes.append(f'no commands are used: {error}')
+            if _topics(bag, '', MULTI_ARRAY, ()):
+                notes.append(f'no commands are used: {error}')
         without = [name for name, x in zip(names, effort.T) if not np.isfinite(x).any()]
         if 0 < len(without) < len(names):
             notes.append(f'the effort is not used: there is none of {", ".join(without)}')

@@ -99,9 +99,9 @@ def alone(t: npt.NDArray[Any], period: float) -> npt.NDArray[np.bool_]:
     return found
 
 
-#: Commands on each side over which their count is taken, and part by which their number may differ
-#: from that of the samples for that.
-_COUNTED, _ONE_FOR_ONE = 200, 0.02
+#: Commands on each side over which their count is taken, part by which their number may differ
+#: from that of the samples for that, and part of all whose times may tell another state.
+_COUNTED, _ONE_FOR_ONE, _DOUBTFUL = 200, 0.02, 0.35
 #: Part of a period by which a command may be received before its state, part from the usual time
 #: after a state beyond which it is not sure which one it answers, and part of all for which that
 #: does not matter.
@@ -109,8 +109,8 @@ _EARLY, _SURE, _NEGLIGIBLE = 0.02, 0.35, 0.002
 #: Length of the mean direction of the times after a state, on a circle, below which there is no
 #: usual one.
 _USUAL = 0.3
-#: Periods after which a command is no longer held.
-_HELD = 20
+#: Periods after which a command is no longer held, and difference of two that are alike [N·m].
+_HELD, _ALIKE = 20, 1e-9
 
 
 class Answers(NamedTuple):
@@ -124,7 +124,7 @@ class Answers(NamedTuple):
     late : tuple of (float, float)
         Samples by which they may be later than they stand here, at least and at most.
     own : ndarray of bool, shape (N,)
-        Whether one answers this state, and not one before.
+        Whether just one answers this state, or several that are alike.
 
     """
 
@@ -176,9 +176,9 @@ def answers(values: Array, times: Indices, stamps: Indices, received: Indices) -
         ends = tuple(np.median(x) for x in (ahead[:_COUNTED], ahead[-_COUNTED:]))
         first = median_filter(np.pad(ahead, _COUNTED, constant_values=ends), 2 * _COUNTED + 1
                               )[_COUNTED:-_COUNTED]
-        place = count + first
-        if is_usual and not np.ptp(first):
-            unsure = 0.0
+        by_time, place = place, count + first
+        if is_usual and not np.ptp(first):  # None is missing.
+            unsure = float((by_time != place).mean() > _DOUBTFUL)
     return _placed(values, place, numbers, unsure if unsure > _NEGLIGIBLE else 0.0)
 
 
@@ -205,14 +205,16 @@ def _placed(values: Array, place: Array, numbers: Indices, unsure: float) -> Ans
     np.add.at(found, which, values[is_there])
     count = np.bincount(which, minlength=len(numbers))
     found /= np.maximum(count, 1)[:, None]
-    own = count > 0
-    last = np.maximum.accumulate(np.where(own, np.arange(len(numbers)), -1))
+    unlike = np.zeros(len(numbers))
+    np.maximum.at(unlike, which, np.abs(values[is_there] - found[which]).max(axis=1))
+    last = np.maximum.accumulate(np.where(count > 0, np.arange(len(numbers)), -1))
     age = numbers - numbers[last]
     known = (last >= 0) & (age <= _HELD)
     # Where a command was not recorded, one that is older stands in its place.
     older = float(age[known].mean()) if known.any() else 0.0
     return Answers(np.where(known[:, None], found[last], np.nan),
-                   (-unsure - (older if older > _NEGLIGIBLE else 0.0), unsure), own)
+                   (-unsure - (older if older > _NEGLIGIBLE else 0.0), unsure),
+                   (count > 0) & (unlike < _ALIKE))
 
 
 #: Most samples missing at a stretch that are interpolated.
@@ -401,8 +403,7 @@ def stretches(recording: Recording, period: float) -> Iterator[Stretch]:
         if len(part) < 4:
             continue
         at = _without_drift(t[part], period)
-        count = round(float(at[-1] - at[0]) / period) + 1
-        grid = at[0] + period * np.arange(count)
+        grid = at[0] + period * np.arange(round(float(at[-1] - at[0]) / period) + 1)
         # As near to the stamps as one grid comes.
         near = np.rint((at - at[0]) / period)
         grid += float(np.median(at - at[0] - period * near))
@@ -434,7 +435,7 @@ def _at(grid: Array, t: Array, q: Array) -> Array:
 def _without_drift(t: Array, period: float) -> Array:
     """Return stamps [s] less what they slowly drift away from a grid, if that is much."""
     turns = np.exp(2j * np.pi * (t - t[0]) / period)
-    kernel = np.ones(min(_SMOOTH, len(t)))
-    phase = np.unwrap(np.angle(np.convolve(turns, kernel, 'same'))) / (2.0 * np.pi)
+    smooth = np.convolve(turns, np.ones(min(_SMOOTH, len(t))), 'same')
+    phase = np.unwrap(np.angle(smooth)) / (2.0 * np.pi)
     found = t - period * (phase - phase[0])
     return found if np.ptp(phase) > _DRIFT and (np.diff(found) > 0.0).all() else t

@@ -74,6 +74,22 @@ def test_lost_messages_make_the_delay_uncertain_by_their_part(states: float, com
     assert found.late[0] == pytest.approx(-0.2 * (commands > 0.0), abs=0.05)
 
 
+def test_commands_that_are_received_in_batches_are_in_doubt() -> None:
+    """Their times do not tell which states they answer."""
+    end = STATES // (5 * H) * 5 * H + 4 * H
+    found = answers(np.arange(N)[:, None].astype(float), end, STATES, STATES)
+    assert found.late == (-1.0, 1.0)
+
+
+def test_where_two_commands_stand_in_one_place_none_is_its_own() -> None:
+    values = np.insert(np.arange(N), 500, 499)  # Sent again.
+    values = np.insert(values, 1000, -7)  # Of another publisher.
+    places = np.insert(np.insert(np.arange(N), 500, 499), 1000, 999)
+    found = answers(values[:, None].astype(float), STATES[places], STATES, STATES)
+    assert np.flatnonzero(~found.own).tolist() == [999]
+    assert np.array_equal(found.command[found.own, 0], np.flatnonzero(found.own))
+
+
 def in_lockstep(answer: float, after: float, jitter: float, stall: float, loss: float
                 ) -> tuple[Answers, np.ndarray]:
     """Return the answers where each state follows a command; times in parts of a sample."""

@@ -32,7 +32,8 @@ def test_a_bag_becomes_numbers_gains_figures_and_a_page(
     bag = recorded_bag(tmp_path / 'run', made, order=(1, 0), extra=('finger',))
     out = tmp_path / 'out'
     command = ['identify', str(bag), '--validate', str(bag), '--model', 'two_link',
-               '--torque-rate', '5000,1000', '--trials', '0', '--out', str(out)]
+               '--joints', 'joint1,joint2', '--torque-rate', '5000,1000', '--trials', '0',
+               '--out', str(out)]
     assert main(command) == 0
     text = capsys.readouterr().out
     assert max(len(line) for line in text.splitlines() if str(tmp_path) not in line) <= 100
