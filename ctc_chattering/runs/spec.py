@@ -202,10 +202,7 @@ def read_uncertain(name: str, tree: object) -> Uncertain:
 
 def read_value(key: str, kind: str, value: object, n: int = 0, **allowed: Any) -> Any:
     """Return a value of a spec, declared as a `Parameter` is."""
-    spec = Parameter(key, kind, None, '', **allowed)
-    found = spec.coerce(value, n)
-    spec.check(found, n)
-    return found
+    return Parameter(key, kind, None, '', **allowed).checked(value, n)
 
 
 def _one_of(key: str, values: Mapping[str, Any], names: Sequence[str]) -> str:
