@@ -27,12 +27,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import cached_property
-from math import ceil, isfinite, log2, nan
+from math import ceil, log2
 from typing import Any
 
 from ctc_chattering.configuration.loop_setup import Setup
 from ctc_chattering.configuration.yaml_file import mapping
-from ctc_chattering.errors import CtcError, near, ParameterError, UsageError
+from ctc_chattering.errors import CtcError, ParameterError, UsageError
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.runs.recommended import recommended_setup
 from ctc_chattering.runs.score import of_results, OVERALL, PER_JOINT, Score, score
@@ -41,10 +41,10 @@ from ctc_chattering.runs.spec import (
     Failure,
     MapSpec,
     Quantity,
+    read_value,
     Repeats,
     Uncertain,
 )
-from ctc_chattering.simulation.plant import make_plant
 import numpy as np
 import numpy.typing as npt
 
@@ -184,13 +184,11 @@ class Runs:
         return repeats.seed + (0 if repeats.sampling == 'saltelli' else repeat)
 
     def example(self, variant: int) -> Setup:
-        """Return a setup of a law: that of the first point without a draw, if it is allowed."""
-        axes = [(axis, axis.values[0]) for axis in self.spec.axes]
-        setup = self._of_law(variant, tuple(x for axis, x in axes if axis.known))
+        """Return a setup of a law: that of its first run, if it is allowed."""
         try:
-            return applied(setup, axes)
+            return self.setup(variant * self.shape[-1])
         except CtcError:
-            return setup
+            return self.spec.setup.changed({'controller': self.spec.variants[variant].values})
 
     def _settings(self, indices: tuple[int, ...], repeat: int) -> list[tuple[Quantity, float]]:
         """Return the numbers of all quantities at a place, in the order in which they are set."""
@@ -209,16 +207,12 @@ class Runs:
 
     def _recommended(self, law: str, known: tuple[float, ...]) -> dict[str, dict[str, Any]]:
         """Return what is recommended for a law, by node, but for what a known axis sets."""
-        file, axes = self.spec.setup, [axis for axis in self.spec.axes if axis.known]
-        made = recommended_setup(applied(file, zip(axes, known)), law)
+        axes = [axis for axis in self.spec.axes if axis.known]
+        made = recommended_setup(applied(self.spec.setup, zip(axes, known)), law)
         by_axes = {(node, spec.name) for axis in axes for node, spec in axis.targets}
-        values: dict[str, dict[str, Any]] = {}
-        for node, new, old in (('controller', made.controller, file.controller),
-                               ('reference', made.reference, file.reference)):
-            before = old.as_mapping()
-            values[node] = {name: x for name, x in new.as_mapping().items()
-                            if x != before[name] and (node, name) not in by_axes}
-        return values
+        return {node: {name: x for name, x in getattr(made, node).as_mapping().items()
+                       if (node, name) not in by_axes and name != 'joint_names'}
+                for node in ('controller', 'reference')}
 
 
 def evaluate(setup: Setup, window: tuple[float, float], failure: Failure) -> dict[str, Any]:
@@ -241,9 +235,6 @@ def evaluate(setup: Setup, window: tuple[float, float], failure: Failure) -> dic
 
     """
     row = {**dict.fromkeys(of_results(len(setup.controller.joint_names))), 'engine': ''}
-    if (count := steps(setup)) > failure.steps_above:
-        return {**row, 'failure': 'too long', 'reason': (
-            f'{count:.3g} steps of the integrator > {failure.steps_above}')}
     found = score(setup, window)
     if found.failure:
         return {**row, 'failure': 'diverged', 'reason': found.failure}
@@ -254,15 +245,6 @@ def evaluate(setup: Setup, window: tuple[float, float], failure: Failure) -> dic
                saturated=found.saturated, slips=found.most_slips)
     row['failure'], row['reason'] = _judged(found, setup, failure)
     return row
-
-
-def steps(setup: Setup) -> float:
-    """Return how many steps of the integrator a run has; stiff elastic joints have many."""
-    plant = setup.plant
-    if plant.elastic:
-        robot = make_plant(plant, setup.descriptions.get('plant', ''))
-        return robot.last * robot.parameters.mechanics.steps
-    return plant.duration / min(plant.control_period, plant.integration_step)
 
 
 def refused(n: int, error: CtcError) -> dict[str, Any]:
@@ -314,11 +296,10 @@ def find_run(runs: Runs, text: str) -> int:
         'law': [x.name for x in spec.variants], 'repeat': range(spec.repeats.repeats)}
     try:
         if text.strip().isdecimal():
-            return _index('run', text, range(len(runs)))
-        words = [[x.strip() for x in word.partition('=')] for word in text.split(',')]
-        if not all(map(all, words)):
-            raise ParameterError('POINT', text, 'a run number, or name=value,...')
-        given = mapping('POINT', {name: value for name, _, value in words}, tuple(choices))
+            return int(read_value('run', 'int', int(text), minimum=0, maximum=len(runs) - 1))
+        words = (word.partition('=') for word in text.split(','))
+        given = mapping('POINT', {name.strip(): value.strip() for name, _, value in words},
+                        tuple(choices))
         *indices, law, repeat = (_index(name, given.get(name), x) for name, x in choices.items())
     except ParameterError as error:
         raise UsageError(f'--explain {text}: {error}') from None
@@ -326,24 +307,16 @@ def find_run(runs: Runs, text: str) -> int:
 
 
 def _index(name: str, text: str | None, values: Sequence[Any]) -> int:
-    """Return the index of a name, or of the nearest number; of the only one without a text."""
-    shown = ', '.join(x if isinstance(x, str) else f'{x:g}' for x in values[:20])
-    if text is None:
-        if len(values) > 1:
-            raise ParameterError(name, '', f'one of {shown}: there is more than one')
-        return 0
-    if isinstance(values[0], str):
-        if text not in values:
-            raise ParameterError(name, text, shown + near(text, values))
-        return values.index(text)
+    """Return the index of a value, or of the nearest number; of the only one without a text."""
+    shown = list(map(str, values))
+    if text in shown or (text is None and len(shown) == 1):
+        return shown.index(text or shown[0])
     try:
-        x = float(text)
+        if text is None or not isinstance(values, tuple):
+            raise ValueError
+        x = read_value(name, 'float', float(text))
     except ValueError:
-        x = nan
-    if isinstance(values, range) and x not in values:
-        raise ParameterError(name, x, f'0 to {len(values) - 1}')
-    if not isfinite(x):
-        raise ParameterError(name, text, 'a number')
+        raise ParameterError(name, text, ', '.join(shown[:20])) from None
     return min(range(len(values)), key=lambda k: abs(values[k] - x))
 
 
