@@ -16,13 +16,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager, ExitStack
+from collections.abc import Callable, Mapping
+from contextlib import ExitStack
 from pathlib import Path
-from typing import Any, TYPE_CHECKING
+from typing import Any
 
 from ctc_chattering.analysis.compilation import codes, compile_setups
 from ctc_chattering.analysis.output import check_format
+from ctc_chattering.analysis.tables import counted
 from ctc_chattering.configuration.package_share import find_config
 from ctc_chattering.errors import CtcError
 from ctc_chattering.parameters import whole
@@ -30,9 +31,6 @@ from ctc_chattering.runs import pool, store
 from ctc_chattering.runs.points import Refinement, Runs
 from ctc_chattering.runs.spec import MapSpec, parse, read_spec
 import pyarrow
-
-if TYPE_CHECKING:
-    from distributed import Client
 
 #: Folder of the package's own specs, below `config`.
 _FOLDER = 'maps'
@@ -116,11 +114,12 @@ def _table(runs: Runs, directory: store.Directory, jobs: int, scheduler: str | N
             found = {name: directory.rows(x, show) for name, x in chunks.items()}
             left = [(name, x) for name, x in chunks.items() if found[name] is None]
             done = len(some) - sum(len(x) for _, x in left)
-            show(f'{len(some)} runs in {len(chunks)} chunk{"s" * (len(chunks) > 1)}')
-            if done:
-                show(f'{done} runs are already computed')
+            show(f'{len(some)} runs in {counted(len(chunks), "chunk")}, {done} of them computed')
             if left and client is None:
-                client = stack.enter_context(_workers(runs, jobs, scheduler, show))
+                if scheduler is None:
+                    compile_setups(map(runs.example, range(len(runs.spec.variants))), show)
+                client = stack.enter_context(pool.workers(jobs, scheduler))
+                show(counted(pool.threads(client, show), 'worker'))
             try:
                 for name, table in pool.computed(client, store.compute, (runs, store.version()),
                                                  left) if client and left else ():
@@ -136,15 +135,3 @@ def _table(runs: Runs, directory: store.Directory, jobs: int, scheduler: str | N
             parts.append(pyarrow.concat_tables(found.values()))
             refinement.take(parts[-1])
     return directory.merge(parts)
-
-
-@contextmanager
-def _workers(runs: Runs, jobs: int, scheduler: str | None, show: Callable[[str], None]
-             ) -> Iterator[Client]:
-    """Compile what runs need, if they run here, and yield a client of the workers."""
-    if scheduler is None:
-        compile_setups(map(runs.example, range(len(runs.spec.variants))), show)
-    with pool.workers(jobs, scheduler) as client:
-        count = pool.threads(client, show)
-        show(f'{count} worker{"s" if count > 1 else ""}')
-        yield client

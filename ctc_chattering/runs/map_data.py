@@ -61,13 +61,9 @@ class GridAxis(NamedTuple):
         """Name and unit."""
         return f'{self.name} [{self.unit}]' if self.unit else self.name
 
-    def text(self, value: float) -> str:
-        """Return a value in words."""
-        return f'{self.name} {short(value)} {self.unit}'.rstrip()
-
     def at(self, k: int) -> str:
         """Return the value with this index in words."""
-        return self.text(self.values[k])
+        return f'{self.name} {short(self.values[k])} {self.unit}'.rstrip()
 
 
 def wilson(failures: npt.ArrayLike, runs: npt.ArrayLike) -> tuple[Array, Array]:
@@ -251,24 +247,17 @@ def against(data: MapData, base: int) -> pandas.DataFrame:
     """
     Return a row for each other law against a base, the worst first.
 
-    Of runs at the same point with the same draw: how many there are (`runs`), in how many only the
-    law fails (`worse`), only the base (`better`), and the law has the larger error (`larger`; one
-    that diverged has the largest). `loss` is the largest ratio of both errors, 0 where no run of
-    both has one; `run` and the columns of the axes say where.
+    Of runs at the same point with the same draw: how many there are (`runs`), and in how many only
+    the law fails (`worse`), or only the base (`better`).
     """
-    axes = [axis.name for axis in data.axes]
-    both = data.rows[data.rows['variant'] != data.variants[base]].merge(
-        data.of(base), on=[*axes, 'repeat'], suffixes=('', '_base'))
-    failed, failed_base = both['failure'] != '', both['failure_base'] != ''
-    error, original = both['error'], both['error_base']
-    usable = np.isfinite(error) & np.isfinite(original) & (original > 0.0)
-    both = both.assign(runs=1, worse=failed & ~failed_base, better=failed_base & ~failed,
-                       larger=error > original, loss=(error / original).where(usable, 0.0))
-    laws = both.groupby('variant', sort=False)
-    found = laws[['runs', 'worse', 'better', 'larger']].sum()
-    most = both.loc[laws['loss'].idxmax()].set_index('variant')
-    return found.join(most[['loss', 'run', *axes]]).sort_values(
-        ['worse', 'loss'], ascending=False, kind='stable')
+    rows = data.rows.assign(failed=data.rows['failure'] != '')
+    mine = rows['variant'] == data.variants[base]
+    both = rows[~mine].merge(rows[mine], on=[*(axis.name for axis in data.axes), 'repeat'],
+                             suffixes=('', '_base'))
+    both = both.assign(runs=1, worse=both['failed'] & ~both['failed_base'],
+                       better=both['failed_base'] & ~both['failed'])
+    return both.groupby('variant', sort=False)[['runs', 'worse', 'better']].sum().sort_values(
+        'worse', ascending=False, kind='stable')
 
 
 def passing(data: MapData, along: int) -> tuple[list[tuple[str, list[str]]], int]:

@@ -22,7 +22,7 @@ from typing import Any
 
 from ctc_chattering.analysis.drawing import FigureFile, save
 from ctc_chattering.analysis.page import Folded, Section, write_page
-from ctc_chattering.analysis.tables import counted, percent, scientific, short, Table, two_lines
+from ctc_chattering.analysis.tables import counted, percent, scientific, Table, two_lines
 from ctc_chattering.runs.map_data import against, KINDS, MapData, passing, pooled, sobol_table
 from ctc_chattering.runs.map_figures import figures
 from ctc_chattering.runs.spec import MapSpec, rows_of
@@ -93,8 +93,6 @@ def write_map_page(data: MapData, files: Sequence[FigureFile], path: Path,
     """
     boundaries = list(_boundaries(data))
     sobol = sobol_table(data)
-    engines = data.rows['engine'].value_counts(sort=False).items()
-    simulated = ', '.join(f'{name or "not"}: {counted(n, "run")}' for name, n in engines)
     write_page(
         path, _headline(data), _lead(data), [
             Section('Result', [*files[:1], _failures(data), *_against_base(data)]),
@@ -102,8 +100,7 @@ def write_map_page(data: MapData, files: Sequence[FigureFile], path: Path,
             Section('Further numbers', [
                 *(Folded(x.title, [x._replace(title='')], len(boundaries) == 1)
                   for x in boundaries), *([sobol] if sobol.rows else [])]),
-            Section('What was run', [
-                Table('', (), [*facts.items(), ('simulated', simulated)])])],
+            Section('What was run', [Table('', (), list(facts.items()))])],
         [(TABLE, f'{TABLE} (a row a run)'), (JSON, f'{JSON} (spec and versions)')], command)
 
 
@@ -159,16 +156,9 @@ def _against_base(data: MapData) -> Iterator[Table]:
     if data.base is None or len(data.variants) == 1:
         return
     base = data.variants[data.base]
-    yield Table(
-        f'Against {base}',
-        ['law', 'runs', 'only the law fails', f'only {base} fails', 'its error is larger',
-         'ratio of errors, at most', 'in run', 'at'],
-        [[law, *(f'{x[key]:.0f}' for key in ('runs', 'worse', 'better', 'larger')),
-          short(x['loss']), f'{x["run"]:.0f}',
-          ', '.join(axis.text(x[axis.name]) for axis in data.axes)]
-         for law, x in against(data, data.base).iterrows()],
-        note='Runs at the same point, with the same draw and the same noise. '
-             'ctc map SPEC --explain RUN shows one.')
+    yield Table(f'Against {base}', ['law', 'runs', 'only the law fails', f'only {base} fails'],
+                [[law, *map(str, x)] for law, x in against(data, data.base).iterrows()],
+                note='Runs at the same point, with the same draw and the same noise.')
 
 
 def _boundaries(data: MapData) -> Iterator[Table]:

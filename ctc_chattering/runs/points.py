@@ -27,6 +27,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import cached_property
+from itertools import product
 from math import ceil, log2
 from typing import Any
 
@@ -196,23 +197,24 @@ class Runs:
         return [*axes, *zip(self.spec.uncertain, self.draws[repeat].tolist())]
 
     def _of_law(self, index: int, known: tuple[float, ...]) -> Setup:
-        """Return the setup of a law at the values of the axes that the controller knows."""
-        variant = self.spec.variants[index]
+        """
+        Return the setup of a law at the values of the axes that the controller knows.
+
+        What is recommended for it does not win over what such an axis sets.
+        """
+        variant, setup = self.spec.variants[index], self.spec.setup
         key = (index, known if variant.recommended else ())
         if key not in self._of_laws:
-            recommended = self._recommended(variant.law, known) if variant.recommended else {}
-            self._of_laws[key] = self.spec.setup.changed(recommended).changed(
-                {'controller': variant.values})
+            if variant.recommended:
+                axes = [axis for axis in self.spec.axes if axis.known]
+                by_axes = {(node, spec.name) for axis in axes for node, spec in axis.targets}
+                made = recommended_setup(applied(setup, zip(axes, known)), variant.law)
+                setup = setup.changed({
+                    node: {name: x for name, x in getattr(made, node).as_mapping().items()
+                           if (node, name) not in by_axes and name != 'joint_names'}
+                    for node in ('controller', 'reference')})
+            self._of_laws[key] = setup.changed({'controller': variant.values})
         return self._of_laws[key]
-
-    def _recommended(self, law: str, known: tuple[float, ...]) -> dict[str, dict[str, Any]]:
-        """Return what is recommended for a law, by node, but for what a known axis sets."""
-        axes = [axis for axis in self.spec.axes if axis.known]
-        made = recommended_setup(applied(self.spec.setup, zip(axes, known)), law)
-        by_axes = {(node, spec.name) for axis in axes for node, spec in axis.targets}
-        return {node: {name: x for name, x in getattr(made, node).as_mapping().items()
-                       if (node, name) not in by_axes and name != 'joint_names'}
-                for node in ('controller', 'reference')}
 
 
 def evaluate(setup: Setup, window: tuple[float, float], failure: Failure) -> dict[str, Any]:
@@ -243,7 +245,7 @@ def evaluate(setup: Setup, window: tuple[float, float], failure: Failure) -> dic
     row.update({key: _finite(getattr(found, name)) for name, key in OVERALL.items()})
     row.update(engine=found.engine, error=found.error, variation=_finite(found.most_variation),
                saturated=found.saturated, slips=found.most_slips)
-    row['failure'], row['reason'] = _judged(found, setup, failure)
+    row['failure'], row['reason'] = _judged(found, failure)
     return row
 
 
@@ -257,16 +259,13 @@ def _finite(x: float | None) -> float | None:
     return x if x is not None and np.isfinite(x) else None
 
 
-def _judged(found: Score, setup: Setup, failure: Failure) -> tuple[str, str]:
+def _judged(found: Score, failure: Failure) -> tuple[str, str]:
     """Return kind and reason of a failure; empty for none."""
-    if found.error > failure.error_above:
-        joint = setup.controller.joint_names[found.rms.index(found.error)]
-        return 'error', f'{joint}: {found.error:.3g} > {failure.error_above:g} rad'
-    if (found.saturated or 0.0) > failure.saturated_above:
-        return 'saturated', (f'a torque at its limit in {found.saturated:.3g} > '
-                             f'{failure.saturated_above:g} of the samples')
-    if found.most_slips > failure.slips_above:
-        return 'slips', f'{found.most_slips:.3g} > {failure.slips_above:g} stick-slips a second'
+    for kind, x, most in (('error', found.error, failure.error_above),
+                          ('saturated', found.saturated or 0.0, failure.saturated_above),
+                          ('slips', found.most_slips, failure.slips_above)):
+        if x > most:
+            return kind, f'{x:.3g} > {most:g}'
     if failure.not_reached and found.reaching_time is None:
         return 'not reached', 'v never stays within its band'
     return '', ''
@@ -340,29 +339,18 @@ def wanted(state: npt.NDArray[np.int8], coarse: tuple[int, ...]) -> Mask:
     found: Mask = np.zeros(state.shape, bool)
     unknown: Mask = state == UNKNOWN
     found[tuple(slice(None, None, step) for step in coarse)] = True
-    if unknown[found].any():
-        return np.logical_and(found, unknown)
-    steps = np.array(coarse)
-    while (steps > 1).any():
-        for cell in np.argwhere(_mixed(state, steps)):
-            first = cell * steps
-            found[tuple(slice(a, a + step + (step > 1), max(step // 2, 1))
-                        for a, step in zip(first.tolist(), steps.tolist()))] = True
-        steps = np.maximum(steps // 2, 1)
+    while max(coarse, default=1) > 1 and not (found & unknown).any():
+        corners, halves = (tuple(slice(None, None, max(step // k, 1)) for step in coarse)
+                           for k in (1, 2))
+        for first in product(*(range(0, n - (step > 1), step)
+                               for n, step in zip(state.shape, coarse))):
+            cell = tuple(slice(a, a + step + (step > 1)) for a, step in zip(first, coarse))
+            known = state[cell]
+            if (known[corners] != UNKNOWN).all() and (known == PASSES).any() and (
+                    known == FAILS).any():
+                found[cell][halves] = True
+        coarse = tuple(max(step // 2, 1) for step in coarse)
     return np.logical_and(found, unknown)
-
-
-def _mixed(state: npt.NDArray[np.int8], steps: npt.NDArray[np.int_]) -> Mask:
-    """Return which cells of a size were run at their corners, and fail in part."""
-    sizes = np.where(steps > 1, steps + 1, 1)
-    cells: Any = np.lib.stride_tricks.sliding_window_view(state, tuple(sizes.tolist()))
-    cells = cells[tuple(slice(None, None, step) for step in steps.tolist())]
-    within = tuple(range(state.ndim, 2 * state.ndim))
-    at_corners: Any = (Ellipsis, *(slice(None, None, step) for step in steps.tolist()))
-    corners = cells[at_corners]
-    mixed: Mask = ((cells == PASSES).any(axis=within) & (cells == FAILS).any(axis=within)
-                   & (corners != UNKNOWN).all(axis=within))
-    return mixed
 
 
 class Refinement:

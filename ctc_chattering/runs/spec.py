@@ -29,7 +29,7 @@ from ctc_chattering.configuration.loop_setup import Setup
 from ctc_chattering.configuration.node_parameters import LOOP
 from ctc_chattering.configuration.package_share import find_config
 from ctc_chattering.configuration.yaml_file import mapping, read_yaml
-from ctc_chattering.errors import CtcError, near, ParameterError, prefixed
+from ctc_chattering.errors import CtcError, ParameterError, prefixed
 from ctc_chattering.parameters import Config, Parameter, parameter
 from ctc_chattering.runs.recommended import recommended_setup
 from ctc_chattering.runs.score import of_map
@@ -235,8 +235,7 @@ def check(quantities: Iterable[tuple[Quantity, tuple[float, ...]]], setup: Setup
     Raises
     ------
     CtcError
-        For a value that is not allowed, a parameter that is set again and not multiplied, or a
-        factor that changes nothing.
+        For a value that is not allowed, or a parameter that is set again and not multiplied.
 
     """
     by: dict[tuple[str, str], str] = {}
@@ -246,11 +245,6 @@ def check(quantities: Iterable[tuple[Quantity, tuple[float, ...]]], setup: Setup
             other = by.setdefault((node, spec.name), quantity.name)
             if other != quantity.name and not quantity.factor:
                 raise ParameterError(quantity.name, here, f'a factor, for {other} sets it, too')
-            now = np.abs(getattr(getattr(setup, node), spec.field))
-            if quantity.factor and other == quantity.name and not (
-                    (now > 0.0) & (now < np.inf)).any():
-                raise ParameterError(f'{quantity.name}: factor of {here}', now.tolist(),
-                                     'a value in the file that a factor changes')
         for x in numbers:
             try:
                 applied(setup, [(quantity, x)])
@@ -291,10 +285,9 @@ def _targets(key: str, text: str) -> list[tuple[str, Parameter]]:
              if name in LOOP[node].parameters()]
     if not found or name in _SET or any(
             spec.kind not in ('int', 'float', 'float[]') for _, spec in found):
-        raise ParameterError(key, text, f'a parameter of {", ".join(LOOP)} that is a number or '
-                             f'a number a joint, such as plant.coulomb_friction; {_SET[0]}, seed '
-                             'and repeats of the spec set the others' + near(
-                                 name, (x for node in nodes for x in LOOP[node].parameters())))
+        raise ParameterError(
+            key, text, f'a parameter of {", ".join(LOOP)} that is a number or a number a joint, '
+            'such as plant.coulomb_friction; duration, seed and repeats of the spec set others')
     return found
 
 

@@ -22,7 +22,6 @@ from ctc_chattering.runs.map_data import against, MapData, passing
 from map_tables import made_up, table_of
 import numpy as np
 import pyarrow as pa
-import pytest
 
 LAWS = ('compensation', 'chattering sign')
 
@@ -73,31 +72,6 @@ def test_where_only_the_law_fails() -> None:
     assert (found.runs, found.worse, found.better) == (24, 7, 0)
     back = contrast(data, 0, 1)
     assert (back.runs, back.worse, back.better) == (24, 0, 7)
-
-
-def test_the_largest_loss_and_its_run() -> None:
-    errors = np.full((6, 2, 2), 1e-3)
-    errors[:, 1, 0] = [5e-4, 2e-3, 1e-3, 7e-3, np.nan, 1e-3]
-    errors[5, 0, 0] = np.nan
-    data = grid(np.zeros((6, 2, 2), bool), errors)
-    found = contrast(data, 1, 0)
-    assert found.loss == pytest.approx(7.0)
-    assert (found['a'], found['b']) == (2.0, 10.0)
-    assert found.run == 3 * 4 + 2, 'four runs a point, two a law'
-    assert found.larger == 3, 'two errors, and the run that diverged'
-    back = contrast(data, 0, 1)
-    assert back.loss == pytest.approx(2.0)
-    assert (back.run, back.larger) == (0, 2)
-
-
-def test_without_axes_or_finite_errors() -> None:
-    failures = [[[True, False, True], [False, False, True]]]
-    data = grid(failures, axes={})
-    found = contrast(data, 0, 1)
-    assert (found.runs, found.worse, found.better) == (3, 1, 0)
-    assert (found.loss, found.larger) == (1.0, 0)
-    gone = contrast(grid(failures, np.full((1, 2, 3), np.nan), axes={}), 0, 1)
-    assert (gone.loss, gone.larger) == (0.0, 0)
 
 
 def test_values_that_pass() -> None:
