@@ -128,8 +128,7 @@ def _table(runs: Runs, directory: store.Directory, jobs: int, scheduler: str | N
                     done += len(table)
                     progress(done, len(some))
             except (CtcError, KeyboardInterrupt) as error:
-                kind = CtcError if isinstance(error, CtcError) else KeyboardInterrupt
-                raise kind(
+                raise (CtcError if isinstance(error, CtcError) else KeyboardInterrupt)(
                     f'{str(error) or "stopped"}; {done} of {len(some)} runs are in '
                     f'{directory.path}, run the same command to continue') from None
             parts.append(pyarrow.concat_tables(found.values()))

@@ -193,9 +193,8 @@ def figures(data: MapData) -> Iterator[tuple[str, Figure, str]]:
     """Yield file name, figure and caption; none without axes, and for more than three."""
     if len(data.axes) == 1:
         yield 'lines', lines(data), (
-            'Above: error of the worst joint, line: median, × where half of the runs or more '
-            'diverged, band: 5 % to 95 %. Below: share of runs that fail, with the interval of '
-            'each value by itself; the marks of a value are moved aside of each other.')
+            'Above: error of the worst joint: median, × where half of the runs or more diverged, '
+            'and 5 % to 95 %. Below: share of runs that fail, with intervals. Marks are aside.')
     elif 1 < len(data.axes) <= _MOST_AXES:
         left_out = ''
         if len(data.axes) > 2 and len(data.axes[2].values) > THIRD:
@@ -204,13 +203,11 @@ def figures(data: MapData) -> Iterator[tuple[str, Figure, str]]:
             'Median of the RMS error of the worst joint; all panels have the same colours. A '
             f'median hides single runs; they show among the failures.{left_out}')
         yield 'failure', failure_map(data), (
-            f'Share of failures among {data.runs.max()} runs at each point. Solid: a half. Beyond '
-            'the dashed line the interval of 95 % (Wilson) of a point by itself is above a half, '
-            'within the dotted one below; between them, and with less than 4 runs everywhere, '
-            f'the runs do not decide.{left_out}')
+            f'Share of failures among {data.runs.max()} runs at each point. Solid: a half; dashed '
+            'and dotted: the 95 % interval (Wilson) of a point by itself ends there, between '
+            f'them the runs do not decide.{left_out}')
         if data.base is not None and len(data.variants) > 1:
             yield 'gain', gain_map(data, data.base), (
-                f'log₁₀ of the median error under {data.variants[data.base]} over that under the '
-                'law, at the same point. Blue: the law has the smaller error; 1 is ten times '
-                f'smaller. The darkest blue also where only {data.variants[data.base]} diverged, '
-                f'the darkest red where only the law did; hatched where both did.{left_out}')
+                'log₁₀ of the ratio of median errors at the same point. Blue: the law has the '
+                'smaller one; 1 is ten times smaller. The darkest blue or red also where only '
+                f'one of both diverged; hatched where both did.{left_out}')

@@ -60,10 +60,7 @@ def write_report(spec: MapSpec, table: Any, directory: Path, extra: str = 'svg',
                    spec.repeats.sampling == 'saltelli')
     with matplotlib.rc_context({'svg.hashsalt': 'map'}):  # Equal data give equal files.
         files = save(figures(data), directory / FIGURES, ('svg', extra))
-    (low, high), plant = spec.window, spec.setup.plant
-    facts = {'robot and motion': f'{plant.experiment}, {plant.duration:g} s, evaluated from '
-                                 f'{low:g} s to {high:g} s', **dict(rows_of(spec.tree))}
-    write_map_page(data, files, directory / PAGE, facts, command)
+    write_map_page(data, files, directory / PAGE, dict(rows_of(spec.tree)), command)
     return directory / PAGE
 
 
@@ -136,11 +133,9 @@ def _failures(data: MapData) -> Table:
             two_lines(*(scientific(x) if np.isfinite(x) else 'diverged' for x in (
                 error[int(np.ceil(q * len(error))) - 1] for q in (0.5, 0.95))))])
     return Table('', ['law', 'runs', 'fail', *used, 'median error [rad], 95 % quantile'], rows,
-                 note=('Below each share: its interval of 95 % ' + (
-                     'for other draws on this grid; all points have the same draws, so it is as '
-                     'wide as these differ, and there is none for one draw.' if data.axes else
-                     '(Wilson).') + ' A run counts under the first kind that applies; one that '
-                     'diverged has an infinite error.'))
+                 note='Below each share: its 95 % interval for other draws on this grid, as wide '
+                 'as the draws differ; none for one draw. A run counts under the first kind that '
+                 'applies; one that diverged has an infinite error.')
 
 
 def _share(failed: Any, repeat: Any) -> str:

@@ -22,7 +22,7 @@ import dataclasses
 from itertools import pairwise
 from math import inf, prod
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.configuration.loop_setup import Setup
@@ -291,7 +291,6 @@ def _targets(key: str, text: str) -> list[tuple[str, Parameter]]:
     return found
 
 
-Q = TypeVar('Q')
 #: Keys of a spec. `tune` is for `ctc tune`.
 KEYS = ('params_file', 'duration', 'window', 'overrides', 'laws', 'axes', 'uncertain', 'sampling',
         'repeats', 'seed', 'failure', 'refine', 'tune')
@@ -448,7 +447,11 @@ def parse(tree: object, path: Path) -> MapSpec:
         axes, uncertain,
         Repeats.from_mapping({x: values[x] for x in Repeats.parameters() if x in values}),
         failure, coarse_steps(values, axes), values)
-    _check_saltelli(spec)
+    parts, n = len(spec.uncertain) + 2, spec.repeats.repeats
+    if spec.repeats.sampling == 'saltelli' and (
+            spec.axes or not spec.uncertain or n % parts or (n // parts).bit_count() != 1):
+        raise ParameterError('sampling', 'saltelli', (
+            f'without axes, for what is uncertain, with repeats of {parts} times a power of two'))
     if spec.runs > MOST:
         raise CtcError(f'{spec.runs} runs: {prod(spec.shape)} points, {len(spec.variants)} laws, '
                        f'{spec.repeats.repeats} repeats; allowed: {MOST}')
@@ -479,8 +482,8 @@ def _window(values: Mapping[str, Any], duration: float) -> tuple[float, float]:
     return window[0], window[1]
 
 
-def _quantities(values: Mapping[str, Any], key: str, read: Callable[[str, object], Q],
-                taken: Container[str]) -> tuple[Q, ...]:
+def _quantities(values: Mapping[str, Any], key: str, read: Callable[[str, object], Any],
+                taken: Container[str]) -> tuple[Any, ...]:
     """Return the axes, or what is uncertain; they have other names than those that are taken."""
     tree = values.get(key) or {}
     if not isinstance(tree, dict):
@@ -492,19 +495,6 @@ def _quantities(values: Mapping[str, Any], key: str, read: Callable[[str, object
     return tuple(read(name, x) for name, x in tree.items())
 
 
-def _check_saltelli(spec: MapSpec) -> None:
-    """Check what Sobol indices need: no axis, and two draws and one for each that is uncertain."""
-    if spec.repeats.sampling != 'saltelli':
-        return
-    parts = len(spec.uncertain) + 2
-    if spec.axes or not spec.uncertain:
-        raise ParameterError('sampling', 'saltelli', 'uncertain and no axes')
-    n = spec.repeats.repeats // parts
-    if n * parts != spec.repeats.repeats or n & (n - 1):
-        raise ParameterError('repeats', spec.repeats.repeats, (
-            f'{parts} times a power of two with saltelli, for example {256 * parts}'))
-
-
 def _variants(values: Mapping[str, Any], setup: Setup) -> tuple[LawSettings, ...]:
     """Return the laws; that of the file by default."""
     items = values.get('laws', [setup.controller.law])
@@ -512,9 +502,8 @@ def _variants(values: Mapping[str, Any], setup: Setup) -> tuple[LawSettings, ...
         raise ParameterError('laws', items, 'a list of laws')
     found = tuple(_variant(f'laws[{i}]', item, setup) for i, item in enumerate(items))
     names = [variant.name for variant in found]
-    for i, name in enumerate(names):
-        if name in names[:i]:
-            raise ParameterError(f'laws[{i}]', name, 'a name that no other has: give it one')
+    if len(set(names)) < len(names):
+        raise ParameterError('laws', names, 'different names: give each a name of its own')
     return found
 
 

@@ -35,7 +35,7 @@ from typing import Any
 import ctc_chattering
 from ctc_chattering.analysis.compilation import compile_setups
 from ctc_chattering.analysis.output import finite, prepare, write_text, writing
-from ctc_chattering.errors import CtcError, MachineError
+from ctc_chattering.errors import CtcError, MachineError, refused_as
 from ctc_chattering.runs.points import evaluate, refused, Runs
 from ctc_chattering.runs.score import of_map
 from ctc_chattering.runs.spec import MapSpec
@@ -172,7 +172,10 @@ class Directory:
             prepare(path, _NAMES, overwrite)
             with _replacing(path / JSON) as temporary:
                 write_text(temporary, json.dumps(about, indent=2, ensure_ascii=False) + '\n')
-        elif read_about(path).get('key') != about['key']:
+            return
+        with refused_as(f'{path / JSON}: cannot be read'):
+            there = json.loads((path / JSON).read_text(encoding='utf-8'))['key']
+        if there != about['key']:
             raise CtcError(f'{path}: a map of another spec or version is there; choose another '
                            '--out, or --overwrite')
 
@@ -215,16 +218,6 @@ def write_table(table: pyarrow.Table, path: Path) -> None:
         path.parent.mkdir(exist_ok=True)
     with _replacing(path) as temporary:
         parquet.write_table(table, temporary, compression='zstd', write_page_checksum=True)
-
-
-def read_about(directory: Path) -> dict[str, Any]:
-    """Return what the map of a directory is of; raise `CtcError` if that cannot be read."""
-    path = directory / JSON
-    try:
-        found = json.loads(path.read_text(encoding='utf-8'))
-    except (OSError, ValueError) as error:
-        raise CtcError(f'{path}: cannot be read: {error}') from None
-    return found if isinstance(found, dict) else {}
 
 
 @contextmanager

@@ -220,5 +220,5 @@ def test_figures_and_page_are_beside_the_results(spec: MapSpec, tmp_path: Path) 
         assert (tmp_path / 'out' / 'figures' / f'{file}.svg').is_file()
         assert f'src="figures/{file}.svg"' in text
     assert 'href="map.parquet"' in text and 'href="map.json"' in text
-    assert 'friction, 3 s, evaluated from 1 s to 2.5 s' in text
+    assert '[1.0, 2.5]' in text
     assert 'ka [N·m]' in text

@@ -16,13 +16,14 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from typing import Any
 
 from ctc_chattering.errors import CtcError
 from ctc_chattering.runs import store
 from ctc_chattering.runs.points import evaluate, Runs
-from ctc_chattering.runs.store import Directory, locked, read_about
+from ctc_chattering.runs.store import Directory, locked
 from ctc_commands import python
 from map_specs import runs, SMALL
 import numpy as np
@@ -192,7 +193,7 @@ def test_a_map_goes_on_and_another_is_refused(tmp_path: Path) -> None:
     (tmp_path / 'mine.txt').touch()
     made = Directory(tmp_path, {**ABOUT, 'key': 'two'}, SCHEMA, overwrite=True)
     assert made.rows(range(1), print) is None
-    assert read_about(tmp_path)['key'] == 'two'
+    assert json.loads((tmp_path / 'map.json').read_text())['key'] == 'two'
     assert (tmp_path / 'mine.txt').exists()
 
 
