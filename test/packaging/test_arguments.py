@@ -100,7 +100,7 @@ def test_wrong_values_inside() -> None:
         ctc_chattering.export(RESULT, 'run.parquet')
     with pytest.raises(ParameterError, match='configs'):
         Result('', [], RUN)
-    with pytest.raises(ParameterError, match='locked, joint2: nan'):
+    with pytest.raises(ParameterError, match="locked: 'joint2: nan'"):
         UrdfModel(URDF, ['joint1'], locked={'joint2': np.nan})
     with pytest.raises(CtcError, match='no node is called plan; allowed: plant, '):
         load_parameters('friction', {'plan': {}})
