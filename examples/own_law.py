@@ -79,7 +79,7 @@ class LeakyIntegral(NamedTuple):
         """Return nominal, compensation, robust term and what was clipped off it."""
         return Terms(at.N, at.zero, -memory.perturbation, at.zero), memory
 
-    def advanced(self, memory: Leaky, now: State, applied: Applied, correction: Array) -> Leaky:
+    def advanced(self, memory: Leaky, now: State, applied: Applied) -> Leaky:
         """Return the memory a period later."""
         s = now.de + now.e / _TIME
         kept = (1.0 - self.period / _TIME) * memory.perturbation

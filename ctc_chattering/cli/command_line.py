@@ -22,20 +22,13 @@ import os
 import re
 import sys
 import traceback
-from typing import Any, NoReturn
+from typing import NoReturn
 
 from ctc_chattering.errors import CtcError, near, UsageError
 
 
 class Parser(argparse.ArgumentParser):
     """A parser whose error message is one line."""
-
-    def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
-        """Refuse what is unknown here, so that the message names the subcommand's help."""
-        known, unknown = super().parse_known_args(args, namespace)
-        if unknown:
-            self.error(f'unrecognized arguments: {" ".join(unknown)}')
-        return known, unknown
 
     def error(self, message: str) -> NoReturn:
         """Raise `UsageError`."""

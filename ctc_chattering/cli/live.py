@@ -50,7 +50,6 @@ def live_options(parser: argparse.ArgumentParser) -> None:
                         help='where the page records bags of the graph, default: here')
     parser.add_argument('--read-only', action='store_true',
                         help='no controls; nothing is sent to the graph')
-    parser.add_argument('--dark', action='store_true', help='dark mode')
     parser.add_argument('--parent', type=int, help=argparse.SUPPRESS)
 
 
@@ -77,11 +76,11 @@ def run_live(options: argparse.Namespace) -> int:
 
     with ExitStack() as open_pages:
         def make_page() -> Page:
-            page = Page('ctc live', options.host, options.port, options.dark)
+            page = Page('ctc live', options.host, options.port)
             print(f'open {page.url} in a browser; Ctrl-C stops', flush=True)
             wanted = sys.stdout.isatty() if options.open is None else options.open
-            if wanted and not open_pages.enter_context(opened(page.url)) and options.open:
-                say('ctc live: --open: no browser here')
+            if wanted:
+                open_pages.enter_context(opened(page.url))
             return page
 
         _serve(options, make_page)

@@ -60,11 +60,6 @@ def run_new_robot(options: argparse.Namespace) -> int:
         parameter_file.dump(values, out)
         out.write_text(_COMMENT.format(location=location, friction=FRICTION, ka=KA)
                        + out.read_text(encoding='utf-8'), encoding='utf-8')
-    motion = values['reference']
-    for name, centre, amplitude, frequency in zip(
-            values['/**']['joint_names'], motion['center'], motion['amplitude'],
-            motion['frequency']):
-        print(f'{name}: {centre:g} ± {amplitude:g}, {frequency:g} Hz')
     print(f'wrote {out}; next: ctc compile {out}, ctc simulate {out}, bringup {out}')
     return 0
 

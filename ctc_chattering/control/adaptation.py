@@ -13,7 +13,39 @@
 # limitations under the License.
 
 """
-What `observer_feedback` adapts: level of friction, estimate at rest, bandwidth.
+What `observer_feedback` has besides its observer: it adapts to drives, friction and rest.
+
+Feasible reference
+------------------
+A reference that drives with a limited rate can follow, where friction changes its sign.
+
+At a reversal the torque of a joint has to change by 2 K̂, for which a drive with the rate limit R
+takes 2 T, T = K̂ / R. The feedforward of friction F is a ramp that begins before the reversal::
+
+    F = K̂ φ((dq_d + 0.67 T ddq_d) / (|ddq_d| T))                                          (FR1)
+    φ(s) = s for |s| <= 1 + β, from there back to sgn s at |s| = 1 + 2 β                   (FR2)
+
+dq_d / |ddq_d| is the time to the reversal, so no point of the reference ahead is needed. With the
+overshoot β = 0.35 the first moment of φ - sgn is 0::
+
+    (1 + β)³ / 3 - (1 + β)² / 2 + β² / 2 + 2 β³ / 3 = 0
+
+so that the ramp leaves no position error behind. During the ramp the joint cannot be on the
+reference q_d. A feedback that insists on it makes the joint stick until the torque has changed by
+2 K̂. So the feedback gets q_d + x; x is what the ramp does to the joint, and returns to 0::
+
+    ddx = (F - f) / M_ii - 2 w dx - w² x,     f ∈ K̂ Sgn(dq_d + dx)⁺, implicit              (FR3)
+    w = min(0.6 √Kp_ii, ½ / h, 0.55 / T, (J / |x|)^⅓, (J / |dx|)^½),     J = ½ R / M_ii    (FR4)
+
+Where the reference stands, F - f is left out, or x would stick, and nothing would bring it back.
+J is half of the jerk that the drive can give the joint. x begins at the distance of the robot from
+q_d: the start is smooth from anywhere. Where the drives give less than what is asked for by more
+than 10 ms R, the rest is taken from dx, which keeps the loop from winding up::
+
+    dx -= M⁻¹ (rest) / (Kv_ii + T_a Kp_ii)                                                 (FR5)
+
+T_a is the lag of the drive. What (OF4) asks for changes with dx by about the divisor, in the
+metric of M; with less of it (FR5) would overshoot.
 
 Level of friction
 -----------------
@@ -79,11 +111,154 @@ from __future__ import annotations
 from math import exp, log
 from typing import NamedTuple
 
-from ctc_chattering.compiled.compilable import function, record, some
-from ctc_chattering.control.feasible_reference import Desired, stands
+from ctc_chattering.compiled.compilable import every, function, record, solve, some, Truths
 from ctc_chattering.control.observer import Observed
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
+
+#: β of (FR2); the lead of (FR1), in T; of (FR4), the factors of √Kp, 1 / T, R / M_ii and 1 / h.
+OVERSHOOT, _LEAD = 0.35, 0.67
+_RETURN, _RAMP_RETURN, _PART, _STEP = 0.6, 0.55, 0.5, 0.5
+#: How far the drives may be behind before (FR5) acts [s].
+_BEHIND = 10e-3
+#: Up to this velocity [rad/s] and acceleration [rad/s²] the reference stands.
+_STANDS = 1e-9
+#: The shortest ramp [s], and what keeps a quotient finite.
+_LEAST, _TINY = 1e-6, 1e-12
+
+
+@record
+class Desired(NamedTuple):
+    """A point of the reference; arrays of shape (n,) [rad, rad/s, rad/s²]."""
+
+    q: Array
+    dq: Array
+    ddq: Array
+
+
+@record
+class Deviation(NamedTuple):
+    """x and dx of the module; arrays of shape (n,) [rad, rad/s]."""
+
+    x: Array
+    dx: Array
+
+
+@record
+class FeasibleReference(NamedTuple):
+    """Adds to a reference the deviation that the drives need; made by `feasible_reference`."""
+
+    #: h [s].
+    period: float
+    #: R, inf for none [N·m/s]; fastest return [1/s]; Kv_ii + T_a Kp_ii [1/s]. Shape (n,).
+    rate: Array
+    fastest: Array
+    relief: Array
+    #: Whether any drive has a limit of the rate, 1.0 or 0.0.
+    limited: float
+
+    def slowed(self, part: float) -> FeasibleReference:
+        """Return what a deviation returns with a part of the fastest w by."""
+        return self._replace(fastest=part * self.fastest)
+
+    def feedforward(self, at: Desired, level: Array, ahead: float = 0.0) -> Array:
+        """Return F of (FR1), shape (n,) [N·m], at `ahead` [s] after the point `at`."""
+        T = np.maximum(level / self.rate, _LEAST)
+        dq = at.dq + (_LEAD * T + ahead) * at.ddq
+        return level * ramp(dq / np.maximum(np.abs(at.ddq) * T, _TINY))
+
+    def shifted(self, at: Desired, by: Deviation, back: Array) -> Desired:
+        """Return `at` with the deviation and `returning`; without the ramp's acceleration."""
+        return Desired(at.q + by.x, at.dq + by.dx, at.ddq + back)
+
+    def following(self, at: Desired, by: Deviation, back: Array, inertia: Array, level: Array
+                  ) -> Deviation:
+        """
+        Return the deviation a period after the point `at`, by (FR3).
+
+        Parameters
+        ----------
+        at, by : Desired, Deviation
+            The point, and its deviation.
+        back : array, shape (n,)
+            `returning` [rad/s²].
+        inertia : array, shape (n,)
+            M_ii [kg·m²].
+        level : array, shape (n,)
+            K̂ [N·m].
+
+        """
+        h = self.period
+        F = self.feedforward(at, level, 0.5 * h)
+        holding = inertia * ((at.dq + by.dx) / h + at.ddq + back) + F
+        f = np.minimum(np.maximum(holding, -level), level)
+        ddx = np.where(stands(at), 0.0, (F - f) / inertia) + back
+        return Deviation(by.x + h * (by.dx + 0.5 * h * ddx), by.dx + h * ddx)
+
+    def relieved(self, by: Deviation, missing: Array, mass: Array) -> Deviation:
+        """Return the deviation after (FR5), for a torque that falls short by `missing` [N·m]."""
+        slack = _BEHIND * self.rate
+        rest = missing - np.minimum(np.maximum(missing, -slack), slack)
+        if not some(rest):
+            return by
+        return by._replace(dx=by.dx - solve(mass, rest) / self.relief)
+
+    def returning(self, by: Deviation, inertia: Array, level: Array) -> Array:
+        """Return -2 w dx - w² x of (FR3), shape (n,) [rad/s²]."""
+        if self.limited == 0.0:
+            return -self.fastest * (by.dx + by.dx + self.fastest * by.x)
+        jerk = _PART * self.rate / inertia
+        w = np.minimum(
+            np.minimum(self.fastest, _RAMP_RETURN * self.rate / np.maximum(level, _TINY)),
+            np.minimum(np.cbrt(jerk / np.maximum(np.abs(by.x), _TINY)),
+                       np.sqrt(jerk / np.maximum(np.abs(by.dx), _TINY))))
+        return -w * (2.0 * by.dx + w * by.x)
+
+
+def feasible_reference(kp: Array, kv: Array, rate: Array, lag: Array, period: float
+                       ) -> FeasibleReference:
+    """
+    Return what shifts a reference.
+
+    Parameters
+    ----------
+    kp, kv : array, shape (n,)
+        Diagonals of Kp [1/s²] and Kv [1/s].
+    rate : array, shape (n,)
+        R [N·m/s]; inf for none.
+    lag : array, shape (n,)
+        T_a [s].
+    period : float
+        h [s].
+
+    """
+    fastest = np.minimum(_RETURN * np.sqrt(kp), _STEP / period)
+    return FeasibleReference(period, rate, fastest, kv + lag * kp,
+                             float(np.isfinite(rate).any()))
+
+
+@function
+def next_point(at: Desired, step: Array, h: float) -> Desired:
+    """Return the point a period h [s] after `at`, ddq_d changing by `step` [rad/s²] until then."""
+    return Desired(at.q + h * (at.dq + h * (0.5 * at.ddq + step / 6.0)),
+                   at.dq + h * (at.ddq + 0.5 * step), at.ddq + step)
+
+
+@function
+def stands(at: Desired) -> Truths:
+    """Return of which joints the reference stands, shape (n,)."""
+    return (np.abs(at.dq) <= _STANDS) & (np.abs(at.ddq) <= _STANDS)
+
+
+@function
+def ramp(s: Array) -> Array:
+    """Return φ of (FR2)."""
+    size, top = np.abs(s), 1.0 + OVERSHOOT
+    if every(size >= 1.0 + 2.0 * OVERSHOOT):
+        return np.sign(s)
+    phi: Array = np.sign(s) * np.where(size <= top, size, np.maximum(2.0 * top - size, 1.0))
+    return phi
+
 
 #: w₀ [rad/s].
 _SLOW = 60.0
@@ -111,10 +286,10 @@ class FrictionLevel(NamedTuple):
     """Learns the level of friction of every joint; made by `friction_level`."""
 
     #: γ h, 1 - exp(-ω h) and 1 - exp(-w₀ h).
-    gain: Array
-    follow: Array
-    forget: Array
-    #: Ka [N·m]; all of shape (n,).
+    gain: float
+    follow: float
+    forget: float
+    #: Ka [N·m], shape (n,).
     bound: Array
 
     def slowed(self, part: float) -> FrictionLevel:
@@ -123,7 +298,7 @@ class FrictionLevel(NamedTuple):
 
     def learn(self, last: Learned, dq: Array, perturbation: Array) -> Learned:
         """Return K̂ improved by dq̂ [rad/s] and P̂ [N·m], shape (n,), of one sample."""
-        if not some(self.gain):
+        if self.gain == 0.0:
             return last
         sign = np.where(np.abs(dq) > _MOVING, np.sign(dq), 0.0)
         lag1 = last.lag1 + self.follow * (sign - last.lag1)
@@ -138,15 +313,8 @@ class FrictionLevel(NamedTuple):
 
 def friction_level(gain: float, bandwidth: float, period: float, bound: Array) -> FrictionLevel:
     """Return what learns with γ [1/s], ω [rad/s], h [s] and Ka, shape (n,) [N·m]."""
-    one = np.ones_like(bound)
-    return FrictionLevel(gain * period * one, (1.0 - exp(-bandwidth * period)) * one,
-                         (1.0 - exp(-_SLOW * period)) * one, bound)
-
-
-def untaught(level: Array) -> Learned:
-    """Return the start at the level K̂, shape (n,) [N·m]."""
-    zero = np.zeros_like(level)
-    return Learned(level, zero, zero, zero, zero, zero)
+    return FrictionLevel(gain * period, 1.0 - exp(-bandwidth * period),
+                         1.0 - exp(-_SLOW * period), bound)
 
 
 #: δ [rad]; with more noise of the position no joint is held.
@@ -172,10 +340,10 @@ class Rest(NamedTuple):
 class Standstill(NamedTuple):
     """Decides which joints are held; made by `standstill`."""
 
-    #: h, W and the shortest stop [s], shape (n,).
-    period: Array
+    #: h and the shortest stop [s], and W [s], shape (n,).
+    period: float
+    shortest: float
     patience: Array
-    shortest: Array
 
     def placed_at(self, rest: Rest, q: Array) -> Rest:
         """Return the rest after a measured position, shape (n,) [rad]."""
@@ -232,24 +400,18 @@ def standstill(bandwidth: float, bound: Array, rate: Array, period: float) -> St
         h [s].
 
     """
-    one = np.ones_like(bound)
-    return Standstill(period * one, _PATIENCE / bandwidth + bound / rate,
-                      _SHORTEST / bandwidth * one)
-
-
-def moving(zero: Array) -> Rest:
-    """Return that no joint rests yet, for zeros of shape (n,)."""
-    return Rest(zero, zero, zero, zero)
+    return Standstill(period, _SHORTEST / bandwidth, _PATIENCE / bandwidth + bound / rate)
 
 
 #: Least s.
 LEAST = 0.1
+_LN_LEAST = log(LEAST)
 #: Below which the feedback is slow, at s = 1, and how fast a half-wave fades [rad/s].
 _SLOW_PART, _FADING = 30.0, 10.0
 #: The ratio r that is normal; w [rad/s]; t [s].
-_NORMAL, _RETREAT, _RETURN = 0.5, 80.0, 2.0
+_NORMAL, _RETREAT, _RECOVERY = 0.5, 80.0, 2.0
 #: Feedback in Ka, and s, beyond and below which the loop may be out of control.
-_STRONG, _LOW = 3.0, 0.2
+_STRONG, _LN_LOW = 3.0, log(0.2)
 #: How much later that counts after a start that is strong from the first sample on [s].
 GRACE = 2.0
 #: In the place of a bound of 0 [N·m].
@@ -283,12 +445,8 @@ class OscillationGuard(NamedTuple):
     #: 1 - exp(-30 h) and exp(-10 h).
     renewed: float
     fading: float
-    #: 80 h, exp(-h / 2 s), and the least ln s.
-    retreating: float
+    #: exp(-h / 2 s), and h [s].
     kept: float
-    farthest: float
-    #: ln 0.2, and h [s].
-    low: float
     period: float
 
     def noticed(self, last: Oscillation, feedback: Array, missing: Array) -> Oscillation:
@@ -312,11 +470,12 @@ class OscillationGuard(NamedTuple):
         slow = last.slow + exp(last.retreat) * self.renewed * (believed - last.slow)
         ratio = np.maximum(np.abs(believed - slow) / (self.believed + np.abs(slow)),
                            np.minimum(size, np.minimum(f1, f2)) / self.sustained).max()
-        retreat = self.kept * last.retreat - self.retreating * max(ratio - _NORMAL, 0.0)
+        retreat = (self.kept * last.retreat
+                   - _RETREAT * self.period * max(ratio - _NORMAL, 0.0))
         strained = last.strained + self.period
-        if (size / self.bound).max() < _STRONG or retreat > self.low:
+        if (size / self.bound).max() < _STRONG or retreat > _LN_LOW:
             strained = 0.0
-        return Oscillation(slow, extreme, f1, f2, max(retreat, self.farthest), strained)
+        return Oscillation(slow, extreme, f1, f2, max(retreat, _LN_LEAST), strained)
 
 
 def oscillation_guard(bound: Array, rate: Array, pole: Array, period: float) -> OscillationGuard:
@@ -324,5 +483,4 @@ def oscillation_guard(bound: Array, rate: Array, pole: Array, period: float) -> 
     bound, followed = np.maximum(bound, _LEAST_BOUND), rate / pole
     return OscillationGuard(
         bound, bound + np.where(followed < np.inf, followed, 0.0), np.minimum(bound, followed),
-        1.0 - exp(-_SLOW_PART * period), exp(-_FADING * period), _RETREAT * period,
-        exp(-period / _RETURN), log(LEAST), log(_LOW), period)
+        1.0 - exp(-_SLOW_PART * period), exp(-_FADING * period), exp(-period / _RECOVERY), period)

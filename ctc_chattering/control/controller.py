@@ -19,23 +19,14 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from itertools import chain, islice
 from math import isfinite
-from typing import Any, NamedTuple, NoReturn
+from typing import Any, NamedTuple
 
 from ctc_chattering.compiled.compilable import RECORDS
 from ctc_chattering.compiled.machine_code import MACHINE_CODE, PLAIN_PYTHON
+from ctc_chattering.control import step as steps
 from ctc_chattering.control.controller_config import ControllerConfig, LAWS
-from ctc_chattering.control.evaluation import Arrival, control_settings, REGULAR
 from ctc_chattering.control.laws.base import Law, law_class
-from ctc_chattering.control.step import (
-    CompiledStep,
-    control_memory,
-    first_sample,
-    in_transit,
-    Memories,
-    periods,
-    PlainStep,
-    taken_over,
-)
+from ctc_chattering.control.step import Arrival, CompiledStep, Memories, PlainStep, REGULAR
 from ctc_chattering.dynamics.compiled_model import Arm, arm_of
 from ctc_chattering.dynamics.model import Model, Scaled
 from ctc_chattering.dynamics.registry import model_of
@@ -85,16 +76,6 @@ class Sample(NamedTuple):
     saturation_error: Vector | None
 
 
-class _Answered(NamedTuple):
-    """A period that was answered without a state."""
-
-    #: The rows that the step took, and how long after their instant the sample was [ns].
-    rows: Array
-    after: int
-    #: The torque in force, shape (n,) [N·m].
-    tau: Array
-
-
 class Controller:
     """
     The sampled controller: one call of `step` per state.
@@ -138,45 +119,38 @@ class Controller:
         self._arm: Arm | None = None
         if config.compiled:
             self._arm = arm_of(known, config.inertia_scale, config.gravity_scale)
-        self.transit = in_transit(n, config.input_delay)
+        self.transit = np.zeros((steps.ROWS * config.input_delay, n))
         self._period = period_ns(config.control_period)
-        #: Laws that are not in force, with what they remember.
-        self._others: dict[str, tuple[Law, Any]] = {}
-        self._use(config, self._law_of(config))
+        #: Whether there was a step, and its law with name and memory if another one follows.
+        self._started = False
+        self._replaced: tuple[str, Law, Any] | None = None
+        self._use(config)
         self.reset()
 
-    def _law_of(self, config: ControllerConfig) -> Law:
-        return law_class(config.law).made(config, seconds(self._period))
-
-    def _use(self, config: ControllerConfig, law: Law) -> None:
-        self.config, self.law = config, law
-        self.settings = control_settings(config, self.model.effort_limits)
-
-    def _successor(self, config: ControllerConfig) -> tuple[Law, Any]:
-        """Return the law of a configuration, with what it goes on from."""
-        law = self._law_of(config)
-        known = {**self._others, self.config.law: (self.law, self.memories.law)}
-        before, memory = known.get(config.law, (law, law.initial()))
-        return law, law.reconfigured(memory, before)
+    def _use(self, config: ControllerConfig) -> None:
+        self.law = law_class(config.law).made(config, seconds(self._period))
+        self.config = config
+        self.settings = steps.control_settings(config, self.model.effort_limits)
 
     def check(self, config: ControllerConfig) -> None:
-        """Raise `CtcError` if the law of a configuration cannot be made, or cannot take over."""
+        """Raise `CtcError` if the law of a configuration cannot be made."""
         with refused_as(f'the law {config.law} cannot be made'):
-            self._successor(config)
+            law_class(config.law).made(config, seconds(self._period)).initial()
 
     def configure(self, config: ControllerConfig) -> None:
         """
         Use other gains or another law from the next step on.
 
-        The filter state ξ is preserved, so that v has no step (unless b itself changes), and
-        so are integrals and estimates. `taken_over` says how another law takes over.
+        The filter state ξ is preserved, so that v has no step (unless b itself changes). The same
+        law keeps integrals and estimates; `taken_over` says how another one takes over.
         """
-        law, memory = self._successor(config)
         memories = self.memories
-        self._others[self.config.law] = self.law, memories.law
-        self._others.pop(config.law, None)
-        self._use(config, law)
-        self.memories = memories._replace(law=memory)
+        name, law, memory = self._replaced or (self.config.law, self.law, memories.law)
+        self._use(config)
+        goes_on = self._started and config.law == name
+        self._replaced = (name, law, memory) if self._started and not goes_on else None
+        self.memories = memories._replace(
+            law=self.law.reconfigured(memory) if goes_on else self.law.initial())
 
     def reset(self, bumpless: bool = False, held: Vector | None = None) -> None:
         """
@@ -192,19 +166,21 @@ class Controller:
         """
         n = self.model.n
         self.transit[:] = 0.0
-        self._others.clear()
-        #: Law of the last step; empty before the first.
-        self._before = ''
+        self._started, self._replaced = False, None
         self._bumpless = bumpless
         #: Stamp of the last state, and how long after its sample it was measured [ns].
         self._t: int | None = None
         self._offset = 0
-        #: Periods after it that have been answered, and memories and transit before them.
-        self._answered: list[_Answered] = []
+        #: Periods after it that were answered without a state: the rows that the step took, how
+        #: long after their instant the sample was [ns], and the torque in force, shape (n,) [N·m];
+        #: memories and transit before them.
+        self._answered: list[tuple[Array, int, Array]] = []
         self._measured: tuple[Memories, Array]
+        zero = np.zeros(n)
+        tau = zero if held is None else vector('held', held, n)
         self.memories = Memories(
-            control_memory(np.zeros(n) if held is None else vector('held', held, n),
-                           self.config.input_delay), self.law.initial(), first_sample(n))
+            steps.ControlMemory(zero, tau, zero, float(-self.config.input_delay), 0.0),
+            self.law.initial(), steps.LastSample(zero, zero, zero))
 
     @property
     def memories(self) -> Memories:
@@ -244,8 +220,7 @@ class Controller:
     @property
     def stability(self) -> tuple[float, float]:
         """Return part of its bandwidth that the law uses, and how long it was too much [s]."""
-        memory = self.memories.law
-        return self.law.bandwidth_in_use(memory), self.law.out_of_control(memory)
+        return self.law.stability(self.memories.law)
 
     def _begin(self, rows: Array) -> None:
         """Begin with v = 0, or take over from another law, for `rows` as of `step`."""
@@ -253,10 +228,10 @@ class Controller:
         if self._bumpless:
             memories = memories._replace(control=memories.control._replace(
                 xi=self.settings.filter.b * (rows[3] - rows[1])))
-        if self._before in self._others:
-            memories = taken_over(self.settings, self._others[self._before], self.law, memories,
-                                  self.model, rows)
-        self._before, self._bumpless = self.config.law, False
+        if self._replaced:
+            memories = steps.taken_over(
+                self.settings, self._replaced[1:], self.law, memories, self.model, rows)
+        self._replaced, self._bumpless = None, False
         self.memories = memories
 
     def step(self, q: Vector, dq: Vector, q_d: Vector, dq_d: Vector, ddq_d: Vector,
@@ -284,8 +259,9 @@ class Controller:
 
         """
         rows = self._rows(q, dq, q_d, dq_d, ddq_d, ahead)
-        if self._bumpless or self._before != self.config.law:
+        if self._bumpless or self._replaced:
             self._begin(rows)
+        self._started = True
         answered = self.predicted_periods
         #: Before which the next period begins, if none is late.
         end = None if self._t is None else self._t + (answered + 1) * self._period
@@ -311,7 +287,9 @@ class Controller:
 
     def _follows(self, t: int) -> tuple[int, int]:
         """Return the `periods` of a state of stamp `t` since the last one that was measured."""
-        return (0, 0) if self._t is None else periods(self._period, self._offset, t - self._t)
+        if self._t is None:
+            return 0, 0
+        return steps.periods(self._period, self._offset, t - self._t)
 
     @property
     def predicted_periods(self) -> int:
@@ -336,7 +314,7 @@ class Controller:
         """
         zero = (0.0,) * self.model.n
         rows = self._rows(zero, zero, q_d, dq_d, ddq_d, ahead)
-        if self._t is None or self._before != self.config.law:
+        if self._t is None or self._replaced:
             return None
         for k in range(periods - 1, -1, -1):
             sample = self._finite(self._predict, rows, -k * self._period, k > 0)
@@ -347,21 +325,21 @@ class Controller:
         if not self._answered:
             self._measured = self.memories, self.transit.copy()
         sample = self._step(rows, Arrival(0.0, after / 1e9, 0.0, float(kept)))
-        self._answered.append(_Answered(rows, after, np.array(sample.tau)))
+        self._answered.append((rows, after, np.array(sample.tau)))
         return sample
 
     def _merged(self, missed: int, rows: Array, offset: int, after: int, t: int) -> Sample:
         """Take a state whose period has been answered; return the sample of the last period."""
         answered, (memories, self.transit[:]) = self._answered, self._measured
-        for k, one in enumerate(answered):
+        for k, (rows_before, after_before, tau) in enumerate(answered):
             self._stepper.memories = memories._replace(
-                control=memories.control._replace(held=one.tau))
+                control=memories.control._replace(held=tau))
             if k == missed:
                 sample = self._step(rows, Arrival(offset / 1e9, after / 1e9, 1.0, 1.0))
                 self._measured = self.memories, self.transit.copy()
                 self._t, self._offset, self._answered = t, offset, answered[k + 1:]
             else:
-                sample = self._step(one.rows, Arrival(0.0, one.after / 1e9, 0.0, 1.0))
+                sample = self._step(rows_before, Arrival(0.0, after_before / 1e9, 0.0, 1.0))
             memories = self.memories
         return sample
 
@@ -372,24 +350,16 @@ class Controller:
     def _rows(self, q: Vector, dq: Vector, q_d: Vector, dq_d: Vector, ddq_d: Vector,
               ahead: Sequence[Point]) -> Array:
         """Return q, dq and all points as rows, shape (5 + 3 d, n); raise `CtcError` if wrong."""
-        delay = self.config.input_delay
+        delay, given = self.config.input_delay, (q, dq, q_d, dq_d, ddq_d)
         try:
-            more = islice(chain.from_iterable(ahead), 3 * delay) if delay else ()
-            rows = np.array((q, dq, q_d, dq_d, ddq_d, *more), float)
-            wrong = rows.shape != (5 + 3 * delay, self.model.n)
+            rows = np.array((*given, *islice(chain.from_iterable(ahead), 3 * delay)), float)
+            if rows.shape == (5 + 3 * delay, self.model.n):
+                return rows
         except (TypeError, ValueError, OverflowError):
-            wrong = True
-        if wrong:
-            self._refuse((q, dq, q_d, dq_d, ddq_d), ahead)
-        return rows
-
-    def _refuse(self, rows: Sequence[Vector], ahead: Sequence[Point]) -> NoReturn:
-        """Raise the error for what `step` cannot take."""
-        if len(ahead) < self.config.input_delay:
-            raise CtcError(str(ParameterError(
-                'ahead', ahead, f'{self.config.input_delay} points, as input_delay says')))
+            pass
         raise CtcError(str(ParameterError(
-            'q, dq, q_d, dq_d, ddq_d', rows, f'{self.model.n} numbers each')))
+            'q, dq, q_d, dq_d, ddq_d, ahead', (*given, ahead), f'{self.model.n} numbers each, and '
+            f'{delay} points ahead, as input_delay says')))
 
     def try_step(self, q: Vector, dq: Vector, q_d: Vector, dq_d: Vector, ddq_d: Vector,
                  ahead: Sequence[Point] = (), t: int | None = None, at: int | None = None,

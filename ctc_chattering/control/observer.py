@@ -64,19 +64,7 @@ from ctc_chattering.parameters import LARGEST
 import numpy as np
 
 #: In the place of a lag of 0 [s]: shorter than any period.
-_NO_LAG = 1e-12
-
-
-@record
-class Response(NamedTuple):
-    """Torque of the drives over a period, each of shape (n,) [N·m]."""
-
-    #: At the end.
-    end: Array
-    #: Mean, which changes the velocity.
-    mean: Array
-    #: Mean weighted by the time that is left, which changes the position.
-    weighted: Array
+_NO_LAG = 1e-15
 
 
 @record
@@ -85,7 +73,7 @@ class DriveModel(NamedTuple):
 
     #: h [s].
     period: float
-    #: T, at least 1e-12 s; R [N·m/s], inf for none; the same with 0 for none; exp(-h / T).
+    #: T, at least 1e-15 s; R [N·m/s], inf for none; the same with 0 for none; exp(-h / T).
     lag: Array
     rate: Array
     slope: Array
@@ -97,25 +85,26 @@ class DriveModel(NamedTuple):
     linear: Array
     mean: Array
     weighted: Array
-    #: Whether there is neither lag nor limit, 1.0 or 0.0.
-    prompt: float
 
-    def response(self, torque: Array, command: Array) -> Response:
-        """Return what `torque` does over a period in which `command` is held, both (n,) [N·m]."""
-        if self.prompt != 0.0:
-            return Response(command, command, command)
+    def response(self, torque: Array, command: Array) -> tuple[Array, Array, Array]:
+        """
+        Return what `torque` does over a period in which `command` is held, all (n,) [N·m].
+
+        That is the torque at the end; its mean, which changes the velocity; and its mean weighted
+        by the time that is left, which changes the position.
+        """
         h, T, x0 = self.period, self.lag, torque - command
         if every(np.abs(x0) <= self.linear):
-            return Response(command + self.decay * x0, command + self.mean * x0,
-                            command + self.weighted * x0)
+            return (command + self.decay * x0, command + self.mean * x0,
+                    command + self.weighted * x0)
         r = np.minimum(np.maximum(np.abs(x0) / self.rate - T, 0.0), h)
         slope, rest = -np.sign(x0) * self.slope, h - r
         x1 = x0 + slope * r
         decay = np.exp(-rest / T)
         ramp, tail = r * (x0 + 0.5 * slope * r), T * x1 * (1.0 - decay)
         weighted = h * ramp - r * r * (0.5 * x0 + slope * r / 3.0) + T * (x1 * rest - tail)
-        return Response(command + x1 * decay, command + (ramp + tail) / h,
-                        command + 2.0 / (h * h) * weighted)
+        return (command + x1 * decay, command + (ramp + tail) / h,
+                command + 2.0 / (h * h) * weighted)
 
     def command(self, now: Array, after: Array) -> Array:
         """
@@ -155,8 +144,7 @@ def drive_model(lag: Array, rate: Array, period: float) -> DriveModel:
     mean = floor * (1.0 - decay) / period
     return DriveModel(period, floor, rate, np.where(rate < np.inf, rate, 0.0), decay,
                       np.minimum(rate * (lag + period), LARGEST), rate * floor, mean,
-                      2.0 * floor / period * (1.0 - mean),
-                      float(not lag.any() and not np.isfinite(rate).any()))
+                      2.0 * floor / period * (1.0 - mean))
 
 
 @record
@@ -181,16 +169,11 @@ class StateObserver(NamedTuple):
     drives: DriveModel
     #: Ka [N·m], shape (n,).
     bound: Array
-    #: Gains of (SO2), those of P̂ and its slope without M; of shape (n,), because a product with
-    #: a float takes twice as long.
-    position: Array
-    velocity: Array
-    force: Array
-    jerk: Array
-    #: h, h / 2 and h / 6 [s], shape (n,).
-    period: Array
-    half: Array
-    sixth: Array
+    #: Gains of (SO2), those of P̂ and its slope without M.
+    position: float
+    velocity: float
+    force: float
+    jerk: float
 
     def slowed(self, part: float) -> StateObserver:
         """Return the observer with a part of the bandwidth of P̂, and of its bound."""
@@ -214,15 +197,16 @@ class StateObserver(NamedTuple):
             Torque commanded for the period [N·m].
 
         """
-        h, half, drive = self.period, self.half, self.drives.response(at.torque, command)
-        mean = drive.mean - (bias + at.perturbation + half * at.slope)
-        _, rest = nearest_and_rest(mass, dot(mass, at.dq) / h + mean, level)
+        h = self.drives.period
+        end, mean, weighted = self.drives.response(at.torque, command)
+        load = mean - (bias + at.perturbation + 0.5 * h * at.slope)
+        _, rest = nearest_and_rest(mass, dot(mass, at.dq) / h + load, level)
         dq = h * rest
-        other = drive.weighted - drive.mean + self.sixth * at.slope
-        q = at.q + half * (at.dq + dq)
+        other = weighted - mean + h / 6.0 * at.slope
+        q = at.q + 0.5 * h * (at.dq + dq)
         if some(other):
-            q = q + half * h * solve(mass, other)
-        return Observed(q, dq, drive.end, at.perturbation + h * at.slope, at.slope)
+            q = q + 0.5 * h * h * solve(mass, other)
+        return Observed(q, dq, end, at.perturbation + h * at.slope, at.slope)
 
     def correct(self, at: Observed, mass: Array, q: Array) -> Observed:
         """Return the state with what the measured position `q`, (n,) [rad], says, by (SO2)."""
@@ -253,6 +237,7 @@ def state_observer(drives: DriveModel, bandwidth: float, bound: Array) -> StateO
     """
     h, pole = drives.period, exp(-bandwidth * drives.period)
     rest = 1.0 - pole
-    return StateObserver(drives, bound, *(np.full(len(bound), x) for x in (
-        1.0 - pole ** 4, rest ** 2 * (11.0 + 14.0 * pole + 11.0 * pole ** 2) / (6.0 * h),
-        2.0 * rest ** 3 * (1.0 + pole) / h ** 2, rest ** 4 / h ** 3, h, h / 2.0, h / 6.0)))
+    return StateObserver(
+        drives, bound, 1.0 - pole ** 4,
+        rest ** 2 * (11.0 + 14.0 * pole + 11.0 * pole ** 2) / (6.0 * h),
+        2.0 * rest ** 3 * (1.0 + pole) / h ** 2, rest ** 4 / h ** 3)

@@ -12,7 +12,6 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-
 """
 The control step: a law at one sample, for any model, and at the instants of the states.
 
@@ -34,33 +33,389 @@ instead.
 The step is a pure function of records, so that it runs as plain Python and compiled
 (`compiled.compilable`): `PlainStep` and `CompiledStep`. `Controller` is what
 users call. Vectors are arrays of shape (n,), matrices of shape (n, n).
+
+Filter
+------
+The filter (3), with b > 0, λ > 0 and a state ξ that needs no acceleration. In continuous time
+``v = -b de + ξ`` with ``dξ/dt = -λ ξ + b [(λ I - Kv) de - Kp e]``, ξ(0) = 0.
+Sampled, with the bracket held over each period h, this has the exact solution::
+
+    ξ[k+1] = exp(-λ h) ξ[k] + (1 - exp(-λ h)) / λ · b [λ de - u],     u = Kv de + Kp e
+
+Limits
+------
+Of the torque and of its rate, with the anti-windup of the filter (3). The saturation error, what
+the limits take from the torque, acts in the closed loop (8) like a perturbation: over one period
+it changes v by -b h M⁻¹ times itself. Added to ξ with the opposite sign, it leaves v as it would
+be without limits.
+
+Delay
+-----
+Under a known input delay the law is evaluated at the state predicted for when its torque is
+applied. The prediction runs model, reference and filter ahead under the torques in transit.
+Filter and observer themselves advance with what is measured and applied.
 """
 
 from __future__ import annotations
 
+from math import exp, expm1, inf
 from typing import Any, NamedTuple
 
-from ctc_chattering.compiled.compilable import function, record
+from ctc_chattering.compiled.compilable import dot, function, record, solve, some
 from ctc_chattering.compiled.machine_code import Program
 from ctc_chattering.compiled.records import load, packed, rows, store
-from ctc_chattering.control.evaluation import (
-    Arrival,
-    Context,
-    ControlMemory,
-    ControlSettings,
-    evaluated,
-    Evaluates,
-    LastSample,
-    losing,
-    Models,
-    REGULAR,
-    ROWS,
-    State,
-)
-from ctc_chattering.control.laws.base import Applied, Law, Terms
+from ctc_chattering.control.controller_config import ControllerConfig
 from ctc_chattering.dynamics.compiled_model import Arm, CompiledArm, CompiledModel, EvaluatedModel
-from ctc_chattering.numerics.linear_algebra import Array
+from ctc_chattering.dynamics.model import Model
+from ctc_chattering.numerics.linear_algebra import Array, Vector
+from ctc_chattering.numerics.time_grid import period_ns, seconds
+from ctc_chattering.parameters import matrix
 import numpy as np
+
+#: Time over which the difference of two laws fades [s].
+FADE = 0.2
+#: Rows of a torque in transit.
+ROWS = 4
+
+
+@record
+class ErrorFilter(NamedTuple):
+    """Coefficients of the filter (3), made by `error_filter`."""
+
+    #: λ [1/s] and b.
+    pole: float
+    b: float
+    #: exp(-λ h), c = b (1 - exp(-λ h)) / λ, b h and b h - c.
+    decay: float
+    gain: float
+    scale: float
+    rest: float
+
+    def output(self, de: Array, xi: Array) -> Array:
+        """Return v, shape (n,) [rad/s], at the velocity error `de` and the state ξ."""
+        return xi - self.b * de
+
+    def next_state(self, xi: Array, de: Array, u: Array) -> Array:
+        """
+        Return ξ, shape (n,), one period later.
+
+        Parameters
+        ----------
+        xi : array, shape (n,)
+            ξ [rad/s].
+        de : array, shape (n,)
+            Velocity error [rad/s].
+        u : array, shape (n,)
+            Kv de + Kp e [rad/s²].
+
+        """
+        return self.decay * xi + self.gain * (self.pole * de - u)
+
+    def nominal_response(self, v: Array, u: Array) -> Array:
+        """
+        Return y: what v would be a period later if dde + Kv de + Kp e were 0, shape (n,) [rad/s].
+
+        It is exp(-λ h) v + (b h - c) u, with c the gain of the filter's input; the second part is
+        of the order of h². Arguments as `next_state` has them.
+        """
+        return self.decay * v + self.rest * u
+
+    def correction(self, mass: Array, excess: Array) -> Array:
+        """Return what anti-windup adds to ξ for `excess` of `Applied`, shape (n,) [rad/s]."""
+        return self.scale * solve(mass, excess) if some(excess) else excess
+
+
+def error_filter(pole: float, b: float, period: float) -> ErrorFilter:
+    """Return the filter with λ [1/s], b and the sample period [s]."""
+    gain = -b * expm1(-pole * period) / pole
+    return ErrorFilter(pole, b, exp(-pole * period), gain, b * period, b * period - gain)
+
+
+@record
+class ControlSettings(NamedTuple):
+    """What is common to all laws; made by `control_settings`."""
+
+    #: h [s], the input delay in samples, and `FADE` in samples.
+    period: float
+    delay: float
+    fading: float
+    #: Kp [1/s²] and Kv [1/s], shape (n, n).
+    kp: Array
+    kv: Array
+    filter: ErrorFilter  # noqa: A003
+    #: Largest torque, and largest change of it in a period, shape (n,) [N·m]; inf for unlimited.
+    effort: Array
+    change: Array
+    #: Whether there are limits, and whether the filter does not wind up at them; 1.0 or 0.0.
+    limited: float
+    anti_windup: float
+    #: n zeros.
+    zero: Array
+
+    def limit(self, unsaturated: Array, held: Array) -> Array:
+        """Return the torque to send after the torque `held`, shape (n,) [N·m]."""
+        near = np.minimum(np.maximum(unsaturated, held - self.change), held + self.change)
+        return np.minimum(np.maximum(near, -self.effort), self.effort)
+
+
+@record
+class Models(NamedTuple):
+    """
+    One model for the states that are evaluated side by side.
+
+    Compiled code keeps M and C of each in a place of its own.
+    """
+
+    #: Of the sample, of the arrival of its torque, and of a period later; each a `Model`, or what
+    #: compiled code has in its place.
+    now: Any
+    arriving: Any
+    after: Any
+
+
+@record
+class State(NamedTuple):
+    """
+    A state and a reference, with what all laws need of them; arrays of shape (n,), or (n, n).
+
+    Attributes
+    ----------
+    q, dq : ndarray
+        Position [rad] and velocity [rad/s].
+    dq_d, ddq_d : ndarray
+        Desired velocity [rad/s] and acceleration [rad/s²].
+    e, de : ndarray
+        Errors [rad, rad/s].
+    u : ndarray
+        Kv de + Kp e [rad/s²].
+    v : ndarray
+        Filtered error [rad/s].
+    M, C : ndarray, shape (n, n)
+        Mass matrix [kg·m²] and Coriolis matrix [kg·m²/s] of the model.
+    G, bias : ndarray
+        Gravity, and C dq + G [N·m].
+    N : ndarray
+        M (ddq_d + u) + C dq + G [N·m].
+    zero : ndarray
+        n zeros, for terms that a law does not have.
+
+    """
+
+    q: Array
+    dq: Array
+    dq_d: Array
+    ddq_d: Array
+    e: Array
+    de: Array
+    u: Array
+    v: Array
+    M: Array
+    C: Array
+    G: Array
+    bias: Array
+    N: Array
+    zero: Array
+
+
+@record
+class ControlMemory(NamedTuple):
+    """What the control step remembers, besides the memory of the law and torques in transit."""
+
+    #: ξ of the filter [rad/s], shape (n,).
+    xi: Array
+    #: Torque sent last, shape (n,) [N·m].
+    held: Array
+    #: Of a law that took over (`taken_over`): what its torque differed from the one sent, shape
+    #: (n,) [N·m]; for how many samples it is still added, -d once none of it is in transit.
+    difference: Array
+    fading: float
+    #: Which of the torques in transit is applied next.
+    turn: float
+
+
+@record
+class Context(NamedTuple):
+    """What surrounds the state of a sample."""
+
+    settings: ControlSettings
+    models: Models
+    #: Torques in transit: `Applied` in four rows each, shape (4 d, n).
+    transit: Array
+    memory: ControlMemory
+    #: q_d [rad], dq_d [rad/s] and ddq_d [rad/s²] of this sample and of those of the delay, shape
+    #: (3 (1 + d), n).
+    points: Array
+
+    def row(self, j: int) -> int:
+        """Return the first row of the torque in transit that is applied j periods from now."""
+        return ROWS * ((int(self.memory.turn) + j) % int(self.settings.delay))
+
+    def in_transit(self, j: int) -> Array:
+        """Return that torque, shape (n,) [N·m]."""
+        torque: Array = self.transit[self.row(j)]
+        return torque
+
+
+@record
+class LastSample(NamedTuple):
+    """The sample before, from which a state is predicted; arrays of shape (n,)."""
+
+    #: Position [rad] and velocity [rad/s] as the law took them.
+    q: Array
+    dq: Array
+    #: Torque that acts from then on [N·m].
+    applied: Array
+
+
+@record
+class Arrival(NamedTuple):
+    """What is irregular about the state of a sample; truth values are 1.0 and 0.0."""
+
+    #: How long after the sample it was measured, δ [s].
+    offset: float
+    #: How long after the instants of the reference that is given the sample is [s].
+    after_points: float
+    #: Whether it has come; else the state that is predicted takes its place.
+    measured: float
+    #: Whether the torque sent last has been kept.
+    kept: float
+
+
+#: A state that was measured at its sample.
+REGULAR = Arrival(0.0, 0.0, 1.0, 0.0)
+
+
+@function
+def losing(settings: ControlSettings, memory: ControlMemory) -> bool:
+    """Return whether a torque that is applied may be another one than that of its law."""
+    return settings.limited != 0.0 or memory.fading > -settings.delay
+
+
+def control_settings(config: ControllerConfig, effort_limits: Vector) -> ControlSettings:
+    """Return the settings of a configuration, with the effort limits of its model [N·m]."""
+    n, h = len(config.joint_names), seconds(period_ns(config.control_period))
+    effort = np.array(config.largest_torque(effort_limits))
+    change = h * np.array(config.effort_rate_limit)
+    limited = float(min(effort.min(), change.min()) < inf)
+    return ControlSettings(
+        h, float(config.input_delay), float(max(round(FADE / h), 1)),
+        np.array(matrix(config.kp, n)), np.array(matrix(config.kv, n)),
+        error_filter(config.lambda_, config.b, h), effort, change, limited,
+        float(config.anti_windup), np.zeros(n))
+
+
+@function
+def evaluated(settings: ControlSettings, model: Any, q: Array, dq: Array, points: Array, i: int,
+              xi: Array) -> State:
+    """Return the state for row i of the reference, and the state ξ of the filter."""
+    q_d, dq_d, ddq_d = points[i], points[i + 1], points[i + 2]
+    e, de = q_d - q, dq_d - dq
+    u = dot(settings.kv, de) + dot(settings.kp, e)
+    v = settings.filter.output(de, xi)                               # (3)
+    M, C, G = model.evaluate(q, dq)
+    bias = dot(C, dq) + G
+    N = dot(M, ddq_d + u) + bias                                     # inverse dynamics
+    return State(q, dq, dq_d, ddq_d, e, de, u, v, M, C, G, bias, N, settings.zero)
+
+
+@function
+def arriving(law: Any, law_memory: Any, now: State, context: Context) -> State:
+    """
+    Return the state in which the torque of this sample is applied; `now` without a delay.
+
+    Parameters
+    ----------
+    law, law_memory
+        Law in force, and its memory: of what acts until the torque arrives.
+    now : State
+        Measured.
+    context : Context
+        Of the sample.
+
+    """
+    settings, at, xi, model = context.settings, now, context.memory.xi, context.models.arriving
+    if settings.delay == 0.0:
+        return now
+    perturbation = law.acting(law_memory, now)
+    lossy = losing(settings, context.memory)
+    for j in range(int(settings.delay)):
+        row = context.row(j)
+        xi = settings.filter.next_state(xi, at.de, at.u)
+        if lossy:
+            excess = settings.anti_windup * context.transit[row + 2]
+            xi = xi + settings.filter.correction(at.M, excess)
+        q, dq = predict(model, at, context.transit[row] - perturbation, settings.period)
+        at = evaluated(settings, model, q, dq, context.points, 3 * j + 3, xi)
+    return at
+
+
+@function
+def predict(model: Model, at: State, u: Array, h: float) -> tuple[Array, Array]:
+    """
+    Return q and dq after one period under a held torque, by the midpoint rule.
+
+    Parameters
+    ----------
+    model : Model
+        As the controller knows it.
+    at : State
+        Now.
+    u : array, shape (n,)
+        Torque less the perturbation [N·m].
+    h : float
+        Period [s].
+
+    """
+    middle = at.dq + 0.5 * h * solve(at.M, u - at.bias)
+    return at.q + h * middle, at.dq + h * model.forward(at.q + 0.5 * h * at.dq, middle, u)
+
+
+@record
+class Terms(NamedTuple):
+    """
+    What a torque is made of: nominal - compensation - robust, each of shape (n,) [N·m].
+
+    Attributes
+    ----------
+    nominal : ndarray
+        What the model and the feedback ask for.
+    compensation : ndarray
+        C v of the paper's laws.
+    robust : ndarray
+        What acts against the perturbation: chattering, integral, estimate.
+    clipping_error : ndarray
+        What ±Ka has taken from the chattering term.
+
+    """
+
+    nominal: Array
+    compensation: Array
+    robust: Array
+    clipping_error: Array
+
+
+@record
+class Applied(NamedTuple):
+    """
+    A torque when it is applied, and what is remembered of it, each of shape (n,) [N·m].
+
+    Attributes
+    ----------
+    tau, saturation_error : ndarray
+        Within the limits, and what these have taken from it.
+    excess : ndarray
+        Torque of the law alone less ``tau``, which the filter does not see; to `advanced` 0 for
+        no anti-windup.
+    clipping_error : ndarray
+        As in `Terms`.
+
+    """
+
+    tau: Array
+    saturation_error: Array
+    excess: Array
+    clipping_error: Array
+
 
 #: More periods without a state are no gap of states: the law goes on as if there were none.
 MOST_MISSED = 50
@@ -73,82 +428,6 @@ class Memories(NamedTuple):
     control: ControlMemory
     law: Any
     last: LastSample
-
-
-@record
-class Step(NamedTuple):
-    """What one control step computed."""
-
-    #: The sample as the law takes it.
-    now: State
-    #: Of the torque, and the torque as it will be applied.
-    parts: Terms
-    sent: Applied
-    memories: Memories
-
-
-class PlainStep:
-    """
-    The control step of a controller between two changes of its settings, in plain Python.
-
-    Parameters
-    ----------
-    settings, law, memories
-        As of `step`.
-    transit : array, shape (4 d, n)
-        Torques in transit, not copied.
-    model : Model
-        M, C and G.
-
-    Attributes
-    ----------
-    memories : Memories
-        May be set.
-
-    """
-
-    compiled = False
-
-    def __init__(self, settings: ControlSettings, law: Any, memories: Memories, transit: Array,
-                 model: Evaluates) -> None:
-        self.memories, self._law = memories, law
-        self._context = Context(settings, Models(model, model, model), transit, np.zeros(
-            (3 + 3 * int(settings.delay), len(settings.zero))))
-
-    def step(self, rows: Array, arrival: Arrival) -> list[list[float]]:
-        """
-        Go on by a sample, and return the rows of `Sample`, shape (8, n).
-
-        Parameters
-        ----------
-        rows : array, shape (5 + 3 d, n)
-            Measured q and dq, and the points of `step`.
-        arrival : Arrival
-            Of the state.
-
-        """
-        made = step(self._context, self._law, self.memories, arrival, rows[0], rows[1], rows[2:])
-        self.memories = made.memories
-        now, terms, sent = made.now, made.parts, made.sent
-        return [x.tolist() for x in (sent.tau, now.e, now.de, now.v, terms.nominal,
-                                     terms.compensation, terms.robust, sent.saturation_error)]
-
-
-def control_memory(held: Array, delay: int) -> ControlMemory:
-    """Return the memory at the start, with the torque that is still held, shape (n,) [N·m]."""
-    zero = np.zeros_like(held)
-    return ControlMemory(zero, held, zero, float(-delay), 0.0, 0.0)
-
-
-def in_transit(n: int, delay: int) -> Array:
-    """Return no torques in transit, shape (4 delay, n)."""
-    return np.zeros((ROWS * delay, n))
-
-
-def first_sample(n: int) -> LastSample:
-    """Return that there was no sample of n joints."""
-    zero = np.zeros(n)
-    return LastSample(zero, zero, zero)
 
 
 @function
@@ -173,49 +452,53 @@ def periods(h: int, offset: int, elapsed: int) -> tuple[int, int]:
 
 
 @function
-def step(context: Context, law: Any, memories: Memories, arrival: Arrival, q: Array, dq: Array,
-         points: Array) -> Step:
+def at_sample(points: Array, after: float, delay: float, room: Array) -> Array:
+    """Return the 1 + d points of a reference `after` [s] their instants."""
+    if after == 0.0:
+        return points
+    for i in range(0, 3 + 3 * int(delay), 3):
+        room[i] = points[i] + after * (points[i + 1] + 0.5 * after * points[i + 2])
+        room[i + 1] = points[i + 1] + after * points[i + 2]
+        room[i + 2] = 1.0 * points[i + 2]
+    return room
+
+
+@function
+def step(context: Context, law: Any, law_memory: Any, last: LastSample, arrival: Arrival,
+         q: Array, dq: Array) -> tuple[State, Terms, Applied, Memories]:
     """
-    Return the torque of a sample, and what is remembered a period later.
+    Return the sample as the law takes it, its torque, and what is remembered a period later.
+
+    The torque is returned as the law has it, and as it will be applied.
 
     Parameters
     ----------
-    context, law
-        What is the same at all samples, and the law in force. The torque in transit that is
-        applied now gives way to that of this sample.
-    memories : Memories
-        After the last sample.
+    context : Context
+        Of the sample, with what the step remembers. The torque in transit that is applied now
+        gives way to that of this sample.
+    law, law_memory
+        The law in force, and what it remembers after the last sample.
+    last : LastSample
+        That sample.
     arrival : Arrival
         Of the state. One that was not measured at the sample, or has not come, is replaced by
         (LS1).
     q, dq : array, shape (n,)
         Measured position [rad] and velocity [rad/s].
-    points : array, shape (3 (1 + d), n)
-        q_d [rad], dq_d [rad/s] and ddq_d [rad/s²] at the instants of the reference, of this
-        sample and of those of the delay.
 
     """
-    memory, law_memory, last = memories.control, memories.law, memories.last
-    offset, s, reference = arrival.offset, arrival.after_points, points
-    if s != 0.0:
-        reference = context.reference
-        for i in range(0, 3 + 3 * int(context.settings.delay), 3):
-            reference[i] = points[i] + s * (points[i + 1] + 0.5 * s * points[i + 2])
-            reference[i + 1] = points[i + 1] + s * points[i + 2]
-            reference[i + 2] = 1.0 * points[i + 2]
+    settings, memory, offset = context.settings, context.memory, arrival.offset
     if offset != 0.0 or arrival.measured == 0.0:
-        next_q, next_dq = law.predicted_state(law_memory, last, context, memory, reference)
-        a = (next_dq - last.dq) / context.settings.period
+        next_q, next_dq = law.predicted_state(law_memory, last, context)
+        a = (next_dq - last.dq) / settings.period
         if arrival.measured == 0.0:
             q, dq = next_q, next_dq
         else:
             q, dq = q - offset * (next_dq + 0.5 * offset * a), dq - offset * a
-    settings = context.settings
-    limiter = settings.limiter
     law_memory, q, dq = law.corrected(law_memory, q, dq, memory.held)
-    now = evaluated(settings, context.models.now, q, dq, reference, 0, memory.xi)
+    now = evaluated(settings, context.models.now, q, dq, context.points, 0, memory.xi)
     law_memory = law.updated(law_memory, now)
-    terms, law_memory = law.answer(law_memory, now, context, memory, reference)
+    terms, law_memory = law.answer(law_memory, now, context)
     own = terms.nominal - terms.compensation - terms.robust
     tau, sent = own, Applied(own, settings.zero, settings.zero, terms.clipping_error)
     fading, difference, turn = memory.fading, memory.difference, memory.turn
@@ -223,28 +506,27 @@ def step(context: Context, law: Any, memories: Memories, arrival: Arrival, q: Ar
     if lossy:
         wanted = own
         if fading > 0.0:
-            if memory.fresh != 0.0:
+            if fading == settings.fading:
                 difference = memory.held - own
             wanted = own + fading / settings.fading * difference
         fading = max(fading - 1.0, -settings.delay)
-        tau = limiter.limit(wanted, memory.held)
+        tau = settings.limit(wanted, memory.held)
         sent = Applied(tau, wanted - tau, own - tau, terms.clipping_error)
     if arrival.kept != 0.0:
         tau = memory.held
         sent = Applied(tau, settings.zero, settings.zero, settings.zero)
     applied = sent
     if settings.delay > 0.0:
-        applied = exchanged(context.transit, ROWS * int(turn), sent)
+        applied = exchanged(context.transit, context.row(0), sent)
         turn = (turn + 1.0) % settings.delay
-    correction, xi = settings.zero, settings.filter.next_state(memory.xi, now.de, now.u)
+    xi, excess = settings.filter.next_state(memory.xi, now.de, now.u), settings.zero
     if lossy:
-        correction = limiter.correction(now.M, applied.excess)
-        xi = xi + correction
-    law_memory = law.advanced(law_memory, now, applied, correction)
-    memory = memory._replace(xi=xi, held=tau, difference=difference, fading=fading, fresh=0.0,
-                             turn=turn)
-    return Step(now, terms, sent, Memories(
-        memory, law_memory, LastSample(now.q, now.dq, applied.tau)))
+        excess = settings.anti_windup * applied.excess
+        xi = xi + settings.filter.correction(now.M, excess)
+    law_memory = law.advanced(law_memory, now, applied._replace(excess=excess))
+    return now, terms, sent, Memories(
+        ControlMemory(xi, tau, difference, fading, turn), law_memory,
+        LastSample(now.q, now.dq, applied.tau))
 
 
 @function
@@ -259,8 +541,8 @@ def exchanged(transit: Array, row: int, sent: Applied) -> Applied:
     return applied
 
 
-def taken_over(settings: ControlSettings, before: tuple[Law, Any], law: Law, memories: Memories,
-               model: Evaluates, rows: Array) -> Memories:
+def taken_over(settings: ControlSettings, before: tuple[Any, Any], law: Any, memories: Memories,
+               model: Model, rows: Array) -> Memories:
     """
     Return the memories with which a law goes on after another one.
 
@@ -273,22 +555,72 @@ def taken_over(settings: ControlSettings, before: tuple[Law, Any], law: Law, mem
     law : Law
         The new one.
     memories : Memories
-        After the last sample; that of the law is the new one's, from before.
+        After the last sample; that of the law is the new one's, at the start.
     model : Model
         M, C and G.
     rows : array, shape (5, n)
         Measured q, dq and desired q, dq, ddq of the sample to come.
 
     """
-    (old, known), control = before, memories.control
+    (old, known), control, of_law = before, memories.control, memories.law
     if law.acts_on_v and not old.acts_on_v:
         control = control._replace(xi=settings.filter.b * (rows[3] - rows[1]))
     now = evaluated(settings, model, rows[0], rows[1], rows[2:], 0, control.xi)
     if not (old.of_the_paper and law.of_the_paper):
-        control = control._replace(fading=settings.fading, fresh=1.0)
-    estimate = old.estimate(known, now) if old.estimates else None
-    return memories._replace(
-        control=control, law=law.initialized(memories.law, now, estimate))
+        control = control._replace(fading=settings.fading)
+    if old.estimates:
+        of_law = law.initialized(now, old.estimate(known, now))
+    return Memories(control, of_law, memories.last)
+
+
+class PlainStep:
+    """
+    The control step of a controller between two changes of its settings, in plain Python.
+
+    Parameters
+    ----------
+    settings, law, memories
+        Of the step.
+    transit : array, shape (4 d, n)
+        Torques in transit, not copied.
+    model : Model
+        M, C and G.
+
+    Attributes
+    ----------
+    memories : Memories
+        May be set.
+
+    """
+
+    compiled = False
+
+    def __init__(self, settings: ControlSettings, law: Any, memories: Memories, transit: Array,
+                 model: Model) -> None:
+        self.memories, self._law = memories, law
+        self._fixed = settings, Models(model, model, model), transit
+        self._room = np.zeros((3 + 3 * int(settings.delay), len(settings.zero)))
+
+    def step(self, rows: Array, arrival: Arrival) -> list[list[float]]:
+        """
+        Go on by a sample, and return the rows of `Sample`, shape (8, n).
+
+        Parameters
+        ----------
+        rows : array, shape (5 + 3 d, n)
+            Measured q and dq, and the points of the reference.
+        arrival : Arrival
+            Of the state.
+
+        """
+        control, of_law, last = self.memories
+        points = at_sample(
+            rows[2:], arrival.after_points, self._fixed[0].delay, self._room)
+        now, terms, sent, self.memories = step(
+            Context(*self._fixed, control, points), self._law, of_law, last, arrival, rows[0],
+            rows[1])
+        return [x.tolist() for x in (sent.tau, now.e, now.de, now.v, terms.nominal,
+                                     terms.compensation, terms.robust, sent.saturation_error)]
 
 
 #: Rows of what a step computes, those of `control.controller.Sample` in this order.
@@ -390,15 +722,17 @@ def stepped(p: ControlRecords, points: Array) -> int:
     """
     memories = load(p.memories)
     like = memories.control.xi
-    measured = rows(p.measured, like)
+    settings, arrival, measured = load(p.settings), load(p.arrival), rows(p.measured, like)
     model = CompiledModel(p.call, p.body)
     models = Models(EvaluatedModel(model, p.now), EvaluatedModel(model, p.arriving),
                     EvaluatedModel(model, p.after))
-    context = Context(load(p.settings), models, rows(p.transit, like), rows(p.reference, like))
-    found = step(context, load(p.law), memories, load(p.arrival), measured[0], measured[1],
-                 rows(points, like))
-    store(p.memories, found.memories)
-    made, now, terms, sent = rows(p.made, like), found.now, found.parts, found.sent
+    reference = at_sample(
+        rows(points, like), arrival.after_points, settings.delay, rows(p.reference, like))
+    context = Context(settings, models, rows(p.transit, like), memories.control, reference)
+    now, terms, sent, after = step(context, load(p.law), memories.law, memories.last, arrival,
+                                   measured[0], measured[1])
+    store(p.memories, after)
+    made = rows(p.made, like)
     made[TAU], made[E], made[DE], made[V] = sent.tau, now.e, now.de, now.v
     made[NOMINAL], made[COMPENSATION] = terms.nominal, terms.compensation
     made[ROBUST], made[SATURATION_ERROR] = terms.robust, sent.saturation_error

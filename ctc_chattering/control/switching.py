@@ -59,8 +59,8 @@ from typing import cast, NamedTuple, TypeVar
 
 from ctc_chattering.compiled.compilable import dot, function, record, RECORDS, some
 from ctc_chattering.control.controller_config import ControllerConfig
-from ctc_chattering.control.evaluation import ErrorFilter, filter_of, State
-from ctc_chattering.control.laws.base import Applied, class_name, Estimator, with_defaults
+from ctc_chattering.control.laws.base import class_name, Estimator, with_defaults
+from ctc_chattering.control.step import Applied, error_filter, ErrorFilter, State
 from ctc_chattering.numerics.box_qp import nearest
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.parameters import named_class
@@ -73,84 +73,12 @@ class Perturbation(NamedTuple):
 
     #: P̂ [N·m].
     perturbation: Array
-    #: Of the last sample: M [kg·m²], shape (n, n); y [rad/s]; N - τ with half of a small clipping
-    #: error [N·m]; and whether there was one, 1.0 or 0.0.
+    #: Of the last sample: M [kg·m²], shape (n, n); y [rad/s]; N - τ less the excess, with half of
+    #: a small clipping error [N·m]; and whether there was one, 1.0 or 0.0.
     mass: Array
     nominal: Array
     torque_residual: Array
     known: float
-
-
-@record
-class PerturbationObserver(NamedTuple):
-    """Estimates the perturbation, sample by sample; made by `perturbation_observer`."""
-
-    #: 1 - exp(-ω h).
-    gain: float
-    #: b h of the filter (3) [s], and Ka [N·m], shape (n,).
-    scale: Array
-    bound: Array
-
-    def expect(self, last: Perturbation, mass: Array, nominal: Array, torque_residual: Array,
-               clipping_error: Array) -> Perturbation:
-        """
-        Predict the next sample's v without a perturbation.
-
-        Parameters
-        ----------
-        last : Perturbation
-            What has been estimated so far.
-        mass : array, shape (n, n)
-            M [kg·m²].
-        nominal : array, shape (n,)
-            y [rad/s].
-        torque_residual : array, shape (n,)
-            N - τ, with the torque τ that is held from now on [N·m].
-        clipping_error : array, shape (n,)
-            What the bound has taken from the chattering term [N·m].
-
-        """
-        if some(clipping_error):
-            shallow = np.abs(clipping_error) < self.bound
-            torque_residual = torque_residual + np.where(shallow, 0.5 * clipping_error, 0.0)
-        return last._replace(
-            mass=mass, nominal=nominal, torque_residual=torque_residual, known=1.0)
-
-    def improve(self, last: Perturbation, v: Array) -> Perturbation:
-        """Return the estimate improved by what v, shape (n,) [rad/s], has become."""
-        if last.known == 0.0:
-            return last
-        residual = (dot(last.mass, (last.nominal - v) / self.scale) - last.torque_residual
-                    - last.perturbation)
-        found = nearest(last.mass, last.perturbation + self.gain * residual, self.bound)
-        return last._replace(perturbation=found, known=0.0)
-
-
-def perturbation_observer(bandwidth: float, period: float, b: float, bound: Array
-                          ) -> PerturbationObserver:
-    """
-    Return an observer.
-
-    Parameters
-    ----------
-    bandwidth : float
-        ω [rad/s].
-    period : float
-        h [s].
-    b : float
-        Gain of the filter (3).
-    bound : array, shape (n,)
-        Ka [N·m].
-
-    """
-    return PerturbationObserver(1.0 - exp(-bandwidth * period), np.full(len(bound), b * period),
-                                bound)
-
-
-def unperturbed(n: int) -> Perturbation:
-    """Return P̂ = 0 of n joints."""
-    zero = np.zeros(n)
-    return Perturbation(zero, np.zeros((n, n)), zero, zero, 0.0)
 
 
 T = TypeVar('T')
@@ -216,7 +144,6 @@ class Sign(NamedTuple):
     @classmethod
     def made(cls, config: ControllerConfig, period: float) -> Sign:
         """Return the switching of a configuration."""
-        del period
         return cls(np.array(config.ka))
 
     def term(self, memory: Perturbation, at: State, compensation: Array) -> tuple[Array, Array]:
@@ -235,7 +162,6 @@ class BoundaryLayer(NamedTuple):
     @classmethod
     def made(cls, config: ControllerConfig, period: float) -> BoundaryLayer:
         """Return the switching of a configuration."""
-        del period
         return cls(np.array(config.ka), config.boundary_layer)
 
     def term(self, memory: Perturbation, at: State, compensation: Array) -> tuple[Array, Array]:
@@ -254,7 +180,7 @@ class Implicit(NamedTuple):
     @classmethod
     def made(cls, config: ControllerConfig, period: float) -> Implicit:
         """Return the switching of a configuration."""
-        return cls(np.array(config.ka), filter_of(config, period))
+        return cls(np.array(config.ka), error_filter(config.lambda_, config.b, period))
 
     def term(self, memory: Perturbation, at: State, compensation: Array) -> tuple[Array, Array]:
         """Return z for no perturbation."""
@@ -271,33 +197,40 @@ def unclipped(filter_: ErrorFilter, at: State, compensation: Array) -> Array:
 class ImplicitObserver(NamedTuple):
     """The term of `Implicit` for w - P̂ in the place of w; the whole term stays within ±Ka."""
 
-    #: The filter (3), which predicts v.
+    #: Ka [N·m], shape (n,), which bounds P̂ as well; the filter (3); 1 - exp(-ω h).
+    ka: Array
     filter: ErrorFilter  # noqa: A003
-    #: Estimates the perturbation within ±Ka.
-    observer: PerturbationObserver
+    gain: float
 
     @classmethod
     def made(cls, config: ControllerConfig, period: float) -> ImplicitObserver:
         """Return the switching of a configuration."""
-        return cls(filter_of(config, period), perturbation_observer(
-            config.observer_bandwidth, period, config.b, np.array(config.ka)))
+        return cls(np.array(config.ka), error_filter(config.lambda_, config.b, period),
+                   1.0 - exp(-config.observer_bandwidth * period))
 
     def term(self, memory: Perturbation, at: State, compensation: Array) -> tuple[Array, Array]:
         """Return z for the estimated perturbation, and its clipping error."""
         wanted = unclipped(self.filter, at, compensation) - memory.perturbation
-        z = nearest(at.M, wanted, self.observer.bound)
+        z = nearest(at.M, wanted, self.ka)
         return z, wanted - z
 
     def updated(self, memory: Perturbation, now: State) -> Perturbation:
-        """Improve P̂."""
-        return self.observer.improve(memory, now.v)
+        """Improve P̂ by what v has become."""
+        if memory.known == 0.0:
+            return memory
+        residual = (dot(memory.mass, (memory.nominal - now.v) / self.filter.scale)
+                    - memory.torque_residual - memory.perturbation)
+        found = nearest(memory.mass, memory.perturbation + self.gain * residual, self.ka)
+        return memory._replace(perturbation=found, known=0.0)
 
-    def advanced(self, memory: Perturbation, now: State, applied: Applied, correction: Array
-                 ) -> Perturbation:
-        """Predict the next sample."""
-        nominal = self.filter.nominal_response(now.v, now.u) + correction
-        return self.observer.expect(
-            memory, now.M, nominal, now.N - applied.tau, applied.clipping_error)
+    def advanced(self, memory: Perturbation, now: State, applied: Applied) -> Perturbation:
+        """Predict the next sample's v without a perturbation; anti-windup takes the excess out."""
+        lost, torque_residual = applied.clipping_error, now.N - applied.tau - applied.excess
+        if some(lost):
+            torque_residual = torque_residual + np.where(np.abs(lost) < self.ka, 0.5 * lost, 0.0)
+        return memory._replace(
+            mass=now.M, nominal=self.filter.nominal_response(now.v, now.u),
+            torque_residual=torque_residual, known=1.0)
 
     def estimate(self, memory: Perturbation, now: State) -> Array:
         """Return P̂."""

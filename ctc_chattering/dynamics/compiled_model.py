@@ -128,7 +128,8 @@ class CompiledArm:
     """
 
     def __init__(self, arm: Arm, n: int) -> None:
-        self._n, self._arm, body = n, record_of(arm), record_of(tree.body_scratch(n))
+        body = record_of(tree.body_scratch(n))
+        self._n, self._bodies = n, (record_of(arm), body)
         call = numpy_record(dict.fromkeys(('function', 'places'), np.array(0)))
         self.model = CompiledModel(call, body)
         self._kept: list[Code] = []
@@ -137,10 +138,6 @@ class CompiledArm:
         self.codes = self._terms, self._mass
         if self._mass.compiled:
             self._set(call, self._mass)
-
-    @property
-    def _bodies(self) -> tuple[Any, Any]:
-        return self._arm, self.model.body
 
     def _place(self) -> Any:
         zero, square = np.zeros(self._n), np.zeros((self._n, self._n))

@@ -15,20 +15,18 @@
 """
 A URDF with other inertial parameters, rotor inertias and direction of gravity.
 
-All else stays, comments too; only spaces within tags may change. Links that are fixed to each
-other are one body: the heaviest takes the difference. Where no link can have what is left for it,
-each takes the part of the whole body that it has of the mass. A tilt is in a fixed joint between
-a new root `world`, which is level, and the old one, or in the joints of a root of that name. A
-rotor inertia, reflected to the joint, is `rotor_inertia` in <dynamics>: RaiSim and `urdf_model`
-read it, others pass over it. `with_payload` adds a body at the end of an arm.
+All else stays, comments too; only spaces within tags may change. Links that are fixed
+to each other are one body: the heaviest takes the difference. Where no link can have what is left
+for it, each takes the part of the whole body that it has of the mass. A tilt is in a fixed joint
+between a new root, which is level, and the old one. A rotor inertia, reflected to the joint, is
+`rotor_inertia` in <dynamics>: RaiSim and `urdf_model` read it, others pass over it. `with_payload`
+adds a body at the end of an arm.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from math import atan2, degrees, hypot
-import re
-from typing import Any
 import xml.etree.ElementTree as ET
 
 from ctc_chattering.dynamics.pseudo_inertia import parameters_of, pseudo_inertia
@@ -44,13 +42,11 @@ _LEVEL = 'world'
 _SAME = 1e-12
 #: Error of the text, relative to a body.
 _EXACT = 1e-9
-#: What may stand before the outermost element.
-_PROLOG = re.compile(r'(\s|<\?.*?\?>|<!--.*?-->|<![^>]*>)*', re.DOTALL)
 _INERTIA = ('ixx', 'ixy', 'iyy', 'ixz', 'iyz', 'izz')
 
 
 def corrected_urdf(description: str, joints: Sequence[str], parameters: Array,
-                   rotor: Sequence[float] = (), gravity: Sequence[float] | None = None,
+                   rotor: Sequence[float] = (), gravity: Sequence[float] = (0.0, 0.0, -1.0),
                    locked: Mapping[str, float] | None = None) -> str:
     """
     Return a URDF with given parameters of its moved bodies.
@@ -66,7 +62,7 @@ def corrected_urdf(description: str, joints: Sequence[str], parameters: Array,
         about the joint's frame, in Pinocchio's order; every one must be that of a body.
     rotor : sequence of float, length n
         Rotor inertias, reflected to the joints [kg·m²]; empty for those of the URDF.
-    gravity : sequence of float, length 3, optional
+    gravity : sequence of float, length 3
         In the frame of the root; its direction counts. By default along -z.
     locked : mapping of str to float, optional
         As the model has it.
@@ -77,9 +73,12 @@ def corrected_urdf(description: str, joints: Sequence[str], parameters: Array,
         If no body has such parameters, or the URDF is not that of a model.
 
     """
-    _check(joints, parameters, rotor, gravity)
+    for row in parameters:
+        if not _possible(pseudo_inertia(row)):
+            raise CtcError(f'no body can have the inertial parameters {row.tolist()}')
+    if len(gravity) != 3 or not gravity[2] < 0.0:
+        raise CtcError(f'gravity must point down, with three numbers: {list(gravity)}')
     model, tree = UrdfModel(description, joints, locked=locked), Tree(description)
-    prolog = re.match(_PROLOG, description)
     robot = ET.fromstring(
         description.strip(), ET.XMLParser(target=ET.TreeBuilder(insert_comments=True)))
     links, elements = ({x.get('name', ''): x for x in robot.findall(tag)}
@@ -92,28 +91,11 @@ def corrected_urdf(description: str, joints: Sequence[str], parameters: Array,
             # Without damping or friction, urdfdom refuses the element.
             dynamics = _child(elements[name], 'dynamics', damping='0')
             dynamics.set('rotor_inertia', repr(float(value)))
-    _tilt(robot, elements, tree, gravity)
-    result = (prolog[0] if prolog else '') + ET.tostring(robot, encoding='unicode') + '\n'
+    _tilt(robot, tree, gravity)
+    header = description[:description.index('<robot')]
+    result = header + ET.tostring(robot, encoding='unicode') + '\n'
     _verify(UrdfModel(result, joints, locked=locked), parameters, rotor)
     return result
-
-
-def _check(joints: Sequence[str], parameters: Array, rotor: Sequence[float],
-           gravity: Sequence[float] | None) -> None:
-    """Raise `CtcError` unless the shapes are right and bodies can have the parameters."""
-    if np.shape(parameters) != (len(joints), 10) or len(rotor) not in (0, len(joints)):
-        raise CtcError(f'parameters of shape {np.shape(parameters)} and {len(rotor)} rotors for '
-                       f'{len(joints)} joints; 10 for each are needed')
-    if not np.isfinite([*np.ravel(parameters), *rotor, *(gravity or ())]).all():
-        raise CtcError('parameters of bodies, rotors and gravity must be finite')
-    for name, row in zip(joints, parameters):
-        if not _possible(pseudo_inertia(row)):
-            raise CtcError(f'no body can have the inertial parameters {row.tolist()} of the body '
-                           f'that {name} moves')
-    if min(rotor, default=0.0) < 0.0:
-        raise CtcError(f'rotor inertias must not be negative: {list(rotor)}')
-    if gravity is not None and (len(gravity) != 3 or not gravity[2] < 0.0):
-        raise CtcError(f'gravity must point down, with three numbers: {list(gravity)}')
 
 
 def _possible(matrix: Array) -> bool:
@@ -156,14 +138,9 @@ def _link_inertia(link: ET.Element) -> Array:
     about = [float(inertia.get(key, '0')) for key in _INERTIA]
     place = origin('', inertial)
     turn = np.eye(4)
-    turn[:3, :3], turn[:3, 3] = _rpy().rpyToMatrix(*place.rpy), place.xyz
+    turn[:3, :3], turn[:3, 3] = pinocchio().rpy.rpyToMatrix(*place.rpy), place.xyz
     found: Array = turn @ pseudo_inertia(np.array([m, 0.0, 0.0, 0.0, *about])) @ turn.T
     return found
-
-
-def _rpy() -> Any:
-    """Return what Pinocchio has for roll, pitch and yaw."""
-    return pinocchio().rpy
 
 
 def _child(parent: ET.Element, tag: str, **attributes: str) -> ET.Element:
@@ -191,34 +168,21 @@ def _set_inertial(link: ET.Element, matrix: Array) -> None:
     ET.SubElement(inertial, 'inertia', {key: repr(x) for key, x in zip(_INERTIA, about)})
 
 
-def _tilt(robot: ET.Element, elements: Mapping[str, ET.Element], tree: Tree,
-          gravity: Sequence[float] | None) -> None:
-    """Turn the arm so that gravity is along -z of the root."""
-    x, y, z = (0.0, 0.0, -1.0) if gravity is None else gravity
+def _tilt(robot: ET.Element, tree: Tree, gravity: Sequence[float]) -> None:
+    """Turn the arm so that gravity is along -z of the root, a new one."""
+    x, y, z = gravity
     if hypot(x, y) <= _SAME * abs(z):
         return
-    # Ry(pitch) Rx(roll) brings gravity in the root's frame to -z.
-    roll, pitch = atan2(-y, -z), atan2(x, hypot(y, z))
-    note = ET.Comment(f' identified: tilted by {degrees(atan2(hypot(x, y), -z)):.3g} degrees ')
-    children = {child for _, child in tree.ends.values()}
-    (root,) = (name for name in tree.links if name not in children)
-    if root == _LEVEL:
-        for name, (parent, _) in tree.ends.items():
-            if parent == root:
-                elements[name].insert(0, note)
-                turn, old = _rpy().rpyToMatrix(roll, pitch, 0.0), tree.origins[name]
-                place = _child(elements[name], 'origin')
-                place.set('xyz', _words((turn @ old.xyz).tolist()))
-                place.set('rpy', _words(_rpy().matrixToRpy(
-                    turn @ _rpy().rpyToMatrix(*old.rpy)).tolist()))
-        return
-    name = _LEVEL
+    (root, _), name = next(iter(tree.ends.values())), _LEVEL
     while name in tree.links or name in tree.ends:
         name += '_'
-    robot.append(note)
+    robot.append(ET.Comment(
+        f' identified: tilted by {degrees(atan2(hypot(x, y), -z)):.3g} degrees '))
     ET.SubElement(robot, 'link', name=name)
     joint = ET.SubElement(robot, 'joint', name=name, type='fixed')
-    ET.SubElement(joint, 'origin', xyz='0 0 0', rpy=_words((roll, pitch, 0.0)))
+    # Ry(pitch) Rx(roll) brings gravity in the root's frame to -z.
+    ET.SubElement(joint, 'origin', xyz='0 0 0',
+                  rpy=_words((atan2(-y, -z), atan2(x, hypot(y, z)), 0.0)))
     ET.SubElement(joint, 'parent', link=name)
     ET.SubElement(joint, 'child', link=root)
 
@@ -228,7 +192,7 @@ def _verify(model: UrdfModel, parameters: Array, rotor: Sequence[float]) -> None
     size = np.abs(parameters).max(axis=1, keepdims=True)
     made = model.inertial_parameters().reshape(-1, 10)
     error = float((np.abs(made - parameters) / size).max())
-    if error > _EXACT or (len(rotor) and list(rotor) != list(model.rotor_inertias)):
+    if not error <= _EXACT or (len(rotor) and list(rotor) != list(model.rotor_inertias)):
         raise CtcError('the URDF cannot be corrected: with the parameters written into it, it is '
                        f'read with an error of {error:.2g}')
 
@@ -262,9 +226,7 @@ def with_payload(description: str, joint_names: Sequence[str], mass: float, link
 
     """
     robot = parse_description(description)
-    if robot.tag != 'robot':
-        raise CtcError('payload needs a URDF, no MJCF')
-    tree = Tree(description)
+    tree = Tree(robot)
     if joint_names[-1] not in tree.joints:
         raise ParameterError('joint_names', tuple(joint_names), 'joints of the description')
     if link and link not in tree.links:

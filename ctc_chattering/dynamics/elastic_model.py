@@ -23,11 +23,10 @@ With the positions θ of the motors, all reflected to the joints (Spong, 1987)::
 
 from __future__ import annotations
 
-from math import inf, sqrt
-
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.numerics.linear_algebra import Rows, Vector
 import numpy as np
+from scipy.linalg import block_diag  # type: ignore[import-untyped]
 
 
 class Elastic(Model):
@@ -54,46 +53,41 @@ class Elastic(Model):
     """
 
     def __init__(self, model: Model, stiffness: Vector, damping: Vector, inertia: Vector) -> None:
-        elastic = [i for i, k in enumerate(stiffness) if k < inf]
-        self._model, self._links = model, model.n
+        elastic = np.flatnonzero(np.isfinite(stiffness))
+        self._model, self._links, self._elastic = model, model.n, elastic
         self.n = model.n + len(elastic)
-        self.motors = list(range(model.n))
-        #: Link, motor, K, D, J.
-        self._springs = [(i, k, stiffness[i], damping[i], inertia[i])
-                         for k, i in enumerate(elastic, model.n)]
-        for i, k, *_ in self._springs:
-            self.motors[i] = k
+        self._stiffness, self._damping, self._inertia = (
+            np.array(x, float)[elastic] for x in (stiffness, damping, inertia))
+        #: θ - q of the springs is this matrix times the coordinates.
+        self._stretch = np.hstack((-np.eye(model.n)[elastic], np.eye(len(elastic))))
+        motors = np.arange(model.n)
+        motors[elastic] = np.arange(model.n, self.n)
+        self.motors: list[int] = motors.tolist()
 
     def mass_matrix(self, q: Vector) -> Rows:
         """Return M and J, shape (n, n)."""
-        rows = self._padded(self._model.mass_matrix(q[:self._links]))
-        for _, k, _, _, inertia in self._springs:
-            rows[k][k] = inertia
+        rows: Rows = block_diag(
+            self._model.mass_matrix(q[:self._links]), np.diag(self._inertia)).tolist()
         return rows
 
     def coriolis_matrix(self, q: Vector, dq: Vector) -> Rows:
         """Return C and D, shape (n, n)."""
-        links = self._links
-        rows = self._padded(self._model.coriolis_matrix(q[:links], dq[:links]))
-        for i, k, _, damping, _ in self._springs:
-            for a, b in ((i, k), (k, i)):
-                rows[a][a] += damping
-                rows[a][b] -= damping
+        links, matrix = self._links, (self._stretch.T * self._damping) @ self._stretch
+        matrix[:links, :links] += self._model.coriolis_matrix(q[:links], dq[:links])
+        rows: Rows = matrix.tolist()
         return rows
 
     def gravity_torque(self, q: Vector) -> Vector:
         """Return G and the torques of the springs, shape (n,)."""
-        torque = [*self._model.gravity_torque(q[:self._links]), *[0.0] * len(self._springs)]
-        for i, k, stiffness, _, _ in self._springs:
-            spring = stiffness * (q[k] - q[i])
-            torque[i] -= spring
-            torque[k] += spring
-        return torque
+        torque = self._stretch.T @ (self._stiffness * (self._stretch @ q))
+        torque[:self._links] += self._model.gravity_torque(q[:self._links])
+        values: list[float] = torque.tolist()
+        return values
 
     def potential_energy(self, q: Vector) -> float:
         """Return the potential energy of links and springs [J]."""
-        return self._model.potential_energy(q[:self._links]) + sum(
-            0.5 * stiffness * (q[k] - q[i]) ** 2 for i, k, stiffness, _, _ in self._springs)
+        springs = 0.5 * self._stiffness @ (self._stretch @ q) ** 2
+        return self._model.potential_energy(q[:self._links]) + float(springs)
 
     def start(self, q: Vector, dq: Vector) -> tuple[list[float], list[float]]:
         """
@@ -105,19 +99,12 @@ class Elastic(Model):
             Position [rad] and velocity [rad/s] of the links.
 
         """
-        weight = self._model.gravity_torque(q)
-        return ([*q, *(q[i] + weight[i] / stiffness for i, _, stiffness, _, _ in self._springs)],
-                [*dq, *(dq[i] for i, *_ in self._springs)])
+        sag = np.array(self._model.gravity_torque(q))[self._elastic] / self._stiffness
+        return ([*q, *(np.array(q)[self._elastic] + sag).tolist()],
+                [*dq, *np.array(dq)[self._elastic].tolist()])
 
     def rate(self, q: Vector) -> float:
         """Return a bound of the joints' eigenvalues with the links at rest at `q` [1/s]."""
-        rates = []
-        for i, _, stiffness, damping, inertia in self._springs:
-            mobility = 1.0 / inertia + np.linalg.inv(np.array(self._model.mass_matrix(q)))[i, i]
-            rates.append(damping * mobility + sqrt(stiffness * mobility))
-        return float(max(rates))
-
-    def _padded(self, rows: Rows) -> list[list[float]]:
-        """Return a matrix of the links with zeros for the motors."""
-        more = self.n - self._links
-        return [[*row, *[0.0] * more] for row in rows] + [[0.0] * self.n for _ in range(more)]
+        inverse = np.linalg.inv(np.array(self._model.mass_matrix(q))).diagonal()
+        mobility = 1.0 / self._inertia + inverse[self._elastic]
+        return float((self._damping * mobility + np.sqrt(self._stiffness * mobility)).max())

@@ -93,7 +93,11 @@ class Model(ABC):
 
 @runtime_checkable
 class LinearModel(Protocol):
-    """What a model offers besides `Model` if errors of its parameters are to be identified."""
+    """
+    What a model offers besides `Model` if errors of its parameters are to be identified.
+
+    A model derived from it gives the parameters and the regressor.
+    """
 
     n: int
     gravity: float
@@ -103,6 +107,7 @@ class LinearModel(Protocol):
 
     def parameter_sizes(self) -> Array:
         """Return by how much each may be off at most, roughly, shape (p,)."""
+        return self.inertial_parameters()
 
     def torque_regressor(self, q: Array, dq: Array, ddq: Array, gravity: Array) -> Array:
         """
@@ -113,6 +118,9 @@ class LinearModel(Protocol):
 
     def gravity_map(self, q: Array) -> Array:
         """Return the derivative of G(q) by the vector of gravity, shape (n, 3)."""
+        still, own = np.zeros(self.n), self.inertial_parameters()
+        return np.column_stack([self.torque_regressor(q, still, still, axis) @ own
+                                for axis in np.eye(3)])
 
 
 def rotors(model: LinearModel) -> Array:

@@ -255,12 +255,12 @@ def _fault(link: ET.Element) -> str:
     m = float(mass.get('value', ''))
     xx, xy, xz, yy, yz, zz = (
         float(tensor.get(key, '')) for key in ('ixx', 'ixy', 'ixz', 'iyy', 'iyz', 'izz'))
-    first, second, third = np.linalg.eigvalsh([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]).tolist()
-    shown = f'principal moments {first:.4g}, {second:.4g}, {third:.4g} kg*m^2'
-    if m < 0.0 or first < -_ROUNDING * abs(third) - _NOTHING:
-        return f'has a mass of {m:g} kg and {shown}: none may be negative'
+    moments = np.linalg.eigvalsh([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
     if m == 0.0 and shaped:
         return 'moves and has a shape, but no mass'
-    if third > (1.0 + _ROUNDING) * (first + second) + _NOTHING:
-        return f'has {shown}: the largest exceeds the sum of the others'
+    slack = _ROUNDING * float(np.abs(moments).max()) + _NOTHING
+    if m < 0.0 or moments[0] < -slack or moments[2] > moments[0] + moments[1] + slack:
+        shown = ', '.join(f'{x:.4g}' for x in moments)
+        return (f'has a mass of {m:g} kg and principal moments {shown} kg*m^2: none may be '
+                'negative, or exceed the sum of the others')
     return ''

@@ -26,7 +26,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 import dataclasses
 from functools import lru_cache
-from math import isfinite
 from threading import get_ident
 
 from ctc_chattering.dynamics.model import Model
@@ -160,8 +159,6 @@ def locked_positions(lines: Sequence[str]) -> dict[str, float]:
             result[name] = float(position)
         except ValueError:
             raise ParameterError('locked', line, '"name position"') from None
-        if not isfinite(result[name]):
-            raise ParameterError('locked', line, 'a finite position')
     return result
 
 

@@ -54,10 +54,11 @@ class BodyScratch:
     """
     Scratch of the dynamics of a tree, all in the frame of the base and about its origin.
 
-    Vectors of 3 are rows: position, angular part, linear part.
+    Vectors of 3 are rows: position, angular part, linear part. The last row, the parent -1, is the
+    base, which does not move; what is added up there is not read.
     """
 
-    #: Rotation (n, 3, 3), origin, axis of every body.
+    #: Rotation (n + 1, 3, 3) and origin of every body.
     rotation: Array
     origin: Array
     #: Motion of each joint (6), its rate of change (6), twist (6) and acceleration (6).
@@ -85,10 +86,12 @@ class BodyScratch:
 def body_scratch(n: int) -> BodyScratch:
     """Return scratch for `n` joints."""
     def rows(*shape: int) -> Array:
-        return np.zeros((n, *shape))
-    return BodyScratch(
+        return np.zeros((n + 1, *shape))
+    made = BodyScratch(
         rows(3, 3), rows(3), rows(6), rows(6), rows(6), rows(6), rows(), rows(3), rows(6),
-        rows(3, 3), rows(3), rows(6), rows(), rows(), rows(n), rows(n), rows())
+        rows(3, 3), rows(3), rows(6), *(np.zeros(shape) for shape in (n, n, (n, n), (n, n), n)))
+    made.rotation[-1] = np.eye(3)
+    return made
 
 
 @function
@@ -96,19 +99,12 @@ def place(arm: Arm, q: Array, s: BodyScratch) -> None:
     """Set rotations, origins and the motions S of all joints."""
     for i in range(len(arm.parent)):
         p, R, F = arm.parent[i], s.rotation[i], arm.rotation[i]
-        x = q[arm.joint[i]]
-        if p < 0:
-            for a in range(3):
-                s.origin[i, a] = arm.offset[i, a]
-                for b in range(3):
-                    R[a, b] = F[a, b]
-        else:
-            Q, o = s.rotation[p], arm.offset[i]
-            for a in range(3):
-                s.origin[i, a] = (s.origin[p, a] + Q[a, 0] * o[0] + Q[a, 1] * o[1]
-                                  + Q[a, 2] * o[2])
-                for b in range(3):
-                    R[a, b] = Q[a, 0] * F[0, b] + Q[a, 1] * F[1, b] + Q[a, 2] * F[2, b]
+        x, Q, o = q[arm.joint[i]], s.rotation[p], arm.offset[i]
+        for a in range(3):
+            s.origin[i, a] = (s.origin[p, a] + Q[a, 0] * o[0] + Q[a, 1] * o[1]
+                              + Q[a, 2] * o[2])
+            for b in range(3):
+                R[a, b] = Q[a, 0] * F[0, b] + Q[a, 1] * F[1, b] + Q[a, 2] * F[2, b]
         zx, zy, zz = R[0, 2], R[1, 2], R[2, 2]
         S = s.joint[i]
         if arm.prismatic[i]:
@@ -157,7 +153,7 @@ def move(arm: Arm, dq: Array, s: BodyScratch) -> None:
         p, S, V, D, x = (arm.parent[i], s.joint[i], s.twist[i], s.joint_rate[i],
                          dq[arm.joint[i]])
         for a in range(6):
-            V[a] = S[a] * x + (s.twist[p, a] if p >= 0 else 0.0)
+            V[a] = S[a] * x + s.twist[p, a]
         D[0] = V[1] * S[2] - V[2] * S[1]
         D[1] = V[2] * S[0] - V[0] * S[2]
         D[2] = V[0] * S[1] - V[1] * S[0]
@@ -201,8 +197,6 @@ def couple(arm: Arm, s: BodyScratch) -> None:
 def gather(arm: Arm, s: BodyScratch, i: int, moving: bool) -> None:
     """Add what body `i` carries to what its parent carries; with `moving`, W and P as well."""
     p = arm.parent[i]
-    if p < 0:
-        return
     s.mass[p] += s.mass[i]
     for a in range(3):
         s.moment[p, a] += s.moment[i, a]
@@ -284,13 +278,12 @@ def evaluate(arm: Arm, q: Array, dq: Array, s: BodyScratch, M: Array, C: Array, 
 def bias(arm: Arm, s: BodyScratch, dq: Array, out: Array) -> None:
     """Set C dq + G, after `place`, `weigh` and `move`, before `mass_matrix`."""
     n = len(arm.parent)
+    s.acceleration[n, 5] = arm.gravity
     for i in range(n):
         p, D, V, A, f, h = (arm.parent[i], s.joint_rate[i], s.twist[i], s.acceleration[i],
                             s.force[i], s.moment[i])
         for a in range(6):
-            A[a] = D[a] * dq[arm.joint[i]] + (s.acceleration[p, a] if p >= 0 else 0.0)
-        if p < 0:
-            A[5] += arm.gravity
+            A[a] = D[a] * dq[arm.joint[i]] + s.acceleration[p, a]
         x, y, z, u, v, w = momentum_of(s.mass[i], h, s.inertia[i], V)
         f[0], f[1], f[2], f[3], f[4], f[5] = momentum_of(s.mass[i], h, s.inertia[i], A)
         f[0] += V[1] * z - V[2] * y + V[4] * w - V[5] * v
@@ -303,6 +296,5 @@ def bias(arm: Arm, s: BodyScratch, dq: Array, out: Array) -> None:
         p, S, f = arm.parent[i], s.joint[i], s.force[i]
         out[arm.joint[i]] = (S[0] * f[0] + S[1] * f[1] + S[2] * f[2] + S[3] * f[3]
                              + S[4] * f[4] + S[5] * f[5])
-        if p >= 0:
-            for a in range(6):
-                s.force[p, a] += f[a]
+        for a in range(6):
+            s.force[p, a] += f[a]

@@ -30,7 +30,7 @@ from __future__ import annotations
 from math import cos, sin
 
 from ctc_chattering.compiled.compilable import function
-from ctc_chattering.dynamics.model import Model
+from ctc_chattering.dynamics.model import LinearModel, Model
 from ctc_chattering.numerics.linear_algebra import Array, Rows, Vector
 import numpy as np
 
@@ -43,7 +43,7 @@ def terms(gravity: float, q: Vector) -> tuple[float, float, float, float, float,
             7.6 * gravity * sin(q[0]) + g12, g12)
 
 
-class TwoLink(Model):
+class TwoLink(Model, LinearModel):
     """
     The paper's two-link arm.
 
@@ -63,10 +63,6 @@ class TwoLink(Model):
         """Return the constants of M11, M12, M22, that of c2 in M12, and those of G over g."""
         return np.array((8.77, 0.76, 0.62, 0.51, 7.6, 0.63))
 
-    def parameter_sizes(self) -> Array:
-        """Return how large each parameter is, shape (6,)."""
-        return self.inertial_parameters()
-
     def torque_regressor(self, q: Array, dq: Array, ddq: Array, gravity: Array) -> Array:
         """
         Return the derivative of the torque by `inertial_parameters`, shape (2, 6).
@@ -80,12 +76,6 @@ class TwoLink(Model):
         return np.array((
             (a1, a2, 0.0, c * (a1 + a1 + a2) - s * v2 * (v1 + v1 + v2), g1, g2),
             (0.0, a1, a2, c * a1 + s * v1 * v1, 0.0, g2)))
-
-    def gravity_map(self, q: Array) -> Array:
-        """Return the derivative of G(q) by the vector of gravity, shape (2, 3)."""
-        still, own = np.zeros(2), self.inertial_parameters()
-        return np.column_stack([self.torque_regressor(q, still, still, axis) @ own
-                                for axis in np.eye(3)])
 
     def mass_matrix(self, q: Vector) -> Rows:
         """Return M(q), shape (2, 2)."""

@@ -25,12 +25,11 @@ from collections.abc import Mapping, Sequence
 import dataclasses
 from functools import cached_property
 import importlib
-from math import isfinite
 from typing import Any
 
-from ctc_chattering.dynamics.model import Model
+from ctc_chattering.dynamics.model import LinearModel, Model
 from ctc_chattering.dynamics.urdf_parser import Tree
-from ctc_chattering.errors import CtcError, ParameterError, refused_as
+from ctc_chattering.errors import CtcError, refused_as
 from ctc_chattering.numerics.linear_algebra import Array, Rows, Vector
 from ctc_chattering.parameters import check_joint_names
 import numpy as np
@@ -71,7 +70,7 @@ class Arm:
     rotor: Array
 
 
-class UrdfModel(Model):
+class UrdfModel(Model, LinearModel):
     """
     Some joints of a URDF, the others locked.
 
@@ -111,9 +110,6 @@ class UrdfModel(Model):
 
     def __init__(self, urdf: str, joint_names: Sequence[str], gravity: float = 9.81,
                  locked: Mapping[str, float] | None = None) -> None:
-        for name, position in (locked or {}).items():
-            if not isfinite(position):
-                raise ParameterError(f'locked, {name}', position, 'a finite number')
         pin = pinocchio()
         self.joint_names = tuple(joint_names)
         check_joint_names(self.joint_names)
@@ -204,17 +200,6 @@ class UrdfModel(Model):
             model, self._data, q[order], dq[order], ddq[order])[self._inertial]
         model.gravity.linear = known
         return found
-
-    def gravity_map(self, q: Array) -> Array:
-        """Return the derivative of G(q) by the vector of gravity, shape (n, 3)."""
-        model = self._model
-        known, columns = model.gravity.linear.copy(), []
-        for axis in np.eye(3):
-            model.gravity.linear = axis
-            columns.append(self._pin.computeGeneralizedGravity(
-                model, self._data, q[self._order])[self._back])
-        model.gravity.linear = known
-        return np.column_stack(columns)
 
     def evaluate(self, q: Array, dq: Array) -> tuple[Array, Array, Array]:
         """Return M(q), C(q, dq) and G(q), shapes (n, n), (n, n) and (n,)."""

@@ -40,9 +40,8 @@ class Origin(NamedTuple):
 def origin(where: str, element: ET.Element) -> Origin:
     """Return what an element's origin says, zeros without one; raise `CtcError` for no numbers."""
     found = element.find('origin')
-    if found is None:
-        return Origin((0.0,) * 3, (0.0,) * 3)
-    return Origin(*(tuple(numbers(where, f'origin {key}', found.get(key, '0 0 0'), 3))
+    given = {} if found is None else found.attrib
+    return Origin(*(tuple(numbers(where, f'origin {key}', given.get(key, '0 0 0'), 3))
                     for key in ('xyz', 'rpy')))
 
 
@@ -145,11 +144,9 @@ class Tree:
             if kind in _MOVABLE:
                 self.joints[name] = _joint(self._elements[name])
                 self.axes[name] = axis(f'joint {name}', self._elements[name])
-            elif kind in ('floating', 'planar'):
-                raise CtcError(f'URDF: joint {name} is {kind}; an arm has joints with one degree '
-                               'of freedom on a base that stands still')
             elif kind != 'fixed':
-                raise CtcError(f'URDF: joint {name} has the unknown type {kind!r}')
+                raise CtcError(f'URDF: joint {name} is {kind!r}; an arm has fixed joints, and '
+                               f'joints with one degree of freedom: {", ".join(_MOVABLE)}')
 
     @property
     def movable(self) -> tuple[str, ...]:
@@ -190,22 +187,14 @@ class Tree:
                 raise ParameterError(
                     'locked', f'{name}: {value}',
                     f'finite positions of joints not in joint_names: {", ".join(free) or "none"}')
-        return {name: self._stands(name, chosen, positions, ())
-                for name in self.joints if name not in chosen}
-
-    def _stands(self, name: str, chosen: Sequence[str], positions: Mapping[str, float],
-                followers: tuple[str, ...]) -> float:
-        """Return where a joint stands, through the joints it mimics."""
-        if name in chosen:
-            raise CtcError(f'URDF: joint {followers[-1]} mimics {name}, a joint of the model')
-        mimic = self.joints[name].mimic
-        if mimic is None:
-            return positions.get(name, 0.0)
-        if mimic.leader not in self.joints or name in followers:
-            raise CtcError(f'URDF: joint {name} mimics {mimic.leader}, which is '
-                           f'{"a circle" if name in followers else "no movable joint"}')
-        leader = self._stands(mimic.leader, chosen, positions, (*followers, name))
-        return mimic.multiplier * leader + mimic.offset
+        stand = {name: positions.get(name, 0.0) for name in free}
+        for name, (*_, mimic) in self.joints.items():
+            if mimic is not None:
+                if mimic.leader not in free:
+                    raise CtcError(f'URDF: joint {name} mimics {mimic.leader}, which is a joint '
+                                   'of the model, mimics another joint, or is not movable')
+                stand[name] = mimic.multiplier * stand[mimic.leader] + mimic.offset
+        return stand
 
     def bare(self) -> str:
         """
@@ -251,12 +240,8 @@ def parse_description(text: str) -> ET.Element:
     except (ET.ParseError, ValueError) as error:
         raise CtcError(f'the description is not XML: {error}') from None
     bodies = sum(element.tag in ('link', 'body') for element in root.iter())
-    depth, level = 0, [root]
-    while level:
-        depth, level = depth + 1, [child for element in level for child in element]
-    for name, count in (('bodies', bodies), ('levels', depth)):
-        if count > _BODIES:
-            raise CtcError(f'the description is too large: {count} {name}, of {_BODIES} at most')
+    if bodies > _BODIES:
+        raise CtcError(f'the description is too large: {bodies} bodies, of {_BODIES} at most')
     return root
 
 
@@ -325,9 +310,8 @@ def _check_inertia(link: ET.Element) -> None:
 
 def _joint(element: ET.Element) -> Joint:
     name, kind = element.get('name', ''), element.get('type', '')
-    where, limit = f'joint {name}', element.find('limit')
-    if limit is None:
-        limit = ET.Element('limit')
+    where, found = f'joint {name}', element.find('limit')
+    limit = {} if found is None else found.attrib
     low, high, velocity, effort = (numbers(where, key, limit.get(key, '0'), 1, _INF)[0]
                                    for key in ('lower', 'upper', 'velocity', 'effort'))
     acceleration = min(numbers(where, key, limit.get(key, 'inf'), 1, _INF)[0] or _INF

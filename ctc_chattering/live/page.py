@@ -29,7 +29,6 @@ from ctc_chattering.live.cameras import Cameras, roots
 from ctc_chattering.live.page_socket import PageSocket
 from ctc_chattering.live.server import free_port, HOST, serve, stop
 from ctc_chattering.live.skeleton import Skeleton, stage
-import numpy as np
 
 _SCRIPTS = ('numbers.js', 'player.js', 'status.js', 'controls.js', 'view.js', 'page.js')
 
@@ -45,8 +44,6 @@ class Page:
         Address to listen on.
     port : int or None
         Port; None for the first free one.
-    dark : bool
-        Light letters on dark ground.
 
     Attributes
     ----------
@@ -67,17 +64,14 @@ class Page:
 
     """
 
-    def __init__(self, title: str, host: str = HOST, port: int | None = None, dark: bool = False
-                 ) -> None:
+    def __init__(self, title: str, host: str = HOST, port: int | None = None) -> None:
         self.socket, self.magnified = PageSocket(), 1
-        page = page_of('ctc_chattering.live', 'live.html', title=title, dark=dark,
-                       component=component(), style=asset('ctc_chattering.live', 'web/live.css'),
+        page = page_of('ctc_chattering.live', 'live.html', title=title, component=component(),
+                       style=asset('ctc_chattering.live', 'web/live.css'),
                        scripts=scripts(_SCRIPTS))
         self.server, self.url = serve(
             require_viser(), host, free_port(host, port), page, self.socket)
         self.server.scene.set_up_direction('+z')
-        if dark:
-            self.server.scene.set_background_image(np.full((2, 2, 3), 24, np.uint8))
         self._arms: list[ArmView] = []
         self._grid: Any = None
         self.cameras = Cameras(self.server, self.socket)

@@ -36,9 +36,8 @@ from ctc_chattering.analysis.tables import rounded
 from ctc_chattering.configuration.loop_setup import Setup
 from ctc_chattering.control.controller import Controller
 from ctc_chattering.control.controller_config import ControllerConfig
-from ctc_chattering.control.evaluation import Context, Models, REGULAR, ROWS
 from ctc_chattering.control.observer import drive_model
-from ctc_chattering.control.step import Memories, step
+from ctc_chattering.control.step import Context, Models, REGULAR, ROWS, step
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.dynamics.registry import model_of
 from ctc_chattering.errors import CtcError
@@ -166,15 +165,13 @@ class _SteadyMotion:
         m, n = self.states, len(self._y) // 2
         rest = values[:m].tolist()
         control, of_law = _record(self._memories, iter(rest))
-        memories = Memories(control, of_law, self._last)
         transit = values[m - ROWS * self._delay * n:m].reshape(-1, n).copy()
-        context = Context(self._settings, self._models, transit, self._points)
-        made = step(context, self._law, memories, REGULAR, values[m:m + n], values[m + n:],
-                    self._points)
-        control, of_law, _ = made.memories
+        context = Context(self._settings, self._models, transit, control, self._points)
+        *_, sent, (control, of_law, _) = step(
+            context, self._law, of_law, self._last, REGULAR, values[m:m + n], values[m + n:])
         after = np.roll(transit, -ROWS * int(control.turn), axis=0).ravel()
         return np.concatenate([
-            *_numbers((control._replace(turn=0.0), of_law)), after, made.sent.tau])
+            *_numbers((control._replace(turn=0.0), of_law)), after, sent.tau])
 
     def moved(self) -> Array:
         """

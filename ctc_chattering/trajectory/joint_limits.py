@@ -35,10 +35,10 @@ class JointLimits(NamedTuple):
 
     name: str
     #: ``rad`` or ``m``.
-    unit: str
-    position: tuple[float, float]
-    velocity: tuple[float, float]
-    acceleration: tuple[float, float]
+    unit: str = 'rad'
+    position: tuple[float, float] = -inf, inf
+    velocity: tuple[float, float] = -inf, inf
+    acceleration: tuple[float, float] = -inf, inf
 
 
 class DescribedLimits:
@@ -61,14 +61,10 @@ class DescribedLimits:
 
     def __init__(self, urdf: str, joint_names: Sequence[str]) -> None:
         tree = Tree(urdf)
-        free = (-inf, inf)
         self.joints: list[JointLimits] = []
         for name in joint_names:
             joint = tree.joints.get(name)
-            if joint is None:
-                self.joints.append(JointLimits(name, 'rad', free, free, free))
-                continue
-            self.joints.append(JointLimits(
+            self.joints.append(JointLimits(name) if joint is None else JointLimits(
                 name, 'm' if joint.kind == 'prismatic' else 'rad', joint.position,
                 (-joint.velocity, joint.velocity), (-joint.acceleration, joint.acceleration)))
 

@@ -30,8 +30,8 @@ import pytest
 WRONG = {
     '': ['see ctc --help'], 'dance': ['see ctc --help'],
     'simulate --control-period x': ['see ctc simulate --help'],
-    'simulate --unknown': ['see ctc simulate --help'], 'plot': ['see ctc plot --help'],
-    'replay': ['see ctc replay --help'], 'repair bag another': ['see ctc repair --help'],
+    'simulate --unknown': ['--unknown', 'see ctc --help'], 'plot': ['see ctc plot --help'],
+    'replay': ['see ctc replay --help'], 'repair bag another': ['another', 'see ctc --help'],
     **{f'simulate --control-period={x}': ['control_period', 'allowed']
        for x in ('0', '-1', 'nan', 'inf', '1e-10', '1e300')},
     **{f'simulate --duration={x}': ['duration', 'allowed'] for x in ('nan', 'inf', '1e300')},

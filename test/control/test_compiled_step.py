@@ -21,8 +21,7 @@ from typing import Any
 from ctc_chattering.compiled.build import build
 from ctc_chattering.control.controller import Controller, ControllerConfig, LAWS
 from ctc_chattering.control.controller_config import SWITCHINGS
-from ctc_chattering.control.evaluation import Arrival, REGULAR
-from ctc_chattering.control.step import CompiledStep, PlainStep
+from ctc_chattering.control.step import Arrival, CompiledStep, PlainStep, REGULAR
 from ctc_chattering.dynamics.compiled_model import arm_of
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.dynamics.two_link import TwoLink

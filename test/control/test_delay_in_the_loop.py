@@ -19,7 +19,7 @@ import math
 from typing import Any
 
 from ctc_chattering.control.controller import Controller, ControllerConfig
-from ctc_chattering.control.evaluation import predict, State
+from ctc_chattering.control.step import predict, State
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.dynamics.two_link import TwoLink
 from ctc_chattering.simulation.closed_loop import Run, simulate

@@ -37,11 +37,11 @@ def test_a_period_against_scipy(lag: float, rate: float, command: float) -> None
         field, (0.0, H), [start, 0.0, 0.0], method='RK45', rtol=1e-10, atol=1e-15,
         max_step=H / 400).y[:, -1]
     with np.errstate(all='ignore'):
-        found = drive_model(np.array([lag]), np.array([rate]), H).response(
+        last, mean, weighted = drive_model(np.array([lag]), np.array([rate]), H).response(
             np.array([start]), np.array([command]))
-    assert found.end[0] == pytest.approx(end, rel=1e-6)
-    assert found.mean[0] == pytest.approx(velocity / H, rel=1e-5)
-    assert found.weighted[0] == pytest.approx(2.0 * position / H ** 2, rel=1e-5)
+    assert last[0] == pytest.approx(end, rel=1e-6)
+    assert mean[0] == pytest.approx(velocity / H, rel=1e-5)
+    assert weighted[0] == pytest.approx(2.0 * position / H ** 2, rel=1e-5)
 
 
 def test_a_drive_without_lag_and_limit_gives_the_command() -> None:
@@ -67,9 +67,9 @@ def test_the_command_gives_the_wanted_torque() -> None:
     now, after, error = np.array([3.0, -2.0]), np.array([3.4, -2.9]), np.array([0.7, -0.2])
     command = drives.command(now, after)
     with np.errstate(all='ignore'):
-        np.testing.assert_allclose(drives.response(now, command).end, after, rtol=1e-12)
+        np.testing.assert_allclose(drives.response(now, command)[0], after, rtol=1e-12)
         np.testing.assert_allclose(
-            drives.response(now + error, command).end,
+            drives.response(now + error, command)[0],
             after + error * np.exp([-0.5, -0.2]), rtol=1e-12)
 
 
@@ -78,7 +78,7 @@ def test_a_command_beyond_the_reach_is_no_faster() -> None:
     assert drives.reach[0] == pytest.approx(3.0)
     torque = np.array([4.0])
     within, at, beyond = (
-        drives.response(torque, torque + x * drives.reach).end[0] for x in (0.9, 1.0, 50.0))
+        drives.response(torque, torque + x * drives.reach)[0][0] for x in (0.9, 1.0, 50.0))
     assert within < at - 0.01
     assert at == pytest.approx(5.0)
     assert beyond == pytest.approx(5.0)

@@ -16,8 +16,8 @@
 
 import math
 
-from ctc_chattering.control.adaptation import friction_level, untaught
-from ctc_chattering.control.evaluation import error_filter, limiter
+from ctc_chattering.control.adaptation import friction_level, Learned
+from ctc_chattering.control.step import ControlSettings, error_filter
 import numpy as np
 from oracles import Array, random_spd
 import pytest
@@ -28,7 +28,7 @@ class Running:
     """A filter with its state ξ."""
 
     def __init__(self, n: int, lambda_: float, b: float, h: float) -> None:
-        self.filter, self.xi = error_filter(n, lambda_, b, h), np.zeros(n)
+        self.filter, self.xi = error_filter(lambda_, b, h), np.zeros(n)
 
     def output(self, de: Array | list[float]) -> list[float]:
         """Return v."""
@@ -100,7 +100,7 @@ def test_slow_pole_keeps_its_digits() -> None:
 @pytest.mark.parametrize(('b', 'h'), [(1.0, 1e-3), (2.5, 0.02)])
 def test_a_correction_of_the_state(b: float, h: float) -> None:
     """Check that b h times an acceleration undoes in ξ what that does to v over a period."""
-    acceleration, made = np.array([3.0, -40.0]), error_filter(2, 5.0, b, h)
+    acceleration, made = np.array([3.0, -40.0]), error_filter(5.0, b, h)
     xi, de, u = np.array([0.2, -0.1]), np.array([0.3, 0.2]), np.array([1.0, -2.0])
     corrected = made.next_state(xi, de, u) + b * h * acceleration
     np.testing.assert_allclose(
@@ -111,7 +111,7 @@ def test_a_correction_of_the_state(b: float, h: float) -> None:
 @pytest.mark.parametrize('h', [1e-3, 0.02])
 def test_nominal_response_is_the_next_output_without_an_error_acceleration(h: float) -> None:
     """Check v of the next sample where dde = -(Kv de + Kp e), by the filter's own recursion."""
-    made = error_filter(2, 5.0, 1.7, h)
+    made = error_filter(5.0, 1.7, h)
     xi, de, u = np.array([0.2, -0.1]), np.array([0.3, 0.2]), np.array([1.0, -2.0])
     wanted = made.output(de - h * u, made.next_state(xi, de, u))
     np.testing.assert_allclose(made.nominal_response(made.output(de, xi), u), wanted, atol=1e-14)
@@ -123,8 +123,8 @@ H, BANDWIDTH, BOUND = 1e-3, 100.0, np.array([30.0, 30.0])
 def learned(true: Array, start: Array, duration: float = 8.0, viscous: float = 0.0,
             gravity: float = 0.0, motion: float = 0.5, gain: float = 20.0) -> Array:
     """Return K̂ after a sinusoid of 1 Hz with the friction `true`, and disturbances beside it."""
-    made, memory, lags = (
-        friction_level(gain, BANDWIDTH, H, BOUND), untaught(start), [np.zeros(2)] * 3)
+    made, lags = friction_level(gain, BANDWIDTH, H, BOUND), [np.zeros(2)] * 3
+    memory = Learned(start, *[np.zeros(2)] * 5)
     follow = 1.0 - math.exp(-BANDWIDTH * H)
     for k in range(round(duration / H)):
         angle = 2.0 * math.pi * k * H
@@ -157,7 +157,7 @@ def test_without_friction_or_motion_or_gain_nothing_is_learned() -> None:
 
 def test_the_level_is_bounded() -> None:
     made = friction_level(20.0, BANDWIDTH, H, np.array([3.0, 3.0]))
-    memory = untaught(np.array([1.0, 1.0]))
+    memory = Learned(np.array([1.0, 1.0]), *[np.zeros(2)] * 5)
     for k in range(4000):
         sign = 1.0 if k // 500 % 2 else -1.0
         memory = made.learn(memory, np.full(2, sign), sign * np.array([50.0, -50.0]))
@@ -170,7 +170,9 @@ def test_the_level_is_bounded() -> None:
 @pytest.mark.parametrize('change', [[1.0, np.inf, 3.0], [np.inf] * 3])
 def test_first_the_change_then_the_size(effort: list[float], change: list[float]) -> None:
     """Check a random walk: each torque near the one before, within the limits, and the rest."""
-    rng, made = np.random.default_rng(1), limiter(np.array(effort), np.array(change), 0.0)
+    rng, none = np.random.default_rng(1), np.zeros((3, 3))
+    made = ControlSettings(1e-3, 0.0, 200.0, none, none, error_filter(5.0, 1.0, 1e-3),
+                           np.array(effort), np.array(change), 1.0, 0.0, none[0])
     before, saturated = np.zeros(3), 0
     for _ in range(200):
         wanted = before + 4.0 * rng.normal(size=3)
@@ -184,10 +186,9 @@ def test_first_the_change_then_the_size(effort: list[float], change: list[float]
 
 
 def test_correction_is_what_the_saturation_error_does_to_v() -> None:
-    """Check b h M⁻¹ times the error, and that there is none without it or without anti-windup."""
-    rng, none = np.random.default_rng(2), np.full(3, np.inf)
+    """Check b h M⁻¹ times the error, and that there is none without it."""
+    rng = np.random.default_rng(2)
     mass, error = random_spd(rng, 3), rng.normal(size=3)
-    made = limiter(np.ones(3), none, 1.3e-3)
+    made = error_filter(5.0, 1.3, 1e-3)
     np.testing.assert_array_equal(made.correction(mass, np.zeros(3)), 0.0)
     np.testing.assert_allclose(mass @ made.correction(mass, error), 1.3e-3 * error, rtol=1e-9)
-    np.testing.assert_array_equal(limiter(np.ones(3), none, 0.0).correction(mass, error), 0.0)

@@ -16,7 +16,7 @@
 
 import math
 
-from ctc_chattering.control.feasible_reference import (
+from ctc_chattering.control.adaptation import (
     Desired,
     Deviation,
     feasible_reference,

@@ -18,7 +18,8 @@ import math
 
 from ctc_chattering.control.controller import Controller, ControllerConfig
 from ctc_chattering.control.laws.chattering import Chattering
-from ctc_chattering.control.switching import Perturbation, perturbation_observer, unperturbed
+from ctc_chattering.control.step import Applied, error_filter, State
+from ctc_chattering.control.switching import ImplicitObserver, Perturbation
 import numpy as np
 from oracles import Array, box_by_enumeration, estimate_of, Masses, random_spd
 import pytest
@@ -29,11 +30,12 @@ WIDE = [1e6, 1e6, 1e6]
 
 
 class Running:
-    """An observer with its memory."""
+    """A switching with its memory."""
 
-    def __init__(self, bandwidth: float, bound: list[float] | None = None, n: int = 3) -> None:
-        self.observer = perturbation_observer(bandwidth, H, B, np.array(bound or WIDE[:n]))
-        self.memory: Perturbation = unperturbed(n)
+    def __init__(self, bandwidth: float, bound: list[float] | None = None) -> None:
+        self.switching = ImplicitObserver(
+            np.array(bound or WIDE), error_filter(5.0, B, H), 1.0 - math.exp(-bandwidth * H))
+        self.memory = Perturbation(np.zeros(3), np.zeros((3, 3)), np.zeros(3), np.zeros(3), 0.0)
 
     @property
     def estimate(self) -> Array:
@@ -41,12 +43,17 @@ class Running:
         return self.memory.perturbation
 
     def predict(self, mass: Array, nominal: Array, residual: Array, clipping: Array) -> None:
-        """Predict the next v."""
-        self.memory = self.observer.expect(self.memory, mass, nominal, residual, clipping)
+        """Predict the next v, with y = nominal, and N - τ, a part of which is the excess."""
+        zero, v = np.zeros(3), nominal / self.switching.filter.decay
+        now = State(*(zero,) * 7, v=v, M=mass, C=mass, G=zero, bias=zero, N=residual, zero=zero)
+        self.memory = self.switching.advanced(
+            self.memory, now, Applied(0.3 * residual, zero, -0.3 * residual, clipping))
 
     def update(self, v: Array) -> None:
         """Improve P̂."""
-        self.memory = self.observer.improve(self.memory, v)
+        zero = np.zeros(3)
+        self.memory = self.switching.updated(self.memory, State(
+            *(zero,) * 7, v=v, M=np.eye(3), C=np.eye(3), G=zero, bias=zero, N=zero, zero=zero))
 
 
 def _sample(made: Running, mass: Array, force: Array, rng: np.random.Generator,
@@ -122,7 +129,7 @@ def test_without_a_prediction_nothing_is_updated() -> None:
     assert list(made.estimate) == before
     law = Chattering.made(ControllerConfig(switching='implicit_observer'), H)
     made.predict(mass, np.ones(3), np.zeros(3), np.zeros(3))
-    made.memory = law.reconfigured(made.memory, law)
+    made.memory = law.reconfigured(made.memory)
     made.update(np.full(3, 9.0))
     assert list(made.estimate) == before
 

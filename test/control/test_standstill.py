@@ -19,9 +19,8 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from ctc_chattering.control.adaptation import kept, moving, Rest, Standstill, standstill
+from ctc_chattering.control.adaptation import Desired, kept, Rest, Standstill, standstill
 from ctc_chattering.control.controller_config import ControllerConfig
-from ctc_chattering.control.feasible_reference import Desired
 from ctc_chattering.control.observer import Observed
 from ctc_chattering.simulation.closed_loop import simulate
 from ctc_chattering.simulation.plant_config import PlantConfig
@@ -33,7 +32,7 @@ import pytest
 H, BANDWIDTH, ZERO = 1e-3, 200.0, np.zeros(2)
 #: Ka, M_ii, K̂.
 BOUND, INERTIA, LEVEL = np.array([60.0, 30.0]), np.array([9.0, 0.62]), np.full(2, 10.0)
-STILL = Desired(ZERO, ZERO, ZERO)
+STILL, MOVING = Desired(ZERO, ZERO, ZERO), Rest(ZERO, ZERO, ZERO, ZERO)
 
 
 def slips(law: dict[str, Any], plant: dict[str, Any]) -> int:
@@ -69,7 +68,7 @@ def made(rate: float = math.inf) -> Standstill:
 def after(samples: int, at: Desired = STILL, q: Array = ZERO, rate: float = math.inf,
           rest: Rest | None = None, level: Array = LEVEL) -> Rest:
     """Return the rest after samples at one measured position."""
-    rest = rest or moving(ZERO)
+    rest = rest or MOVING
     for _ in range(samples):
         rest = made(rate).judged(made(rate).placed_at(rest, q), at, INERTIA, level)
     return rest
@@ -105,7 +104,7 @@ def test_none_is_held_that_the_learned_friction_cannot_hold() -> None:
 def test_the_longer_slips_go_on_the_shorter_a_stop_serves() -> None:
     """Check that stops of s₁ are held after W² / s₁, and none that is shorter than 2 / ω."""
     for stop, latest in ((9, math.inf), (11, 900 / 11), (20, 900 / 20), (28, 900 / 28)):
-        rest, k = moving(ZERO), 0
+        rest, k = MOVING, 0
         while not rest.held.any() and k < 3000:
             k += 1
             rest = after(1, q=np.full(2, 1e-3 * (k // stop % 2)), rest=rest, level=1e2 * LEVEL)
@@ -124,6 +123,6 @@ def test_the_perturbation_of_a_joint_that_is_held_is_kept() -> None:
     """Check joint 2; joint 1 is free."""
     before = Observed(*(np.array([x, x]) for x in (1.0, 2.0, 3.0, 4.0, 5.0)))
     later = Observed(*(np.array([x, x]) for x in (1.1, 2.1, 3.1, 4.1, 5.1)))
-    rest = moving(ZERO)._replace(held=np.array([0.0, 1.0]))
+    rest = MOVING._replace(held=np.array([0.0, 1.0]))
     np.testing.assert_array_equal(
         kept(rest, before, later), [[1.1, 1.1], [2.1, 2.1], [3.1, 3.1], [4.1, 4.0], [5.1, 0.0]])

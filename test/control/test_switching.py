@@ -17,15 +17,14 @@
 from typing import Any
 
 from ctc_chattering.control.controller_config import ControllerConfig, SWITCHINGS
-from ctc_chattering.control.evaluation import error_filter, State
+from ctc_chattering.control.step import error_filter, State
 from ctc_chattering.control.switching import (
     BoundaryLayer,
     Implicit,
     ImplicitObserver,
-    perturbation_observer,
+    Perturbation,
     Sign,
     switching_class,
-    unperturbed,
 )
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -39,7 +38,8 @@ def term(made: Any, v: Array, u: Array, mass: Array, compensation: Array,
     """Return z and its clipping error."""
     n = len(v)
     zero, square = np.zeros(n), np.zeros((n, n))
-    memory = unperturbed(n)._replace(perturbation=zero if estimate is None else estimate)
+    P = zero if estimate is None else estimate
+    memory = Perturbation(P, mass, zero, zero, 0.0)
     z, clipping = made.term(memory, State(
         zero, zero, zero, zero, zero, zero, u, v, mass, square, zero, zero, zero, zero),
         compensation)
@@ -82,7 +82,7 @@ def _implicit(mass: Array, wanted: Array, ka: Array) -> Array:
     """Return the term without errors, where C v is all that it has to undo."""
     zero = np.zeros(len(ka))
     z, clipping = term(
-        Implicit(ka, error_filter(len(ka), 10.0, 1.0, 1e-3)), zero, zero, mass, -wanted)
+        Implicit(ka, error_filter(10.0, 1.0, 1e-3)), zero, zero, mass, -wanted)
     assert not clipping.any()
     return z
 
@@ -155,8 +155,8 @@ def test_implicit_never_exceeds_the_gain_at_the_end_of_the_numbers(
 def test_implicit_is_for_v_of_the_next_sample(n: int) -> None:
     """Check M y / (b h) - C v - P̂ - z = M v⁺ / (b h), with y from the filter run ahead."""
     rng, h = np.random.default_rng(n), 2e-3
-    filter_, ka, clipped = error_filter(n, 7.0, 1.3, h), np.full(n, 8.0), 0
-    observing = ImplicitObserver(filter_, perturbation_observer(100.0, h, 1.3, ka))
+    filter_, ka, clipped = error_filter(7.0, 1.3, h), np.full(n, 8.0), 0
+    observing = ImplicitObserver(ka, filter_, 1.0)
     for _ in range(50):
         mass, v, u, product = (random_spd(rng, n), 0.02 * rng.normal(size=n),
                                rng.normal(size=n), rng.normal(size=n))

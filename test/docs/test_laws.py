@@ -26,8 +26,8 @@ from ctc_chattering.configuration import parameter_file
 from ctc_chattering.configuration.loop_setup import Setup
 from ctc_chattering.configuration.package_share import find_config
 from ctc_chattering.control.controller import ControllerConfig, LAWS
-from ctc_chattering.control.evaluation import FADE
 from ctc_chattering.control.laws.base import law_class
+from ctc_chattering.control.step import FADE
 from ctc_chattering.errors import CtcError
 from ctc_chattering.runs.conditions import condition
 from ctc_chattering.runs.recommended import by_rule, recommended_setup

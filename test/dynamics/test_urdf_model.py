@@ -288,7 +288,7 @@ def test_names(names: tuple[str, ...]) -> None:
     (two_links(), ('a', 'z'), ['joint_names', 'z', 'movable joints of the URDF: a, b']),
     (grip(), ('turn', 'f2'), ['f2 mimics f1']),
     (grip(), ('turn', 'f1'), ['f2 mimics f1']),
-    (two_links().replace('type="revolute"', 'type="floating"', 1), ('b',), ['a is floating']),
+    (two_links().replace('type="revolute"', 'type="floating"', 1), ('b',), ["a is 'floating'"]),
     (two_links().replace('<child link="lower"/>', '<child link="upper"/>'), ('a',),
      ['a and b', 'closed chain']),
     ('<robot', ('a',), ['not XML']),

@@ -88,8 +88,8 @@ def test_a_fixed_joint_is_no_joint_of_a_model() -> None:
 
 
 @pytest.mark.parametrize(('mimic', 'words'), [
-    ('<mimic joint="f2"/>', 'f2 mimics f2, which is a circle'),
-    ('<mimic joint="nothing"/>', 'f2 mimics nothing, which is no movable joint'),
+    ('<mimic joint="f2"/>', 'f2 mimics f2, .* mimics another joint'),
+    ('<mimic joint="nothing"/>', 'f2 mimics nothing, .* is not movable'),
     ('<mimic joint="f1" multiplier="two"/>', "joint f2: multiplier is 'two'")])
 def test_bad_mimics(mimic: str, words: str) -> None:
     with pytest.raises(CtcError, match=words):
@@ -103,8 +103,8 @@ A, B = link('a'), link('b')
     ('<robot', ['not XML']), ('', ['not XML']), ('<sdf/>', ['<sdf>', '<robot>']),
     ('<robot name="empty"/>', ['no link']),
     ('<robot xmlns:xacro="http://ros.org/wiki/xacro"><xacro:arm/></robot>', ['xacro']),
-    (urdf([A, B, joint('j', 'floating', 'a', 'b')]), ['joint j is floating']),
-    (urdf([A, B, joint('j', 'planar', 'a', 'b')]), ['joint j is planar']),
+    (urdf([A, B, joint('j', 'floating', 'a', 'b')]), ["joint j is 'floating'", 'revolute']),
+    (urdf([A, B, joint('j', 'planar', 'a', 'b')]), ["joint j is 'planar'", 'revolute']),
     (urdf([A, B, joint('j', 'hinge', 'a', 'b')]), ['joint j', "'hinge'"]),
     (urdf([A, B, joint('j', 'fixed', 'a', 'b'), joint('k', 'revolute', 'a', 'b')]),
      ['j and k', 'link b', 'closed chain']),

@@ -36,7 +36,6 @@ from ctc_chattering import (
     Result,
     Run,
     Setup,
-    Sinusoid,
     UrdfModel,
     Waypoints,
 )
@@ -59,8 +58,7 @@ WRONG: list[Any] = [
     {}, {'a': None}, object(), len, np.zeros(3), np.array('x'), 1j, range(3), CONFIG, RUN, Path()]
 METHODS: list[tuple[Callable[..., Any], int]] = [
     (Controller(CONFIG).step, 5), (Controller(CONFIG).try_step, 5), (Controller(CONFIG).reset, 2),
-    (Controller(CONFIG).lyapunov, 2),
-    (Sinusoid(ReferenceConfig()).at, 1), (Waypoints([0], [POINT]).at, 1)]
+    (Controller(CONFIG).lyapunov, 2)]
 
 
 @pytest.mark.parametrize('method, count', METHODS)
@@ -70,7 +68,7 @@ def test_what_is_no_sample_is_refused_in_one_line(method: Callable[..., Any], co
         row = [REST] * count
         row[dice.randrange(count)] = value
         for arguments in ([value] * count, row):
-            with suppress(CtcError, OverflowError):
+            with suppress(CtcError):
                 method(*arguments)
     for value in (5j, 'nonsense'):
         with pytest.raises(CtcError, match=r'^[^\n]*$'):
@@ -79,33 +77,32 @@ def test_what_is_no_sample_is_refused_in_one_line(method: Callable[..., Any], co
 
 def test_wrong_values_inside() -> None:
     for times, points in (([0, 'a'], [POINT] * 2), ([0, 1.5], [POINT] * 2), ([1, 0], [POINT] * 2),
-                          ([0], [(REST, REST)]), ([0], [('ab', REST, REST)]),
-                          ([0, 1], [POINT, ([0.0],) * 3])):
+                          ([0], [('ab', REST, REST)]), ([0, 1], [POINT, ([0.0],) * 3])):
         with pytest.raises(ParameterError):
             Waypoints(times, points)  # type: ignore[arg-type]
     right = vars(SETUP)
     for change in ({'events': [Event(0.0, 'controller', {'law': 5})]},
-                   {'events': [Event(0.0, 'plant', {5: 5})]},  # type: ignore[dict-item]
-                   {'reference': ReferenceConfig(joint_names=('a', 'b'))},
-                   {'controller': ControllerConfig(control_period=2e-3)},
-                   {'controller': ControllerConfig(joint_names=('joint2', 'joint1'))}):
+                   {'events': [Event(0.0, 'plant', {5: 5})]}):  # type: ignore[dict-item]
         with pytest.raises(ParameterError):
             ctc_chattering.simulate(Setup(**right | change))
+    for other in ({'reference': ReferenceConfig(joint_names=('a', 'b'))},
+                  {'controller': ControllerConfig(control_period=2e-3)},
+                  {'controller': ControllerConfig(joint_names=('joint2', 'joint1'))}):
+        with pytest.raises(CtcError, match='contradicts'):
+            ctc_chattering.simulate(Setup(**right | other))
     with pytest.raises(CtcError, match='a model of 1 joints'):
         Controller(CONFIG, One())
     with pytest.raises(ParameterError, match='window'):
         Result('', [(0.0, CONFIG)], RUN, window=(2.0, 1.0)).metrics()
-    with pytest.raises(ParameterError, match=r"'plan' .*plant \| "):
-        SETUP.changed({'plan': {}})
     with pytest.raises(ParameterError, match=r'controller: kp: \[-1'):
         SETUP.changed({'controller': {'kp': -1}})
     with pytest.raises(ParameterError, match=r'npz or \.csv'):
         ctc_chattering.export(RESULT, 'run.parquet')
     with pytest.raises(ParameterError, match='configs'):
         Result('', [], RUN)
-    with pytest.raises(ParameterError, match='locked, joint2: nan'):
+    with pytest.raises(ParameterError, match="locked: 'joint2: nan'"):
         UrdfModel(URDF, ['joint1'], locked={'joint2': np.nan})
-    with pytest.raises(ParameterError, match=r"overrides: 'plan' .*plant \| "):
+    with pytest.raises(CtcError, match='no node is called plan; allowed: plant, '):
         load_parameters('friction', {'plan': {}})
 
 

@@ -139,7 +139,7 @@ BOMBS = {
         f'<!ENTITY {y} "{10 * f"&{x};"}">' for x, y in zip('abcdefgh', 'bcdefghi'))
     + ']><robot name="&i;"/>',
     'size': two_links().replace('</robot>', 10_000_000 * ' ' + '</robot>'),
-    'levels': f'<robot name="r">{3000 * "<a>"}{3000 * "</a>"}</robot>', 'bodies': chain(600)}
+    'bodies': chain(600)}
 
 
 def heavier_links(description: str, joints: Sequence[str], factor: float = 2.0

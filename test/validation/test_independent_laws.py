@@ -70,7 +70,7 @@ def motion(rng: np.random.Generator, period: float) -> Callable[[int], Point]:
 
 
 #: Whether the law gives up bandwidth where its feedback oscillates.
-GUARDED = hasattr(law_class('observer_feedback'), 'bandwidth_in_use')
+GUARDED = hasattr(law_class('observer_feedback'), 'stability')
 
 
 def check(law: Controller, hand: Any, known: Known, rng: np.random.Generator, size: float

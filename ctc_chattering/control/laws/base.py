@@ -28,66 +28,14 @@ from collections.abc import Callable
 import inspect
 from typing import Any, cast, NamedTuple, TypeVar
 
-from ctc_chattering.compiled.compilable import record, RECORDS
+from ctc_chattering.compiled.compilable import function, record, RECORDS
+from ctc_chattering.control import step
 from ctc_chattering.control.controller_config import ControllerConfig, LAWS
-from ctc_chattering.control.evaluation import (
-    arriving,
-    Context,
-    ControlMemory,
-    LastSample,
-    next_state,
-    State,
-)
+from ctc_chattering.control.step import Applied, Context, LastSample, State, Terms
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.parameters import named_class, Parameter
 
 T = TypeVar('T')
-
-
-@record
-class Terms(NamedTuple):
-    """
-    What a torque is made of: nominal - compensation - robust, each of shape (n,) [N·m].
-
-    Attributes
-    ----------
-    nominal : ndarray
-        What the model and the feedback ask for.
-    compensation : ndarray
-        C v of the paper's laws.
-    robust : ndarray
-        What acts against the perturbation: chattering, integral, estimate.
-    clipping_error : ndarray
-        What ±Ka has taken from the chattering term.
-
-    """
-
-    nominal: Array
-    compensation: Array
-    robust: Array
-    clipping_error: Array
-
-
-@record
-class Applied(NamedTuple):
-    """
-    A torque when it is applied, and what is remembered of it, each of shape (n,) [N·m].
-
-    Attributes
-    ----------
-    tau, saturation_error : ndarray
-        Within the limits, and what these have taken from it.
-    excess : ndarray
-        Torque of the law alone less ``tau``, which the filter does not see.
-    clipping_error : ndarray
-        As in `Terms`.
-
-    """
-
-    tau: Array
-    saturation_error: Array
-    excess: Array
-    clipping_error: Array
 
 
 @record
@@ -107,7 +55,7 @@ class Estimator:
         """Return the memory improved by what the measured state has become."""
         return memory
 
-    def advanced(self, memory: T, now: State, applied: Applied, correction: Array) -> T:
+    def advanced(self, memory: T, now: State, applied: Applied) -> T:
         """
         Return the memory a period later.
 
@@ -119,8 +67,6 @@ class Estimator:
             The measured state.
         applied : Applied
             Held over the period that begins.
-        correction : array, shape (n,)
-            What anti-windup adds to v: b h M⁻¹ times the excess [rad/s].
 
         """
         return memory
@@ -145,35 +91,34 @@ class Law(Estimator):
 
     @classmethod
     def made(cls, config: ControllerConfig, period: float) -> Law:
-        """Return the law of a configuration, with the sample period [s]; every law has its own."""
-        raise NotImplementedError
+        """Return the law of a configuration, with the sample period [s]; by default no gains."""
+        return cls()
 
     def initial(self) -> Any:
         """Return the memory at the start."""
         return Nothing()
 
-    def reconfigured(self, memory: T, before: Any) -> T:
-        """Return the memory that goes on after `before`, the same law with other gains."""
+    def reconfigured(self, memory: T) -> T:
+        """Return the memory that goes on after the same law with other gains."""
         return memory
 
-    def initialized(self, memory: T, now: State, estimate: Array | None) -> T:
+    def initialized(self, now: State, estimate: Array) -> Any:
         """
         Return the memory that takes over from another law, before the first sample.
 
         Parameters
         ----------
-        memory
-            As it was when this law was in force, or at the start.
         now : State
             The measured state.
-        estimate : array, shape (n,), or None
-            Perturbation as the other law estimates it [N·m].
+        estimate : array, shape (n,)
+            Perturbation as the other law estimates it [N·m]. After one that estimates none, the
+            memory is `initial`.
 
         """
-        return memory
+        return self.initial()
 
-    def predicted_state(self, memory: Any, last: LastSample, context: Context,
-                        control: ControlMemory, points: Array) -> tuple[Array, Array]:
+    def predicted_state(self, memory: Any, last: LastSample, context: Context
+                        ) -> tuple[Array, Array]:
         """
         Return the q and dq to be measured next, shape (n,) [rad, rad/s].
 
@@ -183,12 +128,11 @@ class Law(Estimator):
             After the last sample.
         last : LastSample
             That sample.
-        context, control, points
-            As of the control step.
+        context : Context
+            Of the sample to come.
 
         """
-        state: tuple[Array, Array] = next_state(self, memory, last, context, control, points)
-        return state
+        return next_state(self, memory, last, context)
 
     def corrected(self, memory: T, q: Array, dq: Array, held: Array) -> tuple[T, Array, Array]:
         """
@@ -206,8 +150,7 @@ class Law(Estimator):
         """
         return memory, q, dq
 
-    def answer(self, memory: T, now: State, context: Context, control: ControlMemory,
-               points: Array) -> tuple[Terms, T]:
+    def answer(self, memory: T, now: State, context: Context) -> tuple[Terms, T]:
         """
         Return the terms of the torque of a sample, and the memory: `terms` at `arriving`.
 
@@ -217,11 +160,11 @@ class Law(Estimator):
             After `updated`.
         now : State
             The measured state.
-        context, control, points
-            As of the control step.
+        context : Context
+            Of the sample.
 
         """
-        return self.terms(memory, arriving(self, memory, now, context, control, points))
+        return self.terms(memory, step.arriving(self, memory, now, context))
 
     def terms(self, memory: T, at: State) -> tuple[Terms, T]:
         """Return the terms of the torque for a state, and the memory; every law has its own."""
@@ -231,13 +174,17 @@ class Law(Estimator):
         """Return what the delay prediction takes for P."""
         return self.estimate(memory, now)
 
-    def bandwidth_in_use(self, memory: Any) -> float:
-        """Return the part of its bandwidth that the law uses."""
-        return 1.0
+    def stability(self, memory: Any) -> tuple[float, float]:
+        """Return the part of its bandwidth in use, and how long that was too much [s]."""
+        return 1.0, 0.0
 
-    def out_of_control(self, memory: Any) -> float:
-        """Return for how long the loop has seemed out of control [s]."""
-        return 0.0
+
+@function
+def next_state(law: Any, memory: Any, last: LastSample, context: Context) -> tuple[Array, Array]:
+    """Return `Law.predicted_state` by the model, with the torque and P of the last sample."""
+    settings, model = context.settings, context.models.now
+    at = step.evaluated(settings, model, last.q, last.dq, context.points, 0, context.memory.xi)
+    return step.predict(model, at, last.applied - law.acting(memory, at), settings.period)
 
 
 def law(symbol: str = '', of_the_paper: bool = False, acts_on_v: bool = False
@@ -261,10 +208,7 @@ def law(symbol: str = '', of_the_paper: bool = False, acts_on_v: bool = False
     >>> from ctc_chattering import Controller, ControllerConfig, law, record, State, Terms
     >>> @law()
     ... class Pd(NamedTuple):
-    ...     unused: float = 0.0
-    ...     @classmethod
-    ...     def made(cls, config, period):
-    ...         return cls()
+    ...     nothing: float = 0.0
     ...     def terms(self, memory, at):
     ...         return Terms(at.u + at.G, at.zero, at.zero, at.zero), memory
     >>> config = ControllerConfig().changed({'law': Pd})
@@ -273,10 +217,8 @@ def law(symbol: str = '', of_the_paper: bool = False, acts_on_v: bool = False
 
     """
     def marked(kind: type[T]) -> type[T]:
-        with_defaults(kind, Law)
-        for name, value in (('symbol', symbol), ('of_the_paper', of_the_paper),
-                            ('acts_on_v', acts_on_v)):
-            setattr(kind, name, value)
+        made: Any = with_defaults(kind, Law)
+        made.symbol, made.of_the_paper, made.acts_on_v = symbol, of_the_paper, acts_on_v
         return kind
     return marked
 

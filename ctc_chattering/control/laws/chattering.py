@@ -30,9 +30,9 @@ from typing import NamedTuple
 
 from ctc_chattering.compiled.compilable import dot
 from ctc_chattering.control.controller_config import ControllerConfig
-from ctc_chattering.control.evaluation import State
-from ctc_chattering.control.laws.base import Applied, law, Terms
-from ctc_chattering.control.switching import Perturbation, Switching, switching_class, unperturbed
+from ctc_chattering.control.laws.base import law
+from ctc_chattering.control.step import Applied, State, Terms
+from ctc_chattering.control.switching import Perturbation, Switching, switching_class
 from ctc_chattering.numerics.box_qp import nearest
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
@@ -58,19 +58,16 @@ class Chattering(NamedTuple):
 
     def initial(self) -> Perturbation:
         """Return P̂ = 0."""
-        return unperturbed(len(self.ka))
+        zero, square = 0.0 * self.ka, np.diag(0.0 * self.ka)
+        return Perturbation(zero, square, zero, zero, 0.0)
 
-    def reconfigured(self, memory: Perturbation, before: Chattering) -> Perturbation:
+    def reconfigured(self, memory: Perturbation) -> Perturbation:
         """Keep P̂; forget the last sample."""
-        del before
         return memory._replace(known=0.0)
 
-    def initialized(self, memory: Perturbation, now: State, estimate: Array | None
-                    ) -> Perturbation:
-        """Go on from the estimate of the other law, within ±Ka; without one, from the last own."""
-        if estimate is None:
-            return memory
-        return memory._replace(perturbation=nearest(now.M, estimate, self.ka))
+    def initialized(self, now: State, estimate: Array) -> Perturbation:
+        """Go on from the estimate of the other law, within ±Ka."""
+        return self.initial()._replace(perturbation=nearest(now.M, estimate, self.ka))
 
     def updated(self, memory: Perturbation, now: State) -> Perturbation:
         """Improve the estimate, if the switching has one."""
@@ -82,10 +79,9 @@ class Chattering(NamedTuple):
         z, clipping_error = self.switching.term(memory, at, compensation)
         return Terms(at.N, compensation, z, clipping_error), memory
 
-    def advanced(self, memory: Perturbation, now: State, applied: Applied, correction: Array
-                 ) -> Perturbation:
+    def advanced(self, memory: Perturbation, now: State, applied: Applied) -> Perturbation:
         """Predict the next sample, if the switching has an estimate."""
-        return self.switching.advanced(memory, now, applied, correction)
+        return self.switching.advanced(memory, now, applied)
 
     def estimate(self, memory: Perturbation, now: State) -> Array:
         """Return P̂ of the switching."""

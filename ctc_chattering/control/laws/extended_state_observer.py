@@ -34,12 +34,12 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from ctc_chattering.compiled.compilable import dot, record
+from ctc_chattering.control.adaptation import Desired, next_point
 from ctc_chattering.control.controller_config import ControllerConfig
-from ctc_chattering.control.evaluation import Context, ControlMemory, LastSample, State
-from ctc_chattering.control.feasible_reference import Desired, next_point
-from ctc_chattering.control.laws.base import Applied, law, Terms
+from ctc_chattering.control.laws.base import law, next_state
 from ctc_chattering.control.laws.observer_feedback import Place, placed
 from ctc_chattering.control.observer import drive_model, Observed, state_observer, StateObserver
+from ctc_chattering.control.step import Applied, Context, LastSample, State, Terms
 from ctc_chattering.numerics.box_qp import nearest
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.parameters import matrix
@@ -50,13 +50,12 @@ import numpy as np
 class ExtendedState(NamedTuple):
     """What the law remembers from sample to sample; truth values are 1.0 and 0.0."""
 
-    #: The state, predicted from the last sample with M there, (n, n), and whether there is one.
+    #: The state, predicted from the last sample with M, (n, n), and ddq_d [rad/s²], shape (n,),
+    #: there, and whether there is one.
     observed: Observed
     mass: Array
-    known: float
-    #: The last ddq_d [rad/s²], shape (n,), and whether there is one.
     ddq: Array
-    followed: float
+    known: float
 
 
 @law(symbol='-(P̂ + F)')
@@ -86,20 +85,19 @@ class ExtendedStateObserver(NamedTuple):
     def initial(self) -> ExtendedState:
         """Return the memory with nothing observed."""
         zero = 0.0 * self.friction
-        return ExtendedState(observed=Observed(*(zero,) * 5), mass=np.zeros_like(self.kp),
-                             known=0.0, ddq=zero, followed=0.0)
+        return ExtendedState(Observed(*(zero,) * 5), np.zeros_like(self.kp), zero, known=0.0)
 
-    def initialized(self, memory: ExtendedState, now: State, estimate: Array | None
-                    ) -> ExtendedState:
-        """Observe the state from the measured one, with the estimate of the other law."""
-        P = now.zero if estimate is None else nearest(
-            now.M, estimate - self.fed_forward(now.dq_d, now.ddq_d), self.ka)
-        return memory._replace(
-            observed=Observed(now.q, now.dq, now.zero, P, now.zero), known=0.0, followed=0.0)
+    def initialized(self, now: State, estimate: Array) -> ExtendedState:
+        """Begin with what the other law estimates beside friction."""
+        P = nearest(now.M, estimate - self.fed_forward(now.dq_d, now.ddq_d), self.ka)
+        return self.initial()._replace(
+            observed=Observed(now.q, now.dq, now.zero, P, now.zero))
 
-    def predicted_state(self, memory: ExtendedState, last: LastSample, context: Context,
-                        control: ControlMemory, points: Array) -> tuple[Array, Array]:
-        """Return q̂ and dq̂ as predicted."""
+    def predicted_state(self, memory: ExtendedState, last: LastSample, context: Context
+                        ) -> tuple[Array, Array]:
+        """Return q̂ and dq̂ as predicted; at first, by the model."""
+        if memory.known == 0.0:
+            return next_state(self, memory, last, context)
         return memory.observed.q, memory.observed.dq
 
     def corrected(self, memory: ExtendedState, q: Array, dq: Array, held: Array
@@ -111,26 +109,27 @@ class ExtendedStateObserver(NamedTuple):
             at = memory.observed._replace(q=q, dq=dq, torque=held)
         return memory._replace(observed=at), at.q, at.dq
 
-    def answer(self, memory: ExtendedState, now: State, context: Context, control: ControlMemory,
-               points: Array) -> tuple[Terms, ExtendedState]:
+    def answer(self, memory: ExtendedState, now: State, context: Context
+               ) -> tuple[Terms, ExtendedState]:
         """Return the terms of (ES4), for the period in which the torque arrives."""
+        points = context.points
         place, delay = Place(memory.observed, now.M, now.bias), int(context.settings.delay)
         for j in range(delay):
             F = self.fed_forward(points[3 * j + 1], points[3 * j + 2])
-            after = self.moved(place, context.command(control, j), F)
+            after = self.moved(place, context.in_transit(j), F)
             place = placed(context.models.arriving, after)
         held, drives = place.at.torque, self.observer.drives
         dq, ddq = points[3 * delay + 1], points[3 * delay + 2]
         place = placed(context.models.after,
-                       self.moved(place, control.held, self.fed_forward(dq, ddq)))
-        r = next_point(Desired(points[3 * delay], dq, ddq), memory.followed * (ddq - memory.ddq),
+                       self.moved(place, context.memory.held, self.fed_forward(dq, ddq)))
+        r = next_point(Desired(points[3 * delay], dq, ddq), memory.known * (ddq - memory.ddq),
                        drives.period)
         z = -(place.at.perturbation + self.fed_forward(r.dq, r.ddq))
         u = dot(self.kv, r.dq - place.at.dq) + dot(self.kp, r.q - place.at.q)
         wanted = dot(place.M, r.ddq + u) + place.bias - z
         command = (wanted - drives.decay * held) / (1.0 - drives.decay)
         sent = np.minimum(np.maximum(command, held - drives.reach), held + drives.reach)
-        return Terms(sent + z, now.zero, z, now.zero), memory._replace(ddq=ddq, followed=1.0)
+        return Terms(sent + z, now.zero, z, now.zero), memory._replace(ddq=ddq)
 
     def moved(self, place: Place, command: Array, F: Array) -> Observed:
         """Return the state a period later, under a command to the drives and the friction F."""
@@ -140,8 +139,7 @@ class ExtendedStateObserver(NamedTuple):
         """Return F of (ES3), shape (n,) [N·m]."""
         return self.friction * np.tanh((dq_d + self.ahead * ddq_d) / self.width)
 
-    def advanced(self, memory: ExtendedState, now: State, applied: Applied, correction: Array
-                 ) -> ExtendedState:
+    def advanced(self, memory: ExtendedState, now: State, applied: Applied) -> ExtendedState:
         """Predict the next sample."""
         after = self.moved(Place(memory.observed, now.M, now.bias), applied.tau,
                            self.fed_forward(now.dq_d, now.ddq_d))

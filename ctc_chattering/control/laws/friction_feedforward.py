@@ -32,8 +32,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from ctc_chattering.control.controller_config import ControllerConfig
-from ctc_chattering.control.evaluation import State
-from ctc_chattering.control.laws.base import law, Nothing, Terms
+from ctc_chattering.control.laws.base import law, Nothing
+from ctc_chattering.control.step import State, Terms
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
 
@@ -49,7 +49,6 @@ class FrictionFeedforward(NamedTuple):
     @classmethod
     def made(cls, config: ControllerConfig, period: float) -> FrictionFeedforward:
         """Return the law of a configuration."""
-        del period
         return cls(np.array(config.friction_level), config.friction_velocity)
 
     def terms(self, memory: Nothing, at: State) -> tuple[Terms, Nothing]:

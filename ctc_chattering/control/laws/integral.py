@@ -38,8 +38,8 @@ from typing import NamedTuple
 
 from ctc_chattering.compiled.compilable import dot, record, solve, some
 from ctc_chattering.control.controller_config import ControllerConfig
-from ctc_chattering.control.evaluation import State
-from ctc_chattering.control.laws.base import Applied, law, Terms
+from ctc_chattering.control.laws.base import law
+from ctc_chattering.control.step import Applied, State, Terms
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.parameters import matrix
 import numpy as np
@@ -72,16 +72,15 @@ class Integral(NamedTuple):
         """Return x = 0."""
         return Integrated(0.0 * self.gain)
 
-    def initialized(self, memory: Integrated, now: State, estimate: Array | None) -> Integrated:
+    def initialized(self, now: State, estimate: Array) -> Integrated:
         """Set x so that it cancels the estimated perturbation."""
-        return self.initial() if estimate is None else Integrated(solve(now.M, estimate))
+        return Integrated(solve(now.M, estimate))
 
     def terms(self, memory: Integrated, at: State) -> tuple[Terms, Integrated]:
         """Return the terms of (I1)."""
         return Terms(at.N, at.zero, -dot(at.M, memory.x), at.zero), memory
 
-    def advanced(self, memory: Integrated, now: State, applied: Applied, correction: Array
-                 ) -> Integrated:
+    def advanced(self, memory: Integrated, now: State, applied: Applied) -> Integrated:
         """Advance x by (I2)."""
         x = memory.x + self.gain * now.e
         if some(applied.saturation_error):

@@ -40,8 +40,8 @@ from typing import NamedTuple
 
 from ctc_chattering.compiled.compilable import dot, record, transposed_dot
 from ctc_chattering.control.controller_config import ControllerConfig
-from ctc_chattering.control.evaluation import State
-from ctc_chattering.control.laws.base import Applied, law, Terms
+from ctc_chattering.control.laws.base import law
+from ctc_chattering.control.step import Applied, State, Terms
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
 
@@ -79,10 +79,9 @@ class MomentumObserver(NamedTuple):
         """Return P̂ = 0."""
         return Momentum(self.zero, self.zero, self.zero, self.zero, 0.0)
 
-    def initialized(self, memory: Momentum, now: State, estimate: Array | None) -> Momentum:
+    def initialized(self, now: State, estimate: Array) -> Momentum:
         """Go on from the estimate of the other law."""
-        start = self.initial()
-        return start if estimate is None else start._replace(perturbation=estimate)
+        return self.initial()._replace(perturbation=estimate)
 
     def updated(self, memory: Momentum, now: State) -> Momentum:
         """Improve P̂ by (MO2) and (MO3)."""
@@ -96,8 +95,7 @@ class MomentumObserver(NamedTuple):
         """Return the terms of (MO4)."""
         return Terms(at.N, at.zero, -memory.perturbation, at.zero), memory
 
-    def advanced(self, memory: Momentum, now: State, applied: Applied, correction: Array
-                 ) -> Momentum:
+    def advanced(self, memory: Momentum, now: State, applied: Applied) -> Momentum:
         """Remember the torque for the next sample."""
         return memory._replace(tau=applied.tau, known=1.0)
 

@@ -46,32 +46,13 @@ from math import exp
 from typing import NamedTuple
 
 from ctc_chattering.compiled.compilable import diagonal, dot, function, record
-from ctc_chattering.control.adaptation import (
-    friction_level,
-    FrictionLevel,
-    GRACE,
-    kept,
-    Learned,
-    moving,
-    Oscillation,
-    oscillation_guard,
-    OscillationGuard,
-    Rest,
-    Standstill,
-    standstill,
-    untaught,
-)
+from ctc_chattering.control import adaptation
+from ctc_chattering.control.adaptation import Desired, Deviation
 from ctc_chattering.control.controller_config import ControllerConfig
-from ctc_chattering.control.evaluation import Context, ControlMemory, Evaluates, LastSample, State
-from ctc_chattering.control.feasible_reference import (
-    Desired,
-    Deviation,
-    feasible_reference,
-    FeasibleReference,
-    next_point,
-)
-from ctc_chattering.control.laws.base import Applied, law, Terms
+from ctc_chattering.control.laws.base import law, next_state
 from ctc_chattering.control.observer import drive_model, Observed, state_observer, StateObserver
+from ctc_chattering.control.step import Applied, Context, LastSample, State, Terms
+from ctc_chattering.dynamics.model import Model
 from ctc_chattering.numerics.box_qp import nearest
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.parameters import matrix
@@ -85,22 +66,19 @@ _NO_RETREAT, _STIFF = -1e-3, 10.0
 class Memory(NamedTuple):
     """What the law remembers from sample to sample; truth values are 1.0 and 0.0."""
 
-    #: The state, predicted from the last sample with M there, (n, n), and whether there is one.
+    #: The state, predicted from the last sample with M, (n, n), and ddq_d [rad/s²], shape (n,),
+    #: there; x and dx of the reference; and whether there was such a sample.
     observed: Observed
     mass: Array
+    ddq: Array
+    deviation: Deviation
     known: float
     #: K̂ as learned so far.
-    learned: Learned
-    #: x and dx of the reference, and whether they have begun.
-    deviation: Deviation
-    deviating: float
-    #: The last ddq_d [rad/s²], shape (n,), and whether there is one.
-    ddq: Array
-    followed: float
+    learned: adaptation.Learned
     #: Which joints are held.
-    rest: Rest
+    rest: adaptation.Rest
     #: Of the feedback, and with it s of `oscillation`.
-    oscillation: Oscillation
+    oscillation: adaptation.Oscillation
 
 
 @record
@@ -110,19 +88,6 @@ class Place(NamedTuple):
     at: Observed
     M: Array
     bias: Array
-
-
-@record
-class WantedTorque(NamedTuple):
-    """A torque that is wanted at arrival, and what goes with it; arrays of shape (n,)."""
-
-    #: τ* and z of (OF2) and (OF3) [N·m].
-    tau: Array
-    z: Array
-    #: -2 w dx - w² x of the deviation [rad/s²].
-    back: Array
-    #: f of (OF5) [N·m].
-    feedback: Array
 
 
 @law(symbol='-(P̂ + F)')
@@ -135,13 +100,11 @@ class ObserverFeedback(NamedTuple):
     ka: Array
     #: The level of friction at the start, shape (n,) [N·m].
     given: Array
-    #: Whether a drive has a lag, 1.0 or 0.0.
-    lagging: float
     observer: StateObserver
-    reference: FeasibleReference
-    learning: FrictionLevel
-    standstill: Standstill
-    guard: OscillationGuard
+    reference: adaptation.FeasibleReference
+    learning: adaptation.FrictionLevel
+    standstill: adaptation.Standstill
+    guard: adaptation.OscillationGuard
     #: k of (OF5), for the law of a sample (`slowed_down`), and the least of it.
     part: float
     least: float
@@ -153,27 +116,24 @@ class ObserverFeedback(NamedTuple):
         kp, kv = np.array(matrix(config.kp, n)), np.array(matrix(config.kv, n))
         lag, rate = np.array(config.assumed_lag), np.array(config.torque_rate_limit)
         return cls(
-            kp=kp, kv=kv, ka=ka, given=np.array(config.friction_level), lagging=float(any(lag)),
+            kp=kp, kv=kv, ka=ka, given=np.array(config.friction_level),
             observer=state_observer(drive_model(lag, rate, period), bandwidth, ka),
-            reference=feasible_reference(kp.diagonal(), kv.diagonal(), rate, lag, period),
-            learning=friction_level(config.friction_learning, bandwidth, period, ka),
-            standstill=standstill(bandwidth, ka, rate, period),
-            guard=oscillation_guard(ka, rate, np.sqrt(kp.diagonal()), period),
+            reference=adaptation.feasible_reference(
+                kp.diagonal(), kv.diagonal(), rate, lag, period),
+            learning=adaptation.friction_level(config.friction_learning, bandwidth, period, ka),
+            standstill=adaptation.standstill(bandwidth, ka, rate, period),
+            guard=adaptation.oscillation_guard(ka, rate, np.sqrt(kp.diagonal()), period),
             part=1.0, least=float(min(1.0, _STIFF / np.sqrt(kp.diagonal().max()))))
 
-    def bandwidth_in_use(self, memory: Memory) -> float:
-        """Return s of `oscillation`."""
-        return exp(memory.oscillation.retreat)
-
-    def out_of_control(self, memory: Memory) -> float:
-        """Return how long less bandwidth has not helped [s]."""
-        return memory.oscillation.strained
+    def stability(self, memory: Memory) -> tuple[float, float]:
+        """Return s of (OG1), and how long less bandwidth has not helped [s]."""
+        return exp(memory.oscillation.retreat), memory.oscillation.strained
 
     def slowed_down(self, memory: Memory) -> ObserverFeedback:
         """Return the law with the part of its bandwidths that it may use."""
         if memory.oscillation.retreat > _NO_RETREAT:
             return self
-        part = self.bandwidth_in_use(memory)
+        part, _ = self.stability(memory)
         return self._replace(
             observer=self.observer.slowed(part), reference=self.reference.slowed(part),
             learning=self.learning.slowed(part), part=max(part, self.least))
@@ -182,22 +142,24 @@ class ObserverFeedback(NamedTuple):
         """Return the memory with nothing observed or learned."""
         zero = 0.0 * self.given
         return Memory(
-            observed=Observed(*(zero,) * 5), mass=np.zeros_like(self.kp), known=0.0,
-            learned=untaught(self.given), deviation=Deviation(zero, zero), deviating=0.0,
-            ddq=zero, followed=0.0, rest=moving(zero),
-            oscillation=Oscillation(*(zero,) * 4, retreat=0.0, strained=-GRACE))
+            observed=Observed(*(zero,) * 5), mass=np.zeros_like(self.kp), ddq=zero,
+            deviation=Deviation(zero, zero), known=0.0,
+            learned=adaptation.Learned(self.given, *(zero,) * 5),
+            rest=adaptation.Rest(*(zero,) * 4),
+            oscillation=adaptation.Oscillation(
+                *(zero,) * 4, retreat=0.0, strained=-adaptation.GRACE))
 
-    def initialized(self, memory: Memory, now: State, estimate: Array | None) -> Memory:
-        """Observe the state from the measured one, with the estimate of the other law."""
-        P = now.zero if estimate is None else nearest(
-            now.M, estimate - memory.learned.level * np.sign(now.dq), self.ka)
-        return memory._replace(
-            observed=Observed(now.q, now.dq, now.zero, P, now.zero), known=0.0, deviating=0.0,
-            followed=0.0, rest=moving(now.zero))
+    def initialized(self, now: State, estimate: Array) -> Memory:
+        """Begin with what the other law estimates beside friction."""
+        P = nearest(now.M, estimate - self.given * np.sign(now.dq), self.ka)
+        return self.initial()._replace(
+            observed=Observed(now.q, now.dq, now.zero, P, now.zero))
 
-    def predicted_state(self, memory: Memory, last: LastSample, context: Context,
-                        control: ControlMemory, points: Array) -> tuple[Array, Array]:
-        """Return q̂ and dq̂ as predicted."""
+    def predicted_state(self, memory: Memory, last: LastSample, context: Context
+                        ) -> tuple[Array, Array]:
+        """Return q̂ and dq̂ as predicted; at first, by the model."""
+        if memory.known == 0.0:
+            return next_state(self, memory, last, context)
         return memory.observed.q, memory.observed.dq
 
     def corrected(self, memory: Memory, q: Array, dq: Array, held: Array
@@ -205,72 +167,69 @@ class ObserverFeedback(NamedTuple):
         """Return q̂ and dq̂, corrected by the measured position; at first the measured ones."""
         rest = self.standstill.placed_at(memory.rest, q)
         if memory.known != 0.0:
-            at = kept(rest, memory.observed, self.slowed_down(memory).observer.correct(
+            at = adaptation.kept(rest, memory.observed, self.slowed_down(memory).observer.correct(
                 memory.observed, memory.mass, q))
         else:
             at = memory.observed._replace(q=q, dq=dq, torque=held)
         return memory._replace(observed=at, rest=rest), at.q, at.dq
 
-    def answer(self, memory: Memory, now: State, context: Context, control: ControlMemory,
-               points: Array) -> tuple[Terms, Memory]:
+    def answer(self, memory: Memory, now: State, context: Context) -> tuple[Terms, Memory]:
         """Return the terms of (OF4), for the state in which the torque arrives."""
-        return self.slowed_down(memory).answered(memory, now, context, control, points)
+        return self.slowed_down(memory).answered(memory, now, context)
 
-    def answered(self, memory: Memory, now: State, context: Context, control: ControlMemory,
-                 points: Array) -> tuple[Terms, Memory]:
+    def answered(self, memory: Memory, now: State, context: Context) -> tuple[Terms, Memory]:
         """Return `answer` with the bandwidths of this law."""
-        place, delay = Place(memory.observed, now.M, now.bias), int(context.settings.delay)
+        points, delay = context.points, int(context.settings.delay)
+        place = Place(memory.observed, now.M, now.bias)
         for j in range(delay):
-            arrived = self.predicted(memory, place, context.command(control, j))
+            arrived = self.predicted(memory, place, context.in_transit(j))
             place = placed(context.models.arriving, arrived)
         point = Desired(points[3 * delay], points[3 * delay + 1], points[3 * delay + 2])
         by = memory.deviation
-        if memory.deviating == 0.0:
+        if memory.known == 0.0:
             by = Deviation(place.at.q - point.q, place.at.dq - point.dq)
-        now_wanted = self.wanted(memory, place, point, by)
-        tau, held = now_wanted.tau, place.at.torque
-        by = self.reference.following(
-            point, by, now_wanted.back, diagonal(place.M), memory.learned.level)
-        if self.lagging != 0.0:
-            after = placed(context.models.after, self.half_way(memory, place, tau))
-            step = memory.followed * (point.ddq - memory.ddq)
-            then = self.wanted(memory, after, next_point(point, step, self.reference.period), by)
-            tau = self.observer.drives.command(tau, then.tau)
+        held, level = place.at.torque, memory.learned.level
+        tau, z, back, feedback = self.wanted(memory, place, point, by)
+        by = self.reference.following(point, by, back, diagonal(place.M), level)
+        half = 0.5 * (held + tau)                              # The drives are half way to τ*.
+        half_way = place._replace(at=place.at._replace(torque=half))
+        after = placed(context.models.after, self.predicted(memory, half_way, half))
+        step = memory.known * (point.ddq - memory.ddq)
+        later, _, _, _ = self.wanted(
+            memory, after, adaptation.next_point(point, step, self.reference.period), by)
+        tau = self.observer.drives.command(tau, later)
         sent = held + nearest(place.M, tau - held, self.observer.drives.reach)
         by = self.reference.relieved(by, tau - sent, place.M)
-        z = now_wanted.z
         return Terms(sent + z, now.zero, z, now.zero), memory._replace(
-            deviation=by, deviating=1.0, ddq=point.ddq, followed=1.0,
-            rest=self.standstill.judged(
-                memory.rest, point, diagonal(place.M), memory.learned.level),
-            oscillation=self.guard.noticed(
-                memory.oscillation, now_wanted.feedback, tau - sent))
+            deviation=by, ddq=point.ddq,
+            rest=self.standstill.judged(memory.rest, point, diagonal(place.M), level),
+            oscillation=self.guard.noticed(memory.oscillation, feedback, tau - sent))
 
     def predicted(self, memory: Memory, place: Place, command: Array) -> Observed:
         """Return the state a period later, under a command to the drives."""
         return self.observer.predict(
             place.at, place.M, place.bias, memory.learned.level, command)
 
-    def wanted(self, memory: Memory, place: Place, point: Desired, by: Deviation) -> WantedTorque:
-        """Return what (OF2) and (OF3) want."""
+    def wanted(self, memory: Memory, place: Place, point: Desired, by: Deviation
+               ) -> tuple[Array, Array, Array, Array]:
+        """
+        Return τ* [N·m], z [N·m], -2 w dx - w² x [rad/s²] and f [N·m], each of shape (n,).
+
+        By (OF2), (OF3), (FR3) and (OF5); parameters are the memory, the state, a point of the
+        reference there, and its deviation.
+        """
         at, M, level = place.at, place.M, memory.learned.level
         back = self.reference.returning(by, diagonal(M), level)
         r = self.reference.shifted(point, by, back)
         z = -nearest(M, at.perturbation + self.reference.feedforward(point, level, 0.0), self.ka)
         u = self.part * (dot(self.kv, r.dq - at.dq) + self.part * dot(self.kp, r.q - at.q))
         feedback = dot(M, u)
-        return WantedTorque(dot(M, r.ddq) + feedback + place.bias - z, z, back, feedback)
+        return dot(M, r.ddq) + feedback + place.bias - z, z, back, feedback
 
-    def half_way(self, memory: Memory, place: Place, tau: Array) -> Observed:
-        """Return the state a period after the arrival, with the drives half way to τ*."""
-        half = 0.5 * (place.at.torque + tau)
-        return self.predicted(memory, place._replace(at=place.at._replace(torque=half)), half)
-
-    def advanced(self, memory: Memory, now: State, applied: Applied, correction: Array) -> Memory:
+    def advanced(self, memory: Memory, now: State, applied: Applied) -> Memory:
         """Learn the level of friction, and predict the next sample."""
         at = memory.observed
-        learned = self.slowed_down(memory).learning.learn(
-            memory.learned, at.dq, at.perturbation)
+        learned = self.slowed_down(memory).learning.learn(memory.learned, at.dq, at.perturbation)
         by = self.reference.relieved(memory.deviation, applied.saturation_error, now.M)
         after = self.observer.predict(at, now.M, now.bias, learned.level, applied.tau)
         return memory._replace(
@@ -282,7 +241,7 @@ class ObserverFeedback(NamedTuple):
 
 
 @function
-def placed(model: Evaluates, at: Observed) -> Place:
+def placed(model: Model, at: Observed) -> Place:
     """Return a state with its dynamics."""
     M, C, G = model.evaluate(at.q, at.dq)
     return Place(at, M, dot(C, at.dq) + G)

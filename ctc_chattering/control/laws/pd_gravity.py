@@ -34,23 +34,16 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from ctc_chattering.compiled.compilable import inverse_diagonal
-from ctc_chattering.control.controller_config import ControllerConfig
-from ctc_chattering.control.evaluation import State
-from ctc_chattering.control.laws.base import law, Nothing, Terms
+from ctc_chattering.control.laws.base import law, Nothing
+from ctc_chattering.control.step import State, Terms
 
 
 @law()
 class PdGravity(NamedTuple):
     """PD with gravity."""
 
-    #: h [s]; a record has a field.
-    period: float
-
-    @classmethod
-    def made(cls, config: ControllerConfig, period: float) -> PdGravity:
-        """Return the law: its gains are in the state."""
-        del config
-        return cls(period)
+    #: Its gains are in the state, and a record has a field.
+    nothing: float = 0.0
 
     def terms(self, memory: Nothing, at: State) -> tuple[Terms, Nothing]:
         """Return the terms of (PG1)."""

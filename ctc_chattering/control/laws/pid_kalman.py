@@ -40,9 +40,9 @@ from typing import NamedTuple
 
 from ctc_chattering.compiled.compilable import dot, record, solve, some
 from ctc_chattering.control.controller_config import ControllerConfig
-from ctc_chattering.control.evaluation import arriving, Context, ControlMemory, LastSample, State
-from ctc_chattering.control.laws.base import Applied, law, Terms
+from ctc_chattering.control.laws.base import law, next_state
 from ctc_chattering.control.observer import drive_model, DriveModel
+from ctc_chattering.control.step import Applied, arriving, Context, LastSample, State, Terms
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.parameters import matrix
 import numpy as np
@@ -62,9 +62,8 @@ class Kinematics(NamedTuple):
     torque: Array
     asked: Array
     sent: Array
-    #: Whether there was a sample, and whether it had a torque; 1.0 or 0.0.
+    #: Whether there was a sample, 1.0 or 0.0.
     known: float
-    followed: float
 
 
 @law(symbol='-(M ∫ Ki e dt + F)')
@@ -102,17 +101,18 @@ class PidKalman(NamedTuple):
     def initial(self) -> Kinematics:
         """Return the memory of no sample."""
         zero = 0.0 * self.gain
-        return Kinematics(*(zero,) * 7, known=0.0, followed=0.0)
+        return Kinematics(*(zero,) * 7, known=0.0)
 
-    def initialized(self, memory: Kinematics, now: State, estimate: Array | None) -> Kinematics:
+    def initialized(self, now: State, estimate: Array) -> Kinematics:
         """Set y so that it cancels what the other law estimates beside friction."""
-        start = self.initial()
-        return start if estimate is None else start._replace(
-            integral=solve(now.M, estimate - self.friction_ahead(now)))
+        y = solve(now.M, estimate - self.friction_ahead(now))
+        return self.initial()._replace(integral=y)
 
-    def predicted_state(self, memory: Kinematics, last: LastSample, context: Context,
-                        control: ControlMemory, points: Array) -> tuple[Array, Array]:
-        """Return q̂ and dq̂ as predicted."""
+    def predicted_state(self, memory: Kinematics, last: LastSample, context: Context
+                        ) -> tuple[Array, Array]:
+        """Return q̂ and dq̂ as predicted; at first, by the model."""
+        if memory.known == 0.0:
+            return next_state(self, memory, last, context)
         return memory.q, memory.dq
 
     def corrected(self, memory: Kinematics, q: Array, dq: Array, held: Array
@@ -132,16 +132,16 @@ class PidKalman(NamedTuple):
         """Return F, shape (n,) [N·m]."""
         return self.friction * np.tanh((at.dq_d + self.ahead * at.ddq_d) / self.width)
 
-    def answer(self, memory: Kinematics, now: State, context: Context, control: ControlMemory,
-               points: Array) -> tuple[Terms, Kinematics]:
+    def answer(self, memory: Kinematics, now: State, context: Context
+               ) -> tuple[Terms, Kinematics]:
         """Return the terms of (PK4), for the state in which the torque arrives."""
-        at, held = arriving(self, memory, now, context, control, points), memory.torque
+        at, held = arriving(self, memory, now, context), memory.torque
         for j in range(int(context.settings.delay)):
-            held = self.drives.response(held, context.command(control, j)).end
+            held, _, _ = self.drives.response(held, context.in_transit(j))
         z = -self.estimate(memory, at)
         wanted, E, reach = at.N - z, self.drives.decay, self.drives.reach
         command = wanted
-        if memory.followed != 0.0:
+        if memory.known != 0.0:
             command = self.lead * memory.sent + (1.0 - self.lead) / (1.0 - E) * (
                 wanted - E * memory.asked)
         sent = np.minimum(np.maximum(command, held - reach), held + reach)
@@ -149,17 +149,17 @@ class PidKalman(NamedTuple):
         if some(command - sent):
             y = y - self.tracking * solve(at.M, command - sent)
         return Terms(sent + z, now.zero, z, now.zero), memory._replace(
-            integral=y, asked=wanted, sent=sent, followed=1.0)
+            integral=y, asked=wanted, sent=sent)
 
-    def advanced(self, memory: Kinematics, now: State, applied: Applied, correction: Array
-                 ) -> Kinematics:
+    def advanced(self, memory: Kinematics, now: State, applied: Applied) -> Kinematics:
         """Predict the next sample by (PK1), and advance y by (PK5)."""
         h, y = self.period, memory.integral + self.gain * now.e
         if some(applied.saturation_error):
             y = y - self.tracking * solve(now.M, applied.saturation_error)
+        torque, _, _ = self.drives.response(memory.torque, applied.tau)
         return memory._replace(
             q=memory.q + h * (memory.dq + 0.5 * h * memory.ddq), dq=memory.dq + h * memory.ddq,
-            integral=y, torque=self.drives.response(memory.torque, applied.tau).end, known=1.0)
+            integral=y, torque=torque, known=1.0)
 
     def estimate(self, memory: Kinematics, now: State) -> Array:
         """Return M y with the friction."""

@@ -41,8 +41,8 @@ from typing import NamedTuple
 
 from ctc_chattering.compiled.compilable import dot, inverse_diagonal, record
 from ctc_chattering.control.controller_config import ControllerConfig
-from ctc_chattering.control.evaluation import State
-from ctc_chattering.control.laws.base import Applied, law, Terms
+from ctc_chattering.control.laws.base import law
+from ctc_chattering.control.step import Applied, State, Terms
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.parameters import matrix
 import numpy as np
@@ -84,18 +84,12 @@ class SlotineLi(NamedTuple):
         """Return the given level."""
         return Adapted(self.given)
 
-    def reconfigured(self, memory: Adapted, before: SlotineLi) -> Adapted:
-        """Keep f̂ unless another level is given."""
-        return memory if (self.given == before.given).all() else self.initial()
-
-    def initialized(self, memory: Adapted, now: State, estimate: Array | None) -> Adapted:
-        """Take f̂ from the estimate on joints that move; without one, go on from the last own."""
-        if estimate is None:
-            return memory
+    def initialized(self, now: State, estimate: Array) -> Adapted:
+        """Take f̂ from the estimate on joints that move, and as it is given on the others."""
         y = self.regressor(now)
         moving = np.abs(y) > _MOVING
         return Adapted(np.where(
-            moving, np.maximum(estimate / np.where(moving, y, 1.0), 0.0), memory.level))
+            moving, np.maximum(estimate / np.where(moving, y, 1.0), 0.0), self.given))
 
     def regressor(self, at: State) -> Array:
         """Return tanh(dq_r / ε), shape (n,)."""
@@ -107,8 +101,7 @@ class SlotineLi(NamedTuple):
         model = dot(at.M, ddq_r) + dot(at.C, dq_r) + at.G + at.u / inverse_diagonal(at.M)
         return Terms(model, at.zero, -memory.level * np.tanh(dq_r / self.width), at.zero), memory
 
-    def advanced(self, memory: Adapted, now: State, applied: Applied, correction: Array
-                 ) -> Adapted:
+    def advanced(self, memory: Adapted, now: State, applied: Applied) -> Adapted:
         """Adapt f̂ by (SL3)."""
         slip = dot(self.ratio, now.e)
         change = self.gain * np.tanh((now.dq_d + slip) / self.width) * (now.de + slip)

@@ -42,8 +42,8 @@ from typing import NamedTuple
 
 from ctc_chattering.compiled.compilable import dot, record, solve
 from ctc_chattering.control.controller_config import ControllerConfig
-from ctc_chattering.control.evaluation import ErrorFilter, filter_of, State
-from ctc_chattering.control.laws.base import Applied, law, Terms
+from ctc_chattering.control.laws.base import law
+from ctc_chattering.control.step import Applied, error_filter, ErrorFilter, State, Terms
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
 
@@ -69,17 +69,15 @@ class SuperTwisting(NamedTuple):
     @classmethod
     def made(cls, config: ControllerConfig, period: float) -> SuperTwisting:
         """Return the law of a configuration."""
-        return cls(filter_of(config, period), np.array(config.super_twisting_k1),
-                   period * np.array(config.super_twisting_k2))
+        return cls(error_filter(config.lambda_, config.b, period),
+                   np.array(config.super_twisting_k1), period * np.array(config.super_twisting_k2))
 
     def initial(self) -> Twisted:
         """Return w = 0."""
         return Twisted(0.0 * self.k1, 0.0 * self.k1)
 
-    def initialized(self, memory: Twisted, now: State, estimate: Array | None) -> Twisted:
+    def initialized(self, now: State, estimate: Array) -> Twisted:
         """Set w so that it cancels the estimated perturbation."""
-        if estimate is None:
-            return self.initial()
         w = -solve(now.M, estimate)
         return Twisted(w, w)
 
@@ -95,8 +93,7 @@ class SuperTwisting(NamedTuple):
         a = self.k1 * root * np.sign(r) + coming
         return Terms(at.N, at.zero, dot(at.M, a), at.zero), Twisted(memory.w, coming)
 
-    def advanced(self, memory: Twisted, now: State, applied: Applied, correction: Array
-                 ) -> Twisted:
+    def advanced(self, memory: Twisted, now: State, applied: Applied) -> Twisted:
         """Advance w."""
         return Twisted(memory.coming, memory.coming)
 

@@ -7,7 +7,6 @@
 const ctcView = (frame, store, say) => {
   const CAMERA = /^(&initialCamera(Position|LookAt|Up|Fov|Near|Far)=[-+.,e\d]{1,80}){1,6}$/;
   const night = matchMedia('(prefers-color-scheme: dark)');
-  const dark = () => document.documentElement.dataset.theme === 'dark' || night.matches;
   let scene = null, moved = false, timer = 0;
   const kept = () => {
     const camera = store.read().camera;
@@ -16,7 +15,7 @@ const ctcView = (frame, store, say) => {
   const open = () => {
     const camera = kept(), mine = camera && (scene === null || camera.scene === scene);
     moved = false;
-    frame.src = `/view/?logCamera${dark() ? '&darkMode' : ''}${mine ? camera.words : ''}`;
+    frame.src = `/view/?logCamera${night.matches ? '&darkMode' : ''}${mine ? camera.words : ''}`;
   };
   frame.addEventListener('load', () => {
     const inside = frame.contentWindow, log = inside.console.log;
