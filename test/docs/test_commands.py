@@ -62,7 +62,8 @@ ELSEWHERE = {
     'ros2 run controller_manager': 'ros2_control',
     'ros2 run mujoco_ros2_control': 'mujoco_ros2_control',
     'ros2 run ctc_chattering controller --ros-args --enclave': 'a keystore',
-    'ros2 run ctc_chattering plant --ros-args --enclave': 'a keystore'}
+    'ros2 run ctc_chattering plant --ros-args --enclave': 'a keystore',
+    "ros2 run --prefix 'chrt": 'the right to a priority'}
 #: What takes long here.
 SLOW = ('ctc compare', 'ctc excite', 'ctc map', 'ctc plot', 'ctc tune',
         'ros2 run ctc_chattering bringup --p',
@@ -118,6 +119,8 @@ def is_assignment(text: str) -> bool:
 def ours(line: Line) -> list[str]:
     """Return the words of a command of this package, or none."""
     words = shlex.split(line.text)
+    if words[:3] == ['ros2', 'run', '--prefix']:
+        del words[2:4]
     if words[:3] == ['ros2', 'run', 'ctc_chattering']:
         words = words[3:]
     return words if words[0] in ('ctc', 'bringup', *NODE_DESCRIPTIONS) else []
