@@ -125,9 +125,7 @@ def check_motion(setup: Setup) -> None:
     """Raise `CtcError` if the motion, or its start, is beyond the limits of a URDF."""
     plant, reference = setup.plant, setup.reference
     check_start(plant, setup.descriptions.get('plant', ''))
-    description = setup.descriptions.get('reference', '')
-    if not description:
-        return
-    limits = DescribedLimits(description, reference.joint_names)
-    start = dict(zip(plant.joint_names, zip(plant.initial_position, plant.initial_velocity)))
-    make_motion(reference, setup.route, start, limits=limits)
+    if description := setup.descriptions.get('reference', ''):
+        start = dict(zip(plant.joint_names, zip(plant.initial_position, plant.initial_velocity)))
+        make_motion(reference, setup.route, start,
+                    limits=DescribedLimits(description, reference.joint_names))

@@ -93,9 +93,8 @@ def new_robot(location: str, joints: Sequence[str] = (), gravity: float = 9.81
         0, round(_DURATION * NANOSECONDS), _STEP)], axis=0) + friction
     for name, needed, most in zip(names, torques, largest):
         if needed > most:  # Nearly all of it is the weight: a slower motion would not help.
-            raise CtcError(f'{name}: a motion around the middle of the limits takes {needed:.3g} '
-                           f'N·m, but <limit effort> allows {most:g}; correct the URDF, or choose '
-                           'other joints by --joints')
+            raise CtcError(f'{name}: the motion takes {needed:.3g} N·m, but <limit effort> allows '
+                           f'{most:g}; correct the URDF, or choose other joints by --joints')
     return values
 
 

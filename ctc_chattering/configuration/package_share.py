@@ -16,7 +16,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from contextlib import suppress
 import os
 from pathlib import Path
 import sys
@@ -123,7 +123,9 @@ def find_file(location: str) -> Path:
     if not location.startswith(_SCHEME):
         return Path(location)
     below = Path('share', *location.removeprefix(_SCHEME).split('/'))
-    looked = list(_prefixes())
+    ament = filter(None, os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep))
+    bundles = (Path(entry, 'cmeel.prefix') for entry in filter(None, sys.path))
+    looked = [*map(Path, ament), Path(sys.prefix), *filter(Path.is_dir, bundles)]
     for prefix in looked:
         if (prefix / below).is_file():
             return prefix / below
@@ -138,23 +140,12 @@ def find_mesh(location: str) -> Path | None:
 
     Read are STL, COLLADA and OBJ, up to 50 MB: a URDF of others may name any file.
     """
-    try:
+    with suppress(CtcError):
         path = find_file(location.removeprefix('file://'))
-    except CtcError:
-        return None
-    return path if path.suffix.lower() in _MESHES and path.is_file() and (
-        path.stat().st_size <= _MESH_SIZE) else None
-
-
-def _prefixes() -> Iterator[Path]:
-    """Yield the prefixes of installed packages, which have a ``share``."""
-    for prefix in filter(None, os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep)):
-        yield Path(prefix)
-    yield Path(sys.prefix)
-    for entry in filter(None, sys.path):
-        bundle = Path(entry, 'cmeel.prefix')
-        if bundle.is_dir():
-            yield bundle
+        if path.suffix.lower() in _MESHES and path.is_file() and (
+                path.stat().st_size <= _MESH_SIZE):
+            return path
+    return None
 
 
 #: Figures 2 to 9 of the paper, the switching that this package recommends (Ka above friction),

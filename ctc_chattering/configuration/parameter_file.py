@@ -71,8 +71,9 @@ def load(path: Path | None, overrides: Overrides | None = None) -> Setup:
     sections = read(path) if path else {}
     for name in (*sections, *(overrides or {})):
         if name not in (*NODES, EVERY_NODE):
-            raise CtcError(f'{path}: no node is called {name}; allowed: '
-                           f'{", ".join((*NODES, EVERY_NODE))}{near(name, NODES)}')
+            raise CtcError(f'{path if name in sections else "overrides"}: no node is called '
+                           f'{name}; allowed: {", ".join((*NODES, EVERY_NODE))}'
+                           + near(name, NODES))
     values = {node: node_values(sections, node, str(path))
               | node_values(overrides or {}, node, 'overrides') for node in NODES}
     values['plant'].setdefault('experiment', path.stem if path else 'friction')
@@ -84,6 +85,8 @@ def load(path: Path | None, overrides: Overrides | None = None) -> Setup:
     loop: dict[str, Any] = {node: kind.from_mapping({name: resolved[node][name] for name in (
         kind.parameters())}) for node, kind in LOOP.items()}
     plant, controller, reference = loop.values()
+    if values['plant'].get('use_sim_time') is True and plant.pacing == 'real_time':
+        raise UsageError('use_sim_time: true contradicts real_time, the pacing of plant')
     file = reference.trajectory_file
     route = yaml_file.read_trajectory(Path(file), reference.joint_names) if file else None
     descriptions = {node: read_description(config.description) for node, config in loop.items()
@@ -152,8 +155,7 @@ def full_sections(path: Path) -> dict[str, Values]:
             raise CtcError(f'{path}: {name}: ros__parameters is missing, or holds no parameters')
         pairs = list(_flat(values or {}, ''))
         if name in found or len({x for x, _ in pairs}) < len(pairs):
-            raise CtcError(f'{path}: section {name}, or a parameter in it, is given twice, in two '
-                           'spellings')
+            raise CtcError(f'{path}: section {name}, or a parameter in it, is given twice')
         found[name] = dict(pairs)
     return found
 
@@ -221,9 +223,8 @@ def parse_events(lines: Sequence[str], configs: Mapping[str, Any], torque: Array
                 raise ValueError
             parsed.append((float(time), node, name, yaml_file.parse_value(text)))
         except (ValueError, CtcError):
-            raise ParameterError('events', line, (
-                '"time node parameter value": a time >= 0, node ' + ' | '.join(configs)
-                + ', and a value in YAML, not null')) from None
+            raise ParameterError('events', line, '"time node parameter value", a time >= 0, '
+                                 f'node {" | ".join(configs)}, a value in YAML') from None
         spec = configs[node].parameters().get(name)
         if spec is not None and spec.read_only:
             raise ParameterError('events', name, 'a parameter that can change during the run')
@@ -281,19 +282,18 @@ def with_gains(path: Path | None, overrides: Overrides, gains: str | None = None
     if gains == FROM_FILE or (gains is None and (suit or not given.keys().isdisjoint(GAINS))):
         return found, ''
     setup = load(path, found)
+    law = setup.controller.law
     if gains is not None and not own:
-        raise UsageError(f'--gains {gains}: {setup.controller.law} has no recommended gains; '
-                         f'allowed with --law {LAW}')
+        raise UsageError(f'--gains {gains}: only --law {LAW} has recommended gains, not {law}')
     torque = known_model_torque(setup.controller, setup.descriptions) if own else None
-    taken = GainChoice(torque).suitable(setup.controller.law, setup.controller) | given
-    found['controller'] = taken
+    taken = GainChoice(torque).suitable(law, setup.controller)
+    found['controller'] = taken | given
     if own:
         found.setdefault('reference', {}).setdefault(
             'start_duration', max(setup.reference.start_duration, _START))
-    return found, (f'law {setup.controller.law} takes recommended gains'
-                   + (' and a smooth start: ' if own else ': ') + ', '.join(
-                       f'{name} {x}' for name, x in taken.items() if name not in given)
-                   + '; --gains file takes those of the file')
+    gained = ', '.join(f'{name} {x}' for name, x in taken.items() if name not in given)
+    return found, (f'law {law} takes recommended gains{" and a smooth start" if own else ""}: '
+                   f'{gained}; --gains file takes those of the file')
 
 
 def load_parameters(path: str | Path = 'friction', overrides: Overrides | None = None,

@@ -24,12 +24,10 @@ from typing import Any
 
 from ctc_chattering.errors import CtcError, near, ParameterError, prefixed
 from ctc_chattering.numerics.time_grid import NANOSECONDS, seconds
-from ctc_chattering.parameters import Parameter
+from ctc_chattering.parameters import LARGEST, Parameter
 from ctc_chattering.trajectory.motions import Route
 import yaml
 
-#: Times of messages are 32-bit seconds.
-_LATEST = 2 ** 31
 #: Rows of a point of a trajectory, and decimal places of them in a file.
 _ROWS, _PLACES = ('positions', 'velocities', 'accelerations'), 8
 
@@ -111,12 +109,10 @@ def write_yaml(tree: object, path: Path) -> None:
 
 def mapping(name: str, value: object, keys: Sequence[str]) -> dict[Any, Any]:
     """Return `value`; raise `ParameterError` unless it is a mapping with no other keys."""
-    allowed = 'a mapping of ' + ', '.join(keys)
-    if not isinstance(value, dict):
-        raise ParameterError(name, value, allowed)
-    for key in value:
-        if key not in keys:
-            raise ParameterError(name, key, allowed + near(key, keys))
+    wrong = [key for key in value if key not in keys] if isinstance(value, dict) else [value]
+    if wrong or not isinstance(value, dict):
+        raise ParameterError(name, wrong[0], f'a mapping of {", ".join(keys)}'
+                             + near(wrong[0], keys))
     return value
 
 
@@ -180,7 +176,7 @@ def _route(tree: object) -> Route:
         point = mapping(name, row, (*_ROWS, 'effort', 'time_from_start'))
         if point.get('effort'):
             raise ParameterError(f'{name}.effort', point['effort'], 'none: it would not be used')
-        time = Parameter(f'{name}.time_from_start', 'float', None, '', 's', 0.0, _LATEST)
+        time = Parameter(f'{name}.time_from_start', 'float', None, '', 's', 0.0, LARGEST)
         times.append(round(time.checked(point.get('time_from_start')) * NANOSECONDS))
         points.append(tuple(point.get(x, []) for x in _ROWS))
     return Route(names, times, points)

@@ -69,7 +69,7 @@ class Waypoints:
                  start: tuple[int, Point] | None = None) -> None:
         self._points = _checked(times, points)
         self._times = list(times)
-        if start is not None and start[0] < self._times[0]:
+        if start is not None and whole('start', start[0]) < self._times[0]:
             self._times.insert(0, start[0])
             self._points.insert(0, _waypoint('start', start[1], len(self._points[0][0])))
 
@@ -86,6 +86,7 @@ class Waypoints:
 
     def at(self, t: int) -> Point:
         """Return position, velocity and acceleration, each of shape (n,), at `t` [ns]."""
+        t = t if type(t) is int else whole('t', t)
         i = bisect_right(self._times, t)
         before = self._points[max(i - 1, 0)]
         if i == 0 or i == len(self._times):
@@ -164,6 +165,8 @@ def _checked(times: Sequence[int], points: Sequence[Point], n: int = 0) -> list[
 
 def _waypoint(name: str, point: Point, n: int) -> Point:
     """Return a point of n joints as tuples of floats; raise `ParameterError` if it is none."""
+    if len(point) != len(_FIELDS):
+        raise ParameterError(name, point, ', '.join(_FIELDS))
     rows: list[tuple[float, ...]] = []
     for field, value in zip(_FIELDS, point):
         spec = Parameter(f'{name}.{field}', 'float[]', (), '', shape='n')

@@ -35,7 +35,7 @@ from ctc_chattering.dynamics.registry import DescribedConfig
 from ctc_chattering.errors import CtcError, ParameterError
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.numerics.time_grid import NANOSECONDS, seconds
-from ctc_chattering.parameters import parameter
+from ctc_chattering.parameters import parameter, whole
 from ctc_chattering.trajectory.buffer import Point
 from ctc_chattering.trajectory.joint_limits import check_limits, DescribedLimits
 from ctc_chattering.trajectory.motions import (
@@ -95,7 +95,8 @@ class Sinusoid:
 
     def at(self, t: int) -> Point:
         """Return q_d [rad], dq_d [rad/s] and ddq_d [rad/s²], each of shape (n,), at `t` [ns]."""
-        q_d, dq_d, ddq_d = map(list, zip(*(self._of_joint(seconds(t), *x) for x in self._joints)))
+        s = seconds(t if type(t) is int else whole('t', t))
+        q_d, dq_d, ddq_d = map(list, zip(*(self._of_joint(s, *x) for x in self._joints)))
         return q_d, dq_d, ddq_d
 
     @staticmethod

@@ -194,6 +194,14 @@ def test_the_experiment_is_called_as_its_file(file: Path) -> None:
     assert parameter_file.load(file, {'plant': {'experiment': 'y'}}).plant.experiment == 'y'
 
 
+def test_simulated_time_contradicts_real_time(file: Path) -> None:
+    for node in ('/**', 'plant'):
+        refused(lambda: loaded(file, (node, 'use_sim_time: true\npacing: real_time')),
+                'use_sim_time', 'real_time')
+        assert loaded(file, (node, 'use_sim_time: true\npacing: lockstep'))
+    assert loaded(file, ('controller', 'use_sim_time: true'))
+
+
 def test_values(file: Path) -> None:
     """Check dotted and nested names, integers, 1e-3, and a node's own over /**."""
     setup = loaded(
@@ -265,7 +273,7 @@ def test_a_law_without_gains_takes_those_that_suit_it_and_starts_smoothly() -> N
     over, _ = with_gains(friction, mine, 'recommended')
     assert (over['controller']['ka'], over['controller']['kp']) == (60.0, (1e4, 1e4))
     assert over['reference'] == {'start_duration': 0.5}
-    with pytest.raises(UsageError, match='chattering has no recommended gains'):
+    with pytest.raises(UsageError, match=r'only --law observer_feedback has .* not chattering'):
         with_gains(friction, {}, 'recommended')
     assert load_parameters('friction', {'controller': law}).controller.kv == (200.0, 200.0)
     refused(lambda: load_parameters('friction', gains='mine'), 'gains', 'mine', 'recommended')
