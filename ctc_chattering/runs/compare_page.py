@@ -78,8 +78,8 @@ def tables(outcomes: Sequence[Outcome]) -> Iterator[Table]:
         if first.task.held_out:
             yield _robustness(group)
             continue
-        engines = ' and '.join(dict.fromkeys(x.score.engine for x in group if x.score.engine))
-        engine = f'; {engines}' if engines else ''
+        engine = '; ' + ' and '.join(
+            dict.fromkeys(x.score.engine for x in group if x.score.engine))
         yield Table(
             bold(title) + f': RMS error [rad], 5 s ≤ t ≤ 10 s{engine}',
             [*_HEAD, *first.joints, 'least', 'peak torque [N·m]'],

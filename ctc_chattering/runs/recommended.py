@@ -91,20 +91,14 @@ RULES = {
     'extended_state_observer': Rule(0.4, 40.0, times_p={'estimator_bandwidth': 3.0})}
 
 
-def lateness_and_reversal(setup: Setup) -> tuple[float, float]:
-    """Return late and F / R of (RU1) as the controller has them [s]."""
-    config = setup.controller
-    reversal = max(f / r for f, r in zip(config.friction_level, config.torque_rate_limit))
-    return lateness(max(config.assumed_lag), config.control_period, config.input_delay), reversal
-
-
 def by_rule(setup: Setup) -> dict[str, Any]:
     """Return the gains of the law in force by its rule, as parameters of the controller."""
     config = setup.controller
     if config.law == 'observer_feedback':
         return recommended(setup)
-    late, reversal = lateness_and_reversal(setup)
+    late = lateness(max(config.assumed_lag), config.control_period, config.input_delay)
     friction, n = config.friction_level, len(config.joint_names)
+    reversal = max(f / r for f, r in zip(friction, config.torque_rate_limit))
     if config.law == 'chattering':
         ka = [_KA * x if x else y for x, y in zip(friction, config.ka)]
         return {'ka': ka, 'observer_bandwidth': min(

@@ -47,7 +47,6 @@ SPACE: dict[str, Range] = {
     'pole': Range(5.0, 500.0),
     'damping': Range(0.4, 4.0),
     'lambda': Range(1.0, 100.0, ('compensation', 'chattering', 'super_twisting')),
-    'b': Range(0.1, 10.0, ('compensation', 'chattering', 'super_twisting')),
     'ka': Range(0.5, 20.0, ('chattering', 'extended_state_observer', 'observer_feedback')),
     'boundary_layer': Range(1e-3, 1.0, ('boundary_layer',)),
     'observer_bandwidth': Range(20.0, 2000.0, ('implicit_observer',)),
@@ -328,12 +327,3 @@ def front(scores: Sequence[OverDraws]) -> list[int]:
         if not found or scores[k].error < scores[found[-1]].error:
             found.append(k)
     return found
-
-
-def knee(scores: Sequence[OverDraws]) -> int:
-    """
-    Return which of some scores has the smallest product of error and torque variation.
-
-    On a front that is where one per cent less error costs one per cent more variation.
-    """
-    return min(range(len(scores)), key=lambda k: scores[k].product)

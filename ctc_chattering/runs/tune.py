@@ -33,7 +33,7 @@ from ctc_chattering.configuration.package_share import find_config
 from ctc_chattering.configuration.yaml_file import mapping, read_yaml
 from ctc_chattering.dynamics.registry import model_of
 from ctc_chattering.errors import CtcError, ParameterError, prefixed
-from ctc_chattering.parameters import LEAST, Parameter, whole
+from ctc_chattering.parameters import LEAST, whole
 from ctc_chattering.runs.points import Runs
 from ctc_chattering.runs.pool import processes
 from ctc_chattering.runs.recommended import recommended, recommended_setup
@@ -41,7 +41,6 @@ from ctc_chattering.runs.score import Score, score
 from ctc_chattering.runs.search import (
     front,
     gains,
-    knee,
     Limits,
     Numbers,
     over_draws,
@@ -55,14 +54,12 @@ from ctc_chattering.runs.search import (
 )
 from ctc_chattering.runs.spec import (
     errors_of,
+    KEYS,
     MapSpec,
     parse,
     read_law,
-    read_uncertain,
     read_value,
-    Uncertain,
 )
-from ctc_chattering.simulation.plant_config import PlantConfig
 
 #: What is uncertain where nothing says so: a factor of what the file has, and what it has none of.
 _FACTOR: dict[str, Any] = {'uniform': [0.8, 1.2], 'factor': True}
@@ -78,13 +75,11 @@ DRAWS = 32
 _FRESH = 4
 #: Shortest smooth start [s]: a start with a large error is no measure of gains.
 _START = 2.0
-#: Numbers that are searched only where the spec asks for it. `b` scales v; the paper has 1.
-_ASKED = ('b',)
 #: Law that docs/laws.md recommends for real arms, and that is tuned where nothing says which.
 _BEST = 'observer_feedback'
-#: Keys of the section `tune`, and of a spec of `ctc map` that have no meaning here.
-_KEYS = ('law', 'switching', 'torque_limit', 'torque_rate_limit', 'search')
-_OF_MAP = ('axes', 'laws', 'failure', 'refine')
+#: Keys of the section `tune`, and of the spec: those of `ctc map` that have a meaning here.
+_OF_TUNE = ('law', 'switching', 'torque_limit', 'torque_rate_limit', 'search')
+_KEYS = tuple(x for x in KEYS if x not in ('axes', 'laws', 'failure', 'refine'))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -112,10 +107,8 @@ class TuneSpec(MapSpec):
 
     def gains(self, numbers: Mapping[str, float]) -> dict[str, Any]:
         """Return the parameters of the controller that numbers mean, to four digits."""
-        config = self.setup.controller
-        missing = {name: getattr(config, name) for name in _ASKED if name not in numbers}
-        found = gains({**missing, **numbers}, config, self.setup.plant.coulomb_friction)
-        return {name: _rounded(x) for name, x in found.items() if name not in missing}
+        found = gains(numbers, self.setup.controller, self.setup.plant.coulomb_friction)
+        return {name: _rounded(x) for name, x in found.items()}
 
     def fresh(self) -> TuneSpec:
         """Return the spec of the validation: more draws, of another seed and with other noise."""
@@ -124,20 +117,17 @@ class TuneSpec(MapSpec):
             {'repeats': _FRESH * n, 'seed': self.repeats.seed + n}))
 
 
-def parse_tune(tree: object, path: Path, more: Mapping[str, Any] | None = None) -> TuneSpec:
+def parse_tune(tree: object, path: Path) -> TuneSpec:
     """
     Return what a spec says.
 
     Parameters
     ----------
     tree : object
-        Contents of the spec: keys of a spec of `ctc map` but `axes`, `laws` and `failure`, and
-        `tune`.
+        Contents of the spec: keys of a spec of `ctc map` but `axes`, `laws`, `refine` and
+        `failure`, and `tune`. Without `uncertain`, `usual` is.
     path : Path
         Of the spec; relative paths in it count from its directory.
-    more : mapping, optional
-        What is uncertain besides: as in a spec, or drives. Without this and `uncertain`, `usual`
-        is.
 
     Raises
     ------
@@ -145,30 +135,22 @@ def parse_tune(tree: object, path: Path, more: Mapping[str, Any] | None = None) 
         Naming the key, its value and what is allowed; before anything is run.
 
     """
-    for key in _OF_MAP:
-        if isinstance(tree, dict) and key in tree:
-            raise CtcError(f'{key}: not allowed for ctc tune, which takes one law and what is '
-                           'uncertain; it is for ctc map')
-    given: Any = {'repeats': DRAWS, **tree} if isinstance(tree, dict) else tree
+    given = {'repeats': DRAWS, **mapping('spec', tree, _KEYS)}
     spec = parse(given, path)
+    if 'uncertain' not in given:
+        return parse_tune({**given, 'uncertain': usual(spec.setup)}, path)
     if spec.repeats.sampling == 'saltelli':
         raise ParameterError('sampling', 'saltelli', 'random | latin_hypercube | sobol')
-    trees = {**(given.get('uncertain') or {}), **(more or {})} if (
-        more is not None or 'uncertain' in given) else usual(spec.setup)
-    uncertain = tuple(x if isinstance(x, Uncertain) else read_uncertain(name, x)
-                      for name, x in trees.items())
-    section = mapping('tune', given.get('tune') or {}, _KEYS)
-    file = _plain(spec.setup)
+    section = mapping('tune', given.get('tune') or {}, _OF_TUNE)
     law = {'law': section.get('law', _BEST)}
     if 'switching' in section or law['law'] == 'chattering':
         law['switching'] = section.get('switching', 'implicit_observer')
+    file = _plain(spec.setup)
     variant = read_law('tune', law, file)
     setup = file.changed({'controller': variant.values})
     found = TuneSpec(**{
-        **vars(spec), 'setup': setup, 'uncertain': uncertain, 'tree': {**given, 'uncertain': {
-            name: getattr(x, 'text', x) for name, x in trees.items()}},
-        'variants': (variant,)},
-        file=file, values=_values(file, given, path), limits=_limits(section, setup),
+        **vars(spec), 'setup': setup, 'variants': (variant,)}, file=file,
+        values=_values(file, given, path), limits=_limits(section, setup),
         ranges=_ranges(section.get('search') or {}, setup))
     _check(found)
     return found
@@ -219,9 +201,8 @@ def _limits(section: Mapping[str, Any], setup: Setup) -> Limits:
 def _ranges(tree: object, setup: Setup) -> dict[str, Range]:
     """Return where each number is searched: from `SPACE`, or the spec."""
     known = space(setup.controller)
-    given = mapping('tune.search', tree, tuple(known))
-    ranges = {name: x for name, x in known.items() if name not in _ASKED or name in given}
-    for name, value in given.items():
+    ranges = dict(known)
+    for name, value in mapping('tune.search', tree, tuple(known)).items():
         numbers = read_value(f'tune.search.{name}', 'float[]', value if isinstance(
             value, list) else [value, value], minimum=LEAST)
         if len(numbers) != 2 or numbers[0] > numbers[1]:
@@ -252,52 +233,6 @@ def _rounded(value: Any) -> Any:
 VALUES, NUMBERS = 'identified.yaml', 'identify.json'
 #: Part of M, C and G that may be wrong in any case.
 _MODEL_PART = 0.05
-#: Nearly 1, the end of the interval of a lag.
-_LAST = 1.0 - 1e-9
-
-
-@dataclasses.dataclass(frozen=True)
-class PossibleDrives(Uncertain):
-    """
-    Delays with the lags that explain the recording as well, all as likely as each other.
-
-    From the number k + u the delay is the k-th one, and each lag is by the part u of its interval
-    above the lower end.
-
-    Attributes
-    ----------
-    drives : tuple of (int, tuple of (float, float))
-        Delays, each with the interval of the lag of each joint [s].
-
-    """
-
-    drives: tuple[tuple[int, tuple[tuple[float, float], ...]], ...]
-
-    @property
-    def unit(self) -> str:
-        """Return no unit: the number is a place in all of these."""
-        return ''
-
-    @property
-    def text(self) -> str:
-        """Return delays and lags in words."""
-        return ' or '.join(
-            f'delay {delay} with lags '
-            f'{", ".join(f"{1e3 * low:.2g} to {1e3 * high:.2g}" for low, high in lags)} ms'
-            for delay, lags in self.drives)
-
-    @property
-    def typical(self) -> tuple[float, ...]:
-        """Return numbers of each delay with its shortest and its longest lags."""
-        return tuple(k + u for k in range(len(self.drives)) for u in (0.0, _LAST))
-
-    def value(self, spec: Parameter, x: float, _now: Any, _n: int) -> Any:
-        """Return the delay, or the lag of each joint."""
-        k = min(int(x), len(self.drives) - 1)
-        delay, lags = self.drives[k]
-        if spec.name == 'input_delay':
-            return delay
-        return tuple(low + (x - k) * (high - low) for low, high in lags)
 
 
 def identified_spec(directory: Path, tree: Mapping[str, Any]) -> TuneSpec:
@@ -329,8 +264,9 @@ def identified_spec(directory: Path, tree: Mapping[str, Any]) -> TuneSpec:
     # The rate in the file is what the recommended law makes do with, no limit of the drives.
     rate = setup.plant.torque_rate_limit
     section = {'torque_rate_limit': list(rate) if rate else inf, **(tree.get('tune') or {})}
-    return parse_tune({'params_file': VALUES, **tree, 'tune': section}, directory / VALUES,
-                      uncertain)
+    return parse_tune({
+        'params_file': VALUES, **tree, 'tune': section,
+        'uncertain': {**(tree.get('uncertain') or {}), **uncertain}}, directory / VALUES)
 
 
 def _friction(found: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
@@ -344,15 +280,15 @@ def _friction(found: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
 
 
 def _drives(found: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
-    """Yield each delay that is possible, with the intervals of its lags."""
-    drives = tuple((int(x['delay_samples']), tuple(
-        (max(0.0, float(low)), float(high)) for low, high in x['actuator_lag_interval_95_s']))
-        for x in found['delays_possible'])
-    if any(high > low for _, lags in drives for low, high in lags) or len(drives) > 1:
-        parameters = PlantConfig.parameters()
-        targets = tuple(('plant', parameters[x]) for x in ('input_delay', 'actuator_lag'))
-        yield 'delay and lag', PossibleDrives(
-            'delay and lag', targets, False, 'uniform', (0.0, float(len(drives))), drives)
+    """Yield the delays that are possible, and all lags that are so of any joint with any delay."""
+    delays = [int(x['delay_samples']) for x in found['delays_possible']]
+    if len(delays) > 1:
+        yield 'delay', {'parameter': 'plant.input_delay', 'choice': delays}
+    ends = [float(end) for x in found['delays_possible']
+            for interval in x['actuator_lag_interval_95_s'] for end in interval]
+    if ends and max(ends) > max(0.0, min(ends)):
+        yield 'lag', {'parameter': 'plant.actuator_lag', 'uniform': [
+            max(0.0, min(ends)), max(ends)]}
 
 
 def _model(found: Mapping[str, Any], setup: Setup) -> Iterator[tuple[str, Any]]:
@@ -509,9 +445,14 @@ def searched(spec: TuneSpec, trials: int, percentile: float = 95.0, seed: int = 
 
 
 def recommended_of(candidates: Sequence[Candidate]) -> Candidate | None:
-    """Return the knee on fresh draws, of those that keep the limits there, or of all."""
-    kept = [x for x in candidates if x.fresh.allowed] or list(candidates)
-    return kept[knee([x.fresh for x in kept])] if kept else None
+    """
+    Return which has the smallest product of error and torque variation on fresh draws.
+
+    On a front that is where one per cent less error costs one per cent more variation. It is of
+    those that keep the limits there, or of all.
+    """
+    kept = [x for x in candidates if x.fresh.allowed] or candidates
+    return min(kept, key=lambda x: x.fresh.product, default=None)
 
 
 def references(spec: TuneSpec) -> dict[str, dict[str, Any]]:

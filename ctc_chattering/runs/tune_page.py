@@ -129,17 +129,10 @@ def text(tuning: Tuning) -> str:
         f'note: {note}' for note in notes(tuning))]).rstrip()
 
 
-def part_of_runs(percentile: float) -> str:
-    """Return what error and variation of a candidate are, in words."""
-    if percentile == 100.0:
-        return 'the largest of all draws'
-    return f'what {percentile:g} % of the draws do not exceed'
-
-
 def front_figure(tuning: Tuning) -> Figure:
     """Draw error over torque variation: trials, the front, the validation, and others."""
-    figure, (ax,) = panels('Error and torque variation', [part_of_runs(tuning.percentile)],
-                           'RMS error [rad]', 5.2)
+    figure, (ax,) = panels('Error and torque variation', [
+        f'what {tuning.percentile:g} % of the draws do not exceed'], 'RMS error [rad]', 5.2)
     rest = [x.score for k, x in enumerate(tuning.trials) if k not in tuning.front]
     for (name, marker, colour), within in zip(_TRIALS, (True, False)):
         mine = [x for x in rest if x.allowed == within]
@@ -208,8 +201,8 @@ def write_page(tuning: Tuning, files: Sequence[FigureFile], path: Path, command:
     numbers = Table('', head, rows, note=(
         '* recommended: of all under the tuned law that keep the limits on fresh draws, the one '
         'with the smallest product of error and torque variation there. These are '
-        f'{part_of_runs(tuning.percentile)}; torque and rate are the largest of all fresh '
-        'draws. A column fresh is on draws that the search has not seen.'))
+        f'what {tuning.percentile:g} % of the draws do not exceed; torque and rate are the '
+        'largest of all fresh draws. A column fresh is on draws that the search has not seen.'))
     page.write_page(path, 'Gains that were tuned', _LEAD, [
         page.Section('Result', [*files, *map(page.Note, notes(tuning)), numbers]),
         page.Section('What was run', [Table('', (), list(facts(tuning)))])],
