@@ -27,18 +27,18 @@ from ctc_chattering.analysis.output import check_format, prepare, write_json, wr
 from ctc_chattering.analysis.tables import columns, number_text, rounded, Table
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.runs.figures import Mark, panels, trade_off
-from ctc_chattering.runs.search import (
+from ctc_chattering.runs.spec import rows_of
+from ctc_chattering.runs.tune import (
+    Candidate,
     CONSTRAINTS,
     DIVERGED,
     OverDraws,
     RATE,
-    SPACE,
-    space,
     TORQUE,
     Trial,
+    Tuning,
 )
-from ctc_chattering.runs.spec import rows_of
-from ctc_chattering.runs.tune import Candidate, TuneSpec, Tuning
+from ctc_chattering.runs.tune_spec import SPACE, space, TuneSpec
 from matplotlib.figure import Figure
 
 #: Most joints whose numbers are all shown.

@@ -302,7 +302,7 @@ def test_the_number_of_processes_changes_nothing(arm: Path) -> None:
 
 
 def test_tables_and_lines_say_what_simulated(arm: Path) -> None:
-    """Check titles and lines, and that a run over ROS is neither compiled nor plain."""
+    """Check titles and lines."""
     outcomes = [evaluate(Task(arm, condition(''), BASE))]
     titles = [x for x in compare_page.to_markdown(outcomes).splitlines() if x[:2] == '**']
     ways = [PLAIN] * 2
@@ -310,8 +310,6 @@ def test_tables_and_lines_say_what_simulated(arm: Path) -> None:
     lines = compare_page.to_csv(outcomes).splitlines()
     assert lines[0].endswith(',controller,engine')
     assert [x.rpartition(',')[2] for x in lines[1:]] == ways
-    over_ros = dataclasses.replace(outcomes[0], score=outcomes[0].score._replace(engine=''))
-    assert '; ' not in compare_page.to_markdown([over_ros])
 
 
 def test_files_of_parameters_give_the_same_run(arm: Path, tmp_path: Path) -> None:

@@ -23,15 +23,15 @@ from pathlib import Path
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.runs import tune_page as report
 from ctc_chattering.runs.score import Score
-from ctc_chattering.runs.search import Limits, over_draws, Trial
 from ctc_chattering.runs.spec import rows_of
-from ctc_chattering.runs.tune import parse_tune, scores_of, Tuning
+from ctc_chattering.runs.tune import over_draws, scores_of, Trial, Tuning
 from ctc_chattering.runs.tune_page import (
     as_mapping,
     front_figure,
     NAMES,
     write_tuning,
 )
+from ctc_chattering.runs.tune_spec import Limits, parse_tune
 from figure_layout import overlaps
 from matplotlib.axes import Axes
 import numpy as np

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The search for gains: scores, front and knee by definition, limits kept, seeds."""
+"""The search for gains: scores and front by definition, limits kept, seeds."""
 
 from __future__ import annotations
 
@@ -24,18 +24,16 @@ import sys
 
 from ctc_chattering.errors import UsageError
 from ctc_chattering.runs.score import Score
-from ctc_chattering.runs.search import (
+from ctc_chattering.runs.tune import (
     front,
-    knee,
-    Limits,
     Numbers,
     over_draws,
     OverDraws,
     percentile_of,
-    Range,
     search,
     Trial,
 )
+from ctc_chattering.runs.tune_spec import Limits, Range
 import optuna
 import pytest
 
@@ -111,13 +109,6 @@ def test_the_front_is_what_no_other_beats(seed: int) -> None:
 
 def test_there_may_be_no_front() -> None:
     assert front([point(1.0, 1.0, False)]) == []
-
-
-def test_the_knee_is_where_both_change_by_the_same_part() -> None:
-    """On error = 1 + 100 / variation² the slope on logarithmic axes is -1 at variation = 10."""
-    variations = [1.1 ** k for k in range(60)]
-    scores = [point(1.0 + 100.0 / v ** 2, v) for v in variations]
-    assert variations[knee(scores)] == pytest.approx(10.0, rel=0.05)
 
 
 class Robot:
@@ -205,4 +196,3 @@ def test_what_is_missing_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_ties_go_to_the_first() -> None:
     scores = [point(e, v) for e, v in product((1.0, 2.0), (1.0, 2.0))] * 2
     assert front(scores) == [0]
-    assert knee(scores) == 0
