@@ -78,17 +78,15 @@ def tables(outcomes: Sequence[Outcome]) -> Iterator[Table]:
         if first.task.held_out:
             yield _robustness(group)
             continue
-        engine = '; ' + ' and '.join(
-            dict.fromkeys(x.score.engine for x in group if x.score.engine))
         yield Table(
-            bold(title) + f': RMS error [rad], 5 s ≤ t ≤ 10 s{engine}',
+            bold(title) + ': RMS error [rad], 5 s ≤ t ≤ 10 s',
             [*_HEAD, *first.joints, 'least', 'peak torque [N·m]'],
             _rows(group, partial(_errors, base=first)), len(_HEAD))
         stops = first.task.condition.stops
         slips = ' / stick-slips at rest [1/s]' if stops else ''
         yield Table(
             bold(title) + ': torque variation [N·m/s] / largest step [N·m] / largest rate '
-            f'[N·m/s]{slips}{engine}', [*_HEAD, *first.joints],
+            f'[N·m/s]{slips}', [*_HEAD, *first.joints],
             _rows(group, partial(_changes, stops=stops)), len(_HEAD))
 
 
@@ -168,8 +166,8 @@ def to_csv(outcomes: Sequence[Outcome]) -> str:
         **{name: getattr(x.score, key)[i] if getattr(x.score, key) else None
            for name, key in _NUMBERS.items()},
         'failure': x.score.failure, 'controller': json.dumps(
-            finite(x.runs[0].get('controller', {})), sort_keys=True),
-        'engine': x.score.engine} for x in outcomes for i, joint in enumerate(x.joints)])
+            finite(x.runs[0].get('controller', {})), sort_keys=True)}
+        for x in outcomes for i, joint in enumerate(x.joints)])
 
 
 def compromises(outcomes: Sequence[Outcome], title: str) -> Figure:

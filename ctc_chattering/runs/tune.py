@@ -72,8 +72,6 @@ class OverDraws(NamedTuple):
     excess : dict of str to float
         By constraint: part of the runs that diverge; by how much the torque or its rate exceeds
         its limit, as a part of it. At most 0 where the constraint holds.
-    violating : dict of str to int
-        By constraint: number of runs that violate it.
     runs : tuple of Score
         Every run, in the order of the draws.
 
@@ -84,7 +82,6 @@ class OverDraws(NamedTuple):
     torque: tuple[float, ...]
     rate: tuple[float, ...]
     excess: dict[str, float]
-    violating: dict[str, int]
     runs: tuple[Score, ...]
 
     @property
@@ -100,7 +97,7 @@ class OverDraws(NamedTuple):
     @property
     def allowed(self) -> bool:
         """Whether no run violates anything."""
-        return not any(self.violating.values())
+        return max(self.excess.values()) <= 0.0
 
 
 class Trial(NamedTuple):
@@ -126,18 +123,15 @@ def over_draws(runs: Sequence[Score], limits: Limits, percentile: float) -> Over
     """
     good = [x for x in runs if not x.failure]
     n = len(limits.torque)
-    excess = {DIVERGED: 1.0 - len(good) / len(runs)}
-    violating = {DIVERGED: len(runs) - len(good)}
-    largest = {}
+    excess, largest = {DIVERGED: 1.0 - len(good) / len(runs)}, {}
     for name, most, values in ((TORQUE, limits.torque, [x.peak for x in good]),
                                (RATE, limits.rate, [x.peak_rate for x in good])):
-        ratios = [max(x / y for x, y in zip(row, most)) for row in values]
-        excess[name] = max(ratios, default=1.0) - _WITHIN
-        violating[name] = sum(ratio > _WITHIN for ratio in ratios)
+        excess[name] = max((x / y for row in values for x, y in zip(row, most)),
+                           default=1.0) - _WITHIN
         largest[name] = tuple(map(max, zip(*values))) or (math.inf,) * n
     return OverDraws(percentile_of([x.error for x in runs], percentile),
                      percentile_of([x.most_variation for x in runs], percentile),
-                     largest[TORQUE], largest[RATE], excess, violating, tuple(runs))
+                     largest[TORQUE], largest[RATE], excess, tuple(runs))
 
 
 def percentile_of(values: Sequence[float], percentile: float) -> float:

@@ -16,7 +16,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from math import inf
 from pathlib import Path
 from typing import Any
@@ -28,16 +28,7 @@ from ctc_chattering.analysis.tables import columns, number_text, rounded, Table
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.runs.figures import Mark, panels, trade_off
 from ctc_chattering.runs.spec import rows_of
-from ctc_chattering.runs.tune import (
-    Candidate,
-    CONSTRAINTS,
-    DIVERGED,
-    OverDraws,
-    RATE,
-    TORQUE,
-    Trial,
-    Tuning,
-)
+from ctc_chattering.runs.tune import Candidate, CONSTRAINTS, OverDraws, RATE, TORQUE, Trial, Tuning
 from ctc_chattering.runs.tune_spec import SPACE, space, TuneSpec
 from matplotlib.figure import Figure
 
@@ -71,14 +62,14 @@ def facts(tuning: Tuning) -> Iterator[tuple[str, str]]:
                              (RATE, spec.limits.rate, 'N·m/s')):
         yield f'limit of the {name}', 'none' if min(most) == inf else (
             f'{number_text(most)} {unit}')
-    broken = {name: sum(bool(x.score.violating[name]) for x in tuning.trials)
-              for name in CONSTRAINTS}
-    yield 'trials that violate', violated(broken, len(tuning.trials)) or 'none'
+    yield 'trials that violate', ', '.join(
+        f'{name}: {n}' for name in CONSTRAINTS
+        if (n := sum(x.score.excess[name] > 0.0 for x in tuning.trials))) or 'none'
 
 
-def violated(counts: Mapping[str, int], whole: int) -> str:
-    """Return how many of all violate what; empty for nothing."""
-    return ', '.join(f'{name}: {n} of {whole}' for name, n in counts.items() if n)
+def violated(score: OverDraws) -> str:
+    """Return by how much, or in which part of the runs, what is violated; empty for nothing."""
+    return ', '.join(f'{name} {x:+.1%}' for name, x in score.excess.items() if x > 0.0)
 
 
 def table_of(tuning: Tuning) -> list[list[str]]:
@@ -97,7 +88,7 @@ def table_of(tuning: Tuning) -> list[list[str]]:
             f'{x.drawn.variation:.4g}', f'{x.fresh.variation:.4g}',
             *(number_text([rounded(y) for y in most], _MANY)
               for most in (x.fresh.torque, x.fresh.rate)),
-            violated(x.fresh.violating, len(x.fresh.runs))])
+            violated(x.fresh)])
     return rows
 
 
@@ -115,11 +106,7 @@ def notes(tuning: Tuning) -> Iterator[str]:
 def closest(trials: Sequence[Trial]) -> str:
     """Return which trial comes closest to the limits, and what it violates."""
     k, score = min(enumerate(x.score for x in trials), key=lambda x: max(x[1].excess.values()))
-    worst, excess = max(score.excess.items(), key=lambda item: item[1])
-    if worst == DIVERGED:
-        reason = next(x.failure for x in score.runs if x.failure)
-        return f'trial {k} comes closest: {excess:.0%} of its runs diverge, the first: {reason}'
-    return f'trial {k} comes closest: it exceeds the limit of the {worst} by {excess:.0%}'
+    return f'trial {k} comes closest: {violated(score)}'
 
 
 def text(tuning: Tuning) -> str:
@@ -195,8 +182,6 @@ def write_tuning(tuning: Tuning, out: str | Path, extra: str = 'svg', command: s
 def write_page(tuning: Tuning, files: Sequence[FigureFile], path: Path, command: str = ''
                ) -> None:
     """Write the page; raise `CtcError` if that cannot be done."""
-    there = {TUNED: 'parameter file of what is recommended', POINTS: 'of all points of the '
-             'front', NUMBERS: 'all numbers'}
     head, *rows = table_of(tuning)
     numbers = Table('', head, rows, note=(
         '* recommended: of all under the tuned law that keep the limits on fresh draws, the one '
@@ -206,8 +191,8 @@ def write_page(tuning: Tuning, files: Sequence[FigureFile], path: Path, command:
     page.write_page(path, 'Gains that were tuned', _LEAD, [
         page.Section('Result', [*files, *map(page.Note, notes(tuning)), numbers]),
         page.Section('What was run', [Table('', (), list(facts(tuning)))])],
-        [(name, f'{name} ({what})') for name, what in there.items()
-         if tuning.best or name == NUMBERS], command)
+        [(name, name) for name in (TUNED, POINTS, NUMBERS) if tuning.best or name == NUMBERS],
+        command)
 
 
 def write_parameters(spec: TuneSpec, point: Candidate, path: Path) -> None:
@@ -235,8 +220,7 @@ def as_mapping(tuning: Tuning) -> dict[str, Any]:
     def score(x: OverDraws) -> dict[str, Any]:
         return {'error_rad': x.error, 'torque_variation_nm_per_s': x.variation,
                 'max_torque_nm': x.torque, 'max_torque_rate_nm_per_s': x.rate,
-                'runs': len(x.runs),
-                'violating_runs': {name: n for name, n in x.violating.items() if n}}
+                'excess': x.excess}
 
     def candidate(x: Candidate) -> dict[str, Any]:
         return {'name': x.name, 'parameters': x.values, 'drawn': score(x.drawn),

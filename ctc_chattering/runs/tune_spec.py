@@ -34,19 +34,15 @@ from ctc_chattering.configuration.loop_setup import Setup, Values
 from ctc_chattering.configuration.package_share import find_config
 from ctc_chattering.configuration.yaml_file import mapping, read_yaml
 from ctc_chattering.control.controller import ControllerConfig
-from ctc_chattering.dynamics.registry import model_of
 from ctc_chattering.errors import CtcError, ParameterError, prefixed
 from ctc_chattering.parameters import LEAST
+from ctc_chattering.runs.score import limits
 from ctc_chattering.runs.spec import errors_of, KEYS, MapSpec, parse, read_law, read_value
 
-#: What is uncertain where nothing says so: a factor of what the file has, and what it has none of.
-_FACTOR: dict[str, Any] = {'uniform': [0.8, 1.2], 'factor': True}
-_UNKNOWN: dict[str, dict[str, Any]] = {
-    'friction': {'parameter': 'plant.coulomb_friction'},
-    'lag': {'parameter': 'plant.actuator_lag', 'uniform': [0.0, 2e-3]},
-    'noise': {'parameter': 'plant.velocity_noise', 'log_uniform': [1e-4, 2e-3]}}
+#: What is uncertain of model, of friction, and of lag and noise that the file has.
 _MODEL: dict[str, Any] = {'parameters': ['controller.inertia_scale', 'controller.gravity_scale'],
                           'uniform': [0.9, 1.1]}
+_FACTOR: dict[str, Any] = {'uniform': [0.8, 1.2], 'factor': True}
 #: Draws, where the spec does not say how many.
 DRAWS = 32
 #: Draws for the validation, for each one of the search.
@@ -251,13 +247,13 @@ def parse_tune(tree: object, path: Path) -> TuneSpec:
 
 def usual(setup: Setup) -> dict[str, Any]:
     """Return what is uncertain of a robot where nothing says so."""
-    found = {'model': _MODEL}
-    for name, x in _UNKNOWN.items():
-        parameter = x['parameter'].partition('.')[2]
-        if any(getattr(setup.plant, parameter)):
-            found[name] = {'parameter': x['parameter'], **_FACTOR}
-        elif len(x) > 1:
-            found[name] = x
+    plant, found = setup.plant, {'model': _MODEL}
+    if any(plant.coulomb_friction):
+        found['friction'] = {'parameter': 'plant.coulomb_friction', **_FACTOR}
+    found['lag'] = {'parameter': 'plant.actuator_lag', **(
+        _FACTOR if any(plant.actuator_lag) else {'uniform': [0.0, 2e-3]})}
+    found['noise'] = {'parameter': 'plant.velocity_noise', **(
+        _FACTOR if any(plant.velocity_noise) else {'log_uniform': [1e-4, 2e-3]})}
     return found
 
 
@@ -280,15 +276,13 @@ def _values(file: Setup, given: Mapping[str, Any], path: Path) -> dict[str, Valu
 
 def _limits(section: Mapping[str, Any], setup: Setup) -> Limits:
     """Return the limits that the spec gives; else the least of all that is known."""
-    plant, config = setup.plant, setup.controller
-    model = model_of(config, setup.descriptions.get('controller', ''))
-    torque = (config.effort_limit, plant.torque_saturation, model.effort_limits)
-    rate = (config.effort_rate_limit, config.torque_rate_limit, plant.torque_rate_limit)
+    plant, config, n = setup.plant, setup.controller, len(setup.plant.joint_names)
+    rates = (config.effort_rate_limit, config.torque_rate_limit, plant.torque_rate_limit)
     return Limits(*(
-        read_value(f'tune.{name}', 'float[]', section[name], model.n, minimum=LEAST,
-                   infinite=True, shape='n') if name in section else
-        tuple(map(min, zip(*filter(None, known))))
-        for name, known in (('torque_limit', torque), ('torque_rate_limit', rate))))
+        read_value(f'tune.{name}', 'float[]', section[name], n, minimum=LEAST, infinite=True,
+                   shape='n') if name in section else tuple(known)
+        for name, known in (('torque_limit', limits(setup)),
+                            ('torque_rate_limit', map(min, zip(*filter(None, rates)))))))
 
 
 def _ranges(tree: object, setup: Setup) -> dict[str, Range]:

@@ -24,7 +24,6 @@ import re
 from typing import Any
 
 from ctc_chattering import compare
-from ctc_chattering.analysis.compilation import PLAIN
 from ctc_chattering.analysis.result import Result, simulate
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.configuration.loop_setup import Overrides, Setup
@@ -301,17 +300,6 @@ def test_the_number_of_processes_changes_nothing(arm: Path) -> None:
         assert tuple(again['rms_error_rad']) == measured(outcome).rms
 
 
-def test_tables_and_lines_say_what_simulated(arm: Path) -> None:
-    """Check titles and lines."""
-    outcomes = [evaluate(Task(arm, condition(''), BASE))]
-    titles = [x for x in compare_page.to_markdown(outcomes).splitlines() if x[:2] == '**']
-    ways = [PLAIN] * 2
-    assert [x.rpartition('; ')[2] for x in titles] == ways
-    lines = compare_page.to_csv(outcomes).splitlines()
-    assert lines[0].endswith(',controller,engine')
-    assert [x.rpartition(',')[2] for x in lines[1:]] == ways
-
-
 def test_files_of_parameters_give_the_same_run(arm: Path, tmp_path: Path) -> None:
     task = Task(arm, CONDITIONS['real_arm'], Variant('slotine_li', '', RECOMMENDED))
     outcome = evaluate(task)
@@ -397,7 +385,6 @@ def test_the_command_prints_the_table_and_writes_it_once(arm: Path, tmp_path: Pa
     assert page.count('<table>') == 4
     numbers = page[page.index('<h2>Numbers'):]
     assert re.findall(r'<b>(.*?)</b>', numbers) == re.findall(r'\*\*(.*?)\*\*', text)
-    assert text.count('; plain\n') == 4
     assert text in ctc(*arguments).stdout
     refused(ctc(*arguments, '--out', out), 'compare.md', '--overwrite')
 

@@ -48,20 +48,20 @@ def trial(*torques: float, rate: float = 0.0, diverged: int = 0) -> Trial:
 
 def test_trials_are_counted_under_each_limit_that_they_violate() -> None:
     trials = [trial(1.0), trial(20.0, 1.0), trial(20.0, rate=200.0), trial(1.0, diverged=1)]
-    for mine, text in ((trials, 'diverged: 1 of 4, torque: 2 of 4, torque rate: 1 of 4'),
+    for mine, text in ((trials, 'diverged: 1, torque: 2, torque rate: 1'),
                        (trials[:1], 'none')):
         found = dataclasses.replace(short_tuning(), trials=tuple(mine))
         assert dict(report.facts(found))['trials that violate'] == text
-    assert report.violated(trials[1].score.violating, 2) == 'torque: 1 of 2'
-    assert report.violated(trials[0].score.violating, 1) == ''
+    assert report.violated(trials[1].score) == 'torque +100.0%'
+    assert report.violated(trials[0].score) == ''
 
 
 def test_the_closest_trial_is_that_with_the_least_excess() -> None:
     trials = [trial(20.0), trial(13.0), trial(1.0, rate=150.0)]
     assert report.closest(trials) == (
-        'trial 1 comes closest: it exceeds the limit of the torque by 30%')
+        'trial 1 comes closest: torque +30.0%')
     assert report.closest([trials[2], trial(1.0, 1.0, 1.0, diverged=1)]) == (
-        'trial 1 comes closest: 25% of its runs diverge, the first: no torque at t = 1 s')
+        'trial 1 comes closest: diverged +25.0%')
 
 
 def test_what_is_drawn_is_as_it_was_given_or_as_it_usually_is() -> None:
@@ -94,7 +94,7 @@ def test_a_search_without_a_point_says_so() -> None:
     assert tuning.best is None
     (note,) = report.notes(tuning)
     assert note.startswith('no trial keeps the limits; trial ')
-    assert 'exceeds the limit of the torque by' in note
+    assert ' comes closest: torque +' in note
     assert note in report.text(tuning)
 
 
@@ -155,7 +155,7 @@ def test_the_numbers_are_strict_json(out: Path, tuning: Tuning) -> None:
     assert found['recommended'] == (tuning.best and tuning.best.name)
     for entry, trial in zip(found['trials'], tuning.trials):
         assert entry['numbers'] == trial.numbers
-        assert entry['violating_runs'] == {k: n for k, n in trial.score.violating.items() if n}
+        assert entry['excess'] == trial.score.excess
     assert [found['trials'][x['trial']]['error_rad'] for x in found['front']] == [
         x.drawn.error for x in tuning.points]
 
