@@ -17,7 +17,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-import dataclasses
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -44,11 +43,6 @@ class Variant(NamedTuple):
     law: str
     switching: str
     settings: str
-
-    @property
-    def label(self) -> str:
-        """Return law or switching, and settings, for a figure."""
-        return ', '.join(filter(None, (self.switching or self.law, self.settings)))
 
     @property
     def values(self) -> dict[str, Any]:
@@ -111,8 +105,7 @@ def tasks(paths: Sequence[Path], conditions: Sequence[str],
             for variant in variants(laws, gains)]
 
 
-@dataclasses.dataclass(frozen=True)
-class Outcome:
+class Outcome(NamedTuple):
     """
     What came of a task.
 

@@ -85,9 +85,9 @@ class OverDraws(NamedTuple):
     runs: tuple[Score, ...]
 
     @property
-    def objectives(self) -> tuple[float, float]:
+    def objectives(self) -> tuple[float, ...]:
         """Return the logarithms of error and variation."""
-        return _logarithm(self.error), _logarithm(self.variation)
+        return tuple(math.log(min(max(x, _LEAST), _LARGEST)) for x in (self.error, self.variation))
 
     @property
     def product(self) -> float:
@@ -137,10 +137,6 @@ def over_draws(runs: Sequence[Score], limits: Limits, percentile: float) -> Over
 def percentile_of(values: Sequence[float], percentile: float) -> float:
     """Return the least of `values` that `percentile` % of them do not exceed."""
     return sorted(values)[max(0, math.ceil(percentile / 100.0 * len(values) - 1e-9) - 1)]
-
-
-def _logarithm(value: float) -> float:
-    return math.log(min(max(value, _LEAST), _LARGEST))
 
 
 def front(scores: Sequence[OverDraws]) -> list[int]:
@@ -315,8 +311,7 @@ def searched(spec: TuneSpec, trials: int, percentile: float = 95.0, seed: int = 
 
     """
     drawn, fresh = Runs(spec), Runs(spec.fresh())
-    for draws in (drawn, fresh):  # What is not allowed shows here.
-        _ = draws.setups
+    _ = drawn.setups, fresh.setups  # What is not allowed shows here.
 
     def scores(candidates: Iterable[Mapping[str, Any]], draws: Runs) -> list[OverDraws]:
         """Return what candidates, parameters of the controller, do over the same draws."""
@@ -329,7 +324,7 @@ def searched(spec: TuneSpec, trials: int, percentile: float = 95.0, seed: int = 
     others = references(spec)
     of_others = scores(others.values(), drawn)
 
-    def answers(batch: list[Numbers]) -> Iterator[tuple[tuple[float, float], dict[str, float]]]:
+    def answers(batch: list[Numbers]) -> Iterator[tuple[tuple[float, ...], dict[str, float]]]:
         found.extend(map(Trial, batch, scores(map(spec.gains, batch), drawn)))
         if progress is not None:
             progress(len(found), trials)

@@ -99,8 +99,6 @@ def notes(tuning: Tuning) -> Iterator[str]:
         yield f'no trial keeps the limits; {closest(tuning.trials)}'
     elif not point.fresh.allowed:
         yield f'{point.name} violates limits on fresh draws, as all points do'
-    if point is not None and point not in tuning.points:
-        yield f'no point of the front is better than {point.name}, which {TUNED} has'
 
 
 def closest(trials: Sequence[Trial]) -> str:
@@ -197,7 +195,7 @@ def write_page(tuning: Tuning, files: Sequence[FigureFile], path: Path, command:
 
 def write_parameters(spec: TuneSpec, point: Candidate, path: Path) -> None:
     """
-    Write the file's parameters with the law and the gains of a point, and check them.
+    Write the file's parameters with the law and the gains of a point.
 
     Raises
     ------
@@ -210,7 +208,6 @@ def write_parameters(spec: TuneSpec, point: Candidate, path: Path) -> None:
     with writing(path):
         path.parent.mkdir(parents=True, exist_ok=True)
         parameter_file.dump(values, path)
-    parameter_file.load(path)
 
 
 def as_mapping(tuning: Tuning) -> dict[str, Any]:
@@ -222,21 +219,18 @@ def as_mapping(tuning: Tuning) -> dict[str, Any]:
                 'max_torque_nm': x.torque, 'max_torque_rate_nm_per_s': x.rate,
                 'excess': x.excess}
 
-    def candidate(x: Candidate) -> dict[str, Any]:
-        return {'name': x.name, 'parameters': x.values, 'drawn': score(x.drawn),
-                'fresh': score(x.fresh)}
-
     return {
         'law': config.law, 'switching': config.switching_in_force or None,
         'percentile': tuning.percentile, 'seed': tuning.seed,
-        'duration_s': spec.setup.plant.duration, 'window_s': spec.window,
+        'duration_s': spec.setup.plant.duration,
         'limits': {'torque_nm': spec.limits.torque, 'torque_rate_nm_per_s': spec.limits.rate},
         'uncertain': spec.tree['uncertain'],
         'draws': {name: {'seed': x.spec.repeats.seed, 'values': x.draws.tolist()}
                   for name, x in (('search', tuning.drawn), ('fresh', tuning.fresh))},
         'search': {name: x[:2] for name, x in spec.ranges.items()},
         'recommended': tuning.best and tuning.best.name,
-        'front': [{'trial': k, **candidate(x)} for k, x in zip(tuning.front, tuning.points)],
-        'references': [candidate(x) for x in tuning.others],
+        'front': tuning.front,
+        'candidates': [{'name': x.name, 'parameters': x.values, 'drawn': score(x.drawn),
+                        'fresh': score(x.fresh)} for x in (*tuning.others, *tuning.points)],
         'trials': [{'trial': k, 'numbers': x.numbers, **score(x.score)}
                    for k, x in enumerate(tuning.trials)]}

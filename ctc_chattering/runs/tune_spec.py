@@ -234,13 +234,18 @@ def parse_tune(tree: object, path: Path) -> TuneSpec:
     law = {'law': section.get('law', BEST)}
     if 'switching' in section or law['law'] == 'chattering':
         law['switching'] = section.get('switching', 'implicit_observer')
-    file = _plain(spec.setup)
+    start = max(spec.setup.reference.start_duration, _START)
+    file = dataclasses.replace(
+        spec.setup.changed({'reference': {'start_duration': start}}), events=())
     variant = read_law('tune', law, file)
     setup = file.changed({'controller': variant.values})
+    own = parameter_file.load(find_config(given.get('params_file', 'friction'), path.parent),
+                              given.get('overrides', {}))  # It has the duration of the file.
+    values = {**file.values, 'bringup': {**file.values['bringup'], 'events': ['']},
+              'plant': {**file.values['plant'], 'duration': own.plant.duration}}
     found = TuneSpec(**{
-        **vars(spec), 'setup': setup, 'variants': (variant,)}, file=file,
-        values=_values(file, given, path), limits=_limits(section, setup),
-        ranges=_ranges(section.get('search') or {}, setup))
+        **vars(spec), 'setup': setup, 'variants': (variant,)}, file=file, values=values,
+        limits=_limits(section, setup), ranges=_ranges(section.get('search') or {}, setup))
     _check(found)
     return found
 
@@ -255,23 +260,6 @@ def usual(setup: Setup) -> dict[str, Any]:
     found['noise'] = {'parameter': 'plant.velocity_noise', **(
         _FACTOR if any(plant.velocity_noise) else {'log_uniform': [1e-4, 2e-3]})}
     return found
-
-
-def _plain(setup: Setup) -> Setup:
-    """Return a setup that starts smoothly, and whose parameters do not change in the run."""
-    start = max(setup.reference.start_duration, _START)
-    return dataclasses.replace(
-        setup.changed({'reference': {'start_duration': start}}), events=())
-
-
-def _values(file: Setup, given: Mapping[str, Any], path: Path) -> dict[str, Values]:
-    """Return the values of the file to be written, with the duration that it has itself."""
-    own = parameter_file.load(find_config(given.get('params_file', 'friction'), path.parent),
-                              given.get('overrides', {}))
-    values = {node: dict(mine) for node, mine in file.values.items()}
-    values['plant'].update(duration=own.plant.duration)
-    values['bringup'].update(events=[''])
-    return values
 
 
 def _limits(section: Mapping[str, Any], setup: Setup) -> Limits:

@@ -115,7 +115,7 @@ def test_recommended_settings_follow_lag_delay_and_the_model() -> None:
     assert found['kv'] == pytest.approx([2.0 * pole] * 2)
     assert found['estimator_bandwidth'] == pytest.approx(2.0 * pole)
     known = parameter_file.load(CONFIG / 'friction.yaml')
-    assert recommended(known)['kp'] == [1e4, 1e4]
+    assert recommended(known)['kp'] == (1e4, 1e4)
     t = np.linspace(0.0, 1.0, 2001)
     a, w = 0.5 * np.sin(2 * pi * t), 2 * pi
     q1, q2, v, acc = pi + a, 0.5 * pi + a, 0.5 * w * np.cos(w * t), -w * w * a
