@@ -175,9 +175,7 @@ def condition(name: str) -> Condition:
 def chosen(names: Sequence[str], setup: Setup) -> list[Condition]:
     """Return the conditions that names mean on a robot, `ALL` each that it can have."""
     found = [condition(name) for name in names if name != ALL]
-    if ALL not in names:
-        return found
-    return [x for x in CONDITIONS.values() if x.fits(setup)]
+    return [x for x in CONDITIONS.values() if x.fits(setup)] if ALL in names else found
 
 
 @dataclasses.dataclass(frozen=True)

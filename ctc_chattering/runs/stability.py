@@ -270,6 +270,16 @@ def sampled_loop(law: LinearLaw, mass: Array, robot: Loops) -> SampledLoop:
         B / scale, scale[:, np.newaxis] * np.vstack([root @ mean, root @ rest]))
 
 
+def one_joint(law: LinearLaw) -> LinearLaw:
+    """Return the first joint of a law whose joints are independent and equal."""
+    of_y = np.array([0, len(law.D)])
+    mine = law.B[:, of_y].any(axis=1)
+    for _ in range(len(law.A)):
+        mine = mine | law.A[:, mine].any(axis=1)
+    return LinearLaw(law.A[mine][:, mine], law.B[mine][:, of_y], law.C[:1, mine],
+                     law.D[:1, of_y])
+
+
 #: Eigenvalues of M̂ M⁻¹ that are looked at, and centres c of (MG1).
 _GRID = np.geomspace(0.01, 100.0, 200)
 _CENTRES = np.geomspace(0.4, 2.5, 20)
@@ -414,8 +424,7 @@ def loops_of(setup: Setup) -> Loops:
                   plant.input_delay, plant.velocity_sensor == 'difference')
     if equal:
         return dataclasses.replace(
-            loops, laws=[linear_law(_first(config), eye[:1, :1])], masses=[eye[:1, :1]],
-            lag=lags[:1])
+            loops, laws=[one_joint(law)], masses=[eye[:1, :1]], lag=lags[:1])
     masses = _masses(setup)
     return dataclasses.replace(
         loops, laws=[linear_law(config, mass) for mass in masses], masses=masses)
@@ -438,12 +447,6 @@ def _equal(config: ControllerConfig, lags: Array) -> bool:
     return (all((x == x[0, 0] * np.eye(n)).all() for x in gains)
             and len({*lags.tolist()}) == len({*told}) == 1
             and all(len({*getattr(config, name)}) == 1 for name in ('ki',) if config.takes(name)))
-
-
-def _first(config: ControllerConfig) -> ControllerConfig:
-    """Return the configuration of the first joint alone."""
-    return config.changed({name: getattr(config, x.field)[:1] for name, x in (
-        config.parameters().items()) if x.shape or name == 'joint_names'})
 
 
 def _masses(setup: Setup) -> list[Array]:
