@@ -141,8 +141,7 @@ def _topic(bag: Bag, text: str, option: str, kind: str, fields: tuple[str, ...])
     name, _, field = text.partition(':') if kind == MULTI_ARRAY else (text, '', '')
     found = _topics(bag, name, *(('', (field,)) if field else (kind, fields)))
     if len(found) > 1:
-        raise CtcError(f'{bag.path}: several topics: {", ".join(map(str, found))}; name one: '
-                       f'{option}')
+        raise CtcError(f'{bag.path}: several topics: {", ".join(map(str, found))}; give {option}')
     if not found:
         why = ', '.join(f'{x.name} is of type {x.kind}' for x in _topics(bag, name, '', ())) or (
             f'no message on {name}{near(name, [x.topic for x in bag.connections])}')
@@ -286,8 +285,7 @@ def _command(topic: SignalTopic, names: tuple[str, ...], motion: Signal, stamps:
         if len(values) < _TOO_FEW * count:
             raise CtcError(
                 f'{topic.bag.path}: {len(values)} torques on {topic.name} for {count} states: a '
-                'torque that is reported less often than the state is not known between; raise '
-                'its rate (state_publish_rate), or record what it is made from')
+                'torque is not known between its reports; raise their rate (state_publish_rate)')
         if found.stamps[0] < stamps[-1] and stamps[0] < found.stamps[-1]:  # Of one clock.
             times, received = found.stamps, stamps
         if topic.kind != _TRAJECTORY_STATE:
@@ -296,9 +294,8 @@ def _command(topic: SignalTopic, names: tuple[str, ...], motion: Signal, stamps:
         step, (one, two) = np.diff(times), (
             np.abs(values[k:] - values[:-k]).mean() for k in (1, 2))
         if np.percentile(step, 25.0) < 0.5 * step.mean() or one > _SMOOTH * two:
-            raise CtcError(f'{topic.bag.path}: {len(values)} commands on {topic.name} for {count} '
-                           'states, which are not even or jump to and fro: are there two '
-                           'publishers of commands? If not, record as many states')
+            raise CtcError(f'{topic.bag.path}: {len(values)} commands for {count} states, uneven '
+                           'or to and fro: two publishers of commands? If not, record more states')
     answered = answers(values, times, stamps, received)
     for row, what in zip(motion.values[:2], ('positions', 'velocities')):
         known = np.isfinite(answered.command).all(axis=1) & np.isfinite(row).all(axis=1)

@@ -102,7 +102,7 @@ def _run(bag: Bag, own: Mapping[str, object]) -> Result:
                        f'{seconds(int(states.stamps[0])):g} s')
     # A recorder that is started during a run receives states before the first reference.
     unknown = len(states.stamps) - len(points)
-    tau = _torques(bag, names, states)[unknown:]
+    tau = _torques(bag, names, states, period)[unknown:]
     q, dq, _ = states.where(slice(unknown, None)).values
     stamps = states.stamps[unknown:].tolist()
     q_d, dq_d, ddq_d = (np.array(rows) for rows in zip(*points))
@@ -164,15 +164,15 @@ def _trajectory(bag: Bag, joints: tuple[str, ...]) -> tuple[Trajectory, int]:
     return trajectory, start
 
 
-def _torques(bag: Bag, joints: tuple[str, ...], states: Signal) -> Array:
+def _torques(bag: Bag, joints: tuple[str, ...], states: Signal, period: int) -> Array:
     """
-    Return the commands that answer each state, shape (N, n); nan where none is known.
+    Return the torque that answers each state, shape (N, n); nan where it is unknown.
 
-    If there are as many as states, as in lockstep, they answer them one by one. Otherwise their
-    times tell; where these do not, none is known.
+    Where `answers` is not sure of a command, or there is none, it is the effort in the next state.
     """
     commands = _signal(bag, topics.COMMANDS, MULTI_ARRAY, ('data',), joints)
-    if len(commands.logged) == len(states.logged):
-        return commands.values[0]
     found = answers(commands.values[0], commands.logged, states.stamps, states.logged)
-    return np.where(found.own[:, None] & (found.late[1] < 0.5), found.command, np.nan)
+    is_next = np.append(missing(states.stamps.astype(float), period) == 0, False)[:, None]
+    reported = np.where(is_next, np.roll(states.values[2], -1, axis=0), np.nan)
+    is_sure = found.own[:, None] & (found.late[1] == 0.0)
+    return np.where(is_sure, found.command, reported)

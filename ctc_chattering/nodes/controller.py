@@ -44,8 +44,8 @@ from ctc_chattering.ros.messages import (
     effort_writer,
     joint_state,
     LATEST,
+    LoopMessage,
     nanoseconds,
-    Rows,
     state_reader,
 )
 from ctc_chattering.ros.node import ERROR, LoopNode, qos, Status, TICK
@@ -149,7 +149,7 @@ class ControllerNode(LoopNode[ControllerNodeConfig]):
         self._loop.take_reference(times, list(zip(rows[::3], rows[1::3], rows[2::3])))
         self._answer(now)
 
-    def _on_state(self, state: Rows, now: int) -> None:
+    def _on_state(self, state: LoopMessage, now: int) -> None:
         q, dq = select(self._names, state.names, *state.rows[:2])
         if state.t > LATEST:
             raise RejectedMessage('stamp', f'no stamp is as late as {seconds(state.t):.9f} s')

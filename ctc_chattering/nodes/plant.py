@@ -25,7 +25,7 @@ from ctc_chattering.controller.timing import LockstepExchange, Watchdog
 from ctc_chattering.errors import CtcError, UsageError
 from ctc_chattering.numerics.linear_algebra import Vector
 from ctc_chattering.numerics.time_grid import NANOSECONDS, period_ns, samples, seconds
-from ctc_chattering.ros.messages import effort_reader, Rows, stamp, state_writer
+from ctc_chattering.ros.messages import effort_reader, LoopMessage, stamp, state_writer
 from ctc_chattering.ros.node import ERROR, LoopNode, OK, qos, Status, WARN
 from ctc_chattering.ros.subscription import ValidatedSubscription
 from ctc_chattering.ros.topics import CLOCK, COMMANDS, JOINT_STATES, select
@@ -169,7 +169,7 @@ class PlantNode(LoopNode[PlantNodeConfig]):
             self._held = False
             self._publish_sample()
 
-    def _on_answer(self, efforts: Rows, now: int) -> None:
+    def _on_answer(self, efforts: LoopMessage, now: int) -> None:
         tau = self._torques(efforts)
         if not self._begun or self._held or not self._exchange.accept(tau):
             return
@@ -200,7 +200,7 @@ class PlantNode(LoopNode[PlantNodeConfig]):
         assert self._ticker is not None
         self._ticker.publish(Clock(clock=stamp(self._robot.k * self._period)))
 
-    def _on_command(self, efforts: Rows, now: int) -> None:
+    def _on_command(self, efforts: LoopMessage, now: int) -> None:
         self._latest = self._torques(efforts)
         self._watchdog.feed(now)
         if self._sent is not None:
@@ -269,7 +269,7 @@ class PlantNode(LoopNode[PlantNodeConfig]):
         self._states.publish(self._writer.write(
             *robot.measured, robot.applied, t=self._start + robot.stamp))
 
-    def _torques(self, efforts: Rows) -> Vector:
+    def _torques(self, efforts: LoopMessage) -> Vector:
         """Return the torques of a message in our order."""
         return select(self._names, efforts.names or self._names, *efforts.rows)[0]
 

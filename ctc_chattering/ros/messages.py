@@ -92,7 +92,7 @@ def read_stamp(data: bytes) -> int:
     return nanoseconds(time)
 
 
-class Rows(NamedTuple):
+class LoopMessage(NamedTuple):
     """A message of the control loop: stamp (0 for none) [ns], names, rows of numbers."""
 
     t: int
@@ -124,12 +124,12 @@ class Reader:
 
     """
 
-    def __init__(self, kind: Any, content: Callable[[Any], Rows], stamped: bool) -> None:
+    def __init__(self, kind: Any, content: Callable[[Any], LoopMessage], stamped: bool) -> None:
         self._kind, self._content, self._begin = kind, content, 12 if stamped else 4
         self._frame, self._struct = b'', _row_struct(1, 0)
         self._names: tuple[str, ...] = ()
 
-    def __call__(self, data: bytes) -> Rows:
+    def __call__(self, data: bytes) -> LoopMessage:
         """Return the content of a serialized message; raise `RuntimeError` if it is malformed."""
         end = len(data) - self._struct.size
         n = len(self._names)
@@ -137,7 +137,7 @@ class Reader:
             values = self._struct.unpack_from(data, end)
             if set(values[n::n + 1]) <= {n}:  # The counts between the rows.
                 sec, nanosec = _STAMP.unpack_from(data, 4) if self._begin > 4 else (0, 0)
-                return Rows(sec * NANOSECONDS + nanosec, self._names, [
+                return LoopMessage(sec * NANOSECONDS + nanosec, self._names, [
                     values[k:k + n] for k in range(0, len(values), n + 1)])
         message = deserialize_message(data, self._kind)
         found = self._content(message)
@@ -152,13 +152,13 @@ class Reader:
 
 def state_reader() -> Reader:
     """Return what reads `JointState` messages: positions, velocities, efforts."""
-    return Reader(JointState, lambda m: Rows(
+    return Reader(JointState, lambda m: LoopMessage(
         nanoseconds(m.header.stamp), tuple(m.name), (m.position, m.velocity, m.effort)), True)
 
 
 def effort_reader() -> Reader:
     """Return what reads `Float64MultiArray` messages and their labels, if there are some."""
-    return Reader(Float64MultiArray, lambda m: Rows(
+    return Reader(Float64MultiArray, lambda m: LoopMessage(
         0, tuple([x.label for x in m.layout.dim]), (m.data,)), False)
 
 

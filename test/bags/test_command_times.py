@@ -77,7 +77,7 @@ def test_lost_messages_make_the_delay_uncertain_by_their_part(states: float, com
 def test_commands_that_are_received_in_batches_are_in_doubt() -> None:
     """Their times do not tell which states they answer."""
     end = STATES // (5 * H) * 5 * H + 4 * H
-    found = answers(np.arange(N)[:, None].astype(float), end, STATES, STATES)
+    found = answers(np.arange(N)[:, None].astype(float), end, STATES, STATES + 1)
     assert found.late == (-1.0, 1.0)
 
 
@@ -88,6 +88,16 @@ def test_where_two_commands_stand_in_one_place_none_is_its_own() -> None:
     found = answers(values[:, None].astype(float), STATES[places], STATES, STATES)
     assert np.flatnonzero(~found.own).tolist() == [999]
     assert np.array_equal(found.command[found.own, 0], np.flatnonzero(found.own))
+
+
+def test_in_a_complete_bag_of_our_recorder_each_state_has_its_command() -> None:
+    """Its times are stamps: a command that arrives late has that of the next state."""
+    sent = np.sort(STATES + H * (np.random.default_rng(1).random(N) < 0.8))
+    found = answers(np.arange(N)[:, None].astype(float), np.minimum(sent, STATES[-1]), STATES,
+                    STATES)
+    assert np.array_equal(found.command[:, 0], np.arange(N))
+    assert found.late == (0.0, 0.0)
+    assert found.own.all()
 
 
 def in_lockstep(answer: float, after: float, jitter: float, stall: float, loss: float

@@ -103,14 +103,14 @@ def test_states_before_the_controller_s_start(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize('keep', [0, 1, 150, 200])
 def test_missing_commands(tmp_path: Path, keep: int) -> None:
-    """Check that a torque that was not recorded is not known: the effort is what a drive makes."""
+    """Check that the torque is then the effort which the next state reports."""
     found = messages()
     answers = [entry for entry in found if entry.topic.endswith('commands')][:keep]
     found = [x for x in found if not x.topic.endswith('commands')] + answers
     result = read(tmp_path, found)
     same(result.run, RESULT.run, ('tau',))
-    assert result.run.tau[:keep].tobytes() == RESULT.run.tau[:keep].tobytes()
-    assert np.isnan(result.run.tau[keep:]).all()
+    assert result.run.tau[:-1].tobytes() == RESULT.run.tau[:-1].tobytes()
+    assert np.isnan(result.run.tau[-1]).all()  # No state reports the last one.
 
 
 def test_commands_without_labels_and_states_without_effort(tmp_path: Path) -> None:
@@ -185,13 +185,14 @@ def test_damaged_messages(tmp_path: Path) -> None:
     for i, entry in enumerate(messages()):
         found.append(entry)
         kind = KINDS.get(entry.topic.removeprefix('/'))
-        if kind is not None and i > 50 and not entry.topic.endswith('commands'):
+        if kind is not None and i > 50:
             found += [entry._replace(message=data) for data in malformed(kind, 10, i)]
     last = messages()[-5]
     found.append(last._replace(message=serialized(last.message)[:40]))
     found.append(command(nanoseconds(0.2), ['joint1'], np.array([1.0])))
     result = read(tmp_path, found)
-    same(result.run, RESULT.run)
+    same(result.run, RESULT.run, ('tau',))
+    assert result.run.tau[:-1].tobytes() == RESULT.run.tau[:-1].tobytes()
     assert result.configs == RESULT.configs
 
 
@@ -279,23 +280,26 @@ def test_a_bag_with_the_old_name_of_the_file(tmp_path: Path) -> None:
     same(read_bag(tmp_path / 'run').run, RESULT.run)
 
 
-def lossy(drop: Callable[[int], bool]) -> list[Entry]:
-    """Return the messages without states and commands at samples that drop."""
-    return [x for x in messages() if not (
-        x.topic == '/joint_states' or x.topic.endswith('commands')) or not drop(x.t // 1_000_000)]
+def lossy(drop: Callable[[int], bool], commands: bool, effort: bool = True) -> list[Entry]:
+    """Return the messages without states, or states and commands, at samples that drop."""
+    found = []
+    for entry in messages():
+        state, answer = entry.topic == '/joint_states', entry.topic.endswith('commands')
+        if state and not effort:
+            entry.message.effort = [float('nan')] * len(entry.message.name)
+        if not (state or (answer and commands)) or not drop(entry.t // 1_000_000):
+            found.append(entry)
+    return found
 
 
-@pytest.mark.parametrize('commands', [True, False])
-def test_a_recorder_that_dropped_messages(tmp_path: Path, commands: bool) -> None:
-    """Check the torques at the recorded states, where commands were dropped, too, and not."""
+@pytest.mark.parametrize(('commands', 'effort'), [(True, True), (False, True), (False, False)])
+def test_a_recorder_that_dropped_messages(
+        tmp_path: Path, commands: bool, effort: bool) -> None:
+    """Check the torques at the recorded states, from whichever message they are known."""
     def drop(k: int) -> bool:
         return (k > 30 and k % 3 == 0) or 110 <= k < 120
     kept = np.array([not drop(k) for k in range(201)])
-    found = lossy(drop)
-    if not commands:
-        found += [x for x in messages() if x.topic.endswith('commands') and drop(
-            x.t // 1_000_000)]
-    result = read(tmp_path, found)
+    result = read(tmp_path, lossy(drop, commands, effort))
     run = result.run
     for name in ('t', 'q', 'dq', 'q_d', 'dq_d', 'ddq_d', 'tau'):
         assert getattr(run, name).tobytes() == getattr(RESULT.run, name)[kept].tobytes(), name
@@ -304,9 +308,17 @@ def test_a_recorder_that_dropped_messages(tmp_path: Path, commands: bool) -> Non
     assert (difference < 0.05 * np.abs(RESULT.run.v).max(axis=0)).all()
 
 
+def test_a_later_command_is_no_answer(tmp_path: Path) -> None:
+    """Check a state without its command, before commands without their states."""
+    found = [x for x in lossy(lambda k: 50 <= k < 60, False)
+             if not (x.topic.endswith('commands') and x.t // 1_000_000 == 49)]
+    run = read(tmp_path, found).run
+    assert np.isnan(run.tau[49]).all() and np.isfinite(np.delete(run.tau, 49, 0)).all()
+
+
 def test_unknown_torques(tmp_path: Path) -> None:
-    """Check nan, not another sample's torque, at a state without its command."""
-    result = read(tmp_path, [x for x in lossy(lambda k: 50 <= k < 60)
+    """Check nan, not another sample's torque, where state and command are both missing."""
+    result = read(tmp_path, [x for x in lossy(lambda k: 50 <= k < 60, True)
                              if not (x.topic.endswith('commands') and x.t // 1_000_000 == 49)])
     assert np.isnan(result.run.tau[49]).all()
     known = np.delete(np.arange(201), np.s_[49:60])
@@ -315,7 +327,7 @@ def test_unknown_torques(tmp_path: Path) -> None:
 
 
 def test_the_filtered_error_after_a_gap_is_the_published_one(tmp_path: Path) -> None:
-    found = lossy(lambda k: 50 <= k < 90)
+    found = lossy(lambda k: 50 <= k < 90, True)
     found.append(Entry('/controller/filter', 'sensor_msgs/msg/JointState', nanoseconds(0.1),
                        stamped(JointState(name=['joint2', 'joint1'], velocity=array(
                            'd', RESULT.run.v[100][::-1])), nanoseconds(0.1))))

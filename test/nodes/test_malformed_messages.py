@@ -202,10 +202,6 @@ def test_a_second_publisher_of_everything_changes_nothing_in_lockstep(tmp_path: 
     assert 'Traceback' not in output
     run = read_bag(bag).run
     expected = simulate(parameter_file.load(file, {'plant': {'duration': 0.8}})).run
-    for field in FIELDS:
-        found, wanted = getattr(run, field), getattr(expected, field)
-        if field == 'tau':  # At the hold commands of both were recorded, so that none is known.
-            known = np.isfinite(found)
-            assert np.isfinite(np.delete(found, 500, axis=0)).all()
-            found, wanted = found[known], wanted[known]
-        assert np.array_equal(found, wanted), field
+    for field in FIELDS:  # Of the last torque there is no state that says that it was applied.
+        end = -1 if field == 'tau' else None
+        assert np.array_equal(getattr(run, field)[:end], getattr(expected, field)[:end]), field
