@@ -59,7 +59,7 @@ class _VectorModel(models.PrimitiveModel):
         super().__init__(manager, kind, ir.VectorType(BIT if kind.truth else DOUBLE, kind.n))
 
 
-#: The same for a method of vectors.
+#: As `overloaded`, for a method of vectors.
 method: Callable[[str], Decorator] = partial(overload_method, VectorType, **OVERLOADED)
 
 

@@ -16,28 +16,21 @@
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager, ExitStack
+from collections.abc import Callable, Mapping
+from contextlib import ExitStack
 from pathlib import Path
-import time
-from typing import Any, TYPE_CHECKING
+from typing import Any
 
-from ctc_chattering.analysis.compilation import compile_setups
+from ctc_chattering.analysis.compilation import codes, compile_setups
 from ctc_chattering.analysis.output import check_format
+from ctc_chattering.analysis.tables import counted
 from ctc_chattering.configuration.package_share import find_config
-from ctc_chattering.control.controller import Controller
-from ctc_chattering.dynamics.registry import model_of
 from ctc_chattering.errors import CtcError
 from ctc_chattering.parameters import whole
 from ctc_chattering.runs import pool, store
 from ctc_chattering.runs.points import Refinement, Runs
 from ctc_chattering.runs.spec import MapSpec, parse, read_spec
-from ctc_chattering.simulation.plant import make_plant
 import pyarrow
-
-if TYPE_CHECKING:
-    from distributed import Client
 
 #: Folder of the package's own specs, below `config`.
 _FOLDER = 'maps'
@@ -98,72 +91,46 @@ def compute_map(spec: MapSpec | Mapping[str, Any] | str | Path, out: str | Path,
     """
     jobs = whole('jobs', jobs, 1)
     check_format(extra)
-    runs, out, start = Runs(map_spec(spec)), Path(out), time.monotonic()
+    runs, out = Runs(map_spec(spec)), Path(out)
     for i in range(len(runs.spec.variants)):  # What is missing shows here.
-        setup = runs.example(i)
-        make_plant(setup.plant, setup.descriptions.get('plant', ''))
-        Controller(setup.controller, model_of(
-            setup.controller, setup.descriptions.get('controller', '')))
+        codes(runs.example(i))
     with store.locked(out):
-        about = store.about(runs)
-        directory = store.Directory(out, about, store.schema(runs.spec), overwrite)
-        table, computed = _table(runs, directory, jobs, scheduler, show,
-                                 progress or (lambda *_: None))
-        failures = Counter(table['failure'].to_pylist())
-        directory.describe({
-            **about, 'runs': len(table), 'runs_of_grid': len(runs), 'failures': failures,
-            'engines': Counter(table['engine'].to_pylist()), 'computed_now': computed,
-            'seconds': round(time.monotonic() - start, 1)})
-        show(f'{len(table)} runs, {len(table) - failures[""]} failed, '
-             f'{time.monotonic() - start:.0f} s: {out / store.TABLE}; drawing ...')
+        directory = store.Directory(out, store.about(runs), store.schema(runs.spec), overwrite)
+        table = _table(runs, directory, jobs, scheduler, show, progress or (lambda *_: None))
+        failed = len(table) - table['failure'].to_pylist().count('')
+        show(f'{len(table)} runs, {failed} failed: {out / store.TABLE}; drawing ...')
         from ctc_chattering.runs.map_page import write_report  # Takes time.
         write_report(runs.spec, table, out, extra, command)
     return table
 
 
 def _table(runs: Runs, directory: store.Directory, jobs: int, scheduler: str | None,
-           show: Callable[[str], None], progress: Callable[[int, int], None]
-           ) -> tuple[pyarrow.Table, int]:
-    """Compute the runs that are missing; return the rows of all, and how many were missing."""
-    parts, client, computed = list[pyarrow.Table](), None, 0
-    refinement = Refinement(runs)
+           show: Callable[[str], None], progress: Callable[[int, int], None]) -> pyarrow.Table:
+    """Compute the runs that are missing; return the rows of all."""
+    refinement, parts, client = Refinement(runs), list[pyarrow.Table](), None
     with ExitStack() as stack:
         while len(some := refinement.numbers()):
             chunks = {directory.name(x): x for x in store.chunks(runs, some)}
-            found = {name: table for name, chunk in chunks.items() if (
-                table := directory.rows(chunk, show)) is not None}
-            left = {name: x for name, x in chunks.items() if name not in found}
-            done = sum(map(len, found.values()))
-            show(f'{len(some)} runs in {len(chunks)} chunk{"s" * (len(chunks) > 1)}')
-            if done:
-                show(f'{done} runs are already computed')
+            found = {name: directory.rows(x, show) for name, x in chunks.items()}
+            left = [(name, x) for name, x in chunks.items() if found[name] is None]
+            done = len(some) - sum(len(x) for _, x in left)
+            show(f'{len(some)} runs in {counted(len(chunks), "chunk")}, {done} of them computed')
             if left and client is None:
-                client = stack.enter_context(_workers(runs, jobs, scheduler, show))
+                if scheduler is None:
+                    compile_setups(map(runs.example, range(len(runs.spec.variants))), show)
+                client = stack.enter_context(pool.workers(jobs, scheduler))
+                show(counted(pool.threads(client, show), 'worker'))
             try:
                 for name, table in pool.computed(client, store.compute, (runs, store.version()),
-                                                 left.items()) if client and left else ():
-                    directory.write(left[name], table)
+                                                 left) if client and left else ():
+                    directory.write(chunks[name], table)
                     found[name] = table
                     done += len(table)
-                    computed += len(table)
                     progress(done, len(some))
             except (CtcError, KeyboardInterrupt) as error:
-                kind = CtcError if isinstance(error, CtcError) else KeyboardInterrupt
-                raise kind(
+                raise (CtcError if isinstance(error, CtcError) else KeyboardInterrupt)(
                     f'{str(error) or "stopped"}; {done} of {len(some)} runs are in '
                     f'{directory.path}, run the same command to continue') from None
-            parts.append(pyarrow.concat_tables(found[name] for name in chunks))
+            parts.append(pyarrow.concat_tables(found.values()))
             refinement.take(parts[-1])
-    return directory.merge(parts), computed
-
-
-@contextmanager
-def _workers(runs: Runs, jobs: int, scheduler: str | None, show: Callable[[str], None]
-             ) -> Iterator[Client]:
-    """Compile what runs need, if they run here, and yield a client of the workers."""
-    if scheduler is None:
-        compile_setups(map(runs.example, range(len(runs.spec.variants))), show)
-    with pool.workers(jobs, scheduler) as client:
-        count = pool.threads(client, show)
-        show(f'{count} worker{"s" if count > 1 else ""}')
-        yield client
+    return directory.merge(parts)

@@ -22,25 +22,8 @@ from typing import Any
 
 from ctc_chattering.analysis.drawing import FigureFile, save
 from ctc_chattering.analysis.page import Folded, Section, write_page
-from ctc_chattering.analysis.tables import (
-    counted,
-    percent,
-    scientific,
-    short,
-    Table,
-    two_lines,
-)
-from ctc_chattering.runs.map_data import (
-    against,
-    Counts,
-    dependence_table,
-    KINDS,
-    MapData,
-    passing,
-    pooled,
-    side,
-    sobol_table,
-)
+from ctc_chattering.analysis.tables import counted, percent, scientific, Table, two_lines
+from ctc_chattering.runs.map_data import against, KINDS, MapData, passing, pooled, sobol_table
 from ctc_chattering.runs.map_figures import figures
 from ctc_chattering.runs.spec import MapSpec, rows_of
 from ctc_chattering.runs.store import FIGURES, JSON, PAGE, TABLE
@@ -77,17 +60,12 @@ def write_report(spec: MapSpec, table: Any, directory: Path, extra: str = 'svg',
                    spec.repeats.sampling == 'saltelli')
     with matplotlib.rc_context({'svg.hashsalt': 'map'}):  # Equal data give equal files.
         files = save(figures(data), directory / FIGURES, ('svg', extra))
-    (low, high), plant = spec.window, spec.setup.plant
-    facts = {'robot and motion': f'{plant.experiment}, {plant.duration:g} s, evaluated from '
-                                 f'{low:g} s to {high:g} s', **dict(rows_of(spec.tree))}
-    write_map_page(data, files, directory / PAGE, facts, {
-        TABLE: 'a row a run', JSON: 'the spec, versions and counts'}, command)
+    write_map_page(data, files, directory / PAGE, dict(rows_of(spec.tree)), command)
     return directory / PAGE
 
 
 def write_map_page(data: MapData, files: Sequence[FigureFile], path: Path,
-                   facts: Mapping[str, str], links: Mapping[str, str], command: str = ''
-                   ) -> None:
+                   facts: Mapping[str, str], command: str = '') -> None:
     """
     Write the page of a map.
 
@@ -101,8 +79,6 @@ def write_map_page(data: MapData, files: Sequence[FigureFile], path: Path,
         The page, for example ``out/index.html``.
     facts : mapping of str to str
         What was run, besides numbers of runs.
-    links : mapping of str to str
-        Names of files beside the page, and what they are.
     command : str
         What was run.
 
@@ -113,31 +89,26 @@ def write_map_page(data: MapData, files: Sequence[FigureFile], path: Path,
 
     """
     boundaries = list(_boundaries(data))
+    sobol = sobol_table(data)
     write_page(
         path, _headline(data), _lead(data), [
             Section('Result', [*files[:1], _failures(data), *_against_base(data)]),
             Section('Further figures', files[1:]),
             Section('Further numbers', [
                 *(Folded(x.title, [x._replace(title='')], len(boundaries) == 1)
-                  for x in boundaries), *_dependence(data)]),
-            Section('What was run', [Table('', (), [
-                *facts.items(), ('simulated', ', '.join(
-                    f'{name or "not"}: {counted(n, "run")}' for name, n in
-                    data.rows['engine'].value_counts(sort=False).items()))])])],
-        [(name, f'{name} ({what})') for name, what in links.items()], command)
+                  for x in boundaries), *([sobol] if sobol.rows else [])]),
+            Section('What was run', [Table('', (), list(facts.items()))])],
+        [(TABLE, f'{TABLE} (a row a run)'), (JSON, f'{JSON} (spec and versions)')], command)
 
 
 def _headline(data: MapData) -> str:
-    """Return how often the best law fails, and the base, or the worst one."""
-    failed = data.kinds.sum(axis=0)
+    """Return how often the best and the worst law fail."""
+    failed = (data.rows['failure'] != '').groupby(data.rows['variant'], sort=False).mean()
     if not failed.any():
         return 'No run fails'
-    order = np.argsort(failed / data.made, kind='stable').tolist()
-    shown = list(dict.fromkeys([order[0], order[-1] if data.base is None else data.base,
-                                order[-1]]))[:2]
-    return ', '.join(
-        f'{data.variants[v]} {"" if k else "fails "}in {percent(failed[v], data.made[v])}'
-        for k, v in enumerate(shown)) + ' of the runs'
+    shown = dict.fromkeys((failed.idxmin(), failed.idxmax()))
+    return ', '.join(f'{law} {"" if k else "fails "}in {percent(failed[law], 1)}'
+                     for k, law in enumerate(shown)) + ' of the runs'
 
 
 def _lead(data: MapData) -> str:
@@ -151,43 +122,28 @@ def _lead(data: MapData) -> str:
 
 def _failures(data: MapData) -> Table:
     """Return the table of failures: a row a variant, a column a kind."""
-    used = [k for k in range(len(KINDS)) if data.kinds[k].any()]
-    heads = ['law', 'runs', 'fail', *(KINDS[k] for k in used), 'median error [rad], 95 % quantile',
-             *(['points that pass / undecided / fail'] if data.axes else [])]
-    sides = side(data.failed, data.runs)
+    used = [kind for kind in KINDS if (data.rows['failure'] == kind).any()]
     rows = []
-    for v, (name, runs) in enumerate(zip(data.variants, data.made.tolist())):
-        error = np.sort(data.of(v)['error'])
-        middle, high = (scientific(x) if np.isfinite(x) else 'diverged' for x in (
-            error[int(np.ceil(q * runs)) - 1] for q in (0.5, 0.95)))
-        rows.append([name, f'{runs}', *(_share(*data.of_draws(v, kind)) for kind in (None, *used)),
-                     two_lines(middle, high)])
-        if data.axes:
-            rows[-1].append(' / '.join(str(int(((sides[v] == x) & (data.runs[v] > 0)).sum()))
-                                       for x in (-1, 0, 1)))
-    return Table('', heads, rows, note=(
-        'Below each share: its interval of 95 % '
-        + ('for other draws on this grid; all points have the same draws, so it is as wide as '
-           'these differ, and there is none for one draw. A point passes if its own interval '
-           '(Wilson) is below one half, and fails if it is above.' if data.axes else '(Wilson).')
-        + ' A run counts under the first kind that applies; one that diverged has an infinite '
-        'error.'))
+    for v, name in enumerate(data.variants):
+        mine, failure = data.of(v), data.of(v)['failure']
+        error = np.sort(mine['error'])
+        rows.append([name, f'{len(mine)}', *(
+            _share(failed, mine['repeat']) for failed in (
+                failure != '', *(failure == kind for kind in used))),
+            two_lines(*(scientific(x) if np.isfinite(x) else 'diverged' for x in (
+                error[int(np.ceil(q * len(error))) - 1] for q in (0.5, 0.95))))])
+    return Table('', ['law', 'runs', 'fail', *used, 'median error [rad], 95 % quantile'], rows,
+                 note='Below each share: its 95 % interval for other draws on this grid, as wide '
+                 'as the draws differ; none for one draw. A run counts under the first kind that '
+                 'applies; one that diverged has an infinite error.')
 
 
-def _share(failures: Counts, runs: Counts) -> str:
-    """Return a share with its interval, if there is one, from the counts of each draw."""
-    low, high = (100.0 * x for x in pooled(failures, runs))
-    share = percent(int(failures.sum()), int(runs.sum()))
+def _share(failed: Any, repeat: Any) -> str:
+    """Return the share of runs that failed, with its interval, if there is one."""
+    draws = failed.groupby(repeat).agg(['sum', 'count'])
+    low, high = (100.0 * x for x in pooled(draws['sum'], draws['count']))
+    share = percent(failed.sum(), len(failed))
     return share if np.isnan(low) else two_lines(share, f'{low:.1f} to {high:.1f}')
-
-
-def _dependence(data: MapData) -> Iterator[Table]:
-    """Yield the table of what the result depends on, if there is something."""
-    sobol = sobol_table(data)
-    if sobol.rows:
-        yield sobol
-    elif (len(data.columns) > 1 or data.uncertain) and data.rows['error'].nunique() > 1:
-        yield dependence_table(data)
 
 
 def _against_base(data: MapData) -> Iterator[Table]:
@@ -195,16 +151,9 @@ def _against_base(data: MapData) -> Iterator[Table]:
     if data.base is None or len(data.variants) == 1:
         return
     base = data.variants[data.base]
-    yield Table(
-        f'Against {base}',
-        ['law', 'runs', 'only the law fails', f'only {base} fails', 'its error is larger',
-         'ratio of errors, at most', 'in run', 'at'],
-        [[law, *(f'{x[key]:.0f}' for key in ('runs', 'worse', 'better', 'larger')),
-          short(x['loss']), f'{x["run"]:.0f}',
-          ', '.join(axis.text(x[axis.name]) for axis in data.axes)]
-         for law, x in against(data, data.base).iterrows()],
-        note='Runs at the same point, with the same draw and the same noise. '
-             'ctc map SPEC --explain RUN shows one.')
+    yield Table(f'Against {base}', ['law', 'runs', 'only the law fails', f'only {base} fails'],
+                [[law, *map(str, x)] for law, x in against(data, data.base).iterrows()],
+                note='Runs at the same point, with the same draw and the same noise.')
 
 
 def _boundaries(data: MapData) -> Iterator[Table]:

@@ -27,12 +27,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import cached_property
-from math import ceil, isfinite, log2, nan
+from itertools import product
+from math import ceil, log2
 from typing import Any
 
 from ctc_chattering.configuration.loop_setup import Setup
 from ctc_chattering.configuration.yaml_file import mapping
-from ctc_chattering.errors import CtcError, near, ParameterError, UsageError
+from ctc_chattering.errors import CtcError, ParameterError, UsageError
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.runs.recommended import recommended_setup
 from ctc_chattering.runs.score import of_results, OVERALL, PER_JOINT, Score, score
@@ -41,10 +42,10 @@ from ctc_chattering.runs.spec import (
     Failure,
     MapSpec,
     Quantity,
+    read_value,
     Repeats,
     Uncertain,
 )
-from ctc_chattering.simulation.plant import make_plant
 import numpy as np
 import numpy.typing as npt
 
@@ -184,13 +185,11 @@ class Runs:
         return repeats.seed + (0 if repeats.sampling == 'saltelli' else repeat)
 
     def example(self, variant: int) -> Setup:
-        """Return a setup of a law: that of the first point without a draw, if it is allowed."""
-        axes = [(axis, axis.values[0]) for axis in self.spec.axes]
-        setup = self._of_law(variant, tuple(x for axis, x in axes if axis.known))
+        """Return a setup of a law: that of its first run, if it is allowed."""
         try:
-            return applied(setup, axes)
+            return self.setup(variant * self.shape[-1])
         except CtcError:
-            return setup
+            return self.spec.setup.changed({'controller': self.spec.variants[variant].values})
 
     def _settings(self, indices: tuple[int, ...], repeat: int) -> list[tuple[Quantity, float]]:
         """Return the numbers of all quantities at a place, in the order in which they are set."""
@@ -198,27 +197,24 @@ class Runs:
         return [*axes, *zip(self.spec.uncertain, self.draws[repeat].tolist())]
 
     def _of_law(self, index: int, known: tuple[float, ...]) -> Setup:
-        """Return the setup of a law at the values of the axes that the controller knows."""
-        variant = self.spec.variants[index]
+        """
+        Return the setup of a law at the values of the axes that the controller knows.
+
+        What is recommended for it does not win over what such an axis sets.
+        """
+        variant, setup = self.spec.variants[index], self.spec.setup
         key = (index, known if variant.recommended else ())
         if key not in self._of_laws:
-            recommended = self._recommended(variant.law, known) if variant.recommended else {}
-            self._of_laws[key] = self.spec.setup.changed(recommended).changed(
-                {'controller': variant.values})
+            if variant.recommended:
+                axes = [axis for axis in self.spec.axes if axis.known]
+                by_axes = {(node, spec.name) for axis in axes for node, spec in axis.targets}
+                made = recommended_setup(applied(setup, zip(axes, known)), variant.law)
+                setup = setup.changed({
+                    node: {name: x for name, x in getattr(made, node).as_mapping().items()
+                           if (node, name) not in by_axes and name != 'joint_names'}
+                    for node in ('controller', 'reference')})
+            self._of_laws[key] = setup.changed({'controller': variant.values})
         return self._of_laws[key]
-
-    def _recommended(self, law: str, known: tuple[float, ...]) -> dict[str, dict[str, Any]]:
-        """Return what is recommended for a law, by node, but for what a known axis sets."""
-        file, axes = self.spec.setup, [axis for axis in self.spec.axes if axis.known]
-        made = recommended_setup(applied(file, zip(axes, known)), law)
-        by_axes = {(node, spec.name) for axis in axes for node, spec in axis.targets}
-        values: dict[str, dict[str, Any]] = {}
-        for node, new, old in (('controller', made.controller, file.controller),
-                               ('reference', made.reference, file.reference)):
-            before = old.as_mapping()
-            values[node] = {name: x for name, x in new.as_mapping().items()
-                            if x != before[name] and (node, name) not in by_axes}
-        return values
 
 
 def evaluate(setup: Setup, window: tuple[float, float], failure: Failure) -> dict[str, Any]:
@@ -241,9 +237,6 @@ def evaluate(setup: Setup, window: tuple[float, float], failure: Failure) -> dic
 
     """
     row = {**dict.fromkeys(of_results(len(setup.controller.joint_names))), 'engine': ''}
-    if (count := steps(setup)) > failure.steps_above:
-        return {**row, 'failure': 'too long', 'reason': (
-            f'{count:.3g} steps of the integrator > {failure.steps_above}')}
     found = score(setup, window)
     if found.failure:
         return {**row, 'failure': 'diverged', 'reason': found.failure}
@@ -252,17 +245,8 @@ def evaluate(setup: Setup, window: tuple[float, float], failure: Failure) -> dic
     row.update({key: _finite(getattr(found, name)) for name, key in OVERALL.items()})
     row.update(engine=found.engine, error=found.error, variation=_finite(found.most_variation),
                saturated=found.saturated, slips=found.most_slips)
-    row['failure'], row['reason'] = _judged(found, setup, failure)
+    row['failure'], row['reason'] = _judged(found, failure)
     return row
-
-
-def steps(setup: Setup) -> float:
-    """Return how many steps of the integrator a run has; stiff elastic joints have many."""
-    plant = setup.plant
-    if plant.elastic:
-        robot = make_plant(plant, setup.descriptions.get('plant', ''))
-        return robot.last * robot.parameters.mechanics.steps
-    return plant.duration / min(plant.control_period, plant.integration_step)
 
 
 def refused(n: int, error: CtcError) -> dict[str, Any]:
@@ -275,16 +259,13 @@ def _finite(x: float | None) -> float | None:
     return x if x is not None and np.isfinite(x) else None
 
 
-def _judged(found: Score, setup: Setup, failure: Failure) -> tuple[str, str]:
+def _judged(found: Score, failure: Failure) -> tuple[str, str]:
     """Return kind and reason of a failure; empty for none."""
-    if found.error > failure.error_above:
-        joint = setup.controller.joint_names[found.rms.index(found.error)]
-        return 'error', f'{joint}: {found.error:.3g} > {failure.error_above:g} rad'
-    if (found.saturated or 0.0) > failure.saturated_above:
-        return 'saturated', (f'a torque at its limit in {found.saturated:.3g} > '
-                             f'{failure.saturated_above:g} of the samples')
-    if found.most_slips > failure.slips_above:
-        return 'slips', f'{found.most_slips:.3g} > {failure.slips_above:g} stick-slips a second'
+    for kind, x, most in (('error', found.error, failure.error_above),
+                          ('saturated', found.saturated or 0.0, failure.saturated_above),
+                          ('slips', found.most_slips, failure.slips_above)):
+        if x > most:
+            return kind, f'{x:.3g} > {most:g}'
     if failure.not_reached and found.reaching_time is None:
         return 'not reached', 'v never stays within its band'
     return '', ''
@@ -314,11 +295,10 @@ def find_run(runs: Runs, text: str) -> int:
         'law': [x.name for x in spec.variants], 'repeat': range(spec.repeats.repeats)}
     try:
         if text.strip().isdecimal():
-            return _index('run', text, range(len(runs)))
-        words = [[x.strip() for x in word.partition('=')] for word in text.split(',')]
-        if not all(map(all, words)):
-            raise ParameterError('POINT', text, 'a run number, or name=value,...')
-        given = mapping('POINT', {name: value for name, _, value in words}, tuple(choices))
+            return int(read_value('run', 'int', int(text), minimum=0, maximum=len(runs) - 1))
+        words = (word.partition('=') for word in text.split(','))
+        given = mapping('POINT', {name.strip(): value.strip() for name, _, value in words},
+                        tuple(choices))
         *indices, law, repeat = (_index(name, given.get(name), x) for name, x in choices.items())
     except ParameterError as error:
         raise UsageError(f'--explain {text}: {error}') from None
@@ -326,24 +306,16 @@ def find_run(runs: Runs, text: str) -> int:
 
 
 def _index(name: str, text: str | None, values: Sequence[Any]) -> int:
-    """Return the index of a name, or of the nearest number; of the only one without a text."""
-    shown = ', '.join(x if isinstance(x, str) else f'{x:g}' for x in values[:20])
-    if text is None:
-        if len(values) > 1:
-            raise ParameterError(name, '', f'one of {shown}: there is more than one')
-        return 0
-    if isinstance(values[0], str):
-        if text not in values:
-            raise ParameterError(name, text, shown + near(text, values))
-        return values.index(text)
+    """Return the index of a value, or of the nearest number; of the only one without a text."""
+    shown = list(map(str, values))
+    if text in shown or (text is None and len(shown) == 1):
+        return shown.index(text or shown[0])
     try:
-        x = float(text)
+        if text is None or not isinstance(values, tuple):
+            raise ValueError
+        x = read_value(name, 'float', float(text))
     except ValueError:
-        x = nan
-    if isinstance(values, range) and x not in values:
-        raise ParameterError(name, x, f'0 to {len(values) - 1}')
-    if not isfinite(x):
-        raise ParameterError(name, text, 'a number')
+        raise ParameterError(name, text, ', '.join(shown[:20])) from None
     return min(range(len(values)), key=lambda k: abs(values[k] - x))
 
 
@@ -367,29 +339,18 @@ def wanted(state: npt.NDArray[np.int8], coarse: tuple[int, ...]) -> Mask:
     found: Mask = np.zeros(state.shape, bool)
     unknown: Mask = state == UNKNOWN
     found[tuple(slice(None, None, step) for step in coarse)] = True
-    if unknown[found].any():
-        return np.logical_and(found, unknown)
-    steps = np.array(coarse)
-    while (steps > 1).any():
-        for cell in np.argwhere(_mixed(state, steps)):
-            first = cell * steps
-            found[tuple(slice(a, a + step + (step > 1), max(step // 2, 1))
-                        for a, step in zip(first.tolist(), steps.tolist()))] = True
-        steps = np.maximum(steps // 2, 1)
+    while max(coarse, default=1) > 1 and not (found & unknown).any():
+        corners, halves = (tuple(slice(None, None, max(step // k, 1)) for step in coarse)
+                           for k in (1, 2))
+        for first in product(*(range(0, n - (step > 1), step)
+                               for n, step in zip(state.shape, coarse))):
+            cell = tuple(slice(a, a + step + (step > 1)) for a, step in zip(first, coarse))
+            known = state[cell]
+            if (known[corners] != UNKNOWN).all() and (known == PASSES).any() and (
+                    known == FAILS).any():
+                found[cell][halves] = True
+        coarse = tuple(max(step // 2, 1) for step in coarse)
     return np.logical_and(found, unknown)
-
-
-def _mixed(state: npt.NDArray[np.int8], steps: npt.NDArray[np.int_]) -> Mask:
-    """Return which cells of a size were run at their corners, and fail in part."""
-    sizes = np.where(steps > 1, steps + 1, 1)
-    cells: Any = np.lib.stride_tricks.sliding_window_view(state, tuple(sizes.tolist()))
-    cells = cells[tuple(slice(None, None, step) for step in steps.tolist())]
-    within = tuple(range(state.ndim, 2 * state.ndim))
-    at_corners: Any = (Ellipsis, *(slice(None, None, step) for step in steps.tolist()))
-    corners = cells[at_corners]
-    mixed: Mask = ((cells == PASSES).any(axis=within) & (cells == FAILS).any(axis=within)
-                   & (corners != UNKNOWN).all(axis=within))
-    return mixed
 
 
 class Refinement:

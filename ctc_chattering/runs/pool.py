@@ -17,21 +17,22 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import CancelledError
 from contextlib import contextmanager
+from copy import copy
 from functools import partial
 import logging
 from multiprocessing import resource_tracker
 import signal
 from typing import Any, TYPE_CHECKING, TypeVar
 
-from ctc_chattering.errors import CtcError
+from ctc_chattering.errors import CtcError, refused_as
 
 if TYPE_CHECKING:
     from distributed import Client
 
 T = TypeVar('T')
 R = TypeVar('R')
-_LOST = 'the scheduler is lost'
 #: Time to connect [s].
 _CONNECT = 10
 #: What dask logs besides what is raised.
@@ -73,10 +74,9 @@ def processes(jobs: int) -> Iterator[Callable[..., Iterator[Any]]]:
 
 def _in_order(client: Client, function: Callable[[T], R], tasks: Iterable[T]) -> Iterator[R]:
     """Yield what `function` makes of every task, in their order."""
-    for future in client.map(function, list(tasks), pure=False):
-        if future.exception() is not None:
-            _check(future)
-        yield future.result()  # It is computed again if its worker was killed.
+    with _refusals():
+        for future in client.map(function, list(tasks), pure=False):
+            yield future.result()  # It is computed again if its worker was killed.
 
 
 @contextmanager
@@ -97,38 +97,25 @@ def workers(jobs: int, address: str | None = None) -> Iterator[Client]:
         If there is no scheduler at the address.
 
     """
-    import dask
     from distributed import Client, LocalCluster
+    from distributed.comm.addressing import parse_address, parse_host_port
     for name in _LOGS:
         logging.getLogger(name).setLevel(logging.CRITICAL)
     if address is not None:
-        with _connected(address) as client:
+        try:
+            parse_host_port(parse_address(address)[1])
+            client = Client(address, timeout=_CONNECT, set_as_default=False)
+        except (OSError, ValueError) as error:
+            text = ' '.join(str(error).split())
+            raise CtcError(f'--scheduler {address}: no scheduler answers: {text}') from None
+        with client:
             yield client
         return
-    settings = {'distributed.worker.profile.enabled': False,
-                'distributed.comm.timeouts.connect': f'{_CONNECT}s'}
-    with dask.config.set(settings):
-        with _without_interrupts():
-            cluster = LocalCluster(
-                n_workers=jobs, threads_per_worker=1, memory_limit=0, dashboard_address=None,
-                silence_logs=logging.CRITICAL,
-                scheduler_kwargs={'dashboard_address': '127.0.0.1:0'})
-        with cluster, Client(cluster, set_as_default=False) as client:
-            yield client
-
-
-@contextmanager
-def _connected(address: str) -> Iterator[Client]:
-    """Yield a client of the scheduler at an address."""
-    from distributed import Client
-    from distributed.comm.addressing import parse_address, parse_host_port
-    try:
-        parse_host_port(parse_address(address)[1])
-        client = Client(address, timeout=_CONNECT, set_as_default=False)
-    except (OSError, ValueError) as error:
-        text = ' '.join(str(error).split())
-        raise CtcError(f'--scheduler {address}: no scheduler answers: {text}') from None
-    with client:
+    with _without_interrupts():
+        cluster = LocalCluster(
+            n_workers=jobs, threads_per_worker=1, memory_limit=0, dashboard_address=None,
+            silence_logs=logging.CRITICAL, scheduler_kwargs={'dashboard_address': '127.0.0.1:0'})
+    with cluster, Client(cluster, set_as_default=False) as client:
         yield client
 
 
@@ -181,33 +168,24 @@ def computed(client: Client, function: Callable[..., Any], shared: Sequence[Any]
 
     """
     from distributed import as_completed
-    try:
-        common = client.submit(tuple, shared, pure=False)
-        futures = [client.submit(_called, function, common, task, key=name)
-                   for name, task in tasks]
+    with _refusals():
+        common = [client.submit(copy, x, pure=False) for x in shared]
+        futures = [client.submit(function, *common, task, key=name) for name, task in tasks]
         for future in as_completed(futures, loop=client.loop):
-            _check(future)
             yield future.key, future.result()
             future.release()
-    except OSError:
-        raise CtcError(_LOST) from None
 
 
-def _called(function: Callable[..., Any], shared: Sequence[Any], task: Any) -> Any:
-    return function(*shared, task)
-
-
-def _check(future: Any) -> None:
-    """Raise `CtcError` unless a task that is done has a result."""
+@contextmanager
+def _refusals() -> Iterator[None]:
+    """Turn what dask raises of a task, or without a scheduler, into a `CtcError`."""
     from distributed import KilledWorker
-    if future.status == 'error':
-        error = future.exception()
-        if isinstance(error, KilledWorker):
+    from distributed.comm import CommClosedError
+    with refused_as('a worker failed'):
+        try:
+            yield
+        except KilledWorker as error:
             raise CtcError(f'{error.allowed_failures + 1} workers were killed while they computed '
-                           'the same task; is there enough memory?')
-        if isinstance(error, CtcError):
-            raise error
-        text = ' '.join(str(error).split())
-        raise CtcError(f'a worker failed: {type(error).__name__}: {text}') from error
-    if future.status != 'finished':
-        raise CtcError(_LOST)
+                           'the same task; is there enough memory?') from None
+        except (CancelledError, CommClosedError):
+            raise CtcError('the scheduler is lost') from None

@@ -16,20 +16,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Container, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 import dataclasses
 from itertools import pairwise
 from math import inf, prod
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.configuration.loop_setup import Setup
 from ctc_chattering.configuration.node_parameters import LOOP
 from ctc_chattering.configuration.package_share import find_config
 from ctc_chattering.configuration.yaml_file import mapping, read_yaml
-from ctc_chattering.errors import CtcError, near, ParameterError, prefixed
+from ctc_chattering.errors import CtcError, ParameterError, prefixed
 from ctc_chattering.parameters import Config, Parameter, parameter
 from ctc_chattering.runs.recommended import recommended_setup
 from ctc_chattering.runs.score import of_map
@@ -165,22 +165,19 @@ def applied(setup: Setup, settings: Iterable[tuple[Quantity, float]], noise_seed
 def read_axis(name: str, tree: object) -> Axis:
     """Return an axis of a spec; raise `ParameterError` that names the key."""
     key = f'axes.{name}'
-    values = mapping(key, tree, (*_OF_QUANTITY, 'values', 'range', 'count', 'spacing'))
-    targets = _parameters(key, values)
-    kind = _one_of(key, values, ('values', 'range'))
-    if kind == 'values':
-        numbers = read_value(f'{key}.values', 'float[]', values['values'])
+    if not isinstance(tree, dict) or 'range' not in tree:
+        values = mapping(key, tree, (*_OF_QUANTITY, 'values'))
+        numbers = read_value(f'{key}.values', 'float[]', values.get('values'))
         if not numbers or any(a >= b for a, b in pairwise(numbers)):
             raise ParameterError(f'{key}.values', numbers, 'one number or more, ascending')
-        if extra := {'count', 'spacing'} & set(values):
-            raise ParameterError(key, min(extra), 'with range only')
-        return Axis(name, *targets, numbers)
+        return Axis(name, *_parameters(key, values), numbers)
+    values = mapping(key, tree, (*_OF_QUANTITY, 'range', 'count', 'spacing'))
     spacing = read_value(f'{key}.spacing', 'str', values.get('spacing', 'linear'),
                          choices=('linear', 'log'))
     ends = _ends(f'{key}.range', values['range'], spacing == 'log')
     count = read_value(f'{key}.count', 'int', values.get('count'), minimum=2, maximum=MOST)
     space: Any = np.geomspace if spacing == 'log' else np.linspace
-    return Axis(name, *targets, tuple(space(*ends, count).tolist()))
+    return Axis(name, *_parameters(key, values), tuple(space(*ends, count).tolist()))
 
 
 def read_uncertain(name: str, tree: object) -> Uncertain:
@@ -202,10 +199,7 @@ def read_uncertain(name: str, tree: object) -> Uncertain:
 
 def read_value(key: str, kind: str, value: object, n: int = 0, **allowed: Any) -> Any:
     """Return a value of a spec, declared as a `Parameter` is."""
-    spec = Parameter(key, kind, None, '', **allowed)
-    found = spec.coerce(value, n)
-    spec.check(found, n)
-    return found
+    return Parameter(key, kind, None, '', **allowed).checked(value, n)
 
 
 def _one_of(key: str, values: Mapping[str, Any], names: Sequence[str]) -> str:
@@ -238,8 +232,7 @@ def check(quantities: Iterable[tuple[Quantity, tuple[float, ...]]], setup: Setup
     Raises
     ------
     CtcError
-        For a value that is not allowed, a parameter that is set again and not multiplied, or a
-        factor that changes nothing.
+        For a value that is not allowed, or a parameter that is set again and not multiplied.
 
     """
     by: dict[tuple[str, str], str] = {}
@@ -249,11 +242,6 @@ def check(quantities: Iterable[tuple[Quantity, tuple[float, ...]]], setup: Setup
             other = by.setdefault((node, spec.name), quantity.name)
             if other != quantity.name and not quantity.factor:
                 raise ParameterError(quantity.name, here, f'a factor, for {other} sets it, too')
-            now = getattr(getattr(setup, node), spec.field)
-            if quantity.factor and other == quantity.name and not any(
-                    0.0 < abs(x) < np.inf for x in (now if isinstance(now, tuple) else (now,))):
-                raise ParameterError(f'{quantity.name}: factor of {here}', now,
-                                     'a value in the file that a factor changes')
         for x in numbers:
             try:
                 applied(setup, [(quantity, x)])
@@ -264,14 +252,14 @@ def check(quantities: Iterable[tuple[Quantity, tuple[float, ...]]], setup: Setup
 def coarse_steps(values: Mapping[str, Any], axes: tuple[Axis, ...]) -> tuple[int, ...]:
     """Return every how many values of each axis are run first; all of an axis without range."""
     levels = read_value('refine', 'int', values.get('refine', 0), minimum=0, maximum=_LEVELS)
-    of_range = [axis for axis in axes if 'range' in values['axes'][axis.name]]
-    if levels and not of_range:
+    steps = tuple(2 ** levels if 'range' in values['axes'][x.name] else 1 for x in axes)
+    if levels and max(steps, default=1) == 1:
         raise ParameterError('refine', levels, '0, or an axis with a range')
-    for axis in of_range:
-        if (len(axis.values) - 1) % 2 ** levels:
+    for axis, step in zip(axes, steps):
+        if (len(axis.values) - 1) % step:
             raise ParameterError(f'axes.{axis.name}.count', len(axis.values),
-                                 f'a multiple of {2 ** levels} and 1 with refine {levels}')
-    return tuple(2 ** levels if axis in of_range else 1 for axis in axes)
+                                 f'a multiple of {step} and 1 with refine {levels}')
+    return steps
 
 
 def _parameters(key: str, values: dict[str, Any]
@@ -280,28 +268,26 @@ def _parameters(key: str, values: dict[str, Any]
     given = _one_of(key, values, ('parameter', 'parameters'))
     texts = values[given] if given == 'parameters' else [values[given]]
     texts = read_value(f'{key}.{given}', 'str[]', texts)
-    found = [target for text in texts for target in _targets(f'{key}.{given}', text)]
-    if not found or len({(node, spec.name) for node, spec in found}) < len(found):
+    found = tuple(target for text in texts for target in _targets(f'{key}.{given}', text))
+    if not found or len(set(found)) < len(found):
         raise ParameterError(f'{key}.{given}', texts, 'one or more, each once')
-    return tuple(found), read_value(f'{key}.factor', 'bool', values.get('factor', False))
+    return found, read_value(f'{key}.factor', 'bool', values.get('factor', False))
 
 
 def _targets(key: str, text: str) -> list[tuple[str, Parameter]]:
     """Return the nodes that have a parameter, and its declaration."""
     node, _, name = text.partition('.')
     nodes, name = ((node,), name) if node in LOOP else (LOOP, text)
-    found = [(node, spec) for node in nodes
-             if (spec := LOOP[node].parameters().get(name))]
-    if name in _SET:
-        raise ParameterError(key, text, 'any other: duration, seed and repeats set it')
-    if not all(spec.kind in ('int', 'float', 'float[]') for _, spec in found) or not found:
-        raise ParameterError(key, text, f'a parameter of {", ".join(LOOP)} that is a number or '
-                             'a number a joint, such as plant.coulomb_friction' + near(
-                                 name, (x for node in nodes for x in LOOP[node].parameters())))
+    found = [(node, LOOP[node].parameters()[name]) for node in nodes
+             if name in LOOP[node].parameters()]
+    if not found or name in _SET or any(
+            spec.kind not in ('int', 'float', 'float[]') for _, spec in found):
+        raise ParameterError(
+            key, text, f'a parameter of {", ".join(LOOP)} that is a number or a number a joint, '
+            'such as plant.coulomb_friction; duration, seed and repeats of the spec set others')
     return found
 
 
-Q = TypeVar('Q')
 #: Keys of a spec. `tune` is for `ctc tune`.
 KEYS = ('params_file', 'duration', 'window', 'overrides', 'laws', 'axes', 'uncertain', 'sampling',
         'repeats', 'seed', 'failure', 'refine', 'tune')
@@ -327,9 +313,6 @@ class Failure(Config):
     saturated_above: float = parameter(
         1.0, 'Part of the samples in the window with a torque at its limit.', maximum=1.0)
     slips_above: float = parameter(inf, 'Stick-slips of any joint in a second of rest.', '1/s')
-    steps_above: int = parameter(
-        1_000_000, 'Steps of the integrator of a run, which then is not run.', minimum=1,
-        maximum=10 ** 12)
     not_reached: bool = parameter(
         False, 'Whether v that never stays within its band is a failure.')
 
@@ -437,14 +420,12 @@ def rows_of(tree: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
 def errors_of(path: Path) -> Iterator[None]:
     """Put the path of a file in front of the errors that reading it raises."""
     try:
-        yield
-    except ParameterError as error:
-        raise ParameterError(f'{path}: {error.name}', error.value, error.allowed) from None
-    except RecursionError:
-        raise CtcError(f'{path}: it contains itself') from None
+        with prefixed(f'{path}: '):
+            yield
     except CtcError as error:
-        text = str(error)
-        raise type(error)(text if text.startswith(str(path)) else f'{path}: {text}') from None
+        if str(path) in str(error):
+            raise
+        raise CtcError(f'{path}: {error}') from None
 
 
 def parse(tree: object, path: Path) -> MapSpec:
@@ -452,17 +433,22 @@ def parse(tree: object, path: Path) -> MapSpec:
     values = mapping('spec', tree, KEYS)
     setup = _setup(values, path.parent)
     n = len(setup.controller.joint_names)
-    axes = _quantities(values, 'axes', read_axis, n)
-    uncertain = _quantities(values, 'uncertain', read_uncertain, n)
-    for quantity in uncertain:
-        if quantity.name in [axis.name for axis in axes]:
-            raise ParameterError('uncertain', quantity.name, 'a name that no axis has')
+    axes = _quantities(values, 'axes', read_axis, of_map({}, n))
+    uncertain = _quantities(values, 'uncertain', read_uncertain, of_map(
+        {axis.name: axis.unit for axis in axes}, n))
+    with prefixed('failure.'):
+        failure = Failure.from_mapping(mapping(
+            'failure', values.get('failure', {}), tuple(Failure.parameters())))
     spec = MapSpec(
         path.stem, setup, _window(values, setup.plant.duration), _variants(values, setup),
         axes, uncertain,
         Repeats.from_mapping({x: values[x] for x in Repeats.parameters() if x in values}),
-        _failure(values.get('failure', {})), coarse_steps(values, axes), values)
-    _check_saltelli(spec)
+        failure, coarse_steps(values, axes), values)
+    parts, n = len(spec.uncertain) + 2, spec.repeats.repeats
+    if spec.repeats.sampling == 'saltelli' and (
+            spec.axes or not spec.uncertain or n % parts or (n // parts).bit_count() != 1):
+        raise ParameterError('sampling', 'saltelli', (
+            f'without axes, for what is uncertain, with repeats of {parts} times a power of two'))
     if spec.runs > MOST:
         raise CtcError(f'{spec.runs} runs: {prod(spec.shape)} points, {len(spec.variants)} laws, '
                        f'{spec.repeats.repeats} repeats; allowed: {MOST}')
@@ -493,37 +479,17 @@ def _window(values: Mapping[str, Any], duration: float) -> tuple[float, float]:
     return window[0], window[1]
 
 
-def _quantities(values: Mapping[str, Any], key: str, read: Callable[[str, object], Q], n: int
-                ) -> tuple[Q, ...]:
-    """Return the axes, or what is uncertain, of a robot of `n` joints."""
+def _quantities(values: Mapping[str, Any], key: str, read: Callable[[str, object], Any],
+                taken: Container[str]) -> tuple[Any, ...]:
+    """Return the axes, or what is uncertain; they have other names than those that are taken."""
     tree = values.get(key) or {}
     if not isinstance(tree, dict):
         raise ParameterError(key, tree, 'a mapping of names')
-    taken = of_map({}, n)
     for name in tree:
         if not (isinstance(name, str) and name.isidentifier()) or name in taken:
             raise ParameterError(key, name, 'a name of letters, digits and _ that is no column '
                                  'of the results, such as error, law or repeat')
     return tuple(read(name, x) for name, x in tree.items())
-
-
-def _check_saltelli(spec: MapSpec) -> None:
-    """Check what Sobol indices need: no axis, and two draws and one for each that is uncertain."""
-    if spec.repeats.sampling != 'saltelli':
-        return
-    parts = len(spec.uncertain) + 2
-    if spec.axes or not spec.uncertain:
-        raise ParameterError('sampling', 'saltelli', 'uncertain and no axes')
-    n = spec.repeats.repeats // parts
-    if n * parts != spec.repeats.repeats or n & (n - 1):
-        raise ParameterError('repeats', spec.repeats.repeats, (
-            f'{parts} times a power of two with saltelli, for example {256 * parts}'))
-
-
-def _failure(tree: object) -> Failure:
-    values = mapping('failure', tree, tuple(Failure.parameters()))
-    with prefixed('failure.'):
-        return Failure.from_mapping(values)
 
 
 def _variants(values: Mapping[str, Any], setup: Setup) -> tuple[LawSettings, ...]:
@@ -533,9 +499,8 @@ def _variants(values: Mapping[str, Any], setup: Setup) -> tuple[LawSettings, ...
         raise ParameterError('laws', items, 'a list of laws')
     found = tuple(_variant(f'laws[{i}]', item, setup) for i, item in enumerate(items))
     names = [variant.name for variant in found]
-    for i, name in enumerate(names):
-        if name in names[:i]:
-            raise ParameterError(f'laws[{i}]', name, 'a name that no other has: give it one')
+    if len(set(names)) < len(names):
+        raise ParameterError('laws', names, 'different names: give each a name of its own')
     return found
 
 

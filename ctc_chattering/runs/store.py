@@ -23,16 +23,13 @@ package among it; a file that is damaged is noticed by parquet's checksums and c
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 import fcntl
 from functools import cache
 import hashlib
-import importlib.metadata
 import json
 import os
 from pathlib import Path
-import socket
-import sys
 from typing import Any
 
 import ctc_chattering
@@ -58,8 +55,6 @@ _STEPS = 4e6
 _FEWEST = 64
 #: Numbers of runs, ascending.
 Numbers = Sequence[int] | npt.NDArray[np.int64]
-#: Packages whose versions are noted with the results.
-_PACKAGES = ('numpy', 'scipy', 'numba', 'pyarrow', 'distributed')
 
 
 @cache
@@ -88,12 +83,9 @@ def about(runs: Runs) -> dict[str, Any]:
         'descriptions': {node: hashlib.sha256(text.encode()).hexdigest()
                          for node, text in setup.descriptions.items()}, 'window': spec.window,
         'order': [x.name for x in (*spec.axes, *spec.uncertain)], 'draws': runs.draws.tolist()}
-    versions = {'ctc_chattering': version(), 'python': sys.version.split()[0]}
-    for name in _PACKAGES:
-        with suppress(importlib.metadata.PackageNotFoundError):
-            versions[name] = importlib.metadata.version(name)
-    return {'key': _key([contents, version()]), 'spec': finite(contents), 'versions': versions,
-            'runs': len(runs)}
+    versions = {'ctc_chattering': version(), 'numpy': np.__version__,
+                'pyarrow': pyarrow.__version__}
+    return {'key': _key([contents, version()]), 'spec': finite(contents), 'versions': versions}
 
 
 def _key(value: Any) -> str:
@@ -178,11 +170,14 @@ class Directory:
         self.path, self.key, self._columns = path, about['key'], columns
         if overwrite or not (path / JSON).exists():
             prepare(path, _NAMES, overwrite)
-            self.describe(about)
-        elif (there := read_about(path)).get('key') != about['key']:
-            same = there.get('versions') == about['versions']
-            raise CtcError(f'{path}: a map of another {"spec" if same else "version"} is there; '
-                           'choose another --out, or --overwrite')
+            with _replacing(path / JSON) as temporary:
+                write_text(temporary, json.dumps(about, indent=2, ensure_ascii=False) + '\n')
+            return
+        with refused_as(f'{path / JSON}: cannot be read'):
+            there = json.loads((path / JSON).read_text(encoding='utf-8'))['key']
+        if there != about['key']:
+            raise CtcError(f'{path}: a map of another spec or version is there; choose another '
+                           '--out, or --overwrite')
 
     def name(self, chunk: Numbers) -> str:
         """Return a word that changes with all that the rows of a chunk depend on."""
@@ -200,31 +195,21 @@ class Directory:
         path = self._file(chunk)
         if not path.exists():
             return None
-        with refused_as(f'{path}: cannot be read'):
-            content = path.read_bytes()
-            try:
-                table = parquet.read_table(pyarrow.BufferReader(content),
-                                           page_checksum_verification=True)
-                if table.schema.equals(self._columns) and np.array_equal(table['run'], chunk):
-                    return table
-                reason = 'it has other rows or columns'
-            except (ValueError, pyarrow.ArrowException, OSError) as error:
-                reason = ' '.join(str(error).split())
-            show(f'{path}: damaged, {reason}; it is computed again')
-            return None
+        try:
+            table = parquet.ParquetFile(path, page_checksum_verification=True).read()
+            if table.schema.equals(self._columns) and np.array_equal(table['run'], chunk):
+                return table
+            reason = 'it has other rows or columns'
+        except (ValueError, pyarrow.ArrowException, OSError) as error:
+            reason = ' '.join(str(error).split())
+        show(f'{path}: damaged, {reason}; it is computed again')
+        return None
 
     def merge(self, parts: Sequence[pyarrow.Table]) -> pyarrow.Table:
         """Write and return all rows in the order of the runs."""
         table = pyarrow.concat_tables(parts).sort_by('run').combine_chunks()
         write_table(table, self.path / TABLE)
-        for left in (self.path / SHARDS).glob('.*'):
-            left.unlink(missing_ok=True)
         return table
-
-    def describe(self, about: Mapping[str, Any]) -> None:
-        """Write what the map is of, and what came of it."""
-        with _replacing(self.path / JSON) as temporary:
-            write_text(temporary, json.dumps(about, indent=2, ensure_ascii=False) + '\n')
 
 
 def write_table(table: pyarrow.Table, path: Path) -> None:
@@ -235,20 +220,10 @@ def write_table(table: pyarrow.Table, path: Path) -> None:
         parquet.write_table(table, temporary, compression='zstd', write_page_checksum=True)
 
 
-def read_about(directory: Path) -> dict[str, Any]:
-    """Return what the map of a directory is of; raise `CtcError` if that cannot be read."""
-    path = directory / JSON
-    try:
-        found = json.loads(path.read_text(encoding='utf-8'))
-    except (OSError, ValueError) as error:
-        raise CtcError(f'{path}: cannot be read: {error}') from None
-    return found if isinstance(found, dict) else {}
-
-
 @contextmanager
 def _replacing(path: Path) -> Iterator[Path]:
     """Yield another name for a file, that is given its own once it is on the disk."""
-    temporary = path.with_name(f'.{path.name}.{os.getpid()}')
+    temporary = path.with_name(f'.{path.name}')
     with writing(path):
         yield temporary
         with temporary.open('rb') as stream:
@@ -264,21 +239,16 @@ def locked(directory: Path) -> Iterator[None]:
     Raises
     ------
     CtcError
-        Naming the process that holds it, or if the directory cannot be written.
+        If another process holds it, or the directory cannot be written.
 
     """
     with writing(directory):
         directory.mkdir(parents=True, exist_ok=True)
-        stream = (directory / LOCK).open('a+', encoding='utf-8')
+        stream = (directory / LOCK).open('w')
     with stream:
-        with writing(directory / LOCK):
-            try:
-                fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except BlockingIOError:
-                stream.seek(0)
-                raise CtcError(f'{directory}: {stream.read() or "another process"} is writing '
-                               'there; wait until it ends, or choose another --out') from None
-            stream.truncate(0)
-            stream.write(f'process {os.getpid()} on {socket.gethostname()}')
-            stream.flush()
+        try:
+            fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            raise CtcError(f'{directory}: another process is writing there; wait until it ends, '
+                           'or choose another --out') from None
         yield

@@ -120,7 +120,7 @@ def map_of(name: str) -> MapData:
 def of_a_map(name: str, out: Path) -> None:
     """Write the page of `ctc map`: axes, uncertain parameters, variants, units, facts."""
     write_map_page(map_of(name), figure_files(name, out), out / 'index.html',
-                   {name: name, 'x': name}, {name: name})
+                   {name: name, 'x': name})
 
 
 @lru_cache(1)

@@ -16,15 +16,14 @@
 
 from __future__ import annotations
 
-import os
+import json
 from pathlib import Path
-import socket
 from typing import Any
 
-from ctc_chattering.errors import CtcError, MachineError
+from ctc_chattering.errors import CtcError
 from ctc_chattering.runs import store
 from ctc_chattering.runs.points import evaluate, Runs
-from ctc_chattering.runs.store import Directory, locked, read_about
+from ctc_chattering.runs.store import Directory, locked
 from ctc_commands import python
 from map_specs import runs, SMALL
 import numpy as np
@@ -174,38 +173,27 @@ def test_rows_are_those_of_the_chunk(tmp_path: Path, there: tuple[int, ...]) -> 
     assert made.rows(range(1), print) is None
 
 
-def test_what_cannot_be_read_is_an_error_of_the_machine(tmp_path: Path) -> None:
-    """Check with a directory in place of the file."""
-    made = Directory(tmp_path, ABOUT, SCHEMA)
-    made.write(range(1), rows(0))
-    path = only(made)
-    path.unlink()
-    path.mkdir()
-    with pytest.raises(MachineError, match='cannot be read: IsADirectoryError'):
-        made.rows(range(1), print)
-
-
 def test_what_was_begun_and_killed_is_no_shard(tmp_path: Path) -> None:
-    """Check that the remains of a killed process are neither read nor kept."""
+    """Check that the remains of a killed process are not read, and written anew."""
     made = Directory(tmp_path, ABOUT, SCHEMA)
     made.write(range(1), rows(0))
-    remains = made.path / 'shards' / '.a.parquet.123'
+    remains = only(made).with_name(f'.{only(made).name}')
+    only(made).rename(remains)
     remains.write_bytes(b'half of a f')
-    made.merge([made.rows(range(1), print)])
+    assert made.rows(range(1), print) is None
+    made.write(range(1), rows(0))
     assert list((tmp_path / 'shards').iterdir()) == [only(made)]
 
 
 def test_a_map_goes_on_and_another_is_refused(tmp_path: Path) -> None:
     Directory(tmp_path, ABOUT, SCHEMA).write(range(1), rows(0))
     assert Directory(tmp_path, ABOUT, SCHEMA).rows(range(1), print) is not None
-    for more, other in (({}, 'of another spec'),
-                        ({'versions': {'ctc_chattering': '0'}}, 'of another version')):
-        with pytest.raises(CtcError, match=f'a map {other}.* another --out, or --overwrite'):
-            Directory(tmp_path, {**ABOUT, **more, 'key': 'two'}, SCHEMA)
+    with pytest.raises(CtcError, match=r'of another spec or version.* --overwrite'):
+        Directory(tmp_path, {**ABOUT, 'key': 'two'}, SCHEMA)
     (tmp_path / 'mine.txt').touch()
     made = Directory(tmp_path, {**ABOUT, 'key': 'two'}, SCHEMA, overwrite=True)
     assert made.rows(range(1), print) is None
-    assert read_about(tmp_path)['key'] == 'two'
+    assert json.loads((tmp_path / 'map.json').read_text())['key'] == 'two'
     assert (tmp_path / 'mine.txt').exists()
 
 
@@ -235,24 +223,18 @@ TAKE = ('from pathlib import Path; from ctc_chattering.runs.store import locked;
         'with locked(Path({0!r})): os.kill(os.getpid(), {1})')
 
 
-def test_the_second_is_refused_and_told_by_whom(tmp_path: Path) -> None:
+def test_the_second_is_refused(tmp_path: Path) -> None:
     out = tmp_path / 'new' / 'map'
     with locked(out):
         result = python('-c', TAKE.format(str(out), 0))
         assert result.returncode
-        assert (f'{out}: process {os.getpid()} on {socket.gethostname()} is writing there; wait'
-                in result.stderr)
-    with locked(out), pytest.raises(CtcError, match=f'{out}: process {os.getpid()} on '), locked(
-            out):
-        pass
+        assert f'{out}: another process is writing there; wait' in result.stderr
 
 
 def test_a_killed_process_leaves_no_lock(tmp_path: Path) -> None:
     assert python('-c', TAKE.format(str(tmp_path), 9)).returncode == -9
-    assert (tmp_path / '.lock').read_text().startswith('process ')
     with locked(tmp_path):
-        assert (tmp_path / '.lock').read_text() == (
-            f'process {os.getpid()} on {socket.gethostname()}')
+        assert (tmp_path / '.lock').exists()
 
 
 def test_a_place_that_cannot_be_written(tmp_path: Path) -> None:

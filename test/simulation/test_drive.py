@@ -117,25 +117,6 @@ def test_response_in_numbers(gap: float) -> None:
         assert slopes[1:].max() <= min(rate, 3.0 / lag if lag else inf) * (1.0 + 1e-6)
 
 
-def test_the_arm_hardly_depends_on_the_step() -> None:
-    """
-    Check the arm under jumps of 150 and 40 N·m, steps of 1 ms against 0.02 ms.
-
-    The torque of the drives varies within a step; with the mean torque of each step in its place
-    the error would be a hundred times as large.
-    """
-    ends = []
-    for step in (1e-3, 2e-5):
-        plant = Plant(PlantConfig.from_mapping({
-            'actuator_lag': [2e-3, 2e-3], 'torque_rate_limit': [2e4, 5e3],
-            'integration_step': step, 'initial_position': [0.4, -0.7]}))
-        for c in commands(500, 2):
-            plant.step([20.0 * c[0], 12.0 * c[1]])
-        ends.append([*plant.q, *plant.dq])
-    assert np.abs(np.subtract(ends[0], ends[1])).max() < 1e-6
-    assert np.abs(ends[0]).max() > 0.5
-
-
 def test_break_away_as_the_torque_rises() -> None:
     """Check rest until c (1 - exp(-t/T)) = Kf, within a period, and the velocity afterwards."""
     lag, c, kf, mass = 4e-3, 5.0, 3.1, MASSES[0]
