@@ -353,36 +353,30 @@ def wanted(state: npt.NDArray[np.int8], coarse: tuple[int, ...]) -> Mask:
     return np.logical_and(found, unknown)
 
 
-class Refinement:
+def next_runs(runs: Runs, table: Any) -> npt.NDArray[np.int64]:
     """
-    Which runs of a map come next, by what came of those before; without a coarse grid all at once.
+    Return the next runs of a map, ascending; without a coarse grid all at once.
 
     Parameters
     ----------
     runs : Runs
         Of the map.
+    table : pyarrow.Table
+        The rows of those before, in any order.
+
+    Returns
+    -------
+    array
+        Their numbers; none when the boundary of every law is found.
 
     """
-
-    def __init__(self, runs: Runs) -> None:
-        self._runs = runs
-        self._state = np.full((len(runs.spec.variants), *runs.spec.shape), UNKNOWN, np.int8)
-
-    def numbers(self) -> npt.NDArray[np.int64]:
-        """Return the next runs, ascending; none when the boundary of every law is found."""
-        laws, repeats = self._runs.shape[-2:]
-        firsts = np.concatenate([
-            (np.flatnonzero(wanted(state, self._runs.spec.coarse)) * laws + v) * repeats
-            for v, state in enumerate(self._state)])
-        found: npt.NDArray[np.int64] = (
-            np.sort(firsts)[:, np.newaxis] + np.arange(repeats)).ravel()
-        return found
-
-    def take(self, table: Any) -> None:
-        """Take the rows, a pyarrow table, of what `numbers` returned."""
-        laws, repeats = self._runs.shape[-2:]
-        place, index = np.unique(np.asarray(table['run']) // repeats, return_inverse=True)
-        failed = np.bincount(index, np.asarray(table['failure']) != '')
-        point, variant = np.divmod(place, laws)
-        self._state.reshape(laws, -1)[variant, point] = np.where(
-            2 * failed >= repeats, FAILS, PASSES)
+    laws, repeats = runs.shape[-2:]
+    state = np.full((laws, *runs.spec.shape), UNKNOWN, np.int8)
+    place, index = np.unique(np.asarray(table['run']) // repeats, return_inverse=True)
+    failed = np.bincount(index, np.asarray(table['failure']) != '')
+    point, variant = np.divmod(place, laws)
+    state.reshape(laws, -1)[variant, point] = np.where(2 * failed >= repeats, FAILS, PASSES)
+    firsts = np.concatenate([(np.flatnonzero(wanted(each, runs.spec.coarse)) * laws + v) * repeats
+                             for v, each in enumerate(state)])
+    found: npt.NDArray[np.int64] = (np.sort(firsts)[:, np.newaxis] + np.arange(repeats)).ravel()
+    return found
