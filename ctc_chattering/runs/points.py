@@ -78,20 +78,15 @@ def unit_draws(method: str, n: int, m: int, seed: int) -> Array:
     if method == 'random' or m == 0:
         return rng.random((n, m))
     if method == 'saltelli':
-        return _saltelli(unit_draws('sobol', n // (m + 2), 2 * m, seed))
+        # A, B, and A with each column of B in turn, shape ((m + 2) n, m).
+        A, B = np.hsplit(unit_draws('sobol', n // (m + 2), 2 * m, seed), 2)
+        return np.vstack([A, B, *(np.where(mine, B, A) for mine in np.eye(m, dtype=bool))])
     # Here, for the workers, which need no draws, to start twice as fast.
     from scipy.stats import qmc  # type: ignore[import-untyped]
     if method == 'latin_hypercube':
         return np.asarray(qmc.LatinHypercube(m, rng=rng).random(n))
     # A Sobol sequence has its balance at powers of two.
     return np.asarray(qmc.Sobol(m, rng=rng).random_base2(ceil(log2(n))))[:n]
-
-
-def _saltelli(pairs: Array) -> Array:
-    """Return draws A, B, and A with each column of B in turn, shape ((m + 2) n, m)."""
-    A, B = np.hsplit(pairs, 2)
-    one = np.eye(len(A.T), dtype=bool)
-    return np.vstack([A, B, *(np.where(mine, B, A) for mine in one)])
 
 
 def quantile(x: Uncertain, u: Array) -> Array:
@@ -145,10 +140,6 @@ class Runs:
         """Return where a run is: indices of the axes, of the law, and of the draw."""
         *indices, variant, repeat = map(int, np.unravel_index(run, self.shape))
         return tuple(indices), variant, repeat
-
-    def number(self, indices: tuple[int, ...], variant: int, repeat: int) -> int:
-        """Return the number of the run at a place."""
-        return int(np.ravel_multi_index((*indices, variant, repeat), self.shape))
 
     def columns(self, run: int) -> dict[str, Any]:
         """Return which run it is, as its row of the results says."""
@@ -299,10 +290,10 @@ def find_run(runs: Runs, text: str) -> int:
         words = (word.partition('=') for word in text.split(','))
         given = mapping('POINT', {name.strip(): value.strip() for name, _, value in words},
                         tuple(choices))
-        *indices, law, repeat = (_index(name, given.get(name), x) for name, x in choices.items())
+        place = [_index(name, given.get(name), x) for name, x in choices.items()]
     except ParameterError as error:
         raise UsageError(f'--explain {text}: {error}') from None
-    return runs.number(tuple(indices), law, repeat)
+    return int(np.ravel_multi_index(place, runs.shape))
 
 
 def _index(name: str, text: str | None, values: Sequence[Any]) -> int:
