@@ -30,7 +30,6 @@ import dataclasses
 import importlib
 import inspect
 import math
-from numbers import Integral
 import re
 from typing import Any, ClassVar, TypeVar
 
@@ -336,16 +335,16 @@ class Config:
             For the name of a class in whose place nothing is given.
 
         """
-        used = dict(values)
-        for name in (name for name, spec in cls.parameters().items() if spec.own):
-            value = used.get(name)
-            if isinstance(value, str) and value not in cls.parameters()[name].choices:
-                if not instead or name not in instead:
+        used, given = dict(values), instead or {}
+        for name, spec in cls.parameters().items():
+            value = values.get(name)
+            if spec.own and isinstance(value, str) and value not in spec.choices:
+                if name not in given:
                     raise CtcError(
                         f'{name}: {value[:80]!r} is not used, because what was recorded or '
                         f'received names no code; for your own give --{name} '
                         f"package.module:Name, in Python {name}='package.module:Name'")
-                used[name] = instead[name]
+                used[name] = given[name]
         return cls.from_mapping(used)
 
     def as_mapping(self) -> dict[str, Any]:
@@ -409,13 +408,9 @@ def check_some(name: str, values: Sequence[object]) -> None:
         raise ParameterError(name, values, 'one or more')
 
 
-def whole(name: str, value: Any, least: int | None = None, most: int = 2 ** 32 - 1) -> int:
-    """Return a whole number as an `int`; raise `ParameterError` if it is none, or out of range."""
-    if not isinstance(value, Integral) or isinstance(value, bool) or (
-            least is not None and not least <= int(value) <= most):
-        raise ParameterError(name, value, 'a whole number' + (
-            '' if least is None else f' >= {least} and <= {most}'))
-    return int(value)
+def whole(name: str, value: object, least: float = -math.inf) -> int:
+    """Return a whole number as an `int`; raise `ParameterError` if it is none, or less."""
+    return int(Parameter(name, 'int', None, '', minimum=least).checked(value))
 
 
 def vector(name: str, values: Any, n: int) -> npt.NDArray[np.float64]:

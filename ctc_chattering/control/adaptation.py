@@ -154,8 +154,6 @@ class FeasibleReference(NamedTuple):
     rate: Array
     fastest: Array
     relief: Array
-    #: Whether any drive has a limit of the rate, 1.0 or 0.0.
-    limited: float
 
     def slowed(self, part: float) -> FeasibleReference:
         """Return what a deviation returns with a part of the fastest w by."""
@@ -205,8 +203,6 @@ class FeasibleReference(NamedTuple):
 
     def returning(self, by: Deviation, inertia: Array, level: Array) -> Array:
         """Return -2 w dx - w² x of (FR3), shape (n,) [rad/s²]."""
-        if self.limited == 0.0:
-            return -self.fastest * (by.dx + by.dx + self.fastest * by.x)
         jerk = _PART * self.rate / inertia
         w = np.minimum(
             np.minimum(self.fastest, _RAMP_RETURN * self.rate / np.maximum(level, _TINY)),
@@ -233,8 +229,7 @@ def feasible_reference(kp: Array, kv: Array, rate: Array, lag: Array, period: fl
 
     """
     fastest = np.minimum(_RETURN * np.sqrt(kp), _STEP / period)
-    return FeasibleReference(period, rate, fastest, kv + lag * kp,
-                             float(np.isfinite(rate).any()))
+    return FeasibleReference(period, rate, fastest, kv + lag * kp)
 
 
 @function

@@ -17,7 +17,7 @@
 import math
 
 from ctc_chattering.control.adaptation import friction_level, Learned
-from ctc_chattering.control.step import ControlSettings, error_filter
+from ctc_chattering.control.step import error_filter
 import numpy as np
 from oracles import Array, random_spd
 import pytest
@@ -164,25 +164,6 @@ def test_the_level_is_bounded() -> None:
         assert (memory.level >= 0.0).all()
         assert (memory.level <= 3.0).all()
     np.testing.assert_allclose(memory.level, [3.0, 0.0])
-
-
-@pytest.mark.parametrize('effort', [[5.0, 9.0, np.inf], [np.inf] * 3])
-@pytest.mark.parametrize('change', [[1.0, np.inf, 3.0], [np.inf] * 3])
-def test_first_the_change_then_the_size(effort: list[float], change: list[float]) -> None:
-    """Check a random walk: each torque near the one before, within the limits, and the rest."""
-    rng, none = np.random.default_rng(1), np.zeros((3, 3))
-    made = ControlSettings(1e-3, 0.0, 200.0, none, none, error_filter(5.0, 1.0, 1e-3),
-                           np.array(effort), np.array(change), 1.0, 0.0, none[0])
-    before, saturated = np.zeros(3), 0
-    for _ in range(200):
-        wanted = before + 4.0 * rng.normal(size=3)
-        tau = made.limit(wanted, before)
-        size = np.minimum(effort, 1e300)
-        near = np.clip(wanted, before - change, before + change)
-        np.testing.assert_array_equal(tau, np.clip(near, -size, size))
-        saturated += bool((tau != wanted).any())
-        before = tau
-    assert (saturated > 20) == bool(np.isfinite([*effort, *change]).any())
 
 
 def test_correction_is_what_the_saturation_error_does_to_v() -> None:
