@@ -16,9 +16,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 import csv
-import json
 from math import inf
 from pathlib import Path
 import re
@@ -63,23 +61,36 @@ def _short(directory: str) -> str:
 
 def _row(directory: str, variant: tuple[str, str, str]) -> tuple[str, ...]:
     law, switching, settings = variant
-    judged = list(_lines(directory, 'held_out.csv', variant))
-    errors = [inf if x['failure'] else max(json.loads(x['rms_error'])) for x in judged]
-    joints = list(_lines(directory, 'compare.csv', variant))
+    errors, joints = held_out_errors(directory, variant), [
+        x for x in lines(directory) if named(x) == variant and x['condition'] == 'real_arm']
     name = ', '.join(filter(None, (law, f'`{switching}`' if switching else '',
                                    _WORDS[settings])))
-    return (name, f'{sum(x < inf for x in errors)} of {len(judged)}',
+    return (name, f'{sum(x < inf for x in errors)} of {len(errors)}',
             f'{median(errors):.1e}' if median(errors) < inf else 'lost',
             ', '.join(f'{float(x["rms_error"]):.1e}' for x in joints),
             ', '.join(f'{float(f"""{float(x["torque_variation_per_s"]):.2g}"""):.0f}'
                       for x in joints))
 
 
-def _lines(directory: str, name: str, variant: tuple[str, str, str]) -> Iterator[dict[str, str]]:
-    with (DOCS / directory / name).open(encoding='utf-8') as stream:
-        for x in csv.DictReader(stream):
-            if (x['law'], x['switching'], x['settings']) == variant:
-                yield x
+def lines(directory: str) -> list[dict[str, str]]:
+    """Return the lines of the CSV file of a directory in docs/."""
+    with (DOCS / directory / 'compare.csv').open(encoding='utf-8') as stream:
+        return list(csv.DictReader(stream))
+
+
+def named(line: dict[str, str]) -> tuple[str, ...]:
+    """Return law, switching and settings of a line."""
+    return line['law'], line['switching'], line['settings']
+
+
+def held_out_errors(directory: str, variant: tuple[str, ...]) -> list[float]:
+    """Return the largest error of any joint in each held-out condition [rad]; inf if lost."""
+    found: dict[str, float] = {}
+    for x in lines(directory):
+        if named(x) == variant and x['condition'].startswith('held_out_'):
+            error = inf if x['failure'] else float(x['rms_error'])
+            found[x['condition']] = max(found.get(x['condition'], 0.0), error)
+    return list(found.values())
 
 
 if __name__ == '__main__':

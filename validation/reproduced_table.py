@@ -78,7 +78,8 @@ def law(name: str, numbers: dict[str, Any], scale: float) -> Any:
 def rows() -> Iterator[tuple[str, str, dict[str, Any], Array, Array]]:
     """Yield law, settings, parameters, errors and variation of the table's rows known here."""
     with _TABLE.open(encoding='utf-8') as file:
-        found = [x for x in csv.DictReader(file) if x['law'] in (*RIVALS, 'observer_feedback')]
+        found = [x for x in csv.DictReader(file) if x['condition'] == 'real_arm'
+                 and x['law'] in (*RIVALS, 'observer_feedback')]
     for one, two in zip(found[::2], found[1::2]):
         yield one['law'], one['settings'], json.loads(one['controller']), np.array(
             [float(x['rms_error']) for x in (one, two)]), np.array(

@@ -46,9 +46,8 @@ def candidates(rule: Rule) -> Iterator[Rule]:
 
 def judged(law: str) -> list[Score]:
     """Return what a law by its rule does on every draw."""
-    task = Task(find_config('friction'), None, Variant(law, '', RECOMMENDED),
-                tuple(x for seed in SEEDS for x in held_out(DRAWS, seed)))
-    return [x.score for x in evaluate(task).judged]
+    return [evaluate(Task(find_config('friction'), x, Variant(law, '', RECOMMENDED))).score
+            for seed in SEEDS for x in held_out(DRAWS, seed)]
 
 
 def main() -> None:

@@ -182,7 +182,7 @@ def run_tune(options: argparse.Namespace) -> int:
         spec = (_tune_spec(options.file, more) if options.identified is None
                 else tune_spec(more, options.identified))
     out = prepare(options.out, NAMES, options.overwrite)
-    with progress('tune', unit='run') as moved:
+    with progress('tune', unit='trial') as moved:
         tuning = tune(spec, options.trials, options.percentile, jobs=options.jobs,
                       show=partial(print, flush=True), progress=moved)
     write_tuning(tuning, out, options.format, options.said)
@@ -221,17 +221,15 @@ def run_stability(options: argparse.Namespace) -> int:
     docs/theory.md states the theorem and what it does not cover.
     """
     from ctc_chattering.analysis.tables import number_text, print_columns
-    from ctc_chattering.runs.stability import loops_of, margins, rows
+    from ctc_chattering.runs.stability import rows, stability
 
     setup = load_setup(options)
-    config, loops = setup.controller, loops_of(setup)
-    robot = loops.robots[0]
+    config, plant, found = setup.controller, setup.plant, stability(setup)
     print(f'{config.law}: kp {number_text(config.kp)}, kv {number_text(config.kv)}, sampled every '
-          f'{1e3 * robot.period:g} ms')
+          f'{1e3 * config.control_period:g} ms')
     lag = config.assumed_lag if config.takes('actuator_lag') else (0.0,)
     for who, lags, delay in (('law', lag, config.input_delay),
-                             ('robot', tuple(robot.lag.tolist()), robot.delay)):
+                             ('robot', plant.actuator_lag, plant.input_delay)):
         print(f'{who}: lag {number_text(tuple(1e3 * x for x in lags))} ms, delay {delay}')
-    found = margins(loops)
-    print_columns(list(rows(found, robot.period)))
+    print_columns(list(rows(found, config.control_period)))
     return 0 if found.radius < 1.0 else 1

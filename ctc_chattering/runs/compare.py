@@ -18,7 +18,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 import dataclasses
-from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -83,20 +82,19 @@ def variants(laws: Sequence[str] = LAWS, gains: str = FILE) -> list[Variant]:
 
 
 class Task(NamedTuple):
-    """One row of a table; without a condition the robot is as in the file."""
+    """One row of a table: a law on the robot of a file under a condition."""
 
     path: Path
-    condition: Condition | None
+    condition: Condition
     variant: Variant
-    held_out: tuple[HeldOut, ...] = ()
 
     @property
-    def stops(self) -> bool:
-        """Return whether the motion of the condition has stops."""
-        return bool(self.condition and self.condition.stops)
+    def held_out(self) -> bool:
+        """Return whether nothing was chosen for the condition."""
+        return isinstance(self.condition, HeldOut)
 
 
-def tasks(paths: Sequence[Path], conditions: Sequence[str | None],
+def tasks(paths: Sequence[Path], conditions: Sequence[str],
           laws: Sequence[str] = LAWS, gains: str = FILE, others: int = 0, seed: int = SEED,
           cases: Sequence[Case] = ()
           ) -> list[Task]:
@@ -107,8 +105,8 @@ def tasks(paths: Sequence[Path], conditions: Sequence[str | None],
     ----------
     paths : sequence of Path
         Parameter files.
-    conditions : sequence of str or None
-        Names, `ALL` for each that the robot can have, None for the robot as it is in the file.
+    conditions : sequence of str
+        Names, `ALL` for each that the robot can have, '' for the robot as it is in the file.
     laws, gains
         As `variants` has them.
     others, seed : int
@@ -117,26 +115,18 @@ def tasks(paths: Sequence[Path], conditions: Sequence[str | None],
         Further conditions.
 
     """
-    return [Task(path, chosen, variant, held_out(others, seed)) for path in paths
-            for chosen in (*_conditions(conditions, path), *cases)
+    return [Task(path, chosen, variant) for path in paths
+            for chosen in (*_conditions(conditions, path), *cases, *held_out(others, seed))
             for variant in variants(laws, gains)]
 
 
-def _conditions(names: Sequence[str | None], path: Path) -> list[Condition | None]:
+def _conditions(names: Sequence[str], path: Path) -> list[Condition]:
     """Return the conditions that names mean on a robot."""
-    found = [condition(name) if name else None for name in names if name != ALL]
+    found = [condition(name) for name in names if name != ALL]
     if ALL not in names:
         return found
     setup = parameter_file.load(path)
     return [x for x in CONDITIONS.values() if x.fits(setup)]
-
-
-class Judged(NamedTuple):
-    """A held-out condition, the overrides of its run, and the numbers."""
-
-    condition: HeldOut
-    run: Overrides
-    score: Score
 
 
 @dataclasses.dataclass(frozen=True)
@@ -155,9 +145,7 @@ class Outcome:
     runs : tuple of mapping
         The overrides of each run.
     score : Score
-        The worst of the runs.
-    judged : tuple of Judged
-        What the same gains do in each held-out condition.
+        The worst of the runs, joint by joint.
 
     """
 
@@ -166,80 +154,47 @@ class Outcome:
     joints: tuple[str, ...]
     runs: tuple[Overrides, ...]
     score: Score
-    judged: tuple[Judged, ...] = ()
 
     @property
     def name(self) -> str:
         """Return robot and condition."""
-        condition = self.task.condition
-        return self.experiment + (f', {condition.name}' if condition else '')
-
-
-def compared(todo: Sequence[Task], jobs: int = 1, run: Runner = over_simulation
-             ) -> Iterator[Outcome]:
-    """
-    Yield the outcome of every task, in their order.
-
-    Parameters
-    ----------
-    todo : sequence of Task
-        As `tasks` returns them.
-    jobs : int
-        Processes; 1 for this one alone.
-    run : callable
-        Runs a `Setup`.
-
-    Raises
-    ------
-    CtcError
-        If parameters are not allowed; before anything is run. If `BASE` has no numbers.
-
-    """
-    for task in todo:
-        runs_of(task)
-    return in_parallel(partial(evaluate, run=run), todo, jobs)
+        return ', '.join(filter(None, (self.experiment, self.task.condition.name)))
 
 
 def runs_of(task: Task) -> tuple[Overrides, ...]:
     """Return the overrides of each run of a task, with the file's gains or those by rule."""
-    setup = parameter_file.load(task.path)
-    under = task.condition.overrides(setup) if task.condition else ({},)
-    return _with_law(task, under)
-
-
-def _with_law(task: Task, under: Sequence[Overrides]) -> tuple[Overrides, ...]:
-    """Return overrides with the law of a task, and its gains by rule for the first of them."""
+    under = task.condition.overrides(parameter_file.load(task.path))
     runs = tuple(merged(x, {'controller': task.variant.values}) for x in under)
-    setups = [parameter_file.load(task.path, x) for x in runs]
+    known = [parameter_file.load(task.path, x) for x in runs]
     if task.variant.settings == RECOMMENDED:
-        runs = tuple(merged(x, {'controller': by_rule(setups[0])}) for x in runs)
+        runs = tuple(merged(x, {'controller': by_rule(known[0])}) for x in runs)
     return runs
 
 
 def setups(todo: Sequence[Task]) -> Iterator[Setup]:
-    """Yield what runs first of every task."""
+    """Yield what runs first of every task that is not held out: these are refused nothing."""
     for task in todo:
-        yield parameter_file.load(task.path, runs_of(task)[0])
+        if not task.held_out:
+            yield parameter_file.load(task.path, runs_of(task)[0])
 
 
 def evaluate(task: Task, run: Runner = over_simulation) -> Outcome:
-    """Run a task; raise `CtcError` if `BASE` has no numbers."""
+    """
+    Run a task, by `run`.
+
+    Raises
+    ------
+    CtcError
+        If parameters are not allowed, or `BASE` has no numbers.
+
+    """
     runs = runs_of(task)
-    setup = parameter_file.load(task.path, runs[0])
-    found = _scored(task.path, runs, run)
-    if task.variant == BASE and found.failure:
+    loaded = [parameter_file.load(task.path, x) for x in runs]
+    found = worst(score(x, run=run) for x in loaded)
+    if task.variant == BASE and found.failure and not task.held_out:
         raise CtcError(f'{task.path}: {found.failure}')
-    file, judged = parameter_file.load(task.path), []
-    for other in task.held_out:  # What the law does in a condition for which it was not chosen.
-        known = _with_law(task, [other.overrides(file)])
-        judged.append(Judged(other, known[0], _scored(task.path, known, run)))
-    return Outcome(task, setup.plant.experiment, setup.plant.joint_names, runs, found,
-                   tuple(judged))
-
-
-def _scored(path: Path, runs: Sequence[Overrides], run: Runner) -> Score:
-    """Return the numbers of the worst of some runs of a file, joint by joint."""
-    return worst(score(parameter_file.load(path, x), run=run) for x in runs)
+    plant = loaded[0].plant
+    return Outcome(task, plant.experiment, plant.joint_names, runs, found)
 
 
 def merged(*parts: Overrides) -> Overrides:
@@ -303,11 +258,10 @@ def compare(files: Sequence[str | Path], laws: Sequence[str] = LAWS,
         'jobs', jobs, 1)
     paths = [find_config(x) if isinstance(x, str) else x for x in files]
     more = read_cases(find_config(str(cases), folder='cases')) if str(cases) else ()
-    todo = tasks(paths, conditions or ([] if more else [None]), laws, gains, held_out, seed, more)
-    runs = compared(todo, jobs)
+    todo = tasks(paths, conditions or ([] if more else ['']), laws, gains, held_out, seed, more)
     compile_setups(setups(todo), show)
     found: list[Outcome] = []
-    for outcome in runs:
+    for outcome in in_parallel(evaluate, todo, jobs):
         found.append(outcome)
         if progress is not None:
             progress(len(found), len(todo))

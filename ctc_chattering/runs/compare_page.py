@@ -35,12 +35,12 @@ from ctc_chattering.analysis.output import (
     write_text,
     writing,
 )
-from ctc_chattering.analysis.run_names import LAW_COLOURS
 from ctc_chattering.analysis.tables import bold, csv_text, markdown, markdown_table, Table
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.parameters import check_some
 from ctc_chattering.runs.compare import BASE, BEST, Outcome, RECOMMENDED, Variant
 from ctc_chattering.runs.figures import law_styles, panels, trade_off
+from ctc_chattering.runs.score import Score
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
@@ -52,42 +52,44 @@ _NUMBERS = {'rms_error': 'rms', 'torque_variation_per_s': 'variation', 'max_torq
             'max_torque_rate_per_s': 'rate', 'max_torque': 'peak',
             'slips_at_rest_per_s': 'slips'}
 #: Names in the directory.
-TABLE, CSV, HELD_OUT, PAGE, FIGURES, PARAMETERS = NAMES = (
-    'compare.md', 'compare.csv', 'held_out.csv', 'index.html', 'figures', 'parameters')
-#: Most conditions of which each has a figure of its own, and its tables unfolded.
+TABLE, CSV, PAGE, FIGURES, PARAMETERS = NAMES = (
+    'compare.md', 'compare.csv', 'index.html', 'figures', 'parameters')
+#: Most conditions whose tables are unfolded.
 _MANY = 16
 _LEAD = ('Every law with the same motion on the same robot: position error and torque of each '
          'joint, by the settings and under the conditions that the tables name.')
 
 
 def groups(outcomes: Sequence[Outcome]) -> list[list[Outcome]]:
-    """Return the outcomes of each robot and condition."""
+    """Return the outcomes of each robot and condition; all that are held out are one group."""
     return [list(group) for _, group in itertools.groupby(
-        outcomes, lambda x: (x.task.path, x.task.condition))]
+        outcomes, lambda x: (x.task.path, x.task.held_out or x.task.condition))]
 
 
 def tables(outcomes: Sequence[Outcome]) -> Iterator[Table]:
     """
     Yield tables for each robot, plant and condition: robustness, errors, changes of the torque.
 
-    `least` is the smallest ratio of the errors of all joints to that of `BASE`; the first table is
-    there with held-out conditions only.
+    `least` is the smallest ratio of the errors of all joints to that of `BASE`; the first tables
+    are there with held-out conditions only.
     """
-    for group in groups(outcomes):
+    for group in sorted(groups(outcomes), key=lambda x: not x[0].task.held_out):
         first, title = group[0], group[0].name
-        if first.judged:
+        if first.task.held_out:
             yield _robustness(group)
+            continue
         engines = ' and '.join(dict.fromkeys(x.score.engine for x in group if x.score.engine))
         engine = f'; {engines}' if engines else ''
         yield Table(
             bold(title) + f': RMS error [rad], 5 s ≤ t ≤ 10 s{engine}',
             [*_HEAD, *first.joints, 'least', 'peak torque [N·m]'],
             _rows(group, partial(_errors, base=first)), len(_HEAD))
-        slips = ' / stick-slips at rest [1/s]' if first.task.stops else ''
+        stops = first.task.condition.stops
+        slips = ' / stick-slips at rest [1/s]' if stops else ''
         yield Table(
             bold(title) + ': torque variation [N·m/s] / largest step [N·m] / largest rate '
-            f'[N·m/s]{slips}{engine}', [*_HEAD, *first.joints], _rows(group, _changes),
-            len(_HEAD))
+            f'[N·m/s]{slips}{engine}', [*_HEAD, *first.joints],
+            _rows(group, partial(_changes, stops=stops)), len(_HEAD))
 
 
 def _robustness(group: Sequence[Outcome]) -> Table:
@@ -96,24 +98,27 @@ def _robustness(group: Sequence[Outcome]) -> Table:
 
     Medians are over all conditions; one that is lost counts as the worst.
     """
-    best = next((x for x in group if x.task.variant == BEST), group[0])
+    scores: dict[Variant, list[Score]] = {}
+    for x in group:
+        scores.setdefault(x.task.variant, []).append(x.score)
+    best = scores.get(BEST, scores[group[0].task.variant])
 
-    def row(outcome: Outcome) -> tuple[float, float, list[str]]:
-        found = [x.score for x in outcome.judged]
+    def row(variant: Variant, found: list[Score]) -> tuple[int, float, list[str]]:
         errors = sorted(x.error for x in found)
         lost = sum(bool(x.failure) for x in found)
-        ratios = [median([a / b for a, b in zip(x.variation, y.score.variation)])
-                  for x, y in zip(found, best.judged) if not x.failure and not y.score.failure]
+        ratios = [median([a / b for a, b in zip(x.variation, y.variation)])
+                  for x, y in zip(found, best) if not x.failure and not y.failure]
         return lost, median(errors), [
-            *outcome.task.variant, f'{len(found) - lost} of {len(found)}',
+            *variant, f'{len(found) - lost} of {len(found)}',
             *(f'{x:.1e}' if x < inf else 'lost' for x in (errors[-1], median(errors))),
             f'{median(ratios):.2g}' if ratios else '']
 
     return Table(
-        bold(group[0].name) + f': {len(group[0].judged)} held-out conditions',
+        bold(group[0].experiment) + f': {len(best)} held-out conditions',
         [*_HEAD, 'survived', 'worst error [rad]', 'median error [rad]',
          f'variation over that of {BEST.law}, {BEST.settings}'],
-        [x[2] for x in sorted(map(row, group), key=lambda x: x[:2])], len(_HEAD))
+        [x[2] for x in sorted((row(*x) for x in scores.items()), key=lambda x: x[:2])],
+        len(_HEAD))
 
 
 def _errors(outcome: Outcome, base: Outcome) -> list[list[Number]]:
@@ -126,11 +131,11 @@ def _errors(outcome: Outcome, base: Outcome) -> list[list[Number]]:
             [(max(found.peak), f'{max(found.peak):.0f}')]]
 
 
-def _changes(outcome: Outcome) -> list[list[Number]]:
+def _changes(outcome: Outcome, stops: bool) -> list[list[Number]]:
     """Return the numbers of each cell of the second table."""
     found = outcome.score
     columns = [(found.variation, '.0f'), (found.step, '.2g'), (found.rate, '.0f'),
-               *([(found.slips, '.2g')] if outcome.task.stops else [])]
+               *([(found.slips, '.2g')] if stops else [])]
     return [list(cell) for cell in zip(*([(x, f'{x:{form}}') for x in values]
                                          for values, form in columns))]
 
@@ -158,35 +163,13 @@ def to_csv(outcomes: Sequence[Outcome]) -> str:
     """Return one line per run and joint, with a header; numbers in full, empty if it diverged."""
     return csv_text([{
         'experiment': x.experiment,
-        'condition': x.task.condition.name if x.task.condition else '',
+        'condition': x.task.condition.name,
         **x.task.variant._asdict(), 'joint': joint,
         **{name: getattr(x.score, key)[i] if getattr(x.score, key) else None
            for name, key in _NUMBERS.items()},
         'failure': x.score.failure, 'controller': json.dumps(
             finite(x.runs[0].get('controller', {})), sort_keys=True),
         'engine': x.score.engine} for x in outcomes for i, joint in enumerate(x.joints)])
-
-
-def held_out_csv(outcomes: Sequence[Outcome]) -> str:
-    """Return one line per law and held-out condition: its numbers and all that was changed."""
-    return csv_text([{
-        'experiment': x.experiment, **x.task.variant._asdict(),
-        'seed': other.seed, 'index': other.index,
-        **{name: json.dumps(getattr(found, key)) if not found.failure else None
-           for name, key in _NUMBERS.items()}, 'failure': found.failure,
-        **{node.strip('/*') or 'all': json.dumps(finite(values), sort_keys=True)
-           for node, values in run.items()}, 'engine': found.engine}
-        for x in outcomes for other, run, found in x.judged])
-
-
-def errors(group: Sequence[Outcome]) -> Figure:
-    """Draw RMS error and torque variation under one condition: a row a variant, a dot a joint."""
-    return drawing.dots(
-        f'{group[0].name}: error and torque variation (number: joint)',
-        [x.task.variant.label for x in group], [LAW_COLOURS[x.task.variant.law] for x in group],
-        [(f'{name}, 5 s to 10 s', f'{name} [{unit}]', [getattr(x.score, key) for x in group],
-          'diverged') for name, unit, key in (('RMS error', 'rad', 'rms'),
-                                              ('torque variation', 'N·m/s', 'variation'))])
 
 
 def compromises(outcomes: Sequence[Outcome], title: str) -> Figure:
@@ -212,20 +195,13 @@ def _mean(values: Sequence[float]) -> float:
 
 
 def figures(outcomes: Sequence[Outcome]) -> Iterator[tuple[str, Figure, str]]:
-    """Yield name, figure and caption, in the order in which to show them."""
-    robots: dict[str, list[Outcome]] = {}
-    for x in outcomes:
-        robots.setdefault(x.experiment, []).append(x)
-    for experiment, mine in robots.items():
-        yield experiment, compromises(mine, f'{experiment}: error and torque variation'), (
-            'Geometric means over the joints, 5 s to 10 s, a panel for each condition; lower left '
-            'is better.')
-        parts = groups(mine)
-        for group in parts if len(parts) <= _MANY else ():
-            condition = group[0].task.condition
-            yield '_'.join((experiment, *([condition.name] if condition else []))), (
-                errors(group)), (
-                    f'A row a law; {condition.title if condition else "as in the file"}.')
+    """Yield name, figure and caption of each robot."""
+    for experiment, mine in itertools.groupby(outcomes, lambda x: x.experiment):
+        yield experiment, compromises(
+            [x for x in mine if not x.task.held_out],
+            f'{experiment}: error and torque variation'), (
+                'Geometric means over the joints, 5 s to 10 s, a panel for each condition; lower '
+                'left is better.')
 
 
 def write_comparison(outcomes: Sequence[Outcome], out: str | Path, extra: str = 'svg',
@@ -256,8 +232,6 @@ def write_comparison(outcomes: Sequence[Outcome], out: str | Path, extra: str = 
     out = prepare(Path(out), NAMES)
     write_text(out / TABLE, to_markdown(outcomes))
     write_text(out / CSV, to_csv(outcomes))
-    if any(x.judged for x in outcomes):
-        write_text(out / HELD_OUT, held_out_csv(outcomes))
     write_parameters(outcomes, out / PARAMETERS)
     write_page(outcomes, drawing.save(figures(outcomes), out / FIGURES, ('svg', extra)),
                out / PAGE, command)
@@ -284,9 +258,9 @@ def write_parameters(outcomes: Sequence[Outcome], directory: Path) -> list[Path]
             condition, variant = x.task.condition, x.task.variant
             for k, run in enumerate(x.runs):
                 stem = '_'.join(filter(None, (
-                    x.experiment, condition.name if condition else '',
+                    x.experiment, condition.name,
                     variant.switching or variant.law, variant.settings,
-                    f'model_{condition.factors[k]:g}' if condition and len(x.runs) > 1 else '')))
+                    f'model_{condition.factors[k]:g}' if len(x.runs) > 1 else '')))
                 paths.append(directory / f'{file_stem(stem, used)}.yaml')
                 parameter_file.dump(parameter_file.load(x.task.path, run).values, paths[-1])
     return paths

@@ -58,8 +58,8 @@ class Condition:
 
     Attributes
     ----------
-    name, title : str
-        For the command line; for headings.
+    name : str
+        For the command line and headings.
     lag : float
         Time constant of the drives [s].
     rate_limited : bool
@@ -86,7 +86,6 @@ class Condition:
     """
 
     name: str
-    title: str
     lag: float = 0.0
     rate_limited: bool = False
     delay: int = 0
@@ -147,29 +146,26 @@ class Condition:
             for k, factor in enumerate(self.factors))
 
 
-_REAL_ARM = Condition(
-    'real_arm', 'realistic conditions: lag of 2 ms, rate limits, delay of 1 sample, velocity '
-    'differenced from encoders of 1e-5 rad, model × 0.9 and × 1.1, friction told 10 % wrong',
-    lag=2e-3, rate_limited=True, delay=1, resolution=1e-5, factors=(0.9, 1.1), friction_error=0.1)
-#: All conditions by name.
+_REAL_ARM = Condition('real_arm', lag=2e-3, rate_limited=True, delay=1, resolution=1e-5,
+                      factors=(0.9, 1.1), friction_error=0.1)
+#: All conditions by name; docs/comparison.md has them in words.
 CONDITIONS = {condition.name: condition for condition in (
-    Condition('clean', 'ideal drives and sensors, exact model'),
-    Condition('lag', 'drives with a lag of 2 ms', lag=2e-3),
-    Condition('encoder', 'velocity differenced from encoders of 1e-5 rad', resolution=1e-5),
-    Condition('noise', 'velocity noise of 5e-3 rad/s', noise=5e-3),
-    Condition('delay', 'input delay of 1 sample', delay=1),
-    Condition('payload', 'payload of 1 kg', payload=1.0),
-    Condition('model_error', 'model × 0.9 and × 1.1', factors=(0.9, 1.1)),
+    Condition('clean'),
+    Condition('lag', lag=2e-3),
+    Condition('encoder', resolution=1e-5),
+    Condition('noise', noise=5e-3),
+    Condition('delay', delay=1),
+    Condition('payload', payload=1.0),
+    Condition('model_error', factors=(0.9, 1.1)),
     _REAL_ARM,
-    dataclasses.replace(_REAL_ARM, name='real_arm_filtered', cutoff=500.0,
-                        title=f'{_REAL_ARM.title}; velocity behind a low-pass of 500 rad/s'),
-    dataclasses.replace(_REAL_ARM, name='stops', stops=True,
-                        title=f'{_REAL_ARM.title}; moves of trapezoidal velocity with stops, '
-                        'friction at rest 1.5 times that of sliding'))}
+    dataclasses.replace(_REAL_ARM, name='real_arm_filtered', cutoff=500.0),
+    dataclasses.replace(_REAL_ARM, name='stops', stops=True))}
 
 
 def condition(name: str) -> Condition:
-    """Return the condition of this name; raise `UsageError` if there is none."""
+    """Return the condition of this name, '' for the file's; raise `UsageError` without one."""
+    if not name:
+        return Case('')
     if name not in CONDITIONS:
         raise UsageError(f'no condition is called {name}; allowed: '
                          f'{", ".join((*CONDITIONS, ALL))}{near(name, CONDITIONS)}')
@@ -206,7 +202,7 @@ def read_cases(path: Path) -> tuple[Case, ...]:
     for group, cases in each('cases', tree.get('cases')).items():
         for name, case in each(group, cases).items():
             values = each(f'{group}: {name}', case, (*nodes, 'x'))
-            found.append(Case(f'{group}: {name}', f'{group}: {name}', values={
+            found.append(Case(f'{group}: {name}', values={
                 node: {**common.get(node, {}), **values.get(node, {})} for node in nodes
                 if node in common or node in values}))
     return tuple(found)
@@ -236,18 +232,13 @@ _PERIODS = (5e-4, 1e-3, 2e-3)
 
 
 @dataclasses.dataclass(frozen=True)
-class HeldOut:
-    """One condition: the draw `index` of the seed `seed`."""
+class HeldOut(Condition):
+    """A condition for which no law was chosen: the draw `index` of the seed `seed`."""
 
-    seed: int
-    index: int
+    seed: int = SEED
+    index: int = 0
 
-    @property
-    def name(self) -> str:
-        """Return a name for tables and files."""
-        return f'held_out_{self.seed}_{self.index}'
-
-    def overrides(self, setup: Setup) -> Overrides:
+    def overrides(self, setup: Setup) -> tuple[Overrides, ...]:
         """Return what replaces values of a parameter file, which is the nominal robot."""
         rng, n = np.random.default_rng((self.seed, self.index)), len(setup.plant.joint_names)
 
@@ -287,9 +278,9 @@ class HeldOut:
                 float(c + a * np.sin(x) + d) for c, a, x, d in zip(
                     setup.reference.center, motion['amplitude'], motion['phase'], offset)]
         return {'/**': {'control_period': period}, 'plant': plant, 'controller': known,
-                'reference': motion, 'bringup': {'events': ['']}}
+                'reference': motion, 'bringup': {'events': ['']}},
 
 
 def held_out(count: int, seed: int) -> tuple[HeldOut, ...]:
     """Return the first conditions of a seed."""
-    return tuple(HeldOut(seed, i) for i in range(count))
+    return tuple(HeldOut(f'held_out_{seed}_{i}', seed=seed, index=i) for i in range(count))

@@ -497,14 +497,14 @@ def _variants(values: Mapping[str, Any], setup: Setup) -> tuple[LawSettings, ...
     items = values.get('laws', [setup.controller.law])
     if not isinstance(items, list) or not items:
         raise ParameterError('laws', items, 'a list of laws')
-    found = tuple(_variant(f'laws[{i}]', item, setup) for i, item in enumerate(items))
+    found = tuple(read_law(f'laws[{i}]', item, setup) for i, item in enumerate(items))
     names = [variant.name for variant in found]
     if len(set(names)) < len(names):
         raise ParameterError('laws', names, 'different names: give each a name of its own')
     return found
 
 
-def _variant(key: str, item: object, setup: Setup) -> LawSettings:
+def read_law(key: str, item: object, setup: Setup) -> LawSettings:
     """Return a law from text, such as ``chattering sign``, or a mapping."""
     values: dict[str, Any] = {'law': setup.controller.law}
     if isinstance(item, str) and 0 < len(item.split()) <= 2:

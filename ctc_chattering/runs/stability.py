@@ -46,7 +46,7 @@ from ctc_chattering.numerics.time_grid import period_ns, seconds
 from ctc_chattering.parameters import matrix
 from ctc_chattering.runs.recommended import desired_points
 import numpy as np
-from scipy.optimize import minimize_scalar  # type: ignore[import-untyped]
+from scipy.optimize import bisect, minimize_scalar  # type: ignore[import-untyped]
 
 #: Velocity of the motion [rad/s], and its samples, besides the delay, before the one that counts.
 _SPEED, _BEFORE = 1.0, 4
@@ -231,22 +231,8 @@ def _minimal(found: Array, scale: Array, m: int) -> LinearLaw:
     return LinearLaw(A[np.ix_(kept, kept)], B[kept] / scale[m:], C[:, kept], D / scale[m:])
 
 
-class LinearRobot(NamedTuple):
-    """What the loop has besides the law."""
-
-    #: h [s].
-    period: float
-    #: M̂ [kg·m²], shape (n, n).
-    mass: Array
-    #: T of the drives [s], shape (n,), and their delay in samples.
-    lag: Array
-    delay: int
-    #: Whether the velocity is the difference of positions; exact otherwise.
-    differenced: bool = False
-
-
 class SampledLoop(NamedTuple):
-    """The loop of (XL2): state⁺ = A state + B w, z = C state, for s = 1."""
+    """The loop of (XL2): state⁺ = A state + B w, z = C state."""
 
     #: Shapes (m, m), (m, 2 n) and (2 n, m).
     A: Array
@@ -257,20 +243,14 @@ class SampledLoop(NamedTuple):
         """Return the matrix of the loop for M̂ = `ratio` M, shape (m, m)."""
         return self.A + ratio * self.B @ self.C
 
-    def scaled(self, s: float) -> SampledLoop:
-        """Return the loop for another s of (XL2)."""
-        n = len(self.C) // 2
-        scale = np.array([1.0] * n + [s] * n)
-        return SampledLoop(self.A, self.B / scale, scale[:, np.newaxis] * self.C)
-
     def radius(self, ratio: float = 1.0) -> float:
         """Return the largest absolute value of a pole for M̂ = `ratio` M."""
         return float(np.abs(np.linalg.eigvals(self.closed(ratio))).max())
 
 
-def sampled_loop(law: LinearLaw, robot: LinearRobot) -> SampledLoop:
-    """Return the loop of a law and a robot of n joints."""
-    n, h, delay, m = len(robot.mass), robot.period, robot.delay, len(law.A)
+def sampled_loop(law: LinearLaw, mass: Array, robot: Loops) -> SampledLoop:
+    """Return the loop of a law and a robot of n joints with M̂ = `mass`, shape (n, n)."""
+    n, h, delay, m = len(mass), robot.period, robot.delay, len(law.A)
     drives = drive_model(robot.lag, np.full(n, np.inf), h)
     # State: q, dq, torque of the drives, torques in transit, q a sample ago, memory of the law.
     sizes = [n, n, n, delay * n, n if robot.differenced else 0, m]
@@ -282,15 +262,16 @@ def sampled_loop(law: LinearLaw, robot: LinearRobot) -> SampledLoop:
     gap = torque - command[:n]
     mean = command[:n] + drives.mean[:, np.newaxis] * gap
     rest = command[:n] + drives.weighted[:, np.newaxis] * gap - mean
-    values, vectors = np.linalg.eigh(robot.mass)
+    values, vectors = np.linalg.eigh(mass)
     root = vectors / np.sqrt(values) @ vectors.T
     B = np.zeros((sum(sizes), 2 * n))
     B[:n, :n] = B[:n, n:] = 0.5 * h * h * root
     B[n:2 * n, :n] = h * root
+    scale = np.array([1.0] * n + [_SCALE] * n)
     return SampledLoop(
         np.vstack([q + h * dq, dq, command[:n] + drives.decay[:, np.newaxis] * gap, command[n:],
                    q[:len(last)], law.A @ memory + law.B @ y]),
-        B, np.vstack([root @ mean, root @ rest]))
+        B / scale, scale[:, np.newaxis] * np.vstack([root @ mean, root @ rest]))
 
 
 def one_joint(law: LinearLaw) -> LinearLaw:
@@ -314,8 +295,6 @@ _LAGS, _LONGEST, _DELAYS = 200, 20.0, 20
 _INSTANTS = 5
 #: What couples the joints of the M̂ with which a law is tried.
 _COUPLING = 0.3
-#: Steps of a bisection.
-_HALVINGS = 40
 
 
 class StableRange(NamedTuple):
@@ -334,24 +313,30 @@ class Loops:
     ----------
     laws : sequence of LinearLaw
         With each M̂.
-    robots : sequence of LinearRobot
-        As many; lag and delay are the true ones.
+    masses : sequence of array, shape (n, n)
+        As many M̂ [kg·m²].
+    period : float
+        h [s].
+    lag : array, shape (n,)
+        True T of the drives [s].
+    delay : int
+        Their true delay in samples.
+    differenced : bool
+        Whether the velocity is the difference of positions; exact otherwise.
 
     """
 
     laws: Sequence[LinearLaw]
-    robots: Sequence[LinearRobot]
-
-    def with_drives(self, lag: float | None = None, delay: int | None = None) -> Loops:
-        """Return the loops with another true lag [s] of all drives, or delay in samples."""
-        return Loops(self.laws, [x._replace(
-            lag=x.lag if lag is None else np.full_like(x.lag, lag),
-            delay=x.delay if delay is None else delay) for x in self.robots])
+    masses: Sequence[Array]
+    period: float
+    lag: Array
+    delay: int
+    differenced: bool
 
     @cached_property
     def all(self) -> list[SampledLoop]:  # noqa: A003
         """Return the loops."""
-        return [sampled_loop(*x) for x in zip(self.laws, self.robots)]
+        return [sampled_loop(*x, self) for x in zip(self.laws, self.masses)]
 
     def radius(self, ratio: float = 1.0) -> float:
         """Return the largest absolute value of a pole for M̂ = `ratio` M."""
@@ -363,10 +348,9 @@ class Loops:
 
     def guaranteed(self) -> StableRange | None:
         """Return the interval of (MG1) whose nearer end is farthest from 1, by ratio; or None."""
-        loops = [x.scaled(_SCALE) for x in self.all]
 
         def interval(c: float) -> StableRange:
-            d = min(1.0 / peak_gain(x.closed(c), x.B, x.C) for x in loops) if (
+            d = min(1.0 / peak_gain(x.closed(c), x.B, x.C) for x in self.all) if (
                 self.radius(c) < 1.0) else 0.0
             return StableRange(c - d, c + d)
 
@@ -388,17 +372,16 @@ class Loops:
         Around that of the robot, or, where that is not stable, the shortest that is.
         """
         def radius(lag: float) -> float:
-            return self.with_drives(lag=lag).radius(ratio)
-        late = max(x.lag.max() + x.period * (1 + x.delay) for x in self.robots)
-        grid = np.linspace(0.0, _LONGEST * late, _LAGS)
-        own = float(self.robots[0].lag.max())
+            return dataclasses.replace(self, lag=np.full_like(self.lag, lag)).radius(ratio)
+        own = float(self.lag.max())
+        grid = np.linspace(0.0, _LONGEST * (own + self.period * (1 + self.delay)), _LAGS)
         at = next((x for x in (own, *grid.tolist()) if radius(x) < 1.0), own)
         return stable(radius, at, grid)
 
     def delays(self, ratio: float = 1.0) -> list[int]:
         """Return for which true delays, in samples, all poles are stable."""
-        return [d for d in range(self.robots[0].delay + _DELAYS)
-                if self.with_drives(delay=d).radius(ratio) < 1.0]
+        return [d for d in range(self.delay + _DELAYS)
+                if dataclasses.replace(self, delay=d).radius(ratio) < 1.0]
 
 
 def stable(radius: Callable[[float], float], at: float, grid: Array) -> StableRange | None:
@@ -410,13 +393,7 @@ def stable(radius: Callable[[float], float], at: float, grid: Array) -> StableRa
         inside = at
         for x in side.tolist():
             if not radius(x) < 1.0:
-                outside = x
-                for _ in range(_HALVINGS):
-                    middle = 0.5 * (inside + outside)
-                    if radius(middle) < 1.0:
-                        inside = middle
-                    else:
-                        outside = middle
+                inside = bisect(lambda y: radius(y) - 1.0, inside, x)
                 break
             inside = x
         ends.append(inside)
@@ -447,14 +424,14 @@ def loops_of(setup: Setup) -> Loops:
     if plant.velocity_sensor == 'filtered' and (law.B[:, n:].any() or law.D[:, n:].any()):
         raise CtcError(f'velocity_sensor: filtered is not allowed under law {config.law}, which '
                        'uses the velocity; allowed: exact, difference')
-    robot = LinearRobot(
-        seconds(period_ns(config.control_period)), eye, lags,
-        plant.input_delay, plant.velocity_sensor == 'difference')
+    loops = Loops([law], [eye], seconds(period_ns(config.control_period)), lags,
+                  plant.input_delay, plant.velocity_sensor == 'difference')
     if equal:
-        return Loops([one_joint(law)], [robot._replace(mass=eye[:1, :1], lag=lags[:1])])
+        return dataclasses.replace(
+            loops, laws=[one_joint(law)], masses=[eye[:1, :1]], lag=lags[:1])
     masses = _masses(setup)
-    return Loops([linear_law(config, mass) for mass in masses],
-                 [robot._replace(mass=mass) for mass in masses])
+    return dataclasses.replace(
+        loops, laws=[linear_law(config, mass) for mass in masses], masses=masses)
 
 
 def _check(config: ControllerConfig, law: LinearLaw, mass: Array) -> None:
@@ -540,11 +517,7 @@ def stability(setup: Setup) -> Margins:
     (True, '0.01 to 40')
 
     """
-    return margins(loops_of(setup))
-
-
-def margins(loops: Loops) -> Margins:
-    """Return the margins of loops."""
+    loops = loops_of(setup)
     return Margins(
         loops.radius(), loops.ratios(), loops.guaranteed(), tuple(map(loops.lags, RATIOS)),
         tuple(tuple(loops.delays(x)) for x in RATIOS))

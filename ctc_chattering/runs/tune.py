@@ -17,10 +17,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
 import dataclasses
 from functools import partial
-from itertools import chain, count
+from itertools import count
 import json
 from math import inf
 from pathlib import Path
@@ -32,9 +31,8 @@ from ctc_chattering.configuration import parameter_file
 from ctc_chattering.configuration.loop_setup import Setup, Values
 from ctc_chattering.configuration.package_share import find_config
 from ctc_chattering.configuration.yaml_file import mapping, read_yaml
-from ctc_chattering.control.controller_config import ControllerConfig
 from ctc_chattering.dynamics.registry import model_of
-from ctc_chattering.errors import CtcError, ParameterError
+from ctc_chattering.errors import CtcError, ParameterError, prefixed
 from ctc_chattering.parameters import LEAST, Parameter, whole
 from ctc_chattering.runs.points import Runs
 from ctc_chattering.runs.pool import processes
@@ -57,9 +55,9 @@ from ctc_chattering.runs.search import (
 )
 from ctc_chattering.runs.spec import (
     errors_of,
-    LawSettings,
     MapSpec,
     parse,
+    read_law,
     read_uncertain,
     read_value,
     Uncertain,
@@ -104,8 +102,6 @@ class TuneSpec(MapSpec):
         Of the torque.
     ranges : mapping of str to Range
         Where each number is searched.
-    notes : tuple of str
-        What is not known, and not drawn.
 
     """
 
@@ -113,7 +109,6 @@ class TuneSpec(MapSpec):
     values: Mapping[str, Values]
     limits: Limits
     ranges: Mapping[str, Range]
-    notes: tuple[str, ...] = ()
 
     def gains(self, numbers: Mapping[str, float]) -> dict[str, Any]:
         """Return the parameters of the controller that numbers mean, to four digits."""
@@ -167,17 +162,12 @@ def parse_tune(tree: object, path: Path, more: Mapping[str, Any] | None = None) 
     law = {'law': section.get('law', _BEST)}
     if 'switching' in section or law['law'] == 'chattering':
         law['switching'] = section.get('switching', 'implicit_observer')
-    try:
-        setup = file.changed({'controller': law})
-    except ParameterError as error:
-        raise _within('tune', error) from None
-    if 'switching' in law and not setup.controller.takes('switching'):
-        raise ParameterError('tune.switching', law['switching'], f'none under law {law["law"]}')
-    config = setup.controller
+    variant = read_law('tune', law, file)
+    setup = file.changed({'controller': variant.values})
     found = TuneSpec(**{
         **vars(spec), 'setup': setup, 'uncertain': uncertain, 'tree': {**given, 'uncertain': {
             name: getattr(x, 'text', x) for name, x in trees.items()}},
-        'variants': (LawSettings('', config.law, config.switching_in_force, law, False),)},
+        'variants': (variant,)},
         file=file, values=_values(file, given, path), limits=_limits(section, setup),
         ranges=_ranges(section.get('search') or {}, setup))
     _check(found)
@@ -243,22 +233,14 @@ def _ranges(tree: object, setup: Setup) -> dict[str, Range]:
 def _check(spec: TuneSpec) -> None:
     """Check that all gains searched are allowed, and that no draw sets one of them."""
     for end in ('low', 'high'):
-        try:
-            values = spec.gains({name: getattr(x, end) for name, x in spec.ranges.items()})
+        values = spec.gains({name: getattr(x, end) for name, x in spec.ranges.items()})
+        with prefixed('tune.search.'):
             spec.setup.controller.changed(values)
-        except ParameterError as error:
-            raise _within('tune.search', error) from None
     for quantity in spec.uncertain:
         for node, target in quantity.targets:
             if node == 'controller' and target.name in (*values, 'law', 'switching'):
                 raise CtcError(f'uncertain.{quantity.name}: {node}.{target.name} is tuned; '
                                'allowed: what is not')
-
-
-def _within(key: str, error: ParameterError) -> ParameterError:
-    """Return an error with its place in the spec."""
-    name = error.name.removeprefix('controller: ')
-    return ParameterError(f'{key}.{name}', error.value, error.allowed)
 
 
 def _rounded(value: Any) -> Any:
@@ -340,7 +322,6 @@ def identified_spec(directory: Path, tree: Mapping[str, Any]) -> TuneSpec:
     try:
         found = json.loads(path.read_text(encoding='utf-8'))
         uncertain = dict((*_friction(found), *_drives(found), *_model(found, setup)))
-        notes = tuple(_notes(found, setup))
     except OSError as error:
         raise CtcError(f'{path}: {error.strerror or error}') from None
     except (ValueError, KeyError, TypeError, AttributeError, IndexError):
@@ -348,9 +329,8 @@ def identified_spec(directory: Path, tree: Mapping[str, Any]) -> TuneSpec:
     # The rate in the file is what the recommended law makes do with, no limit of the drives.
     rate = setup.plant.torque_rate_limit
     section = {'torque_rate_limit': list(rate) if rate else inf, **(tree.get('tune') or {})}
-    spec = parse_tune({'params_file': VALUES, **tree, 'tune': section}, directory / VALUES,
+    return parse_tune({'params_file': VALUES, **tree, 'tune': section}, directory / VALUES,
                       uncertain)
-    return dataclasses.replace(spec, notes=notes)
 
 
 def _friction(found: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
@@ -381,33 +361,15 @@ def _model(found: Mapping[str, Any], setup: Setup) -> Iterator[tuple[str, Any]]:
     part = max([_MODEL_PART, *(abs(x['value']) + _half(x) for x in known if not x['unit'])])
     yield 'model', {**_MODEL, 'uniform': [1.0 - min(part, 0.9), 1.0 + part]}
     for x in known:
-        if x['unit'] and _drawn(x, setup):
+        if x['unit'] and setup.plant.described and x['value'] > 0.0 and _half(x) > 0.0:
             yield 'payload', {'parameter': 'plant.payload', 'uniform': [
                 max(0.0, x['value'] - _half(x)), x['value'] + _half(x)]}
-
-
-def _notes(found: Mapping[str, Any], setup: Setup) -> Iterator[str]:
-    """Yield what is not known, and not drawn."""
-    if found['delay_samples'] is None and len(found['delays_possible']) < 2:
-        yield f'the delay is not known, and {setup.plant.input_delay} in {VALUES}'
-    for x in found['model_errors']:
-        if x['value'] is not None and x['unit'] and not _drawn(x, setup):
-            yield f'{x["name"]} of {x["value"]:.3g} {x["unit"]} is not drawn'
-
-
-def _drawn(error: Mapping[str, Any], setup: Setup) -> bool:
-    """Return whether the plant can have a payload."""
-    return bool(setup.plant.described and error['value'] > 0.0 and _half(error) > 0.0)
 
 
 def _half(number: Mapping[str, Any]) -> float:
     """Return half the interval of a number; 0 without one."""
     low, high = number.get('interval_95') or (0.0, 0.0)
     return 0.5 * float(high - low)
-
-
-#: Runs that a process gets at once.
-_CHUNK = 8
 
 
 class Candidate(NamedTuple):
@@ -472,54 +434,39 @@ class Tuning:
     fresh: Runs
 
 
+Progress = Callable[[int, int], None]
+
+
+def with_gains(draws: Runs, values: Mapping[str, Any]) -> list[Setup]:
+    """Return the setups of all draws with parameters of the controller."""
+    return [dataclasses.replace(x, controller=x.controller.changed(values)) for x in draws.setups]
+
+
 def scores_of(window: tuple[float, float], setups: Sequence[Setup]) -> list[Score]:
     """Run setups; return the numbers of their true motion in a window."""
     return [score(setup, window) for setup in setups]
 
 
-class Evaluation(NamedTuple):
-    """
-    How candidates are evaluated.
-
-    Attributes
-    ----------
-    spec : TuneSpec
-        Window and limits.
-    percentile : float
-        Part of the runs that error and variation do not exceed [%]; 100 for the worst run.
-    each : callable
-        Map of a function over tasks, in their order.
-
-    """
-
-    spec: TuneSpec
-    percentile: float
-    each: Callable[..., Iterator[Any]]
-
-    def scores(self, candidates: Iterable[Mapping[str, Any]], draws: Runs) -> list[OverDraws]:
-        """Return what candidates, parameters of the controller, do over the same draws."""
-        spec, n = self.spec, len(draws.setups)
-        setups = [dataclasses.replace(setup, controller=setup.controller.changed(values))
-                  for values in candidates for setup in draws.setups]
-        runs = list(chain.from_iterable(self.each(
-            partial(scores_of, spec.window),
-            [setups[k:k + _CHUNK] for k in range(0, len(setups), _CHUNK)])))
-        return [over_draws(runs[k:k + n], spec.limits, self.percentile)
-                for k in range(0, len(runs), n)]
-
-
-def searched(evaluation: Evaluation, trials: int, seed: int) -> Tuning:
+def searched(spec: TuneSpec, trials: int, percentile: float = 95.0, seed: int = 0,
+             each: Callable[..., Iterator[Any]] = map, progress: Progress | None = None
+             ) -> Tuning:
     """
     Search for gains, and validate what was found.
 
     Parameters
     ----------
-    evaluation : Evaluation
-        Robot, law, limits, ranges, and how to evaluate.
+    spec : TuneSpec
+        Robot, law, limits and ranges.
     trials : int
         How many.
+    percentile : float
+        Part of the runs that error and variation do not exceed [%]; 100 for the worst run.
     seed : int
         Of the sampler.
+    each : callable
+        Map of a function over tasks, in their order.
+    progress : callable, optional
+        Called with the number of trials that are done, and of all.
 
     Raises
     ------
@@ -527,30 +474,37 @@ def searched(evaluation: Evaluation, trials: int, seed: int) -> Tuning:
         If a draw is not allowed; before anything is run.
 
     """
-    spec = evaluation.spec
     drawn, fresh = Runs(spec), Runs(spec.fresh())
     for draws in (drawn, fresh):  # What is not allowed shows here.
         _ = draws.setups
+
+    def scores(candidates: Iterable[Mapping[str, Any]], draws: Runs) -> list[OverDraws]:
+        """Return what candidates, parameters of the controller, do over the same draws."""
+        return [over_draws(runs, spec.limits, percentile) for runs in each(
+            partial(scores_of, spec.window), [with_gains(draws, x) for x in candidates])]
+
     first = starts(spec.setup.controller, spec.setup.plant.coulomb_friction,
                    recommended(spec.setup), spec.ranges)
     found: list[Trial] = []
     others = references(spec)
-    of_others = evaluation.scores(others.values(), drawn)
+    of_others = scores(others.values(), drawn)
 
     def answers(batch: list[Numbers]) -> Iterator[tuple[tuple[float, float], dict[str, float]]]:
-        found.extend(map(Trial, batch, evaluation.scores(map(spec.gains, batch), drawn)))
+        found.extend(map(Trial, batch, scores(map(spec.gains, batch), drawn)))
+        if progress is not None:
+            progress(len(found), trials)
         return ((x.score.objectives, x.score.excess) for x in found[-len(batch):])
 
     search(answers, spec.ranges, first, trials, seed)
     chosen = front([trial.score for trial in found])
     values = [spec.gains(found[k].numbers) for k in chosen]
-    validated = evaluation.scores([*values, *others.values()], fresh)
+    validated = scores([*values, *others.values()], fresh)
     points = tuple(map(Candidate, map(str, count(1)), values, (found[k].score for k in chosen),
                        validated))
     rest = tuple(map(Candidate, others, others.values(), of_others, validated[len(points):]))
     config = spec.setup.controller
     mine = [x for x in rest if points and config.changed(x.values).law == config.law]
-    return Tuning(spec, evaluation.percentile, seed, tuple(found), tuple(chosen), points,
+    return Tuning(spec, percentile, seed, tuple(found), tuple(chosen), points,
                   recommended_of([*points, *mine]), rest, drawn, fresh)
 
 
@@ -569,7 +523,7 @@ def references(spec: TuneSpec) -> dict[str, dict[str, Any]]:
     for name, setup in setups.items():
         config = setup.controller
         words = (name, '' if config.law in name else config.law, config.switching_in_force)
-        found[' '.join(filter(None, words))] = _differences(spec.setup.controller, config)
+        found[' '.join(filter(None, words))] = config.as_mapping()
     return found
 
 
@@ -577,15 +531,6 @@ def setups(spec: TuneSpec) -> list[Setup]:
     """Return the laws that run: the one that is tuned, and those of `references`."""
     return [dataclasses.replace(spec.setup, controller=spec.setup.controller.changed(values))
             for values in ({}, *references(spec).values())]
-
-
-def _differences(old: ControllerConfig, new: ControllerConfig) -> dict[str, Any]:
-    """Return the parameters of `new` that `old` has otherwise."""
-    before = old.as_mapping()
-    return {name: x for name, x in new.as_mapping().items() if x != before[name]}
-
-
-Progress = Callable[[int, int], None]
 
 
 def tune_spec(spec: TuneSpec | Mapping[str, Any] | str | Path,
@@ -624,8 +569,7 @@ def tune(spec: TuneSpec | Mapping[str, Any] | str | Path, trials: int = 200,
     show : callable
         Takes lines about what is compiled.
     progress : callable, optional
-        Called with the number of runs that are done, and of all: first of the search, then of
-        the validation.
+        Called with the number of trials that are done, and of all; the validation follows.
 
     Returns
     -------
@@ -646,25 +590,5 @@ def tune(spec: TuneSpec | Mapping[str, Any] | str | Path, trials: int = 200,
         raise ParameterError('percentile', percentile, 'a number > 0 and <= 100')
     found = tune_spec(spec, identified)
     compile_setups(setups(found), show)
-    count = trials + len(references(found))
-    with _map(jobs, count * found.repeats.repeats, progress) as each:
-        return searched(Evaluation(found, percentile, each), trials, found.repeats.seed)
-
-
-@contextmanager
-def _map(jobs: int, total: int, progress: Progress | None) -> Iterator[Callable[..., Any]]:
-    """Yield a map over processes that tells how many of the runs are done, after them anew."""
     with processes(jobs) as each:
-        done = 0
-
-        def counted(function: Callable[[Any], list[Any]], tasks: list[list[Any]]
-                    ) -> Iterator[list[Any]]:
-            nonlocal done, total
-            if done == total:
-                done, total = 0, sum(map(len, tasks))
-            for found in each(function, tasks):
-                done += len(found)
-                if progress is not None:
-                    progress(done, total)
-                yield found
-        yield counted
+        return searched(found, trials, percentile, found.repeats.seed, each, progress)

@@ -41,11 +41,12 @@ from ctc_chattering.identification.perturbation import perturbation
 from ctc_chattering.runs.compare import BASE, Outcome, Task, Variant
 from ctc_chattering.runs.compare_page import to_markdown
 from ctc_chattering.runs.compare_page import write_page as write_comparison_page
+from ctc_chattering.runs.conditions import condition
 from ctc_chattering.runs.map_data import MapData
 from ctc_chattering.runs.map_figures import lines
 from ctc_chattering.runs.map_page import write_map_page
 from ctc_chattering.runs.score import Score
-from ctc_chattering.runs.tune import Evaluation, searched, Tuning
+from ctc_chattering.runs.tune import searched, Tuning
 from ctc_chattering.runs.tune_page import write_page as write_search_page
 from ctc_chattering.simulation.closed_loop import simulate
 from ctc_chattering.simulation.plant_config import PlantConfig
@@ -125,15 +126,14 @@ def of_a_map(name: str, out: Path) -> None:
 
 @lru_cache(1)
 def search() -> Tuning:
-    return searched(Evaluation(short_spec(duration=0.1), 100.0, map), 1, 1)
+    return searched(short_spec(duration=0.1), 1, 100.0, 1)
 
 
 def of_a_search(name: str, out: Path) -> None:
-    """Write the page of `ctc tune`: uncertain parameters, notes."""
+    """Write the page of `ctc tune`: uncertain parameters."""
     spec = search().spec
     uncertain = tuple(dataclasses.replace(x, name=name) for x in spec.uncertain)
-    named = dataclasses.replace(search(), spec=dataclasses.replace(
-        spec, uncertain=uncertain, notes=(name,)))
+    named = dataclasses.replace(search(), spec=dataclasses.replace(spec, uncertain=uncertain))
     write_search_page(named, figure_files(name, out), out / 'index.html')
 
 
@@ -155,7 +155,7 @@ def of_an_identification(name: str, out: Path) -> None:
 
 def outcomes(name: str) -> list[Outcome]:
     measured = Score((1e-3, 2e-3), (), (1.0, 2.0), (0.1, 0.2), (3.0, 4.0), (9.0, 9.0), engine=name)
-    return [Outcome(Task(Path('friction'), None, variant), name,
+    return [Outcome(Task(Path('friction'), condition(''), variant), name,
                     (f'1{name}', f'2{name}'), (), measured)
             for variant in (BASE, Variant('chattering', 'sign', 'file'))]
 

@@ -28,7 +28,7 @@ import pytest
 
 def setups(file: Path, seed: int = 5, count: int = 24) -> list[Setup]:
     nominal = parameter_file.load(file)
-    return [parameter_file.load(file, x.overrides(nominal)) for x in held_out(count, seed)]
+    return [parameter_file.load(file, *x.overrides(nominal)) for x in held_out(count, seed)]
 
 
 def test_a_condition_depends_on_seed_and_index_only() -> None:

@@ -17,6 +17,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+import dataclasses
 from math import exp
 from typing import Any
 
@@ -137,7 +138,6 @@ def test_settings_that_differ_between_joints() -> None:
     assert (len(one.laws), len(nearly.laws)) == (1, 5)
     assert nearly.radius() == pytest.approx(one.radius(), abs=1e-3)
     assert nearly.radius(1.5) == pytest.approx(one.radius(1.5), abs=1e-3)
-    assert nearly.all[0].scaled(2.0).closed(1.3) == pytest.approx(nearly.all[0].closed(1.3))
 
 
 def test_lags_and_delays() -> None:
@@ -145,8 +145,9 @@ def test_lags_and_delays() -> None:
     span = found.lags()
     assert span is not None
     assert span.low == 0.0
-    assert found.with_drives(lag=0.99 * span.high).radius() < 1.0
-    assert found.with_drives(lag=1.01 * span.high).radius() > 1.0
+    for part, grows in ((0.99, False), (1.01, True)):
+        slow = dataclasses.replace(found, lag=np.array([part * span.high]))
+        assert (slow.radius() > 1.0) == grows
     assert 1 in found.delays()
     assert 9 not in found.delays()
     assert stable(lambda x: abs(x), 2.0, np.array([0.0, 2.0])) is None

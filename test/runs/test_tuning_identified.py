@@ -81,7 +81,6 @@ def test_friction_is_drawn_within_its_widest_interval(tmp_path: Path) -> None:
         assert low <= min(drawn) < low + 0.05 * low
         assert high - 0.05 * high < max(drawn) <= high
     assert {x.controller.input_delay for x in setups} == {0}
-    assert found.notes == ()
 
 
 def test_every_delay_is_drawn_with_all_lags_that_are_possible_with_it(tmp_path: Path) -> None:
@@ -96,17 +95,9 @@ def test_every_delay_is_drawn_with_all_lags_that_are_possible_with_it(tmp_path: 
         for (low, high), drawn in zip(lags, zip(*mine)):
             assert low <= min(drawn) <= low + 0.1 * (high - low)
             assert high - 0.1 * (high - low) <= max(drawn) <= high
-    assert spec.notes == ()
     assert spec.tree['uncertain']['delay and lag'] == (
         'delay 0 with lags 3 to 4, 5 to 7 ms or delay 1 with lags 2 to 3, 4 to 5 ms or '
         'delay 2 with lags 0 to 1, 1 to 1 ms')
-
-
-def test_without_a_known_delay_that_of_the_file_is_taken_and_said(tmp_path: Path) -> None:
-    unknown = contents(delays_possible=[], delay_samples=None)
-    spec = identified_spec(written(tmp_path, unknown), {})
-    assert 'delay and lag' not in ranges(spec)
-    assert spec.notes == ('the delay is not known, and 1 in identified.yaml',)
 
 
 def test_errors_of_masses_widen_the_model_and_a_payload_is_carried(tmp_path: Path) -> None:
@@ -120,14 +111,12 @@ def test_errors_of_masses_widen_the_model_and_a_payload_is_carried(tmp_path: Pat
     errors[2].update(number(-1.0, 0.1))
     spec = identified_spec(written(tmp_path, contents(model_errors=errors)), {})
     assert 'payload' not in ranges(spec)
-    assert spec.notes == ('payload of -1 kg is not drawn',)
 
 
 def test_friction_without_an_interval_is_not_drawn(tmp_path: Path) -> None:
     friction = [{'coulomb': NONE, 'viscous': NONE}, {'coulomb': NONE, 'viscous': NONE}]
     spec = identified_spec(written(tmp_path, contents(friction=friction)), {})
     assert {'coulomb', 'viscous'} & set(ranges(spec)) == set()
-    assert not spec.notes
 
 
 @pytest.mark.parametrize('text', ['{', '[]', '3', '{}', '{"friction": 1}', '{"friction": [{}]}'])

@@ -23,12 +23,11 @@ from pathlib import Path
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.runs import tune_page as report
 from ctc_chattering.runs.score import Score
-from ctc_chattering.runs.search import Limits, over_draws, Range, Trial
+from ctc_chattering.runs.search import Limits, over_draws, Trial
 from ctc_chattering.runs.spec import rows_of
 from ctc_chattering.runs.tune import parse_tune, scores_of, Tuning
 from ctc_chattering.runs.tune_page import (
     as_mapping,
-    draws_figure,
     front_figure,
     NAMES,
     write_tuning,
@@ -49,12 +48,12 @@ def trial(*torques: float, rate: float = 0.0, diverged: int = 0) -> Trial:
 
 def test_trials_are_counted_under_each_limit_that_they_violate() -> None:
     trials = [trial(1.0), trial(20.0, 1.0), trial(20.0, rate=200.0), trial(1.0, diverged=1)]
-    assert report.trials_text(trials) == (
-        'in some run 1 diverge, 2 exceed the torque limit, 1 exceed the limit of the torque '
-        'rate; 1 of 4 keep all limits')
-    assert report.trials_text(trials[:1]) == 'all within the limits'
-    assert report.violations_text(trials[1].score) == 'torque: 1 of 2'
-    assert report.violations_text(trials[0].score) == ''
+    for mine, text in ((trials, 'diverged: 1 of 4, torque: 2 of 4, torque rate: 1 of 4'),
+                       (trials[:1], 'none')):
+        found = dataclasses.replace(short_tuning(), trials=tuple(mine))
+        assert dict(report.facts(found))['trials that violate'] == text
+    assert report.violated(trials[1].score.violating, 2) == 'torque: 1 of 2'
+    assert report.violated(trials[0].score.violating, 1) == ''
 
 
 def test_the_closest_trial_is_that_with_the_least_excess() -> None:
@@ -90,42 +89,13 @@ def test_the_table_has_the_gains_of_all_candidates() -> None:
     assert float(rows[-1][1]) == point.values['kp'][0]
 
 
-def test_the_headline_compares_fresh_draws_with_the_gains_of_the_file() -> None:
-    tuning = short_tuning()
-    best = tuning.best
-    assert best is not None
-    old, new = tuning.others[0].fresh, best.fresh
-    words = report.headline(tuning).split()
-    for word, ratio in ((words[0], new.error / old.error),
-                        (words[words.index('and') + 1], new.variation / old.variation)):
-        top, _, below = word.partition('/')
-        assert float(top) / float(below or 1.0) == pytest.approx(ratio, rel=0.1)
-
-
 def test_a_search_without_a_point_says_so() -> None:
     tuning = short_tuning(torque_limit=1.0)
-    assert report.headline(tuning) == 'No trial keeps the limits'
     assert tuning.best is None
     (note,) = report.notes(tuning)
     assert note.startswith('no trial keeps the limits; trial ')
     assert 'exceeds the limit of the torque by' in note
     assert note in report.text(tuning)
-
-
-def test_settings_of_another_law_that_are_better_are_in_the_headline() -> None:
-    tuning = short_tuning()
-    best = tuning.best
-    assert best is not None
-    for scale, named in ((1.0, False), (0.5, True)):
-        better = best.fresh._replace(error=scale * best.fresh.error)
-        other = tuning.others[2]._replace(fresh=better)
-        found = dataclasses.replace(tuning, others=(*tuning.others[:2], other))
-        assert report.headline(found).endswith(
-            '; recommended observer_feedback, not tuned, has 0.5 times the error and 1 times the '
-            'torque variation of these') == named
-    beyond = better._replace(violating={**better.violating, 'torque': 1})
-    found = dataclasses.replace(tuning, others=(tuning.others[2]._replace(fresh=beyond),))
-    assert 'not tuned' not in report.headline(found)
 
 
 def test_settings_that_no_point_beats_are_recommended() -> None:
@@ -136,27 +106,6 @@ def test_settings_that_no_point_beats_are_recommended() -> None:
         'tuned.yaml has']
     assert [row[0] for row in report.table_of(found) if row[0].endswith('*')] == [
         'recommended chattering implicit_observer *']
-    assert report.headline(dataclasses.replace(tuning, best=tuning.others[0])).startswith(
-        'The gains of the file remain')
-
-
-def with_range(tuning: Tuning, low: float, high: float) -> Tuning:
-    """Return a search as if `pole` had had another range."""
-    ranges = {**tuning.spec.ranges, 'pole': Range(low, high)}
-    return dataclasses.replace(tuning, spec=dataclasses.replace(tuning.spec, ranges=ranges))
-
-
-def test_a_number_at_the_end_of_its_range_is_noted() -> None:
-    tuning = short_tuning()
-    best = tuning.best
-    assert best in tuning.points
-    pole = tuning.trials[tuning.front[tuning.points.index(best)]].numbers['pole']
-    for low, high, end in ((pole / 1.01, 1e4, 'low'), (0.1, pole * 1.01, 'high')):
-        notes = list(report.notes(with_range(tuning, low, high)))
-        assert any(f'pole of point {best.name} is at the {end} end of its range' in x
-                   for x in notes)
-    for low, high in ((pole, pole), (0.1, 1e4)):
-        assert not any('pole' in x for x in report.notes(with_range(tuning, low, high)))
 
 
 @pytest.fixture(scope='module')
@@ -213,9 +162,8 @@ def test_the_numbers_are_strict_json(out: Path, tuning: Tuning) -> None:
 
 def test_the_page_shows_tables_and_figures(out: Path, tuning: Tuning) -> None:
     page = (out / 'index.html').read_text()
-    for name in ('front', 'draws'):
-        assert f'figures/{name}.svg' in page
-        assert (out / 'figures' / f'{name}.svg').is_file()
+    assert 'figures/front.svg' in page
+    assert (out / 'figures' / 'front.svg').is_file()
     for name in ('tuned.yaml', 'tune.json'):
         assert f'href="{name}"' in page
     assert page.count('<td>') >= len(tuning.points) + len(tuning.others)
@@ -228,7 +176,7 @@ def test_without_a_point_there_is_no_parameter_file_but_all_else(tmp_path: Path)
     write_tuning(tuning, tmp_path)
     assert {x.name for x in tmp_path.iterdir()} == set(NAMES) - {'tuned.yaml', 'front'}
     page = (tmp_path / 'index.html').read_text()
-    assert 'No trial keeps the limits' in page
+    assert 'no trial keeps the limits' in page
     assert 'tuned.yaml' not in page
     assert as_mapping(tuning)['recommended'] is None
 
@@ -258,28 +206,14 @@ def test_the_front_is_drawn_on_both_kinds_of_draws() -> None:
 def test_trials_beyond_a_limit_are_marked() -> None:
     tuning = short_tuning(torque_limit=1.0)
     (ax,) = front_figure(tuning).axes
-    assert len(drawn(ax, 'beyond the limit of the torque (12)')) == 12
+    assert len(drawn(ax, 'beyond a limit (12)')) == 12
     assert not [x for x in ax.lines if str(x.get_label()).startswith('front')]
-    assert '(violates: torque)' in str([x.get_label() for x in ax.lines])
-
-
-def test_errors_are_drawn_over_what_is_uncertain() -> None:
-    tuning = short_tuning()
-    (ax,) = draws_figure(tuning).axes
-    assert tuning.best is not None
-    assert drawn(ax, 'recommended point') == [
-        (x, run.error) for (x,), run in zip(tuning.fresh.draws, tuning.best.fresh.runs)]
-    assert len(drawn(ax, 'gains of the file')) == 8
 
 
 def test_nothing_is_over_a_legend_or_a_label() -> None:
-    """Check names of gains and of what is uncertain that are long, and no front."""
+    """Check names of gains that are long, and no front."""
     tuning = short_tuning()
-    (quantity,) = tuning.spec.uncertain
     long = dataclasses.replace(tuning, others=tuple(
-        x._replace(name=f'{x.name}, with settings of its own') for x in tuning.others),
-        spec=dataclasses.replace(tuning.spec, uncertain=(
-            dataclasses.replace(quantity, name='a_rather_long_name_' * 5),)))
-    for draw in (front_figure, draws_figure):
-        assert not overlaps(draw(long))
+        x._replace(name=f'{x.name}, with settings of its own') for x in tuning.others))
+    assert not overlaps(front_figure(long))
     assert not overlaps(front_figure(short_tuning(torque_limit=1.0)))

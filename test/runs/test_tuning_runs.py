@@ -26,13 +26,13 @@ from ctc_chattering.runs.score import Score
 from ctc_chattering.runs.search import Limits, over_draws
 from ctc_chattering.runs.tune import (
     Candidate,
-    Evaluation,
     recommended_of,
     references,
     scores_of,
     searched,
     setups,
     Tuning,
+    with_gains,
 )
 import pytest
 from tunings import short_spec, short_tuning
@@ -41,12 +41,10 @@ from tunings import short_spec, short_tuning
 def test_a_candidate_is_evaluated_on_every_draw() -> None:
     found = short_spec()
     draws, values = Runs(found), {'kp': [50.0, 60.0]}
-    (mine, other) = Evaluation(found, 100.0, map).scores(
-        [values, {}], draws)
-    assert list(mine.runs) == scores_of(found.window, [dataclasses.replace(
-        setup, controller=setup.controller.changed(values)) for setup in draws.setups])
-    assert mine.error == max(x.error for x in mine.runs)
-    assert other.runs != mine.runs
+    mine, other = (with_gains(draws, x) for x in (values, {}))
+    assert mine == [dataclasses.replace(x, controller=x.controller.changed(values))
+                    for x in draws.setups]
+    assert scores_of(found.window, mine) != scores_of(found.window, other)
 
 
 @pytest.fixture
@@ -57,7 +55,7 @@ def tuning() -> Tuning:
 @pytest.mark.slow
 def test_the_result_does_not_depend_on_the_number_of_processes(tuning: Tuning) -> None:
     with processes(2) as each:
-        again = searched(Evaluation(tuning.spec, 100.0, each), 12, 1)
+        again = searched(tuning.spec, 12, 100.0, 1, each)
     assert (again.trials, again.points, again.others, again.best) == (
         tuning.trials, tuning.points, tuning.others, tuning.best)
 

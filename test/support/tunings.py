@@ -20,7 +20,7 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-from ctc_chattering.runs.tune import Evaluation, parse_tune, searched, TuneSpec, Tuning
+from ctc_chattering.runs.tune import parse_tune, searched, TuneSpec, Tuning
 
 
 def short_spec(**more: Any) -> TuneSpec:
@@ -37,4 +37,4 @@ def short_spec(**more: Any) -> TuneSpec:
 def short_tuning(torque_limit: float = 5e3, percentile: float = 100.0) -> Tuning:
     """Return a search of 12 trials."""
     found = short_spec(tune={'torque_limit': torque_limit})
-    return searched(Evaluation(found, percentile, map), 12, 1)
+    return searched(found, 12, percentile, 1)
