@@ -20,8 +20,7 @@ from collections.abc import Sequence
 from functools import partial
 from typing import Any
 
-from ctc_chattering.analysis.interactive_plots import component
-from ctc_chattering.analysis.markup import asset, fragment, Markup
+from ctc_chattering.analysis.markup import asset, component, fragment, Markup
 from ctc_chattering.analysis.markup import page as page_of
 from ctc_chattering.live import require_viser
 from ctc_chattering.live.arm_view import ArmView, Magnified
