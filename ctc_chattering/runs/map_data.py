@@ -151,7 +151,8 @@ def passing_ranges(values: npt.ArrayLike, probability: npt.ArrayLike) -> str:
     pairs: Any = zip(np.asarray(values).tolist(), np.asarray(probability).tolist())
     stretches = ([value for value, _ in stretch] for passes, stretch in itertools.groupby(
         pairs, key=lambda pair: pair[1] < LEVEL) if passes)
-    return ', '.join(f'{mine[0]:.4g} to {mine[-1]:.4g}' for mine in stretches) or 'none'
+    return ', '.join(' to '.join(dict.fromkeys(f'{x:.4g}' for x in (mine[0], mine[-1])))
+                     for mine in stretches) or 'none'
 
 
 class MapData:
