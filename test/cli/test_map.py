@@ -33,6 +33,7 @@ from ctc_chattering.runs.store import locked
 from ctc_commands import ctc, refused, ROOT
 from map_specs import BRIEF, SMALL, written
 import psutil  # type: ignore[import-untyped]
+import pyarrow
 from pyarrow import parquet
 import pytest
 from stopwatch import PATIENCE
@@ -78,7 +79,7 @@ def in_one_process(spec: Path, out: Path) -> dict[str, bytes]:
     for chunk in reversed(store.chunks(runs, range(len(runs)))):
         parts.append(store.compute(runs, store.version(), chunk))
         directory.write(chunk, parts[-1])
-    directory.merge(parts)
+    directory.merge(pyarrow.concat_tables(parts))
     return tables(out)
 
 
