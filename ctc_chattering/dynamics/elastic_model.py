@@ -26,7 +26,6 @@ from __future__ import annotations
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.numerics.linear_algebra import Rows, Vector
 import numpy as np
-from scipy.linalg import block_diag  # type: ignore[import-untyped]
 
 
 class Elastic(Model):
@@ -66,6 +65,7 @@ class Elastic(Model):
 
     def mass_matrix(self, q: Vector) -> Rows:
         """Return M and J, shape (n, n)."""
+        from scipy.linalg import block_diag  # type: ignore[import-untyped]
         rows: Rows = block_diag(
             self._model.mass_matrix(q[:self._links]), np.diag(self._inertia)).tolist()
         return rows

@@ -230,7 +230,7 @@ def graph_monitor(events: Sequence[Event], lockstep: bool, ros_args: Sequence[st
 
     """
     with ExitStack() as leaving:
-        with refused_as('bringup'):
+        with refused_as('ROS'):
             leaving.callback(rclpy.try_shutdown)
             rclpy.init(args=['bringup', *ros_args], signal_handler_options=SignalHandlerOptions.NO)
             node = ParameterEventScheduler(events, lockstep)

@@ -62,15 +62,15 @@ def test_the_effort_becomes_the_torque_at_the_joint(
 
 
 @pytest.mark.parametrize('side, ratio, constant, words', [
-    ('', 100, None, r'^gear_ratio needs side motor or side current: what is the effort\?$'),
+    ('', 100, None, r'^gear_ratio needs an effort .*, or a current: what is the effort\?$'),
     ('link', 100, None, r'behind the gear it is 1$'),
-    ('motor', None, 0.1, r'^torque_constant needs side current$'),
+    ('motor', None, 0.1, r'^torque_constant needs an effort that is a current$'),
     ('current', 100, None, r'^gear_ratio of currents needs torque_constant$')])
 def test_what_contradicts_is_refused(
         side: str, ratio: float | None, constant: float | None, words: str) -> None:
     with pytest.raises(CtcError, match=words):
         in_torques([MEASURED], side, ratio, constant)
-    with pytest.raises(CtcError, match=r'^side motor: bare has no effort$'):
+    with pytest.raises(CtcError, match=r'^effort motor: bare has no effort$'):
         in_torques([BARE], 'motor', None, None)
 
 

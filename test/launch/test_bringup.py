@@ -118,7 +118,7 @@ def test_a_trip_ends_lockstep_with_its_reason() -> None:
     status, output = run_bringup('friction', '--ros-args', '-p', 'error_limit:=[0.5, 9.0]')
     assert status == 1
     _, end = output.split('bringup: controller ended with status 1')
-    assert 'exceed error_limit; no torque until ~/reset' in end
+    assert 'exceeded error_limit; no torque until ~/reset' in end
     assert 'waiting for the answer' not in output
 
 
