@@ -24,7 +24,6 @@ from typing import Any
 
 from ctc_chattering import compare
 from ctc_chattering.analysis.result import Result, simulate
-from ctc_chattering.compiled.machine_code import PLAIN_PYTHON
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.configuration.loop_setup import Overrides, Setup
 from ctc_chattering.configuration.package_share import config_directory, find_config
