@@ -98,7 +98,6 @@ def test_every_delay_that_is_possible_is_drawn_and_all_lags_with_any_of_them(
     assert min(drawn) < 5e-4 and max(drawn) > 6.5e-3
 
 
-
 def test_errors_of_masses_widen_the_model_and_a_payload_is_carried(tmp_path: Path) -> None:
     errors = [{'name': 'upper', 'unit': '', **number(-0.1, 0.02)},
               {'name': 'lower', 'unit': '', **NONE},
