@@ -171,8 +171,9 @@ def answers(values: Array, times: Indices, stamps: Indices, received: Indices) -
     far = (np.abs(heard - phase - place) > _SURE) | (np.diff(place, prepend=-np.inf) < 1.0)
     unsure = float(far.mean()) if is_usual and len(far) else 1.0
     count = np.arange(len(place))
-    if len(place) == len(stamps) == numbers[-1] + 1 and np.array_equal(received, stamps):
-        place, unsure = count, 0.0  # Our recorder's, complete, in simulated time.
+    if len(sent) == len(got) and np.array_equal(received, stamps):
+        # Of our recorder, which logs by stamps: one may have that of the state before, or after.
+        place, unsure = numbers, 0.0
     elif unsure > _NEGLIGIBLE and abs(len(place) / (numbers[-1] + 1) - 1.0) < _ONE_FOR_ONE:
         ahead = place - count
         ends = tuple(np.median(x) for x in (ahead[:_COUNTED], ahead[-_COUNTED:]))

@@ -218,7 +218,7 @@ def run_stability(options: argparse.Namespace) -> int:
 
     For the sampled loop with constant M, without limits: by its poles for constant errors, by the
     small-gain theorem for varying ones. Exit status 1 if the loop is unstable for the exact model.
-    docs/theory.md states the theorem and what it does not cover.
+    docs/theory.md says what it covers, and where the theorem is.
     """
     from ctc_chattering.analysis.tables import number_text, print_columns
     from ctc_chattering.runs.stability import rows, stability

@@ -28,7 +28,7 @@ from ctc_chattering.configuration.package_share import find_config
 from ctc_chattering.errors import CtcError
 from ctc_chattering.parameters import whole
 from ctc_chattering.runs import pool, store
-from ctc_chattering.runs.points import Refinement, Runs
+from ctc_chattering.runs.points import next_runs, Runs
 from ctc_chattering.runs.spec import MapSpec, parse, read_spec
 import pyarrow
 
@@ -107,9 +107,9 @@ def compute_map(spec: MapSpec | Mapping[str, Any] | str | Path, out: str | Path,
 def _table(runs: Runs, directory: store.Directory, jobs: int, scheduler: str | None,
            show: Callable[[str], None], progress: Callable[[int, int], None]) -> pyarrow.Table:
     """Compute the runs that are missing; return the rows of all."""
-    refinement, parts, client = Refinement(runs), list[pyarrow.Table](), None
+    rows, client = store.schema(runs.spec).empty_table(), None
     with ExitStack() as stack:
-        while len(some := refinement.numbers()):
+        while len(some := next_runs(runs, rows)):
             chunks = {directory.name(x): x for x in store.chunks(runs, some)}
             found = {name: directory.rows(x, show) for name, x in chunks.items()}
             left = [(name, x) for name, x in chunks.items() if found[name] is None]
@@ -131,6 +131,5 @@ def _table(runs: Runs, directory: store.Directory, jobs: int, scheduler: str | N
                 raise (CtcError if isinstance(error, CtcError) else KeyboardInterrupt)(
                     f'{str(error) or "stopped"}; {done} of {len(some)} runs are in '
                     f'{directory.path}, run the same command to continue') from None
-            parts.append(pyarrow.concat_tables(found.values()))
-            refinement.take(parts[-1])
-    return directory.merge(parts)
+            rows = pyarrow.concat_tables([rows, *found.values()])
+    return directory.merge(rows)

@@ -78,20 +78,15 @@ def unit_draws(method: str, n: int, m: int, seed: int) -> Array:
     if method == 'random' or m == 0:
         return rng.random((n, m))
     if method == 'saltelli':
-        return _saltelli(unit_draws('sobol', n // (m + 2), 2 * m, seed))
+        # A, B, and A with each column of B in turn, shape ((m + 2) n, m).
+        A, B = np.hsplit(unit_draws('sobol', n // (m + 2), 2 * m, seed), 2)
+        return np.vstack([A, B, *(np.where(mine, B, A) for mine in np.eye(m, dtype=bool))])
     # Here, for the workers, which need no draws, to start twice as fast.
     from scipy.stats import qmc  # type: ignore[import-untyped]
     if method == 'latin_hypercube':
         return np.asarray(qmc.LatinHypercube(m, rng=rng).random(n))
     # A Sobol sequence has its balance at powers of two.
     return np.asarray(qmc.Sobol(m, rng=rng).random_base2(ceil(log2(n))))[:n]
-
-
-def _saltelli(pairs: Array) -> Array:
-    """Return draws A, B, and A with each column of B in turn, shape ((m + 2) n, m)."""
-    A, B = np.hsplit(pairs, 2)
-    one = np.eye(len(A.T), dtype=bool)
-    return np.vstack([A, B, *(np.where(mine, B, A) for mine in one)])
 
 
 def quantile(x: Uncertain, u: Array) -> Array:
@@ -145,10 +140,6 @@ class Runs:
         """Return where a run is: indices of the axes, of the law, and of the draw."""
         *indices, variant, repeat = map(int, np.unravel_index(run, self.shape))
         return tuple(indices), variant, repeat
-
-    def number(self, indices: tuple[int, ...], variant: int, repeat: int) -> int:
-        """Return the number of the run at a place."""
-        return int(np.ravel_multi_index((*indices, variant, repeat), self.shape))
 
     def columns(self, run: int) -> dict[str, Any]:
         """Return which run it is, as its row of the results says."""
@@ -299,10 +290,10 @@ def find_run(runs: Runs, text: str) -> int:
         words = (word.partition('=') for word in text.split(','))
         given = mapping('POINT', {name.strip(): value.strip() for name, _, value in words},
                         tuple(choices))
-        *indices, law, repeat = (_index(name, given.get(name), x) for name, x in choices.items())
+        place = [_index(name, given.get(name), x) for name, x in choices.items()]
     except ParameterError as error:
         raise UsageError(f'--explain {text}: {error}') from None
-    return runs.number(tuple(indices), law, repeat)
+    return int(np.ravel_multi_index(place, runs.shape))
 
 
 def _index(name: str, text: str | None, values: Sequence[Any]) -> int:
@@ -353,36 +344,30 @@ def wanted(state: npt.NDArray[np.int8], coarse: tuple[int, ...]) -> Mask:
     return np.logical_and(found, unknown)
 
 
-class Refinement:
+def next_runs(runs: Runs, table: Any) -> npt.NDArray[np.int64]:
     """
-    Which runs of a map come next, by what came of those before; without a coarse grid all at once.
+    Return the next runs of a map, ascending; without a coarse grid all at once.
 
     Parameters
     ----------
     runs : Runs
         Of the map.
+    table : pyarrow.Table
+        The rows of those before, in any order.
+
+    Returns
+    -------
+    array
+        Their numbers; none when the boundary of every law is found.
 
     """
-
-    def __init__(self, runs: Runs) -> None:
-        self._runs = runs
-        self._state = np.full((len(runs.spec.variants), *runs.spec.shape), UNKNOWN, np.int8)
-
-    def numbers(self) -> npt.NDArray[np.int64]:
-        """Return the next runs, ascending; none when the boundary of every law is found."""
-        laws, repeats = self._runs.shape[-2:]
-        firsts = np.concatenate([
-            (np.flatnonzero(wanted(state, self._runs.spec.coarse)) * laws + v) * repeats
-            for v, state in enumerate(self._state)])
-        found: npt.NDArray[np.int64] = (
-            np.sort(firsts)[:, np.newaxis] + np.arange(repeats)).ravel()
-        return found
-
-    def take(self, table: Any) -> None:
-        """Take the rows, a pyarrow table, of what `numbers` returned."""
-        laws, repeats = self._runs.shape[-2:]
-        place, index = np.unique(np.asarray(table['run']) // repeats, return_inverse=True)
-        failed = np.bincount(index, np.asarray(table['failure']) != '')
-        point, variant = np.divmod(place, laws)
-        self._state.reshape(laws, -1)[variant, point] = np.where(
-            2 * failed >= repeats, FAILS, PASSES)
+    laws, repeats = runs.shape[-2:]
+    state = np.full((laws, *runs.spec.shape), UNKNOWN, np.int8)
+    place, index = np.unique(np.asarray(table['run']) // repeats, return_inverse=True)
+    failed = np.bincount(index, np.asarray(table['failure']) != '')
+    point, variant = np.divmod(place, laws)
+    state.reshape(laws, -1)[variant, point] = np.where(2 * failed >= repeats, FAILS, PASSES)
+    firsts = np.concatenate([(np.flatnonzero(wanted(each, runs.spec.coarse)) * laws + v) * repeats
+                             for v, each in enumerate(state)])
+    found: npt.NDArray[np.int64] = (np.sort(firsts)[:, np.newaxis] + np.arange(repeats)).ravel()
+    return found

@@ -35,8 +35,6 @@ T = TypeVar('T')
 R = TypeVar('R')
 #: Time to connect [s].
 _CONNECT = 10
-#: What dask logs besides what is raised.
-_LOGS = ('distributed', 'distributed.client')
 
 
 def in_parallel(function: Callable[[T], R], tasks: Sequence[T], jobs: int) -> Iterator[R]:
@@ -99,7 +97,7 @@ def workers(jobs: int, address: str | None = None) -> Iterator[Client]:
     """
     from distributed import Client, LocalCluster
     from distributed.comm.addressing import parse_address, parse_host_port
-    for name in _LOGS:
+    for name in ('distributed', 'distributed.client'):  # They log what is raised, too.
         logging.getLogger(name).setLevel(logging.CRITICAL)
     if address is not None:
         try:

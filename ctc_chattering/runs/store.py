@@ -205,9 +205,9 @@ class Directory:
         show(f'{path}: damaged, {reason}; it is computed again')
         return None
 
-    def merge(self, parts: Sequence[pyarrow.Table]) -> pyarrow.Table:
+    def merge(self, table: pyarrow.Table) -> pyarrow.Table:
         """Write and return all rows in the order of the runs."""
-        table = pyarrow.concat_tables(parts).sort_by('run').combine_chunks()
+        table = table.sort_by('run').combine_chunks()
         write_table(table, self.path / TABLE)
         return table
 

@@ -266,6 +266,8 @@ def reference_table(config: ReferenceConfig, route: Route | None,
     """
     Return the desired motion at ``k period``, shape (count, 3, n) [rad, rad/s, rad/s²].
 
+    It is kept for other runs with this motion: do not write into it.
+
     Parameters
     ----------
     config, route
@@ -281,21 +283,24 @@ def reference_table(config: ReferenceConfig, route: Route | None,
 
     """
     order = tuple(config.joint_names.index(name) for name in joints)
-    motion = make_motion(config, route, dict(start))
     if route is not None:
-        return _samples_of(motion, order, period, count)
-    # What comes after the start does not depend on it.
-    table: Array = _kept(config.changed({'start_duration': 0.0}), order, period, count).copy()
-    if isinstance(motion, Transition):
-        inside = min(-(-motion.end // period), count)
-        table[:inside] = _samples_of(motion, order, period, inside)
+        return _samples_of(make_motion(config, route, dict(start)), order, period, count)
+    table: Array = _kept(config, start, order, period, count)
     return table
 
 
-@lru_cache(16)
-def _kept(config: ReferenceConfig, order: Sequence[int], period: int, count: int) -> Array:
-    """Return the samples of a motion that is the same in many runs."""
-    return _samples_of(make_motion(config), order, period, count)
+@lru_cache(64)
+def _kept(config: ReferenceConfig, start: tuple[tuple[str, tuple[float, float]], ...],
+          order: tuple[int, ...], period: int, count: int) -> Array:
+    """Return the samples of a sinusoid and its start, which are the same in many runs."""
+    motion = make_motion(config, None, dict(start))
+    if not isinstance(motion, Transition):
+        return _samples_of(motion, order, period, count)
+    # What comes after the start does not depend on it.
+    table: Array = _kept(config.changed({'start_duration': 0.0}), (), order, period, count).copy()
+    inside = min(-(-motion.end // period), count)
+    table[:inside] = _samples_of(motion, order, period, inside)
+    return table
 
 
 def _samples_of(motion: TimedMotion, order: Sequence[int], period: int, count: int) -> Array:

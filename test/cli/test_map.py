@@ -33,6 +33,7 @@ from ctc_chattering.runs.store import locked
 from ctc_commands import ctc, refused, ROOT
 from map_specs import BRIEF, SMALL, written
 import psutil  # type: ignore[import-untyped]
+import pyarrow
 from pyarrow import parquet
 import pytest
 from stopwatch import PATIENCE
@@ -78,7 +79,7 @@ def in_one_process(spec: Path, out: Path) -> dict[str, bytes]:
     for chunk in reversed(store.chunks(runs, range(len(runs)))):
         parts.append(store.compute(runs, store.version(), chunk))
         directory.write(chunk, parts[-1])
-    directory.merge(parts)
+    directory.merge(pyarrow.concat_tables(parts))
     return tables(out)
 
 
@@ -144,7 +145,7 @@ def test_results(tmp_path: Path) -> None:
     assert table['run'].to_pylist() == list(range(24))
     assert set(table['failure'].to_pylist()) == {'error'}
     about = json.loads((out / 'map.json').read_text(encoding='utf-8'))
-    assert set(table['engine'].to_pylist()) == {'plain'}
+    assert set(table['engine'].to_pylist()) == {'plain Python'}
     assert about['spec']['window'] == [0.05, 0.1]
     assert about['versions']['ctc_chattering'] == store.version()
     before = tables(out)
@@ -229,7 +230,7 @@ def test_the_compiled_loop_gives_the_same_bytes_for_any_number_of_workers(tmp_pa
         result = ctc('map', spec, '--out', out, '--jobs', jobs)
         assert result.returncode == 0, result.stderr
         table = parquet.read_table(out / 'map.parquet')
-        assert set(table['engine'].to_pylist()) == {'compiled'}
+        assert set(table['engine'].to_pylist()) == {'machine code'}
         found.append(tables(out))
     assert len(found[0]) > 3
     assert found[0] == found[1]

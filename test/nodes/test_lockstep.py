@@ -66,7 +66,7 @@ points:
   - {positions: [-0.1, 0.5], velocities: [0.3, 0.0], accelerations: [0, 0],
      time_from_start: 0.2}
   - {positions: [0.1, 0.7], velocities: [0.0, 0.4], accelerations: [0, 1],
-     time_from_start: {sec: 0, nanosec: 400000000}}
+     time_from_start: 0.4}
   - {positions: [0.2, 0.6], velocities: [0.0, 0.0], time_from_start: 0.6}
   - {positions: [0.0, 0.4], time_from_start: 0.8}
 """)

@@ -24,8 +24,8 @@ import re
 from typing import Any
 
 from ctc_chattering import compare
-from ctc_chattering.analysis.compilation import PLAIN
 from ctc_chattering.analysis.result import Result, simulate
+from ctc_chattering.compiled.machine_code import PLAIN_PYTHON
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.configuration.loop_setup import Overrides, Setup
 from ctc_chattering.configuration.package_share import config_directory, find_config
@@ -305,7 +305,7 @@ def test_tables_and_lines_say_what_simulated(arm: Path) -> None:
     """Check titles and lines, and that a run over ROS is neither compiled nor plain."""
     outcomes = [evaluate(Task(arm, condition(''), BASE))]
     titles = [x for x in compare_page.to_markdown(outcomes).splitlines() if x[:2] == '**']
-    ways = [PLAIN] * 2
+    ways = [PLAIN_PYTHON] * 2
     assert [x.rpartition('; ')[2] for x in titles] == ways
     lines = compare_page.to_csv(outcomes).splitlines()
     assert lines[0].endswith(',controller,engine')

@@ -22,7 +22,7 @@ from typing import Any
 
 from ctc_chattering.runs import store
 from ctc_chattering.runs.map_data import MapData
-from ctc_chattering.runs.points import FAILS, PASSES, Refinement, Runs, UNKNOWN, wanted
+from ctc_chattering.runs.points import FAILS, next_runs, PASSES, Runs, UNKNOWN, wanted
 from ctc_chattering.runs.store import Directory
 from map_specs import runs
 import numpy as np
@@ -94,16 +94,14 @@ def rows(made: Runs, numbers: Any) -> pyarrow.Table:
 
 def mapped(made: Runs, directory: Directory, computed: list[Any]) -> pyarrow.Table:
     """Refine a map as `ctc map` does, chunks in reverse; return its rows."""
-    refinement, parts = Refinement(made), []
-    while len(some := refinement.numbers()):
+    table = store.schema(made.spec).empty_table()
+    while len(some := next_runs(made, table)):
         chunks = store.chunks(made, some)
         for part in reversed([x for x in chunks if directory.rows(x, print) is None]):
             directory.write(part, rows(made, part))
             computed.append(part)
-        mine = pyarrow.concat_tables([directory.rows(x, print) for x in chunks])
-        refinement.take(mine)
-        parts.append(mine)
-    return directory.merge(parts)
+        table = pyarrow.concat_tables([table, *(directory.rows(x, print) for x in chunks)])
+    return directory.merge(table)
 
 
 def test_rows_are_those_of_the_whole_map_and_are_not_computed_again(tmp_path: Path) -> None:
@@ -130,7 +128,5 @@ def test_rows_are_those_of_the_whole_map_and_are_not_computed_again(tmp_path: Pa
 
 def test_a_map_that_is_not_refined_is_one_part() -> None:
     made = runs(axes={'friction': {**AXIS, 'count': 3}, 'ka': {**KA, 'count': 2}})
-    refinement = Refinement(made)
-    assert refinement.numbers().tolist() == list(range(24))
-    refinement.take(rows(made, range(24)))
-    assert not len(refinement.numbers())
+    assert next_runs(made, rows(made, [])).tolist() == list(range(24))
+    assert not len(next_runs(made, rows(made, range(24))))

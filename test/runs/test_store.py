@@ -135,7 +135,7 @@ def only(made: Directory) -> Path:
 
 def test_rows_come_in_the_order_of_the_runs(tmp_path: Path) -> None:
     made = Directory(tmp_path / 'map', ABOUT, SCHEMA)
-    table = made.merge([rows(2, 3), rows(0, 1)])
+    table = made.merge(rows(2, 3, 0, 1))
     assert table == parquet.read_table(tmp_path / 'map' / 'map.parquet')
     assert table.to_pylist() == [{'run': k, 'error': k or None} for k in range(4)]
 
@@ -214,7 +214,7 @@ def test_a_damaged_list_of_contents_is_named(tmp_path: Path, content: bytes) -> 
 def test_columns_have_units(tmp_path: Path) -> None:
     made = runs()
     directory = Directory(tmp_path, store.about(made), store.schema(made.spec))
-    directory.merge([store.compute(made, store.version(), range(2))])
+    directory.merge(store.compute(made, store.version(), range(2)))
     found = parquet.read_schema(tmp_path / 'map.parquet')
     assert found.field('error').metadata == {b'unit': b'rad'}
 

@@ -32,7 +32,7 @@ import time
 
 from ctc_chattering.analysis.compilation import compile_setups
 from ctc_chattering.configuration import parameter_file
-from ctc_chattering.configuration.package_share import config_directory, EXPERIMENTS
+from ctc_chattering.configuration.package_share import config_directory
 from ctc_chattering.control.controller import Controller
 from ctc_chattering.dynamics.registry import model_of
 from ctc_chattering.launch.graph import one_processor, run_graph
@@ -69,8 +69,7 @@ def ping_pong_rate(processors: set[int] | None) -> float:
 
 def lockstep_rate(bag: Path | None) -> float:
     """Return control cycles per second of the first experiment between t = 1 s and t = 9 s."""
-    experiment = EXPERIMENTS[1]
-    setup = parameter_file.load(experiment.path, experiment.overrides)
+    setup = parameter_file.load(config_directory() / 'friction.yaml')
     passed: list[tuple[float, float]] = []
 
     def progress(t: float) -> None:
@@ -111,7 +110,8 @@ def step_time(path: Path, compiled: bool) -> float:
 
 def simulation_time(compiled: bool) -> float:
     """Return the computing time of an experiment of 10 s without ROS [s]."""
-    setup = parameter_file.load(EXPERIMENTS[1].path, {'/**': {'compiled': compiled}})
+    setup = parameter_file.load(
+        config_directory() / 'friction.yaml', {'/**': {'compiled': compiled}})
     times = []
     for _ in range(5):
         begin = time.process_time()

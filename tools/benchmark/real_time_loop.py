@@ -23,7 +23,7 @@ import os
 import random
 
 from ctc_chattering.configuration.node_parameters import LOOP
-from ctc_chattering.configuration.package_share import EXPERIMENTS
+from ctc_chattering.configuration.package_share import config_directory
 from ctc_chattering.launch import child_process
 from ctc_chattering.ros.process import use_profile
 from ctc_chattering.ros.topics import DIAGNOSTICS
@@ -57,7 +57,7 @@ def real_time_loop(*ros_args: str) -> Iterator[tuple[Reports, Callable[[], None]
     executor.add_node(node)
     node.create_subscription(DiagnosticArray, DIAGNOSTICS, on_message, 10)
     children = [child_process.Child(name, child_process.node_command(
-        name, '--ros-args', '--params-file', str(EXPERIMENTS[1].path), *ros_args,
+        name, '--ros-args', '--params-file', str(config_directory() / 'friction.yaml'), *ros_args,
         *(('-p', 'pacing:=real_time', '-p', 'duration:=0.0') if name == 'plant' else ())),
         lambda _: None) for name in LOOP]
 
