@@ -21,10 +21,10 @@ from pathlib import Path
 import time
 from typing import Any
 
-from ctc_chattering.analysis.interactive_plots import coded, component, packed, PARTS, signals_of
+from ctc_chattering.analysis.markup import component
 from ctc_chattering.analysis.markup import page as page_of
 from ctc_chattering.analysis.output import write_text
-from ctc_chattering.analysis.result import Result
+from ctc_chattering.analysis.result import coded, packed, Result, signals_of
 from ctc_chattering.errors import CtcError
 from ctc_chattering.live.page import Page, scripts
 from ctc_chattering.live.page_socket import Message, word
@@ -38,8 +38,6 @@ _FRAME = 1 / 30
 _SEEN = 40
 #: What is taken at most for the time in which a motion settles [s].
 _SETTLED = 1.0
-#: Signals that are sent together: those that are drawn first come first.
-_TOGETHER = (('e',), ('V',), ('torque', *PARTS), ('q', 'q_d'), ('dq',), ('v',))
 #: Most samples of a run in the file; of more, every so many-th is taken.
 _MOST = 60_000
 
@@ -89,12 +87,6 @@ class RecordedRun:
         self.settled = self.begin + min(_SETTLED, 0.2 * (self.end - self.begin))
         self.signals = signals_of(result)
 
-    def packed(self, r: int) -> Iterator[bytes]:
-        """Yield all samples for the plots, as those of run number `r`, in parts."""
-        for signals in _TOGETHER:
-            yield packed(
-                self.result.run.t, {name: self.signals[name] for name in signals}, run=r)
-
     def at(self, t: float) -> tuple[Array, Array]:
         """Return q and q_d at a time, that of the last sample before it, each of shape (n,)."""
         run = self.result.run
@@ -110,12 +102,10 @@ def check_comparable(runs: Sequence[RecordedRun]) -> None:
     Raises
     ------
     CtcError
-        If they are too many, or of different joints.
+        If they are of different joints.
 
     """
     names = [run.result.joint_names for run in runs]
-    if len(runs) > 2:
-        raise CtcError(f'{len(runs)} bags; one or two can be shown')
     if len(set(names)) > 1:
         raise CtcError('the bags have different joints: ' + '; '.join(map(', '.join, names)))
 
@@ -156,7 +146,7 @@ class BagPage:
                 rows = slice(None, None, len(run.result.run.t) // _SEEN + 1)
                 points.append(arm.points((*run.result.run.q[rows], *run.result.run.q_d[rows])))
         if points:
-            self._page.cameras.look(np.concatenate(points), len(points))
+            self._page.cameras.look(np.concatenate(points))
 
     def _seek(self, t: float) -> None:
         """Go to a time that a browser shows."""
@@ -186,7 +176,7 @@ class BagPage:
                         'settled': max(run.settled for run in self._runs)},
             'note': 'Drawn: every sample.'})
         for r, run in enumerate(self._runs):
-            yield from run.packed(r)
+            yield packed(run.result.run.t, run.signals, run=r)
 
     def run(self, stop: Sequence[int]) -> None:
         """Serve until a signal is in `stop`."""
@@ -227,11 +217,11 @@ def write_export(runs: Sequence[RecordedRun], path: Path) -> int:
 
 def _data(runs: Sequence[RecordedRun]) -> dict[str, Any]:
     """Return what the scripts of the page read."""
-    reach, middle, floor = stage(run.skeleton for run in runs)
+    reach, floor = stage(run.skeleton for run in runs)
     every = [-(-len(run.result.run.t) // _MOST) for run in runs]
     return {
         'joints': runs[0].result.joint_names, 'units': runs[0].result.position_units,
-        'reach': reach, 'middle': middle, 'floor': floor, 'begin': min(run.begin for run in runs),
+        'reach': reach, 'floor': floor, 'begin': min(run.begin for run in runs),
         'end': max(run.end for run in runs), 'settled': max(run.settled for run in runs),
         'every': every, 'runs': [_run(*given) for given in zip(
             runs, places(len(runs), reach), every)]}

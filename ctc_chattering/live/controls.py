@@ -12,22 +12,30 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The controls of a running graph: what the page shows of them, and what it may ask for."""
+"""
+The controls of a running graph: what the page shows of them, and what it may ask for.
+
+Bags are recorded by our recorder as a process of its own.
+"""
 
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Mapping, Sequence
-import dataclasses
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from functools import partial
+import json
 from math import inf
+from pathlib import Path
+import signal
 import time
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, NamedTuple
 
 from ctc_chattering.analysis.tables import in_field
 from ctc_chattering.control.controller import ControllerConfig, LAWS
 from ctc_chattering.control.controller_config import SWITCHINGS
 from ctc_chattering.errors import CtcError
+from ctc_chattering.launch.child_process import Child, node_command, stop
 from ctc_chattering.live.graph_reader import GraphReader
 from ctc_chattering.live.page_socket import PageSocket
 from ctc_chattering.numerics.time_grid import NANOSECONDS, seconds
@@ -42,6 +50,8 @@ ALL = -1
 PLANT = {'coulomb_friction': 'Coulomb friction [N·m]', 'viscous_friction': 'viscous friction',
          'disturbance.amplitude': 'disturbance [N·m]',
          'disturbance.frequency': 'disturbance frequency [rad/s]'}
+#: How long a recorder may take to write what it has, when the page ends [s].
+_PATIENCE = 20.0
 #: Answers that are shown.
 _ANSWERS = 50
 #: Why simulated time cannot be stopped, where it cannot.
@@ -49,27 +59,11 @@ _REAL = 'the plant has pacing: {}; only in lockstep its time can be held'
 _NO_PLANT = 'nothing has been heard of a plant whose time can be held'
 
 
-@dataclasses.dataclass(frozen=True)
-class GainSlider:
-    """
-    A gain in force, as its slider shows it.
-
-    Attributes
-    ----------
-    spec : Parameter
-    values : tuple of float
-        One for each joint, the diagonal of a matrix, or a single one.
-    matrix : tuple of float
-        All elements of a full matrix, row by row; else empty.
-    off : str
-        Why it has no effect; else empty.
-
-    """
+class GainSlider(NamedTuple):
+    """A gain in force, as its slider shows it: one value for each joint, or a single one."""
 
     spec: Parameter
     values: tuple[float, ...]
-    matrix: tuple[float, ...] = ()
-    off: str = ''
 
     @property
     def limits(self) -> tuple[float, float]:
@@ -83,75 +77,54 @@ class GainSlider:
         least, most = self.limits
         return {'name': self.spec.name, 'unit': unit_text(self.spec.unit),
                 'about': self.spec.meaning, 'least': least, 'most': most,
-                'bounds': self.spec.bounds, 'values': self.values,
-                'each': len(self.values) > 1 and not self.matrix, 'off': self.off}
+                'bounds': self.spec.bounds, 'values': self.values}
 
-    def changed(self, joint: int, value: float) -> list[float] | float | None:
+    def changed(self, joint: int, value: float) -> list[float] | float:
         """
         Return the parameter's value once the one of a joint, or of `ALL`, is another.
 
-        None for what no page of ours asks for.
-
         Raises
         ------
-        ParameterError
+        CtcError
             If the value is not allowed.
 
         """
-        n = len(self.values)
-        if self.off or not ALL <= joint < n or (self.matrix and joint != ALL):
-            return None
-        (value,) = self.spec.coerce((value,)) if n > 1 or self.spec.shape else (
-            self.spec.coerce(value),)
-        if self.spec.kind == 'float':
-            made: tuple[float, ...] | float = value
-        elif joint == ALL:
-            largest = max(self.values)
-            made = tuple(value * (x / largest) if largest else value
-                         for x in self.matrix or self.values)
-        else:
-            made = tuple(value if i == joint else x for i, x in enumerate(self.values))
-        self.spec.check(made, n)
-        return list(made) if isinstance(made, tuple) else made
+        largest = max(self.values)
+        made = tuple(value if i == joint or (joint == ALL and not largest) else
+                     value * (x / largest) if joint == ALL else x
+                     for i, x in enumerate(self.values))
+        self.spec.check(made, len(made))
+        return list(made) if self.spec.kind == 'float[]' else made[0]
 
 
-def gains_of(parameters: Mapping[str, Any], names: Sequence[str]) -> list[GainSlider]:
-    """Return the gains among a controller's parameters in force; what is no gain is left out."""
-    law, n = parameters.get('law'), len(names)
-    found = []
+def gains_of(parameters: Mapping[str, Any], names: Sequence[str]) -> dict[str, GainSlider]:
+    """Return the gains in force that the law takes, by name; without those of a full matrix."""
+    law, found = str(parameters.get('law')), {}
     for name in GAINS:
         spec = ControllerConfig.parameters()[name]
-        try:
-            value = spec.coerce(parameters.get(name), n)
-            spec.check(value, n)
-        except CtcError:
+        if spec.laws and law not in spec.laws and ':' not in law:
             continue
-        if value == inf:
-            continue
-        off = '' if not spec.laws or law in spec.laws or ':' in str(law) else (
-            f'the law {law} does not take it')
-        if spec.kind == 'float':
-            found.append(GainSlider(spec, (value,), off=off))
-        elif len(value) == n:
-            found.append(GainSlider(spec, value, off=off))
-        else:
-            found.append(GainSlider(spec, value[::n + 1], value, off))
+        with suppress(CtcError):  # What is no gain is left out.
+            value = spec.checked(parameters.get(name), len(names))
+            values = value if isinstance(value, tuple) else (value,)
+            if len(values) in (1, len(names)) and inf not in values:
+                found[name] = GainSlider(spec, values)
     return found
 
 
 class GainRequest(Struct, forbid_unknown_fields=True):
-    """A value for a gain of a joint or of `ALL`, and whether a large change is meant."""
+    """A value for a gain of a joint or of `ALL`."""
 
     name: str
-    joint: int
+    joint: Annotated[int, Meta(ge=ALL)]
     value: float
 
 
 class FieldRequest(Struct, forbid_unknown_fields=True):
-    """A parameter of `PLANT`, and what is in its field."""
+    """A parameter of `PLANT`, and the numbers in its field: one, or one for each joint."""
 
     name: str
-    value: str
+    value: Annotated[list[float], Meta(min_length=1)]
 
 
 class PushRequest(Struct, forbid_unknown_fields=True):
@@ -194,7 +167,7 @@ class Controls:
             socket.on(name, one_of[names], partial(self._set, 'controller', name))
         for name, kind, receive in (
                 ('gain', GainRequest, self._gain), ('torques', bool, requests.torques),
-                ('record', str | None, self._record), ('plant', FieldRequest, self._plant),
+                ('record', bool, self._record), ('plant', FieldRequest, self._plant),
                 ('push', PushRequest, self._push), ('time', HoldRequest, self._hold)):
             socket.on(name, kind, receive)
 
@@ -211,7 +184,7 @@ class Controls:
             'law': law, 'laws': LAWS, 'switchings': SWITCHINGS,
             'switching': switching if law == 'chattering' else None,
             'joints': self._reader.names,
-            'gains': [gain.shown() for gain in gains_of(self._in_force, self._reader.names)],
+            'gains': [x.shown() for x in gains_of(self._in_force, self._reader.names).values()],
             'record': self._recording.shown(), 'answered': self._answered,
             'plant': [{'name': name, 'title': title, 'value': in_field(plant[name])}
                       for name, title in PLANT.items() if name in plant],
@@ -229,28 +202,20 @@ class Controls:
         self._requests.set(node, {name: value})
 
     def _gain(self, asked: GainRequest) -> None:
-        for gain in gains_of(self._in_force, self._reader.names):
-            if gain.spec.name == asked.name:
-                self._set_gain(gain, asked)
+        gain = gains_of(self._in_force, self._reader.names).get(asked.name)
+        if gain is not None and asked.joint < len(gain.values):
+            try:
+                self._set('controller', asked.name, gain.changed(asked.joint, asked.value))
+            except CtcError as error:
+                self.answer(asked.name, False, str(error))
 
-    def _set_gain(self, gain: GainSlider, asked: GainRequest) -> None:
-        try:
-            value = gain.changed(asked.joint, asked.value)
-        except CtcError as error:
-            self.answer(asked.name, False, str(error))
-            return
-        if value is not None:
-            self._set('controller', asked.name, value)
-
-    def _record(self, name: str | None) -> None:
-        if name is None:
-            self._recording.stop()
-        else:
-            self._recording.start(name)
+    def _record(self, on: bool) -> None:
+        (self._recording.start if on else self._recording.stop)()
 
     def _plant(self, asked: FieldRequest) -> None:
         if asked.name in PLANT:
-            self._set('plant', asked.name, numbers(asked.value, len(self._reader.names)))
+            count = len(self._reader.names) if len(asked.value) == 1 else 1
+            self._set('plant', asked.name, asked.value * count)
 
     def _push(self, asked: PushRequest) -> None:
         none = [0.0] * len(self._reader.names)
@@ -263,24 +228,73 @@ class Controls:
         hold, config = 0.0, self._reader.config
         if asked.word != 'run' and config is not None:
             period = round(config.control_period * NANOSECONDS)
-            instant = self._reader.instant()
-            latest = max(self._reader.clock, instant.t if instant is not None else 0.0)
-            k = round(latest * NANOSECONDS / period)
+            k = round(self._reader.latest * NANOSECONDS / period)
             hold = seconds((k + (asked.samples if asked.word == 'step' else 1)) * period)
         self._requests.set('plant', {'hold_at': hold})
 
 
-def numbers(text: str, count: int) -> list[float] | str:
+class RecorderProcess:
     """
-    Return the numbers in a field: one, or one for each of `count` joints; else the text itself.
+    Starts and stops a recorder, one at a time.
 
-    The service then refuses it and says why.
+    Parameters
+    ----------
+    folder : Path
+        Where the bags are made.
+    ros_args : sequence of str
+        Arguments for ROS, such as a namespace.
+    tell : callable
+        Called with what was asked, whether it was done, and what became of it.
+
     """
-    try:
-        values = [float(word) for word in text.replace('[', ' ').replace(']', ' ')
-                  .replace(',', ' ').split()]
-    except ValueError:
-        return text
-    if not values:
-        return text
-    return values * count if len(values) == 1 else values
+
+    def __init__(self, folder: Path, ros_args: Sequence[str],
+                 tell: Callable[[str, bool, str], None]) -> None:
+        self._folder, self._ros_args, self._tell = folder.absolute(), tuple(ros_args), tell
+        self._child: Child | None = None
+        self._path = self._folder
+        self._begun = 0.0
+        self._asked = False
+
+    def start(self) -> None:
+        """Record into a new bag, which is called after the time."""
+        if self._child is not None:
+            self._tell('record', False, f'is recording already: {self._path}')
+            return
+        self._path = self._folder / time.strftime('live_%Y-%m-%d_%H.%M.%S')
+        self._begun, self._asked = time.monotonic(), False
+        self._child = Child('recorder', node_command(
+            'recorder', *self._ros_args, '--ros-args', '-p',
+            f'bag:={json.dumps(str(self._path))}'), lambda _: None)
+        self._tell('record', True, f'to {self._path}')
+
+    def stop(self) -> None:
+        """Have it close the bag."""
+        if self._child is not None:
+            self._asked = True
+            self._child.signal(signal.SIGINT)
+
+    def poll(self) -> None:
+        """Tell how a recorder has ended."""
+        child = self._child
+        if child is None or child.status is None:
+            return
+        self._child = None
+        if child.status == 0 and self._asked:
+            counts = [line.rpartition(']: ')[2] for line in child.tail if ' messages on ' in line]
+            self._tell('recorded', True, ', '.join((str(self._path), *counts)))
+        else:
+            self._tell('record', False, f'{self._path}: {" ".join(child.exit_report().split())}')
+
+    def shown(self) -> dict[str, Any]:
+        """Return what the page has to know."""
+        child = self._child
+        state = ('off' if child is None else 'stopping' if self._asked else
+                 'on' if child.tail else 'starting')
+        return {'state': state, 'path': str(self._folder if child is None else self._path),
+                'lasts': 0 if child is None else int(time.monotonic() - self._begun)}
+
+    def close(self) -> None:
+        """End a recorder that runs, and wait for it."""
+        if self._child is not None:
+            stop([self._child], _PATIENCE)

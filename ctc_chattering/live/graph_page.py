@@ -16,9 +16,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import suppress
-import os
+from collections.abc import Callable, Sequence
 from pathlib import Path
 import time
 from typing import Any
@@ -27,28 +25,21 @@ from ctc_chattering.analysis.result import position_units
 from ctc_chattering.control.controller import ControllerConfig
 from ctc_chattering.errors import CtcError
 from ctc_chattering.launch.requests import Requests
-from ctc_chattering.live.arm_view import ArmView
-from ctc_chattering.live.controls import Controls
+from ctc_chattering.live.controls import Controls, RecorderProcess
 from ctc_chattering.live.graph_reader import GraphReader
 from ctc_chattering.live.health import ENDED, light, SIGNS, SILENT
-from ctc_chattering.live.page import Page
+from ctc_chattering.live.page import ArmView, Page
 from ctc_chattering.live.page_socket import Message, PageSocket, word
-from ctc_chattering.live.recorder_process import RecorderProcess
 from ctc_chattering.live.skeleton import skeleton_of
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.ros.node import Executor
 from ctc_chattering.ros.process import check_security, end_after, use_profile
 import numpy as np
 import rclpy
-from rclpy.parameter import parameter_value_to_python
-from rclpy.parameter_client import AsyncParameterClient
 from rclpy.signals import SignalHandlerOptions
-from rclpy.task import Future
 
 #: Between two pictures of the arm, two of the numbers and the light, and two of the plots [s].
 _FRAME, _NUMBERS, _PLOTS = 1 / 30, 0.2, 0.1
-#: Between two questions for the parameters, where they did not come by themselves [s].
-_ASK = 2.0
 #: Time for callbacks in each frame; to wait for a service and its answer [s].
 _SERVE, _PATIENCE = 0.001, 3.0
 #: How long the middleware may take to leave the graph [s]: Fast DDS hangs now and then.
@@ -56,8 +47,6 @@ _LEAVE = 0.5
 #: Last seconds that the plots follow [s], and signals that are chosen at first.
 WINDOW = 10.0
 _SIGNALS = ('e', 'V', 'torque', 'rate')
-#: After which a motion has settled [s].
-_SETTLED = 3.0
 #: Desired positions of the last seconds that the camera shows.
 _POSES = 24
 #: Further than this out of what the camera shows, as a part of its size, the arm is shown anew.
@@ -87,7 +76,6 @@ class GraphPage:
         self._executor = Executor()
         self._executor.add_node(reader)
         self._requests = Requests(reader, self._answer, _PATIENCE)
-        self._controller = AsyncParameterClient(reader, 'controller')
         self._recording = RecorderProcess(bags, ros_args, self._answer)
         self._controls = (Controls(page.socket, reader, self._requests, self._recording)
                           if controls else None)
@@ -95,7 +83,7 @@ class GraphPage:
         self._arm = GraphArm(page, reader)
         page.socket.on('fit', None, lambda _: self._arm.look())
         self._made_of: Any = None
-        self._due = {'numbers': 0.0, 'parameters': 0.0}
+        self._due = 0.0
 
     def _answer(self, what: str, done: bool, answer: str) -> None:
         if self._controls is not None:
@@ -119,39 +107,25 @@ class GraphPage:
         self._reader.serve(self._executor, _SERVE)
         self._requests.poll()
         self._recording.poll()
-        self._make(now)
+        self._make()
         self._plots.update(now)
         if not self._page.socket.watched:
             return
         with self._page.server.atomic():
-            self._arm.show(now)
-        if self._is_due('numbers', now, _NUMBERS):
+            self._arm.show()
+        if now >= self._due:
+            self._due = now + _NUMBERS
             self._show_numbers()
 
-    def _is_due(self, what: str, now: float, period: float) -> bool:
-        if now < self._due[what]:
-            return False
-        self._due[what] = now + period
-        return True
-
-    def _make(self, now: float) -> None:
+    def _make(self) -> None:
         """Make the parts of the page that depend on the robot, when it is known or changes."""
         config, description = self._reader.config, self._reader.description
         if config is None:
-            if self._reader.incomplete and self._is_due('parameters', now, _ASK):
-                self._controller.get_parameters(
-                    list(ControllerConfig.parameters()), self._take_parameters)
             return
         made_of = config.model, config.joint_names, config.locked, description
         if made_of != self._made_of:
             self._made_of = made_of
-            self._arm.make(config, description, now)
-
-    def _take_parameters(self, answer: Future) -> None:
-        values = map(parameter_value_to_python, answer.result().values)
-        with suppress(CtcError):  # Of a controller that is not ours.
-            self._reader.take_parameters('controller', dict(
-                zip(ControllerConfig.parameters(), values)))
+            self._arm.make(config, description)
 
     def _show_numbers(self) -> None:
         reader, socket = self._reader, self._page.socket
@@ -160,11 +134,10 @@ class GraphPage:
         patience = 0.5 * horizon if isinstance(horizon, int | float) else 0.0
         found = light(reports, silence, reader.simulated, {'reference': SILENT + patience},
                       time.time())
-        lines = list(map(_for_buttons, found.lines)) if self._controls else found.lines
         socket.tell(
-            light={'level': found.level, 'sign': SIGNS[found.level], 'lines': lines,
+            light={'level': found.level, 'sign': SIGNS[found.level], 'lines': found.lines,
                    'law': self._law()},
-            ended=f'{SIGNS[ENDED]}. {"; ".join(lines)}' if found.level == ENDED else '',
+            ended=f'{SIGNS[ENDED]}. {"; ".join(found.lines)}' if found.level == ENDED else '',
             reports=[(name, report.message, list(report.values.items()))
                      for name, report in sorted(reports.items())])
         if self._controls is not None:
@@ -173,18 +146,12 @@ class GraphPage:
         socket.send(word(silent=0.0 if reader.simulated else min(silence.values(), default=0.0)))
 
     def _law(self) -> str:
-        """Return law, switching and period; the domain before they are known."""
+        """Return law and switching; nothing before they are known."""
         config = self._reader.config
         if config is None:
-            return f'domain {os.environ.get("ROS_DOMAIN_ID", "0")}'
-        switching = f', {config.switching}' if config.takes('switching') else ''
-        return f'law {config.law}{switching}, period {1e3 * config.control_period:g} ms'
-
-
-def _for_buttons(line: str) -> str:
-    """Return a line of the light with what to press in the place of what to call."""
-    return line.replace('call ~/reset', 'press "reset and enable"').replace(
-        'call ~/enable', 'press "reset and enable"')
+            return ''
+        return f'law {config.law}' + (
+            f', {config.switching}' if config.takes('switching') else '')
 
 
 class GraphPlots:
@@ -202,37 +169,36 @@ class GraphPlots:
 
     def __init__(self, samples: PageSocket, reader: GraphReader) -> None:
         self._samples, self._reader = samples, reader
-        self._shown: Any = None
-        self._sent: dict[str, Any] = {}
+        self._about: Any = None
+        self._shown = ''
         self._due = 0.0
 
     def update(self, now: float) -> None:
         """Send the samples that have come when it is time, and all to new pages."""
-        reader, samples = self._reader, self._samples
-        about = reader.names, reader.description, self._note()
-        if about != self._shown:
-            self._shown = about
-            self._sent = {}
-            samples.send(self._show())
+        samples, about = self._samples, (
+            self._reader.names, self._reader.description, self._note())
+        if about != self._about:
+            self._about, self._shown = about, self._show()
+            samples.send(self._shown)
+            self._send(fresh=True)
         if now >= self._due:
             self._due = now + _PLOTS
-            for message in self._news(self._sent):
-                samples.send(message)
+            self._send()
         samples.poll(self._greeting)
 
-    def _greeting(self) -> list[Message]:
-        # What comes next for the others must come next for the new page, too.
-        for message in self._news(self._sent):
-            self._samples.send(message)
-        return [self._show(), *self._news({})]
+    def _send(self, fresh: bool = False) -> None:
+        if self._samples.watched:
+            for message in self._packed(fresh):
+                self._samples.send(message)
 
-    def _news(self, sent: dict[str, Any]) -> Iterator[bytes]:
-        """Yield the samples that were not sent, and note that they are."""
-        begin = self._reader.begin
-        for name, track in self._reader.tracks.items():
-            before, sent[name] = sent.get(name), track.mark(begin)
-            if self._samples.watched and (data := track.packed(before, begin)):
-                yield data
+    def _greeting(self) -> list[Message]:
+        self._send()  # What comes next for the others must come next for the new page, too.
+        return [self._shown, *self._packed(fresh=True)]
+
+    def _packed(self, fresh: bool) -> list[bytes]:
+        """Return the samples that were not sent, or all that are kept."""
+        found = [track.packed(self._reader.begin, fresh) for track in self._reader.tracks.values()]
+        return [message for message in found if message]
 
     def _show(self) -> str:
         names = self._reader.names
@@ -267,12 +233,10 @@ class GraphArm:
     def __init__(self, page: Page, reader: GraphReader) -> None:
         self._page, self._reader = page, reader
         self._view: ArmView | None = None
-        #: When the camera is to look anew: where the arm begins it may never be again.
-        self._looks: list[float] = []
-        #: Points that the camera shows.
+        #: Points that the camera shows, shape (N, 3) [m].
         self._shown: Array | None = None
 
-    def make(self, config: ControllerConfig, description: str, now: float) -> None:
+    def make(self, config: ControllerConfig, description: str) -> None:
         """Draw another robot from now on."""
         try:
             skeleton = skeleton_of(config, description)
@@ -280,48 +244,33 @@ class GraphArm:
             skeleton = None
             self._reader.get_logger().warning(f'no picture of the arm: {error}')
         (self._view,) = self._page.show_arms([skeleton])
-        self._looks, self._shown = [now, now + _SETTLED], None
+        self._shown = None
 
-    def show(self, now: float) -> None:
+    def show(self) -> None:
         """Draw it where it is, and the ghost by how much its error is magnified."""
         if self._view is None:
             return
+        pose = self._reader.pose()
         self._view.magnified = self._page.magnified
-        instant = self._reader.instant()
-        if instant is not None:
-            q, q_d = instant.q, instant.q_d
-        else:  # The controller waits, or is disabled.
-            q, q_d = self._reader.position, None
-        self._view.show(q, q_d)
-        if self._looks and q is not None and now >= self._looks[0]:
-            del self._looks[0]
+        self._view.show(*pose)
+        now = self._view.points([x for x in pose if x is not None])
+        if self._shown is None:
             self.look(again=False)
-        self._follow()
+        elif len(now):  # Has it left what the camera shows?
+            least, most = self._shown.min(axis=0), self._shown.max(axis=0)
+            if max((now - most).max(), (least - now).max()) > _OUT * (most - least).max():
+                self._look_at(np.concatenate((self._shown, now)), again=False)
 
     def look(self, again: bool = True) -> None:
         """Have cameras show the arm and its desired motion, as far as it is known."""
-        poses = self._poses()
+        poses = [x for x in self._reader.pose() if x is not None]
         if self._view is not None and poses:
             self._look_at(self._view.points(poses + self._reader.desired(_POSES)), again)
-
-    def _follow(self) -> None:
-        """Have cameras show more if the arm leaves what they show."""
-        if self._view is None or self._shown is None:
-            return
-        now = self._view.points(self._poses())
-        least, most = self._shown.min(axis=0), self._shown.max(axis=0)
-        if max((now - most).max(), (least - now).max()) > _OUT * (most - least).max():
-            self._look_at(np.concatenate((self._shown, now)), again=False)
 
     def _look_at(self, points: Array, again: bool) -> None:
         if len(points):
             self._shown = points
-            self._page.cameras.look(points, 1, again)
-
-    def _poses(self) -> list[Array]:
-        """Return positions of the arm and of the ghost, where they are known."""
-        instant, q = self._reader.instant(), self._reader.position
-        return [x for x in (q, None if instant is None else instant.q_d) if x is not None]
+            self._page.cameras.look(points, again)
 
 
 def run_graph_page(make_page: Callable[[], Page], stop: Sequence[int], ros_args: Sequence[str],

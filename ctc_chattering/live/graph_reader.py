@@ -19,14 +19,14 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
-import dataclasses
 from functools import partial
 from itertools import islice
+from math import inf
 import os
 import time
-from typing import Any, NamedTuple
+from typing import Any
 
-from ctc_chattering.analysis.interactive_plots import packed, PARTS
+from ctc_chattering.analysis.result import packed, PARTS
 from ctc_chattering.control.controller import ControllerConfig
 from ctc_chattering.errors import CtcError, refused_as, RejectedMessage
 from ctc_chattering.live.health import NodeReport
@@ -35,6 +35,7 @@ from ctc_chattering.numerics.time_grid import NANOSECONDS, seconds
 from ctc_chattering.ros import topics
 from ctc_chattering.ros.messages import message_type, nanoseconds, read_stamp
 from ctc_chattering.ros.node import BaseNode, qos
+from ctc_chattering.ros.parameters import CHANGES
 from ctc_chattering.ros.subscription import MatchingSubscription, ValidatedSubscription
 from ctc_chattering.ros.topics import select
 from diagnostic_msgs.msg import DiagnosticArray
@@ -52,14 +53,6 @@ _KEPT = 1000
 _NODES = ('plant', 'controller', 'reference')
 #: Age of what the controller tracks, against the state, from which it is old [s].
 _ALONE = 0.25
-
-
-class Mark(NamedTuple):
-    """How far a track was sent: rows added, how many before it was cleared, and time 0 [s]."""
-
-    added: int
-    cleared: int
-    begin: float
 
 
 class Track:
@@ -80,62 +73,47 @@ class Track:
 
     def __init__(self, most: int = 10_000, **signals: int) -> None:
         self._signals = signals
-        self._rows: deque[tuple[float, Any]] = deque(maxlen=most)
-        self._added = self._cleared = 0
+        self.rows: deque[tuple[float, Any]] = deque(maxlen=most)
+        #: How many of the last rows `packed` has not returned; time 0 of the others [s].
+        self._new, self._begin = 0, inf
 
     def clear(self) -> None:
         """Forget all rows."""
-        self._rows.clear()
-        self._cleared = self._added
+        self.rows.clear()
+        self._new, self._begin = 0, inf
 
     def add(self, t: float, row: Array) -> None:
         """Append a row at time `t` [s]."""
-        if self._rows and t <= self._rows[-1][0]:
-            if t == self._rows[-1][0]:
+        if self.rows and t <= self.rows[-1][0]:
+            if t == self.rows[-1][0]:
                 return
             self.clear()
-        self._rows.append((t, row))
-        self._added += 1
+        self.rows.append((t, row))
+        self._new += 1
 
-    def latest(self, count: int) -> list[Any]:
-        """Return at most so many of the rows, evenly spaced, the last one among them."""
-        rows = list(self._rows)[::-1]
-        return [row for _, row in rows[::len(rows) // count + 1]]
+    def packed(self, begin: float, fresh: bool = False) -> bytes:
+        """
+        Return the rows that no message has had, as one to the pages; empty without any.
 
-    def mark(self, begin: float) -> Mark:
-        """Return how far `packed` reaches now, with times from `begin` on [s]."""
-        return Mark(self._added, self._cleared, begin)
+        Parameters
+        ----------
+        begin : float
+            From where on the page counts time [s].
+        fresh : bool
+            Return all rows, as to a page that has none.
 
-    def packed(self, since: Mark | None, begin: float) -> bytes:
-        """Return the rows after a mark as a message to the pages, empty without any."""
-        now, count = self.mark(begin), len(self._rows)
-        fresh = since is None or since[1:] != now[1:]
-        first = 0 if fresh or since is None else max(0, count - (now.added - since.added))
+        """
+        fresh = fresh or begin != self._begin
+        count = len(self.rows)
+        first = 0 if fresh else max(0, count - self._new)
+        self._new = 0
         if first == count:
             return b''
-        t, rows = map(np.array, zip(*islice(self._rows, first, None)))
+        self._begin = begin
+        t, rows = map(np.array, zip(*islice(self.rows, first, None)))
         ends = np.cumsum(list(self._signals.values()))
         parts = np.split(rows, ends[:-1], axis=1)
         return packed(t - begin, dict(zip(self._signals, parts)), run=0, fresh=fresh)
-
-
-@dataclasses.dataclass(frozen=True)
-class Instant:
-    """
-    One sample.
-
-    Attributes
-    ----------
-    t : float
-        [s].
-    q, q_d : ndarray, shape (n,)
-        Position and desired position [rad].
-
-    """
-
-    t: float
-    q: Array
-    q_d: Array
 
 
 class GraphReader(BaseNode):
@@ -145,11 +123,6 @@ class GraphReader(BaseNode):
     `poll` takes what has come; between two calls no Python code of this process runs for the
     graph, and the middleware keeps `_KEPT` messages of each signal, best effort: publishers do
     not wait and send nothing twice.
-
-    Parameters
-    ----------
-    name : str
-        Of the node; by default one of this process alone.
 
     Attributes
     ----------
@@ -168,10 +141,10 @@ class GraphReader(BaseNode):
 
     """
 
-    def __init__(self, name: str = '') -> None:
+    def __init__(self) -> None:
         #: Subscriptions, and who receives their messages.
         self._polled: list[tuple[MatchingSubscription, Any]] = []
-        super().__init__(name or f'ctc_live_{os.getpid()}')
+        super().__init__(f'ctc_live_{os.getpid()}')
         self.parameters: dict[str, dict[str, Any]] = {node: {} for node in _NODES}
         self.config: ControllerConfig | None = None
         self.description = ''
@@ -189,7 +162,7 @@ class GraphReader(BaseNode):
         self._follow(topics.CLOCK, self._on_clock, once, read_stamp)
         for node in _NODES:
             self._follow(f'{node}/{topics.PARAMETERS}', partial(self._on_parameters, node),
-                         qos(100, latched=True))
+                         qos(CHANGES, latched=True))
         self._follow(f'controller/{topics.ROBOT_DESCRIPTION}', self._on_description,
                      qos(1, latched=True))
         # Every node publishes on it: no publisher owns it.
@@ -201,9 +174,11 @@ class GraphReader(BaseNode):
         """Forget the signals, as at a new start of simulated time."""
         for track in self.tracks.values():
             track.clear()
-        self._state: tuple[float, Any] | None = None
+        #: The robot's last sample: time [s] and position.
+        self._state: tuple[float, Any] = (-inf, None)
         self._first = 0.0
-        self._tracked: Instant | None = None
+        #: The controller's last sample: time [s], position and desired position.
+        self._tracked: tuple[float, Any, Any] = (-inf, None, None)
 
     def _follow(self, topic: str, take: Any, profile: QoSProfile, read: Any = None) -> None:
         def heard(message: Any, now: int) -> None:
@@ -248,42 +223,32 @@ class GraphReader(BaseNode):
                 for name, (at, level, message, values) in self._reports.items()}
 
     @property
-    def incomplete(self) -> bool:
-        """Whether the controller runs, but its parameters are not known."""
-        return self.config is None and 'controller' in self._reports
-
-    @property
     def simulated(self) -> bool:
         """Whether time is simulated."""
         return self.parameters['plant'].get('pacing') == 'lockstep'
 
-    def instant(self) -> Instant | None:
+    def pose(self) -> tuple[Any, Any]:
         """
-        Return the last sample of which position and desired position are known; None before.
+        Return position and desired position of one sample, each of shape (n,) or None.
 
-        Without news of the controller, and while time is held, the position goes on alone.
+        Without news of the controller the position goes on alone.
         """
-        if self._tracked is None:
-            return None
-        alone = 0.0 if self.parameters['plant'].get('hold_at') else _ALONE
-        if self._state is not None and self._state[0] > self._tracked.t + alone:
-            return Instant(*self._state, self._tracked.q_d)
-        return self._tracked
+        (t, q), (tracked, *pose) = self._state, self._tracked
+        return (q, pose[1]) if t > tracked + _ALONE else (pose[0], pose[1])
 
     @property
-    def position(self) -> Any:
-        """Return the last position that was heard, shape (n,); None before."""
-        return None if self._state is None else self._state[1]
+    def latest(self) -> float:
+        """Return the last time that was heard [s]."""
+        return max(self.clock, self._state[0], self._tracked[0])
 
     def desired(self, count: int) -> list[Array]:
         """Return at most so many desired positions of the last seconds, each of shape (n,)."""
-        return [row[:len(self.names)] for row in self.tracks[topics.TRACKING].latest(count)]
+        rows = self.tracks[topics.TRACKING].rows
+        return [row[:len(self.names)] for _, row in islice(rows, 0, None, len(rows) // count + 1)]
 
     @property
     def begin(self) -> float:
         """Return the time from which the page counts [s]."""
-        if not self.start and not self._first and self._state is not None:
-            self._first = self._state[0]
         return self.start or self._first
 
     def _select(self, names: Sequence[str], state: JointState, *rows: Sequence[float]) -> Any:
@@ -293,7 +258,7 @@ class GraphReader(BaseNode):
 
     def _on_state(self, state: JointState) -> None:
         t = _time(state)
-        if self._state is not None and t < self._state[0]:
+        if t < self._state[0]:
             self.clear()  # Time has begun anew.
         # Drivers may leave out velocities and efforts.
         count = len(state.name)
@@ -303,7 +268,7 @@ class GraphReader(BaseNode):
         for row, known in zip(rows[1:], (state.velocity, state.effort)):
             if not len(known):
                 row[:] = np.nan
-        self._state = t, rows[0]
+        self._state, self._first = (t, rows[0]), self._first or t
         self.tracks[topics.JOINT_STATES].add(t, rows.ravel())
 
     def _on_tracking(self, state: JointState) -> None:
@@ -312,7 +277,7 @@ class GraphReader(BaseNode):
         t, n = _time(state), len(self.names)
         with np.errstate(over='raise'):
             q = row[:n] - row[n:]
-        self._tracked = Instant(t, q, row[:n])
+        self._tracked = t, q, row[:n]
         self.tracks[topics.TRACKING].add(t, row)
 
     def _on_filter(self, state: JointState) -> None:
@@ -350,14 +315,9 @@ class GraphReader(BaseNode):
         """Note values that are in force; the first ones of the controller name the joints."""
         values = {**self.parameters[node], **values}
         if node == 'controller' and 'joint_names' in values:
-            # Else the first of its messages was not received: see `incomplete`.
             known = ControllerConfig.parameters()
-            try:
-                self.config = ControllerConfig.from_mapping({
-                    name: value for name, value in values.items()
-                    if name in known and value is not None})
-            except CtcError as error:
-                raise RejectedMessage('parameters', str(error)) from None
+            self.config = ControllerConfig.from_mapping(
+                {name: value for name, value in values.items() if name in known})
             if self.config.joint_names != self.names:
                 self._take_names(self.config.joint_names)
         self.parameters[node] = values

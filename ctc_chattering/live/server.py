@@ -15,8 +15,9 @@
 """
 viser's server behind checks of every request, of every handshake and of every message.
 
-At ``/`` is a page of ours, which frames the scene that viser serves below ``/view/``; ``/samples``
-is our WebSocket.
+Whoever has the page's token may open it, under an address of its own (`Access`). At ``/`` is a
+page of ours, which frames the scene that viser serves below ``/view/``; ``/samples`` is our
+WebSocket.
 """
 
 from __future__ import annotations
@@ -25,20 +26,24 @@ from collections.abc import Iterator
 from contextlib import contextmanager, redirect_stdout, suppress
 import errno
 from functools import partial
+from hmac import compare_digest
 from http import HTTPStatus
 from http.client import HTTPConnection, HTTPException
 from io import StringIO
+from ipaddress import ip_address
 from itertools import chain
 from math import isfinite
 from pathlib import Path
+import re
+from secrets import token_urlsafe
 import socket
 import tempfile
 from typing import Any
+from urllib.parse import parse_qsl
 import webbrowser
 
 from ctc_chattering.analysis.markup import fragment
 from ctc_chattering.errors import CtcError
-from ctc_chattering.live.access import Access, HEADERS, is_local, VIEW_HEADERS
 from ctc_chattering.live.page_socket import PageSocket
 from msgspec import Struct
 from msgspec.msgpack import decode
@@ -53,6 +58,93 @@ _VIEW, _SAMPLES = '/view/', '/samples'
 #: What a browser opens that must not have the address among its arguments.
 _LEADS = ('<!DOCTYPE html><meta charset="utf-8">'
           '<meta http-equiv="refresh" content="0; url={{ url }}">')
+#: Addresses that stand for all of this machine.
+_ALL = ('', '0.0.0.0', '::')
+#: What the client of viser takes from its address that shows nothing but the arm: view.js.
+_CAMERA = re.compile('darkMode|logCamera|initialCamera(Position|LookAt|Up|Fov|Near|Far)')
+_NUMBERS = re.compile('[-+.,e0-9]{0,80}')
+#: For every answer: no page of others frames this one, and its address is told to nobody.
+HEADERS = {
+    'Cache-Control': 'no-store', 'Referrer-Policy': 'no-referrer',
+    'Content-Security-Policy': "frame-ancestors 'none'; frame-src 'self'; object-src 'none'; "
+                               "base-uri 'none'; form-action 'none'"}
+#: For viser's view: our page alone frames it, and it frames nothing.
+VIEW_HEADERS = {**HEADERS, 'Content-Security-Policy': HEADERS['Content-Security-Policy'].replace(
+    "frame-ancestors 'none'; frame-src 'self'", "frame-ancestors 'self'; frame-src 'none'")}
+
+
+class Access:
+    """
+    The rule by which a request is answered.
+
+    The browser sends the token of the printed address once, and then the cookie that it gets for
+    it, with the handshake of the WebSocket, too. A browser sends cookies to all ports of a host,
+    and pages of others can make it send requests: therefore `Origin` must be this page's. A name
+    of somebody else's may stand for this machine's address: therefore `Host` must be this page's.
+
+    Parameters
+    ----------
+    host : str
+        Address that is listened on.
+    port : int
+
+    Attributes
+    ----------
+    url : str
+        What to open, with the token.
+    cookie : str
+        What a browser keeps that has opened it: for this port alone, until it is closed.
+
+    """
+
+    def __init__(self, host: str, port: int) -> None:
+        self._token = token_urlsafe(32)
+        self._port = port
+        self._all = host in _ALL
+        own = socket.gethostname() if self._all else _bracketed(host)
+        self._names = {'localhost', '127.0.0.1', '[::1]', own.lower()}
+        self._name = f'ctc_live_{port}'
+        self.url = f'http://{own}:{port}/?token={self._token}'
+        self.cookie = f'{self._name}={self._token}; Path=/; HttpOnly; SameSite=Strict'
+
+    def refusal(self, path: str, headers: Any, reached: str) -> str:
+        """
+        Return why a request is not answered, in one line; empty if it is.
+
+        Parameters
+        ----------
+        path : str
+            With its query.
+        headers : Headers
+            Of websockets: several of one name are several.
+        reached : str
+            Address of this machine that the request came to.
+
+        """
+        host, origin, cookies = (headers.get_all(x) for x in ('Host', 'Origin', 'Cookie'))
+        if len(host) != 1 or host[0].lower() not in self._hosts(reached):
+            return 'Host is not an address of this page'
+        if [x for x in origin if x.lower() != f'http://{host[0].lower()}']:
+            return 'Origin is another page'
+        query = parse_qsl(path.partition('?')[2], keep_blank_values=True)
+        # Others are for the client of viser: `websocket` would connect the page to another server.
+        if [name for name, value in query if name != 'token' and not (
+                _CAMERA.fullmatch(name) and _NUMBERS.fullmatch(value))]:
+            return 'the address takes no more than the token'
+        given = [value for name, value in query if name == 'token'] + [
+            value for line in cookies for word in line.split(';')
+            for name, _, value in [word.strip().partition('=')] if name == self._name]
+        if not any(map(self._is_token, given)):
+            return 'open the address with the token that ctc live has printed'
+        return ''
+
+    def _hosts(self, reached: str) -> set[str]:
+        """Return what `Host` may be, for a request that came to an address of this machine."""
+        names = self._names | ({_bracketed(_plain(reached))} if self._all else set())
+        return {f'{name}:{self._port}' for name in names} | (names if self._port == 80 else set())
+
+    def _is_token(self, text: str) -> bool:
+        return compare_digest(text.encode(errors='replace'), self._token.encode())
 
 
 class _Front:
@@ -232,6 +324,22 @@ def free_port(host: str, port: int | None) -> int:
                     break
     raise CtcError(f'{host}, port {port or f"{PORT} to {PORT + _TRIED - 1}"}: {reason}; '
                    '--port N takes another one')
+
+
+def is_local(host: str) -> bool:
+    """Return whether only this machine reaches an address."""
+    with suppress(ValueError):  # A name, that stands for any address.
+        return ip_address(host).is_loopback
+    return host == 'localhost'
+
+
+def _bracketed(host: str) -> str:
+    return f'[{host}]' if ':' in host else host
+
+
+def _plain(address: str) -> str:
+    """Return an address of IPv4 that comes as one of IPv6 as it is written in a URL."""
+    return address.lower().removeprefix('::ffff:').partition('%')[0]
 
 
 def warning_of(host: str) -> str:

@@ -38,6 +38,8 @@ from scipy.spatial.transform import Rotation  # type: ignore[import-untyped]
 
 #: Radius of a capsule as a part of the arm's reach, and the least length of one that is drawn.
 _RADIUS, _SHORTEST = 0.03, 1e-3
+#: Between the roots of two arms, as a part of the reach.
+_APART = 1.2
 #: What is longer is not drawn [m].
 LONGEST = 1e6
 #: Attributes of a shape with how many numbers each has; what stands for one that is missing.
@@ -282,19 +284,15 @@ def _pose(origin: Origin) -> Array:
 
 def places(count: int, reach: float) -> list[tuple[float, float, float]]:
     """Return where the roots of `count` arms are, side by side [m]."""
-    return [(1.5 * reach * (i - 0.5 * (count - 1)), 0.0, 0.0) for i in range(count)]
+    return [(_APART * reach * (i - 0.5 * (count - 1)), 0.0, 0.0) for i in range(count)]
 
 
-def hanging(skeleton: Skeleton) -> bool:
-    """Return whether the arm goes below its root at position 0."""
-    return bool(skeleton.tips([0.0] * skeleton.n)[:, 2].min() < -0.1 * skeleton.reach)
-
-
-def stage(skeletons: Iterable[Skeleton | None]) -> tuple[float, float, float]:
-    """Return the reach of the largest arm, and the heights of the middle and of the floor [m]."""
+def stage(skeletons: Iterable[Skeleton | None]) -> tuple[float, float]:
+    """Return the reach of the largest arm and the height of the floor: hanging arms need room."""
     known = [x for x in skeletons if x is not None]
     reach = max((x.reach for x in known), default=1.0)
-    return (reach, 0.0, -reach) if any(map(hanging, known)) else (reach, 0.3 * reach, 0.0)
+    lowest = min((x.tips([0.0] * x.n)[:, 2].min() for x in known), default=0.0)
+    return reach, -reach if lowest < -0.1 * reach else 0.0
 
 
 def as_json(skeleton: Skeleton) -> list[dict[str, Any]]:

@@ -35,6 +35,9 @@ from rclpy.exceptions import ParameterNotDeclaredException
 from rclpy.parameter import Parameter as RosParameter
 from rclpy.parameter_service import ParameterService
 
+#: Last changes of the parameters that who comes later is told, too.
+CHANGES = 1000
+
 
 class TolerantParameterService(ParameterService):
     """Takes a value of no known type for one that is not set; rclpy's raises, in our spin."""
@@ -96,7 +99,7 @@ class NodeParameters:
             node.declare_parameter(name, _to_parameter(name, value).value,
                                    descriptor(self._specs[name]))
         self._publisher = node.create_publisher(
-            ParameterEvent, f'~/{PARAMETERS}', qos(100, latched=True))
+            ParameterEvent, f'~/{PARAMETERS}', qos(CHANGES, latched=True))
         self._announced: dict[str, Any] = {}
         self.changed = True
         node.add_pre_set_parameters_callback(self._coerce)

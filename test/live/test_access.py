@@ -28,9 +28,8 @@ from typing import Any
 from browser import browser_page
 from ctc_chattering.errors import CtcError
 from ctc_chattering.live import require_viser
-from ctc_chattering.live.access import Access, HEADERS, VIEW_HEADERS
 from ctc_chattering.live.page_socket import PageSocket
-from ctc_chattering.live.server import free_port, serve, stop
+from ctc_chattering.live.server import Access, free_port, HEADERS, serve, stop, VIEW_HEADERS
 import pytest
 from websockets import Headers
 from websockets.exceptions import InvalidStatus

@@ -23,7 +23,7 @@ from typing import Any
 
 from ctc_chattering.control.controller import ControllerConfig
 from ctc_chattering.live import require_viser
-from ctc_chattering.live.arm_view import ArmView, triangles
+from ctc_chattering.live.page import ArmView, triangles
 from ctc_chattering.live.page_socket import PageSocket
 from ctc_chattering.live.server import free_port, serve, stop
 from ctc_chattering.live.skeleton import quaternion, Shape, skeleton_of
@@ -108,5 +108,5 @@ def test_a_mesh_with_too_many_triangles_is_not_drawn(
     ball = trimesh.creation.icosphere(3)
     ball.export(tmp_path / 'ball.obj')
     assert len(mesh(tmp_path / 'ball.obj').faces) == 1280
-    monkeypatch.setattr('ctc_chattering.live.arm_view._MOST', 1279)
+    monkeypatch.setattr('ctc_chattering.live.page._MOST', 1279)
     assert mesh(tmp_path / 'ball.obj') is None

@@ -22,10 +22,9 @@ from math import tan
 from types import SimpleNamespace
 
 from ctc_chattering.control.controller import ControllerConfig
-from ctc_chattering.live.arm_view import drawn
-from ctc_chattering.live.cameras import Camera, camera_of, Cameras, FIELD, outermost, roots
+from ctc_chattering.live.page import Camera, camera_of, Cameras, drawn, FIELD, outermost
 from ctc_chattering.live.page_socket import PageSocket
-from ctc_chattering.live.skeleton import skeleton_of, urdf_skeleton
+from ctc_chattering.live.skeleton import places, skeleton_of, urdf_skeleton
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
 import pytest
@@ -59,9 +58,9 @@ def test_the_arms_fill_the_view(name: str, q: list[float], count: int, aspect: f
         arm = np.concatenate([
             vertices @ pose[:3, :3].T + pose[:3, 3] for x in motion
             for pose, body in zip(skeleton.poses(x), shapes) for vertices in body])
-        return np.concatenate([arm + place for place in roots(count, skeleton.reach)])
+        return np.concatenate([arm + place for place in places(count, skeleton.reach)])
     vertices = [[vertices for vertices, _ in body] for body in bodies]
-    camera = camera_of(placed([[outermost(body)] for body in vertices]), count, aspect)
+    camera = camera_of(placed([[outermost(body)] for body in vertices]), aspect)
     across = seen(camera, placed(vertices), aspect)
     assert np.abs(across).max() < 0.9
     assert np.ptp(across, axis=0).max() > 1.6  # 80 % of the width or of the height.
@@ -78,14 +77,14 @@ def test_cameras_show_the_arms_until_one_is_moved() -> None:
         socket.hear(words)
         socket.poll(tuple)
         found.append((client.camera.position, server.initial_camera.position))
-    cameras.look(np.eye(3), 1)
+    cameras.look(np.eye(3))
     for words in ('{}', '{"aspect": 0.3}', '{"aspect": 9.0}', '{"moved": null}', '{"aspect": 2}'):
         say(words)
     first, narrow, odd, hand, wide = found
     assert first == (camera_of(np.eye(3)).position,) * 2
-    assert narrow == odd == hand == (camera_of(np.eye(3), 1, 0.3).position,) * 2
-    assert wide == (narrow[0], camera_of(np.eye(3), 1, 2.0).position)
-    cameras.look(2.0 * np.eye(3), 1, again=False)
+    assert narrow == odd == hand == (camera_of(np.eye(3), 0.3).position,) * 2
+    assert wide == (narrow[0], camera_of(np.eye(3), 2.0).position)
+    cameras.look(2.0 * np.eye(3), again=False)
     assert client.camera.position == narrow[0]
-    cameras.look(2.0 * np.eye(3), 1)
-    assert client.camera.position == camera_of(2.0 * np.eye(3), 1, 2.0).position
+    cameras.look(2.0 * np.eye(3))
+    assert client.camera.position == camera_of(2.0 * np.eye(3), 2.0).position

@@ -40,39 +40,38 @@ def unpacked(message: bytes) -> tuple[dict[str, Any], dict[str, list[list[float]
 
 def test_pages_get_each_sample_once_and_all_where_time_begins_again() -> None:
     track, got = Track(q=2, e=1), []
-    since = None
     for k in range(25):
         track.add(1e9 + k / 1000, np.array([k, 3.0 + 1e-9 * k, 1e-9 * k]))
         track.add(1e9 + k / 1000, np.full(3, 9.0))  # The same sample again.
         if k % 10 == 4:
-            head, columns = unpacked(track.packed(since, 1e9))
+            head, columns = unpacked(track.packed(1e9))
             assert head['fresh'] == (k == 4)
             got += columns['t'][0]
             assert columns['q'][1][-1] == 3.0 + 1e-9 * k
             assert columns['e'][0][-1] == pytest.approx(1e-9 * k, rel=1e-6)
-            since = track.mark(1e9)
-            assert track.packed(since, 1e9) == b''
+            assert track.packed(1e9) == b''
     assert got == pytest.approx(np.arange(25) / 1000, abs=2e-7)
-    assert unpacked(track.packed(since, 1e9 - 5.0))[0] == {
+    assert unpacked(track.packed(1e9 - 5.0))[0] == {
         'count': 25, 'columns': [['t', 0, 8], ['q', 0, 8], ['q', 1, 8], ['e', 0, 4]], 'run': 0,
         'fresh': True}
     track.add(5.0, np.array([1.0, 2.0, 3.0]))
-    head, columns = unpacked(track.packed(since, 0.0))
+    head, columns = unpacked(track.packed(0.0))
     assert head['fresh']
     assert columns == {'t': [[5.0]], 'q': [[1.0], [2.0]], 'e': [[3.0]]}
 
 
 def test_keeps_no_more_rows_than_it_may_and_begins_again_where_time_does() -> None:
     track = Track(most=100, q=1)
-    assert track.packed(None, 0.0) == b''
+    assert track.packed(0.0) == b''
     for k in range(12345):
         track.add(k, np.array([float(k)]))
     expected = list(map(float, range(12245, 12345)))
-    since = track.mark(0.0)
-    for mark in (None, since._replace(added=since.added - 500)):  # A page that missed some.
-        assert unpacked(track.packed(mark, 0.0))[1] == {'t': [expected], 'q': [expected]}
+    for fresh in (False, True):  # Pages that missed some, and a new one.
+        assert unpacked(track.packed(0.0, fresh))[1] == {'t': [expected], 'q': [expected]}
+    track.clear()
+    assert track.packed(0.0) == b''
     for t in (5.0, 6.0, 0.0, 0.5):
         track.add(t, np.array([t]))
-    head, columns = unpacked(track.packed(since, 0.0))
+    head, columns = unpacked(track.packed(0.0))
     assert head['fresh']
     assert columns['t'] == [[0.0, 0.5]]

@@ -18,48 +18,24 @@ from __future__ import annotations
 
 from pathlib import Path
 import signal
-from typing import Any
+import time
 
 from bags import reports_of
-from ctc_chattering.live.recorder_process import RecorderProcess
+from ctc_chattering.live.controls import RecorderProcess
 from diagnostic_msgs.msg import DiagnosticArray
 from processes import probe, wait_for
 import pytest
 
-Told = list[tuple[str, bool, str]]
-
-
-@pytest.fixture
-def told() -> Told:
-    return []
-
-
-def recording(folder: Path, told: Told) -> RecorderProcess:
-    return RecorderProcess(folder, [], lambda *words: told.append(words))
-
-
-@pytest.mark.parametrize('name', [
-    '../x', '/x', '.x', 'a/b', '-r', 'x' * 65, 'é', 'a b', 'a\n', '\0', 5, True, ['x']])
-def test_a_bag_is_made_only_in_the_folder_of_bags(tmp_path: Path, told: Told, name: Any) -> None:
-    recording(tmp_path, told).start(name)
-    ((_, done, text),) = told
-    assert not done
-    assert 'is not allowed' in text
-    assert not list(tmp_path.iterdir())
-
-
-def test_nothing_is_overwritten(tmp_path: Path, told: Told) -> None:
-    (tmp_path / 'run').write_text('mine')
-    recording(tmp_path, told).start('run')
-    assert told == [('record', False, f'{tmp_path}/run: exists already, not overwritten')]
-    assert (tmp_path / 'run').read_text() == 'mine'
-
 
 @pytest.mark.ros
-def test_records_until_it_is_stopped_and_tells_of_a_death(tmp_path: Path, told: Told) -> None:
+def test_records_until_it_is_stopped_and_tells_of_a_death(
+        tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     folder = tmp_path / "the lab's: bags"
     folder.mkdir()
-    it = recording(folder, told)
+    told: list[tuple[str, bool, str]] = []
+    it = RecorderProcess(folder, [], lambda *words: told.append(words))
+    names = iter(('run', 'run', 'killed'))
+    monkeypatch.setattr(time, 'strftime', lambda _: next(names))
 
     def ended() -> bool:
         it.poll()
@@ -67,8 +43,8 @@ def test_records_until_it_is_stopped_and_tells_of_a_death(tmp_path: Path, told: 
 
     with probe() as graph:
         graph.start('reference')
-        it.start('run')
-        it.start('other')
+        it.start()
+        it.start()
         wait_for(lambda: it.shown()['state'] == 'on', 'the recorder')
         assert it.shown()['path'] == str(folder / 'run')
         for name in ('recorder', 'reference'):  # What both say after they have met.
@@ -81,14 +57,17 @@ def test_records_until_it_is_stopped_and_tells_of_a_death(tmp_path: Path, told: 
         assert it.shown()['state'] == 'stopping'
         wait_for(ended, 'the end')
         assert reports_of(folder / 'run', 'reference')[-1]['ended'] == 'SIGINT'
-        it.start('killed')
+        it.start()  # Nothing is overwritten.
+        wait_for(ended, 'the refusal')
+        it.start()
         assert it._child is not None
         it._child.signal(signal.SIGKILL)
         wait_for(ended, 'the death')
     assert [(what, done) for what, done, _ in told] == [
         ('record', True), ('record', False), ('recorded', True), ('record', True),
-        ('record', False)]
+        ('record', False), ('record', True), ('record', False)]
     assert told[1][2] == f'is recording already: {folder}/run'
     assert told[2][2].startswith(f'{folder}/run, ')
+    assert f'{folder}/run: exists already, not overwritten' in told[4][2]
     assert 'recorder ended with signal SIGKILL' in told[-1][2]
     assert sorted(x.name for x in folder.iterdir()) == ['run']

@@ -22,7 +22,7 @@ import xml.etree.ElementTree as ET
 from ctc_chattering.configuration.package_share import read_description
 from ctc_chattering.control.controller import ControllerConfig
 from ctc_chattering.errors import CtcError
-from ctc_chattering.live.arm_view import drawn
+from ctc_chattering.live.page import drawn
 from ctc_chattering.live.skeleton import quaternion, skeleton_of, two_link_urdf, urdf_skeleton
 import numpy as np
 import pinocchio as pin

@@ -2,7 +2,7 @@
 //
 //   const draw = ctcArm(canvas, data, value);
 //
-// data = {reach, middle, floor, begin, end, runs: [{place, bodies}, ...]} as export.py writes
+// data = {reach, floor, begin, end, runs: [{place, bodies}, ...]} as export.py writes
 // it; value(r, signal, joint, t) is a signal of run r at a time; draw(t) draws a time [s].
 'use strict';
 const ctcArm = (canvas, data, value) => {
@@ -40,7 +40,7 @@ const ctcArm = (canvas, data, value) => {
 
   // --- the view
   const view = { azimuth: -1.35, elevation: 0.25, distance: 2 * data.reach,
-    target: [0, 0, data.middle] };
+    target: [0, 0, 0] };
   let now = data.begin;
   const dot = (a, b) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
   // Right, up and towards the eye.

@@ -45,9 +45,9 @@ const ctcControls = (parent, send) => {
     input.addEventListener('input', wrong);
     return { row, title, input, wrong };
   }
+  const wordsOf = text => text.replace(/[[\],]/g, ' ').split(/\s+/).filter(Boolean);
   function numbersReason(text, count, least = -Infinity, most = Infinity) {
-    const words = text.replace(/[[\],]/g, ' ').split(/\s+/).filter(Boolean);
-    const values = words.map(Number);
+    const words = wordsOf(text), values = words.map(Number);
     if (![1, count].includes(words.length))
       return count > 1 ? `one number, or ${count}` : 'one number';
     const odd = values.findIndex(x => !Number.isFinite(x));
@@ -104,10 +104,7 @@ const ctcControls = (parent, send) => {
   // Put a slider where the value in force is, unless it is held or its answer is awaited.
   function place(it) {
     const { gain, asked, slide, input, row, title } = it, value = inForce(gain);
-    const each = gain.each || chosen() < 0 || gain.values.length === 1;
-    const why = gain.off || (each ? '' : 'a full matrix: it is changed for all joints together');
-    slide.disabled = input.disabled = Boolean(why);
-    row.title = why || gain.about;
+    row.title = gain.about;
     title.textContent = `${gain.name} [${gain.unit}]`;
     if (asked && (state.answered > asked.answered || Date.now() - asked.at > 5000)) it.asked = null;
     if (it.held || it.asked) return;
@@ -119,14 +116,12 @@ const ctcControls = (parent, send) => {
 
   // --- torques, recording
   const torques = bar(parent, 'torques');
-  button(torques, 'reset and enable', () => send({ torques: true }));
+  button(torques, 'reset and enable', () => send({ torques: true })).title =
+    'calls ~/reset, then ~/enable';
   button(torques, 'disable', () => send({ torques: false }));
-  const bag = bar(parent, 'bag'), name = element('input', bag), record = button(
-    bag, '', () => send({ record: state.record.state === 'off' ? name.value.trim() : null }));
+  const bag = bar(parent, 'bag'), record = button(
+    bag, '', () => send({ record: state.record.state === 'off' }));
   const where = element('span', bag, 'ctc-where');
-  name.placeholder = 'name by the time';
-  name.maxLength = 64;
-  name.setAttribute('aria-label', 'name of the bag');
   const LABELS = { off: '● record', starting: 'starting …', on: '■ stop recording',
     stopping: 'stopping …' };
 
@@ -136,7 +131,7 @@ const ctcControls = (parent, send) => {
   button(bar(plant, ''), 'apply changes', () => {
     for (const [parameter, { input, wrong, shown }] of fields)
       if (!wrong() && input.value.trim() !== shown) send({ plant: { name: parameter,
-        value: input.value.trim() } });
+        value: wordsOf(input.value).map(Number) } });
   });
   const push = folded('push'), pushGrid = element('div', push, 'ctc-fields');
   const number = (into, label, value, ...limits) => {
@@ -184,7 +179,6 @@ const ctcControls = (parent, send) => {
     record.textContent = LABELS[phase];
     record.disabled = phase === 'starting' || phase === 'stopping';
     record.setAttribute('aria-pressed', String(phase === 'on'));
-    name.disabled = phase !== 'off';
     where.textContent = phase === 'off' ? `in ${path}` : `${path}, ${duration} s`;
     plant.hidden = push.hidden = !state.plant.length;
     for (const { name: parameter, title, value } of state.plant) {
