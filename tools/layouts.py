@@ -28,7 +28,7 @@ import sys
 from typing import Any
 import xml.etree.ElementTree as ET
 
-from ctc_chattering.analysis.interactive_plots import PARTS
+from ctc_chattering.analysis.result import PARTS
 from ctc_chattering.ros.topics import FILTER, ROBOT_DESCRIPTION, TORQUES, TRACKING
 
 

@@ -36,8 +36,7 @@ from ctc_chattering.analysis.markup import Markup
 from ctc_chattering.analysis.metrics import within
 from ctc_chattering.analysis.output import prepare, write_text
 from ctc_chattering.analysis.page import Folded, Section, write_page
-from ctc_chattering.analysis.result import simulate
-from ctc_chattering.analysis.run_names import LAW_COLOURS
+from ctc_chattering.analysis.result import LAW_COLOURS, simulate
 from ctc_chattering.analysis.tables import markdown, markdown_table, Table
 from ctc_chattering.control.controller_config import LAWS, SWITCHINGS
 from ctc_chattering.errors import shortened

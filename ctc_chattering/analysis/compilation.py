@@ -17,14 +17,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from concurrent.futures import as_completed, ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor
 import dataclasses
 from importlib.util import find_spec
+from multiprocessing import current_process, get_context
 import os
-import pickle
-import subprocess
-import sys
-from typing import Any
 
 from ctc_chattering.analysis.tables import counted
 from ctc_chattering.compiled.machine_code import Code
@@ -36,8 +33,6 @@ from ctc_chattering.errors import CtcError
 from ctc_chattering.simulation.closed_loop import compiled_loop_of
 from ctc_chattering.simulation.plant import make_plant
 
-#: How a run is computed.
-COMPILED, PLAIN = 'compiled', 'plain'
 #: Functions that are compiled at once, at most: each takes some 300 MB.
 _MOST = 4
 
@@ -54,7 +49,8 @@ def codes(setup: Setup, parts: bool = False) -> tuple[Code, ...]:
     Parameters
     ----------
     setup : Setup
-        Without a run if law or plant cannot be machine code, such as elastic joints.
+        Without a run if it has events, or law or plant cannot be machine code, such as elastic
+        joints.
     parts : bool
         Then return those of the other one, which a node has use for.
 
@@ -62,22 +58,11 @@ def codes(setup: Setup, parts: bool = False) -> tuple[Code, ...]:
     robot = make_plant(setup.plant, setup.descriptions.get('plant', ''))
     law = Controller(setup.controller, model_of(
         setup.controller, setup.descriptions.get('controller', '')))
-    loop = compiled_loop_of(robot, law)
+    loop = None if setup.events else compiled_loop_of(robot, law)
     if loop is not None or not parts:
         return () if loop is None else loop.codes
     steps = law.compiled_step(), robot.compiled_step
     return tuple(code for step in steps if step is not None for code in step.codes)
-
-
-def way(setup: Setup) -> str:
-    """Return how a run of a setup is computed now, `COMPILED` or `PLAIN`."""
-    found = () if setup.events else codes(setup)
-    return COMPILED if found and all(code.compiled for code in found) else PLAIN
-
-
-def can_be_compiled(setup: Setup) -> bool:
-    """Return whether a run of a setup can be machine code."""
-    return not setup.events and bool(codes(setup))
 
 
 def missing(setups: Iterable[Setup], parts: bool = False) -> list[Code]:
@@ -104,9 +89,7 @@ def compile_setups(setups: Iterable[Setup], show: Callable[[str], None], parts: 
         As of `codes`.
 
     """
-    todo: dict[Any, tuple[Setup, Code]] = {}
-    for setup in setups:
-        todo |= {(code.function, code.layouts): (setup, code) for code in missing([setup], parts)}
+    todo = missing(setups, parts)
     if not todo:
         return 0
     try:
@@ -115,7 +98,7 @@ def compile_setups(setups: Iterable[Setup], show: Callable[[str], None], parts: 
         show(f'running in plain Python, 20 times slower: {error}')
         return 0
     show(f'compiling {counted(len(todo), "function")}, once for this version ...')
-    for i, name in enumerate(_build(list(todo.values())), 1):
+    for i, name in enumerate(_build(todo), 1):
         show(f'compiled {name} ({i} of {len(todo)})')
     return len(todo)
 
@@ -163,49 +146,18 @@ def compile_setup(setup: Setup, every: bool = False, show: Callable[[str], None]
     return compile_setups(setups, show, parts=True)
 
 
-def _build(todo: Sequence[tuple[Setup, Code]]) -> Iterator[str]:
-    """Compile functions; yield the name of each that is there."""
+def _build(todo: Sequence[Code]) -> Iterator[str]:
+    """Compile functions, each in a process of its own; yield the name of each that is there."""
     from ctc_chattering.compiled.build import build
-    jobs = min(len(todo), len(os.sched_getaffinity(0)), _MOST)
-    if jobs == 1:
-        for _, code in todo:
-            build(code)
-            yield code.name
-        return
-    with ThreadPoolExecutor(jobs) as pool:
-        try:
-            waiting = {pool.submit(_built_apart, setup, code.name): code for setup, code in todo}
-            for done in as_completed(waiting):
-                printed, code = done.result(), waiting[done]
-                if not code.compiled:  # A class of the main script is known here only.
-                    try:
-                        build(code)
-                    except Exception:
-                        print(printed, file=sys.stderr)
-                        raise
-                yield code.name
-        except BaseException:
-            pool.shutdown(cancel_futures=True)
-            raise
 
+    def built(code: Code) -> str:
+        if not current_process().daemon:  # Such a process may start no other one.
+            # Forked: the user's script does not run again, and its classes are known there.
+            process = get_context('fork').Process(target=build, args=(code,))
+            process.start()
+            process.join()
+        build(code)  # Nothing is left to do, or it raises the error of that process here.
+        return code.name
 
-def _built_apart(setup: Setup, name: str) -> str:
-    """
-    Have a process of its own compile a function, and return what it printed.
-
-    Unlike `multiprocessing` it runs no script.
-    """
-    return subprocess.run(
-        [sys.executable, '-c', f'from {__name__} import build_given; build_given()'],
-        input=pickle.dumps((setup, name)), stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
-        check=False, env={**os.environ, 'PYTHONPATH': os.pathsep.join(filter(None, sys.path))},
-    ).stdout.decode(errors='replace')
-
-
-def build_given() -> None:
-    """Compile the function that `_built_apart` writes to the standard input."""
-    from ctc_chattering.compiled.build import build
-    setup, name = pickle.load(sys.stdin.buffer)
-    for code in codes(setup, parts=True):
-        if code.name == name:
-            build(code)
+    with ThreadPoolExecutor(min(len(os.sched_getaffinity(0)), _MOST)) as pool:
+        yield from pool.map(built, todo)

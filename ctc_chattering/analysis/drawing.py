@@ -36,8 +36,6 @@ from matplotlib.text import Text
 from matplotlib.ticker import LogFormatter, NullFormatter
 import numpy as np
 
-#: Label of a figure's title: Matplotlib 3.6, of Ubuntu 24.04, has no `Figure.get_suptitle`.
-TITLE = 'title'
 #: Of letters of 9 points [inch], for a legend's samples and gaps, and of a line of it.
 _LETTER, _SAMPLE, _ROW = 0.078, 0.55, 0.19
 #: Characters of a line of a legend, and of a title.
@@ -84,11 +82,6 @@ class FigureFile:
     group: str = ''
 
 
-def title_of(figure: Figure) -> str:
-    """Return the title of a figure that `sheet` made."""
-    return next((x.get_text() for x in figure.texts if x.get_label() == TITLE), '')
-
-
 def legend(figure: Figure, handles: Sequence[Any]) -> None:
     """
     Draw a legend between title and panels; the figure grows by its height. Call it last.
@@ -114,11 +107,11 @@ def legend(figure: Figure, handles: Sequence[Any]) -> None:
     for ax in figure.axes:
         place = ax.get_position()
         ax.set_position((place.x0, place.y0 * part, place.width, place.height * part))
-    title = next(x for x in figure.texts if x.get_label() == TITLE)
+    title, *others = figure.texts
     above = 0.23 + 0.22 * len(title.get_text().splitlines())
-    for text in figure.texts:
-        text.set_y(1.0 - 0.16 / (height + room) if text is title else
-                   text.get_position()[1] * part)
+    title.set_y(1.0 - 0.16 / (height + room))
+    for text in others:
+        text.set_y(text.get_position()[1] * part)
     found = figure.legend(
         list(handles), names, loc='upper left', ncol=columns, frameon=False, fontsize=9,
         bbox_to_anchor=(0.15 / width, 1.0 - above / (height + room)), borderaxespad=0.0,
@@ -173,7 +166,7 @@ def save(figures: Iterable[tuple[str, Figure, str]], directory: Path, kinds: Seq
                     _NOT_XML.sub(b'', data.getvalue()) if kind == 'svg' else data.getvalue())
             first, *others = (directory / f'{stem}.{kind}' for kind in dict.fromkeys(kinds))
             width, height = 96.0 * figure.get_size_inches()
-            files.append(FigureFile(first, title_of(figure), caption, tuple(others),
+            files.append(FigureFile(first, figure.texts[0].get_text(), caption, tuple(others),
                                     (round(width), round(height))))
     return files
 
@@ -203,14 +196,18 @@ def _plain(figure: Figure) -> None:
 
 def sheet(title: str, rows: int, widths: Sequence[float], height: float,
           left: float = _LEFT) -> tuple[Figure, GridSpec]:
-    """Return a figure with room for rows of panels of a height [inch]."""
+    """
+    Return a figure with room for rows of panels of a height [inch].
+
+    Its first text is the title: Matplotlib 3.6, of Ubuntu 24.04, has no `Figure.get_suptitle`.
+    """
     title = fill(title, _TITLE_LINE)
     above = _TOP + 0.22 * title.count('\n')
     whole = above + _BOTTOM + rows * height + (rows - 1) * _GAP
     figure = Figure(figsize=(_WIDTH, whole), facecolor='white')
     FigureCanvasAgg(figure)
     figure.suptitle(title, x=0.15 / _WIDTH, y=1.0 - 0.16 / whole, ha='left', va='top',
-                    label=TITLE, fontsize=13, weight='bold', parse_math=False)
+                    fontsize=13, weight='bold', parse_math=False)
     width = (_WIDTH - left - _RIGHT) / len(widths)
     return figure, figure.add_gridspec(
         rows, len(widths), width_ratios=list(widths), left=left / _WIDTH,
@@ -357,14 +354,8 @@ def steady_axis(ax: Axes, t: Array, y: Array) -> None:
     late = y[finite & (t >= t[0] + min(1.0, (t[-1] - t[0]) / 3.0))]
     if not len(late):
         return
-    low, high = np.percentile(late, (1.0, 99.0))
-    late = late[(late >= 2.0 * low - high) & (late <= 2.0 * high - low)]
-    low, high = late.min(), late.max()
-    least, most = y[finite].min(), y[finite].max()
-    span = high - low if high - low > 1e-9 * abs(high) else abs(high) or 1.0
-    if least < low - span or most > high + span:
-        k = int(np.nanargmax(np.where(finite, np.abs(y), -1.0)))
+    low, high, k = late.min(), late.max(), int(np.argmax(np.where(finite, np.abs(y), -1.0)))
+    span = max(high - low, 1e-9 * abs(high)) or 1.0
+    if not low - span <= y[k] <= high + span:
         note(ax, f'axis cut: {y[k]:.4g} at {t[k]:.3g} s')
-    else:
-        low, high = min(low, least), max(high, most)
-    ax.set_ylim(low - 0.1 * span, high + 0.1 * span)
+        ax.set_ylim(low - 0.1 * span, high + 0.1 * span)

@@ -24,8 +24,7 @@ from typing import Any
 from ctc_chattering.analysis import drawing
 from ctc_chattering.analysis.drawing import legend_of
 from ctc_chattering.analysis.output import check_format, file_stem
-from ctc_chattering.analysis.result import Result
-from ctc_chattering.analysis.run_names import colour, colours, name, names
+from ctc_chattering.analysis.result import colour, colours, name, names, Result
 from ctc_chattering.control.laws.base import law_class
 from ctc_chattering.errors import CtcError
 from ctc_chattering.simulation.closed_loop import Array
@@ -35,37 +34,28 @@ from matplotlib.ticker import MaxNLocator
 import numpy as np
 
 
-def error_sums(result: Result) -> list[tuple[str, str, Array]]:
-    """Return the 1-norm of the position error of the joints of each unit: name, unit, (N,)."""
-    units, found = result.position_units, []
-    error = np.abs(result.run.q_d - result.run.q)
-    for unit in dict.fromkeys(units):
-        mine = [i for i, own in enumerate(units) if own == unit]
-        if len(mine) > 2 and len(mine) == len(units):
-            name = 'Σ |eᵢ|'
-        elif len(mine) > 2:
-            name = 'Σ |eᵢ| of joints in ' + unit
-        else:
-            name = ' + '.join(f'|e{chr(0x2081 + i) if i < 9 else i + 1}|' for i in mine)
-        found.append((name, unit, error[:, mine].sum(axis=1)))
-    return found
+def error_sums(result: Result) -> list[tuple[str, Array]]:
+    """Return the 1-norm of the position error of the joints of each unit: unit, shape (N,)."""
+    units, error = np.array(result.position_units), np.abs(result.run.q_d - result.run.q)
+    return [(unit, error[:, units == unit].sum(axis=1))
+            for unit in dict.fromkeys(result.position_units)]
 
 
 def error_comparison(results: Sequence[Result]) -> Figure:
     """Draw the 1-norm of the error of all runs, a panel per experiment and unit."""
-    groups: dict[tuple[str, str], list[tuple[int, str, Array]]] = {}
+    groups: dict[tuple[str, str], list[tuple[int, Array]]] = {}
     for i, result in enumerate(results):
-        for text, unit, error in error_sums(result):
-            groups.setdefault((result.experiment, unit), []).append((i, text, error))
+        for unit, error in error_sums(result):
+            groups.setdefault((result.experiment, unit), []).append((i, error))
     columns = min(3, len(groups))
     figure, grid = drawing.sheet('Position error of the runs compared', -(-len(groups) // columns),
                                  (1.0,) * columns, 2.9)
-    every = np.concatenate([error for group in groups.values() for _, _, error in group])
+    every = np.concatenate([error for group in groups.values() for _, error in group])
     called, painted = names(results), colours(results)
     for k, ((experiment, unit), group) in enumerate(groups.items()):
         ax = drawing.panel(figure, grid[k // columns, k % columns], experiment,
-                           f'{group[0][1]} [{unit}]', *(results[i].run.t for i, _, _ in group))
-        for i, _, error in group:
+                           f'Σ |eᵢ| [{unit}]', *(results[i].run.t for i, _ in group))
+        for i, error in group:
             result, score = results[i], results[i].metrics()
             t, period = result.run.t, result.config.control_period
             drawing.line(ax, t, error, period, color=painted[i], linewidth=1.0,
@@ -104,9 +94,6 @@ PAPER_FIGURES = {
     ('disturbance', 'compensation'): (6, 8), ('disturbance', 'chattering'): (7, 9)}
 #: Length of the enlarged slices of positions and torques [s].
 SLICE, SHORT_SLICE = 1.0, 0.2
-#: The chattering term z of each switching.
-_TERMS = {'sign': 'z = Ka sgn(v)', 'boundary_layer': 'z = Ka sat(v/φ)',
-          'implicit': 'z ∈ Ka Sgn(v⁺)', 'implicit_observer': 'z ∈ Ka Sgn(v⁺)'}
 #: Figures of a run.
 _PER_RUN = 3
 _THIN: dict[str, Any] = {'linewidth': 0.6, 'alpha': 0.85}
@@ -124,9 +111,8 @@ def tracking(result: Result, run_name: str = '') -> Figure:
             ax = sheet.panel((i, column), joint, f'q, q_d [{unit}]', run.q[:, i], part, label='q')
             sheet.line(ax, run.q_d[:, i], part, label='q_d', color=drawing.REFERENCE,
                        linewidth=1.1, linestyle=(0, (4, 2.5)))
-        for i, (text, unit, error) in enumerate(sums, n):
-            ax = sheet.panel(
-                (i, column), f'position error {text}', f'{text} [{unit}]', error, part)
+        for i, (unit, error) in enumerate(sums, n):
+            ax = sheet.panel((i, column), 'position error Σ |eᵢ|', f'Σ |eᵢ| [{unit}]', error, part)
             if column:
                 ax.set_ylim(bottom=0.0)
             else:
@@ -152,8 +138,8 @@ def torques(result: Result, run_name: str = '') -> Figure:
 def internals(result: Result, run_name: str = '') -> Figure:
     """Draw V, and for each joint the filtered error v and the robust term z of the law."""
     terms, n = result.terms, _joints(result)
-    noun, kind = _robust_term(result)
-    sheet = _RunFigure(result, f'V, filtered error and {noun} – {run_name or name(result)}',
+    symbol = _robust_term(result)
+    sheet = _RunFigure(result, f'V, filtered error and robust term – {run_name or name(result)}',
                        n + 1, (1.6, 1.6, 1.0), 1.6, SHORT_SLICE)
     ax = sheet.panel((0, _WHOLE), 'Lyapunov function V = ½ vᵀ M(q) v', 'V [J]', terms.lyapunov,
                      linewidth=0.9)
@@ -166,25 +152,21 @@ def internals(result: Result, run_name: str = '') -> Figure:
         reach = 1.25 * float(np.abs(term).max()) or 1.0
         for column, part, style in ((1, _WHOLE, {**_THIN, 'linewidth': 0.35}),
                                     (2, sheet.window, drawing.STEPS)):
-            ax = sheet.panel((i + 1, column), f'{joint}: {kind or noun}', f'z [{torque}]', term,
-                             part, **style)
+            ax = sheet.panel((i + 1, column), f'{joint}: {symbol or "robust term"}',
+                             f'z [{torque}]', term, part, **style)
             ax.set_ylim(-reach, reach)
             if not term.any():
-                drawing.label(ax, 0.5, 0.62, 'zero' if kind else 'zero: not part of this law',
+                drawing.label(ax, 0.5, 0.62, 'zero' if symbol else 'zero: not part of this law',
                               ha='center')
             elif column == 1 and result.saturation and result.saturation[i].cause:
                 drawing.note(ax, result.saturation[i].cause)
     return sheet.figure
 
 
-def _robust_term(result: Result) -> tuple[str, str]:
-    """Return what the robust term is called, and the term in symbols; empty for a law without."""
-    configs = [config for _, config in result.configs]
-    symbols = {_TERMS.get(config.switching, 'chattering term z') if config.law == 'chattering'
-               else law_class(config.law).symbol for config in configs} - {''}
-    paper = all(law_class(config.law).of_the_paper for config in configs)
-    noun = 'chattering term' if paper else 'robust term'
-    return noun, symbols.pop() if len(symbols) == 1 else f'{noun} z' if symbols else ''
+def _robust_term(result: Result) -> str:
+    """Return the robust term in symbols; empty for laws without."""
+    symbols = {law_class(config.law).symbol for _, config in result.configs} - {''}
+    return symbols.pop() if len(symbols) == 1 else 'robust term z' if symbols else ''
 
 
 def save_figures(results: Sequence[Result], directory: str | Path, extra: str = 'svg'
@@ -245,7 +227,7 @@ def _figures(results: Sequence[Result]) -> Iterator[tuple[str, Figure, str]]:
             f'Torques sent to the joints. Right: {where}')
         yield f'{slug}_internals', internals(result, run_name), (
             'Not in the paper: the Lyapunov function V of its proof, the filtered error v, and '
-            f'the {_robust_term(result)[0]}. Right: {where}')
+            f'the robust term z of the law. Right: {where}')
 
 
 class _RunFigure:

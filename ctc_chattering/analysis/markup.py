@@ -12,7 +12,11 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""HTML of all pages: what is put into a template is escaped, unless it is `Markup` already."""
+"""
+HTML of all pages: what is put into a template is escaped, unless it is `Markup` already.
+
+Plots of pages are of uPlot for axes, and our script for the rest.
+"""
 
 from __future__ import annotations
 
@@ -27,7 +31,9 @@ from urllib.parse import quote
 from jinja2 import Environment, FunctionLoader, StrictUndefined, Template
 from markupsafe import escape, Markup
 
-__all__ = ['Markup', 'asset', 'fragment', 'page', 'url']
+__all__ = ['Markup', 'asset', 'component', 'fragment', 'page', 'url']
+#: What is put together, in this order; it becomes the object `ctcPlots` of the page.
+_SCRIPTS = ('samples.js', 'panel.js', 'svg.js', 'plots.js')
 
 
 def _source(name: str) -> str:
@@ -73,6 +79,19 @@ def page(package: str, template: str, **values: Any) -> Markup:
 def asset(package: str, name: str) -> Markup:
     """Return a style or script, a file of `package`, as it is."""
     return Markup(_source(f'{package}/{name}'))
+
+
+@lru_cache
+def component() -> Markup:
+    """Return style and script of the plots for the head of a page; see plots.js for their use."""
+    def read(name: str) -> str:
+        return asset('ctc_chattering.analysis', f'web/{name}')
+
+    style = read('uPlot.min.css') + read('plots.css')
+    own = '\n'.join(map(read, _SCRIPTS))
+    return Markup(f'<style>{style}</style>\n<script>\n/*{read("uPlot.LICENSE")}*/\n'
+                  f'{read("uPlot.iife.min.js")}\nconst ctcPlots = (() => {{\n"use strict";\n{own}'
+                  'return { mount: (...given) => new Plots(...given) };\n})();\n</script>')
 
 
 def url(path: str) -> str:

@@ -25,7 +25,6 @@ from typing import Any, NamedTuple
 import ctc_chattering
 from ctc_chattering.analysis import markup
 from ctc_chattering.analysis.drawing import FigureFile
-from ctc_chattering.analysis.interactive_plots import component
 from ctc_chattering.analysis.markup import Markup
 from ctc_chattering.analysis.output import write_text
 from ctc_chattering.analysis.tables import Table
@@ -171,7 +170,7 @@ def write_page(path: Path, headline: str, lead: str, sections: Sequence[Section]
     write_text(path, markup.page(
         _PACKAGE, 'web/page.html', headline=headline, lead=lead, sections=shown, links=links,
         command=command, version=ctc_chattering.__version__, style=_own('page.css'),
-        script=_own('page.js'), component=component() if plots else '',
+        script=_own('page.js'), component=markup.component() if plots else '',
         index=sum(1 + len(x['index']) for x in shown) >= _INDEXED))
 
 

@@ -12,27 +12,29 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""A finished run with its configuration, its metrics, and its samples for other programs."""
+"""A finished run: its configuration, metrics, name and colour, and samples for other programs."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+import base64
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 import csv
 import dataclasses
 from functools import cached_property
-from itertools import pairwise
+from itertools import cycle, groupby, pairwise
+import json
 from pathlib import Path
 from typing import Any
 
-from ctc_chattering.analysis.metrics import metrics, rms, WINDOW, within
+from ctc_chattering.analysis.metrics import metrics, WINDOW, within
 from ctc_chattering.analysis.output import write_json, writing
-from ctc_chattering.analysis.tables import measured
+from ctc_chattering.analysis.tables import measured, number_text
 from ctc_chattering.analysis.terms import RunTerms, terms
 from ctc_chattering.configuration.loop_setup import Setup
-from ctc_chattering.control.controller import ControllerConfig
-from ctc_chattering.control.recommended_gains import LAW, recommended_gains
-from ctc_chattering.controller.health import Saturation, term_saturation, WORTH_A_WORD
+from ctc_chattering.control.controller import ControllerConfig, LAWS
+from ctc_chattering.controller.health import Saturation, term_saturation
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.dynamics.registry import model_of
 from ctc_chattering.dynamics.urdf_parser import Tree
@@ -72,8 +74,6 @@ class RunAttributes:
 
 #: Time after a change in which v reaches 0 and the term may be at its bound [s].
 _REACHING = 0.5
-#: Part of the motion above which an error is large, and the least motion [rad].
-_LARGE, _LEAST_MOTION = 0.1, 1e-3
 #: Gains of one switching only.
 _OF_SWITCHING = {'boundary_layer': 'boundary_layer', 'observer_bandwidth': 'implicit_observer'}
 
@@ -103,11 +103,6 @@ class Result(RunAttributes):
     window : (float, float)
         Part of the run over which metrics are computed [s].
 
-    Raises
-    ------
-    CtcError
-        If `configs` are no pairs of a time and a `ControllerConfig`.
-
     Examples
     --------
     >>> from ctc_chattering import load_parameters, simulate
@@ -128,14 +123,6 @@ class Result(RunAttributes):
     description: str = ''
     source: str = ''
     window: tuple[float, float] = WINDOW
-
-    def __post_init__(self) -> None:
-        """Check the configurations."""
-        if not len(self.configs) or not all(
-                isinstance(x, tuple) and len(x) == 2 and isinstance(x[1], ControllerConfig)
-                for x in self.configs):
-            raise ParameterError('configs', self.configs,
-                                 'pairs of a time [s] and a ControllerConfig, one or more')
 
     def __repr__(self) -> str:
         """Return the run in a line, with its RMS errors in the window."""
@@ -268,27 +255,6 @@ class Result(RunAttributes):
         for name, found in zip(self.joint_names, self.saturation or ()):
             if found.cause:
                 yield f'{name}: {found}'
-        inside = within(self.run.t, self.window)
-        if inside.sum() > 1:
-            yield from self._large_errors(inside)
-
-    def _large_errors(self, inside: npt.NDArray[np.bool_]) -> Iterator[str]:
-        """Yield which errors are large beside the motion in the window, and why."""
-        config, tau = self.config, np.abs(np.nan_to_num(self.run.tau[inside]))
-        motion = 0.5 * np.ptp(self.run.q_d[inside], axis=0)
-        parts = rms(self.run.e[inside]) / np.where(motion < _LEAST_MOTION, np.inf, motion)
-        large = ', '.join(f'{name} ({100.0 * x:.0f} %)' for name, x in zip(
-            self.joint_names, parts) if x > _LARGE)
-        if not large:
-            return
-        limited = float((tau >= 0.999 * tau.max(axis=0)).mean(axis=0)[parts.argmax()])
-        if limited > WORTH_A_WORD:
-            why = f'the torque is at a limit in {100.0 * limited:.0f} % of the samples'
-        elif config.law == LAW and max(config.kp) < 0.25 * recommended_gains(config)['kp'][0]:
-            why = f'kp and kv are too small for {LAW}: --gains recommended'
-        else:
-            why = 'kp and kv are too small for the friction that the law leaves, or it is unstable'
-        yield f'the RMS error is above a tenth of the motion of {large}: {why}'
 
 
 def simulate(setup: Setup, progress: Callable[[float], None] | None = None, truth: bool = False,
@@ -367,6 +333,140 @@ def position_units(names: Sequence[str], description: str) -> tuple[str, ...]:
     return tuple('m' if kinds.get(name) == 'prismatic' else 'rad' for name in names)
 
 
+#: Signals that differ less than 32 bits tell: q of q_d, and one time of the next.
+_EXACT = ('t', 'q', 'q_d')
+#: Parts of a torque as the controller publishes them: nominal + compensation + robust.
+PARTS = ('nominal', 'compensation', 'robust')
+
+
+def signals_of(result: Result) -> dict[str, Array]:
+    """Return all signals of a run by the names that plots.js lists, each of shape (N, columns)."""
+    run, terms = result.run, result.terms
+    parts = terms.nominal, -terms.compensation, -terms.robust
+    return {'q': run.q, 'q_d': run.q_d, 'dq': run.dq, 'e': run.e, 'v': terms.v,
+            'V': terms.lyapunov[:, None], 'torque': run.tau, **dict(zip(PARTS, parts))}
+
+
+def packed(t: Array, signals: Mapping[str, Array], **head: Any) -> bytes:
+    """
+    Return samples as the script reads them.
+
+    Four bytes with the length of the head, the head in JSON, then the columns, each beginning at
+    a multiple of eight bytes: 64 bits a number for `t`, `q` and `q_d`, 32 for the others.
+
+    Parameters
+    ----------
+    t : ndarray, shape (N,)
+        Times [s].
+    signals : mapping of str to ndarray, shape (N,) or (N, n)
+        By the names that plots.js lists.
+    **head : Any
+        More for the head: ``run``, number of the run, and ``fresh``; see `append` in plots.js.
+
+    """
+    columns, parts = [], []
+    for name, rows in {'t': t, **signals}.items():
+        kind = '<f8' if name in _EXACT else '<f4'
+        with np.errstate(over='ignore'):
+            values = np.asarray(rows, float).reshape(len(t), -1).T.astype(kind)
+        for joint, column in enumerate(values):
+            columns.append((name, joint, column.itemsize))
+            parts.append(_filled(column.tobytes()))
+    text = json.dumps({'count': len(t), 'columns': columns, **head}).encode()
+    return b''.join((_filled(len(text).to_bytes(4, 'little') + text), *parts))
+
+
+def coded(t: Array, signals: Mapping[str, Array]) -> str:
+    """Return `packed` samples as text, for `packed` of a run in a page."""
+    return base64.b64encode(packed(t, signals)).decode()
+
+
+def _filled(data: bytes) -> bytes:
+    """Return bytes with zeros up to a multiple of eight."""
+    return data + bytes(-len(data) % 8)
+
+
+#: Colour of each law, the same in all figures and pages, and of a run under several (after
+#: Okabe and Ito).
+LAW_COLOURS = dict(zip(LAWS, cycle((
+    '#D55E00', '#0072B2', '#B0428A', '#B8860B', '#56A0D3', '#6B4E2E', '#7F7F7F', '#7B5EA7',
+    '#8C1D40', '#009E9E', '#007A5A'))))
+MIXED = '#1B1B1B'
+#: Part of white, or of black where it is negative, in the colours of further runs under one law.
+_SHADES = (0.0, 0.45, -0.45, 0.25, -0.25, 0.65)
+
+
+def name(result: Result) -> str:
+    """Return experiment, laws, and the switching where it is not the paper's."""
+    kinds = [kind for kind, _ in groupby(
+        config.switching for _, config in result.configs if config.law == 'chattering')]
+    if not kinds or kinds == ['sign']:
+        return result.label
+    return f'{result.label} ({" → ".join(kinds) if len(kinds) < 3 else "several switchings"})'
+
+
+def names(results: Sequence[Result]) -> list[str]:
+    """
+    Return a name for each of several runs, all different.
+
+    Where experiment, law and switching are the same, gains that differ are added; where these
+    are the same too, the name of the bag, or a number.
+    """
+    found = [name(result) for result in results]
+    for clash in [text for text, count in Counter(found).items() if count > 1]:
+        mine = [i for i, text in enumerate(found) if text == clash]
+        values = [_gains(results[i]) for i in mine]
+        differ = [key for key in values[0] if len({x.get(key) for x in values}) > 1]
+        for i, value in zip(mine, values):
+            found[i] = ', '.join([found[i], *(
+                f'{key} {value[key]}' for key in differ[:3] if key in value)])
+    for i in _repeated(found):
+        if results[i].source:
+            found[i] += f', bag {results[i].source}'
+    for k, i in enumerate(_repeated(found), 1):
+        found[i] += f' #{k}'
+    return found
+
+
+def colours(results: Sequence[Result]) -> list[str]:
+    """Return a colour for each run: that of its law, in shades for several of an experiment."""
+    return shaded([colour(x) for x in results], [x.experiment for x in results])
+
+
+def shaded(colours: Sequence[str], groups: Sequence[object] = ()) -> list[str]:
+    """Return colours, ``#rrggbb``, of which equal ones of a group become different shades."""
+    before: Counter[tuple[object, str]] = Counter()
+    found = []
+    for group, text in zip(groups or [None] * len(colours), colours):
+        share = _SHADES[before[group, text] % len(_SHADES)]
+        before[group, text] += 1
+        end = 255.0 if share > 0.0 else 0.0
+        found.append('#' + ''.join(
+            f'{round((1.0 - abs(share)) * int(text[i:i + 2], 16) + abs(share) * end):02X}'
+            for i in (1, 3, 5)))
+    return found
+
+
+def colour(result: Result) -> str:
+    """Return the colour of a run by itself."""
+    return MIXED if result.changes else LAW_COLOURS[result.law]
+
+
+def gains(result: Result) -> str:
+    """Return the gains in force at the end, and the sample period, on one line."""
+    return ', '.join(f'{key} {value}' for key, value in _gains(result).items())
+
+
+def _gains(result: Result) -> dict[str, str]:
+    return {key: number_text(value) for key, value in (
+        *result.gains.items(), ('control_period', result.config.control_period))}
+
+
+def _repeated(found: Sequence[str]) -> list[int]:
+    counts = Counter(found)
+    return [i for i, text in enumerate(found) if counts[text] > 1]
+
+
 #: Arrays per joint with the suffix of the joint's position unit; None for the torque unit.
 _ARRAYS = {'q': '', 'dq': '/s', 'q_d': '', 'dq_d': '/s', 'ddq_d': '/s²', 'tau': None, 'v': '/s'}
 
@@ -375,13 +475,18 @@ def export(result: Result, path: str | Path) -> None:
     """
     Write the samples of a run with names and units of the joints, for other programs.
 
+    In a NumPy file: ``t``, shape (N,), and ``q, dq, q_d, dq_d, ddq_d, tau, v``, shape (N, n);
+    ``joint_names``, ``position_units``, ``torque_units``, shape (n,); ``control_period``, ``law``,
+    ``switching`` and the gains by name, as at the end. In comma-separated values: a column per
+    joint and quantity, below its name and unit, for example ``q_elbow [rad]``; numbers are exact,
+    unknown ones are ``nan``.
+
     Parameters
     ----------
     result : Result
         Of `simulate` or `read_bag`.
     path : str or Path
-        File to write: ``.npz`` for NumPy, which has the gains as well; ``.csv`` for a column per
-        joint and quantity.
+        File to write, ``.npz`` or ``.csv``.
 
     Raises
     ------
@@ -400,50 +505,18 @@ def export(result: Result, path: str | Path) -> None:
     path = Path(path)
     if path.suffix not in ('.npz', '.csv'):
         raise ParameterError('path', str(path), 'a name that ends in .npz or .csv')
-    (write_csv if path.suffix == '.csv' else write_npz)(result, path)
-
-
-def write_npz(result: Result, path: Path) -> None:
-    """
-    Write samples, names, units and gains as a NumPy file.
-
-    ``t``, shape (N,), and ``q, dq, q_d, dq_d, ddq_d, tau, v``, shape (N, n); ``joint_names``,
-    ``position_units``, ``torque_units``, shape (n,); ``control_period``, ``law``, ``switching``
-    and the gains by name, as at the end.
-
-    Raises
-    ------
-    CtcError
-        If the file cannot be written.
-
-    """
     with writing(path):
-        np.savez(path, **vars(result.run), joint_names=result.joint_names,
-                 position_units=result.position_units, torque_units=result.torque_units,
-                 control_period=result.config.control_period, law=result.law,
-                 switching=result.config.switching, **result.gains)
-
-
-def write_csv(result: Result, path: Path) -> None:
-    """
-    Write samples as comma-separated values, a column per joint and quantity.
-
-    The first row has the name and unit of each column, for example ``q_elbow [rad]``. Numbers are
-    exact; unknown ones are ``nan``.
-
-    Raises
-    ------
-    CtcError
-        If the file cannot be written.
-
-    """
-    heads, columns = ['t [s]'], [result.run.t]
-    for name, suffix in _ARRAYS.items():
-        units = (result.torque_units if suffix is None
-                 else [unit + suffix for unit in result.position_units])
-        heads += [f'{name}_{joint} [{unit}]' for joint, unit in zip(result.joint_names, units)]
-        columns.extend(getattr(result.run, name).T)
-    with writing(path), path.open('w', newline='', encoding='utf-8') as file:
-        rows = csv.writer(file)
-        rows.writerow(heads)
-        rows.writerows(np.column_stack(columns).tolist())
+        if path.suffix == '.npz':
+            np.savez(path, **vars(result.run), joint_names=result.joint_names,
+                     position_units=result.position_units, torque_units=result.torque_units,
+                     control_period=result.config.control_period, law=result.law,
+                     switching=result.config.switching, **result.gains)
+            return
+        heads, columns = ['t [s]'], [result.run.t]
+        for name, suffix in _ARRAYS.items():
+            units = (result.torque_units if suffix is None
+                     else [unit + suffix for unit in result.position_units])
+            heads += [f'{name}_{joint} [{unit}]' for joint, unit in zip(result.joint_names, units)]
+            columns.extend(getattr(result.run, name).T)
+        with path.open('w', newline='', encoding='utf-8') as file:
+            csv.writer(file).writerows([heads, *np.column_stack(columns).tolist()])

@@ -16,7 +16,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from itertools import groupby
 import json
 import os
@@ -25,40 +25,31 @@ from typing import Any
 
 from ctc_chattering.analysis import page
 from ctc_chattering.analysis.drawing import FigureFile
-from ctc_chattering.analysis.interactive_plots import coded, PARTS, signals_of
 from ctc_chattering.analysis.markup import fragment, Markup
 from ctc_chattering.analysis.metrics import BAND
-from ctc_chattering.analysis.output import (
-    check_format,
-    file_stem,
-    finite,
-    prepare,
-    write_text,
+from ctc_chattering.analysis.output import check_format, file_stem, finite, prepare, write_text
+from ctc_chattering.analysis.result import (
+    coded,
+    colours,
+    gains,
+    METRICS,
+    names,
+    PARTS,
+    Result,
+    signals_of,
+    write_metrics,
 )
-from ctc_chattering.analysis.page import (
-    Card,
-    Cards,
-    Folded,
-    Note,
-    PlottedRun,
-    Section,
-    SignalPlots,
-)
-from ctc_chattering.analysis.result import METRICS, Result, write_metrics
-from ctc_chattering.analysis.run_names import colours, gains, LAW_COLOURS, names
 from ctc_chattering.analysis.tables import Table
 from ctc_chattering.errors import ParameterError
-from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.parameters import check_some
-import numpy as np
 
-#: Numbers of a run that a page reads in full; of more, extremes of stretches are left.
+#: Numbers of a run that a page has; of more, those of the first samples.
 MOST = 5_000_000
 #: Signals that are shown at first.
 _CHOSEN = ('e', 'torque', 'V')
 
 
-def write_samples(results: Sequence[Result], directory: Path) -> list[SignalPlots]:
+def write_samples(results: Sequence[Result], directory: Path) -> list[page.SignalPlots]:
     """
     Write the samples of each run as a script, and return plots: one for each experiment.
 
@@ -84,18 +75,19 @@ def write_samples(results: Sequence[Result], directory: Path) -> list[SignalPlot
 
 
 def _written(group: Sequence[tuple[Result, str, str]], directory: Path, used: set[str]
-             ) -> SignalPlots:
+             ) -> page.SignalPlots:
     """Write the samples of runs that are plotted together."""
     first, runs, long = group[0][0], [], []
     for result, name, colour in group:
         # The page has q_d from q and e; beside each other, runs have no parts of the torque.
         left_out = ('q_d', *(PARTS if len(group) > 1 else ()))
-        t, signals = decimated(result.run.t, {
-            x: rows for x, rows in signals_of(result).items() if x not in left_out}, MOST)
+        signals = {x: y for x, y in signals_of(result).items() if x not in left_out}
+        t = result.run.t[:MOST // (1 + sum(y.shape[1] for y in signals.values()))]
+        samples = coded(t, {x: y[:len(t)] for x, y in signals.items()})
         path = directory / f'{file_stem(name, used)}.js'
-        write_text(path, f'ctcSamples[{json.dumps(path.stem)}] = "{coded(t, signals)}";\n')
-        runs.append(PlottedRun(name.removeprefix(f'{result.experiment}: '), path, colour))
-        long += [name] if len(t) < len(result.run.t) else []
+        write_text(path, f'ctcSamples[{json.dumps(path.stem)}] = "{samples}";\n')
+        runs.append(page.PlottedRun(name.removeprefix(f'{result.experiment}: '), path, colour))
+        long += [f'{name} to {t[-1]:.4g} s'] if len(t) < len(result.run.t) else []
     # Not the start, with its large errors.
     settled = min(first.window[0], 0.4 * float(first.run.t[-1]))
     marks = {time for result, _, _ in group for time, _ in result.marks}
@@ -103,42 +95,13 @@ def _written(group: Sequence[tuple[Result, str, str]], directory: Path, used: se
             f'after {2.0 * settled:.3g} s are shown, axes are scaled without the first '
             f'{settled:.3g} s.')
     if long:
-        text += (f' Too long to show every sample of: {", ".join(long)}. The least and greatest '
-                 'value of each stretch are there, so rates and spectra are wrong; ctc export '
-                 'writes all samples.')
+        text += (f' Too long to show all: {", ".join(long)}. Figures show the whole run, and ctc '
+                 'export writes it.')
     if len(marks) == 1:
         text += ' The line marks the change of law or switching.'
-    return SignalPlots(
+    return page.SignalPlots(
         f'Signals of {first.experiment}', text, first.joint_names, first.position_units, runs,
         _CHOSEN, settled, marks.pop() if len(marks) == 1 else None)
-
-
-def decimated(t: Array, signals: dict[str, Array], most: int) -> tuple[Array, dict[str, Array]]:
-    """
-    Return `most` numbers at most: of stretches the least and greatest value, in their order.
-
-    Parameters
-    ----------
-    t : ndarray, shape (N,)
-        Times.
-    signals : dict of ndarray, shape (N, n)
-        Their samples.
-    most : int
-        Of all columns together.
-
-    """
-    rows = max(2, most // (1 + sum(x.shape[1] for x in signals.values())))
-    if len(t) <= rows:
-        return t, signals
-    every = -(-2 * len(t) // rows)
-    starts = np.arange(0, len(t), every)
-    found = {}
-    for name, values in {**signals, 'q_d': signals['q'] + signals['e']}.items():
-        ends = np.stack([np.minimum.reduceat(values, starts), np.maximum.reduceat(values, starts)])
-        falls = values[starts] > 0.5 * (ends[0] + ends[1])
-        found[name] = np.where(falls, ends[::-1], ends).swapaxes(0, 1).reshape(-1, values.shape[1])
-    middle = np.minimum(starts + every // 2, len(t) - 1)
-    return np.stack([t[starts], t[middle]], axis=1).ravel(), found
 
 
 #: Columns of the table, per run and per joint: key, heading, unit.
@@ -159,7 +122,7 @@ Pair = tuple[Result, dict[str, Any], dict[str, Any]]
 
 
 def write_page(results: Sequence[Result], figures: Sequence[FigureFile], path: Path,
-               bags: Sequence[str] = (), plots: Sequence[SignalPlots] = (), command: str = ''
+               bags: Sequence[str] = (), plots: Sequence[page.SignalPlots] = (), command: str = ''
                ) -> None:
     """
     Write a page with the results.
@@ -174,7 +137,7 @@ def write_page(results: Sequence[Result], figures: Sequence[FigureFile], path: P
         The page, for example ``out/index.html``.
     bags : sequence of str
         Path of each result's bag relative to the page; left out for no links.
-    plots : sequence of SignalPlots
+    plots : sequence of page.SignalPlots
         As `write_samples` returns them.
     command : str
         What was run.
@@ -188,34 +151,26 @@ def write_page(results: Sequence[Result], figures: Sequence[FigureFile], path: P
     runs = [{**finite(result.metrics()), 'name': name}
             for result, name in zip(results, names(results))]
     pairs = _pairs(results, runs)
-    cards = [*map(_gain, pairs), *_reachings(results, runs)]
-    folded = [Folded(name, list(mine), len(results) == 1) for name, mine in groupby(
+    folded = [page.Folded(name, list(mine), len(results) == 1) for name, mine in groupby(
         figures, lambda x: x.group) if name]
     page.write_page(path, _headline(pairs), _LEAD, [
-        Section('Result', [*([Cards(cards)] if cards else []),
-                           *(x for x in figures if not x.group)]),
-        Section('Signals', plots),
-        Section('Numbers', [_table(results, runs), *(
-            Note(f'{text}.', f'{run["name"]}:') for run in runs for text in run['notes'])]),
-        Section('Figures of each run', folded)],
+        page.Section('Result', [*([page.Cards(list(map(_gain, pairs)))] if pairs else []),
+                                *(x for x in figures if not x.group)]),
+        page.Section('Signals', plots),
+        page.Section('Numbers', [_table(results, runs), *(
+            page.Note(f'{text}.', f'{run["name"]}:') for run in runs for text in run['notes'])]),
+        page.Section('Figures of each run', folded)],
         [('metrics.json', 'metrics.json'), *(
             (bag, f'bag of {run["name"]}') for run, bag in zip(runs, bags))], command)
 
 
-def _gain(pair: Pair) -> Card:
+def _gain(pair: Pair) -> page.Card:
     """Return the card of a run under another law than compensation."""
     result, run, base = pair
-    unit, law = result.position_units[0], result.law
-    return Card(run['name'], _factor(base[_LARGEST], run[_LARGEST]), [fragment(
-        'Largest error: <b class="law" style="--law: {{ first }}">{{ a | number }} {{ unit }}</b> '
-        'under {{ base }} → <b class="law" style="--law: {{ colour }}">{{ b | number }} '
-        '{{ unit }}</b> with {{ law }}.', a=base[_LARGEST], b=run[_LARGEST], unit=unit, law=law,
-        base=_BASE, first=LAW_COLOURS[_BASE], colour=LAW_COLOURS[law])], [
-        f'{heading}: ' + '; '.join(
-            f'{name} {_factor(before, after)}' for name, before, after in zip(
-                result.joint_names, base[key], run[key]))
-        for heading, key in (('RMS error', 'rms_error_rad'),
-                             ('Torque variation', 'torque_variation_nm_per_s'))])
+    unit = result.position_units[0]
+    return page.Card(run['name'], _factor(base[_LARGEST], run[_LARGEST]), [
+        f'Largest error: {base[_LARGEST]:.3g} {unit} under {_BASE} → {run[_LARGEST]:.3g} {unit} '
+        f'with {result.law}.'])
 
 
 def _table(results: Sequence[Result], runs: Sequence[dict[str, Any]]) -> Table:
@@ -250,17 +205,14 @@ def _value(result: Result, joint: int, number: float | None, unit: str) -> Marku
                     if other else '')
 
 
-def _factor(before: float | None, after: float | None) -> str:
+def _factor(before: float, after: float) -> str:
     """Return by what factor `after` is smaller or larger."""
-    if before is None or after is None:
-        return 'unknown'
     if before == after:
         return 'the same'
     if not after or not before:
         return 'zero' if not after else 'no longer zero'
     ratio = max(before / after, after / before)
-    text = f'{ratio:.2g}' if ratio < 9.95 else f'{ratio:,.0f}'
-    return f'{text}× {"smaller" if after < before else "larger"}'
+    return f'{ratio:.{0 if ratio > 9.95 else 1}f}× {"smaller" if after < before else "larger"}'
 
 
 def _pairs(results: Sequence[Result], runs: Sequence[dict[str, Any]]) -> list[Pair]:
@@ -279,20 +231,6 @@ def _headline(pairs: Sequence[Pair]) -> str:
     result, run, base = pairs[0]
     return (f'With {result.law} the largest tracking error is '
             f'{_factor(base[_LARGEST], run[_LARGEST])} ({result.experiment})')
-
-
-def _reachings(results: Sequence[Result], runs: Sequence[dict[str, Any]]) -> Iterator[Card]:
-    """Yield a card of each run in which v reached 0 after a change of law: how long that took."""
-    for result, run in zip(results, runs):
-        reached = run['reaching_time_s']
-        if result.changes and reached is not None and reached > result.changes[-1][0]:
-            time, law = result.changes[-1]
-            yield Card(run['name'], f'{reached - time:#.2g} s', [fragment(
-                'after the change to <b class="law" style="--law: {{ colour }}">{{ law }}</b> at '
-                't&nbsp;=&nbsp;'
-                '{{ time }}&nbsp;s the filtered error v of every joint is within {{ band }}&nbsp;'
-                'rad/s, and stays there.', law=law, time=f'{time:g}',
-                band=f'{BAND:g}', colour=LAW_COLOURS.get(law, ''))])
 
 
 #: Names in the directory of `write_runs`.
@@ -324,8 +262,7 @@ def write_runs(results: Sequence[Result], out: str | Path, bags: Sequence[str | 
         If there is no result, a run has no samples, a file exists already, or cannot be written.
 
     """
-    from ctc_chattering.analysis.figures import save_figures
-    from ctc_chattering.analysis.run_page import write_page, write_samples
+    from ctc_chattering.analysis.figures import save_figures  # Takes time.
 
     check_some('results', results)
     if len(bags) not in (0, len(results)):

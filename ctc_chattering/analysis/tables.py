@@ -48,31 +48,6 @@ def measured(value: Any) -> str:
     return ' '.join(f'{x:.3g}' if abs(x) < 100.0 else f'{x:.0f}' for x in items)
 
 
-def short(value: float) -> str:
-    """Return a number to four digits, in as few characters: ``0.05``, ``5e-4``."""
-    plain = f'{value:.4g}'
-    mantissa, exponent = f'{value:.3e}'.split('e')
-    powers = f'{mantissa.rstrip("0").rstrip(".")}e{int(exponent)}'
-    shorter = 0.0 < abs(value) < 0.01 and len(powers) < len(plain)
-    return powers if shorter or 'e' in plain else plain
-
-
-def span(low: float, high: float) -> str:
-    """Return two numbers as a range, or one if they are equal."""
-    return short(low) if low == high else f'{short(low)} to {short(high)}'
-
-
-def scientific(value: float) -> str:
-    """Return a number to three digits, with an exponent, that does not break at its sign."""
-    mantissa, exponent = f'{value:.2e}'.split('e')
-    return f'{mantissa}e{int(exponent)}'.removesuffix('e0').replace('-', '−')
-
-
-def percent(part: int, whole: int) -> str:
-    """Return a part of a number in per cent."""
-    return f'{100.0 * part / whole:.1f} %'
-
-
 def counted(n: int, noun: str) -> str:
     """Return a number of things; the plural of the noun ends in s."""
     return f'{n:,}'.replace(',', '\N{NARROW NO-BREAK SPACE}') + f' {noun}{"s"[:n != 1]}'

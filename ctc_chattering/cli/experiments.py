@@ -46,8 +46,8 @@ def run_simulate(options: argparse.Namespace) -> int:
     Write metrics.json and trajectory.npz (t, q, dq, q_d, dq_d, ddq_d, tau, v, names, units,
     gains).
     """
-    from ctc_chattering.analysis.compilation import can_be_compiled, compile_setups, PLAIN, way
-    from ctc_chattering.analysis.result import METRICS, simulate, write_metrics, write_npz
+    from ctc_chattering.analysis.compilation import compile_setups, missing
+    from ctc_chattering.analysis.result import export, METRICS, simulate, write_metrics
     from ctc_chattering.compiled.machine_code import HOW_TO_COMPILE
 
     setup = load_setup(options)
@@ -57,7 +57,7 @@ def run_simulate(options: argparse.Namespace) -> int:
     if options.out is not None:
         prepare(options.out, (METRICS, _SAMPLES), options.overwrite)
     duration = setup.plant.duration
-    if way(setup) == PLAIN and can_be_compiled(setup):
+    if missing([setup]):
         if duration < _LONG or options.plain:
             say(HOW_TO_COMPILE)
         else:
@@ -67,7 +67,7 @@ def run_simulate(options: argparse.Namespace) -> int:
         moved(duration)
     if options.out is not None:
         write_metrics([result], options.out / METRICS)
-        write_npz(result, options.out / _SAMPLES)
+        export(result, options.out / _SAMPLES)
     print_results([result])
     return 0
 

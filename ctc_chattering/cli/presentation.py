@@ -77,7 +77,7 @@ def print_page(page: Path, *commands: str) -> None:
 
 def print_results(results: Sequence[Any]) -> None:
     """Print the numbers of runs, each a `Result`, in a table."""
-    from ctc_chattering.analysis.run_names import names
+    from ctc_chattering.analysis.result import names
     from ctc_chattering.analysis.tables import measured, print_columns
     rows: list[Sequence[str]] = [(
         'run', 'RMS e [rad]', 'max |e|_1 [rad]', 'torque variation [N*m/s]', 'v reached [s]')]

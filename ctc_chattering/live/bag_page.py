@@ -21,10 +21,10 @@ from pathlib import Path
 import time
 from typing import Any
 
-from ctc_chattering.analysis.interactive_plots import coded, component, packed, signals_of
+from ctc_chattering.analysis.markup import component
 from ctc_chattering.analysis.markup import page as page_of
 from ctc_chattering.analysis.output import write_text
-from ctc_chattering.analysis.result import Result
+from ctc_chattering.analysis.result import coded, packed, Result, signals_of
 from ctc_chattering.errors import CtcError
 from ctc_chattering.live.page import Page, scripts
 from ctc_chattering.live.page_socket import Message, word

@@ -23,8 +23,7 @@ from itertools import product
 from math import cos, radians, sin, tan
 from typing import Annotated, Any, Literal, NamedTuple
 
-from ctc_chattering.analysis.interactive_plots import component
-from ctc_chattering.analysis.markup import asset, fragment, Markup
+from ctc_chattering.analysis.markup import asset, component, fragment, Markup
 from ctc_chattering.analysis.markup import page as page_of
 from ctc_chattering.configuration.package_share import find_mesh
 from ctc_chattering.errors import CtcError

@@ -21,7 +21,7 @@ from itertools import cycle
 from typing import Any
 
 from ctc_chattering.analysis import drawing
-from ctc_chattering.analysis.run_names import LAW_COLOURS, MIXED, shaded
+from ctc_chattering.analysis.result import LAW_COLOURS, MIXED, shaded
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator

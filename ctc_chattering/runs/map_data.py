@@ -20,7 +20,7 @@ from collections.abc import Mapping, Sequence
 import itertools
 from typing import Any, NamedTuple
 
-from ctc_chattering.analysis.tables import short, span, Table, two_lines
+from ctc_chattering.analysis.tables import Table, two_lines
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.parameters import unit_text
 import numpy as np
@@ -63,7 +63,7 @@ class GridAxis(NamedTuple):
 
     def at(self, k: int) -> str:
         """Return the value with this index in words."""
-        return f'{self.name} {short(self.values[k])} {self.unit}'.rstrip()
+        return f'{self.name} {self.values[k]:.4g} {self.unit}'.rstrip()
 
 
 def wilson(failures: npt.ArrayLike, runs: npt.ArrayLike) -> tuple[Array, Array]:
@@ -151,7 +151,8 @@ def passing_ranges(values: npt.ArrayLike, probability: npt.ArrayLike) -> str:
     pairs: Any = zip(np.asarray(values).tolist(), np.asarray(probability).tolist())
     stretches = ([value for value, _ in stretch] for passes, stretch in itertools.groupby(
         pairs, key=lambda pair: pair[1] < LEVEL) if passes)
-    return ', '.join(span(mine[0], mine[-1]) for mine in stretches) or 'none'
+    return ', '.join(' to '.join(dict.fromkeys(f'{x:.4g}' for x in (mine[0], mine[-1])))
+                     for mine in stretches) or 'none'
 
 
 class MapData:

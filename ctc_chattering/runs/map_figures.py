@@ -21,7 +21,6 @@ from typing import Any
 
 from ctc_chattering.analysis import drawing
 from ctc_chattering.analysis.drawing import legend, legend_of
-from ctc_chattering.analysis.tables import short
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.runs.figures import law_styles
 from ctc_chattering.runs.map_data import (
@@ -60,7 +59,8 @@ def _ruled(ax: Axes, axis: str, grid: GridAxis, most: int) -> None:
     """Let an axis have the values of a grid, evenly spaced, at most so many with a text."""
     shown = spaced(len(grid.values), most)
     ax.set(**{f'{axis}label': grid.label, f'{axis}lim': (-0.5, len(grid.values) - 0.5),
-              f'{axis}ticks': shown, f'{axis}ticklabels': [short(grid.values[k]) for k in shown]})
+              f'{axis}ticks': shown,
+              f'{axis}ticklabels': [f'{grid.values[k]:.4g}' for k in shown]})
 
 
 def lines(data: MapData) -> Figure:

@@ -22,7 +22,7 @@ from typing import Any
 
 from ctc_chattering.analysis.drawing import FigureFile, save
 from ctc_chattering.analysis.page import Folded, Section, write_page
-from ctc_chattering.analysis.tables import counted, percent, scientific, Table, two_lines
+from ctc_chattering.analysis.tables import counted, Table, two_lines
 from ctc_chattering.runs.map_data import against, KINDS, MapData, passing, pooled, sobol_table
 from ctc_chattering.runs.map_figures import figures
 from ctc_chattering.runs.spec import MapSpec, rows_of
@@ -107,7 +107,7 @@ def _headline(data: MapData) -> str:
     if not failed.any():
         return 'No run fails'
     shown = dict.fromkeys((failed.idxmin(), failed.idxmax()))
-    return ', '.join(f'{law} {"" if k else "fails "}in {percent(failed[law], 1)}'
+    return ', '.join(f'{law} {"" if k else "fails "}in {100.0 * failed[law]:.1f} %'
                      for k, law in enumerate(shown)) + ' of the runs'
 
 
@@ -130,7 +130,7 @@ def _failures(data: MapData) -> Table:
         rows.append([name, f'{len(mine)}', *(
             _share(failed, mine['repeat']) for failed in (
                 failure != '', *(failure == kind for kind in used))),
-            two_lines(*(scientific(x) if np.isfinite(x) else 'diverged' for x in (
+            two_lines(*(f'{x:.2e}' if np.isfinite(x) else 'diverged' for x in (
                 error[int(np.ceil(q * len(error))) - 1] for q in (0.5, 0.95))))])
     return Table('', ['law', 'runs', 'fail', *used, 'median error [rad], 95 % quantile'], rows,
                  note='Below each share: its 95 % interval for other draws on this grid, as wide '
@@ -142,7 +142,7 @@ def _share(failed: Any, repeat: Any) -> str:
     """Return the share of runs that failed, with its interval, if there is one."""
     draws = failed.groupby(repeat).agg(['sum', 'count'])
     low, high = (100.0 * x for x in pooled(draws['sum'], draws['count']))
-    share = percent(failed.sum(), len(failed))
+    share = f'{100.0 * failed.mean():.1f} %'
     return share if np.isnan(low) else two_lines(share, f'{low:.1f} to {high:.1f}')
 
 

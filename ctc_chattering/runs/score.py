@@ -20,9 +20,9 @@ from collections.abc import Callable, Iterable, Mapping
 from math import inf, isfinite
 from typing import Any, NamedTuple
 
-from ctc_chattering.analysis.compilation import COMPILED, PLAIN
 from ctc_chattering.analysis.metrics import metrics, WINDOW, within
 from ctc_chattering.analysis.result import Result, simulate
+from ctc_chattering.compiled.machine_code import MACHINE_CODE, PLAIN_PYTHON
 from ctc_chattering.configuration.loop_setup import Setup
 from ctc_chattering.dynamics.registry import model_of
 from ctc_chattering.errors import CtcError, MachineError, refused_as
@@ -54,7 +54,8 @@ class Score(NamedTuple):
     samples, the part of the samples with a torque at its limit, and stick-slips a second where the
     reference rests. In the whole run: largest
     torque [N·m] and rate [N·m/s], and the time when v is reached [s]. `failure` says why there are
-    none of these, and `engine` how it was simulated, `COMPILED` or `PLAIN`; empty for neither.
+    none of these, and `engine` how it was simulated, by `MACHINE_CODE` or `PLAIN_PYTHON`; empty
+    for neither.
     """
 
     rms: Joints = ()
@@ -125,9 +126,7 @@ def score(setup: Setup, window: tuple[float, float] = WINDOW, run: Runner = over
         raise
     except CtcError as error:
         return Score(failure=str(error))
-    if run is not over_simulation:
-        return found
-    return found._replace(engine=COMPILED if made.compiled else PLAIN)
+    return found._replace(engine=MACHINE_CODE if made.compiled else PLAIN_PYTHON)
 
 
 def _numbers(run: Run, setup: Setup, window: tuple[float, float], period: float | None) -> Score:

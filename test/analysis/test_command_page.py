@@ -23,7 +23,7 @@ from pathlib import Path
 
 from browser import browser_page, eventually, inked
 from ctc_chattering.analysis.drawing import FigureFile
-from ctc_chattering.analysis.interactive_plots import component
+from ctc_chattering.analysis.markup import component
 from ctc_chattering.analysis.page import (
     Folded,
     Item,
@@ -33,7 +33,7 @@ from ctc_chattering.analysis.page import (
     SignalPlots,
     write_page,
 )
-from ctc_chattering.analysis.run_names import LAW_COLOURS
+from ctc_chattering.analysis.result import LAW_COLOURS
 from ctc_chattering.analysis.run_page import write_page as write_page_of_runs
 from ctc_chattering.analysis.run_page import write_samples
 from ctc_chattering.analysis.tables import bold, Table

@@ -21,14 +21,7 @@ from pathlib import Path
 from typing import Any
 
 from ctc_chattering.analysis import compilation
-from ctc_chattering.analysis.compilation import (
-    can_be_compiled,
-    compile_setups,
-    COMPILED,
-    missing,
-    PLAIN,
-    way,
-)
+from ctc_chattering.analysis.compilation import codes, compile_setups, missing
 from ctc_chattering.analysis.result import simulate
 from ctc_chattering.compiled import machine_code
 from ctc_chattering.compiled.machine_code import Code
@@ -52,13 +45,11 @@ def setup(plant: dict[str, Any] | None = None, **controller: Any) -> Setup:
 
 def test_what_can_be_compiled() -> None:
     compile_runs(setup())
-    assert can_be_compiled(setup())
-    assert way(setup()) == COMPILED
+    assert codes(setup()) and not missing([setup()])
     for other in (
             setup(ELASTIC), setup({'compiled': False}), setup(compiled=False),
             parameter_file.load(find_config('switch'))):
-        assert not can_be_compiled(other)
-        assert way(other) == PLAIN
+        assert not codes(other)
 
 
 @pytest.mark.parametrize('truth', [True, False])
@@ -86,15 +77,14 @@ def test_each_function_is_compiled_once(monkeypatch: pytest.MonkeyPatch, tmp_pat
     said: list[str] = []
     made: list[str] = []
 
-    def noted(todo: Sequence[tuple[Setup, Code]]) -> Iterator[str]:
-        for _, code in todo:
+    def noted(todo: Sequence[Code]) -> Iterator[str]:
+        for code in todo:
             made.append(code.name)
             yield code.name
 
     monkeypatch.setattr(compilation, '_build', noted)
     assert compile_setups([setup(ELASTIC), setup(compiled=False)], said.append) == 0
     assert said == [] == [*tmp_path.iterdir()]
-    assert way(setup()) == PLAIN
     names = ['dynamics-2', 'mass-2', 'control-chattering-2', 'plant-2', 'loop-2']
     assert [code.name for code in missing([setup(), setup()])] == names
     assert compile_setups([setup(), setup(ELASTIC), setup(kp=[1.0, 2.0])], said.append) == 5
@@ -113,15 +103,15 @@ def test_without_numba_plain_python_runs(tmp_path: Path, module: str, error: str
     (tmp_path / f'{module}.py').write_text(f'raise {error}\n')
     found = python('-c', (
         f'import os; os.environ["HOME"] = {str(tmp_path)!r}\n'
-        'from ctc_chattering.analysis.compilation import compile_setups, way\n'
+        'from ctc_chattering.analysis.compilation import compile_setups\n'
         'from ctc_chattering.analysis.result import simulate\n'
         'from ctc_chattering.configuration import parameter_file\n'
         'setup = parameter_file.load(None, {"plant": {"duration": 0.01}})\n'
         'made = compile_setups([setup], print)\n'
         'run = simulate(setup).run\n'
-        'print(made, way(setup), len(run.t), run.compiled)\n'), path=tmp_path)
+        'print(made, len(run.t), run.compiled)\n'), path=tmp_path)
     assert found.stdout.splitlines() == [
-        f'running in plain Python, 20 times slower: {reason}', '0 plain 11 False'], found.stderr
+        f'running in plain Python, 20 times slower: {reason}', '0 11 False'], found.stderr
 
 
 @pytest.mark.slow

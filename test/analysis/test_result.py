@@ -117,17 +117,7 @@ def test_marks_name_every_change_of_law_or_switching() -> None:
     assert result.changes == [(0.03, 'compensation')]
 
 
-def test_a_result_is_printed_in_a_line_and_says_which_errors_are_large() -> None:
-    """The cause is what the run shows: gains of another law, a torque at its limit."""
-    large, text = 'the RMS error is above a tenth of the motion of ', 'trial: '
-    assert repr(result_of(0.1)) == f'<{text}chattering: 51 samples, RMS error - from 5 to 10 s>'
-    small = result_of(6.0)
-    assert repr(small).startswith(f'<{text}chattering: 3001 samples, RMS error ')
-    assert not any(large in note for note in small.metrics()['notes'])
-    for values, cause in (
-            ({'law': 'observer_feedback'}, 'small for observer_feedback: --gains recommended'),
-            ({'law': 'pd_gravity'}, 'for the friction that the law leaves'),
-            ({'effort_limit': [2e3, 20.0]}, 'the torque is at a limit in ')):
-        (note,) = (x for x in result_of(6.0, **values).metrics()['notes'] if large in x)
-        assert 'joint2 (' in note
-        assert cause in note
+def test_a_result_is_printed_in_a_line() -> None:
+    start = '<trial: chattering: '
+    assert repr(result_of(0.1)) == f'{start}51 samples, RMS error - from 5 to 10 s>'
+    assert repr(result_of(6.0)).startswith(f'{start}3001 samples, RMS error ')

@@ -20,7 +20,7 @@ from pathlib import Path
 from shutil import copy
 
 from ctc_chattering.analysis import compilation
-from ctc_chattering.analysis.compilation import codes, PLAIN
+from ctc_chattering.analysis.compilation import codes
 from ctc_chattering.cli import experiments
 from ctc_chattering.compiled.machine_code import HOW_TO_COMPILE
 from ctc_chattering.configuration import parameter_file
@@ -58,7 +58,7 @@ def test_a_long_run_compiles_by_itself(monkeypatch: pytest.MonkeyPatch, plain: b
     """It takes longer than the compiler; `--plain` has it run at once."""
     asked: list[str] = []
     monkeypatch.setattr(experiments, '_LONG', 0.05)
-    monkeypatch.setattr(compilation, 'way', lambda _: PLAIN)
+    monkeypatch.setattr(compilation, 'missing', lambda setups: codes(*setups))
     monkeypatch.setattr(compilation, 'compile_setups', lambda setups, _show: asked.extend(
         setup.controller.law for setup in setups))
     for duration in ('0.04', '0.05'):

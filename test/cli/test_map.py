@@ -145,7 +145,7 @@ def test_results(tmp_path: Path) -> None:
     assert table['run'].to_pylist() == list(range(24))
     assert set(table['failure'].to_pylist()) == {'error'}
     about = json.loads((out / 'map.json').read_text(encoding='utf-8'))
-    assert set(table['engine'].to_pylist()) == {'plain'}
+    assert set(table['engine'].to_pylist()) == {'plain Python'}
     assert about['spec']['window'] == [0.05, 0.1]
     assert about['versions']['ctc_chattering'] == store.version()
     before = tables(out)
@@ -230,7 +230,7 @@ def test_the_compiled_loop_gives_the_same_bytes_for_any_number_of_workers(tmp_pa
         result = ctc('map', spec, '--out', out, '--jobs', jobs)
         assert result.returncode == 0, result.stderr
         table = parquet.read_table(out / 'map.parquet')
-        assert set(table['engine'].to_pylist()) == {'compiled'}
+        assert set(table['engine'].to_pylist()) == {'machine code'}
         found.append(tables(out))
     assert len(found[0]) > 3
     assert found[0] == found[1]

@@ -20,7 +20,8 @@ from pathlib import Path
 from typing import Any
 
 from broken_arm import Broken
-from ctc_chattering.analysis.compilation import compile_setups, COMPILED, PLAIN
+from ctc_chattering.analysis.compilation import compile_setups
+from ctc_chattering.compiled.machine_code import MACHINE_CODE, PLAIN_PYTHON
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.configuration.loop_setup import Setup
 from ctc_chattering.errors import CtcError, MachineError
@@ -45,12 +46,12 @@ def setup(plant: dict[str, Any] | None = None, **controller: Any) -> Setup:
         'controller': {'switching': 'implicit', **controller}})
 
 
-WAYS = pytest.mark.parametrize('way', [COMPILED, PLAIN])
+WAYS = pytest.mark.parametrize('way', [MACHINE_CODE, PLAIN_PYTHON])
 
 
 def setup_for(way: str, **controller: Any) -> Setup:
     """Return a setup that is computed in a way."""
-    made = setup({'compiled': way == COMPILED}, switching='sign', **controller)
+    made = setup({'compiled': way == MACHINE_CODE}, switching='sign', **controller)
     compile_setups([made], print)
     return made
 
@@ -60,7 +61,7 @@ def test_the_numbers_are_those_of_the_true_states(way: str) -> None:
     """Compare with definitions written out, over a plain simulation of these parameters."""
     made = setup_for(way)
     row = evaluate(made, WINDOW, NONE)
-    made = setup_for(PLAIN)
+    made = setup_for(PLAIN_PYTHON)
     run = simulate(made.plant, made.controller, made.reference, truth=True)
     inside = slice(100, 201)
     e, tau = (run.q_d - run.q)[inside], run.tau[inside]
@@ -150,7 +151,7 @@ def test_refused() -> None:
 def test_a_row_says_what_simulated_it() -> None:
     elastic = setup({'joint_stiffness': [1e4, 1e4], 'motor_inertia': [1.0, 0.1]},
                     law='compensation')
-    assert evaluate(elastic, WINDOW, NONE)['engine'] == PLAIN
+    assert evaluate(elastic, WINDOW, NONE)['engine'] == PLAIN_PYTHON
 
 
 @pytest.mark.parametrize(('error', 'kind'), [

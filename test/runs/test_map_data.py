@@ -131,4 +131,4 @@ def test_words() -> None:
     assert GridAxis('ka', (1.0, 2.0), 'N·m').label == 'ka [N·m]'
     assert GridAxis('load', (1.0, 2.0)).label == 'load'
     assert GridAxis('ka', (1.0, 2.5), 'N·m').at(1) == 'ka 2.5 N·m'
-    assert GridAxis('load', (1e-7, 2.0)).at(0) == 'load 1e-7'
+    assert GridAxis('load', (1e-7, 2.0)).at(0) == 'load 1e-07'

@@ -22,7 +22,6 @@ from pathlib import Path
 from typing import Any
 
 from ctc_chattering.analysis import drawing
-from ctc_chattering.analysis.tables import short
 from ctc_chattering.runs import map_figures
 from ctc_chattering.runs.figures import law_styles
 from ctc_chattering.runs.map_data import MapData
@@ -313,7 +312,7 @@ def test_lines_are_the_medians(data: MapData) -> None:
                if line.get_marker() == 'x']
     assert crosses == np.isinf(data.median).sum(axis=1).tolist()
     assert [above.get_xlabel(), below.get_xlabel()] == ['ka [N·m]'] * 2
-    assert [text.get_text() for text in below.get_xticklabels()] == [short(x) for x in KA]
+    assert [text.get_text() for text in below.get_xticklabels()] == [f'{x:.4g}' for x in KA]
 
 
 def test_bars_are_wilsons_intervals(data: MapData) -> None:
