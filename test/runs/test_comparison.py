@@ -399,7 +399,7 @@ def test_the_command_prints_the_table_and_writes_it_once(arm: Path, tmp_path: Pa
     assert page.count('<table>') == 4
     numbers = page[page.index('<h2>Numbers'):]
     assert re.findall(r'<b>(.*?)</b>', numbers) == re.findall(r'\*\*(.*?)\*\*', text)
-    assert text.count('; plain\n') == 4
+    assert text.count('; plain Python\n') == 4
     assert text in ctc(*arguments).stdout
     refused(ctc(*arguments, '--out', out), 'compare.md', '--overwrite')
 
