@@ -40,7 +40,6 @@ from ctc_chattering.parameters import LEAST
 
 if TYPE_CHECKING:
     from ctc_chattering.runs.points import Runs
-    from ctc_chattering.runs.tune import TuneSpec
 
 
 def compare_options(parser: argparse.ArgumentParser) -> None:
@@ -172,15 +171,15 @@ def run_tune(options: argparse.Namespace) -> int:
     results are validated on fresh draws. Write tuned.yaml, a parameter file, all other
     Pareto-optimal gains, figures and index.html.
     """
-    from ctc_chattering.runs.search import require_optuna
-    from ctc_chattering.runs.tune import tune, tune_spec
+    from ctc_chattering.runs.tune import require_optuna, tune
     from ctc_chattering.runs.tune_page import closest, NAMES, PAGE, text, TUNED, write_tuning
+    from ctc_chattering.runs.tune_spec import tune_spec
 
     require_optuna('ctc tune')
     more = {} if options.draws is None else {'repeats': options.draws}
     with given_by_user(more):
-        spec = (_tune_spec(options.file, more) if options.identified is None
-                else tune_spec(more, options.identified))
+        spec = tune_spec(more if options.identified else find_config(options.file),
+                         options.identified, more)
     out = prepare(options.out, NAMES, options.overwrite)
     with progress('tune', unit='trial') as moved:
         tuning = tune(spec, options.trials, options.percentile, jobs=options.jobs,
@@ -192,20 +191,6 @@ def run_tune(options: argparse.Namespace) -> int:
     print()
     print_page(out / PAGE, f'ctc simulate {out / TUNED}')
     return 0
-
-
-def _tune_spec(file: str, more: dict[str, int]) -> TuneSpec:
-    """Return what a spec or a parameter file has tuned, with keys in place of the spec's."""
-    from ctc_chattering.configuration.yaml_file import read_yaml
-    from ctc_chattering.runs.spec import errors_of
-    from ctc_chattering.runs.tune import parse_tune, tune_spec
-
-    path = find_config(file)
-    tree = read_yaml(path)
-    if 'ros__parameters' in str(tree):
-        return tune_spec({'params_file': file, **more})
-    with errors_of(path):
-        return parse_tune({**tree, **more} if isinstance(tree, dict) else tree, path)
 
 
 #: The options of `ctc stability`.

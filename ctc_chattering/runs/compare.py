@@ -17,7 +17,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-import dataclasses
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -29,17 +28,7 @@ from ctc_chattering.control.controller import ControllerConfig, LAWS
 from ctc_chattering.control.controller_config import SWITCHINGS
 from ctc_chattering.errors import CtcError, near, ParameterError
 from ctc_chattering.parameters import whole
-from ctc_chattering.runs.conditions import (
-    ALL,
-    Case,
-    Condition,
-    condition,
-    CONDITIONS,
-    held_out,
-    HeldOut,
-    read_cases,
-    SEED,
-)
+from ctc_chattering.runs.conditions import chosen, Condition, held_out, HeldOut, read_cases, SEED
 from ctc_chattering.runs.pool import in_parallel
 from ctc_chattering.runs.recommended import by_rule
 from ctc_chattering.runs.score import over_simulation, Runner, Score, score, worst
@@ -54,11 +43,6 @@ class Variant(NamedTuple):
     law: str
     switching: str
     settings: str
-
-    @property
-    def label(self) -> str:
-        """Return law or switching, and settings, for a figure."""
-        return ', '.join(filter(None, (self.switching or self.law, self.settings)))
 
     @property
     def values(self) -> dict[str, Any]:
@@ -96,7 +80,7 @@ class Task(NamedTuple):
 
 def tasks(paths: Sequence[Path], conditions: Sequence[str],
           laws: Sequence[str] = LAWS, gains: str = FILE, others: int = 0, seed: int = SEED,
-          cases: Sequence[Case] = ()
+          cases: Sequence[Condition] = ()
           ) -> list[Task]:
     """
     Return what to run: every variant on every robot under every condition.
@@ -111,26 +95,17 @@ def tasks(paths: Sequence[Path], conditions: Sequence[str],
         As `variants` has them.
     others, seed : int
         How many held-out conditions, and the seed of their draws.
-    cases : sequence of Case
+    cases : sequence of Condition
         Further conditions.
 
     """
-    return [Task(path, chosen, variant) for path in paths
-            for chosen in (*_conditions(conditions, path), *cases, *held_out(others, seed))
+    return [Task(path, condition, variant) for path in paths
+            for condition in (*chosen(conditions, parameter_file.load(path)), *cases,
+                              *held_out(others, seed))
             for variant in variants(laws, gains)]
 
 
-def _conditions(names: Sequence[str], path: Path) -> list[Condition]:
-    """Return the conditions that names mean on a robot."""
-    found = [condition(name) for name in names if name != ALL]
-    if ALL not in names:
-        return found
-    setup = parameter_file.load(path)
-    return [x for x in CONDITIONS.values() if x.fits(setup)]
-
-
-@dataclasses.dataclass(frozen=True)
-class Outcome:
+class Outcome(NamedTuple):
     """
     What came of a task.
 

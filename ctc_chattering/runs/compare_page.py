@@ -24,17 +24,9 @@ from math import inf
 from pathlib import Path
 from statistics import geometric_mean, median
 
-from ctc_chattering.analysis import drawing, page
+from ctc_chattering.analysis import drawing, output, page
 from ctc_chattering.analysis.drawing import FigureFile
 from ctc_chattering.analysis.markup import Markup
-from ctc_chattering.analysis.output import (
-    check_format,
-    file_stem,
-    finite,
-    prepare,
-    write_text,
-    writing,
-)
 from ctc_chattering.analysis.tables import bold, csv_text, markdown, markdown_table, Table
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.parameters import check_some
@@ -78,17 +70,15 @@ def tables(outcomes: Sequence[Outcome]) -> Iterator[Table]:
         if first.task.held_out:
             yield _robustness(group)
             continue
-        engines = ' and '.join(dict.fromkeys(x.score.engine for x in group if x.score.engine))
-        engine = f'; {engines}' if engines else ''
         yield Table(
-            bold(title) + f': RMS error [rad], 5 s ≤ t ≤ 10 s{engine}',
+            bold(title) + ': RMS error [rad], 5 s ≤ t ≤ 10 s',
             [*_HEAD, *first.joints, 'least', 'peak torque [N·m]'],
             _rows(group, partial(_errors, base=first)), len(_HEAD))
         stops = first.task.condition.stops
         slips = ' / stick-slips at rest [1/s]' if stops else ''
         yield Table(
             bold(title) + ': torque variation [N·m/s] / largest step [N·m] / largest rate '
-            f'[N·m/s]{slips}{engine}', [*_HEAD, *first.joints],
+            f'[N·m/s]{slips}', [*_HEAD, *first.joints],
             _rows(group, partial(_changes, stops=stops)), len(_HEAD))
 
 
@@ -168,8 +158,8 @@ def to_csv(outcomes: Sequence[Outcome]) -> str:
         **{name: getattr(x.score, key)[i] if getattr(x.score, key) else None
            for name, key in _NUMBERS.items()},
         'failure': x.score.failure, 'controller': json.dumps(
-            finite(x.runs[0].get('controller', {})), sort_keys=True),
-        'engine': x.score.engine} for x in outcomes for i, joint in enumerate(x.joints)])
+            output.finite(x.runs[0].get('controller', {})), sort_keys=True)}
+        for x in outcomes for i, joint in enumerate(x.joints)])
 
 
 def compromises(outcomes: Sequence[Outcome], title: str) -> Figure:
@@ -185,7 +175,8 @@ def compromises(outcomes: Sequence[Outcome], title: str) -> Figure:
     for ax, group in zip(axes, parts):
         trade_off(ax, [(_mean(x.score.variation), _mean(x.score.rms), looks[x.task.variant])
                        for x in group], 'diverged')
-    drawing.legend(figure, [Line2D([], [], label=x.label, **style) for x, style in looks.items()])
+    drawing.legend(figure, [Line2D([], [], label=', '.join(
+        filter(None, (x.switching or x.law, x.settings))), **style) for x, style in looks.items()])
     return figure
 
 
@@ -228,10 +219,10 @@ def write_comparison(outcomes: Sequence[Outcome], out: str | Path, extra: str = 
 
     """
     check_some('outcomes', outcomes)
-    check_format(extra)
-    out = prepare(Path(out), NAMES)
-    write_text(out / TABLE, to_markdown(outcomes))
-    write_text(out / CSV, to_csv(outcomes))
+    output.check_format(extra)
+    out = output.prepare(Path(out), NAMES)
+    output.write_text(out / TABLE, to_markdown(outcomes))
+    output.write_text(out / CSV, to_csv(outcomes))
     write_parameters(outcomes, out / PARAMETERS)
     write_page(outcomes, drawing.save(figures(outcomes), out / FIGURES, ('svg', extra)),
                out / PAGE, command)
@@ -240,19 +231,17 @@ def write_comparison(outcomes: Sequence[Outcome], out: str | Path, extra: str = 
 def write_page(outcomes: Sequence[Outcome], files: Sequence[FigureFile], path: Path,
                command: str = '') -> None:
     """Write the page; raise `CtcError` if that cannot be done."""
-    numbers: list[page.Item] = [*tables(outcomes)]
-    if len(groups(outcomes)) > _MANY:
-        numbers = [page.Folded(x.title, [x._replace(title='')]) for x in tables(outcomes)]
+    few = len(groups(outcomes)) <= _MANY
+    numbers = [page.Folded(x.title, [x._replace(title='')], few) for x in tables(outcomes)]
     page.write_page(path, 'The laws compared', _LEAD, [
         page.Section('Figures', files), page.Section('Numbers', numbers)],
         [(name, name) for name in (CSV, TABLE, PARAMETERS)], command)
 
 
-def write_parameters(outcomes: Sequence[Outcome], directory: Path) -> list[Path]:
-    """Write a file for every run, as `ctc simulate` takes it; return their paths."""
-    paths: list[Path] = []
+def write_parameters(outcomes: Sequence[Outcome], directory: Path) -> None:
+    """Write a file for every run, as `ctc simulate` takes it."""
     used: set[str] = set()
-    with writing(directory):
+    with output.writing(directory):
         directory.mkdir(parents=True, exist_ok=True)
         for x in outcomes:
             condition, variant = x.task.condition, x.task.variant
@@ -261,6 +250,5 @@ def write_parameters(outcomes: Sequence[Outcome], directory: Path) -> list[Path]
                     x.experiment, condition.name,
                     variant.switching or variant.law, variant.settings,
                     f'model_{condition.factors[k]:g}' if len(x.runs) > 1 else '')))
-                paths.append(directory / f'{file_stem(stem, used)}.yaml')
-                parameter_file.dump(parameter_file.load(x.task.path, run).values, paths[-1])
-    return paths
+                parameter_file.dump(parameter_file.load(x.task.path, run).values,
+                                    directory / f'{output.file_stem(stem, used)}.yaml')

@@ -172,6 +172,12 @@ def condition(name: str) -> Condition:
     return CONDITIONS[name]
 
 
+def chosen(names: Sequence[str], setup: Setup) -> list[Condition]:
+    """Return the conditions that names mean on a robot, `ALL` each that it can have."""
+    found = [condition(name) for name in names if name != ALL]
+    return [x for x in CONDITIONS.values() if x.fits(setup)] if ALL in names else found
+
+
 @dataclasses.dataclass(frozen=True)
 class Case(Condition):
     """A condition of which a file has the values of parameters, by node, and nothing else."""

@@ -32,7 +32,7 @@ import dataclasses
 from typing import Any, NamedTuple
 
 from ctc_chattering.configuration.loop_setup import Setup
-from ctc_chattering.control.recommended_gains import estimator_bandwidth, largest_pole, lateness
+from ctc_chattering.control import recommended_gains
 from ctc_chattering.controller.trips import UNBOUNDED
 from ctc_chattering.dynamics.registry import model_of
 from ctc_chattering.trajectory.reference import make_motion
@@ -91,26 +91,19 @@ RULES = {
     'extended_state_observer': Rule(0.4, 40.0, times_p={'estimator_bandwidth': 3.0})}
 
 
-def lateness_and_reversal(setup: Setup) -> tuple[float, float]:
-    """Return late and F / R of (RU1) as the controller has them [s]."""
-    config = setup.controller
-    reversal = max(f / r for f, r in zip(config.friction_level, config.torque_rate_limit))
-    return lateness(max(config.assumed_lag), config.control_period, config.input_delay), reversal
-
-
 def by_rule(setup: Setup) -> dict[str, Any]:
     """Return the gains of the law in force by its rule, as parameters of the controller."""
     config = setup.controller
-    if config.law == 'observer_feedback':
+    if config.law == recommended_gains.LAW:
         return recommended(setup)
-    late, reversal = lateness_and_reversal(setup)
+    late = recommended_gains.lateness(
+        max(config.assumed_lag), config.control_period, config.input_delay)
     friction, n = config.friction_level, len(config.joint_names)
+    reversal = max(f / r for f, r in zip(friction, config.torque_rate_limit))
     if config.law == 'chattering':
         ka = [_KA * x if x else y for x, y in zip(friction, config.ka)]
         return {'ka': ka, 'observer_bandwidth': min(
             _FASTEST_OBSERVER, _OBSERVER / max(config.assumed_lag))}
-    if config.law not in RULES:
-        return {}
     rule = RULES[config.law]
     p = min(rule.fastest, rule.speed / (late + rule.reversal * reversal))
     values: dict[str, Any] = {
@@ -148,12 +141,10 @@ def recommended_ka(setup: Setup) -> list[float]:
 
 def recommended(setup: Setup) -> dict[str, Any]:
     """Return the recommended law and its gains for a robot whose drives are known."""
-    config = setup.controller
-    n, pole = len(config.joint_names), largest_pole(lateness(
-        max(config.assumed_lag), config.control_period, config.input_delay))
+    gains = recommended_gains.recommended_gains(setup.controller)
     resolution = max(*setup.plant.encoder_resolution, *setup.plant.position_noise)
-    return {'law': 'observer_feedback', 'kp': [pole ** 2] * n, 'kv': [2.0 * pole] * n,
-            'estimator_bandwidth': estimator_bandwidth(pole, resolution),
+    bandwidth = recommended_gains.estimator_bandwidth(0.5 * gains['kv'][0], resolution)
+    return {'law': recommended_gains.LAW, **gains, 'estimator_bandwidth': bandwidth,
             'ka': recommended_ka(setup)}
 
 
@@ -171,7 +162,7 @@ def recommended_setup(setup: Setup, law: str) -> Setup:
         known['friction_level'] = plant.coulomb_friction
     setup = dataclasses.replace(setup, controller=config.changed(known))
     values: dict[str, Any] = {}
-    if law in ('observer_feedback', 'integral'):
+    if law in (recommended_gains.LAW, 'integral'):
         values = by_rule(setup.changed({'controller': {'friction_level': plant.coulomb_friction}}))
     elif law == 'chattering':
         values = {'switching': 'implicit_observer',

@@ -126,8 +126,6 @@ def score(setup: Setup, window: tuple[float, float] = WINDOW, run: Runner = over
         raise
     except CtcError as error:
         return Score(failure=str(error))
-    if run is not over_simulation:
-        return found
     return found._replace(engine=MACHINE_CODE if made.compiled else PLAIN_PYTHON)
 
 

@@ -243,10 +243,6 @@ class SampledLoop(NamedTuple):
         """Return the matrix of the loop for M̂ = `ratio` M, shape (m, m)."""
         return self.A + ratio * self.B @ self.C
 
-    def radius(self, ratio: float = 1.0) -> float:
-        """Return the largest absolute value of a pole for M̂ = `ratio` M."""
-        return float(np.abs(np.linalg.eigvals(self.closed(ratio))).max())
-
 
 def sampled_loop(law: LinearLaw, mass: Array, robot: Loops) -> SampledLoop:
     """Return the loop of a law and a robot of n joints with M̂ = `mass`, shape (n, n)."""
@@ -340,7 +336,7 @@ class Loops:
 
     def radius(self, ratio: float = 1.0) -> float:
         """Return the largest absolute value of a pole for M̂ = `ratio` M."""
-        return max(x.radius(ratio) for x in self.all)
+        return max(float(np.abs(np.linalg.eigvals(x.closed(ratio))).max()) for x in self.all)
 
     def ratios(self) -> StableRange | None:
         """Return for which eigenvalues of M̂ M⁻¹, around 1, all poles are stable; else None."""
@@ -464,8 +460,7 @@ def _masses(setup: Setup) -> list[Array]:
 RATIOS = (1.0, 0.8, 1.25)
 
 
-@dataclasses.dataclass(frozen=True)
-class Margins:
+class Margins(NamedTuple):
     """
     Margins of a loop.
 

@@ -16,7 +16,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from math import inf
 from pathlib import Path
 from typing import Any
@@ -27,18 +27,9 @@ from ctc_chattering.analysis.output import check_format, prepare, write_json, wr
 from ctc_chattering.analysis.tables import columns, number_text, rounded, Table
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.runs.figures import Mark, panels, trade_off
-from ctc_chattering.runs.search import (
-    CONSTRAINTS,
-    DIVERGED,
-    OverDraws,
-    RATE,
-    SPACE,
-    space,
-    TORQUE,
-    Trial,
-)
 from ctc_chattering.runs.spec import rows_of
-from ctc_chattering.runs.tune import Candidate, TuneSpec, Tuning
+from ctc_chattering.runs.tune import Candidate, CONSTRAINTS, OverDraws, RATE, TORQUE, Trial, Tuning
+from ctc_chattering.runs.tune_spec import SPACE, space, TuneSpec
 from matplotlib.figure import Figure
 
 #: Most joints whose numbers are all shown.
@@ -71,14 +62,14 @@ def facts(tuning: Tuning) -> Iterator[tuple[str, str]]:
                              (RATE, spec.limits.rate, 'N·m/s')):
         yield f'limit of the {name}', 'none' if min(most) == inf else (
             f'{number_text(most)} {unit}')
-    broken = {name: sum(bool(x.score.violating[name]) for x in tuning.trials)
-              for name in CONSTRAINTS}
-    yield 'trials that violate', violated(broken, len(tuning.trials)) or 'none'
+    yield 'trials that violate', ', '.join(
+        f'{name}: {n}' for name in CONSTRAINTS
+        if (n := sum(x.score.excess[name] > 0.0 for x in tuning.trials))) or 'none'
 
 
-def violated(counts: Mapping[str, int], whole: int) -> str:
-    """Return how many of all violate what; empty for nothing."""
-    return ', '.join(f'{name}: {n} of {whole}' for name, n in counts.items() if n)
+def violated(score: OverDraws) -> str:
+    """Return by how much, or in which part of the runs, what is violated; empty for nothing."""
+    return ', '.join(f'{name} {x:+.1%}' for name, x in score.excess.items() if x > 0.0)
 
 
 def table_of(tuning: Tuning) -> list[list[str]]:
@@ -97,7 +88,7 @@ def table_of(tuning: Tuning) -> list[list[str]]:
             f'{x.drawn.variation:.4g}', f'{x.fresh.variation:.4g}',
             *(number_text([rounded(y) for y in most], _MANY)
               for most in (x.fresh.torque, x.fresh.rate)),
-            violated(x.fresh.violating, len(x.fresh.runs))])
+            violated(x.fresh)])
     return rows
 
 
@@ -108,18 +99,12 @@ def notes(tuning: Tuning) -> Iterator[str]:
         yield f'no trial keeps the limits; {closest(tuning.trials)}'
     elif not point.fresh.allowed:
         yield f'{point.name} violates limits on fresh draws, as all points do'
-    if point is not None and point not in tuning.points:
-        yield f'no point of the front is better than {point.name}, which {TUNED} has'
 
 
 def closest(trials: Sequence[Trial]) -> str:
     """Return which trial comes closest to the limits, and what it violates."""
     k, score = min(enumerate(x.score for x in trials), key=lambda x: max(x[1].excess.values()))
-    worst, excess = max(score.excess.items(), key=lambda item: item[1])
-    if worst == DIVERGED:
-        reason = next(x.failure for x in score.runs if x.failure)
-        return f'trial {k} comes closest: {excess:.0%} of its runs diverge, the first: {reason}'
-    return f'trial {k} comes closest: it exceeds the limit of the {worst} by {excess:.0%}'
+    return f'trial {k} comes closest: {violated(score)}'
 
 
 def text(tuning: Tuning) -> str:
@@ -129,17 +114,10 @@ def text(tuning: Tuning) -> str:
         f'note: {note}' for note in notes(tuning))]).rstrip()
 
 
-def part_of_runs(percentile: float) -> str:
-    """Return what error and variation of a candidate are, in words."""
-    if percentile == 100.0:
-        return 'the largest of all draws'
-    return f'what {percentile:g} % of the draws do not exceed'
-
-
 def front_figure(tuning: Tuning) -> Figure:
     """Draw error over torque variation: trials, the front, the validation, and others."""
-    figure, (ax,) = panels('Error and torque variation', [part_of_runs(tuning.percentile)],
-                           'RMS error [rad]', 5.2)
+    figure, (ax,) = panels('Error and torque variation', [
+        f'what {tuning.percentile:g} % of the draws do not exceed'], 'RMS error [rad]', 5.2)
     rest = [x.score for k, x in enumerate(tuning.trials) if k not in tuning.front]
     for (name, marker, colour), within in zip(_TRIALS, (True, False)):
         mine = [x for x in rest if x.allowed == within]
@@ -202,24 +180,22 @@ def write_tuning(tuning: Tuning, out: str | Path, extra: str = 'svg', command: s
 def write_page(tuning: Tuning, files: Sequence[FigureFile], path: Path, command: str = ''
                ) -> None:
     """Write the page; raise `CtcError` if that cannot be done."""
-    there = {TUNED: 'parameter file of what is recommended', POINTS: 'of all points of the '
-             'front', NUMBERS: 'all numbers'}
     head, *rows = table_of(tuning)
     numbers = Table('', head, rows, note=(
         '* recommended: of all under the tuned law that keep the limits on fresh draws, the one '
         'with the smallest product of error and torque variation there. These are '
-        f'{part_of_runs(tuning.percentile)}; torque and rate are the largest of all fresh '
-        'draws. A column fresh is on draws that the search has not seen.'))
+        f'what {tuning.percentile:g} % of the draws do not exceed; torque and rate are the '
+        'largest of all fresh draws. A column fresh is on draws that the search has not seen.'))
     page.write_page(path, 'Gains that were tuned', _LEAD, [
         page.Section('Result', [*files, *map(page.Note, notes(tuning)), numbers]),
         page.Section('What was run', [Table('', (), list(facts(tuning)))])],
-        [(name, f'{name} ({what})') for name, what in there.items()
-         if tuning.best or name == NUMBERS], command)
+        [(name, name) for name in (TUNED, POINTS, NUMBERS) if tuning.best or name == NUMBERS],
+        command)
 
 
 def write_parameters(spec: TuneSpec, point: Candidate, path: Path) -> None:
     """
-    Write the file's parameters with the law and the gains of a point, and check them.
+    Write the file's parameters with the law and the gains of a point.
 
     Raises
     ------
@@ -232,7 +208,6 @@ def write_parameters(spec: TuneSpec, point: Candidate, path: Path) -> None:
     with writing(path):
         path.parent.mkdir(parents=True, exist_ok=True)
         parameter_file.dump(values, path)
-    parameter_file.load(path)
 
 
 def as_mapping(tuning: Tuning) -> dict[str, Any]:
@@ -242,24 +217,20 @@ def as_mapping(tuning: Tuning) -> dict[str, Any]:
     def score(x: OverDraws) -> dict[str, Any]:
         return {'error_rad': x.error, 'torque_variation_nm_per_s': x.variation,
                 'max_torque_nm': x.torque, 'max_torque_rate_nm_per_s': x.rate,
-                'runs': len(x.runs),
-                'violating_runs': {name: n for name, n in x.violating.items() if n}}
-
-    def candidate(x: Candidate) -> dict[str, Any]:
-        return {'name': x.name, 'parameters': x.values, 'drawn': score(x.drawn),
-                'fresh': score(x.fresh)}
+                'excess': x.excess}
 
     return {
         'law': config.law, 'switching': config.switching_in_force or None,
         'percentile': tuning.percentile, 'seed': tuning.seed,
-        'duration_s': spec.setup.plant.duration, 'window_s': spec.window,
+        'duration_s': spec.setup.plant.duration,
         'limits': {'torque_nm': spec.limits.torque, 'torque_rate_nm_per_s': spec.limits.rate},
         'uncertain': spec.tree['uncertain'],
         'draws': {name: {'seed': x.spec.repeats.seed, 'values': x.draws.tolist()}
                   for name, x in (('search', tuning.drawn), ('fresh', tuning.fresh))},
         'search': {name: x[:2] for name, x in spec.ranges.items()},
         'recommended': tuning.best and tuning.best.name,
-        'front': [{'trial': k, **candidate(x)} for k, x in zip(tuning.front, tuning.points)],
-        'references': [candidate(x) for x in tuning.others],
+        'front': tuning.front,
+        'candidates': [{'name': x.name, 'parameters': x.values, 'drawn': score(x.drawn),
+                        'fresh': score(x.fresh)} for x in (*tuning.others, *tuning.points)],
         'trials': [{'trial': k, 'numbers': x.numbers, **score(x.score)}
                    for k, x in enumerate(tuning.trials)]}

@@ -23,11 +23,11 @@ from ctc_chattering.cli.ctc import main
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.control.controller import ControllerConfig
 from ctc_chattering.errors import UsageError
-from ctc_chattering.runs import search as tuning
 from ctc_chattering.runs.compare import FILE, Variant, variants
 from ctc_chattering.runs.recommended import by_rule, recommended, RULES
 from ctc_chattering.runs.score import Score, worst
-from ctc_chattering.runs.search import gains, require_optuna, space
+from ctc_chattering.runs.tune import require_optuna
+from ctc_chattering.runs.tune_spec import gains, space, starts
 import numpy as np
 from processes import CONFIG
 import pytest
@@ -58,7 +58,7 @@ def test_the_first_trial_has_the_gains_of_the_file_the_second_those_that_are_rec
     config = config_of(variant)
     known = {'kp': [1e4, 1e4], 'kv': [200.0, 200.0], 'ka': [24.0, 6.0],
              'estimator_bandwidth': 90.0}
-    file, better = tuning.starts(config, FRICTION, known, space(config))
+    file, better = starts(config, FRICTION, known, space(config))
     first = config.changed(gains(file, config, FRICTION))
     expected = config
     for name, value in first.as_mapping().items():
@@ -91,7 +91,7 @@ def test_all_that_may_be_tried_is_allowed_and_every_gain_of_the_law_is_searched(
     of_others = {'boundary_layer', 'observer_bandwidth'} - {
         {'boundary_layer': 'boundary_layer', 'implicit_observer': 'observer_bandwidth'}.get(
             variant.switching)}
-    given = {'friction_level', 'actuator_lag', 'torque_rate_limit'}
+    given = {'friction_level', 'actuator_lag', 'torque_rate_limit', 'b'}
     assert set(space(config)) - {'pole', 'damping'} == taken - of_others - given
 
 
@@ -115,7 +115,7 @@ def test_recommended_settings_follow_lag_delay_and_the_model() -> None:
     assert found['kv'] == pytest.approx([2.0 * pole] * 2)
     assert found['estimator_bandwidth'] == pytest.approx(2.0 * pole)
     known = parameter_file.load(CONFIG / 'friction.yaml')
-    assert recommended(known)['kp'] == [1e4, 1e4]
+    assert recommended(known)['kp'] == (1e4, 1e4)
     t = np.linspace(0.0, 1.0, 2001)
     a, w = 0.5 * np.sin(2 * pi * t), 2 * pi
     q1, q2, v, acc = pi + a, 0.5 * pi + a, 0.5 * w * np.cos(w * t), -w * w * a

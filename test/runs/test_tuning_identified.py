@@ -25,7 +25,7 @@ from ctc_chattering.cli.ctc import main
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.errors import CtcError
 from ctc_chattering.runs.points import Runs
-from ctc_chattering.runs.tune import identified_spec, TuneSpec
+from ctc_chattering.runs.tune_spec import identified_spec, TuneSpec
 from identified_bags import recorded_bag, short
 import pytest
 from urdfs import two_links
@@ -74,7 +74,7 @@ def ranges(spec: TuneSpec) -> dict[str, Any]:
 def test_friction_is_drawn_within_its_widest_interval(tmp_path: Path) -> None:
     found = identified_spec(written(tmp_path, contents()), {'repeats': 64})
     assert ranges(found) == {'coulomb': (0.75, 1.25), 'viscous': (0.95, 1.05),
-                             'delay and lag': (0.0, 1.0), 'model': (0.95, 1.05)}
+                             'lag': (1e-3, 6e-3), 'model': (0.95, 1.05)}
     setups = Runs(found).setups
     for k, (low, high) in enumerate(((7.5, 12.5), (3.0, 5.0))):
         drawn = [x.plant.coulomb_friction[k] for x in setups]
@@ -83,21 +83,19 @@ def test_friction_is_drawn_within_its_widest_interval(tmp_path: Path) -> None:
     assert {x.controller.input_delay for x in setups} == {0}
 
 
-def test_every_delay_is_drawn_with_all_lags_that_are_possible_with_it(tmp_path: Path) -> None:
+def test_every_delay_that_is_possible_is_drawn_and_all_lags_with_any_of_them(
+        tmp_path: Path) -> None:
     pairs = {0: ((3e-3, 4e-3), (5e-3, 7e-3)), 1: ((2e-3, 3e-3), (4e-3, 5e-3)),
-             2: ((0.0, 1e-3), (1e-3, 1e-3))}
+             2: ((-1e-4, 1e-3), (1e-3, 1e-3))}
     spec = identified_spec(written(tmp_path, contents(delay_samples=None, delays_possible=[
         possible(delay, *lags) for delay, lags in pairs.items()])), {'repeats': 64})
+    assert ranges(spec)['delay'] == (0.0, 1.0, 2.0)
+    assert ranges(spec)['lag'] == (0.0, 7e-3)
     plants = [x.plant for x in Runs(spec).setups]
-    for delay, lags in pairs.items():
-        mine = [x.actuator_lag for x in plants if x.input_delay == delay]
-        assert len(mine) > 15
-        for (low, high), drawn in zip(lags, zip(*mine)):
-            assert low <= min(drawn) <= low + 0.1 * (high - low)
-            assert high - 0.1 * (high - low) <= max(drawn) <= high
-    assert spec.tree['uncertain']['delay and lag'] == (
-        'delay 0 with lags 3 to 4, 5 to 7 ms or delay 1 with lags 2 to 3, 4 to 5 ms or '
-        'delay 2 with lags 0 to 1, 1 to 1 ms')
+    for delay in pairs:
+        assert sum(x.input_delay == delay for x in plants) > 15
+    drawn = [x.actuator_lag[0] for x in plants]
+    assert min(drawn) < 5e-4 and max(drawn) > 6.5e-3
 
 
 def test_errors_of_masses_widen_the_model_and_a_payload_is_carried(tmp_path: Path) -> None:
@@ -140,7 +138,7 @@ def test_what_identify_writes_is_read(tmp_path: Path) -> None:
     assert main(['identify', str(bag), '--model', 'two_link', '--trials', '0',
                  '--out', str(out)]) == 0
     spec = identified_spec(out, {'repeats': 8})
-    assert [x.name for x in spec.uncertain] == ['coulomb', 'viscous', 'delay and lag', 'model']
+    assert [x.name for x in spec.uncertain] == ['coulomb', 'viscous', 'lag', 'model']
     assert max(spec.file.controller.torque_rate_limit) < inf
     assert set(spec.limits.rate) == {inf}, 'the rate of the drives is not known'
     given = identified_spec(out, {'tune': {'torque_rate_limit': 700.0}})

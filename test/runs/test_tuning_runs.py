@@ -23,9 +23,9 @@ from ctc_chattering.runs.points import Runs
 from ctc_chattering.runs.pool import processes
 from ctc_chattering.runs.recommended import recommended_setup
 from ctc_chattering.runs.score import Score
-from ctc_chattering.runs.search import Limits, over_draws
 from ctc_chattering.runs.tune import (
     Candidate,
+    over_draws,
     recommended_of,
     references,
     scores_of,
@@ -34,6 +34,7 @@ from ctc_chattering.runs.tune import (
     Tuning,
     with_gains,
 )
+from ctc_chattering.runs.tune_spec import Limits
 import pytest
 from tunings import short_spec, short_tuning
 
@@ -87,6 +88,7 @@ def test_others_are_the_file_and_the_recommended_settings(tuning: Tuning) -> Non
             recommended_setup(tuning.spec.file, law)
             for law in ('chattering', 'observer_feedback')))):
         assert tuning.spec.setup.controller.changed(found[name]) == file.controller
+        assert 'inertia_scale' not in found[name]  # A draw may have it.
 
 
 def test_all_laws_that_run_are_compiled_first() -> None:
@@ -110,6 +112,15 @@ def test_the_recommended_of_keeps_the_limits_on_fresh_draws() -> None:
     assert recommended_of(points[:2]) is points[0]
     assert recommended_of([points[1]]) is points[1]
     assert recommended_of([]) is None
+
+
+def test_the_recommended_is_where_both_change_by_the_same_part() -> None:
+    """On error = 1 + 100 / variation² the slope on logarithmic axes is -1 at variation = 10."""
+    points = [candidate(1.0 + 100.0 / v ** 2, v, 0.5) for v in (1.1 ** k for k in range(60))]
+    found = recommended_of(points)
+    assert found is not None
+    assert found.fresh.variation == pytest.approx(10.0, rel=0.05)
+    assert recommended_of([points[0], points[0]._replace(name='second')]) is points[0]
 
 
 def test_limits_that_nothing_keeps_leave_no_front() -> None:

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The search for gains: scores, front and knee by definition, limits kept, seeds."""
+"""The search for gains: scores and front by definition, limits kept, seeds."""
 
 from __future__ import annotations
 
@@ -24,18 +24,16 @@ import sys
 
 from ctc_chattering.errors import UsageError
 from ctc_chattering.runs.score import Score
-from ctc_chattering.runs.search import (
+from ctc_chattering.runs.tune import (
     front,
-    knee,
-    Limits,
     Numbers,
     over_draws,
     OverDraws,
     percentile_of,
-    Range,
     search,
     Trial,
 )
+from ctc_chattering.runs.tune_spec import Limits, Range
 import optuna
 import pytest
 
@@ -73,7 +71,6 @@ def test_a_score_has_the_worst_of_what_is_limited_and_the_percentile_of_the_rest
     assert (found.torque, found.rate) == ((7.0, 2.0), (8.0, 4.0))
     assert found.excess == pytest.approx(
         {'diverged': 0.0, 'torque': 0.0, 'torque rate': 1.0}, abs=1e-8)
-    assert found.violating == {'diverged': 0, 'torque': 0, 'torque rate': 1}
     assert not found.allowed
     assert over_draws(runs, FREE, 75.0).allowed
     assert over_draws(runs, FREE, 100.0).error == 4.0
@@ -81,11 +78,11 @@ def test_a_score_has_the_worst_of_what_is_limited_and_the_percentile_of_the_rest
 
 def test_runs_that_diverge_count_as_infinite_and_violate() -> None:
     found = over_draws([run(1.0), GONE, run(2.0), run(3.0)], FREE, 75.0)
-    assert (found.error, found.excess['diverged'], found.violating['diverged']) == (3.0, 0.25, 1)
+    assert (found.error, found.excess['diverged']) == (3.0, 0.25)
     assert not found.allowed
     assert over_draws([run(1.0), GONE], FREE, 100.0).error == inf
     none = over_draws([GONE, GONE], Limits((1.0, 1.0), (inf, inf)), 50.0)
-    assert (none.error, none.torque, none.violating['diverged']) == (inf, (inf, inf), 2)
+    assert (none.error, none.torque, none.excess['diverged']) == (inf, (inf, inf), 1.0)
 
 
 def test_the_rounding_of_a_rate_is_no_violation() -> None:
@@ -111,13 +108,6 @@ def test_the_front_is_what_no_other_beats(seed: int) -> None:
 
 def test_there_may_be_no_front() -> None:
     assert front([point(1.0, 1.0, False)]) == []
-
-
-def test_the_knee_is_where_both_change_by_the_same_part() -> None:
-    """On error = 1 + 100 / variation² the slope on logarithmic axes is -1 at variation = 10."""
-    variations = [1.1 ** k for k in range(60)]
-    scores = [point(1.0 + 100.0 / v ** 2, v) for v in variations]
-    assert variations[knee(scores)] == pytest.approx(10.0, rel=0.05)
 
 
 class Robot:
@@ -205,4 +195,3 @@ def test_what_is_missing_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_ties_go_to_the_first() -> None:
     scores = [point(e, v) for e, v in product((1.0, 2.0), (1.0, 2.0))] * 2
     assert front(scores) == [0]
-    assert knee(scores) == 0

@@ -25,9 +25,8 @@ from ctc_chattering.configuration.package_share import config_directory
 from ctc_chattering.control.controller import LAWS
 from ctc_chattering.errors import CtcError
 from ctc_chattering.runs.points import Runs
-from ctc_chattering.runs.search import SPACE
 from ctc_chattering.runs.spec import applied
-from ctc_chattering.runs.tune import DRAWS, parse_tune, TuneSpec
+from ctc_chattering.runs.tune_spec import DRAWS, parse_tune, SPACE, TuneSpec
 import pytest
 
 LOAD = {'load': {'parameter': 'plant.coulomb_friction', 'uniform': [5.0, 9.0]}}
@@ -102,10 +101,9 @@ def test_a_description_limits_the_torque() -> None:
 
 
 def test_ranges_are_those_of_the_law_or_of_the_spec() -> None:
-    found = spec(law='chattering', search={'pole': [10, 20], 'lambda': 5.0, 'b': [0.5, 2.0]})
+    found = spec(law='chattering', search={'pole': [10, 20], 'lambda': 5.0})
     assert found.ranges['pole'][:2] == (10.0, 20.0)
     assert found.ranges['lambda'][:2] == (5.0, 5.0)
-    assert found.ranges['b'][:2] == (0.5, 2.0)
     assert found.ranges['ka'] == SPACE['ka']
     chattering = spec(law='chattering').setup.controller
     assert chattering.switching == 'implicit_observer'
@@ -134,9 +132,9 @@ def test_the_values_to_be_written_have_the_duration_of_the_file() -> None:
 
 
 @pytest.mark.parametrize(('tree', 'tune', 'words'), [
-    ({'axes': {}}, {}, 'axes: not allowed for ctc tune'),
-    ({'laws': ['integral']}, {}, 'laws: not allowed for ctc tune'),
-    ({'refine': 1}, {}, 'refine: not allowed for ctc tune'),
+    ({'axes': {}}, {}, 'spec: .axes. is not allowed; allowed: a mapping of '),
+    ({'laws': ['integral']}, {}, 'spec: .laws. is not allowed'),
+    ({'refine': 1}, {}, 'spec: .refine. is not allowed'),
     ({'sampling': 'saltelli', 'repeats': 8}, {}, 'saltelli'),
     ({'tune': {'rate': 1}}, {}, 'tune: .rate. is not allowed; allowed: a mapping of law, '),
     ({'tune': 3}, {}, 'tune: 3 is not allowed'),
@@ -148,8 +146,8 @@ def test_the_values_to_be_written_have_the_duration_of_the_file() -> None:
     ({}, {'search': {'kp': [1, 2]}}, 'tune.search: .kp. is not allowed; .* pole, damping'),
     ({}, {'search': {'pole': [2, 1]}}, r'tune.search.pole: \[2, 1\] is not allowed; .* ascending'),
     ({}, {'search': {'pole': 0}}, r'tune.search.pole: \[0.0, 0.0\] is not allowed'),
-    ({}, {'law': 'chattering', 'search': {'b': [1, 1e4]}},
-     'tune.search.b: 10000.0 is not allowed'),
+    ({}, {'law': 'pid_kalman', 'search': {'lead_ratio': [0.1, 1e4]}},
+     'tune.search.lead_ratio: 10000.0 is not allowed'),
     ({'uncertain': {'gain': {'parameter': 'controller.ka', 'uniform': [1, 2]}}}, {},
      'uncertain.gain: controller.ka is tuned'),
     ({'uncertain': {'noise': {'parameter': 'plant.velocity_noise', 'uniform': [-1, 2]}}}, {},

@@ -20,7 +20,8 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-from ctc_chattering.runs.tune import parse_tune, searched, TuneSpec, Tuning
+from ctc_chattering.runs.tune import searched, Tuning
+from ctc_chattering.runs.tune_spec import parse_tune, TuneSpec
 
 
 def short_spec(**more: Any) -> TuneSpec:
