@@ -79,13 +79,12 @@ def score_comparison(results: Sequence[Result]) -> Figure:
     for key, quantity, units, suffix in (
             ('rms_error_rad', 'RMS error', 'position_units', ''),
             ('torque_variation_nm_per_s', 'torque variation', 'torque_units', '/s')):
-        window = f', {low:g} s to {high:g} s' if any(score[key] for score in scores) else ''
         unit = ' or '.join(sorted({unit + suffix for score in scores for unit in score[units]}))
-        quantities.append((f'{quantity}{window} (number: joint)', f'{quantity} [{unit}]',
+        quantities.append((f'{quantity} (number: joint)', f'{quantity} [{unit}]',
                            [score[key] or () for score in scores],
                            f'no sample from {low:g} s to {high:g} s'))
-    return drawing.dots('Tracking error and torque variation', names(results), colours(results),
-                        quantities)
+    return drawing.dots(f'Tracking error and torque variation, {low:g} s to {high:g} s',
+                        names(results), colours(results), quantities)
 
 
 #: Figures of the paper by experiment and law: (tracking, torques).
