@@ -22,7 +22,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 import dataclasses
-from numbers import Real
 from typing import NamedTuple
 
 from ctc_chattering.bags.recording import Recording, Stretch
@@ -265,10 +264,9 @@ def torque_sides(parts: Sequence[Stretch], rows: Sequence[Rows], phi: TestFuncti
                 Kind.NOTE, ALL_JOINTS, 'the effort is the command, '
                 f'{delay} samples later: it is not measured, but it has stamps'),))
     mine = windows.shape(effort)
-    guess = _guess(mine, theirs)
     if theirs is None:
-        return _of_effort_only(declared, guess, mine, source)
-    return _of_both(declared, guess, mine, theirs, source)
+        return _of_effort_only(declared, mine, source)
+    return _of_both(declared, mine, theirs, source)
 
 
 def check_commands(shape: TorqueShape) -> None:
@@ -287,38 +285,22 @@ def check_commands(shape: TorqueShape) -> None:
         '--gravity 0')
 
 
-def _guess(effort: TorqueShape, command: TorqueShape | None) -> str:
-    """Return the side of the effort; empty where nothing tells."""
-    weight = _exact(effort.weight, effort.weight_error, effort.load)
-    if command is None:
-        if np.isfinite(weight) and not _same(weight, _OTHER_UNIT_THAN_MODEL):
-            return CURRENT
-        part = _median((np.abs(effort.friction) + 2.0 * effort.friction_error) / effort.size)
-        return LINK if part < _HARDLY_ANY else ''
-    known = np.where(effort.weight_error < _EXACT * np.abs(effort.weight), effort.weight, np.nan)
-    ratio = _median(known / command.weight)
-    if np.isfinite(ratio) and not _same(ratio, _OTHER_UNIT):
-        return CURRENT
-    part = _friction_ratio(effort, command)
-    return '' if np.isnan(part) else LINK if abs(part) < _BEHIND_GEAR else MOTOR
-
-
-def _of_effort_only(declared: str, guess: str, effort: TorqueShape, source: str) -> TorqueSides:
+def _of_effort_only(declared: str, effort: TorqueShape, source: str) -> TorqueSides:
     """Return what follows without commands; raise `CtcError` if friction cannot be told."""
-    if (declared or guess) == CURRENT:
-        weight = np.where(effort.weight_error < _EXACT * np.abs(effort.weight), effort.weight,
-                          np.nan)
-        factors = ','.join('?' if np.isnan(x) else f'{1.0 / x:.3g}' for x in weight)
+    weight = _exact(effort.weight, effort.weight_error, effort.load)
+    other_unit = np.isfinite(weight) and not _same(weight, _OTHER_UNIT_THAN_MODEL)
+    if declared == CURRENT or (other_unit and not declared):
         raise CtcError(
-            f'the effort is {_median(weight):.3g} of the torque of the model: if it is a current, '
-            'give --effort current --torque-constant K1,K2,... with N*m at the joint per ampere '
-            f'(by the weight of the model: {factors}), or record the commanded torques')
-    if declared == LINK or (guess == LINK and not declared):
-        part = _median(np.abs(effort.friction) / effort.size)
+            f'the effort is {weight:.3g} of the weight of the model: if it is a current, give '
+            '--effort current --torque-constant K1,K2,... with N*m at the joint per ampere, or '
+            'record the commanded torques')
+    shown = _median((np.abs(effort.friction) + 2.0 * effort.friction_error) / effort.size)
+    if declared == LINK or (shown < _HARDLY_ANY and not declared):
         raise CtcError(
-            f'the effort shows no friction ({part:.1%} of the torque, median of the joints): it '
-            'is measured behind the gear; only the commanded torques show friction: record them, '
-            'too; or give --effort motor if there is no friction between motor and link')
+            f'the effort shows no friction (at most {shown:.1%} of the torque, median of the '
+            'joints): it is measured behind the gear; only the commanded torques show friction: '
+            'record them, too; or give --effort motor if there is no friction between motor and '
+            'link')
     if declared:
         return TorqueSides(declared, source)
     return TorqueSides('', source, (Finding(
@@ -327,27 +309,23 @@ def _of_effort_only(declared: str, guess: str, effort: TorqueShape, source: str)
         'record the commands, or give --effort motor'),))
 
 
-def _of_both(declared: str, guess: str, effort: TorqueShape, command: TorqueShape, source: str
+def _of_both(declared: str, effort: TorqueShape, command: TorqueShape, source: str
              ) -> TorqueSides:
-    """Return what follows from effort and commands."""
-    side, part = declared or guess, _friction_ratio(effort, command)
-    told = '' if np.isnan(part) else f': it shows {part:.2f} of the friction of the commands'
-    if side in (LINK, CURRENT):
-        what = {LINK: f'the effort is measured behind the gear{told}',
-                CURRENT: 'the effort is a current, or has another unit than N*m'}[side]
-        return TorqueSides(side, COMMAND, (Finding(
-            Kind.NOTE, ALL_JOINTS, f'{what}; friction is taken from the commands',
-            '' if declared else f'--effort {side} confirms it'),))
-    found: list[Finding] = []
-    if guess in (LINK, CURRENT):
-        found.append(Finding(
-            Kind.DOUBT, ALL_JOINTS, f'the effort is declared as that of the {declared}, but '
-            f'looks like {guess}{told}', f'--effort {guess}'))
-    elif not (np.isnan(part) or _same(part, 1.0 / _SAME_FRICTION)):
-        found.append(Finding(
-            Kind.NOTE, ALL_JOINTS, f'the effort shows {part:.2f} of the friction of the '
-            'commands; friction is taken from these, through which a law acts'))
-    return TorqueSides(side, COMMAND if found else source, tuple(found))
+    """Return what follows from effort and commands: only an effort like these may be taken."""
+    part = _friction_ratio(effort, command)
+    exact = effort.weight_error < _EXACT * np.maximum(1.0, np.abs(effort.weight))
+    weight = _median(np.where(exact, effort.weight / command.weight, np.nan))
+    other_unit = np.isfinite(weight) and not _same(weight, _OTHER_UNIT)
+    if declared not in (LINK, CURRENT) and _same(part, 1.0 / _SAME_FRICTION) and not other_unit:
+        return TorqueSides(declared, source)
+    told = ' and '.join(f'{x:.2f} of the {what}' for x, what in (
+        (part, 'friction'), (weight, 'weight')) if np.isfinite(x))
+    doubt = declared == MOTOR and (abs(part) < _BEHIND_GEAR or other_unit)
+    return TorqueSides(declared, COMMAND, (Finding(
+        Kind.DOUBT if doubt else Kind.NOTE, ALL_JOINTS,
+        f'the effort shows {told or "nothing"} that the commands have; friction is taken from '
+        'these', '' if declared and not doubt else
+        '--effort says what it is: of the motor, the link, or a current'),))
 
 
 def _friction_ratio(effort: TorqueShape, command: TorqueShape) -> float:
@@ -438,39 +416,8 @@ def _same(ratio: float, factor: float) -> bool:
     return 1.0 / factor <= ratio <= factor
 
 
-#: One number for all joints, or one for each; None where it is not known.
-PerJoint = float | Sequence[float] | None
-
-
-def check_effort(side: str, geared: bool, constant: bool, recordings: Sequence[Recording]) -> None:
-    """
-    Check that what is said of the effort goes together.
-
-    Parameters
-    ----------
-    side : {'', 'motor', 'link', 'current'}
-        What the effort is; empty for a guess.
-    geared, constant : bool
-        Whether there are gear ratios, and torque constants.
-    recordings : sequence of Recording
-        Of which one at least must have an effort, if something is said of it.
-
-    Raises
-    ------
-    UsageError
-        If not.
-
-    """
-    if geared and side not in (MOTOR, CURRENT):
-        raise UsageError(
-            'gear_ratio needs an effort that is of the motor, or a current: '
-            f'{"behind the gear it is 1" if side == LINK else "what is the effort?"}')
-    if constant and side != CURRENT:
-        raise UsageError('torque_constant needs an effort that is a current')
-    if side == CURRENT and geared and not constant:
-        raise UsageError('gear_ratio of currents needs torque_constant')
-    if side and all(x.effort is None for x in recordings):
-        raise UsageError(f'effort {side}: {recordings[0].name} has no effort')
+#: One number for each joint; None where it is not known.
+PerJoint = Sequence[float] | None
 
 
 def in_torques(recordings: Sequence[Recording], side: str, gear_ratio: PerJoint,
@@ -483,10 +430,10 @@ def in_torques(recordings: Sequence[Recording], side: str, gear_ratio: PerJoint,
     recordings : sequence of Recording
         Of n joints.
     side : {'', 'motor', 'link', 'current'}
-        What the effort is; empty for a guess.
-    gear_ratio : float or sequence of float, optional
+        What the effort is; empty where it is not known.
+    gear_ratio : sequence of float, length n, optional
         Turns of the motor per turn of the joint.
-    torque_constant : float or sequence of float, optional
+    torque_constant : sequence of float, length n, optional
         Torque of the motor per ampere, or of the joint without `gear_ratio` [N·m/A].
 
     Raises
@@ -495,26 +442,27 @@ def in_torques(recordings: Sequence[Recording], side: str, gear_ratio: PerJoint,
         If an argument is not allowed, or they do not go together.
 
     """
-    check_effort(side, gear_ratio is not None, torque_constant is not None, recordings)
+    if gear_ratio is not None and side not in (MOTOR, CURRENT):
+        raise UsageError(
+            'gear_ratio needs an effort that is of the motor, or a current: '
+            f'{"behind the gear it is 1" if side == LINK else "what is the effort?"}')
+    if torque_constant is not None and side != CURRENT:
+        raise UsageError('torque_constant needs an effort that is a current')
+    if side == CURRENT and gear_ratio is not None and torque_constant is None:
+        raise UsageError('gear_ratio of currents needs torque_constant')
+    if side and all(x.effort is None for x in recordings):
+        raise UsageError(f'effort {side}: {recordings[0].name} has no effort')
     n = len(recordings[0].joints)
-    factor = _factors('gear_ratio', gear_ratio, n) * _factors(
-        'torque_constant', torque_constant, n)
-    side = MOTOR if torque_constant is not None else side
-    if (factor == 1.0).all():
-        return list(recordings), side
-    for x in recordings:
-        if len(x.joints) != n:
-            raise CtcError(f'{x.name}: {len(x.joints)} joints; {recordings[0].name} has {n}')
-    return [dataclasses.replace(x, effort=x.effort * factor) if x.effort is not None else x
-            for x in recordings], side
-
-
-def _factors(name: str, value: PerJoint, n: int) -> Array:
-    """Return n factors, of None ones; raise `ParameterError` if they are none."""
-    if value is None:
-        return np.ones(n)
-    one = isinstance(value, Real) and not isinstance(value, bool)
-    found = vector(name, [value] * n if one else value, n)
-    if not (np.isfinite(found) & (found != 0.0)).all():
-        raise ParameterError(name, value, 'finite numbers that are not 0')
-    return found
+    factor: Array = np.ones(n)
+    for name, value in (('gear_ratio', gear_ratio), ('torque_constant', torque_constant)):
+        if value is not None:
+            numbers = vector(name, value, n)
+            if not (np.isfinite(numbers) & (numbers != 0.0)).all():
+                raise ParameterError(name, value, 'finite numbers that are not 0')
+            factor = factor * numbers
+            for x in recordings:
+                if len(x.joints) != n:
+                    raise CtcError(f'{x.name}: {len(x.joints)} joints; {recordings[0].name} '
+                                   f'has {n}')
+    return ([x if x.effort is None else dataclasses.replace(x, effort=x.effort * factor)
+             for x in recordings], MOTOR if torque_constant is not None else side)

@@ -35,7 +35,6 @@ from ctc_chattering.identification.random_motions import (
     bounds_of,
     Excitation,
     ExcitationConfig,
-    Quintics,
     RandomMotions,
 )
 from ctc_chattering.numerics.linear_algebra import Array
@@ -100,28 +99,6 @@ class Played:
     tau: Array
 
 
-def played(path: Quintics, model: Model, friction: AssumedFriction, step: float = _FINE
-           ) -> Played:
-    """
-    Return a motion through waypoints with its torques.
-
-    Parameters
-    ----------
-    path : Quintics
-        The waypoints, in the order of the model's joints.
-    model : Model
-        Gives the torques.
-    friction : AssumedFriction
-        At rest, Coulomb friction acts with the rest of the torque.
-    step : float
-        Time between two samples [s].
-
-    """
-    t = np.arange(round(path.times[-1] / NANOSECONDS / step) + 1) * step
-    q, dq, ddq = path.at(t)
-    return Played(t, q, dq, ddq, torques(model, (q, dq, ddq), friction))
-
-
 def torques(model: Model, motion: Iterable[Array], friction: AssumedFriction) -> Array:
     """Return the torque of position, velocity and acceleration, each (N, n), (N, n) [N·m]."""
     q, dq, ddq = motion
@@ -175,14 +152,18 @@ def gains(kp: Array, kv: Array, hold: Array, slow: Array, delay: float) -> tuple
     return higher, np.where(higher > kp, np.maximum(kv, np.ceil(2.0 * np.sqrt(higher))), kv)
 
 
-class MotionSearch:
+def first_motion(motions: RandomMotions, count: int, seed: int, model: Model,
+                 friction: AssumedFriction, effort: Array, links: SelfCollision | None
+                 ) -> tuple[Excitation, Approach | None]:
     """
-    Random motions, of which the first that keeps all limits is taken.
+    Return the first random motion that keeps all limits, as large as any does, and its approach.
 
     Parameters
     ----------
     motions : RandomMotions
         That are drawn.
+    count, seed : int
+        Motions to draw, and their seed.
     model, friction
         Give torques.
     effort : ndarray, shape (n,)
@@ -190,56 +171,46 @@ class MotionSearch:
     links : SelfCollision or None
         Gives distances.
 
+    Raises
+    ------
+    CtcError
+        If no motion keeps the limits.
+
     """
+    rng = np.random.default_rng(seed)
+    drawn = [motions.draw(rng) for _ in range(count)]
+    for size in _SMALLER:
+        for one in drawn:
+            found = motions.motion(one, size)
+            t = np.arange(0.0, found.path.times[-1] / NANOSECONDS, _TORQUE_STEP)
+            torque = np.abs(torques(model, found.path.at(t), friction))
+            refusal, nearest = _torque_beyond(torque, effort, found.names), None
+            if not refusal and links is not None:
+                refusal, nearest = _too_near(found, links)
+            if not refusal:
+                return found, nearest
+    raise CtcError(refusal)
 
-    def __init__(self, motions: RandomMotions, model: Model, friction: AssumedFriction,
-                 effort: Array, links: SelfCollision | None) -> None:
-        self._motions, self._model = motions, model
-        self._friction, self._effort, self._links = friction, effort, links
 
-    def first(self, count: int, seed: int) -> tuple[Excitation, Approach | None]:
-        """
-        Return the first motion that keeps all limits, as large as any does, and its approach.
+def _torque_beyond(torque: Array, effort: Array, names: Sequence[str]) -> str:
+    """Return which magnitudes of torque, shape (N, n) [N·m], are too large; empty for none."""
+    k, i = divmod(int((torque / effort).argmax()), len(names))
+    if torque[k, i] <= _TORQUE * effort[i]:
+        return ''
+    return (f'peak torque of {names[i]}: {torque[k, i]:.4g} is not allowed; at most '
+            f'{effort[i]:g} N*m, its effort limit: {ADVICE}')
 
-        Parameters
-        ----------
-        count, seed : int
-            Motions to draw, and their seed.
 
-        Raises
-        ------
-        CtcError
-            If no motion keeps the limits.
-
-        """
-        rng = np.random.default_rng(seed)
-        drawn = [self._motions.draw(rng) for _ in range(count)]
-        for size in _SMALLER:
-            for one in drawn:
-                found = self._motions.motion(one, size)
-                refusal, nearest = self._beyond(found)
-                if not refusal:
-                    return found, nearest
-        raise CtcError(refusal)
-
-    def _beyond(self, found: Excitation) -> tuple[str, Approach | None]:
-        """Return which limit a motion does not keep, empty if all, and the nearest approach."""
-        t = np.arange(0.0, found.path.times[-1] / NANOSECONDS, _TORQUE_STEP)
-        torque = np.abs(torques(self._model, found.path.at(t), self._friction))
-        k, i = np.unravel_index(int((torque / self._effort).argmax()), torque.shape)
-        if torque[k, i] > _TORQUE * self._effort[i]:
-            return (f'peak torque of {found.names[i]}: {torque[k, i]:.4g} is not allowed; at most '
-                    f'{self._effort[i]:g} N*m, its effort limit: {ADVICE}'), None
-        if self._links is None:
-            return '', None
-        for step in (_STEP, CHECK):  # Most that come too near do so in large steps already.
-            t = np.arange(0.0, found.path.times[-1] / NANOSECONDS + step, step)
-            nearest = self._links.nearest(found.path.at(t)[0])
-            if nearest.spare < 0.0:
-                return ('the motion is refused; nearest approach of two links: '
-                        f'{self._links.text(nearest, float(t[nearest.sample]))} is needed: '
-                        f'{ADVICE}'), nearest
-        return '', nearest
+def _too_near(found: Excitation, links: SelfCollision) -> tuple[str, Approach]:
+    """Return which links come too near, empty for none, and the nearest approach."""
+    for step in (_STEP, CHECK):  # Most that come too near do so in large steps already.
+        t = np.arange(0.0, found.path.times[-1] / NANOSECONDS + step, step)
+        nearest = links.nearest(found.path.at(t)[0])
+        if nearest.spare < 0.0:
+            return ('the motion is refused; nearest approach of two links: '
+                    f'{links.text(nearest, float(t[nearest.sample]))} is needed: '
+                    f'{ADVICE}'), nearest
+    return '', nearest
 
 
 @dataclasses.dataclass(frozen=True)
@@ -317,7 +288,7 @@ def excite(setup: Setup, request: Mapping[str, Any] | None = None,
         Model, limits, gains and friction of the robot.
     request : mapping, optional
         What is asked of the motion: ``duration`` [s], ``poses``, ``center`` [rad],
-        ``position_range`` [rad], ``velocity_limit`` [rad/s], ``acceleration_limit`` [rad/s²],
+        ``position_range`` [rad],
         ``velocity_scale``, ``clearance`` [m].
     friction : sequence of float, length n, optional
         Coulomb friction to expect, in place of the plant's [N·m].
@@ -363,9 +334,10 @@ def excite(setup: Setup, request: Mapping[str, Any] | None = None,
     only = [names.index(name) for name in joints]
     share = np.where(np.isin(np.arange(len(names)), only), 1.0, _OTHERS) if only else None
     motions = RandomMotions(config, bounds, share)
-    found, approach = MotionSearch(motions, model, assumed, effort, links).first(
-        evaluations, seed)
-    motion = played(found.path, model, assumed)
+    found, approach = first_motion(motions, evaluations, seed, model, assumed, effort, links)
+    t = np.arange(round(found.path.times[-1] / NANOSECONDS / _FINE) + 1) * _FINE
+    q, dq, ddq = found.path.at(t)
+    motion = Played(t, q, dq, ddq, torques(model, (q, dq, ddq), assumed))
     slow = [round((a + b) / 2.0 / (motion.t[1] - motion.t[0])) for a, b in found.slow]
     kp, kv = (matrix(x, model.n).diagonal() for x in (controller.kp, controller.kv))
     hold = sticking(model, motion.q[slow], kp, assumed)

@@ -16,14 +16,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
-from ctc_chattering.analysis.drawing import FigureFile, legend_of, panel, REFERENCE, save, sheet
+from ctc_chattering.analysis.drawing import FigureFile, panel, REFERENCE, save, sheet
 from ctc_chattering.identification.identify import Identification
 from ctc_chattering.identification.least_squares import BENT, TermKind
 from ctc_chattering.identification.perturbation import friction_at, MeasuredPerturbation
-from ctc_chattering.identification.results import IdentificationResults, Validation
+from ctc_chattering.identification.results import IdentificationResults
 from ctc_chattering.identification.verdict import Verdict
 from ctc_chattering.numerics.linear_algebra import Array
 from matplotlib.axes import Axes
@@ -41,10 +41,7 @@ def save_identification_figures(results: IdentificationResults, directory: Path,
     """Write all figures as SVG, and as `extra`, into `directory`, and return them."""
     found, run, verdicts = results.found, results.run, results.verdicts
     ka = np.asarray(results.recommended.values['ka'][0], float)
-    figures = [_friction(found, verdicts), _perturbation(run, ka, verdicts),
-               *_dependence(found, verdicts), _residual(run, verdicts)]
-    if results.validation is not None:
-        figures.append(_validation(results.validation, verdicts))
+    figures = [_friction(found, verdicts), _perturbation(run, ka, verdicts)]
     return save(figures, directory, ('svg', extra))
 
 
@@ -99,48 +96,3 @@ def _perturbation(run: MeasuredPerturbation, ka: Array, verdicts: Sequence[Verdi
     return 'perturbation', figure, ('P: torque less the model. Thin lines: the most that what was '
                                     'identified allows at each time. Dashed: ±ka. A joint that '
                                     'is not usable has neither.')
-
-
-def _residual(run: MeasuredPerturbation, verdicts: Sequence[Verdict]) -> _Named:
-    """Return what is not explained over time."""
-    figure, panels = _panels(verdicts, 'What is not explained', 'torque [N·m]')
-    for i, axes in enumerate(panels):
-        axes.plot(run.t, run.rest[:, i], color=_MEASURED, linewidth=0.8)
-    return 'residual', figure, ('Measured P less friction and errors of the model as identified, '
-                                'where the joint slides.')
-
-
-def _dependence(found: Identification, verdicts: Sequence[Verdict]) -> Iterator[_Named]:
-    """Yield on what the unexplained torque depends, for the joints with such a finding."""
-    shown = [(_title(verdict), effect) for verdict, left in zip(verdicts, found.unexplained)
-             if left and (effect := left.shown())]
-    if not shown:
-        return
-    figure, grid = sheet('What the unexplained torque depends on', (len(shown) + 1) // 2,
-                         (1.0, 1.0), 2.0)
-    for k, (title, effect) in enumerate(shown):
-        axes = panel(figure, grid[k // 2, k % 2], title, 'torque [N·m]')
-        x = effect.cause.variable
-        axes.plot(x, effect.before, '.', markersize=2.0, color=_MEASURED,
-                  rasterized=len(x) > 5000)
-        axes.plot(x, effect.torque, '.', markersize=2.0, color=_FIT, rasterized=len(x) > 5000)
-        axes.set_xlabel(f'{effect.cause.against} [{effect.cause.unit}]')
-    yield 'dependence', figure, ('Blue: what friction and masses leave. Orange: the part of it '
-                                 'that depends on what stands below, by the columns of the cause '
-                                 'in the verdict.')
-
-
-def _validation(validation: Validation, verdicts: Sequence[Verdict]) -> _Named:
-    """Return measured and predicted torque of another run."""
-    figure, panels = _panels(verdicts, f'Validation on {validation.name}', 'torque [N·m]')
-    for i, axes in enumerate(panels):
-        t = validation.run.t
-        predicted = validation.model[:, i] + validation.run.predicted[:, i]
-        axes.plot(t, validation.torque[:, i], color=_MEASURED, linewidth=1.4, label='measured')
-        if verdicts[i].usable:
-            axes.plot(t, predicted, color=_FIT, linewidth=0.8, label='predicted')
-            axes.plot(t, validation.torque[:, i] - predicted, color=REFERENCE, linewidth=0.6,
-                      label='difference')
-    legend_of(*panels)
-    return 'validation', figure, ('Torque of a run that was not used, and the prediction where '
-                                  'the joint slides; none for a joint that is not usable.')

@@ -42,8 +42,6 @@ import numpy as np
 _REVERSAL = 0.02
 #: Least rate to ask for [N·m/s].
 _LEAST = 1.0
-#: Deviations of noise that are counted.
-_DEVIATIONS = 6.0
 
 
 class TorqueRate(NamedTuple):
@@ -132,26 +130,6 @@ def sliding_friction(found: Identification) -> Array:
         max([abs(x.value) for x in (one.coulomb, one.forwards, one.backwards)
              if x.value is not None], default=0.0) + max(one.stribeck.value or 0.0, 0.0)
         for one in found.friction])
-
-
-def reversal_step(found: Identification, ka: Array, noise: Array) -> Array:
-    """
-    Return the largest step of the chattering term in a period, shape (n,) [N·m].
-
-    It is what friction changes by at a reversal, twice Coulomb and Stribeck friction, and the
-    noise M σ / h, of which six deviations are counted, but never more than 2 ka.
-
-    Parameters
-    ----------
-    found : Identification
-        What was identified.
-    ka, noise : ndarray, shape (n,)
-        ka and M σ / h [N·m].
-
-    """
-    most = 2.0 * ka
-    loud = np.where(np.isfinite(noise), _DEVIATIONS * noise, most)
-    return np.minimum(most, 2.0 * sliding_friction(found) + loud)
 
 
 #: Poses that are looked at.
@@ -279,12 +257,12 @@ def recommend(found: Identification, run: MeasuredPerturbation, model: Model, po
     period = found.clock.period
     noise = _noise_torque(found, model, positions)
     bound = perturbation_bound(found, run, model)
-    ka, peak, drives = bound.ka, bound.peak, torque_rate(found, bound.fastest.change, rate)
+    ka, peak, drives = bound.ka, bound.peak, torque_rate(found, bound.change, rate)
     allowed = [bool(w <= (k - p) / _ROOM * 1.001) for k, p, w in zip(ka, peak, noise)]
-    delay, rates = found.timing.drive[0], drives.known
+    delay = found.timing.drive[0]
     resolution = _resolution(found, positions)
     slow = (not isfinite(delay) or bool(longest_lag(found).max() > _SHORT_LAG * period)
-            or bool((reversal_step(found, ka, noise) > period * rates).any()))
+            or bool((2.0 * ka > period * drives.known).any()))
     law = 'observer_feedback' if slow or not all(allowed) else 'chattering'
     level = [max(0.0, x.coulomb.value or 0.0) for x in found.friction]
     usable = [x.usable for x in verdicts(found)]
@@ -294,7 +272,10 @@ def recommend(found: Identification, run: MeasuredPerturbation, model: Model, po
                          ('ka', ka, bound.reason),
                          ('friction_level', level, 'the Coulomb friction'),
                          ('torque_rate_limit', drives.value, drives.reason))}
-    why = _law_reason(found, law, all(allowed))
+    why = ('period, noise and drives allow a chattering term on every joint'
+           if law == 'chattering' else 'it inverts the lag of drives, and needs no velocities: a '
+           'delay or noise that is not known, a lag, a rate limit of the drives, or noise leaves '
+           'no room for a chattering term')
     laws = [(law, why, 1.0)] if law == 'chattering' else []
     laws += [('observer_feedback', 'the next one' if laws else why, x) for x in SLOWER]
     options = [_drive_values(found) | shared | _law_values(found, *one, resolution)
@@ -362,20 +343,6 @@ def _delay_reason(found: Identification) -> str:
     if len(delays) > 1:
         return f'not identifiable: one of {", ".join(map(str, delays))}, this one most likely'
     return f'the torque of a sample moves the joints {int(delay)} samples later'
-
-
-def _law_reason(found: Identification, law: str, quiet: bool) -> str:
-    """Return why a law is recommended; `quiet` is whether noise leaves room for the term."""
-    if law == 'chattering':
-        return 'period, noise and drives allow a chattering term on every joint'
-    if not isfinite(found.timing.drive[0]):
-        return 'the delay of the torque is not known; this law needs no velocities'
-    if longest_lag(found).max() > _SHORT_LAG * found.clock.period:
-        return 'the drives have a lag, which this law inverts'
-    if quiet:
-        return 'the drives are slower than the steps of a chattering term; this law knows it'
-    return ('the noise of the velocities leaves no room for a chattering term; this law observes '
-            'the velocity from positions')
 
 
 def _rounded_down(value: float) -> float:

@@ -21,7 +21,6 @@ import dataclasses
 from math import inf
 from numbers import Real
 from pathlib import Path
-import re
 from typing import Any
 
 from ctc_chattering.analysis.compilation import compile_setups, has_compiler
@@ -31,7 +30,7 @@ from ctc_chattering.configuration import parameter_file
 from ctc_chattering.dynamics.corrected_urdf import corrected_urdf, with_payload
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.dynamics.registry import locked_positions, make_model
-from ctc_chattering.errors import CtcError, ParameterError, UsageError
+from ctc_chattering.errors import ParameterError, UsageError
 from ctc_chattering.identification import identify as regression
 from ctc_chattering.identification.effort import in_torques, PerJoint
 from ctc_chattering.identification.findings import ALL_JOINTS, Finding, Kind, Severity
@@ -61,8 +60,6 @@ _TRIFLE = 0.002
 _SCALE = 0.003
 #: Part of a joint's torque, with friction, below which a correction is none.
 _LEAST = 0.01
-#: Of causes that the data do not tell apart; the torque of the corrected model has them all.
-_AMBIGUOUS = 'explained as well by'
 
 
 def corrected_description(found: Identification, description: str,
@@ -127,9 +124,6 @@ def with_correction(before: Identification, after: Identification, name: str
     size = np.sqrt(np.square(np.where(after.data.used(), friction, 0.0)).sum(axis=0))
     if refused or ((now > _WORSE * was) & (now - was > _TRIFLE * size)).any():
         return None
-    still = {_words(x) for x in after.findings}
-    cured = [Finding(Kind.NOTE, x.joint, f'with the URDF as it was: {x.reason}')
-             for x in before.findings if _words(x) not in still and _AMBIGUOUS not in x.reason]
     assert before.bodies is not None
     change = before.bodies.torque(before.bodies.found - before.bodies.estimate.known)
     text = ', '.join(f'{x:.2g}' for x in change)
@@ -138,12 +132,7 @@ def with_correction(before: Identification, after: Identification, name: str
         findings=(*(x._replace(reason=f'relative to {name}: {x.reason}') if 'base is turned' in
                     x.reason else x for x in after.findings), Finding(
             Kind.NOTE, ALL_JOINTS, f'the URDF is corrected in {name}, which changes the '
-            f'torque by {text} N*m RMS in this motion'), *cured))
-
-
-def _words(finding: Finding) -> tuple[int, str]:
-    """Return what a finding says, without its numbers."""
-    return finding.joint, re.sub(r'[-+]?[\d.]+(e[-+]?\d+)?', '', finding.reason)
+            f'torque by {text} N*m RMS in this motion')))
 
 
 #: Names in the directory of `write_identified`.
@@ -424,10 +413,7 @@ def _write(identified: IdentifiedRobot, out: Path, extra: str, command: str) -> 
         values = identified.parameters(out)
         with writing(out / VALUES):
             parameter_file.dump(values, out / VALUES)
-        try:
-            parameter_file.load(out / VALUES)
-        except CtcError as error:
-            raise CtcError(f'{out / VALUES} needs a correction by hand: {error}') from None
+        parameter_file.load(out / VALUES)
     write_json(results.as_mapping(), out / JSON)
     figures = save_identification_figures(results, out / FIGURES, extra)
     write_page(results, figures, out / PAGE, files, command)

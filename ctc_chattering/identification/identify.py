@@ -147,13 +147,12 @@ class Identification:
     short: ShortWindows | None = None
     held_out: Array = dataclasses.field(default_factory=lambda: np.zeros(0))
 
-    def windows(self, parts: Sequence[Stretch], model: Model) -> tuple[Data, Array]:
-        """Return the windows of other stretches, and the model's torque there, shape (J, n)."""
+    def windows(self, parts: Sequence[Stretch], model: Model) -> Data:
+        """Return the windows of other stretches."""
         phi = TestFunction(self.clock.period, self.clock.period * sum(len(x.q) for x in parts))
         rows = [Rows.of(part, model, phi, self.columns) for part in parts]
         data = Profile(parts, rows, self.timing.source, phi).windows(self.timing)
-        return (data.loaded(self.selected.levels).mixed(self.selected.mixing),
-                np.concatenate([part.base for part in rows]))
+        return data.loaded(self.selected.levels).mixed(self.selected.mixing)
 
 
 def identify(recordings: Sequence[Recording], model: Model, candidates: Sequence[ModelError],

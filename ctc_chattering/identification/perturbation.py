@@ -260,8 +260,6 @@ class MotionLimits:
         Positions [rad].
     velocity, acceleration, effort : ndarray, shape (n,)
         Largest magnitudes [rad/s, rad/s², N·m].
-    known : ndarray of bool, shape (n,)
-        Whether the limit of velocity is that of a description, not of the run.
 
     """
 
@@ -270,35 +268,6 @@ class MotionLimits:
     velocity: Array
     acceleration: Array
     effort: Array
-    known: Array
-
-
-@dataclasses.dataclass(frozen=True)
-class FastestPerturbation:
-    """
-    Parts of the largest |P|, each of shape (n,) [N·m].
-
-    Attributes
-    ----------
-    limits : MotionLimits
-        Of these motions.
-    friction, error, unexplained : ndarray
-        Friction, errors of the model, and what no term explains.
-    change : ndarray
-        How fast the model's torque changes [N·m/s].
-
-    """
-
-    limits: MotionLimits
-    friction: Array
-    error: Array
-    unexplained: Array
-    change: Array
-
-    @property
-    def peak(self) -> Array:
-        """Return the largest |P|, shape (n,)."""
-        return self.friction + self.error + self.unexplained
 
 
 def motion_limits(model: Model, found: Identification, run: MeasuredPerturbation
@@ -312,8 +281,7 @@ def motion_limits(model: Model, found: Identification, run: MeasuredPerturbation
     recorded = np.where(run.trusted[:, None], found.data.velocity, 0.0)
     fastest = np.abs(recorded).max(axis=0, initial=0.0)
     velocity = _array(getattr(model, 'velocity_limits', None), n)
-    known = np.isfinite(velocity)
-    velocity = np.where(known, velocity, fastest)
+    velocity = np.where(np.isfinite(velocity), velocity, fastest)
     step = np.median(np.diff(run.t))
     near = run.trusted[1:] & run.trusted[:-1] & (np.abs(np.diff(run.t)) < 1.5 * step)
     change = np.abs(np.diff(recorded, axis=0)[near]).max(axis=0, initial=0.0) / step
@@ -322,46 +290,12 @@ def motion_limits(model: Model, found: Identification, run: MeasuredPerturbation
     return MotionLimits(np.where(np.isfinite(low), low, _RANGE[0]),
                         np.where(np.isfinite(high), high, _RANGE[1]), velocity,
                         np.clip(ratio, _ACCELERATION, _MOST) * velocity,
-                        _array(model.effort_limits, n), known)
+                        _array(model.effort_limits, n))
 
 
 def _array(limits: Sequence[float] | None, n: int) -> Array:
     """Return limits as an array, inf where there are none."""
     return np.array(limits, float) if limits else np.full(n, np.inf)
-
-
-def fastest_perturbation(found: Identification, run: MeasuredPerturbation, model: Model,
-                         seed: int = 1) -> FastestPerturbation:
-    """
-    Return the largest |P| within the limits.
-
-    Parameters
-    ----------
-    found, run
-        What was identified, and P of the run.
-    model : Model
-        As `identify` had it.
-    seed : int
-        Of the random states.
-
-    """
-    limits = motion_limits(model, found, run)
-    q, dq, ddq = _states(limits, np.random.default_rng(seed))
-    for _ in range(_SLOWED):
-        tau = _torques(model, q, dq, ddq)
-        beyond = (np.abs(tau) / limits.effort).max(axis=1, keepdims=True) > 1.0
-        dq, ddq = np.where(beyond, _SLOWER * dq, dq), np.where(beyond, _SLOWER ** 2 * ddq, ddq)
-    allowed = ~beyond[:, 0] if not beyond.all() else np.ones(len(q), bool)
-    q, dq, ddq, tau = (x[allowed] for x in (q, dq, ddq, tau))
-    error = _largest_error(found, tau, (q, dq, ddq))
-    most = np.abs(tau).max(axis=0)
-    load = np.minimum(most + error, limits.effort)
-    friction = _largest_friction(found, np.linspace(0.0, limits.velocity, _SPEEDS), load, 1.0)
-    often = limits.acceleration / np.maximum(limits.velocity, 1e-12)
-    # Parts that hit each other do so with a momentum that grows with the speed.
-    faster = limits.velocity / np.maximum(np.abs(found.data.velocity).max(axis=0), 1e-12)
-    return FastestPerturbation(limits, friction.max(axis=0), error,
-                               run.tail + run.impact * np.maximum(faster, 1.0), often * most)
 
 
 def _states(limits: MotionLimits, rng: np.random.Generator) -> tuple[Array, Array, Array]:
@@ -394,8 +328,6 @@ def _largest_error(found: Identification, tau: Array, states: tuple[Array, Array
 
 #: ka over the largest |P|.
 MARGIN = 1.2
-#: Ratio of both peaks above which the gain of the recorded motion is named as well.
-_FASTER = 2.0
 
 
 class PerturbationBound(NamedTuple):
@@ -406,8 +338,10 @@ class PerturbationBound(NamedTuple):
     ----------
     ka, peak : ndarray
         The gain, and the largest |P| it is for.
-    fastest : FastestPerturbation
-        As fast as the limits allow.
+    friction : ndarray
+        The largest friction as fast as the limits allow.
+    change : ndarray
+        How fast the model's torque changes there [N·m/s].
     reason : str
         The parts.
     findings : tuple of Finding
@@ -417,56 +351,55 @@ class PerturbationBound(NamedTuple):
 
     ka: Array
     peak: Array
-    fastest: FastestPerturbation
+    friction: Array
+    change: Array
     reason: str
     findings: tuple[Finding, ...]
 
 
-def perturbation_bound(found: Identification, run: MeasuredPerturbation, model: Model
-                       ) -> PerturbationBound:
-    """Return ka for motions within the limits, from what was identified and P of the run."""
-    fastest = fastest_perturbation(found, run, model)
-    recorded = run.peak
-    peak = np.maximum(recorded, fastest.peak)
-    effort = fastest.limits.effort
+def perturbation_bound(found: Identification, run: MeasuredPerturbation, model: Model,
+                       seed: int = 1) -> PerturbationBound:
+    """
+    Return ka for motions within the limits.
+
+    Parameters
+    ----------
+    found, run
+        What was identified, and P of the run.
+    model : Model
+        As `identify` had it.
+    seed : int
+        Of the random states.
+
+    """
+    limits = motion_limits(model, found, run)
+    q, dq, ddq = _states(limits, np.random.default_rng(seed))
+    for _ in range(_SLOWED):
+        tau = _torques(model, q, dq, ddq)
+        beyond = (np.abs(tau) / limits.effort).max(axis=1, keepdims=True) > 1.0
+        dq, ddq = np.where(beyond, _SLOWER * dq, dq), np.where(beyond, _SLOWER ** 2 * ddq, ddq)
+    allowed = ~beyond[:, 0] if not beyond.all() else np.ones(len(q), bool)
+    q, dq, ddq, tau = (x[allowed] for x in (q, dq, ddq, tau))
+    error = _largest_error(found, tau, (q, dq, ddq))
+    most = np.abs(tau).max(axis=0)
+    load = np.minimum(most + error, limits.effort)
+    friction = _largest_friction(
+        found, np.linspace(0.0, limits.velocity, _SPEEDS), load, 1.0).max(axis=0)
+    # Parts that hit each other do so with a momentum that grows with the speed.
+    faster = limits.velocity / np.maximum(np.abs(found.data.velocity).max(axis=0), 1e-12)
+    unexplained = run.tail + run.impact * np.maximum(faster, 1.0)
+    peak = np.maximum(run.peak, friction + error + unexplained)
     ka = np.array([_rounded_up(MARGIN * p) for p in peak])
-    return PerturbationBound(np.minimum(ka, effort), peak, fastest,
-                             _reason(fastest, recorded, peak, [
-                                 x.usable for x in verdicts(found)]),
-                             (*_beyond(peak, ka, effort), *_unknown(found), *_impacts(run)))
-
-
-def _reason(fastest: FastestPerturbation, recorded: Array, peak: Array, usable: Sequence[bool]
-            ) -> str:
-    """Return the parts of ka in words, without numbers of joints that are not usable."""
-    def listed(values: Array) -> str:
-        return ', '.join(f'{x:.3g}' if good else '-' for x, good in zip(values, usable))
-
-    limits = fastest.limits
-    how = 'at the limits of the description' if limits.known.all() else (
-        'at the speed of the run, since its limit is not known' if not limits.known.any() else
-        'at the limits of the description, or the speed of the run where there is none')
-    text = (f'{MARGIN:g} times the largest |P| {how}, {listed(limits.velocity)} rad/s: friction '
-            f'{listed(fastest.friction)}, errors of the model {listed(fastest.error)}, '
-            f'unexplained {listed(fastest.unexplained)} N*m; in the run |P| is at most '
-            f'{listed(recorded)} N*m')
-    text += _main_part(fastest, np.array(usable))
-    if (peak > _FASTER * recorded)[np.array(usable)].any():
-        least = np.array([_rounded_up(MARGIN * p) for p in recorded])
-        text += f', for which {listed(least)} would do'
-    return text
-
-
-def _main_part(fastest: FastestPerturbation, usable: npt.NDArray[np.bool_]) -> str:
-    """Return which part makes ka much larger than friction needs, and what lowers it."""
-    far = usable & (np.maximum(fastest.error, fastest.unexplained) > fastest.friction)
-    if not far.any():
-        return ''
-    if (fastest.error >= fastest.unexplained)[far].all():
-        return ('; errors of the model make the most of it: with a corrected description (--urdf) '
-                'ka is lower')
-    return ('; what is not explained makes the most of it: a motion with another load or without '
-            'contacts may lower it')
+    usable = [x.usable for x in verdicts(found)]
+    speeds, *parts = (', '.join(f'{x:.3g}' if good else '-' for x, good in zip(values, usable))
+                      for values in (limits.velocity, friction, error, unexplained, run.peak))
+    reason = (f'{MARGIN:g} times the largest |P| up to {speeds} rad/s, the limits of the '
+              'description, or the speed of the run where there is none: friction {}, errors of '
+              'the model {}, unexplained {} N*m; in the run |P| is at most {} N*m'.format(*parts))
+    often = limits.acceleration / np.maximum(limits.velocity, 1e-12)
+    return PerturbationBound(
+        np.minimum(ka, limits.effort), peak, friction, often * most, reason,
+        (*_beyond(peak, ka, limits.effort), *_unknown(found), *_impacts(run)))
 
 
 def _beyond(peak: Array, ka: Array, effort: Array) -> Iterator[Finding]:

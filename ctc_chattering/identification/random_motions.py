@@ -43,8 +43,8 @@ from scipy.linalg import null_space  # type: ignore[import-untyped]
 
 #: Part of a joint's range that is left free at each end.
 _MARGIN = 0.05
-#: Without a limit: velocity [rad/s or m/s], and acceleration by velocity [1/s].
-_VELOCITY, _ACCELERATION = 1.0, 4.0
+#: Without a limit: its velocity [rad/s or m/s], and acceleration by the velocity used [1/s].
+_VELOCITY, _ACCELERATION = 2.0, 4.0
 #: Amplitude of the slow reversals as a part of the room beside the centre.
 _SLOW = 0.24
 #: Velocities at which a joint creeps at one pose after the other [rad/s or m/s], at most this part
@@ -62,8 +62,6 @@ _SLOW_PART, _CREEP_TIME, _SLOW_LEAST, _CREEP_LEAST, _SINES_LEAST = 0.6, 0.2, 4.0
 _FIRST_LEAST, _WAY_LEAST, _REST = 2.0, 1.0, 0.5
 #: Greatest frequency of the multisine [Hz], and waypoints in the period of the fastest part.
 _FREQUENCY, _WAYPOINTS = 0.5, 12
-#: Longest period of the multisine [s]; longer motions repeat it.
-_PERIOD = 45.0
 #: w(x) = (sin x - sin(2 x) / 2) / _PEAK has extremes of ±1, slope 0 and curvature 0 at 0 and 2π;
 #: the greatest values of |w'| and |w''|.
 _PEAK = 0.75 * sqrt(3.0)
@@ -78,7 +76,7 @@ class ExcitationConfig(Config):
 
     joint_names: tuple[str, ...] = parameter(('joint1', 'joint2'), 'Joints of the motion.')
     duration: float = parameter(
-        60.0, 'Time from the start of the motion to its end.', 's', minimum=LEAST, maximum=3600.0)
+        60.0, 'Time from the start of the motion to its end.', 's', minimum=LEAST, maximum=600.0)
     start: tuple[float, ...] = parameter(
         0.0, 'Position from which the robot comes.', 'rad', minimum=-inf)
     center: tuple[float, ...] = parameter(
@@ -86,12 +84,9 @@ class ExcitationConfig(Config):
     position_range: tuple[float, ...] = parameter(
         0.8, 'Greatest distance from the centre.', 'rad', minimum=LEAST)
     velocity_scale: float = parameter(
-        0.5, 'Part of the limits of velocity and acceleration in the description to use.',
+        0.5, 'Part of the limits of velocity and acceleration in the description to use; '
+        f'without these limits, {_VELOCITY:g} rad/s count.',
         minimum=LEAST, maximum=1.0)
-    velocity_limit: tuple[float, ...] = parameter(
-        inf, 'In place of that part; inf for it.', 'rad/s', minimum=LEAST)
-    acceleration_limit: tuple[float, ...] = parameter(
-        inf, 'In place of that part; inf for it.', 'rad/s^2', minimum=LEAST)
     poses: int = parameter(3, 'Number of poses with slow reversals.', minimum=1, maximum=100)
     clearance: float = parameter(
         0.02, 'Distance that links keep from each other.', 'm', minimum=0.001, maximum=1.0)
@@ -136,8 +131,7 @@ def bounds_of(config: ExcitationConfig, limits: Sequence[JointLimits]) -> Bounds
     Raises
     ------
     ParameterError
-        If the centre or the start is not within the limits, or a limit that is asked for is above
-        that of the description.
+        If the centre or the start is not within the limits.
 
     """
     room, velocity, acceleration = [], [], []
@@ -154,23 +148,12 @@ def bounds_of(config: ExcitationConfig, limits: Sequence[JointLimits]) -> Bounds
                 f'more than {low:.4g} and less than {high:.4g} {joint.unit}, its limits less '
                 f'{_MARGIN:.0%} of the range at each end')
         room.append(min(config.position_range[i], center - low, high - center))
-        velocity.append(_limit(config, 'velocity', i, joint, _VELOCITY))
-        acceleration.append(_limit(config, 'acceleration', i, joint, _ACCELERATION * velocity[i]))
+        scale, fastest, strongest = (
+            config.velocity_scale, joint.velocity[1], joint.acceleration[1])
+        velocity.append(scale * (fastest if fastest < inf else _VELOCITY))
+        acceleration.append(
+            scale * strongest if strongest < inf else _ACCELERATION * velocity[-1])
     return Bounds(np.array(config.center), *map(np.array, (room, velocity, acceleration)))
-
-
-def _limit(config: ExcitationConfig, quantity: str, i: int, joint: JointLimits, default: float
-           ) -> float:
-    """Return the limit of velocity or acceleration that joint `i` must keep."""
-    name = f'{quantity}_limit'
-    wanted: float = getattr(config, name)[i]
-    described: float = getattr(joint, quantity)[1]
-    if wanted == inf:
-        return config.velocity_scale * described if described < inf else default
-    if wanted > described:
-        raise ParameterError(f'{name} of {joint.name}', wanted,
-                             f'at most {described:g}, that of the description')
-    return wanted
 
 
 class Quintics(NamedTuple):
@@ -334,9 +317,7 @@ class RandomMotions:
                  ) -> None:
         self._config, self._bounds = config, bounds
         self._share = np.ones(len(bounds.center)) if share is None else share
-        self._ways, self._slow, sines = _times(config, bounds)
-        self._cycles = ceil(sines / _PERIOD)
-        self._period = sines / self._cycles
+        self._ways, self._slow, self._period = _times(config, bounds)
 
     def draw(self, rng: np.random.Generator) -> RandomMotion:
         """Return random poses, directions and sines, these as large as the bounds allow."""
@@ -372,8 +353,7 @@ class RandomMotions:
             creep.append((slow[-1][1], way.time))
         way.rest(center, last)
         begin = way.time
-        for _ in range(self._cycles):
-            way.series(drawn.sines.times(size))
+        way.series(drawn.sines.times(size))
         sines = begin, way.time
         way.rest(center, self._config.duration - way.time)
         return Excitation(self._config.joint_names, way.path(), tuple(slow), tuple(creep), sines)

@@ -272,11 +272,6 @@ class Unexplained(NamedTuple):
         """Return a torque as a part of the friction."""
         return size / max(self.friction, 1e-300)
 
-    def shown(self) -> Effect | None:
-        """Return the largest effect, if it is worth to be named."""
-        first = next(iter(self.effects), None)
-        return first if first and first.off(self) > NEGLIGIBLE else None
-
     @property
     def off(self) -> float:
         """Return by how much friction may be off without its shifts [N·m]."""

@@ -42,7 +42,7 @@ from ctc_chattering.identification.findings import (
 )
 from ctc_chattering.identification.gains import Recommendation
 from ctc_chattering.identification.identify import check_alike, Identification
-from ctc_chattering.identification.model_errors import BODIES, ModelError
+from ctc_chattering.identification.model_errors import ModelError
 from ctc_chattering.identification.perturbation import MeasuredPerturbation, perturbation
 from ctc_chattering.identification.timing import lag_in_words
 from ctc_chattering.identification.verdict import (
@@ -52,7 +52,6 @@ from ctc_chattering.identification.verdict import (
     verdicts,
     WORDS,
 )
-from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
 
 
@@ -67,17 +66,11 @@ class Validation:
         Of its bag.
     run : MeasuredPerturbation
         P, measured and predicted.
-    torque : ndarray, shape (J, n)
-        Measured torque of each window [N·m].
-    model : ndarray, shape (J, n)
-        That of the model alone [N·m].
 
     """
 
     name: str
     run: MeasuredPerturbation
-    torque: Array
-    model: Array
 
     def findings(self, ka: Sequence[float | None]) -> Iterator[Finding]:
         """
@@ -104,24 +97,6 @@ class Validation:
                 yield Finding(
                     Kind.BEYOND_KA, i, f'|P| reaches {peak:.3g} N*m in {self.name}, beyond '
                     f'ka = {most:.3g} N*m', 'record a motion like that one too', peak / most)
-
-    def verdicts(self, joints: Sequence[str], ka: Sequence[float | None]
-                 ) -> list[tuple[bool, str]]:
-        """Return for each joint whether prediction and ka hold, and why."""
-        mine = [[x for x in self.findings(ka) if x.joint == i] for i in range(len(joints))]
-        found = []
-        for name, one, whole, rest, peak, most in zip(
-                joints, mine, *self.run.misfit(), self.run.peak, ka):
-            if one and one[0].kind == Kind.NOTE:
-                found.append((False, f'{name}: hardly moves in this run'))
-                continue
-            held = '' if most is None else (
-                f', {"within" if peak <= most else "beyond"} ka = {most:.3g} N*m')
-            found.append((most is not None and not one, (
-                f'{name}: {rest:.3g} N*m RMS of {whole:.3g} N*m of friction and errors of the '
-                f'model are not predicted ({rest / max(whole, 1e-12):.2%}); |P| reaches '
-                f'{peak:.3g} N*m{held}')))
-        return found
 
 
 def validate(found: Identification, recording: Recording, model: Model) -> Validation:
@@ -150,8 +125,7 @@ def validate(found: Identification, recording: Recording, model: Model) -> Valid
     if not parts:
         raise CtcError(f'{recording.name}: no second without a gap that has a torque of the '
                        f'source {found.timing.source}')
-    data, base = found.windows(parts, model)
-    return Validation(recording.name, perturbation(found, data), base + data.residual, base)
+    return Validation(recording.name, perturbation(found, found.windows(parts, model)))
 
 
 #: In place of a number that there is none of; why stands in the verdict or below the table.
@@ -168,39 +142,14 @@ _MORE = (('scale', 'torque per torque unit'), ('rotor', 'rotor inertia [kg*m^2]'
 Rows = list[list[str]]
 
 
-def tables(found: Identification, verdicts: Sequence[Verdict], run: MeasuredPerturbation,
-           recommended: Recommendation) -> Iterator[tuple[str, Rows]]:
-    """
-    Yield headings and tables, the first row of each having the names of the columns.
-
-    Parameters
-    ----------
-    found, run, recommended
-        What was identified, P, and what follows.
-    verdicts : sequence of Verdict, length n
-        Of the joints.
-
-    """
-    joints, usable = found.joints, [x.usable for x in verdicts]
-
-    def rows(heads: Sequence[str], *columns: Sequence[str]) -> Rows:
-        return [['joint', *heads], *(
-            [joint, *(cells if good else [NO_NUMBER] * len(cells))]
-            for joint, good, *cells in zip(joints, usable, *columns))]
-    yield 'Friction', rows([name for _, name in FRICTION], *(
-        [cell(getattr(x, key)) for x in found.friction] for key, _ in FRICTION))
-    yield 'Sensors', _sensors(found)
-    more = [(name, getattr(found, key)) for key, name in _MORE if getattr(found, key)]
-    yield 'Motors and drives', rows(
-        ['lag, or delay of this joint', *(name for name, _ in more)],
-        [lag_in_words(found.timing, i) for i in range(len(joints))],
-        *([cell(x) for x in values] for _, values in more))
+def _perturbed(run: MeasuredPerturbation, ka: Sequence[float | None]
+               ) -> list[list[str]]:
+    """Return headings and columns of P in a run, beside ka."""
     whole, rest = run.misfit()
-    yield 'Perturbation', rows(
-        ['largest |P| [N*m]', 'ka [N*m]', 'RMS P [N*m]', 'unexplained [N*m]'],
-        [f'{x:.4g}' for x in run.peak],
-        [NO_NUMBER if x is None else f'{x:.4g}' for x in recommended.ka],
-        [f'{x:.3g}' for x in whole], [f'{x:.2g}' for x in rest])
+    return [['largest |P| [N*m]', 'ka [N*m]', 'RMS P [N*m]', 'unexplained [N*m]'],
+            [f'{x:.4g}' for x in run.peak],
+            [NO_NUMBER if x is None else f'{x:.4g}' for x in ka],
+            [f'{x:.3g}' for x in whole], [f'{x:.2g}' for x in rest]]
 
 
 def _sensors(found: Identification) -> Rows:
@@ -220,25 +169,14 @@ def cell(number: Estimate) -> str:
 
 
 def missing(found: Identification, verdicts: Sequence[Verdict]) -> Iterator[str]:
-    """Yield why joints that are usable lack a number, once for each reason."""
-    lacking: dict[tuple[str, str], list[str]] = {}
-    for i, (joint, verdict) in enumerate(zip(found.joints, verdicts)):
-        if not verdict.usable:
-            continue
-        named = [(name, getattr(found.friction[i], key)) for key, name in FRICTION]
-        named += [('encoder step', found.encoder[i]), ('velocity noise', found.noise[i]),
-                  ('lag of the velocity', found.velocity_lag[i])]
-        named += [(name, getattr(found, key)[i]) for key, name in _MORE if getattr(found, key)]
-        reasons: dict[str, list[str]] = {}
-        for name, number in named:
-            if number.value is None and cell(number) == NO_NUMBER:
-                reasons.setdefault(number.reason.removeprefix(f'{joint} '), []).append(
-                    name.split(' [')[0])
-        for reason, names in reasons.items():
-            lacking.setdefault((', '.join(names), reason), []).append(joint)
-    for (what, reason), joints in lacking.items():
-        where = 'all joints' if len(joints) == len(found.joints) > 1 else ', '.join(joints)
-        yield f'{where}: {what}: not identifiable: {reason}'
+    """Yield why joints that are usable lack a number."""
+    for i, verdict in enumerate(verdicts):
+        named = [*((name, getattr(found.friction[i], key)) for key, name in FRICTION),
+                 *((name, getattr(found, key)[i]) for key, name in _MORE if getattr(found, key))]
+        for name, number in named if verdict.usable else ():
+            if cell(number) == NO_NUMBER:
+                reason = number.reason.removeprefix(f'{verdict.joint} ')
+                yield f"{verdict.joint}: {name.split(' [')[0]}: not identifiable: {reason}"
 
 
 _LEAD = ('Intervals are those of 95 %. P is the torque that the model lacks: friction and its own '
@@ -277,9 +215,26 @@ class IdentificationResults:
         more = self.validation.findings(self.recommended.ka) if self.validation else ()
         return verdicts(self.found, (*self.recommended.findings, *more))
 
-    def tables(self) -> Iterator[tuple[str, list[list[str]]]]:
+    def tables(self) -> Iterator[tuple[str, Rows]]:
         """Yield headings and tables, the first row of each having the names of the columns."""
-        return tables(self.found, self.verdicts, self.run, self.recommended)
+        found, joints = self.found, self.found.joints
+
+        def rows(heads: Sequence[str], *columns: Sequence[str]) -> Rows:
+            return [['joint', *heads], *(
+                [joint, *(cells if verdict.usable else [NO_NUMBER] * len(cells))]
+                for joint, verdict, *cells in zip(joints, self.verdicts, *columns))]
+        yield 'Friction', rows([name for _, name in FRICTION], *(
+            [cell(getattr(x, key)) for x in found.friction] for key, _ in FRICTION))
+        yield 'Sensors', _sensors(found)
+        more = [(name, getattr(found, key)) for key, name in _MORE if getattr(found, key)]
+        yield 'Motors and drives', rows(
+            ['lag, or delay of this joint', *(name for name, _ in more)],
+            [lag_in_words(found.timing, i) for i in range(len(joints))],
+            *([cell(x) for x in values] for _, values in more))
+        yield 'Perturbation', rows(*_perturbed(self.run, self.recommended.ka))
+        if self.validation:
+            yield f'Validation on {self.validation.name}', rows(
+                *_perturbed(self.validation.run, self.recommended.ka))
 
     def verdict_lines(self) -> Iterator[str]:
         """Yield lines of the verdicts, and before them the reasons that all joints share."""
@@ -309,22 +264,12 @@ class IdentificationResults:
         yield 'Gains', [f'{name} = {shown(self._usable(value))}: {why}'
                         for name, (value, why) in self.recommended.values.items()]
         yield 'Trial runs', list(self.recommended.trials) or ['not tried']
-        if self.validation:
-            yield f'Validation on {self.validation.name}', [
-                ('holds: ' if good else 'FAILS: ') + text
-                for (good, text), x in zip(self._validated(), self.verdicts)
-                if x.usable or not good]
 
     def _usable(self, value: object) -> object:
         """Return a parameter with None for the joints that are not usable."""
         if not isinstance(value, list) or len(value) != len(self.verdicts):
             return value
         return [x if verdict.usable else None for x, verdict in zip(value, self.verdicts)]
-
-    def _validated(self) -> list[tuple[bool, str]]:
-        """Return whether each joint is predicted on the other run, and why."""
-        assert self.validation is not None
-        return self.validation.verdicts(self.found.joints, self.recommended.ka)
 
     def _time(self) -> Iterator[str]:
         """Yield what the stamps say, and the delay."""
@@ -358,11 +303,6 @@ class IdentificationResults:
                     offset.half, _OFFSET * abs(friction.coulomb.value or 0.0)):
                 yield (f'{joint}: friction differs by direction, or a constant torque of {offset} '
                        'is missing in the model; no motion distinguishes these')
-        chosen = found.selected.explanation
-        masses = any(x.value is not None for _, x in found.errors) or (
-            chosen is not None and any(x.kind in BODIES for x in chosen.causes))
-        if found.selected.attributed and not masses:
-            yield 'no mass error is visible'
 
     def text(self) -> str:
         """Return it for a terminal, in lines of at most `WIDTH` characters."""
@@ -399,8 +339,7 @@ class IdentificationResults:
             'recommended': {name: {'value': self._usable(value), 'reason': why}
                             for name, (value, why) in recommended.values.items()},
             'trial_runs': list(self.recommended.trials),
-            'validation': self.validation and [
-                {'holds': good, 'reason': text} for good, text in self._validated()]}
+            'validation': self.validation and self.validation.name}
 
     def _drives(self) -> dict[str, Any]:
         """Return delay and lags as JSON has them."""
@@ -423,13 +362,10 @@ def error_sentence(candidate: ModelError, number: Estimate) -> str:
     if number.value is None:
         return f'mass of {candidate.name}: {number}'
     if candidate.unit:
-        more = 'more' if number.value > 0.0 else 'less'
-        return (f'{candidate.name}: {abs(number.value):.4g} ± {number.half:.1g} kg {more} at the '
-                'tip than the model has')
-    small = 'small' if number.value > 0.0 else 'large'
-    off = number.value / (1.0 + number.value)
-    return (f'the mass and inertia of {candidate.name} look {abs(off):.1%} too {small} in the '
-            f'model: the robot has {number.value:+.2%} ± {number.half:.2%}')
+        return (f'{candidate.name}: {number.value:+.4g} ± {number.half:.1g} kg at the tip against '
+                'the model')
+    return (f'mass and inertia of {candidate.name}: {number.value:+.2%} ± {number.half:.2%} '
+            'against the model')
 
 
 def write_page(report: IdentificationResults, figures: Sequence[FigureFile], path: Path,
@@ -454,7 +390,7 @@ def write_page(report: IdentificationResults, figures: Sequence[FigureFile], pat
     others = {x.path.stem: x for x in figures}
     numbers: list[page.Item] = []
     for title, (head, *rows) in report.tables():
-        numbers.append(Table(title, head, [[_together(x) for x in row] for row in rows], 1))
+        numbers.append(Table(title, head, rows, 1))
         # A figure of the same name stands beside its numbers.
         numbers += [others.pop(x) for x in [title.lower()] if x in others]
     shared = [page.Note(f'All joints are {WORDS[x]}: {reason}')
@@ -473,11 +409,6 @@ def _card(verdict: Verdict) -> page.Card:
     return page.Card(verdict.joint, verdict.word, (), [
         fragment('{{ x.reason }}{% if x.cure %}<br><i>{{ x.cure }}</i>{% endif %}', x=x)
         for x in verdict.own()], int(verdict.severity))
-
-
-def _together(text: str) -> str:
-    """Return text that is not broken at its interval."""
-    return text.replace(' ± ', '\xa0±\xa0')
 
 
 def _of_joint(numbers: Mapping[str, Estimate], verdict: Verdict) -> dict[str, Any]:

@@ -341,7 +341,7 @@ def _rate(found: Identification, plant: Mapping[str, Any], rng: np.random.Genera
 
 def _tried(values: Values, draws: Sequence[Draw], usual: Sequence[_TriedRun]) -> tuple[str, bool]:
     """Return how many draws gains survive, in words, and whether all."""
-    gains, worst = [], 0.0
+    worst = 0.0
     for k, (draw, other) in enumerate(zip(draws, usual)):
         trial = _run(values, draw)
         failure = trial.failure or _worse(values, trial, other)
@@ -349,11 +349,8 @@ def _tried(values: Values, draws: Sequence[Draw], usual: Sequence[_TriedRun]) ->
             return f'fails in draw {k + 1} of {len(draws)} ({draw.text}): {failure}', False
         assert trial.rms is not None
         worst = max(worst, float(trial.rms.max()))
-        if other.rms is not None:
-            gains.append(float((other.rms / np.maximum(trial.rms, 1e-12)).min()))
-    than = f', {min(gains):.2g} times less than `compensation` or better' if gains else ''
     return (f'{len(draws)} of {len(draws)} draws survived; RMS errors at most {worst:.2g} rad'
-            f'{than}'), True
+            ), True
 
 
 def _worse(values: Values, trial: _TriedRun, other: _TriedRun) -> str:

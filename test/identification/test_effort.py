@@ -49,9 +49,9 @@ BARE = Recording('bare', ('a', 'b'), np.arange(3.0), np.zeros((3, 2)), command=E
 @pytest.mark.parametrize('side, ratio, constant, factor, then', [
     ('', None, None, [1.0, 1.0], ''), ('link', None, None, [1.0, 1.0], 'link'),
     ('current', None, None, [1.0, 1.0], 'current'),
-    ('motor', 100, None, [100.0, 100.0], 'motor'),
+    ('motor', [100.0, 100.0], None, [100.0, 100.0], 'motor'),
     ('current', None, [2.0, 3.0], [2.0, 3.0], 'motor'),
-    ('current', [100.0, -50.0], 0.1, [10.0, -5.0], 'motor')])
+    ('current', [100.0, -50.0], [0.1, 0.1], [10.0, -5.0], 'motor')])
 def test_the_effort_becomes_the_torque_at_the_joint(
         side: str, ratio: list[float] | None, constant: list[float] | None, factor: list[float],
         then: str) -> None:
@@ -62,12 +62,12 @@ def test_the_effort_becomes_the_torque_at_the_joint(
 
 
 @pytest.mark.parametrize('side, ratio, constant, words', [
-    ('', 100, None, r'^gear_ratio needs an effort .*, or a current: what is the effort\?$'),
-    ('link', 100, None, r'behind the gear it is 1$'),
-    ('motor', None, 0.1, r'^torque_constant needs an effort that is a current$'),
-    ('current', 100, None, r'^gear_ratio of currents needs torque_constant$')])
+    ('', [9.0] * 2, None, '^gear_ratio needs .* of the motor, or a current: what is the effort'),
+    ('link', [100.0] * 2, None, r'behind the gear it is 1$'),
+    ('motor', None, [0.1] * 2, '^torque_constant needs an effort that is a current$'),
+    ('current', [100.0] * 2, None, r'^gear_ratio of currents needs torque_constant$')])
 def test_what_contradicts_is_refused(
-        side: str, ratio: float | None, constant: float | None, words: str) -> None:
+        side: str, ratio: list[float] | None, constant: list[float] | None, words: str) -> None:
     with pytest.raises(CtcError, match=words):
         in_torques([MEASURED], side, ratio, constant)
     with pytest.raises(CtcError, match=r'^effort motor: bare has no effort$'):
@@ -83,7 +83,7 @@ def test_a_factor_that_is_none_is_refused(wrong: object) -> None:
 def test_recordings_of_other_joints_are_named() -> None:
     one = Recording('one', ('a',), np.arange(3.0), np.zeros((3, 1)), effort=np.ones((3, 1)))
     with pytest.raises(CtcError, match=r'^one: 1 joints; measured has 2$'):
-        in_torques([MEASURED, one], 'motor', 2.0, None)
+        in_torques([MEASURED, one], 'motor', [2.0, 2.0], None)
 
 
 @cache
@@ -123,20 +123,21 @@ def sides(command: Array | None, effort: Array | None, declared: str = '', sourc
                         declared, source)
 
 
-def test_the_side_is_guessed_from_friction_and_weight() -> None:
+def test_an_effort_counts_only_if_its_friction_and_weight_are_those_of_the_commands() -> None:
     tau = made().run.tau
     assert sides(tau, None) == TorqueSides('', '')
-    assert sides(tau, measured(tau)) == TorqueSides('motor', '')
-    for effort, side in ((tau - friction(), 'link'), (0.08 * tau, 'current')):
+    assert sides(tau, measured(tau)) == TorqueSides('', '')
+    for effort in (tau - friction(), 0.08 * tau, tau - weight()):
         found = sides(tau, measured(effort))
-        assert found[:2] == (side, 'command')
+        assert found[:2] == ('', 'command')
         assert [x.severity for x in found.findings] == [Severity.NOTE]
+        assert '--effort says what it is' in found.findings[0].cure
 
 
 def test_a_part_of_the_friction_in_the_effort_is_not_enough() -> None:
     tau = made().run.tau
     found = sides(tau, measured(tau - 0.3 * friction()))
-    assert found[:2] == ('motor', 'command')
+    assert found[:2] == ('', 'command')
     assert '0.70 of the friction' in found.findings[0].reason
 
 
@@ -160,7 +161,7 @@ def test_commands_that_the_effort_repeats_at_different_delays_are_in_wrong_place
 def test_an_effort_alone_is_refused_without_friction_and_needs_care_with_it() -> None:
     tau = made().run.tau
     for effort, words in ((tau - friction(), 'behind the gear.*record them'),
-                          (0.08 * tau, r'--torque-constant.*12\.\d,12\.\d\)')):
+                          (0.08 * tau, '0.08 of the weight.*--torque-constant')):
         with pytest.raises(CtcError, match=words):
             sides(None, measured(effort))
         # Commands that the user does not want do not help.
@@ -178,7 +179,7 @@ def test_what_is_declared_is_held_against_the_data() -> None:
     found = sides(tau, measured(tau - friction()), 'motor')
     assert found.source == 'command'
     assert found.findings[0].severity == Severity.CARE
-    assert 'looks like link' in found.findings[0].reason
+    assert '0.00 of the friction' in found.findings[0].reason.replace('-0.00', '0.00')
 
 
 def test_commands_without_weight_or_in_another_unit_are_refused() -> None:
@@ -196,7 +197,7 @@ def test_a_torque_behind_the_gear_does_not_make_friction_zero() -> None:
     recording = dataclasses.replace(
         made().recording, effort=measured(made().run.tau - friction())).checked()
     found = identify([recording], made().model, candidates(made().model))
-    assert (found.side, found.timing.source) == ('link', 'command')
+    assert (found.side, found.timing.source) == ('', 'command')
     for joint, coulomb in zip(found.friction, made().plant.coulomb_friction):
         assert joint.coulomb.value == pytest.approx(coulomb, rel=0.02)
 

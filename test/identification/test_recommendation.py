@@ -27,7 +27,7 @@ from ctc_chattering.configuration import parameter_file
 from ctc_chattering.dynamics.two_link import TwoLink
 from ctc_chattering.errors import CtcError
 from ctc_chattering.identification.findings import Estimate, Severity
-from ctc_chattering.identification.gains import recommend, Recommendation, reversal_step
+from ctc_chattering.identification.gains import recommend, Recommendation
 from ctc_chattering.identification.identify import Identification
 from ctc_chattering.identification.perturbation import MeasuredPerturbation, perturbation
 from ctc_chattering.identification.results import validate
@@ -92,14 +92,6 @@ def test_lag_and_delay_slow_the_gains_down() -> None:
     assert '0.4 ≤ 0.4' in values['kp'][1]
 
 
-def test_the_step_at_a_reversal_is_twice_the_friction_and_at_most_twice_ka() -> None:
-    found = recommended()
-    ka = np.array(found.values['ka'][0], float)
-    step = reversal_step(base(), ka, np.zeros(2))
-    assert step == pytest.approx(2.0 * np.array(made().plant.coulomb_friction), rel=0.05)
-    assert reversal_step(base(), ka, np.full(2, np.inf)) == pytest.approx(2.0 * ka)
-
-
 def test_the_values_make_a_parameter_file_that_beats_compensation(tmp_path: Path) -> None:
     """On a motion that was not recorded, tenfold on every joint."""
     values = parameter_values(base(), recommended(), made().model, made().recording.q,
@@ -119,12 +111,9 @@ def test_another_run_is_predicted_and_ka_holds_there() -> None:
     other = record('two_link', 7, 8.0, plant={'velocity_noise': [1e-5] * 2})
     found = validate(base(), other.recording.checked(), made().model)
     ka = [float(x) for x in np.array(recommended().values['ka'][0], float)]
-    verdicts = found.verdicts(base().joints, ka)
-    assert all(good for good, _ in verdicts), verdicts
     assert not list(found.findings(ka))
     rough = record('two_link', 7, 8.0, plant={'coulomb_friction': [14.0, 14.0]})
     failed = validate(base(), rough.recording.checked(), made().model)
-    assert not any(good for good, _ in failed.verdicts(base().joints, ka))
     worst = [max(x.severity for x in failed.findings(ka) if x.joint == i) for i in (0, 1)]
     assert worst == [Severity.REFUSED] * 2
 
