@@ -92,14 +92,10 @@ def test_wrong_values_inside() -> None:
             ctc_chattering.simulate(Setup(**right | other))
     with pytest.raises(CtcError, match='a model of 1 joints'):
         Controller(CONFIG, One())
-    with pytest.raises(ParameterError, match='window'):
-        Result('', [(0.0, CONFIG)], RUN, window=(2.0, 1.0)).metrics()
     with pytest.raises(ParameterError, match=r'controller: kp: \[-1'):
         SETUP.changed({'controller': {'kp': -1}})
     with pytest.raises(ParameterError, match=r'npz or \.csv'):
         ctc_chattering.export(RESULT, 'run.parquet')
-    with pytest.raises(ParameterError, match='configs'):
-        Result('', [], RUN)
     with pytest.raises(ParameterError, match="locked: 'joint2: nan'"):
         UrdfModel(URDF, ['joint1'], locked={'joint2': np.nan})
     with pytest.raises(CtcError, match='no node is called plan; allowed: plant, '):
