@@ -54,8 +54,6 @@ class TorqueRate(NamedTuple):
         `torque_rate_limit` of the controller [N·m/s].
     known : ndarray, shape (n,)
         Rate of the drives, at the lower end of its interval; nan where it is not known [N·m/s].
-    reason : str
-        Where the value comes from.
     findings : tuple of Finding
         Of the drives.
 
@@ -63,7 +61,6 @@ class TorqueRate(NamedTuple):
 
     value: Array
     known: Array
-    reason: str
     findings: tuple[Finding, ...]
 
 
@@ -95,12 +92,7 @@ def torque_rate(found: Identification, fastest: Array, given: Sequence[float] = 
     known = np.where(known > 0.0, known, np.nan)
     least = known / (1.0 + 2.0 * lag / period)
     value = np.where(np.isfinite(known), np.clip(needed, least, known), needed)
-    text = (f'friction changes its sign within {_REVERSAL:g} s, and the torque of the model as '
-            'fast as the limits allow')
-    if np.isfinite(known).any():
-        text += '; within ' + ('--torque-rate' if len(given) else
-                               'the lower end of the interval of the rate of the drives')
-    return TorqueRate(value, known, text, tuple(_noticed(needed, known)))
+    return TorqueRate(value, known, tuple(_noticed(needed, known)))
 
 
 def _noticed(needed: Array, known: Array) -> Iterator[Finding]:
@@ -271,7 +263,9 @@ def recommend(found: Identification, run: MeasuredPerturbation, model: Model, po
                      for name, values, reason in (
                          ('ka', ka, bound.reason),
                          ('friction_level', level, 'the Coulomb friction'),
-                         ('torque_rate_limit', drives.value, drives.reason))}
+                         ('torque_rate_limit', drives.value, 'what a reversal of friction within '
+                          f'{_REVERSAL:g} s and the fastest motion need, within the rate of the '
+                          'drives where it is known'))}
     why = ('period, noise and drives allow a chattering term on every joint'
            if law == 'chattering' else 'it inverts the lag of drives, and needs no velocities: a '
            'delay or noise that is not known, a lag, a rate limit of the drives, or noise leaves '
@@ -306,9 +300,11 @@ def _drive_values(found: Identification) -> Gains:
     """Return what the controller knows of the drives, with its reasons."""
     delay, lag, _ = found.timing.drive
     longest = float(longest_lag(found).max())
+    text = ' or '.join(map(str, found.timing.delays)) or 'not known, no commands'
     bandwidth = min(_BANDWIDTH, _LAG / longest) if longest else _BANDWIDTH
     return {
-        'input_delay': (int(delay) if isfinite(delay) else 0, _delay_reason(found)),
+        'input_delay': (int(delay) if isfinite(delay) else 0, 'samples from a torque '
+                        f'to the motion: {text}'),
         'actuator_lag': ([rounded(x) for x in lag], 'the lag of the drives'),
         'switching': ('implicit_observer', 'estimates P; docs/theory.md'),
         'observer_bandwidth': (_rounded_down(bandwidth), (
@@ -333,16 +329,6 @@ def _law_values(found: Identification, law: str, why: str, slower: float, resolu
             'kv': ([2.0 * pole] * n, '2 p'),
             'estimator_bandwidth': (ratio * pole,
                                     f'{ratio:g} p for positions to {resolution:.2g} rad')}
-
-
-def _delay_reason(found: Identification) -> str:
-    """Return where input_delay comes from."""
-    delay, delays = found.timing.drive[0], found.timing.delays
-    if not isfinite(delay):
-        return 'not known: the bag has no commands'
-    if len(delays) > 1:
-        return f'not identifiable: one of {", ".join(map(str, delays))}, this one most likely'
-    return f'the torque of a sample moves the joints {int(delay)} samples later'
 
 
 def _rounded_down(value: float) -> float:

@@ -31,7 +31,7 @@ from ctc_chattering.identification.gains import recommend, Recommendation
 from ctc_chattering.identification.identify import Identification
 from ctc_chattering.identification.perturbation import MeasuredPerturbation, perturbation
 from ctc_chattering.identification.results import validate
-from ctc_chattering.identification.trial_runs import missing_gains, parameter_values
+from ctc_chattering.identification.trial_runs import parameter_values
 from ctc_chattering.identification.verdict import verdicts
 from identified_robots import identified, record, Recorded
 import numpy as np
@@ -133,9 +133,9 @@ def test_a_joint_that_hardly_moves_has_no_gains_and_no_file() -> None:
     for name in ('ka', 'friction_level', 'torque_rate_limit'):
         values: Any = gains.values[name][0]
         assert values[0] > 0.0 and values[1] is None
-    (line,) = missing_gains(verdicts(found, gains.findings))
-    assert line.startswith('joint2: no ka, friction_level') and 'hardly moves' in line
-    assert 'raise its kp' in line
+    verdict = verdicts(found, gains.findings)[1]
+    assert not verdict.usable
+    assert 'hardly moves' in str(verdict) and 'raise its kp' in str(verdict)
     with pytest.raises(CtcError, match='joint2 hardly moves'):
         parameter_values(found, gains, made().model, made().recording.q, {'model': 'two_link'},
                          None)
