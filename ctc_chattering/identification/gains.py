@@ -18,7 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 import dataclasses
-from math import floor, isfinite, log10
+from math import isfinite
 from typing import Any, NamedTuple
 
 from ctc_chattering.analysis.tables import rounded
@@ -32,7 +32,11 @@ from ctc_chattering.dynamics.model import Model
 from ctc_chattering.identification.findings import ALL_JOINTS, Finding, Kind
 from ctc_chattering.identification.identify import Identification
 from ctc_chattering.identification.least_squares import Data, TermKind
-from ctc_chattering.identification.perturbation import MeasuredPerturbation, perturbation_bound
+from ctc_chattering.identification.perturbation import (
+    in_digits,
+    MeasuredPerturbation,
+    perturbation_bound,
+)
 from ctc_chattering.identification.verdict import verdicts
 from ctc_chattering.identification.weak_form import position_noise
 from ctc_chattering.numerics.linear_algebra import Array
@@ -307,7 +311,7 @@ def _drive_values(found: Identification) -> Gains:
                         f'to the motion: {text}'),
         'actuator_lag': ([rounded(x) for x in lag], 'the lag of the drives'),
         'switching': ('implicit_observer', 'estimates P; docs/theory.md'),
-        'observer_bandwidth': (_rounded_down(bandwidth), (
+        'observer_bandwidth': (in_digits(bandwidth, 2, np.floor), (
             f'{_LAG:g} / T with the longest lag of the drives that is possible, '
             f'T = {longest:.3g} s' if longest else 'no lag of the drives is visible'))}
 
@@ -321,7 +325,7 @@ def _law_values(found: Identification, law: str, why: str, slower: float, resolu
     possible = found.timing.delays or {0: lag}
     late, slowest, most = max((lateness(float(x.max()), period, d), float(x.max()), d)
                               for d, x in possible.items())
-    pole = _rounded_down(slower * largest_pole(late))
+    pole = in_digits(slower * largest_pole(late), 2, np.floor)
     text = (f'a double pole at p = {pole:g} rad/s, p (T + h (1 + d)) = {pole * late:.2g} ≤ '
             f'{SLOWNESS:g} with T = {slowest:.3g} s, h = {period:g} s, d = {most}')
     ratio = estimator_bandwidth(1.0, resolution)
@@ -329,9 +333,3 @@ def _law_values(found: Identification, law: str, why: str, slower: float, resolu
             'kv': ([2.0 * pole] * n, '2 p'),
             'estimator_bandwidth': (ratio * pole,
                                     f'{ratio:g} p for positions to {resolution:.2g} rad')}
-
-
-def _rounded_down(value: float) -> float:
-    """Return a value with two digits, at most as large."""
-    unit = 10.0 ** (floor(log10(value)) - 1)
-    return rounded(float(np.floor(value / unit + 1e-9) * unit), 6)

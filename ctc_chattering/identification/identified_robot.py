@@ -19,7 +19,6 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 import dataclasses
 from math import inf
-from numbers import Real
 from pathlib import Path
 from typing import Any
 
@@ -255,8 +254,8 @@ def identify(motions: Sequence[RecordedMotion], validation: RecordedMotion | Non
     if not all(x > 0.0 for x in rate):
         raise ParameterError('torque_rate', torque_rate, 'numbers > 0')
     robot = _robot(motions[0], model, urdf, gravity)
-    found, robot = _corrected(recordings, robot, torque, side, _checked_payloads(
-        payloads, len(motions), robot))
+    _check_payloads(payloads, len(motions), robot)
+    found, robot = _corrected(recordings, robot, torque, side, payloads)
     notes = [note for x in given for note in x.notes]
     found = dataclasses.replace(found, findings=(*found.findings, *(
         Finding(Kind.NOTE, ALL_JOINTS, note) for note in notes)))
@@ -290,16 +289,12 @@ def _robot(motion: RecordedMotion, model: str, urdf: str, gravity: float | None)
                       positions, shared, (controller.kp, controller.kv) if controller else None)
 
 
-def _checked_payloads(payloads: Sequence[tuple[float, str]], count: int, robot: RobotModel
-                      ) -> list[tuple[float, str]]:
-    """Return the payload of each motion; raise `CtcError` for what is none."""
-    for one in payloads:
-        if not (isinstance(one, Sequence) and len(one) == 2 and isinstance(one[0], Real)
-                and isinstance(one[1], str) and 0.0 <= one[0] < inf):
-            raise ParameterError('payloads', payloads, 'pairs of a mass >= 0 [kg] and a link')
+def _check_payloads(payloads: Sequence[tuple[float, str]], count: int, robot: RobotModel) -> None:
+    """Raise `CtcError` for what is no payload of each motion."""
+    if not all(0.0 <= mass < inf for mass, _ in payloads):
+        raise ParameterError('payloads', payloads, 'pairs of a mass >= 0 [kg] and a link')
     if payloads and (len(payloads) != count or not robot.files):
         raise ParameterError('payloads', payloads, f'{count}, one for each motion, of a URDF')
-    return [(float(mass), link) for mass, link in payloads]
 
 
 def _loaded(robot: RobotModel, text: str, joints: tuple[str, ...],

@@ -16,7 +16,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 import dataclasses
 from math import floor, log10, pi
 from typing import NamedTuple
@@ -389,7 +389,7 @@ def perturbation_bound(found: Identification, run: MeasuredPerturbation, model: 
     faster = limits.velocity / np.maximum(np.abs(found.data.velocity).max(axis=0), 1e-12)
     unexplained = run.tail + run.impact * np.maximum(faster, 1.0)
     peak = np.maximum(run.peak, friction + error + unexplained)
-    ka = np.array([_rounded_up(MARGIN * p) for p in peak])
+    ka = np.array([in_digits(MARGIN * p, 3, np.ceil) for p in peak])
     usable = [x.usable for x in verdicts(found)]
     speeds, *parts = (', '.join(f'{x:.3g}' if good else '-' for x, good in zip(values, usable))
                       for values in (limits.velocity, friction, error, unexplained, run.peak))
@@ -432,9 +432,9 @@ def _unknown(found: Identification) -> Iterator[Finding]:
                               'record slow reversals, and different speeds')
 
 
-def _rounded_up(value: float) -> float:
-    """Return a value with three digits, at least as large."""
+def in_digits(value: float, digits: int, way: Callable[[float], float]) -> float:
+    """Return a value >= 0 with some digits, rounded by `np.ceil` or `np.floor`."""
     if value <= 0.0:
         return 0.0
-    unit = 10.0 ** (floor(log10(value)) - 2)
-    return rounded(float(np.ceil(value / unit - 1e-9) * unit), 6)
+    unit = 10.0 ** (floor(log10(value)) - digits + 1)
+    return rounded(float(way(round(value / unit, 9)) * unit), 6)

@@ -284,7 +284,7 @@ def draw_robots(found: Identification, run: MeasuredPerturbation, plant: Mapping
         text = (f"delay {samples}, lag {late.max():.3g} s, model {scale:.3g} of the robot's, "
                 f'friction {friction:+.2g} of its interval')
         yield Draw(text, {
-            'plant': {**_friction(found, plant, friction), **_rate(found, plant, rng),
+            'plant': {**_friction(found, plant, friction), **_rate(found, plant),
                       'input_delay': int(samples), 'actuator_lag': late.tolist(),
                       'disturbance.amplitude': (run.tail + run.error).tolist(),
                       'disturbance.frequency': rng.uniform(*_UNEXPLAINED, len(lag)).tolist(),
@@ -310,15 +310,12 @@ def _friction(found: Identification, plant: Mapping[str, Any], at: float) -> dic
     return values
 
 
-def _rate(found: Identification, plant: Mapping[str, Any], rng: np.random.Generator
-          ) -> dict[str, Any]:
-    """Return the rate of the drives within its interval, where it is known."""
+def _rate(found: Identification, plant: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the least rate of the drives in its interval, where it is known."""
     if 'torque_rate_limit' not in plant:
         return {}
-    return {'torque_rate_limit': [
-        x if of.value is None else max(x + of.half * float(z), 0.1 * x)
-        for x, of, z in zip(plant['torque_rate_limit'], found.rate,
-                            rng.uniform(-1.0, 1.0, len(found.rate)))]}
+    return {'torque_rate_limit': [x if of.value is None else max(x - of.half, 0.1 * x)
+                                  for x, of in zip(plant['torque_rate_limit'], found.rate)]}
 
 
 def _tried(values: Values, draws: Sequence[Draw], usual: Sequence[_TriedRun]) -> tuple[str, bool]:
