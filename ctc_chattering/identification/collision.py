@@ -160,8 +160,6 @@ class SelfCollision:
 
     def text(self, near: Approach, time: float) -> str:
         """Return which links come how near to each other at a time [s]."""
-        if near.distance == inf:
-            return 'none'
         first, second = self.pairs[near.pair]
         how = f'{near.distance:.2g} m' if near.distance > 0.0 else 'they touch'
         return f'{how}, {first} and {second} at {time:.1f} s; at least {near.kept:.2g} m'

@@ -202,19 +202,16 @@ _ELSEWHERE = 0.005
 
 class TorqueSides(NamedTuple):
     """
-    What the signals are.
+    Which signal is used, and why.
 
     Attributes
     ----------
-    side : {'', 'motor', 'link', 'current'}
-        Of the effort; empty without effort, or where the motion does not tell.
     source : {'', 'command', 'effort'}
         The signal to use; empty for the one that explains more.
     findings : tuple of Finding
 
     """
 
-    side: str
     source: str
     findings: tuple[Finding, ...] = ()
 
@@ -252,11 +249,11 @@ def torque_sides(parts: Sequence[Stretch], rows: Sequence[Rows], phi: TestFuncti
         theirs = windows.shape(command)
         check_commands(theirs)
     if effort is None:
-        return TorqueSides('', source)
+        return TorqueSides(source)
     if theirs is not None:
         delay = _echo(parts)
         if delay is not None:
-            return TorqueSides('', source, (Finding(
+            return TorqueSides(source, (Finding(
                 Kind.NOTE, ALL_JOINTS, 'the effort is the command, '
                 f'{delay} samples later: it is not measured, but it has stamps'),))
     if theirs is not None:
@@ -267,7 +264,7 @@ def torque_sides(parts: Sequence[Stretch], rows: Sequence[Rows], phi: TestFuncti
             'the joint, give --effort motor; if it is a current, --effort current '
             '--torque-constant K1,K2,... with N*m at the joint per ampere; behind the gear it '
             'shows no friction: record the commanded torques, too')
-    return TorqueSides(declared, source)
+    return TorqueSides(source)
 
 
 def check_commands(shape: TorqueShape) -> None:
@@ -292,9 +289,9 @@ def _of_both(declared: str, effort: TorqueShape, command: TorqueShape, source: s
     weight = _median(np.where(exact, effort.weight / command.weight, np.nan))
     other_unit = np.isfinite(weight) and not _same(weight, _OTHER_UNIT)
     if declared not in (LINK, CURRENT) and _same(part, 1.0 / _SAME_FRICTION) and not other_unit:
-        return TorqueSides(declared, source)
+        return TorqueSides(source)
     doubt = declared == MOTOR and (abs(part) < _BEHIND_GEAR or other_unit)
-    return TorqueSides(declared, COMMAND, (Finding(
+    return TorqueSides(COMMAND, (Finding(
         Kind.DOUBT if doubt else Kind.NOTE, ALL_JOINTS,
         f'the effort shows {part:.2f} of the friction of the commands, and {weight:.2f} of their '
         'weight (nan: not known); friction is taken from these', '' if declared and not doubt else

@@ -317,11 +317,10 @@ def excite(setup: Setup, request: Mapping[str, Any] | None = None,
         if name not in names:
             raise CtcError(f'joints: no joint is called {name}; allowed: {", ".join(names)}'
                            f'{near(name, names)}')
-    coulomb = np.array(plant.coulomb_friction)
-    if friction is not None:
-        coulomb = vector('friction', friction, len(names))
-        if not (coulomb >= 0.0).all() or not np.isfinite(coulomb).all():
-            raise ParameterError('friction', friction, 'finite numbers >= 0')
+    coulomb = vector('friction', plant.coulomb_friction if friction is None else friction,
+                     len(names))
+    if not (np.isfinite(coulomb) & (coulomb >= 0.0)).all():
+        raise ParameterError('friction', friction, 'finite numbers >= 0')
     description = setup.descriptions.get('controller', '')
     model, limits = model_of(controller, description), _limits(description, names)
     bounds = bounds_of(config, limits)

@@ -17,9 +17,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from pathlib import Path
 
-from ctc_chattering.analysis.drawing import FigureFile, panel, save, sheet
+from ctc_chattering.analysis.drawing import panel, sheet
 from ctc_chattering.identification.identify import Identification
 from ctc_chattering.identification.least_squares import BENT, TermKind
 from ctc_chattering.identification.perturbation import friction_at
@@ -30,12 +29,6 @@ import numpy as np
 _MEASURED, _FIT, _BAND = '#8aa6c1', '#b34a00', '#f3c9a8'
 #: Points of a fitted curve.
 _POINTS = 200
-
-
-def save_friction_figure(found: Identification, verdicts: Sequence[Verdict], directory: Path,
-                         extra: str = 'svg') -> list[FigureFile]:
-    """Write friction against velocity, as SVG and as `extra`, into `directory`."""
-    return save([friction_figure(found, verdicts)], directory, ('svg', extra))
 
 
 def friction_figure(found: Identification, verdicts: Sequence[Verdict]

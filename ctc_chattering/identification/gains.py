@@ -201,8 +201,6 @@ class Recommendation:
         Parameters of the controller.
     noise_torque : ndarray, shape (n,)
         M σ / h: what the noise of the velocity adds to the chattering term [N·m].
-    allowed : list of bool, length n
-        Whether period and noise allow a chattering term.
     findings : tuple of Finding
         What makes gains doubtful.
     options : tuple of dict
@@ -214,7 +212,6 @@ class Recommendation:
 
     values: Gains
     noise_torque: Array
-    allowed: list[bool]
     findings: tuple[Finding, ...] = ()
     options: tuple[Gains, ...] = ()
     trials: tuple[str, ...] = ()
@@ -280,7 +277,7 @@ def recommend(found: Identification, run: MeasuredPerturbation, model: Model, po
                for one in laws]
     noticed = (*run.outliers(), *run.break_away(found.joints), *bound.findings, *drives.findings,
                *inertia_findings(found, model, positions))
-    return Recommendation(options[0], noise, allowed, noticed, tuple(options))
+    return Recommendation(options[0], noise, noticed, tuple(options))
 
 
 def _noise_torque(found: Identification, model: Model, positions: Array) -> Array:

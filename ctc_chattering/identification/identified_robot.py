@@ -38,7 +38,7 @@ from ctc_chattering.identification.identify import Identification
 from ctc_chattering.identification.least_squares import ERRORS, TermKind
 from ctc_chattering.identification.model_errors import candidates, CauseKind, ModelError
 from ctc_chattering.identification.perturbation import perturbation
-from ctc_chattering.identification.results import IdentificationResults, validate
+from ctc_chattering.identification.results import IdentificationResults, validate, write_page
 from ctc_chattering.identification.trial_runs import (
     COUNT,
     COUNT_PLAIN,
@@ -388,8 +388,9 @@ def write_identified(identified: IdentifiedRobot, out: str | Path, trials: int |
             parameter_file.dump(tried.parameters(out), out / VALUES)
         parameter_file.load(out / VALUES)
     write_json(results.as_mapping(), out / JSON)
-    from ctc_chattering.identification.figures import save_friction_figure
-    from ctc_chattering.identification.results import write_page
-    figures = save_friction_figure(results.found, results.verdicts, out / FIGURES, extra)
+    from ctc_chattering.analysis.drawing import save
+    from ctc_chattering.identification.figures import friction_figure
+    figures = save([friction_figure(results.found, results.verdicts)], out / FIGURES,
+                   ('svg', extra))
     write_page(results, figures, out / PAGE, files, command)
     return tried

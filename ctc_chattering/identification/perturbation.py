@@ -421,15 +421,12 @@ def _impacts(run: MeasuredPerturbation) -> Iterator[Finding]:
 
 
 def _unknown(found: Identification) -> Iterator[Finding]:
-    """Yield the joints of which a part of the friction is not known."""
+    """Yield the joints whose viscous friction is not known."""
     for i, one in enumerate(found.friction):
-        for kind, number, what in (
-                (Kind.MOTION, one.viscous, 'ka holds at the speeds of the run only'),
-                (Kind.NOTE, one.stribeck, 'ka may be too small at a break-away')):
-            if one.coulomb.value is not None and number.value is None and (
-                    not number.shows_none):
-                yield Finding(kind, i, f'{what}: {number.reason}',
-                              'record slow reversals, and different speeds')
+        if one.coulomb.value is not None and one.viscous.value is None and (
+                not one.viscous.shows_none):
+            yield Finding(Kind.MOTION, i, 'ka holds at the speeds of the run only: '
+                          f'{one.viscous.reason}', 'record slow reversals, and different speeds')
 
 
 def in_digits(value: float, digits: int, way: Callable[[float], float]) -> float:

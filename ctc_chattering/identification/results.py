@@ -42,7 +42,6 @@ from ctc_chattering.identification.findings import (
 )
 from ctc_chattering.identification.gains import Recommendation
 from ctc_chattering.identification.identify import check_alike, Identification
-from ctc_chattering.identification.model_errors import ModelError
 from ctc_chattering.identification.perturbation import MeasuredPerturbation, perturbation
 from ctc_chattering.identification.timing import lag_in_words
 from ctc_chattering.identification.verdict import (
@@ -152,13 +151,6 @@ def _perturbed(run: MeasuredPerturbation, ka: Sequence[float | None]
             [f'{x:.3g}' for x in whole], [f'{x:.2g}' for x in rest]]
 
 
-def _sensors(found: Identification) -> Rows:
-    """Return encoders and velocities of all joints: what they show needs no friction."""
-    numbers = zip(found.joints, found.encoder, found.noise, found.velocity_lag)
-    return [['joint', 'encoder step [rad]', 'velocity noise [rad/s]', 'lag of the velocity [s]'],
-            *([joint, *map(cell, values)] for joint, *values in numbers)]
-
-
 def cell(number: Estimate) -> str:
     """Return a number with its interval or bound, `none` where it would show, else `NO_NUMBER`."""
     if number.value is None and number.reason.startswith((_AT_LEAST, NONE_ABOVE)):
@@ -212,7 +204,11 @@ class IdentificationResults:
                 for joint, verdict, *cells in zip(joints, self.verdicts, *columns))]
         yield 'Friction', rows([name for _, name in FRICTION], *(
             [cell(getattr(x, key)) for x in found.friction] for key, _ in FRICTION))
-        yield 'Sensors', _sensors(found)
+        # What sensors show needs no friction: of all joints.
+        yield 'Sensors', [
+            ['joint', 'encoder step [rad]', 'velocity noise [rad/s]', 'lag of the velocity [s]'],
+            *([joint, *map(cell, numbers)] for joint, *numbers in zip(
+                joints, found.encoder, found.noise, found.velocity_lag))]
         more = [(name, getattr(found, key)) for key, name in _MORE if getattr(found, key)]
         yield 'Motors and drives', rows(
             ['lag, or delay of this joint', *(name for name, _ in more)],
@@ -272,7 +268,15 @@ class IdentificationResults:
 
     def _model(self) -> Iterator[str]:
         """Yield errors of the model."""
-        yield from (error_sentence(*pair) for pair in self.found.errors)
+        for error, number in self.found.errors:
+            if number.value is None:
+                yield f'mass of {error.name}: {number}'
+            elif error.unit:
+                yield (f'{error.name}: {number.value:+.4g} ± {number.half:.1g} kg at the tip '
+                       'against the model')
+            else:
+                yield (f'mass and inertia of {error.name}: {number.value:+.2%} ± '
+                       f'{number.half:.2%} against the model')
         if any(x.half for x in self.found.tilt):
             yield 'gravity in the frame of the base: ' + ', '.join(map(str, self.found.tilt))
 
@@ -307,7 +311,6 @@ class IdentificationResults:
                              for error, number in found.errors],
             'peak_perturbation_nm': self._usable(self.run.peak.tolist()),
             'noise_torque_nm': self._usable(recommended.noise_torque.tolist()),
-            'chattering_term_possible': recommended.allowed,
             'recommended': {name: {'value': self._usable(value), 'reason': why}
                             for name, (value, why) in recommended.values.items()},
             'trial_runs': list(self.recommended.trials),
@@ -327,17 +330,6 @@ class IdentificationResults:
                 for delay, lags in timing.delays.items()],
             'actuator_lag_s': self._usable(lag.tolist()),
             'actuator_lag_error_s': self._usable(error.tolist())}
-
-
-def error_sentence(candidate: ModelError, number: Estimate) -> str:
-    """Return what an error of the model is, in words."""
-    if number.value is None:
-        return f'mass of {candidate.name}: {number}'
-    if candidate.unit:
-        return (f'{candidate.name}: {number.value:+.4g} ± {number.half:.1g} kg at the tip against '
-                'the model')
-    return (f'mass and inertia of {candidate.name}: {number.value:+.2%} ± {number.half:.2%} '
-            'against the model')
 
 
 def write_page(report: IdentificationResults, figures: Sequence[FigureFile], path: Path,
@@ -364,18 +356,15 @@ def write_page(report: IdentificationResults, figures: Sequence[FigureFile], pat
               for x in (Severity.REFUSED, Severity.CARE)
               for reason in of_all_joints(report.verdicts, x)]
     sections = [
-        page.Section('Verdicts', [*shared, page.Cards(list(map(_card, report.verdicts)))]),
+        page.Section('Verdicts', [*shared, page.Cards([page.Card(
+            verdict.joint, verdict.word, (), [fragment(
+                '{{ x.reason }}{% if x.cure %}<br><i>{{ x.cure }}</i>{% endif %}', x=x)
+                for x in verdict.own()], int(verdict.severity)) for verdict in report.verdicts])]),
         page.Section('Numbers', [
             *numbers, *figures, *(page.Listing(*x) for x in report.sentences())])]
     page.write_page(path, f'Friction and gains from {report.source}',
                     f'{next_step(report.verdicts)} {_LEAD}', sections,
                     [(name, f'{name} ({what})') for name, what in files.items()], command)
-
-
-def _card(verdict: Verdict) -> page.Card:
-    return page.Card(verdict.joint, verdict.word, (), [
-        fragment('{{ x.reason }}{% if x.cure %}<br><i>{{ x.cure }}</i>{% endif %}', x=x)
-        for x in verdict.own()], int(verdict.severity))
 
 
 def _of_joint(numbers: Mapping[str, Estimate], verdict: Verdict) -> dict[str, Any]:

@@ -76,10 +76,8 @@ def parameter_values(found: Identification, recommended: Recommendation, model: 
     """
     # Joint by joint, for long series.
     low, high = np.transpose([np.percentile(x, (2.0, 98.0)) for x in q.T])
-    limits = getattr(model, 'position_limits', None)
-    start = q[0].copy()
-    if limits:
-        start = np.clip(start, *np.array(limits).T)
+    limits = getattr(model, 'position_limits', None) or [(-np.inf, np.inf)]
+    start = np.clip(q[0], *np.array(limits).T)
     kp, kv = gains or GAINS
     controller: dict[str, Any] = {
         name: np.broadcast_to(gain, max(q.shape[1], np.size(gain))).tolist()

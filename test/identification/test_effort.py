@@ -117,11 +117,11 @@ def sides(command: Array | None, effort: Array | None, declared: str = '', sourc
 
 def test_an_effort_counts_only_if_its_friction_and_weight_are_those_of_the_commands() -> None:
     tau = made().run.tau
-    assert sides(tau, None) == TorqueSides('', '')
-    assert sides(tau, measured(tau)) == TorqueSides('', '')
+    assert sides(tau, None) == TorqueSides('')
+    assert sides(tau, measured(tau)) == TorqueSides('')
     for effort in (tau - friction(), 0.08 * tau, tau - weight()):
         found = sides(tau, measured(effort))
-        assert found[:2] == ('', 'command')
+        assert found.source == 'command'
         assert [x.severity for x in found.findings] == [Severity.NOTE]
         assert '--effort says what it is' in found.findings[0].cure
 
@@ -129,7 +129,7 @@ def test_an_effort_counts_only_if_its_friction_and_weight_are_those_of_the_comma
 def test_a_part_of_the_friction_in_the_effort_is_not_enough() -> None:
     tau = made().run.tau
     found = sides(tau, measured(tau - 0.3 * friction()))
-    assert found[:2] == ('', 'command')
+    assert found.source == 'command'
     assert '0.70 of the friction' in found.findings[0].reason
 
 
@@ -158,12 +158,12 @@ def test_an_effort_alone_is_refused_unless_it_is_that_of_the_motor() -> None:
         # Commands that the user does not want do not help.
         with pytest.raises(CtcError, match='--torque-constant'):
             sides(tau, measured(tau), declared, source='effort')
-    assert sides(None, measured(tau), 'motor') == TorqueSides('motor', '')
+    assert sides(None, measured(tau), 'motor') == TorqueSides('')
 
 
 def test_what_is_declared_is_held_against_the_data() -> None:
     tau = made().run.tau
-    assert sides(tau, measured(tau), 'link')[:2] == ('link', 'command')
+    assert sides(tau, measured(tau), 'link').source == 'command'
     with pytest.raises(CtcError, match='behind the gear'):
         sides(None, measured(tau), 'link')
     found = sides(tau, measured(tau - friction()), 'motor')

@@ -78,7 +78,7 @@ def results(refused: int = 2) -> IdentificationResults:
     recommended = SimpleNamespace(
         findings=(), ka=size.tolist(), values={'ka': (size.tolist(), 'of the largest |P|')},
         trials=(),
-        noise_torque=0.1 * size, allowed=[True] * n)
+        noise_torque=0.1 * size)
     run = SimpleNamespace(peak=size, misfit=lambda: (size, 0.01 * size))
     return IdentificationResults('run', cast(Any, found), cast(Any, run),
                                  cast(Any, recommended), None)
