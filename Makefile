@@ -102,7 +102,7 @@ latency: $(READY)
 live-cost: $(READY)
 	PYTHONPATH=test/support $(BIN)/python tools/benchmark/live_cost.py
 
-# Random faults on the whole graph in real time; see docs/safety.md. More arguments: ARGS.
+# Random faults on the whole graph in real time; see validation/README.md. More arguments: ARGS.
 MINUTES ?= 20
 soak: $(READY)
 	PYTHONPATH=tools:test/support $(BIN)/python -m soak --minutes $(MINUTES) $(ARGS)

@@ -17,10 +17,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
 import dataclasses
 from importlib.util import find_spec
 from multiprocessing import current_process, get_context
+from multiprocessing.process import BaseProcess
 import os
 
 from ctc_chattering.analysis.tables import counted
@@ -150,14 +150,24 @@ def _build(todo: Sequence[Code]) -> Iterator[str]:
     """Compile functions, each in a process of its own; yield the name of each that is there."""
     from ctc_chattering.compiled.build import build
 
-    def built(code: Code) -> str:
-        if not current_process().daemon:  # Such a process may start no other one.
-            # Forked: the user's script does not run again, and its classes are known there.
-            process = get_context('fork').Process(target=build, args=(code,))
-            process.start()
-            process.join()
+    running: list[tuple[Code, BaseProcess]] = []
+
+    def ended() -> str:
+        code, process = running.pop(0)
+        process.join()
         build(code)  # Nothing is left to do, or it raises the error of that process here.
         return code.name
 
-    with ThreadPoolExecutor(min(len(os.sched_getaffinity(0)), _MOST)) as pool:
-        yield from pool.map(built, todo)
+    for code in todo:
+        if current_process().daemon:  # Such a process may start no other one.
+            build(code)
+            yield code.name
+            continue
+        if len(running) == min(len(os.sched_getaffinity(0)), _MOST):
+            yield ended()
+        # Forked: the user's script does not run again, and its classes are known there.
+        process = get_context('fork').Process(target=build, args=(code,), daemon=True)
+        process.start()
+        running.append((code, process))
+    while running:
+        yield ended()

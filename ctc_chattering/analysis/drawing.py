@@ -310,44 +310,6 @@ def decades(ax: Axes, axis: str, values: Iterable[float]) -> None:
     getattr(ax, f'{axis}axis').set_minor_formatter(NullFormatter())
 
 
-def dots(title: str, names: Sequence[str], colours: Sequence[str],
-         quantities: Sequence[tuple[str, str, Sequence[Sequence[float]], str]]) -> Figure:
-    """
-    Draw a row for each name, with a numbered dot for each joint, a panel for each quantity.
-
-    Parameters
-    ----------
-    title : str
-        Of the figure.
-    names, colours : sequence of str
-        Of the rows.
-    quantities : sequence of (str, str, sequence of sequence of float, str)
-        Title of a panel, label of its abscissa, numbers of the joints in each row, and what a row
-        without numbers says.
-
-    """
-    joints = max((len(row) for _, _, rows, _ in quantities for row in rows), default=1)
-    figure, grid = sheet(title, 1, (1.0,) * len(quantities), max(
-        0.36, 0.14 * joints) * len(names) + 0.3, left=min(4.6, 0.5 + 0.078 * max(map(len, names))))
-    for column, (name, label_of_x, rows, empty) in enumerate(quantities):
-        ax = panel(figure, grid[0, column], name, '')
-        ax.set(xlabel=label_of_x, xscale='log', ylim=(len(names) - 0.4, -0.6))
-        decades(ax, 'x', [x for row in rows for x in row])
-        for y, (row, colour) in enumerate(zip(rows, colours)):
-            asides = np.linspace(-0.5, 0.5, len(row)) * min(0.8, 0.18 * len(row))
-            for i, (x, aside) in enumerate(zip(row, asides.tolist()), 1):
-                if 0.0 < x < np.inf:
-                    ax.plot(x, y + aside, 'o', color=colour, markersize=11,
-                            markeredgecolor='white')
-                    ax.text(x, y + aside, str(i), color='white', fontsize=8, weight='bold',
-                            ha='center', va='center_baseline')
-            if not row:
-                ax.text(0.5, y, empty, ha='center', va='center', fontsize=9, color='#444444',
-                        transform=ax.get_yaxis_transform())
-        ax.set_yticks(range(len(names)), [''] * len(names) if column else names)
-    return figure
-
-
 def steady_axis(ax: Axes, t: Array, y: Array) -> None:
     """Fit the axis of y to the run after its start, with a note if that cuts the start."""
     finite = np.isfinite(y)

@@ -71,23 +71,6 @@ def error_comparison(results: Sequence[Result]) -> Figure:
     return figure
 
 
-def score_comparison(results: Sequence[Result]) -> Figure:
-    """Draw RMS errors and torque variations of all runs, a numbered dot per joint."""
-    scores = [result.metrics() for result in results]
-    low, high = scores[0]['window_s']
-    quantities = []
-    for key, quantity, units, suffix in (
-            ('rms_error_rad', 'RMS error', 'position_units', ''),
-            ('torque_variation_nm_per_s', 'torque variation', 'torque_units', '/s')):
-        window = f', {low:g} s to {high:g} s' if any(score[key] for score in scores) else ''
-        unit = ' or '.join(sorted({unit + suffix for score in scores for unit in score[units]}))
-        quantities.append((f'{quantity}{window} (number: joint)', f'{quantity} [{unit}]',
-                           [score[key] or () for score in scores],
-                           f'no sample from {low:g} s to {high:g} s'))
-    return drawing.dots('Tracking error and torque variation', names(results), colours(results),
-                        quantities)
-
-
 #: Figures of the paper by experiment and law: (tracking, torques).
 PAPER_FIGURES = {
     ('friction', 'compensation'): (2, 4), ('friction', 'chattering'): (3, 5),
@@ -213,8 +196,6 @@ def _figures(results: Sequence[Result]) -> Iterator[tuple[str, Figure, str]]:
         yield 'comparison_error', error_comparison(results), (
             'Sum of the absolute joint errors over time on a logarithmic axis, one panel per '
             'experiment.' + (' Grey: the time that is evaluated.' if complete else ''))
-        yield 'comparison_scores', score_comparison(results), (
-            'Left: RMS error of each joint. Right: torque variation, Σ |Δτ| per second.')
     for result, run_name in zip(results, names(results)):
         slug = file_stem(result.slug + run_name.removeprefix(result.label))
         where = 'enlarged ' + ('about the last change.' if result.marks else 'at the end.')

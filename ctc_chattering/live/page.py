@@ -26,6 +26,7 @@ from typing import Annotated, Any, Literal, NamedTuple
 from ctc_chattering.analysis.markup import asset, component, fragment, Markup
 from ctc_chattering.analysis.markup import page as page_of
 from ctc_chattering.configuration.package_share import find_mesh
+from ctc_chattering.errors import CtcError
 from ctc_chattering.live import require_viser
 from ctc_chattering.live.page_socket import PageSocket
 from ctc_chattering.live.server import free_port, HOST, serve, stop
@@ -151,7 +152,7 @@ class ArmView:
         self._place = np.array(place)
         server.scene.add_frame(f'/{name}', show_axes=False, position=place)
         shapes = drawn(skeleton)
-        self._outlines = [outermost([vertices for vertices, _ in body]) for body in shapes]
+        self._outlines = [outermost([mesh.vertices for mesh in body]) for body in shapes]
         self._parts, self._frames = {}, {}
         for part, colour, scale, opacity, side in (
                 ('arm', ARM_COLOUR, 1.0, None, 'front'),
@@ -162,7 +163,8 @@ class ArmView:
                 server.scene.add_frame(f'/{name}/{part}/{i}', show_axes=False)
                 for i in range(len(shapes))]
             for frame, body in zip(frames, shapes):
-                for k, (vertices, faces) in enumerate(body):
+                for k, mesh in enumerate(body):
+                    vertices, faces = map(np.asarray, (mesh.vertices, mesh.faces))
                     middle = vertices.mean(axis=0)
                     server.scene.add_mesh_simple(
                         f'{frame.name}/{k}', middle + scale * (vertices - middle), faces,
@@ -192,16 +194,9 @@ class ArmView:
                 self._parts[part].visible = True
 
 
-class Triangles(NamedTuple):
-    """Vertices in the frame of a body, shape (V, 3) [m], and faces, shape (F, 3)."""
-
-    vertices: Array
-    faces: Any
-
-
-def drawn(skeleton: Skeleton) -> list[list[Triangles]]:
+def drawn(skeleton: Skeleton) -> list[list[Any]]:
     """
-    Return the triangles of every body.
+    Return the meshes of every body.
 
     A body has its visual shapes; if one of their files is not found or not read, its shapes for
     collisions; and if these are not either, its capsules. An arm without shapes has capsules.
@@ -212,27 +207,20 @@ def drawn(skeleton: Skeleton) -> list[list[Triangles]]:
         choices = [x for x in (body.visual, body.collision) if x]
         if choices or bare:
             choices.append(body.capsules)
-        found.append(next((made for made in map(_all, choices) if made is not None), []))
+        made = ([triangles(shape) for shape in shapes] for shapes in choices)
+        found.append(next((x for x in made if all(mesh is not None for mesh in x)), []))
     return found
 
 
-def _all(shapes: Sequence[Shape]) -> list[Triangles] | None:
-    """Return the triangles of all shapes; None if there is one without."""
-    made = [triangles(shape) for shape in shapes]
-    return None if None in made else [x for x in made if x is not None]
-
-
-def triangles(shape: Shape) -> Triangles | None:
-    """Return the triangles of a shape; None for a mesh that is not found or not read."""
-    mesh = None
+def triangles(shape: Shape) -> Any:
+    """Return the mesh of a shape in the frame of its body; None if it is not found or not read."""
     with suppress(Exception):  # Of arbitrary files, readers raise arbitrary exceptions.
         mesh = _mesh(shape)
-    if mesh is None or not 0 < len(mesh.faces) <= _MOST:
-        return None
-    vertices = np.asarray(mesh.vertices, float) @ shape.pose[:3, :3].T + shape.pose[:3, 3]
-    if not np.abs(vertices).max() < LONGEST:
-        return None
-    return Triangles(vertices, np.asarray(mesh.faces, np.int64))
+        if 0 < len(mesh.faces) <= _MOST:
+            mesh.apply_transform(shape.pose)
+            if np.abs(mesh.vertices).max() < LONGEST:
+                return mesh
+    return None
 
 
 def _mesh(shape: Shape) -> Any:
@@ -241,7 +229,7 @@ def _mesh(shape: Shape) -> Any:
     if shape.kind == 'mesh':
         path = find_mesh(shape.file)
         if path is None:
-            return None
+            raise CtcError(f'{shape.file}: not found')
         mesh: Any = trimesh.load(path, force='mesh')
         mesh.apply_scale(sizes)
         return mesh

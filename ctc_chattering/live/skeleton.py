@@ -110,13 +110,10 @@ class Body:
     capsules: tuple[Shape, ...]
 
 
+@dataclasses.dataclass(frozen=True)
 class Skeleton:
     """
     The bodies of an arm, parents first.
-
-    Parameters
-    ----------
-    bodies : sequence of Body
 
     Attributes
     ----------
@@ -124,14 +121,14 @@ class Skeleton:
     n : int
         Number of joints of the model.
     reach : float
-        Sum of the distances between the joints along the longest chain [m].
+        Sum of the distances between the joints along the longest chain, and that of the last two
+        again [m].
 
     """
 
-    def __init__(self, bodies: Sequence[Body], n: int) -> None:
-        self.bodies = tuple(bodies)
-        self.n = n
-        self.reach = _reach([(body.parent, body.origin) for body in bodies])
+    bodies: tuple[Body, ...]
+    n: int
+    reach: float
 
     def poses(self, q: Sequence[float] | Array) -> Array:
         """Return the pose of every body in the frame of the root, shape (bodies, 4, 4)."""
@@ -201,7 +198,7 @@ def urdf_skeleton(urdf: str | ET.Element, joint_names: Sequence[str],
     stand = tree.locked(joint_names, locked or {})
     children = [child for _, child in tree.ends.values()]
     root = next(link for link in tree.links if link not in children)
-    index = {root: 0}
+    index, lengths, last = {root: 0}, [0.0], 0.0
     made = [(root, -1, np.eye(4), 'fixed', (0.0, 0.0, 1.0), -1)]
     for name, (parent, child) in tree.ends.items():
         place, axis = _pose(tree.origins[name]), tree.axes.get(name, (0.0, 0.0, 1.0))
@@ -210,9 +207,12 @@ def urdf_skeleton(urdf: str | ET.Element, joint_names: Sequence[str],
         if name in stand:
             place, kind = place @ _motion(kind, axis, stand[name]), 'fixed'
         number = list(joint_names).index(name) if kind != 'fixed' else -1
+        length = hypot(*place[:3, 3])
+        last = length or last
+        lengths.append(lengths[index[parent]] + length)
         index[child] = len(made)
         made.append((child, index[parent], place, kind, axis, number))
-    reach = _reach([(x[1], x[2]) for x in made])
+    reach = max(lengths) + last or 1.0
     if not reach < LONGEST:
         raise CtcError(f'an arm of {reach:g} m; drawn are those of less than {LONGEST:g} m')
     bodies = []
@@ -220,7 +220,7 @@ def urdf_skeleton(urdf: str | ET.Element, joint_names: Sequence[str],
         link, ends = tree.links[fields[0]], [x[2][:3, 3] for x in made if x[1] == i]
         bodies.append(Body(*fields, _shapes(link, 'visual'), _shapes(link, 'collision'),
                            _capsules(ends, link, _RADIUS * reach)))
-    return Skeleton(bodies, len(joint_names))
+    return Skeleton(tuple(bodies), len(joint_names), reach)
 
 
 def _capsules(ends: Sequence[Array], link: ET.Element, radius: float) -> tuple[Shape, ...]:
@@ -246,17 +246,6 @@ def _shapes(link: ET.Element, tag: str) -> tuple[Shape, ...]:
         except CtcError:
             found.append(Shape('unreadable', (), np.eye(4)))
     return tuple(found)
-
-
-def _reach(links: Sequence[tuple[int, Array]]) -> float:
-    """Return the longest way from the root over the joints, and as far as the last one again."""
-    ways: list[float] = []
-    last = 0.0
-    for parent, pose in links:
-        length = hypot(*pose[:3, 3])
-        last = length or last
-        ways.append(length + (ways[parent] if parent >= 0 else 0.0))
-    return max(ways) + last or 1.0
 
 
 def _motion(kind: str, axis: Sequence[float], q: float) -> Array:

@@ -152,8 +152,7 @@ def to_markdown(outcomes: Sequence[Outcome]) -> str:
 def to_csv(outcomes: Sequence[Outcome]) -> str:
     """Return one line per run and joint, with a header; numbers in full, empty if it diverged."""
     return csv_text([{
-        'experiment': x.experiment,
-        'condition': x.task.condition.name,
+        'experiment': x.experiment, 'condition': x.task.condition.name,
         **x.task.variant._asdict(), 'joint': joint,
         **{name: getattr(x.score, key)[i] if getattr(x.score, key) else None
            for name, key in _NUMBERS.items()},
@@ -247,8 +246,8 @@ def write_parameters(outcomes: Sequence[Outcome], directory: Path) -> None:
             condition, variant = x.task.condition, x.task.variant
             for k, run in enumerate(x.runs):
                 stem = '_'.join(filter(None, (
-                    x.experiment, condition.name,
-                    variant.switching or variant.law, variant.settings,
+                    x.experiment, condition.name, variant.switching or variant.law,
+                    variant.settings,
                     f'model_{condition.factors[k]:g}' if len(x.runs) > 1 else '')))
                 parameter_file.dump(parameter_file.load(x.task.path, run).values,
                                     directory / f'{output.file_stem(stem, used)}.yaml')

@@ -55,7 +55,7 @@ class Score(NamedTuple):
     reference rests. In the whole run: largest
     torque [N·m] and rate [N·m/s], and the time when v is reached [s]. `failure` says why there are
     none of these, and `engine` how it was simulated, by `MACHINE_CODE` or `PLAIN_PYTHON`; empty
-    for neither.
+    where it failed.
     """
 
     rms: Joints = ()

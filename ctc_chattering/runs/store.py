@@ -25,7 +25,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 import fcntl
-from functools import cache
+from functools import cache, lru_cache
 import hashlib
 import json
 import os
@@ -98,8 +98,7 @@ def chunks(runs: Runs, numbers: Numbers) -> list[npt.NDArray[np.int64]]:
 
     Their size depends on nothing but the spec and the number of runs.
     """
-    spec = runs.spec
-    n, plant = len(spec.setup.controller.joint_names), spec.setup.plant
+    n, plant = len(runs.spec.setup.controller.joint_names), runs.spec.setup.plant
     steps = plant.duration / min(plant.control_period, plant.integration_step)
     size = max(1, min(int(_STEPS / (n ** 2 * steps)), -(-len(numbers) // _FEWEST)))
     return np.split(np.asarray(numbers), range(size, len(numbers), size))
@@ -127,8 +126,14 @@ def compute(runs: Runs, made_by: str, chunk: Numbers) -> pyarrow.Table:
     if made_by != version():
         raise CtcError(f'a worker has version {version()} of ctc_chattering, not {made_by}; '
                        'install the same one everywhere')
-    compile_setups(map(runs.example, range(len(runs.spec.variants))), lambda _: None)
+    _compile(runs)
     return pyarrow.Table.from_pylist([row(runs, int(run)) for run in chunk], schema(runs.spec))
+
+
+@lru_cache(1)
+def _compile(runs: Runs) -> None:
+    """Compile what the runs of a map need; a process that has many chunks of it asks once."""
+    compile_setups(map(runs.example, range(len(runs.spec.variants))), lambda _: None)
 
 
 def row(runs: Runs, run: int) -> dict[str, Any]:
@@ -214,8 +219,6 @@ class Directory:
 
 def write_table(table: pyarrow.Table, path: Path) -> None:
     """Write a file whose pages have checksums."""
-    with writing(path):
-        path.parent.mkdir(exist_ok=True)
     with _replacing(path) as temporary:
         parquet.write_table(table, temporary, compression='zstd', write_page_checksum=True)
 
@@ -223,8 +226,9 @@ def write_table(table: pyarrow.Table, path: Path) -> None:
 @contextmanager
 def _replacing(path: Path) -> Iterator[Path]:
     """Yield another name for a file, that is given its own once it is on the disk."""
-    temporary = path.with_name(f'.{path.name}')
+    temporary = path.with_name(f'.{path.name}.part')
     with writing(path):
+        path.parent.mkdir(exist_ok=True)
         yield temporary
         with temporary.open('rb') as stream:
             os.fsync(stream.fileno())

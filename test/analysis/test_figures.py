@@ -198,7 +198,7 @@ def test_an_error_of_zero_and_names_with_dollars(tmp_path: Path) -> None:
     result = made_up(2, joint_names=['$\\bad$', '_hidden'])
     run = Run(**{**vars(result.run), 'q_d': result.run.q})
     still = Result('$\\frac$', result.configs, run, result.terms)
-    assert len(figures.save_figures([still, still], tmp_path)) == 8
+    assert len(figures.save_figures([still, still], tmp_path)) == 7
 
 
 def test_an_empty_run_is_refused_before_anything_is_written(
@@ -227,34 +227,6 @@ def test_comparison_puts_the_laws_of_an_experiment_together(
     assert friction.get_ylim() == changed.get_ylim()
 
 
-def test_scores_are_the_metrics(compensation: Result, chattering: Result, switch: Result) -> None:
-    results = [compensation, chattering, switch]
-    figure = figures.score_comparison(results)
-    for ax, key, unit in zip(figure.axes, ('rms_error_rad', 'torque_variation_nm_per_s'),
-                             ('[rad]', '[N·m/s]')):
-        assert ax.get_xlabel().endswith(unit)
-        dots = iter(ax.lines)
-        for y, result in enumerate(results[:2]):
-            for joint, (value, dot) in enumerate(zip(result.metrics()[key], dots), 1):
-                (x,), (row,) = map(np.asarray, dot.get_data())
-                assert (x, round(row)) == (value, y)
-                assert any(text.get_text() == str(joint) and text.get_position() == (x, row)
-                           for text in ax.texts)
-        assert 'no sample from 5 s to 10 s' in texts(ax)
-    assert figure.axes[0].get_yticklabels()[2].get_text() == 'switch: compensation → chattering'
-
-
-def test_equal_scores_have_an_axis_of_whole_decades() -> None:
-    results = [made_up(7, 5200)] * 2
-    for ax in figures.score_comparison(results).axes:
-        low, high = np.log10(ax.get_xlim())
-        assert (low, high) == pytest.approx((round(low), round(high)))
-        assert low < high
-        shown = np.ravel([line.get_xdata() for line in ax.lines])
-        assert len(shown) == 14
-        assert 10.0 ** low < shown.min() and shown.max() < 10.0 ** high
-
-
 def test_the_names_of_the_switchings_tell_runs_apart(tmp_path: Path) -> None:
     results = [made_up(1), made_up(1, switching='implicit'), made_up(1, switching='implicit')]
     ax = figures.error_comparison(results).axes[0]
@@ -262,7 +234,7 @@ def test_the_names_of_the_switchings_tell_runs_apart(tmp_path: Path) -> None:
         'chattering', 'chattering (implicit) #1', 'chattering (implicit) #2']
     assert len({line.get_color() for line in ax.lines}) == 3
     files = figures.save_figures(results, tmp_path)
-    assert len({file.path for file in files}) == len(files) == 11
+    assert len({file.path for file in files}) == len(files) == 10
 
 
 @pytest.mark.parametrize(('extra', 'begin'), [('pdf', b'%PDF'), ('png', b'\x89PNG')])
@@ -298,8 +270,7 @@ def test_nothing_is_over_a_legend_or_a_label(n: int) -> None:
     runs = [made_up(n, 50, joint_names=names, law=law) for law in LAWS_SHOWN]
     several = [dataclasses.replace(x, experiment=y) for y in ('a', 'b') for x in runs]
     drawings = [draw(runs[1]) for draw in DRAWN[:3 if n == 2 else 1]]
-    drawings += [figures.error_comparison(several),
-                 figures.score_comparison(several)]
+    drawings += [figures.error_comparison(several)]
     for figure in drawings:
         assert not overlaps(figure)
     drawings[0].axes[0].legend(loc='upper right')
@@ -326,8 +297,6 @@ def test_a_prismatic_joint_has_its_units() -> None:
         'V [J]', 'v [m/s]', 'v [rad/s]', 'z [N]', 'z [N·m]'}
     compared = figures.error_comparison([result, result])
     assert [ax.get_ylabel() for ax in compared.axes] == ['Σ |eᵢ| [m]', 'Σ |eᵢ| [rad]']
-    scores = figures.score_comparison([result, result])
-    assert scores.axes[0].get_xlabel() == 'RMS error [m or rad]'
     numbers = result.metrics()
     assert numbers['max_error_norm1_rad'] is None and 'prismatic' in numbers['notes'][0]
     assert (numbers['position_units'], numbers['torque_units']) == (['m', 'rad'], ['N', 'N·m'])

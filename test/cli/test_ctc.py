@@ -227,7 +227,7 @@ def test_plot_of_a_directory_and_export(tmp_path: Path) -> None:
     runs = json.loads((tmp_path / 'out' / 'metrics.json').read_text())['runs']
     assert [run['bag'] for run in runs] == ['a', 'b']
     kinds = [path.suffix for path in (tmp_path / 'out' / 'figures').iterdir()]
-    assert kinds.count('.pdf') == kinds.count('.svg') == 8
+    assert kinds.count('.pdf') == kinds.count('.svg') == 7
     page = (tmp_path / 'out' / 'index.html').read_text(encoding='utf-8')
     assert 'friction: chattering, bag a' in page and 'friction: chattering, bag b' in page
 

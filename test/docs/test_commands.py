@@ -147,12 +147,12 @@ def test_commands_of_this_package_are_ones(line: Line) -> None:
 
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
-    """Return a directory with the files that the pages have the reader write."""
+    """Return a directory with the file that docs/robots.md has the reader write, and its model."""
     page = (ROOT / 'docs' / 'robots.md').read_text(encoding='utf-8')
-    for kind, name in (('python', 'pendulum.py'), ('yaml', 'pendulum.yaml')):
-        found = re.search(f'`{name}`[^`]*:\n\n```{kind}\n(.*?)```', page, re.DOTALL)
-        assert found
-        (tmp_path / name).write_text(found[1])
+    found = re.search('`pendulum.yaml`:\n\n```yaml\n(.*?)```', page, re.DOTALL)
+    assert found
+    (tmp_path / 'pendulum.yaml').write_text(found[1])
+    (tmp_path / 'examples').symlink_to(ROOT / 'examples')
     return tmp_path
 
 

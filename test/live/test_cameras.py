@@ -59,7 +59,7 @@ def test_the_arms_fill_the_view(name: str, q: list[float], count: int, aspect: f
             vertices @ pose[:3, :3].T + pose[:3, 3] for x in motion
             for pose, body in zip(skeleton.poses(x), shapes) for vertices in body])
         return np.concatenate([arm + place for place in places(count, skeleton.reach)])
-    vertices = [[vertices for vertices, _ in body] for body in bodies]
+    vertices = [[x.vertices for x in body] for body in bodies]
     camera = camera_of(placed([[outermost(body)] for body in vertices]), aspect)
     across = seen(camera, placed(vertices), aspect)
     assert np.abs(across).max() < 0.9

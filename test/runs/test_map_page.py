@@ -164,7 +164,7 @@ def test_no_failure_and_one_value(tmp_path: Path) -> None:
     data = MapData(table_of(('compensation',), {'ka': [3.0]}, {
         'error': [[[1e-5, 1e-4]]], 'failure': [[['', '']]]}), {'ka': 'N*m'})
     page = written(data, tmp_path)
-    assert page.texts['h1'] == ['No run fails']
+    assert page.texts['h1'] == ['compensation fails in 0.0 % of the runs']
     assert page.tables[0][1] == ['compensation', '2', '0.0 %\n0.0 to 65.8', '1.00e-05\n1.00e-04']
 
 

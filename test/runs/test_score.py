@@ -21,6 +21,7 @@ from typing import Any
 
 from ctc_chattering.analysis.metrics import metrics
 from ctc_chattering.analysis.result import Result, simulate
+from ctc_chattering.compiled.machine_code import MACHINE_CODE, PLAIN_PYTHON
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.configuration.loop_setup import Setup
 from ctc_chattering.errors import CtcError, MachineError
@@ -49,7 +50,8 @@ def test_numbers_are_those_of_the_samples_with_none_missing_in_between() -> None
     assert found.peak_rate == tuple(whole['max_torque_rate_nm_per_s'])
     assert found.peak == tuple(np.abs(run.tau).max(axis=0))
     assert (found.error, found.most_variation) == (max(found.rms), max(found.variation))
-    assert (found.failure, found.engine) == ('', '')
+    assert (found.failure, found.engine) == (
+        '', MACHINE_CODE if run.compiled else PLAIN_PYTHON)
     across = score(made, WINDOW, lambda _: result, across_gaps=True)
     assert across.variation == tuple(metrics(run, WINDOW)['torque_variation_nm_per_s'])
     assert across.variation != found.variation

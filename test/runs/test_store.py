@@ -177,7 +177,7 @@ def test_what_was_begun_and_killed_is_no_shard(tmp_path: Path) -> None:
     """Check that the remains of a killed process are not read, and written anew."""
     made = Directory(tmp_path, ABOUT, SCHEMA)
     made.write(range(1), rows(0))
-    remains = only(made).with_name(f'.{only(made).name}')
+    remains = only(made).with_name(f'.{only(made).name}.part')
     only(made).rename(remains)
     remains.write_bytes(b'half of a f')
     assert made.rows(range(1), print) is None

@@ -56,7 +56,7 @@ const ctcArm = (canvas, data, value) => {
     for (let k = 0; k < 40; k++)
       data.runs.forEach((_, r) => {
         const t = data.begin + (data.end - data.begin) * k / 39;
-        for (const [a, b] of capsules(r, 'q', t))
+        for (const [a, b] of [...capsules(r, 'q', t), ...capsules(r, 'q_d', t)])
           for (const x of [a, b]) points.push(at.map(axis => dot(axis, x)));
       });
     if (!points.length) return;
