@@ -66,12 +66,6 @@ _ASKED['center'] = dataclasses.replace(
     _ASKED['center'], description="centre of the motion, by default the reference's", default=None)
 _FRICTION = Parameter('friction', 'float[]', None, 'expected Coulomb friction, by default '
                       "the plant's", unit='N*m', minimum=0.0, shape='n')
-#: Options that say what the effort is, and numbers of it.
-_OF_EFFORT = {
-    'gear_ratio': 'turns of the motor per turn of the joint, where the effort is a torque or a '
-                  'current at the motor',
-    'torque_constant': 'torque of the motor per ampere [N·m/A], or of the joint without '
-                       '--gear-ratio'}
 
 
 def excite_options(parser: argparse.ArgumentParser) -> None:
@@ -79,8 +73,6 @@ def excite_options(parser: argparse.ArgumentParser) -> None:
     add_params_file(parser)
     for spec in (*_ASKED.values(), _FRICTION):
         add_declared(parser, spec)
-    parser.add_argument('--srdf', metavar='FILE', help='SRDF, a path or package://NAME/PATH: '
-                        'links that it allows to touch are not checked')
     add_number(parser, '--floor', 'height of a floor in the frame of the root link', None,
                'float', unit='m')
     add_number(parser, '--evaluations', 'random motions, of which the first that keeps all limits '
@@ -111,10 +103,9 @@ def run_excite(options: argparse.Namespace) -> int:
         if friction is not None:
             friction = for_each(friction, n)
             _FRICTION.check(friction, n)
-    srdf = read_description(options.srdf) if options.srdf else ''
     out = prepare(options.out, (MOTION, RUN), options.overwrite)
-    found = excite(setup, request, friction, options.evaluations, options.seed, srdf,
-                   options.floor, options.joints)
+    found = excite(setup, request, friction, options.evaluations, options.seed, options.floor,
+                   options.joints)
     write(found, sections, out)
     _show_motion(found)
     print(f'{len(found.excitation.route.times)} waypoints: {out / MOTION}; play them with bringup '
@@ -185,9 +176,10 @@ def identify_options(parser: argparse.ArgumentParser) -> None:
                         help='source of the torques, default: what explains the motion better')
     parser.add_argument('--effort', choices=(MOTOR, LINK, CURRENT),
                         help='what the effort is: the torque of the motor, that of the link '
-                             '(sensor behind the gear), or a current; default: guessed')
-    for name, text in _OF_EFFORT.items():
-        add_declared(parser, Parameter(name, 'float[]', None, text, shape='n'))
+                             '(sensor behind the gear), or a current; needed without commands')
+    add_declared(parser, Parameter('torque_constant', 'float[]', None, 'torque at the joint per '
+                                   'ampere of a current [N·m/A], or per N·m of the motor: gear '
+                                   'ratio included', shape='n'))
     parser.add_argument('--states', default='joint_states', metavar='TOPIC',
                         help='topic of the joint states, default: joint_states')
     parser.add_argument('--commands', default='effort_controller/commands', metavar='TOPIC',
@@ -219,7 +211,7 @@ def run_identify(options: argparse.Namespace) -> int:
     for note in (note for motion in motions for note in motion.notes):
         say(note)
     n = len(motions[0].recording.joints)
-    numbers = {name: for_each(x, n) for name in ('torque_rate', *_OF_EFFORT)
+    numbers = {name: for_each(x, n) for name in ('torque_rate', 'torque_constant')
                if (x := getattr(options, name)) is not None}
     validation = motions.pop() if options.validate else None
     out = prepare(options.out, NAMES, options.overwrite)
@@ -242,9 +234,7 @@ def _show_robot(found: IdentifiedRobot, out: Path) -> int:
     print(found.results.text())
     print()
     if found.missing:
-        print(f'{VALUES} is not written, since it would have no gains of all joints:')
-        for line in found.missing:
-            print('\n'.join(paragraph(line)))
+        _say(f'{VALUES} is not written, since there are no gains of {", ".join(found.missing)}')
         print_page(out / PAGE)
     else:
         print_page(out / PAGE, f'ctc simulate {out / VALUES}')

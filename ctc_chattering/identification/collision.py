@@ -21,7 +21,7 @@ counts.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 import copy
 import importlib
 from itertools import combinations
@@ -81,8 +81,6 @@ class SelfCollision:
         Positions at which links may be near each other: the centre first, and the start.
     clearance : float
         What links must keep; half of their distance at `rests` if that is less [m].
-    allowed : collection of frozenset of str
-        Pairs of links that may touch.
     floor : float, optional
         Height of a floor in the frame of the root link [m].
 
@@ -103,8 +101,7 @@ class SelfCollision:
     """
 
     def __init__(self, description: str, joints: Sequence[str], locked: Mapping[str, float],
-                 rests: Array, clearance: float, allowed: Collection[frozenset[str]] = (),
-                 floor: float | None = None) -> None:
+                 rests: Array, clearance: float, floor: float | None = None) -> None:
         tree = Tree(description)
         text, self.unseen = shaped(tree)
         self._pin: Any = importlib.import_module('pinocchio')
@@ -116,7 +113,7 @@ class SelfCollision:
         self._data = self._model.createData()
         back = [self._model.joints[self._model.getJointId(name)].idx_q for name in joints]
         self._order: Any = np.argsort(back)
-        joined = {frozenset(tree.ends[name]) for name in joints} | set(allowed)
+        joined = {frozenset(tree.ends[name]) for name in joints}
         shapes = self._kinds[0].geometryObjects.tolist()
         names = [link_of(list(tree.links), shape.name) for shape in shapes]
         pairs = [(a, b) for (a, x), (b, y) in combinations(enumerate(shapes), 2)
@@ -163,8 +160,6 @@ class SelfCollision:
 
     def text(self, near: Approach, time: float) -> str:
         """Return which links come how near to each other at a time [s]."""
-        if near.distance == inf:
-            return 'none'
         first, second = self.pairs[near.pair]
         how = f'{near.distance:.2g} m' if near.distance > 0.0 else 'they touch'
         return f'{how}, {first} and {second} at {time:.1f} s; at least {near.kept:.2g} m'
@@ -239,23 +234,3 @@ def convex_hulls(meshes: Any) -> Any:
                 continue
             shape.geometry = shape.geometry.convex
     return hulls
-
-
-def allowed_pairs(srdf: str) -> set[frozenset[str]]:
-    """
-    Return the pairs of links that the text of an SRDF allows to touch.
-
-    Raises
-    ------
-    CtcError
-        If it is no SRDF.
-
-    """
-    try:
-        robot = ET.fromstring(srdf.strip())
-    except ET.ParseError as error:
-        raise CtcError(f'SRDF: not XML: {error}') from None
-    if robot.tag != 'robot':
-        raise CtcError(f'SRDF: the outermost element is <{robot.tag}>, not <robot>')
-    return {frozenset((x.get('link1', ''), x.get('link2', '')))
-            for x in robot.iter('disable_collisions')}

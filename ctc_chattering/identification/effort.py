@@ -28,7 +28,7 @@ from ctc_chattering.bags.recording import Recording, Stretch
 from ctc_chattering.errors import CtcError, ParameterError, UsageError
 from ctc_chattering.identification.drives import COMMAND, EFFORT, has
 from ctc_chattering.identification.findings import ALL_JOINTS, Finding, Kind
-from ctc_chattering.identification.least_squares import correlation_length
+from ctc_chattering.identification.least_squares import correlation_length, scaled
 from ctc_chattering.identification.weak_form import TestFunction
 from ctc_chattering.identification.windows import Rows
 from ctc_chattering.numerics.linear_algebra import Array
@@ -131,13 +131,10 @@ class TorqueWindows:
         moved = fitting != np.arange(len(moving))
         if (moved.any() and (best[moved] < _UNEXPLAINED).all()
                 and np.log(given[moved] / best[moved]).mean() > np.log(_CLEARLY)):
-            order = list(joints)
-            for column, i in zip(moving, fitting):
-                order[column] = joints[moving[i]]
             raise CtcError(
                 f'the commands do not fit the joints in the order {",".join(joints)}: they leave '
                 f"{given[moved].max():.0%} of a joint's torque unexplained, and "
-                f'{best[moved].max():.0%} in the order that fits: --joints {",".join(order)}')
+                f'{best[moved].max():.0%} in another one: give --joints in their order')
 
     def _columns(self, i: int, y: Array) -> tuple[Array, Array]:
         """Return the columns of joint i, shape (rows, 5), and y where it slides and y is known."""
@@ -159,18 +156,17 @@ class TorqueWindows:
 
 def _solved(x: Array, y: Array) -> tuple[Array, Array, Array]:
     """Return coefficients, residuals and standard errors; an error is inf where none is told."""
-    length = np.sqrt(np.square(x).sum(axis=0))
-    length[:2][length[:2] < _NOTHING * np.linalg.norm(y)] = 0.0
-    scale = np.where(length > 0.0, length, 1.0)
-    scaled = np.where(length > 0.0, x / scale, 0.0)
-    u, s, vt = np.linalg.svd(scaled, full_matrices=False)
+    present = np.linalg.norm(x, axis=0) > np.array([_NOTHING, _NOTHING, 0.0, 0.0, 0.0]) * (
+        np.linalg.norm(y))
+    x, scale = scaled(x * present)
+    u, s, vt = np.linalg.svd(x, full_matrices=False)
     kept = s > 1e-6 * s[0]
     value = vt[kept].T @ ((u[:, kept].T @ y) / s[kept])
-    rest = y - scaled @ value
+    rest = y - x @ value
     variance = float(rest.dot(rest)) / len(y) * max(1.0, correlation_length(rest))
     errors = np.sqrt(variance * np.square(vt[kept].T / s[kept]).sum(axis=1))
     # What a direction without data contains is not told.
-    told = (length > 0.0) & (np.square(vt[~kept]).sum(axis=0) < 1e-6)
+    told = present & (np.square(vt[~kept]).sum(axis=0) < 1e-6)
     return value / scale, rest, np.where(told, errors / scale, np.inf)
 
 
@@ -188,16 +184,16 @@ def weak_torques(parts: Sequence[Stretch], rows: Sequence[Rows], phi: TestFuncti
 
 #: Sides of a measured effort.
 MOTOR, LINK, CURRENT = 'motor', 'link', 'current'
-#: Friction of an effort behind the gear, as a part of that of the commands, or of the torque.
-_BEHIND_GEAR, _HARDLY_ANY = 0.5, 0.01
+#: Friction of an effort behind the gear, as a part of that of the commands.
+_BEHIND_GEAR = 0.5
 #: Least ratio of the frictions of two signals that both show all of it.
 _SAME_FRICTION = 0.8
 #: Friction is told by this many standard errors, and this part of the torque.
 _CLEAR, _SOME = 5.0, 0.005
 #: Factors between effort and command, and between a torque and the model, of another unit.
 _OTHER_UNIT, _OTHER_UNIT_THAN_MODEL = 1.5, 2.0
-#: Part of the weight below which it is missing, and standard error of a part that is exact.
-_NO_WEIGHT, _EXACT = 0.3, 0.06
+#: Standard error of a part of weight or inertial torque that is exact.
+_EXACT = 0.06
 #: Difference of an echo, as a part of the largest command; samples of delay; part that is equal.
 _EQUAL, _DELAYS, _MOSTLY = 1e-5, 20, 0.9
 #: Part that is equal after another delay, above which commands are in wrong places.
@@ -206,19 +202,16 @@ _ELSEWHERE = 0.005
 
 class TorqueSides(NamedTuple):
     """
-    What the signals are.
+    Which signal is used, and why.
 
     Attributes
     ----------
-    side : {'', 'motor', 'link', 'current'}
-        Of the effort; empty without effort, or where the motion does not tell.
     source : {'', 'command', 'effort'}
         The signal to use; empty for the one that explains more.
     findings : tuple of Finding
 
     """
 
-    side: str
     source: str
     findings: tuple[Finding, ...] = ()
 
@@ -244,8 +237,8 @@ def torque_sides(parts: Sequence[Stretch], rows: Sequence[Rows], phi: TestFuncti
     Raises
     ------
     CtcError
-        If commands are in another order than `joints`, have no weight or another unit, or if all
-        there is is an effort without friction, or in another unit.
+        If commands are in another order than `joints`, have no weight or another unit, or if
+        there are none and the effort is not declared as that of the motor.
 
     """
     windows = TorqueWindows.of(rows)
@@ -256,83 +249,53 @@ def torque_sides(parts: Sequence[Stretch], rows: Sequence[Rows], phi: TestFuncti
         theirs = windows.shape(command)
         check_commands(theirs)
     if effort is None:
-        return TorqueSides('', source)
+        return TorqueSides(source)
     if theirs is not None:
         delay = _echo(parts)
         if delay is not None:
-            return TorqueSides('', source, (Finding(
+            return TorqueSides(source, (Finding(
                 Kind.NOTE, ALL_JOINTS, 'the effort is the command, '
                 f'{delay} samples later: it is not measured, but it has stamps'),))
-    mine = windows.shape(effort)
-    if theirs is None:
-        return _of_effort_only(declared, mine, source)
-    return _of_both(declared, mine, theirs, source)
+    if theirs is not None:
+        return _of_both(declared, windows.shape(effort), theirs, source)
+    if declared != MOTOR:
+        raise CtcError(
+            'torques would be those of the effort: if it is the torque of the motors, in N*m at '
+            'the joint, give --effort motor; if it is a current, --effort current '
+            '--torque-constant K1,K2,... with N*m at the joint per ampere; behind the gear it '
+            'shows no friction: record the commanded torques, too')
+    return TorqueSides(source)
 
 
 def check_commands(shape: TorqueShape) -> None:
     """Raise `CtcError` if commands have no weight, or are no torques."""
     weight = _exact(shape.weight, shape.weight_error, shape.load)
-    inertia = _exact(shape.inertia, shape.inertia_error, shape.size)
     if not np.isfinite(weight) or _same(weight, _OTHER_UNIT_THAN_MODEL):
         return
-    if abs(weight) < _NO_WEIGHT and inertia > 1.0 / _OTHER_UNIT_THAN_MODEL:
-        raise CtcError(
-            f'the commands have {weight:.2f} of the weight that the model has, and {inertia:.2f} '
-            'of its inertial torque: the robot compensates its weight itself; give --gravity 0')
+    inertia = _exact(shape.inertia, shape.inertia_error, shape.size)
     raise CtcError(
-        f'the commands have {weight:.2f} of the weight that the model has: they are no torques '
-        'in N*m, or the model is another robot; if the robot compensates its weight itself, give '
-        '--gravity 0')
-
-
-def _of_effort_only(declared: str, effort: TorqueShape, source: str) -> TorqueSides:
-    """Return what follows without commands; raise `CtcError` if friction cannot be told."""
-    weight = _exact(effort.weight, effort.weight_error, effort.load)
-    other_unit = np.isfinite(weight) and not _same(weight, _OTHER_UNIT_THAN_MODEL)
-    if declared == CURRENT or (other_unit and not declared):
-        raise CtcError(
-            f'the effort is {weight:.3g} of the weight of the model: if it is a current, give '
-            '--effort current --torque-constant K1,K2,... with N*m at the joint per ampere, or '
-            'record the commanded torques')
-    shown = _median((np.abs(effort.friction) + 2.0 * effort.friction_error) / effort.size)
-    if declared == LINK or (shown < _HARDLY_ANY and not declared):
-        raise CtcError(
-            f'the effort shows no friction (at most {shown:.1%} of the torque, median of the '
-            'joints): it is measured behind the gear; only the commanded torques show friction: '
-            'record them, too; or give --effort motor if there is no friction between motor and '
-            'link')
-    if declared:
-        return TorqueSides(declared, source)
-    return TorqueSides('', source, (Finding(
-        Kind.DOUBT, ALL_JOINTS, 'torques are the measured effort, without commands: friction '
-        'between the motor and the place of the measurement is not in it',
-        'record the commands, or give --effort motor'),))
+        f'the commands have {weight:.2f} of the weight that the model has, and {inertia:.2f} of '
+        'its inertial torque: if this is 1, the robot compensates its weight itself; give '
+        '--gravity 0; else they are no torques in N*m, or the model is another robot')
 
 
 def _of_both(declared: str, effort: TorqueShape, command: TorqueShape, source: str
              ) -> TorqueSides:
     """Return what follows from effort and commands: only an effort like these may be taken."""
-    part = _friction_ratio(effort, command)
+    clear = command.friction > np.maximum(
+        _CLEAR * command.friction_error, _SOME * command.size)
+    part = _median(np.where(clear, effort.friction / command.friction, np.nan))
     exact = effort.weight_error < _EXACT * np.maximum(1.0, np.abs(effort.weight))
     weight = _median(np.where(exact, effort.weight / command.weight, np.nan))
     other_unit = np.isfinite(weight) and not _same(weight, _OTHER_UNIT)
     if declared not in (LINK, CURRENT) and _same(part, 1.0 / _SAME_FRICTION) and not other_unit:
-        return TorqueSides(declared, source)
-    told = ' and '.join(f'{x:.2f} of the {what}' for x, what in (
-        (part, 'friction'), (weight, 'weight')) if np.isfinite(x))
+        return TorqueSides(source)
     doubt = declared == MOTOR and (abs(part) < _BEHIND_GEAR or other_unit)
-    return TorqueSides(declared, COMMAND, (Finding(
+    return TorqueSides(COMMAND, (Finding(
         Kind.DOUBT if doubt else Kind.NOTE, ALL_JOINTS,
-        f'the effort shows {told or "nothing"} that the commands have; friction is taken from '
-        'these', '' if declared and not doubt else
+        f'the effort shows {part:.2f} of the friction of the commands, and {weight:.2f} of their '
+        'weight (nan: not known); friction is taken from these', '' if declared and not doubt else
         '--effort says what it is: of the motor, the link, or a current'),))
-
-
-def _friction_ratio(effort: TorqueShape, command: TorqueShape) -> float:
-    """Return the median of the effort's friction over the commands', where these show any."""
-    clear = command.friction > np.maximum(
-        _CLEAR * command.friction_error, _SOME * command.size)
-    return _median(np.where(clear, effort.friction / command.friction, np.nan))
 
 
 def _echo(parts: Sequence[Stretch]) -> int | None:
@@ -416,12 +379,8 @@ def _same(ratio: float, factor: float) -> bool:
     return 1.0 / factor <= ratio <= factor
 
 
-#: One number for each joint; None where it is not known.
-PerJoint = Sequence[float] | None
-
-
-def in_torques(recordings: Sequence[Recording], side: str, gear_ratio: PerJoint,
-               torque_constant: PerJoint) -> tuple[list[Recording], str]:
+def in_torques(recordings: Sequence[Recording], side: str,
+               torque_constant: Sequence[float] | None) -> tuple[list[Recording], str]:
     """
     Return recordings whose effort is the torque at the joint, and what it then is.
 
@@ -431,10 +390,8 @@ def in_torques(recordings: Sequence[Recording], side: str, gear_ratio: PerJoint,
         Of n joints.
     side : {'', 'motor', 'link', 'current'}
         What the effort is; empty where it is not known.
-    gear_ratio : sequence of float, length n, optional
-        Turns of the motor per turn of the joint.
     torque_constant : sequence of float, length n, optional
-        Torque of the motor per ampere, or of the joint without `gear_ratio` [N·m/A].
+        Torque at the joint per unit of the effort [N·m/A, or 1 for a torque of the motor].
 
     Raises
     ------
@@ -442,27 +399,18 @@ def in_torques(recordings: Sequence[Recording], side: str, gear_ratio: PerJoint,
         If an argument is not allowed, or they do not go together.
 
     """
-    if gear_ratio is not None and side not in (MOTOR, CURRENT):
-        raise UsageError(
-            'gear_ratio needs an effort that is of the motor, or a current: '
-            f'{"behind the gear it is 1" if side == LINK else "what is the effort?"}')
-    if torque_constant is not None and side != CURRENT:
-        raise UsageError('torque_constant needs an effort that is a current')
-    if side == CURRENT and gear_ratio is not None and torque_constant is None:
-        raise UsageError('gear_ratio of currents needs torque_constant')
     if side and all(x.effort is None for x in recordings):
         raise UsageError(f'effort {side}: {recordings[0].name} has no effort')
+    if torque_constant is None:
+        return list(recordings), side
+    if side not in (MOTOR, CURRENT):
+        raise UsageError('torque_constant needs an effort that is of the motor, or a current')
     n = len(recordings[0].joints)
-    factor: Array = np.ones(n)
-    for name, value in (('gear_ratio', gear_ratio), ('torque_constant', torque_constant)):
-        if value is not None:
-            numbers = vector(name, value, n)
-            if not (np.isfinite(numbers) & (numbers != 0.0)).all():
-                raise ParameterError(name, value, 'finite numbers that are not 0')
-            factor = factor * numbers
-            for x in recordings:
-                if len(x.joints) != n:
-                    raise CtcError(f'{x.name}: {len(x.joints)} joints; {recordings[0].name} '
-                                   f'has {n}')
-    return ([x if x.effort is None else dataclasses.replace(x, effort=x.effort * factor)
-             for x in recordings], MOTOR if torque_constant is not None else side)
+    factor = vector('torque_constant', torque_constant, n)
+    if not (np.isfinite(factor) & (factor != 0.0)).all():
+        raise ParameterError('torque_constant', torque_constant, 'finite numbers that are not 0')
+    for x in recordings:
+        if len(x.joints) != n:
+            raise CtcError(f'{x.name}: {len(x.joints)} joints; {recordings[0].name} has {n}')
+    return [x if x.effort is None else dataclasses.replace(x, effort=x.effort * factor)
+            for x in recordings], MOTOR

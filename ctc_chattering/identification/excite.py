@@ -16,7 +16,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 import dataclasses
 from math import inf
 from pathlib import Path
@@ -29,7 +29,7 @@ from ctc_chattering.configuration.yaml_file import write_trajectory
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.dynamics.registry import locked_positions, model_of
 from ctc_chattering.errors import CtcError, MachineError, near, ParameterError
-from ctc_chattering.identification.collision import allowed_pairs, Approach, SelfCollision
+from ctc_chattering.identification.collision import Approach, SelfCollision
 from ctc_chattering.identification.random_motions import (
     Bounds,
     bounds_of,
@@ -278,7 +278,7 @@ def request_of(setup: Setup, values: Values) -> ExcitationConfig:
 
 def excite(setup: Setup, request: Mapping[str, Any] | None = None,
            friction: Sequence[float] | None = None, evaluations: int = 20, seed: int = 0,
-           srdf: str = '', floor: float | None = None, joints: Sequence[str] = ()) -> Plan:
+           floor: float | None = None, joints: Sequence[str] = ()) -> Plan:
     """
     Return a motion that shows the friction of every joint within the robot's limits.
 
@@ -294,8 +294,6 @@ def excite(setup: Setup, request: Mapping[str, Any] | None = None,
         Coulomb friction to expect, in place of the plant's [N·m].
     evaluations, seed : int
         Random motions, of which the first that keeps all limits is taken, and their seed.
-    srdf : str
-        Text of an SRDF: links that it allows to touch are not checked for collisions.
     floor : float, optional
         Height of a floor in the frame of the root link [m].
     joints : sequence of str
@@ -319,18 +317,17 @@ def excite(setup: Setup, request: Mapping[str, Any] | None = None,
         if name not in names:
             raise CtcError(f'joints: no joint is called {name}; allowed: {", ".join(names)}'
                            f'{near(name, names)}')
-    coulomb = np.array(plant.coulomb_friction)
-    if friction is not None:
-        coulomb = vector('friction', friction, len(names))
-        if not (coulomb >= 0.0).all() or not np.isfinite(coulomb).all():
-            raise ParameterError('friction', friction, 'finite numbers >= 0')
+    coulomb = vector('friction', plant.coulomb_friction if friction is None else friction,
+                     len(names))
+    if not (np.isfinite(coulomb) & (coulomb >= 0.0)).all():
+        raise ParameterError('friction', friction, 'finite numbers >= 0')
     description = setup.descriptions.get('controller', '')
     model, limits = model_of(controller, description), _limits(description, names)
     bounds = bounds_of(config, limits)
     assumed = AssumedFriction(coulomb, np.array(plant.viscous_friction))
     effort = np.minimum(
         controller.largest_torque(model.effort_limits), plant.torque_saturation)
-    links, reason = _checked(setup, config, allowed_pairs(srdf) if srdf else (), floor)
+    links, reason = _checked(setup, config, floor)
     only = [names.index(name) for name in joints]
     share = np.where(np.isin(np.arange(len(names)), only), 1.0, _OTHERS) if only else None
     motions = RandomMotions(config, bounds, share)
@@ -347,8 +344,8 @@ def excite(setup: Setup, request: Mapping[str, Any] | None = None,
                 hold * kp / higher)
 
 
-def _checked(setup: Setup, config: ExcitationConfig, allowed: Collection[frozenset[str]],
-             floor: float | None) -> tuple[SelfCollision | None, str]:
+def _checked(setup: Setup, config: ExcitationConfig, floor: float | None
+             ) -> tuple[SelfCollision | None, str]:
     """Return the distances that can be checked, or None and why none can."""
     description = setup.descriptions.get('controller', '')
     if not description:
@@ -356,7 +353,7 @@ def _checked(setup: Setup, config: ExcitationConfig, allowed: Collection[frozens
     try:
         links = SelfCollision(
             description, config.joint_names, locked_positions(setup.controller.locked),
-            np.array([config.center, config.start]), config.clearance, allowed, floor)
+            np.array([config.center, config.start]), config.clearance, floor)
     except MachineError:
         raise
     except CtcError as error:

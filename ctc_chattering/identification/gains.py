@@ -18,7 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 import dataclasses
-from math import floor, isfinite, log10
+from math import isfinite
 from typing import Any, NamedTuple
 
 from ctc_chattering.analysis.tables import rounded
@@ -32,7 +32,11 @@ from ctc_chattering.dynamics.model import Model
 from ctc_chattering.identification.findings import ALL_JOINTS, Finding, Kind
 from ctc_chattering.identification.identify import Identification
 from ctc_chattering.identification.least_squares import Data, TermKind
-from ctc_chattering.identification.perturbation import MeasuredPerturbation, perturbation_bound
+from ctc_chattering.identification.perturbation import (
+    in_digits,
+    MeasuredPerturbation,
+    perturbation_bound,
+)
 from ctc_chattering.identification.verdict import verdicts
 from ctc_chattering.identification.weak_form import position_noise
 from ctc_chattering.numerics.linear_algebra import Array
@@ -54,8 +58,6 @@ class TorqueRate(NamedTuple):
         `torque_rate_limit` of the controller [N·m/s].
     known : ndarray, shape (n,)
         Rate of the drives, at the lower end of its interval; nan where it is not known [N·m/s].
-    reason : str
-        Where the value comes from.
     findings : tuple of Finding
         Of the drives.
 
@@ -63,7 +65,6 @@ class TorqueRate(NamedTuple):
 
     value: Array
     known: Array
-    reason: str
     findings: tuple[Finding, ...]
 
 
@@ -95,12 +96,7 @@ def torque_rate(found: Identification, fastest: Array, given: Sequence[float] = 
     known = np.where(known > 0.0, known, np.nan)
     least = known / (1.0 + 2.0 * lag / period)
     value = np.where(np.isfinite(known), np.clip(needed, least, known), needed)
-    text = (f'friction changes its sign within {_REVERSAL:g} s, and the torque of the model as '
-            'fast as the limits allow')
-    if np.isfinite(known).any():
-        text += '; within ' + ('--torque-rate' if len(given) else
-                               'the lower end of the interval of the rate of the drives')
-    return TorqueRate(value, known, text, tuple(_noticed(needed, known)))
+    return TorqueRate(value, known, tuple(_noticed(needed, known)))
 
 
 def _noticed(needed: Array, known: Array) -> Iterator[Finding]:
@@ -205,8 +201,6 @@ class Recommendation:
         Parameters of the controller.
     noise_torque : ndarray, shape (n,)
         M σ / h: what the noise of the velocity adds to the chattering term [N·m].
-    allowed : list of bool, length n
-        Whether period and noise allow a chattering term.
     findings : tuple of Finding
         What makes gains doubtful.
     options : tuple of dict
@@ -218,7 +212,6 @@ class Recommendation:
 
     values: Gains
     noise_torque: Array
-    allowed: list[bool]
     findings: tuple[Finding, ...] = ()
     options: tuple[Gains, ...] = ()
     trials: tuple[str, ...] = ()
@@ -271,7 +264,9 @@ def recommend(found: Identification, run: MeasuredPerturbation, model: Model, po
                      for name, values, reason in (
                          ('ka', ka, bound.reason),
                          ('friction_level', level, 'the Coulomb friction'),
-                         ('torque_rate_limit', drives.value, drives.reason))}
+                         ('torque_rate_limit', drives.value, 'what a reversal of friction within '
+                          f'{_REVERSAL:g} s and the fastest motion need, within the rate of the '
+                          'drives where it is known'))}
     why = ('period, noise and drives allow a chattering term on every joint'
            if law == 'chattering' else 'it inverts the lag of drives, and needs no velocities: a '
            'delay or noise that is not known, a lag, a rate limit of the drives, or noise leaves '
@@ -282,7 +277,7 @@ def recommend(found: Identification, run: MeasuredPerturbation, model: Model, po
                for one in laws]
     noticed = (*run.outliers(), *run.break_away(found.joints), *bound.findings, *drives.findings,
                *inertia_findings(found, model, positions))
-    return Recommendation(options[0], noise, allowed, noticed, tuple(options))
+    return Recommendation(options[0], noise, noticed, tuple(options))
 
 
 def _noise_torque(found: Identification, model: Model, positions: Array) -> Array:
@@ -306,12 +301,14 @@ def _drive_values(found: Identification) -> Gains:
     """Return what the controller knows of the drives, with its reasons."""
     delay, lag, _ = found.timing.drive
     longest = float(longest_lag(found).max())
+    text = ' or '.join(map(str, found.timing.delays)) or 'not known, no commands'
     bandwidth = min(_BANDWIDTH, _LAG / longest) if longest else _BANDWIDTH
     return {
-        'input_delay': (int(delay) if isfinite(delay) else 0, _delay_reason(found)),
+        'input_delay': (int(delay) if isfinite(delay) else 0, 'samples from a torque '
+                        f'to the motion: {text}'),
         'actuator_lag': ([rounded(x) for x in lag], 'the lag of the drives'),
         'switching': ('implicit_observer', 'estimates P; docs/theory.md'),
-        'observer_bandwidth': (_rounded_down(bandwidth), (
+        'observer_bandwidth': (in_digits(bandwidth, 2, np.floor), (
             f'{_LAG:g} / T with the longest lag of the drives that is possible, '
             f'T = {longest:.3g} s' if longest else 'no lag of the drives is visible'))}
 
@@ -325,7 +322,7 @@ def _law_values(found: Identification, law: str, why: str, slower: float, resolu
     possible = found.timing.delays or {0: lag}
     late, slowest, most = max((lateness(float(x.max()), period, d), float(x.max()), d)
                               for d, x in possible.items())
-    pole = _rounded_down(slower * largest_pole(late))
+    pole = in_digits(slower * largest_pole(late), 2, np.floor)
     text = (f'a double pole at p = {pole:g} rad/s, p (T + h (1 + d)) = {pole * late:.2g} ≤ '
             f'{SLOWNESS:g} with T = {slowest:.3g} s, h = {period:g} s, d = {most}')
     ratio = estimator_bandwidth(1.0, resolution)
@@ -333,19 +330,3 @@ def _law_values(found: Identification, law: str, why: str, slower: float, resolu
             'kv': ([2.0 * pole] * n, '2 p'),
             'estimator_bandwidth': (ratio * pole,
                                     f'{ratio:g} p for positions to {resolution:.2g} rad')}
-
-
-def _delay_reason(found: Identification) -> str:
-    """Return where input_delay comes from."""
-    delay, delays = found.timing.drive[0], found.timing.delays
-    if not isfinite(delay):
-        return 'not known: the bag has no commands'
-    if len(delays) > 1:
-        return f'not identifiable: one of {", ".join(map(str, delays))}, this one most likely'
-    return f'the torque of a sample moves the joints {int(delay)} samples later'
-
-
-def _rounded_down(value: float) -> float:
-    """Return a value with two digits, at most as large."""
-    unit = 10.0 ** (floor(log10(value)) - 1)
-    return rounded(float(np.floor(value / unit + 1e-9) * unit), 6)

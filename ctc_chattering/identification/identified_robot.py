@@ -19,7 +19,6 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 import dataclasses
 from math import inf
-from numbers import Real
 from pathlib import Path
 from typing import Any
 
@@ -32,18 +31,17 @@ from ctc_chattering.dynamics.model import Model
 from ctc_chattering.dynamics.registry import locked_positions, make_model
 from ctc_chattering.errors import ParameterError, UsageError
 from ctc_chattering.identification import identify as regression
-from ctc_chattering.identification.effort import in_torques, PerJoint
+from ctc_chattering.identification.effort import in_torques
 from ctc_chattering.identification.findings import ALL_JOINTS, Finding, Kind, Severity
 from ctc_chattering.identification.gains import recommend, Recommendation
 from ctc_chattering.identification.identify import Identification
 from ctc_chattering.identification.least_squares import ERRORS, TermKind
 from ctc_chattering.identification.model_errors import candidates, CauseKind, ModelError
 from ctc_chattering.identification.perturbation import perturbation
-from ctc_chattering.identification.results import IdentificationResults, validate
+from ctc_chattering.identification.results import IdentificationResults, validate, write_page
 from ctc_chattering.identification.trial_runs import (
     COUNT,
     COUNT_PLAIN,
-    missing_gains,
     parameter_values,
     setups_tried,
     trial_runs,
@@ -183,8 +181,8 @@ class IdentifiedRobot:
 
     @property
     def missing(self) -> list[str]:
-        """Return for each joint that is not usable which gains are missing, and what to record."""
-        return missing_gains(self.results.verdicts)
+        """Return the joints that are not usable: of these there are no gains."""
+        return [x.joint for x in self.results.verdicts if not x.usable]
 
     def parameters(self, directory: Path, recommended: Recommendation | None = None
                    ) -> dict[str, dict[str, Any]]:
@@ -199,9 +197,9 @@ class IdentifiedRobot:
 
 def identify(motions: Sequence[RecordedMotion], validation: RecordedMotion | None = None,
              model: str = '', urdf: str = '', gravity: float | None = None, torque: str = '',
-             side: str = '', torque_rate: Sequence[float] = (), gear_ratio: PerJoint = None,
-             torque_constant: PerJoint = None, payloads: Sequence[tuple[float, str]] = ()
-             ) -> IdentifiedRobot:
+             side: str = '', torque_rate: Sequence[float] = (),
+             torque_constant: Sequence[float] | None = None,
+             payloads: Sequence[tuple[float, str]] = ()) -> IdentifiedRobot:
     """
     Identify friction, drives and errors of the model from recorded motions, with gains.
 
@@ -224,11 +222,9 @@ def identify(motions: Sequence[RecordedMotion], validation: RecordedMotion | Non
         empty for what it looks like.
     torque_rate : sequence of float, length n
         Rate that the drives allow [N·m/s]; empty where it is not known.
-    gear_ratio : float or sequence of float, length n, optional
-        Turns of the motor per turn of the joint, where the effort is a torque or current there.
-    torque_constant : float or sequence of float, length n, optional
-        Torque of the motor per ampere, or of the joint without `gear_ratio`, where the effort is
-        a current [N·m/A].
+    torque_constant : sequence of float, length n, optional
+        Torque at the joint per unit of the effort, of a current [N·m/A] or a torque of the motor:
+        the motor's times the gear ratio.
     payloads : sequence of (float, str)
         For each motion the mass of a known payload [kg], 0 for none, and the link that has it at
         its origin. A motion with one beside a motion without tells torque constants from masses.
@@ -251,15 +247,15 @@ def identify(motions: Sequence[RecordedMotion], validation: RecordedMotion | Non
         if value not in allowed:
             raise ParameterError(name, value, ' | '.join(map(repr, allowed)))
     given = [*motions, *filter(None, [validation])]
-    converted, side = in_torques([x.recording for x in given], side, gear_ratio, torque_constant)
+    converted, side = in_torques([x.recording for x in given], side, torque_constant)
     recordings = converted[:len(motions)]
     rate = tuple(vector('torque_rate', torque_rate, len(recordings[0].joints)).tolist()
                  ) if len(torque_rate) else ()
     if not all(x > 0.0 for x in rate):
         raise ParameterError('torque_rate', torque_rate, 'numbers > 0')
     robot = _robot(motions[0], model, urdf, gravity)
-    found, robot = _corrected(recordings, robot, torque, side, _checked_payloads(
-        payloads, len(motions), robot))
+    _check_payloads(payloads, len(motions), robot)
+    found, robot = _corrected(recordings, robot, torque, side, payloads)
     notes = [note for x in given for note in x.notes]
     found = dataclasses.replace(found, findings=(*found.findings, *(
         Finding(Kind.NOTE, ALL_JOINTS, note) for note in notes)))
@@ -293,16 +289,12 @@ def _robot(motion: RecordedMotion, model: str, urdf: str, gravity: float | None)
                       positions, shared, (controller.kp, controller.kv) if controller else None)
 
 
-def _checked_payloads(payloads: Sequence[tuple[float, str]], count: int, robot: RobotModel
-                      ) -> list[tuple[float, str]]:
-    """Return the payload of each motion; raise `CtcError` for what is none."""
-    for one in payloads:
-        if not (isinstance(one, Sequence) and len(one) == 2 and isinstance(one[0], Real)
-                and isinstance(one[1], str) and 0.0 <= one[0] < inf):
-            raise ParameterError('payloads', payloads, 'pairs of a mass >= 0 [kg] and a link')
+def _check_payloads(payloads: Sequence[tuple[float, str]], count: int, robot: RobotModel) -> None:
+    """Raise `CtcError` for what is no payload of each motion."""
+    if not all(0.0 <= mass < inf for mass, _ in payloads):
+        raise ParameterError('payloads', payloads, 'pairs of a mass >= 0 [kg] and a link')
     if payloads and (len(payloads) != count or not robot.files):
         raise ParameterError('payloads', payloads, f'{count}, one for each motion, of a URDF')
-    return [(float(mass), link) for mass, link in payloads]
 
 
 def _loaded(robot: RobotModel, text: str, joints: tuple[str, ...],
@@ -378,42 +370,27 @@ def write_identified(identified: IdentifiedRobot, out: str | Path, trials: int |
     trials = whole('trials', trials, 0)
     for name, text in identified.robot.files.items():
         write_text(out / name, text)
-    if trials and not identified.missing:
-        identified = _tried(identified, out, trials, seed, show)
-    _write(identified, out, extra, command)
-    return identified
-
-
-def _tried(identified: IdentifiedRobot, out: Path, trials: int, seed: int,
-           show: Callable[[str], None]) -> IdentifiedRobot:
-    """Return it with gains that survive trial runs, which are compiled if they can be."""
     results = identified.results
-
-    def values(recommended: Recommendation) -> dict[str, dict[str, Any]]:
-        return identified.parameters(out, recommended)
-    compile_setups(setups_tried(results.recommended, values), show)
-    tried = trial_runs(results.found, results.run, results.recommended, values,
-                       identified.robot.gains, trials, seed)
-    return dataclasses.replace(
-        identified, results=dataclasses.replace(results, recommended=tried))
-
-
-def _write(identified: IdentifiedRobot, out: Path, extra: str, command: str) -> None:
-    """Write all files; the parameter file not if a joint is refused."""
-    from ctc_chattering.identification.figures import (
-        save_identification_figures,
-    )
-    from ctc_chattering.identification.results import write_page
-
-    results, files = identified.results, {JSON: 'all numbers'}
+    if trials and not identified.missing:
+        def values(recommended: Recommendation) -> dict[str, dict[str, Any]]:
+            return identified.parameters(out, recommended)
+        compile_setups(setups_tried(results.recommended, values), show)
+        results = dataclasses.replace(results, recommended=trial_runs(
+            results.found, results.run, results.recommended, values, identified.robot.gains,
+            trials, seed))
+    tried = dataclasses.replace(identified, results=results)
+    files = {JSON: 'all numbers'}
     if CORRECTED in identified.robot.files:
         files[CORRECTED] = 'corrected URDF'
-    if not identified.missing:
+    if not tried.missing:
         files = {VALUES: 'parameter file', **files}
-        values = identified.parameters(out)
         with writing(out / VALUES):
-            parameter_file.dump(values, out / VALUES)
+            parameter_file.dump(tried.parameters(out), out / VALUES)
         parameter_file.load(out / VALUES)
     write_json(results.as_mapping(), out / JSON)
-    figures = save_identification_figures(results, out / FIGURES, extra)
+    from ctc_chattering.analysis.drawing import save
+    from ctc_chattering.identification.figures import friction_figure
+    figures = save([friction_figure(results.found, results.verdicts)], out / FIGURES,
+                   ('svg', extra))
     write_page(results, figures, out / PAGE, files, command)
+    return tried

@@ -224,7 +224,7 @@ def identify(recordings: Sequence[Recording], model: Model, candidates: Sequence
         found, friction, named.errors(), data,
         selected, base, weight, phi.period * sum(len(part.q) for part in parts), noticed,
         scale=named.scale(), rotor=named.rotor(), tilt=named.gravity(), bodies=bodies,
-        rate=rate_limits(found, joints), side=sides.side, columns=columns,
+        rate=rate_limits(found, joints), side=side, columns=columns,
         short=ShortWindows.of(parts, rows, models, found)),
         WindowStates.of(parts, rows, phi))
     if columns is None or bodies is None:

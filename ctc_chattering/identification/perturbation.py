@@ -16,7 +16,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 import dataclasses
 from math import floor, log10, pi
 from typing import NamedTuple
@@ -389,7 +389,7 @@ def perturbation_bound(found: Identification, run: MeasuredPerturbation, model: 
     faster = limits.velocity / np.maximum(np.abs(found.data.velocity).max(axis=0), 1e-12)
     unexplained = run.tail + run.impact * np.maximum(faster, 1.0)
     peak = np.maximum(run.peak, friction + error + unexplained)
-    ka = np.array([_rounded_up(MARGIN * p) for p in peak])
+    ka = np.array([in_digits(MARGIN * p, 3, np.ceil) for p in peak])
     usable = [x.usable for x in verdicts(found)]
     speeds, *parts = (', '.join(f'{x:.3g}' if good else '-' for x, good in zip(values, usable))
                       for values in (limits.velocity, friction, error, unexplained, run.peak))
@@ -421,20 +421,17 @@ def _impacts(run: MeasuredPerturbation) -> Iterator[Finding]:
 
 
 def _unknown(found: Identification) -> Iterator[Finding]:
-    """Yield the joints of which a part of the friction is not known."""
+    """Yield the joints whose viscous friction is not known."""
     for i, one in enumerate(found.friction):
-        for kind, number, what in (
-                (Kind.MOTION, one.viscous, 'ka holds at the speeds of the run only'),
-                (Kind.NOTE, one.stribeck, 'ka may be too small at a break-away')):
-            if one.coulomb.value is not None and number.value is None and (
-                    not number.shows_none):
-                yield Finding(kind, i, f'{what}: {number.reason}',
-                              'record slow reversals, and different speeds')
+        if one.coulomb.value is not None and one.viscous.value is None and (
+                not one.viscous.shows_none):
+            yield Finding(Kind.MOTION, i, 'ka holds at the speeds of the run only: '
+                          f'{one.viscous.reason}', 'record slow reversals, and different speeds')
 
 
-def _rounded_up(value: float) -> float:
-    """Return a value with three digits, at least as large."""
+def in_digits(value: float, digits: int, way: Callable[[float], float]) -> float:
+    """Return a value >= 0 with some digits, rounded by `np.ceil` or `np.floor`."""
     if value <= 0.0:
         return 0.0
-    unit = 10.0 ** (floor(log10(value)) - 2)
-    return rounded(float(np.ceil(value / unit - 1e-9) * unit), 6)
+    unit = 10.0 ** (floor(log10(value)) - digits + 1)
+    return rounded(float(way(round(value / unit, 9)) * unit), 6)

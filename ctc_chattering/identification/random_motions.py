@@ -197,8 +197,6 @@ class Excitation:
         Time at which the reversals at each pose begin and end [s].
     creep : tuple of (float, float)
         Time at which joints begin and end to creep at each pose [s].
-    sines : (float, float)
-        Time at which the multisine begins and ends [s].
 
     """
 
@@ -206,7 +204,6 @@ class Excitation:
     path: Quintics
     slow: tuple[tuple[float, float], ...]
     creep: tuple[tuple[float, float], ...]
-    sines: tuple[float, float]
 
     @property
     def route(self) -> Route:
@@ -352,11 +349,9 @@ class RandomMotions:
                 way.slide(sign * _CREEP_WAY * turn, sign * speed, there, creeping, end)
             creep.append((slow[-1][1], way.time))
         way.rest(center, last)
-        begin = way.time
         way.series(drawn.sines.times(size))
-        sines = begin, way.time
         way.rest(center, self._config.duration - way.time)
-        return Excitation(self._config.joint_names, way.path(), tuple(slow), tuple(creep), sines)
+        return Excitation(self._config.joint_names, way.path(), tuple(slow), tuple(creep))
 
 
 def _times(config: ExcitationConfig, bounds: Bounds

@@ -42,7 +42,6 @@ from ctc_chattering.identification.findings import (
 )
 from ctc_chattering.identification.gains import Recommendation
 from ctc_chattering.identification.identify import check_alike, Identification
-from ctc_chattering.identification.model_errors import ModelError
 from ctc_chattering.identification.perturbation import MeasuredPerturbation, perturbation
 from ctc_chattering.identification.timing import lag_in_words
 from ctc_chattering.identification.verdict import (
@@ -128,7 +127,7 @@ def validate(found: Identification, recording: Recording, model: Model) -> Valid
     return Validation(recording.name, perturbation(found, found.windows(parts, model)))
 
 
-#: In place of a number that there is none of; why stands in the verdict or below the table.
+#: In place of a number that there is none of; why is in the verdict, or in the JSON file.
 NO_NUMBER = '-'
 #: With it begins the reason why there is a bound in place of a number.
 _AT_LEAST = 'at least '
@@ -152,13 +151,6 @@ def _perturbed(run: MeasuredPerturbation, ka: Sequence[float | None]
             [f'{x:.3g}' for x in whole], [f'{x:.2g}' for x in rest]]
 
 
-def _sensors(found: Identification) -> Rows:
-    """Return encoders and velocities of all joints: what they show needs no friction."""
-    numbers = zip(found.joints, found.encoder, found.noise, found.velocity_lag)
-    return [['joint', 'encoder step [rad]', 'velocity noise [rad/s]', 'lag of the velocity [s]'],
-            *([joint, *map(cell, values)] for joint, *values in numbers)]
-
-
 def cell(number: Estimate) -> str:
     """Return a number with its interval or bound, `none` where it would show, else `NO_NUMBER`."""
     if number.value is None and number.reason.startswith((_AT_LEAST, NONE_ABOVE)):
@@ -168,23 +160,10 @@ def cell(number: Estimate) -> str:
     return str(dataclasses.replace(number, unit=''))
 
 
-def missing(found: Identification, verdicts: Sequence[Verdict]) -> Iterator[str]:
-    """Yield why joints that are usable lack a number."""
-    for i, verdict in enumerate(verdicts):
-        named = [*((name, getattr(found.friction[i], key)) for key, name in FRICTION),
-                 *((name, getattr(found, key)[i]) for key, name in _MORE if getattr(found, key))]
-        for name, number in named if verdict.usable else ():
-            if cell(number) == NO_NUMBER:
-                reason = number.reason.removeprefix(f'{verdict.joint} ')
-                yield f"{verdict.joint}: {name.split(' [')[0]}: not identifiable: {reason}"
-
-
 _LEAD = ('Intervals are those of 95 %. P is the torque that the model lacks: friction and its own '
          'errors; ka holds it. σ is the deviation of the velocity.')
 #: Reasons of a joint on a terminal, at most.
 _REASONS = 3
-#: Offset that is named, as a part of the Coulomb friction.
-_OFFSET = 0.02
 
 
 @dataclasses.dataclass(frozen=True)
@@ -225,7 +204,11 @@ class IdentificationResults:
                 for joint, verdict, *cells in zip(joints, self.verdicts, *columns))]
         yield 'Friction', rows([name for _, name in FRICTION], *(
             [cell(getattr(x, key)) for x in found.friction] for key, _ in FRICTION))
-        yield 'Sensors', _sensors(found)
+        # What sensors show needs no friction: of all joints.
+        yield 'Sensors', [
+            ['joint', 'encoder step [rad]', 'velocity noise [rad/s]', 'lag of the velocity [s]'],
+            *([joint, *map(cell, numbers)] for joint, *numbers in zip(
+                joints, found.encoder, found.noise, found.velocity_lag))]
         more = [(name, getattr(found, key)) for key, name in _MORE if getattr(found, key)]
         yield 'Motors and drives', rows(
             ['lag, or delay of this joint', *(name for name, _ in more)],
@@ -255,8 +238,7 @@ class IdentificationResults:
         """Yield headings and sentences."""
         notes = [*of_all_joints(self.verdicts, Severity.NOTE), *(
             f'{x.joint}: {note.reason}' for x in self.verdicts for note in x.findings
-            if note.severity == Severity.NOTE and note.joint != ALL_JOINTS),
-            *missing(self.found, self.verdicts)]
+            if note.severity == Severity.NOTE and note.joint != ALL_JOINTS)]
         if notes:
             yield 'Notes', notes
         yield 'Time', list(self._time())
@@ -279,30 +261,24 @@ class IdentificationResults:
                f'{self.found.duration:.4g} s used')
         for begin, length in clock.pauses:
             yield f'a pause of {length:.3g} s at {begin:.4g} s is left out'
-        delay = timing.drive[0]
-        if not isfinite(delay):
-            yield 'delay not identifiable: no commanded torque in the bag'
-        elif len(timing.delays) > 1:
-            yield f'delay of the torque: one of {", ".join(map(str, timing.delays))} samples'
-        else:
-            yield f'delay of the torque: {int(delay)} samples'
-        side = self.found.side
-        yield f'torques are taken from the {timing.source}' + (
-            f'; the effort is that of the {side}' if side in ('motor', 'link') else
-            '; the effort is a current' if side else '')
+        known = ' or '.join(map(str, timing.delays)) if isfinite(timing.drive[0]) else ''
+        yield (f'delay of the torque: {known} samples' if known else
+               'delay not identifiable: no commanded torque in the bag')
+        yield f'torques are taken from the {timing.source}'
 
     def _model(self) -> Iterator[str]:
-        """Yield errors of the model, offsets and what is left."""
-        found = self.found
-        yield from (error_sentence(*pair) for pair in found.errors)
-        if any(x.half for x in found.tilt):
-            yield 'gravity in the frame of the base: ' + ', '.join(map(str, found.tilt))
-        for joint, friction, verdict in zip(found.joints, found.friction, self.verdicts):
-            offset = friction.offset
-            if verdict.usable and offset.value is not None and abs(offset.value) > max(
-                    offset.half, _OFFSET * abs(friction.coulomb.value or 0.0)):
-                yield (f'{joint}: friction differs by direction, or a constant torque of {offset} '
-                       'is missing in the model; no motion distinguishes these')
+        """Yield errors of the model."""
+        for error, number in self.found.errors:
+            if number.value is None:
+                yield f'mass of {error.name}: {number}'
+            elif error.unit:
+                yield (f'{error.name}: {number.value:+.4g} ± {number.half:.1g} kg at the tip '
+                       'against the model')
+            else:
+                yield (f'mass and inertia of {error.name}: {number.value:+.2%} ± '
+                       f'{number.half:.2%} against the model')
+        if any(x.half for x in self.found.tilt):
+            yield 'gravity in the frame of the base: ' + ', '.join(map(str, self.found.tilt))
 
     def text(self) -> str:
         """Return it for a terminal, in lines of at most `WIDTH` characters."""
@@ -335,7 +311,6 @@ class IdentificationResults:
                              for error, number in found.errors],
             'peak_perturbation_nm': self._usable(self.run.peak.tolist()),
             'noise_torque_nm': self._usable(recommended.noise_torque.tolist()),
-            'chattering_term_possible': recommended.allowed,
             'recommended': {name: {'value': self._usable(value), 'reason': why}
                             for name, (value, why) in recommended.values.items()},
             'trial_runs': list(self.recommended.trials),
@@ -357,17 +332,6 @@ class IdentificationResults:
             'actuator_lag_error_s': self._usable(error.tolist())}
 
 
-def error_sentence(candidate: ModelError, number: Estimate) -> str:
-    """Return what an error of the model is, in words."""
-    if number.value is None:
-        return f'mass of {candidate.name}: {number}'
-    if candidate.unit:
-        return (f'{candidate.name}: {number.value:+.4g} ± {number.half:.1g} kg at the tip against '
-                'the model')
-    return (f'mass and inertia of {candidate.name}: {number.value:+.2%} ± {number.half:.2%} '
-            'against the model')
-
-
 def write_page(report: IdentificationResults, figures: Sequence[FigureFile], path: Path,
                files: Mapping[str, str], command: str = '') -> None:
     """
@@ -387,28 +351,20 @@ def write_page(report: IdentificationResults, figures: Sequence[FigureFile], pat
         What was run.
 
     """
-    others = {x.path.stem: x for x in figures}
-    numbers: list[page.Item] = []
-    for title, (head, *rows) in report.tables():
-        numbers.append(Table(title, head, rows, 1))
-        # A figure of the same name stands beside its numbers.
-        numbers += [others.pop(x) for x in [title.lower()] if x in others]
+    numbers = [Table(title, head, rows, 1) for title, (head, *rows) in report.tables()]
     shared = [page.Note(f'All joints are {WORDS[x]}: {reason}')
               for x in (Severity.REFUSED, Severity.CARE)
               for reason in of_all_joints(report.verdicts, x)]
     sections = [
-        page.Section('Verdicts', [*shared, page.Cards(list(map(_card, report.verdicts)))]),
-        page.Section('Numbers', [*numbers, *(page.Listing(*x) for x in report.sentences())]),
-        page.Section('Figures', list(others.values()))]
+        page.Section('Verdicts', [*shared, page.Cards([page.Card(
+            verdict.joint, verdict.word, (), [fragment(
+                '{{ x.reason }}{% if x.cure %}<br><i>{{ x.cure }}</i>{% endif %}', x=x)
+                for x in verdict.own()], int(verdict.severity)) for verdict in report.verdicts])]),
+        page.Section('Numbers', [
+            *numbers, *figures, *(page.Listing(*x) for x in report.sentences())])]
     page.write_page(path, f'Friction and gains from {report.source}',
                     f'{next_step(report.verdicts)} {_LEAD}', sections,
                     [(name, f'{name} ({what})') for name, what in files.items()], command)
-
-
-def _card(verdict: Verdict) -> page.Card:
-    return page.Card(verdict.joint, verdict.word, (), [
-        fragment('{{ x.reason }}{% if x.cure %}<br><i>{{ x.cure }}</i>{% endif %}', x=x)
-        for x in verdict.own()], int(verdict.severity))
 
 
 def _of_joint(numbers: Mapping[str, Estimate], verdict: Verdict) -> dict[str, Any]:

@@ -32,7 +32,6 @@ from ctc_chattering.identification.friction import JointFriction
 from ctc_chattering.identification.gains import GAINS, Gains, Recommendation
 from ctc_chattering.identification.identify import Identification
 from ctc_chattering.identification.perturbation import MeasuredPerturbation
-from ctc_chattering.identification.verdict import Verdict
 from ctc_chattering.identification.weak_form import position_noise
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
@@ -46,20 +45,6 @@ _DURATION, _START = 10.0, 2.0
 _STEP_NOISE, _LEAST_NOISE = 1.0 / 12.0, 1e-8
 #: Frequencies of the joints [Hz]: least and most.
 _SLOWEST, _FASTEST = 0.2, 1.0
-
-
-def missing_gains(verdicts: Sequence[Verdict]) -> list[str]:
-    """
-    Return which gains are missing of joints that are not usable, and what to record.
-
-    A parameter file has values for all joints of a robot: with one of these there is none.
-    """
-    joints: dict[str, list[str]] = {}
-    for x in verdicts:
-        if not x.usable:
-            joints.setdefault('; '.join(x.reasons), []).append(x.joint)
-    return [f'{", ".join(names)}: no ka, friction_level, torque_rate_limit, nor friction of the '
-            f'plant: {reasons}' for reasons, names in joints.items()]
 
 
 def parameter_values(found: Identification, recommended: Recommendation, model: Model, q: Array,
@@ -91,10 +76,8 @@ def parameter_values(found: Identification, recommended: Recommendation, model: 
     """
     # Joint by joint, for long series.
     low, high = np.transpose([np.percentile(x, (2.0, 98.0)) for x in q.T])
-    limits = getattr(model, 'position_limits', None)
-    start = q[0].copy()
-    if limits:
-        start = np.clip(start, *np.array(limits).T)
+    limits = getattr(model, 'position_limits', None) or [(-np.inf, np.inf)]
+    start = np.clip(q[0], *np.array(limits).T)
     kp, kv = gains or GAINS
     controller: dict[str, Any] = {
         name: np.broadcast_to(gain, max(q.shape[1], np.size(gain))).tolist()
@@ -291,18 +274,15 @@ def draw_robots(found: Identification, run: MeasuredPerturbation, plant: Mapping
     drives = list(found.timing.delays.items()) or [(plant['input_delay'], np.tile(lag, (3, 1)))]
     part = _model_part(found)
     for k in range(count):
-        # Corners of model and friction, for every delay in turn; then within the intervals.
-        corner = k < 4 * len(drives)
-        which, signs = divmod(k, 4) if corner else (int(rng.integers(len(drives))), 0)
-        model, friction = (2 * (signs & 1) - 1, (signs & 2) - 1) if corner else rng.uniform(
-            -1.0, 1.0, 2)
-        samples, lags = drives[which]
+        # Corners of model and friction, for every delay in turn.
+        model, friction = 2 * (k & 1) - 1, (k & 2) - 1
+        samples, lags = drives[k // 4 % len(drives)]
         late = lags[0] + (lags[2] - lags[0]) * rng.uniform(size=len(lag))
-        scale = 1.0 + part * float(model)
+        scale = 1.0 + part * model
         text = (f"delay {samples}, lag {late.max():.3g} s, model {scale:.3g} of the robot's, "
                 f'friction {friction:+.2g} of its interval')
         yield Draw(text, {
-            'plant': {**_friction(found, plant, float(friction)), **_rate(found, plant, rng),
+            'plant': {**_friction(found, plant, friction), **_rate(found, plant),
                       'input_delay': int(samples), 'actuator_lag': late.tolist(),
                       'disturbance.amplitude': (run.tail + run.error).tolist(),
                       'disturbance.frequency': rng.uniform(*_UNEXPLAINED, len(lag)).tolist(),
@@ -328,15 +308,12 @@ def _friction(found: Identification, plant: Mapping[str, Any], at: float) -> dic
     return values
 
 
-def _rate(found: Identification, plant: Mapping[str, Any], rng: np.random.Generator
-          ) -> dict[str, Any]:
-    """Return the rate of the drives within its interval, where it is known."""
+def _rate(found: Identification, plant: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the least rate of the drives in its interval, where it is known."""
     if 'torque_rate_limit' not in plant:
         return {}
-    return {'torque_rate_limit': [
-        x if of.value is None else max(x + of.half * float(z), 0.1 * x)
-        for x, of, z in zip(plant['torque_rate_limit'], found.rate,
-                            rng.uniform(-1.0, 1.0, len(found.rate)))]}
+    return {'torque_rate_limit': [x if of.value is None else max(x - of.half, 0.1 * x)
+                                  for x, of in zip(plant['torque_rate_limit'], found.rate)]}
 
 
 def _tried(values: Values, draws: Sequence[Draw], usual: Sequence[_TriedRun]) -> tuple[str, bool]:

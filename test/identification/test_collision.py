@@ -19,7 +19,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from ctc_chattering.errors import CtcError
-from ctc_chattering.identification.collision import allowed_pairs, SelfCollision
+from ctc_chattering.identification.collision import SelfCollision
 import numpy as np
 import numpy.typing as npt
 import pytest
@@ -56,7 +56,7 @@ def between(q: Array) -> Array:
 
 def checked(text: str, rest: tuple[float, ...] = (1.5, -1.5), clearance: float = 0.02,
             floor: float | None = None) -> SelfCollision:
-    return SelfCollision(text, ('turn a', 'turn b'), {}, np.array([rest]), clearance, (), floor)
+    return SelfCollision(text, ('turn a', 'turn b'), {}, np.array([rest]), clearance, floor)
 
 
 def path(seed: int) -> Array:
@@ -104,17 +104,12 @@ def test_links_near_each_other_at_rest_keep_half_of_that_and_touching_ones_are_n
     assert checked(wide, rest).pairs == []
 
 
-def test_a_floor_and_pairs_of_an_srdf() -> None:
+def test_a_floor() -> None:
     links = checked(balls(), floor=-0.3)
     assert links.pairs == [('a', 'b'), ('a', 'the floor'), ('b', 'the floor')]
     q = path(0)
     near = links.nearest(q[:1])
     assert near.distance == pytest.approx(0.3 - 0.15, abs=1e-5)
-    allowed = allowed_pairs('<robot name="r"><disable_collisions link1="b" link2="a"/></robot>')
-    assert SelfCollision(balls(), ('turn a', 'turn b'), {}, q[:1], 0.02, allowed).pairs == []
-    for text in ('<robot', '<mujoco/>'):
-        with pytest.raises(CtcError, match='SRDF'):
-            allowed_pairs(text)
 
 
 def test_missing_meshes_and_bare_links_are_named(tmp_path: Path) -> None:

@@ -41,9 +41,10 @@ def plain() -> Recorded:
     return record('two_link', 1, SHORT)
 
 
-def of(made: Recorded, recording: Recording | None = None, source: str = '') -> Identification:
+def of(made: Recorded, recording: Recording | None = None, source: str = '', side: str = ''
+       ) -> Identification:
     return identify([(recording or made.recording).checked()], made.model,
-                    candidates(made.model), source)
+                    candidates(made.model), source, side)
 
 
 def check_friction(found: Identification, made: Recorded) -> None:
@@ -210,7 +211,7 @@ def test_torques_from_the_effort() -> None:
     command = plain().recording.command
     assert command is not None
     effort = np.concatenate((np.zeros((1, 2)), command[:-1]))
-    found = of(plain(), changed(effort=effort, command=None))
+    found = of(plain(), changed(effort=effort, command=None), side='motor')
     check_friction(found, plain())
     assert (found.timing.source, found.timing.delay) == ('effort', -1.0)
     assert np.isnan(found.timing.drive[0])

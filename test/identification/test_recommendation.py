@@ -31,7 +31,7 @@ from ctc_chattering.identification.gains import recommend, Recommendation
 from ctc_chattering.identification.identify import Identification
 from ctc_chattering.identification.perturbation import MeasuredPerturbation, perturbation
 from ctc_chattering.identification.results import validate
-from ctc_chattering.identification.trial_runs import missing_gains, parameter_values
+from ctc_chattering.identification.trial_runs import parameter_values
 from ctc_chattering.identification.verdict import verdicts
 from identified_robots import identified, record, Recorded
 import numpy as np
@@ -67,14 +67,12 @@ def test_ka_holds_the_largest_perturbation() -> None:
 
 def test_noise_forbids_a_chattering_term_by_the_condition_of_the_theory() -> None:
     quiet = recommended()
-    assert quiet.allowed == [True, True]
     assert quiet.law == 'chattering'
     loud = dataclasses.replace(base(), noise=[
         dataclasses.replace(x, value=5e-3) for x in base().noise])
     found = recommended(loud)
     # docs/theory.md: 49 N·m on joint 1 for 5e-3 rad/s at 1 kHz.
     assert found.noise_torque[0] == pytest.approx(49.0, rel=0.03)
-    assert found.allowed[0] is False
     assert found.law == 'observer_feedback'
 
 
@@ -133,9 +131,9 @@ def test_a_joint_that_hardly_moves_has_no_gains_and_no_file() -> None:
     for name in ('ka', 'friction_level', 'torque_rate_limit'):
         values: Any = gains.values[name][0]
         assert values[0] > 0.0 and values[1] is None
-    (line,) = missing_gains(verdicts(found, gains.findings))
-    assert line.startswith('joint2: no ka, friction_level') and 'hardly moves' in line
-    assert 'raise its kp' in line
+    verdict = verdicts(found, gains.findings)[1]
+    assert not verdict.usable
+    assert 'hardly moves' in str(verdict) and 'raise its kp' in str(verdict)
     with pytest.raises(CtcError, match='joint2 hardly moves'):
         parameter_values(found, gains, made().model, made().recording.q, {'model': 'two_link'},
                          None)

@@ -32,10 +32,8 @@ from ctc_chattering.identification.findings import (
     Severity,
 )
 from ctc_chattering.identification.friction import JointFriction
-from ctc_chattering.identification.perturbation import MeasuredPerturbation
 from ctc_chattering.identification.results import IdentificationResults, write_page
 from ctc_chattering.identification.sensors import Clock
-from ctc_chattering.identification.trial_runs import missing_gains
 from ctc_chattering.identification.verdict import Verdict
 from figure_layout import overlaps
 import numpy as np
@@ -80,7 +78,7 @@ def results(refused: int = 2) -> IdentificationResults:
     recommended = SimpleNamespace(
         findings=(), ka=size.tolist(), values={'ka': (size.tolist(), 'of the largest |P|')},
         trials=(),
-        noise_torque=0.1 * size, allowed=[True] * n)
+        noise_torque=0.1 * size)
     run = SimpleNamespace(peak=size, misfit=lambda: (size, 0.01 * size))
     return IdentificationResults('run', cast(Any, found), cast(Any, run),
                                  cast(Any, recommended), None)
@@ -142,45 +140,27 @@ def test_the_page_has_the_verdicts_before_the_numbers(tmp_path: Path) -> None:
     assert '<p class="attention">All joints are usable with care: base tilted</p>' in text
 
 
-def test_notes_and_why_a_number_lacks_stand_below_the_tables() -> None:
-    one = results()
-    bent = dataclasses.replace(one.found.friction[1], viscous=Estimate.none('one speed only'))
-    friction = [bent if i in (1, 2) else x for i, x in enumerate(one.found.friction)]
-    text = ' '.join(dataclasses.replace(one, found=cast(Any, SimpleNamespace(
-        **{**vars(one.found), 'friction': friction}))).text().split())
+def test_notes_stand_below_the_tables() -> None:
+    text = ' '.join(results().text().split())
     assert f'{NAMES[1]}: a note' in text
-    assert text.count('viscous: not identifiable: one speed only') == 1
     # A bound stands in the table, and needs no sentence.
     assert ' at least 680 ' in text and 'follows commands' not in text
 
 
-def test_a_reason_of_all_joints_is_said_once_where_gains_are_missing() -> None:
-    one = results()
-    bad = Finding(Kind.NO_NUMBER, ALL_JOINTS, 'no gains survive', 'record a longer motion')
-    found = SimpleNamespace(**{**vars(one.found), 'findings': (bad,)})
-    (line,) = missing_gains(dataclasses.replace(one, found=cast(Any, found)).verdicts)
-    assert line.startswith(', '.join(NAMES)) and line.count('no gains survive') == 1
-
-
-def test_a_joint_that_is_not_usable_has_no_ka_and_says_so() -> None:
-    ones = np.ones((5, 2))
-    run = cast(MeasuredPerturbation, SimpleNamespace(
-        t=np.arange(5.0), measured=ones, envelope=2.0 * ones))
-    verdicts = [Verdict('a', Severity.CARE, ()), Verdict('b', Severity.REFUSED, ())]
-    _, figure, caption = figures._perturbation(run, np.array([3.0, 4.0]), verdicts)
-    good, bad = figure.axes
-    assert [len(good.lines), len(bad.lines)] == [5, 1]
-    assert bad.get_title(loc='left') == 'b: not usable' and good.get_title(loc='left') == 'a'
-    assert 'not usable' in caption
-
-
 @pytest.mark.parametrize('n', [2, 7])
-def test_nothing_is_over_a_legend_or_a_label(n: int) -> None:
-    """Check joints and a bag of long names."""
-    ones = np.ones((50, n))
-    run = cast(MeasuredPerturbation, SimpleNamespace(
-        t=0.1 * np.arange(50.0), measured=ones, envelope=2.0 * ones, rest=ones, predicted=ones))
+def test_nothing_is_over_a_label_and_a_joint_that_is_not_usable_has_no_fit(
+        n: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Check joints of long names."""
+    monkeypatch.setattr(figures, 'friction_at', lambda _, v, __: (0.0 * v, 0.0 * v + 1.0))
+    way = np.ones((50, n))
+    fit = SimpleNamespace(terms=(), residual=way, design=np.zeros((50, n, 0)), value=np.zeros(0))
+    found = SimpleNamespace(data=SimpleNamespace(way=way, velocity=way), unexplained=(),
+                            selected=SimpleNamespace(fit=fit))
     verdicts = [Verdict(f'a_joint_of_the_left_arm_of_a_robot_{k}', (
         Severity.CARE, Severity.REFUSED)[k % 2], ()) for k in range(n)]
-    _, figure, _ = figures._perturbation(run, np.ones(n), verdicts)
+    _, figure, caption = figures.friction_figure(cast(Any, found), verdicts)
     assert not overlaps(figure)
+    good, bad = figure.axes[:2]
+    assert [len(good.lines), len(bad.lines)] == [2, 1]
+    assert bad.get_title(loc='left').endswith(': not usable')
+    assert 'not usable' in caption
