@@ -28,7 +28,6 @@ from ctc_chattering.identification.findings import Severity
 from ctc_chattering.identification.identified_robot import identify as identified
 from ctc_chattering.identification.identify import identify
 from ctc_chattering.identification.model_errors import candidates
-from ctc_chattering.identification.results import tables
 from faults_of_arms import case, recorded
 from faulty_robots import plain, played, recording_of
 from identification_judge import judged, Outcome, outcome
@@ -77,8 +76,7 @@ def test_a_delay_of_one_joint_is_a_lag_or_a_delay() -> None:
     assert not wrong
     assert made.results is not None
     found = made.results
-    heads = {head for _, rows in tables(found.found, found.verdicts, found.run,
-                                        found.recommended) for head in rows[0]}
+    heads = {head for _, rows in found.tables() for head in rows[0]}
     assert 'lag, or delay of this joint' in heads
 
 
