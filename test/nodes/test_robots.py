@@ -83,13 +83,14 @@ def test_a_robot_over_ros_equals_the_simulation_and_the_bag_says_all(tmp_path: P
 
 def test_the_example_node_of_mujoco_is_a_robot() -> None:
     """
-    Every sample is there once, and the motion is the one that the oracle of the tests has.
+    Every fourth sample is there once, and the motion is the one that the oracle of the tests has.
 
-    The controller comes later than the first state, which is repeated.
+    The controller comes later than the first state, which is repeated. What it publishes fits into
+    the histories of writer and reader, however late this process takes it.
     """
     file, urdf = CONFIG / 'friction.yaml', CONFIG / 'two_link.urdf'
     arguments = ('--params-file', str(file), '-p', 'model:=urdf', '-p', f'description:={urdf}')
-    law = {'switching': 'implicit_observer', 'state_decimation': 1}
+    law = {'switching': 'implicit_observer', 'state_decimation': 4}
     start = {'duration': 2.0, 'initial_position': [3.1, 1.5]}
 
     with probe() as it:
@@ -105,13 +106,13 @@ def test_the_example_node_of_mujoco_is_a_robot() -> None:
             x for name, value in law.items() for x in ('-p', f'{name}:={value}')))
         Diagnostics(it).next('controller')  # It knows all that we listen to, and can go on.
         it.start('reference', *arguments)
-        it.until(lambda: robot.status is not None and len(tracking) == 2001, 'the end')
+        it.until(lambda: robot.status is not None and len(tracking) == 501, 'the end')
         assert robot.status == 0, it.lines
-    assert [ns(m.header.stamp) for m in tracking] == [k * MS for k in range(2001)]
+    assert [ns(m.header.stamp) for m in tracking] == [k * MS for k in range(0, 2001, 4)]
     described = {'model': 'urdf', 'description': str(urdf)}
     run = simulated_by_mujoco(parameter_file.load(
         file, {'/**': described, 'plant': start, 'controller': law})).run
-    np.testing.assert_allclose([m.position[2:] for m in tracking], run.q_d - run.q, atol=1e-9)
+    np.testing.assert_allclose([m.position[2:] for m in tracking], (run.q_d - run.q)[::4], atol=1e-9)
     assert np.abs(run.q_d - run.q)[-1].max() < 0.005
 
 
