@@ -279,22 +279,25 @@ def test_what_the_command_prints_and_writes(tmp_path: Path) -> None:
     (['--seed', '-1'], ['--seed', '>= 0']),
     (['--poses', '0'], ['poses: 0', '>= 1']),
     (['--params-file', 'nothing.yaml'], ['nothing.yaml'])])
-def test_what_cannot_be_kept_is_refused(arguments: list[str], words: list[str]) -> None:
+def test_what_cannot_be_kept_is_refused(
+        arguments: list[str], words: list[str], tmp_path: Path) -> None:
     given = [] if '--evaluations' in arguments else ['--evaluations', '2']
-    refused(ctc('excite', '--params-file', 'panda', *given, *arguments), *words)
+    refused(ctc('excite', '--params-file', 'panda', *given, *arguments, cwd=tmp_path), *words)
+    assert not list(tmp_path.rglob('*.yaml'))
 
 
 def test_the_duration_that_a_refusal_names_would_do(tmp_path: Path) -> None:
     result = ctc('excite', '--params-file', 'panda', '--evaluations', '1', '--duration', '20',
-                 '--velocity-scale', '0.2')
+                 '--velocity-scale', '0.2', '--out', tmp_path / 'short')
     found = re.search(r'at least (\d+) s', result.stderr)
     assert found
     for duration, status in ((int(found[1]), 0), (int(found[1]) - 2, 1)):
         assert ctc('excite', '--params-file', 'panda', '--evaluations', '1', '--velocity-scale',
-                   '0.2', '--duration', duration, '--out', tmp_path).returncode == status
+                   '0.2', '--duration', duration, '--out', tmp_path / str(duration)
+                   ).returncode == status
 
 
-def test_a_motion_for_one_joint_moves_the_others_little() -> None:
+def test_a_motion_for_one_joint_moves_the_others_little(tmp_path: Path) -> None:
     setup = parameter_file.load(ROOT / 'config' / 'panda.yaml')
     found = excite(setup, {'duration': DURATION}, None, 10, 1, joints=('panda_joint7',))
     away = np.ptp(found.motion.q[found.motion.t > found.excitation.creep[-1][1] + 2.0], axis=0)
@@ -303,7 +306,8 @@ def test_a_motion_for_one_joint_moves_the_others_little() -> None:
     inside = (found.motion.t > begin) & (found.motion.t < end)
     assert (np.ptp(found.motion.q[inside][:, :6], axis=0) < 1e-9).all()
     assert np.ptp(found.motion.q[inside][:, 6]) > found.bounds.slow[6]
-    refused(ctc('excite', '--params-file', 'panda', '--evaluations', 1, '--for', 'panda_joint8'),
+    refused(ctc('excite', '--params-file', 'panda', '--evaluations', 1, '--for', 'panda_joint8',
+                cwd=tmp_path),
             'no joint is called panda_joint8', 'panda_joint7?')
 
 
