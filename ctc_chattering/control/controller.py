@@ -220,7 +220,7 @@ class Controller:
     @property
     def stability(self) -> tuple[float, float]:
         """Return part of its bandwidth that the law uses, and how long it was too much [s]."""
-        return self.law.stability(self.memories.law)
+        return self.law.stability(self._stepper.law_memory)
 
     def _begin(self, rows: Array) -> None:
         """Begin with v = 0, or take over from another law, for `rows` as of `step`."""

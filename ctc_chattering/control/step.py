@@ -601,6 +601,11 @@ class PlainStep:
         self._fixed = settings, Models(model, model, model), transit
         self._room = np.zeros((3 + 3 * int(settings.delay), len(settings.zero)))
 
+    @property
+    def law_memory(self) -> Any:
+        """Return what the law remembers."""
+        return self.memories.law
+
     def step(self, rows: Array, arrival: Arrival) -> list[list[float]]:
         """
         Go on by a sample, and return the rows of `Sample`, shape (8, n).
@@ -695,6 +700,11 @@ class CompiledStep(Program):
     @memories.setter
     def memories(self, memories: Memories) -> None:
         store(self._records.memories, memories)
+
+    @property
+    def law_memory(self) -> Any:
+        """Return what the law remembers."""
+        return load(self._records.memories['law'])
 
     def step(self, rows: Array, arrival: Arrival) -> list[list[float]]:
         """Go on by a sample, and return the rows of `Sample`, shape (8, n)."""

@@ -129,6 +129,8 @@ class ControlLoop:
     def take_reference(self, times: Sequence[int], points: Sequence[Point]) -> None:
         """Add a chunk of the reference: instants [ns] and points."""
         self.motion.extend(times, points)
+        if self.last is not None:
+            self.motion.forget(self.last.t - self.period)
         if self.last is None or self.watchdog.out:
             self.motion.limit(max(_MOST_POINTS, len(times)))
 
@@ -309,7 +311,6 @@ class ControlLoop:
             self.handle(Input.FOLLOW if self.motion.way_back is None
                         else Input.LEAD_BACK)
         self.health.add(sample)
-        self.motion.forget(t)
 
     def check_silence(self, now: int) -> None:
         """Real time: end the torques at `now` [ns] if no state has come for too long."""
@@ -334,10 +335,12 @@ class ControlLoop:
         """Handle an input; return whether it led to another mode, and end torques if so."""
         before = self.mode
         self.mode = after = before.after(event)
+        if after is before:
+            return False
         if before.sends_torque and not after.sends_torque and not (
                 self.simulated and after is Mode.WAITING_FOR_REFERENCE):
             self.end_torque()
-        return after is not before
+        return True
 
     def end_torque(self) -> None:
         """Send no torque from now on; in real time a last one of 0, for those who hold it."""

@@ -42,11 +42,11 @@ from ctc_chattering.numerics.time_grid import seconds
 from ctc_chattering.parameters import OWN_CLASS
 from ctc_chattering.ros.messages import (
     effort_writer,
-    joint_state,
     LATEST,
     LoopMessage,
     nanoseconds,
     state_reader,
+    state_writer,
 )
 from ctc_chattering.ros.node import ERROR, LoopNode, qos, Status, TICK
 from ctc_chattering.ros.subscription import ValidatedSubscription
@@ -88,9 +88,13 @@ class ControllerNode(LoopNode[ControllerNodeConfig]):
         #: carry every Nth sample, and the number of samples so far.
         self._terms = [self.create_publisher(JointState, f'~/{name}', qos())
                        for name in (TRACKING, FILTER, TORQUES)]
-        self._desired = [f'{j}/{x}' for x in ('desired', 'error') for j in self._names]
-        self._parts = [*(f'{j}/{x}' for x in ('nominal', 'compensation', 'robust')
-                         for j in self._names), 'V']
+        n, parts = len(self._names), ('nominal', 'compensation', 'robust')
+        self._writers = (
+            state_writer([f'{j}/{x}' for x in ('desired', 'error') for j in self._names],
+                         position=2 * n, velocity=2 * n),
+            state_writer(self._names, velocity=n),
+            state_writer([*(f'{j}/{x}' for x in parts for j in self._names), 'V'],
+                         effort=3 * n + 1))
         self._samples = 0
         self._gains = GainChoice()
         #: The gains that came with the law of the last request.
@@ -203,7 +207,8 @@ class ControllerNode(LoopNode[ControllerNodeConfig]):
                 self.done.set_result(None)
             return
         self._loop.took.append(time.thread_time_ns() - begin)
-        if self._samples % self.config.state_decimation == 0:
+        if self._samples % self.config.state_decimation == 0 and any(
+                publisher.get_subscription_count() for publisher in self._terms):
             self._publish_terms(answer)
         self._samples += 1
         if self.parameters.changed:
@@ -217,14 +222,11 @@ class ControllerNode(LoopNode[ControllerNodeConfig]):
         """Publish the error, v and the terms of the torque that answered a state."""
         assert self._loop.law is not None
         state, point, terms = answer
-        for publisher, message in zip(self._terms, (
-                joint_state(state.t, self._desired, position=[*point[0], *terms.e],
-                            velocity=[*point[1], *terms.de]),
-                joint_state(state.t, self._names, velocity=terms.v),
-                joint_state(state.t, self._parts, effort=[
-                    *terms.nominal, *(-x for x in terms.compensation),
-                    *(-x for x in terms.robust), self._loop.law.lyapunov(state.q, terms.v)]))):
-            publisher.publish(message)
+        rows = (([*point[0], *terms.e], [*point[1], *terms.de], ()), (terms.v, ()), ([
+            *terms.nominal, *(-x for x in terms.compensation), *(-x for x in terms.robust),
+            self._loop.law.lyapunov(state.q, terms.v)],))
+        for publisher, writer, mine in zip(self._terms, self._writers, rows):
+            publisher.publish(writer.write(*mine, t=state.t))
 
     def finish(self) -> None:
         """Leave no torque behind."""

@@ -72,7 +72,8 @@ class PlantNode(LoopNode[PlantNodeConfig]):
         self._watchdog = Watchdog(COMMANDS, 'command', 'torque 0, brakes on', self.get_logger())
         self._rates = FaultRates(('{:.2g} outages per second', 0.0, 1.0))
         self.on_change()
-        self._writer = state_writer(self._names)
+        n = len(self._names)
+        self._writer = state_writer(self._names, position=n, velocity=n, effort=n)
         lockstep = self.lockstep = config.pacing == 'lockstep'
         # The clock first: who hears of it knows that a state can wait.
         self._ticker = self.create_publisher(Clock, CLOCK, qos()) if lockstep else None

@@ -81,15 +81,16 @@ def read_stamp(data: bytes) -> int:
     ------
     CtcError
         If this is no time from 0 to `LATEST`.
-    RuntimeError
-        If the message is incomplete.
+    LookupError, struct.error
+        If this is no message, or an incomplete one.
 
     """
-    time = deserialize_message(data, Time)
-    if not (0 <= nanoseconds(time) <= LATEST and time.nanosec < NANOSECONDS):
-        raise CtcError(f'{time.sec} s and {time.nanosec} ns are no time; allowed: 0 s to '
+    sec, nanosec = struct.unpack_from({0: '>iI', 1: '<iI'}[data[1]], data, 4)
+    t: int = sec * NANOSECONDS + nanosec
+    if not (0 <= t <= LATEST and nanosec < NANOSECONDS):
+        raise CtcError(f'{sec} s and {nanosec} ns are no time; allowed: 0 s to '
                        f'{seconds(LATEST)} s')
-    return nanoseconds(time)
+    return t
 
 
 class LoopMessage(NamedTuple):
@@ -100,9 +101,10 @@ class LoopMessage(NamedTuple):
     rows: Sequence[Sequence[float]]
 
 
-def _row_struct(rows: int, n: int) -> struct.Struct:
-    """Return `rows` of n doubles as CDR has them: after the first each has its count before it."""
-    return struct.Struct('<' + 'I4x'.join([f'{n}d'] * rows))
+def _row_struct(sizes: Sequence[int]) -> struct.Struct:
+    """Return rows of doubles as CDR has them: after the first each has its count before it."""
+    first, *others = sizes
+    return struct.Struct(f'<{first}d' + ''.join(f'I4x{n}d' if n else 'I' for n in others))
 
 
 class Reader:
@@ -126,7 +128,7 @@ class Reader:
 
     def __init__(self, kind: Any, content: Callable[[Any], LoopMessage], stamped: bool) -> None:
         self._kind, self._content, self._begin = kind, content, 12 if stamped else 4
-        self._frame, self._struct = b'', _row_struct(1, 0)
+        self._frame, self._struct = b'', _row_struct([0])
         self._names: tuple[str, ...] = ()
 
     def __call__(self, data: bytes) -> LoopMessage:
@@ -145,7 +147,7 @@ class Reader:
         self._frame, self._names = b'', found.names
         if n and {len(row) for row in found.rows} == {n} and data[1] == 1 and (
                 len(serialize_message(message)) == len(data)):
-            self._struct = _row_struct(len(found.rows), n)
+            self._struct = _row_struct([n] * len(found.rows))
             self._frame = data[self._begin:len(data) - self._struct.size]
         return found
 
@@ -170,42 +172,42 @@ class Writer:
     ----------
     message : object
         Of ROS; its last fields are the rows. A stamp is at its beginning.
-    rows, n : int
-        How many rows there are, and the numbers in each, at least one.
+    sizes : sequence of int
+        The numbers in each row, at least one in the first.
 
     """
 
-    def __init__(self, message: Any, rows: int, n: int) -> None:
-        self._data, self._n = bytearray(serialize_message(message)), n
-        self._struct = _row_struct(rows, n)
+    def __init__(self, message: Any, sizes: Sequence[int]) -> None:
+        self._data, self._struct = bytearray(serialize_message(message)), _row_struct(sizes)
 
     def write(self, *rows: Sequence[float], t: int | None = None) -> bytes:
-        """Return the message with `rows`, each of shape (n,), and stamp `t` [ns] if it has one."""
+        """Return the message with `rows` of their sizes, and stamp `t` [ns] if it has one."""
         if t is not None:
             _STAMP.pack_into(self._data, 4, *divmod(t, NANOSECONDS))
-        first, *others = rows
-        self._struct.pack_into(self._data, len(self._data) - self._struct.size, *first, *(
-            x for row in others for x in (self._n, *row)))
+        values = [*rows[0]]
+        for row in rows[1:]:
+            values += (len(row), *row)
+        self._struct.pack_into(self._data, len(self._data) - self._struct.size, *values)
         return bytes(self._data)
 
 
-def state_writer(names: Sequence[str]) -> Writer:
-    """Return what writes `JointState` messages: positions, velocities, efforts."""
-    zeros = [0.0] * len(names)
-    return Writer(joint_state(0, names, position=zeros, velocity=zeros, effort=zeros),
-                  3, len(names))
+def state_writer(names: Sequence[str], **sizes: int) -> Writer:
+    """
+    Return what writes `JointState` messages with `names`.
+
+    It takes the rows from the first field that `sizes` names on: position, velocity and effort,
+    each with so many numbers, or none.
+    """
+    of_fields = [sizes.get(name, 0) for name in ('position', 'velocity', 'effort')]
+    message = JointState(name=names, **{name: [0.0] * n for name, n in sizes.items()})
+    return Writer(message, of_fields[next(k for k, n in enumerate(of_fields) if n):])
 
 
 def effort_writer(names: Sequence[str]) -> Writer:
     """Return what writes `Float64MultiArray` messages, labelled with `names`."""
     labels = [MultiArrayDimension(label=name, size=1, stride=1) for name in names]
     return Writer(Float64MultiArray(
-        layout=MultiArrayLayout(dim=labels), data=[0.0] * len(names)), 1, len(names))
-
-
-def joint_state(t: int, names: Sequence[str], **rows: Sequence[float]) -> JointState:
-    """Return a `JointState` with stamp `t` [ns]; `rows` are its fields, each of shape (n,)."""
-    return JointState(header=Header(stamp=stamp(t)), name=names, **rows)
+        layout=MultiArrayLayout(dim=labels), data=[0.0] * len(names)), [len(names)])
 
 
 def trajectory(names: Sequence[str], t: int, period: int, points: Sequence[Point]

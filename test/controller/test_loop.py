@@ -337,6 +337,7 @@ def test_references_without_states_do_not_fill_the_memory() -> None:
     assert len(robot.loop.motion) == 60_000
     for k in range(10):
         robot.state(99_500 + k)
+    robot.loop.take_reference([(100_000 + i) * MS for i in range(500)], MOTION[:500])
     assert len(robot.loop.motion) <= 1000
 
 
