@@ -36,6 +36,7 @@ from ctc_chattering.ros.messages import (
     nanoseconds,
     Point,
     read_stamp,
+    stamp,
     state_reader,
     state_writer,
     trajectory,
