@@ -36,6 +36,8 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 Point = tuple[Sequence[float], Sequence[float], Sequence[float]]
 #: Latest time that is taken from a stamp, an hour before the last possible one [ns].
 LATEST = (2 ** 31 - 3600) * NANOSECONDS
+#: A number by which rows are found: what ROS appends to a message it does not say.
+MARK = 1.234567890123456e-67
 #: A stamp in CDR: seconds and nanoseconds.
 _STAMP = struct.Struct('<iI')
 
@@ -171,7 +173,7 @@ class Writer:
     Parameters
     ----------
     message : object
-        Of ROS; its last fields are the rows. A stamp is at its beginning.
+        Of ROS; its last fields are the rows, all numbers `MARK`. A stamp is at its beginning.
     sizes : sequence of int
         The numbers in each row, at least one in the first.
 
@@ -179,6 +181,7 @@ class Writer:
 
     def __init__(self, message: Any, sizes: Sequence[int]) -> None:
         self._data, self._struct = bytearray(serialize_message(message)), _row_struct(sizes)
+        self._begin = self._data.index(struct.pack('<d', MARK))
 
     def write(self, *rows: Sequence[float], t: int | None = None) -> bytes:
         """Return the message with `rows` of their sizes, and stamp `t` [ns] if it has one."""
@@ -187,7 +190,7 @@ class Writer:
         values = [*rows[0]]
         for row in rows[1:]:
             values += (len(row), *row)
-        self._struct.pack_into(self._data, len(self._data) - self._struct.size, *values)
+        self._struct.pack_into(self._data, self._begin, *values)
         return bytes(self._data)
 
 
@@ -199,7 +202,7 @@ def state_writer(names: Sequence[str], **sizes: int) -> Writer:
     each with so many numbers, or none.
     """
     of_fields = [sizes.get(name, 0) for name in ('position', 'velocity', 'effort')]
-    message = JointState(name=names, **{name: [0.0] * n for name, n in sizes.items()})
+    message = JointState(name=names, **{name: [MARK] * n for name, n in sizes.items()})
     return Writer(message, of_fields[next(k for k, n in enumerate(of_fields) if n):])
 
 
@@ -207,7 +210,7 @@ def effort_writer(names: Sequence[str]) -> Writer:
     """Return what writes `Float64MultiArray` messages, labelled with `names`."""
     labels = [MultiArrayDimension(label=name, size=1, stride=1) for name in names]
     return Writer(Float64MultiArray(
-        layout=MultiArrayLayout(dim=labels), data=[0.0] * len(names)), [len(names)])
+        layout=MultiArrayLayout(dim=labels), data=[MARK] * len(names)), [len(names)])
 
 
 def trajectory(names: Sequence[str], t: int, period: int, points: Sequence[Point]
