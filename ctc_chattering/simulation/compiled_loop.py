@@ -148,7 +148,7 @@ def inputs(plant: Plant, count: int) -> Any:
     return made
 
 
-@lru_cache(64)  # The runs of a map have the same seeds at every point.
+@lru_cache(128)  # The runs of a map have the same seeds at every point.
 def normal_numbers(state: Any, count: int) -> Array:
     """Return the next `count` numbers of ``gauss(0.0, 1.0)`` of a `Random` in this state."""
     random = Random()

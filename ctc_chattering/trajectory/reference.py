@@ -289,7 +289,7 @@ def reference_table(config: ReferenceConfig, route: Route | None,
     return table
 
 
-@lru_cache(64)
+@lru_cache(128)
 def _kept(config: ReferenceConfig, start: tuple[tuple[str, tuple[float, float]], ...],
           order: tuple[int, ...], period: int, count: int) -> Array:
     """Return the samples of a sinusoid and its start, which are the same in many runs."""

@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 from ctc_chattering.bags.motion import read_motion
 from ctc_chattering.errors import CtcError
@@ -133,7 +134,7 @@ def test_two_publishers_of_commands_or_states(tmp_path: Path) -> None:
 
 def test_commands_four_times_as_frequent_as_states_are_averaged(tmp_path: Path) -> None:
     """Between two states all of them are in force, one after the other."""
-    t = 1e-3 * np.arange(1000)
+    t: Any = 1e-3 * np.arange(1000)
     fine = (t[:, None] + 0.25e-3 * np.arange(4)).ravel()
     tau = 20.0 * np.stack((np.sin(3.0 * fine), np.cos(4.0 * fine)), axis=1)
     q = np.sin(np.stack((t, 2.0 * t), axis=1))

@@ -169,7 +169,7 @@ def test_a_disk_that_is_full_at_any_moment(
                 flushed = i
         recording.close()
     except OSError as error:
-        found = error.errno
+        found = error.errno or 0
         recording.abandon()
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, before)

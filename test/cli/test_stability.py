@@ -45,7 +45,7 @@ def test_the_table_is_rounded_inwards(tmp_path: Path) -> None:
     (shown,) = (line for line in lines if ', constant' in line)
     low, high = (float(shown.split()[k]) for k in (-3, -1))
     assert found.ratios is not None and found.guaranteed is not None
-    assert tuple(found.ratios) == (pytest.approx(low, rel=0.1), pytest.approx(high, rel=0.1))
+    assert found.ratios == pytest.approx((low, high), rel=0.1)
     assert found.ratios[0] <= low < high <= found.ratios[1]
     assert found.ratios[0] < found.guaranteed[0] < found.guaranteed[1] < high
 

@@ -122,7 +122,7 @@ class Robot:
         self.asked: list[dict[str, float]] = []
         self.groups: list[int] = []
 
-    def __call__(self, batch: list[Numbers]) -> list[tuple[tuple[float, float], Numbers]]:
+    def __call__(self, batch: list[Numbers]) -> list[tuple[tuple[float, ...], Numbers]]:
         self.asked += batch
         self.groups.append(len(batch))
         return [(x.objectives, x.excess) for x in map(self.score, batch)]
