@@ -32,7 +32,7 @@ from typing import Any
 import zlib
 
 from ctc_chattering.errors import CtcError
-from ctc_chattering.numerics.time_grid import NANOSECONDS
+from ctc_chattering.numerics.time_grid import nanoseconds
 from ctc_chattering.ros.topics import PARAMETERS, ROBOT_DESCRIPTION
 import lz4.frame  # type: ignore[import-untyped]
 from mcap.data_stream import ReadDataStream
@@ -316,8 +316,3 @@ def damaged(path: Path, error: Exception) -> CtcError:
     name = '' if isinstance(error, CtcError) else f'{type(error).__name__}: '
     advice = f'; "ctc repair {bag}" recovers the rest' if any(bag.glob('*.mcap')) else ''
     return CtcError(f'{path}: damaged, or not a bag: {name}{" ".join(str(error).split())}{advice}')
-
-
-def nanoseconds(time: Any) -> int:
-    """Return the time of a message [ns]."""
-    return int(time.sec) * NANOSECONDS + int(time.nanosec)

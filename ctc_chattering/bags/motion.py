@@ -30,7 +30,7 @@ from operator import attrgetter
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from ctc_chattering.bags.bag import Bag, nanoseconds
+from ctc_chattering.bags.bag import Bag
 from ctc_chattering.bags.recording import Answers, answers, Indices, RecordedMotion, Recording
 from ctc_chattering.bags.repair import open_bag
 from ctc_chattering.control.controller import ControllerConfig, LAWS
@@ -38,7 +38,7 @@ from ctc_chattering.control.controller_config import SWITCHINGS
 from ctc_chattering.dynamics.urdf_parser import Tree
 from ctc_chattering.errors import CtcError, near, refused_as, shortened
 from ctc_chattering.numerics.linear_algebra import Array
-from ctc_chattering.numerics.time_grid import NANOSECONDS
+from ctc_chattering.numerics.time_grid import NANOSECONDS, nanoseconds
 from ctc_chattering.ros.topics import COMMANDS, JOINT_STATES, ROBOT_DESCRIPTION
 import numpy as np
 import numpy.typing as npt

@@ -25,7 +25,7 @@ from typing import Any
 
 from ctc_chattering.analysis.result import Result
 from ctc_chattering.analysis.terms import terms
-from ctc_chattering.bags.bag import Bag, nanoseconds
+from ctc_chattering.bags.bag import Bag
 from ctc_chattering.bags.motion import JOINT_STATE, MULTI_ARRAY, Signal, SignalTopic, STATE_FIELDS
 from ctc_chattering.bags.recording import alone, answers
 from ctc_chattering.bags.repair import open_bag
@@ -33,7 +33,7 @@ from ctc_chattering.control.controller import ControllerConfig
 from ctc_chattering.dynamics.registry import model_of
 from ctc_chattering.errors import CtcError, refused_as, RejectedMessage
 from ctc_chattering.numerics.linear_algebra import Array
-from ctc_chattering.numerics.time_grid import missing, period_ns, seconds
+from ctc_chattering.numerics.time_grid import missing, nanoseconds, period_ns, seconds
 from ctc_chattering.ros import topics
 from ctc_chattering.ros.topics import select
 from ctc_chattering.simulation.closed_loop import Run

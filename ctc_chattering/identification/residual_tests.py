@@ -87,10 +87,6 @@ class Guess(NamedTuple):
         What to record or to give.
     columns : ndarray, shape (K, p)
         In the windows in which the joint slides.
-    variable : ndarray, shape (K,)
-        What a figure shows the torque against.
-    unit : str
-        Of that.
 
     """
 
@@ -98,8 +94,6 @@ class Guess(NamedTuple):
     points_to: str
     cure: str
     columns: Array
-    variable: Array
-    unit: str
 
 
 def causes(found: FittedMotion, i: int) -> Iterator[Guess]:
@@ -109,37 +103,32 @@ def causes(found: FittedMotion, i: int) -> Iterator[Guess]:
     speed, load = np.abs(data.velocity[used, i]), np.abs(found.base[used, i])
     turn = np.column_stack((np.sin(q), np.cos(q), np.sin(2.0 * q), np.cos(2.0 * q), q, q * q))
     yield Guess('position', 'a weight, spring, cable or cogging that the model lacks',
-                'correct the model', turn, q, 'rad')
+                'correct the model', turn)
     yield Guess('position and direction', 'friction that depends on the position',
-                'record the positions that you will use', turn * way[:, None], q, 'rad')
+                'record the positions that you will use', turn * way[:, None])
     yield Guess('speed', 'a law of friction that is not Coulomb, viscous and Stribeck',
-                'record the speeds that you will use', _kinks(speed) * way[:, None],
-                way * speed, 'rad/s')
+                'record the speeds that you will use', _kinks(speed) * way[:, None])
     yield Guess('acceleration', 'an inertia of rotor or link that the model lacks, or a lag of '
                 'the drive', 'correct the inertia in the model',
                 np.column_stack((states.acceleration[used, i],
-                                 (found.base - found.weight)[used, i])),
-                states.acceleration[used, i], 'rad/s²')
+                                 (found.base - found.weight)[used, i])))
     yield Guess('the way since a reversal', 'backlash, an elastic joint, or friction that builds '
                 f'up over a way (looked for up to {BUILD_UP[-1]:g} rad)',
-                'reduce the backlash, or measure behind the elasticity', states.build_up[used, i],
-                states.way[used, i], 'rad')
+                'reduce the backlash, or measure behind the elasticity', states.build_up[used, i])
     late = (t - t.min()) / max(float(np.ptp(t)), 1e-9)
     thirds = np.eye(3)[np.minimum((3.0 * late).astype(int), 2)]
     yield Guess(TIME, 'friction that drifts, with temperature say',
                 'warm the robot up, and record a shorter run',
-                np.column_stack((thirds, thirds * way[:, None])), t, 's')
+                np.column_stack((thirds, thirds * way[:, None])))
     yield Guess('the load', 'friction that depends on the load',
                 'record the load that you will have',
-                np.column_stack((way * load, way * load * speed)), load, 'N·m')
+                np.column_stack((way * load, way * load * speed)))
     others = [k for k in range(data.way.shape[1]) if k != i]
     if others:
         torque = (found.base + data.residual)[used][:, others]
-        largest = int(np.argmax(np.square(torque).sum(axis=0)))
         yield Guess('the torques of other joints', 'coupled joints, or sensors of torque that '
                     'mix axes', 'check --joints and the calibration of the torques',
-                    np.column_stack((torque, states.acceleration[used][:, others])),
-                    torque[:, largest], 'N·m')
+                    np.column_stack((torque, states.acceleration[used][:, others])))
 
 
 def _kinks(speed: Array) -> Array:
@@ -181,7 +170,7 @@ def periodic(found: FittedMotion, i: int, residual: Array) -> tuple[Guess | None
     tried = int(low * np.ptp(q) / np.pi) + 1
     return Guess('the angle of the joint, periodically', f'ripple of motor or gear with about '
                  f'{best:.3g} periods in a turn', 'compensate the ripple',
-                 _waves(best, q, speed, way), q, 'rad') if best else None, tried
+                 _waves(best, q, speed, way)) if best else None, tried
 
 
 def _left(order: float, speed: Array) -> Array:
@@ -225,15 +214,14 @@ class Effect(NamedTuple):
         RMS of the torque that it explains [N·m].
     shift : ndarray, shape (p,)
         Change of the coefficients of the friction with it.
-    before, torque : ndarray, shape (K,)
-        What was left without it, and what it explains of that [N·m].
+    torque : ndarray, shape (K,)
+        What it explains [N·m].
 
     """
 
     cause: Guess
     size: float
     shift: Array
-    before: Array
     torque: Array
 
     def drift(self) -> str:
@@ -310,7 +298,7 @@ def effect(cause: Guess, friction: Array, others: Array, residual: Array, tried:
         return None
     whole = columns @ (v.T @ (found / s))
     shift = np.linalg.lstsq(friction, -whole, rcond=1e-9)[0]
-    return Effect(cause, float(np.sqrt(power / len(residual))), shift, residual, u @ found)
+    return Effect(cause, float(np.sqrt(power / len(residual))), shift, u @ found)
 
 
 def unexplained(found: FittedMotion, i: int) -> Unexplained | None:

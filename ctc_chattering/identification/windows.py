@@ -189,13 +189,6 @@ class WindowStates:
     acceleration: Array
     build_up: Array
 
-    @property
-    def way(self) -> Array:
-        """Return the way since the direction changed, up to some 0.1 rad, shape (J, n) [rad]."""
-        longest = BUILD_UP[-1]
-        found: Array = -longest * np.log(np.clip(np.abs(self.build_up[:, :, -1]), 1e-5, 1.0))
-        return found
-
     @classmethod
     def of(cls, parts: Sequence[Stretch], rows: Sequence[Rows], phi: TestFunction
            ) -> WindowStates:

@@ -31,9 +31,9 @@ from ctc_chattering.control.controller import ControllerConfig
 from ctc_chattering.errors import CtcError, refused_as, RejectedMessage
 from ctc_chattering.live.health import NodeReport
 from ctc_chattering.numerics.linear_algebra import Array
-from ctc_chattering.numerics.time_grid import NANOSECONDS, seconds
+from ctc_chattering.numerics.time_grid import NANOSECONDS, nanoseconds, seconds
 from ctc_chattering.ros import topics
-from ctc_chattering.ros.messages import message_type, nanoseconds, read_stamp
+from ctc_chattering.ros.messages import message_type, read_stamp
 from ctc_chattering.ros.node import BaseNode, qos
 from ctc_chattering.ros.parameters import CHANGES
 from ctc_chattering.ros.subscription import MatchingSubscription, ValidatedSubscription

@@ -26,25 +26,18 @@ from ctc_chattering.compiled.machine_code import HOW_TO_COMPILE
 from ctc_chattering.configuration.loop_setup import Values
 from ctc_chattering.configuration.node_parameters import ControllerNodeConfig
 from ctc_chattering.control.controller import Controller, ControllerConfig, LAWS
-from ctc_chattering.control.recommended_gains import (
-    GainChoice,
-    GAINS,
-    LAW,
-    model_torque,
-    recommended_gains,
-)
+from ctc_chattering.control.recommended_gains import GainChoice, GAINS, LAW, model_torque
 from ctc_chattering.controller.loop import Answer, ControlLoop, JointSample
 from ctc_chattering.controller.state_machine import Input, Mode
 from ctc_chattering.controller.trips import check_change, missing_limits
 from ctc_chattering.dynamics.registry import model_of
 from ctc_chattering.errors import RejectedMessage
-from ctc_chattering.numerics.time_grid import seconds
+from ctc_chattering.numerics.time_grid import nanoseconds, seconds
 from ctc_chattering.parameters import OWN_CLASS
 from ctc_chattering.ros.messages import (
     effort_writer,
     LATEST,
     LoopMessage,
-    nanoseconds,
     state_reader,
     state_writer,
 )
@@ -270,7 +263,7 @@ class ControllerNode(LoopNode[ControllerNodeConfig]):
     def _take_recommended_gains(self) -> None:
         """Set those of a law that the node was started with and that has gains of its own."""
         if self.config.law == LAW and self.given.keys().isdisjoint(GAINS):
-            self._of_law = recommended_gains(self.config, self._gains.torque)
+            self._of_law = self._gains.suitable(LAW, self.config)
             self.parameters.assign(self._of_law)
 
     def on_change(self) -> None:

@@ -25,8 +25,8 @@ from ctc_chattering.configuration.loop_setup import Values
 from ctc_chattering.configuration.node_parameters import ReferenceNodeConfig
 from ctc_chattering.configuration.yaml_file import read_trajectory
 from ctc_chattering.errors import CtcError, RejectedMessage
-from ctc_chattering.numerics.time_grid import NANOSECONDS, period_ns
-from ctc_chattering.ros.messages import LATEST, nanoseconds, read_stamp, trajectory
+from ctc_chattering.numerics.time_grid import NANOSECONDS, nanoseconds, period_ns
+from ctc_chattering.ros.messages import LATEST, read_stamp, trajectory
 from ctc_chattering.ros.node import ERROR, LoopNode, OK, qos, Status, WARN
 from ctc_chattering.ros.subscription import ValidatedSubscription
 from ctc_chattering.ros.topics import CLOCK, JOINT_STATES, JOINT_TRAJECTORY, REFERENCE

@@ -17,11 +17,18 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from ctc_chattering.errors import ParameterError
 import numpy as np
 import numpy.typing as npt
 
 NANOSECONDS = 1_000_000_000
+
+
+def nanoseconds(time: Any) -> int:
+    """Return a time or duration of a message, with `sec` and `nanosec`, in nanoseconds."""
+    return int(time.sec) * NANOSECONDS + int(time.nanosec)
 
 
 def period_ns(control_period: float) -> int:

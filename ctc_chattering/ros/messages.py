@@ -25,7 +25,7 @@ from typing import Any, NamedTuple
 
 from builtin_interfaces.msg import Duration, Time
 from ctc_chattering.errors import CtcError
-from ctc_chattering.numerics.time_grid import NANOSECONDS, seconds
+from ctc_chattering.numerics.time_grid import NANOSECONDS, nanoseconds, seconds
 import rclpy
 from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import JointState
@@ -64,15 +64,10 @@ def message_type(kind: str) -> Any:
     return getattr(importlib.import_module(f'{package}.msg'), name)
 
 
-def stamp(nanoseconds: int) -> Time:
-    """Return `nanoseconds` as a message."""
-    sec, nanosec = divmod(nanoseconds, NANOSECONDS)
+def stamp(t: int) -> Time:
+    """Return a time [ns] as a message."""
+    sec, nanosec = divmod(t, NANOSECONDS)
     return Time(sec=sec, nanosec=nanosec)
-
-
-def nanoseconds(time: Time | Duration) -> int:
-    """Return a time of a message [ns]."""
-    return int(time.sec * NANOSECONDS + time.nanosec)
 
 
 def read_stamp(data: bytes) -> int:

@@ -29,11 +29,11 @@ from typing import Any
 from bags import chunk, efforts, state
 from builtin_interfaces.msg import Time
 from ctc_chattering.errors import CtcError, RejectedMessage
+from ctc_chattering.numerics.time_grid import nanoseconds
 from ctc_chattering.ros.messages import (
     effort_reader,
     effort_writer,
     message_type,
-    nanoseconds,
     Point,
     read_stamp,
     stamp,

@@ -187,6 +187,15 @@ def next_state(law: Any, memory: Any, last: LastSample, context: Context) -> tup
     return step.predict(model, at, last.applied - law.acting(memory, at), settings.period)
 
 
+@function
+def observed_state(law: Any, memory: Any, last: LastSample, context: Context, q: Array, dq: Array
+                   ) -> tuple[Array, Array]:
+    """Return q and dq as an observer has predicted them; at first, `next_state`."""
+    if memory.known == 0.0:
+        return next_state(law, memory, last, context)
+    return q, dq
+
+
 def law(symbol: str = '', of_the_paper: bool = False, acts_on_v: bool = False
         ) -> Callable[[type[T]], type[T]]:
     """

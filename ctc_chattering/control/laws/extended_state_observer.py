@@ -36,7 +36,7 @@ from typing import NamedTuple
 from ctc_chattering.compiled.compilable import dot, record
 from ctc_chattering.control.adaptation import Desired, next_point
 from ctc_chattering.control.controller_config import ControllerConfig
-from ctc_chattering.control.laws.base import law, next_state
+from ctc_chattering.control.laws.base import law, observed_state
 from ctc_chattering.control.laws.observer_feedback import Place, placed
 from ctc_chattering.control.observer import drive_model, Observed, state_observer, StateObserver
 from ctc_chattering.control.step import Applied, Context, LastSample, State, Terms
@@ -96,9 +96,7 @@ class ExtendedStateObserver(NamedTuple):
     def predicted_state(self, memory: ExtendedState, last: LastSample, context: Context
                         ) -> tuple[Array, Array]:
         """Return q̂ and dq̂ as predicted; at first, by the model."""
-        if memory.known == 0.0:
-            return next_state(self, memory, last, context)
-        return memory.observed.q, memory.observed.dq
+        return observed_state(self, memory, last, context, memory.observed.q, memory.observed.dq)
 
     def corrected(self, memory: ExtendedState, q: Array, dq: Array, held: Array
                   ) -> tuple[ExtendedState, Array, Array]:

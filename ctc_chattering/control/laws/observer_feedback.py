@@ -49,7 +49,7 @@ from ctc_chattering.compiled.compilable import diagonal, dot, function, record
 from ctc_chattering.control import adaptation
 from ctc_chattering.control.adaptation import Desired, Deviation
 from ctc_chattering.control.controller_config import ControllerConfig
-from ctc_chattering.control.laws.base import law, next_state
+from ctc_chattering.control.laws.base import law, observed_state
 from ctc_chattering.control.observer import drive_model, Observed, state_observer, StateObserver
 from ctc_chattering.control.step import Applied, Context, LastSample, State, Terms
 from ctc_chattering.dynamics.model import Model
@@ -158,9 +158,7 @@ class ObserverFeedback(NamedTuple):
     def predicted_state(self, memory: Memory, last: LastSample, context: Context
                         ) -> tuple[Array, Array]:
         """Return q̂ and dq̂ as predicted; at first, by the model."""
-        if memory.known == 0.0:
-            return next_state(self, memory, last, context)
-        return memory.observed.q, memory.observed.dq
+        return observed_state(self, memory, last, context, memory.observed.q, memory.observed.dq)
 
     def corrected(self, memory: Memory, q: Array, dq: Array, held: Array
                   ) -> tuple[Memory, Array, Array]:

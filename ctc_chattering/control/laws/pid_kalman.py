@@ -40,7 +40,7 @@ from typing import NamedTuple
 
 from ctc_chattering.compiled.compilable import dot, record, solve, some
 from ctc_chattering.control.controller_config import ControllerConfig
-from ctc_chattering.control.laws.base import law, next_state
+from ctc_chattering.control.laws.base import law, observed_state
 from ctc_chattering.control.observer import drive_model, DriveModel
 from ctc_chattering.control.step import Applied, arriving, Context, LastSample, State, Terms
 from ctc_chattering.numerics.linear_algebra import Array
@@ -111,9 +111,7 @@ class PidKalman(NamedTuple):
     def predicted_state(self, memory: Kinematics, last: LastSample, context: Context
                         ) -> tuple[Array, Array]:
         """Return q̂ and dq̂ as predicted; at first, by the model."""
-        if memory.known == 0.0:
-            return next_state(self, memory, last, context)
-        return memory.q, memory.dq
+        return observed_state(self, memory, last, context, memory.q, memory.dq)
 
     def corrected(self, memory: Kinematics, q: Array, dq: Array, held: Array
                   ) -> tuple[Kinematics, Array, Array]:
