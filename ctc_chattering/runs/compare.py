@@ -140,17 +140,17 @@ def runs_of(task: Task) -> tuple[Overrides, ...]:
     """Return the overrides of each run of a task, with the file's gains or those by rule."""
     under = task.condition.overrides(parameter_file.load(task.path))
     runs = tuple(merged(x, {'controller': task.variant.values}) for x in under)
-    known = [parameter_file.load(task.path, x) for x in runs]
     if task.variant.settings == RECOMMENDED:
-        runs = tuple(merged(x, {'controller': by_rule(known[0])}) for x in runs)
+        gains = by_rule(parameter_file.load(task.path, runs[0]))
+        runs = tuple(merged(x, {'controller': gains}) for x in runs)
     return runs
 
 
 def setups(todo: Sequence[Task]) -> Iterator[Setup]:
-    """Yield what runs first of every task that is not held out: these are refused nothing."""
+    """Yield what runs of every task that is not held out: these are refused nothing."""
     for task in todo:
-        if not task.held_out:
-            yield parameter_file.load(task.path, runs_of(task)[0])
+        for run in () if task.held_out else runs_of(task):
+            yield parameter_file.load(task.path, run)
 
 
 def evaluate(task: Task, run: Runner = over_simulation) -> Outcome:
