@@ -41,8 +41,8 @@ SOON = 1.0
 
 
 def start(it: Probe, bag: Path, pacing: str = 'lockstep') -> list[child_process.Child]:
-    return [it.start('recorder', '-p', f'bag:={bag}'), it.start('plant', '-p', f'pacing:={pacing}'),
-            it.start('controller'), it.start('reference')]
+    return [it.start('recorder', '-p', f'bag:={bag}'), it.start('controller'),
+            it.start('plant', '-p', f'pacing:={pacing}'), it.start('reference')]
 
 
 def assert_all_end(it: Probe, dice: random.Random, within: float = 0.0) -> None:

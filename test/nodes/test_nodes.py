@@ -237,7 +237,8 @@ def route(*points: tuple[float, Sequence[float], Sequence[float]]) -> JointTraje
     return JointTrajectory(joint_names=['joint2', 'joint1'], points=[
         JointTrajectoryPoint(
             positions=array('d', q[::-1]), velocities=array('d', dq[::-1]),
-            time_from_start=Duration(sec=int(t), nanosec=round(t % 1 * S))) for t, q, dq in points])
+            time_from_start=Duration(sec=int(t), nanosec=round(t % 1 * S)))
+        for t, q, dq in points])
 
 
 def test_the_reference_is_ahead_of_the_clock_and_goes_on_without_a_jump() -> None:

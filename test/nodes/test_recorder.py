@@ -25,13 +25,12 @@ import signal
 from tempfile import TemporaryDirectory
 import time
 
-from bags import reports_of
 from ctc_chattering.bags.repair import open_bag, recover
 from ctc_chattering.ros.topics import COMMANDS, JOINT_STATES
 from faults import Diagnostics, ERROR
 from processes import PATIENCE, probe, Stopwatch
 import pytest
-from recorded_runs import metadata
+from recorded_runs import metadata, reports_of
 from ros_messages import ns, state
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
