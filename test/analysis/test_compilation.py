@@ -94,7 +94,6 @@ def test_each_function_is_compiled_once(monkeypatch: pytest.MonkeyPatch, tmp_pat
 
 
 @pytest.mark.parametrize(('module', 'error', 'reason'), [
-    ('numba', "ModuleNotFoundError('no numba')", 'no numba'),
     ('llvmlite', "ModuleNotFoundError('no llvmlite')", 'no llvmlite'),
     ('numba', "ImportError('Numba needs NumPy 2.4 or less')", 'Numba needs NumPy 2.4 or less')])
 def test_without_numba_plain_python_runs(tmp_path: Path, module: str, error: str, reason: str

@@ -22,7 +22,6 @@ from typing import Any
 from xml.etree import ElementTree
 
 from ctc_chattering.analysis import figures
-from ctc_chattering.analysis.drawing import fit
 from ctc_chattering.analysis.result import LAW_COLOURS, Result
 from ctc_chattering.analysis.terms import RunTerms
 from ctc_chattering.control.controller import ControllerConfig
@@ -132,66 +131,39 @@ def test_a_missing_chattering_term_is_named(compensation: Result) -> None:
     assert 'not part of this law' in texts(ax)
 
 
-def test_a_slice_is_enlarged(chattering: Result) -> None:
-    ax = panel(figures.torques(chattering), 'N·m', enlarged=True)
-    last = chattering.run.t >= 5.8 - 1e-9
-    assert np.array_equal(drawn(ax), chattering.run.tau[last, 0])
-    assert ax.lines[0].get_drawstyle() == 'steps-post'
-    assert ax.get_xlim() == pytest.approx((5.8, 6.0))
-
-
 @pytest.mark.parametrize('draw', DRAWN)
-def test_every_axis_has_a_unit(chattering: Result, draw: Any) -> None:
-    for ax in draw(chattering).axes:
-        assert ax.get_xlabel() == 't [s]'
-        assert ax.get_ylabel().endswith(']')
-
-
-@pytest.mark.parametrize('draw', DRAWN)
-def test_a_change_of_law_is_marked(switch: Result, draw: Any) -> None:
+def test_a_change_of_law_is_marked_and_every_axis_has_a_unit(switch: Result, draw: Any) -> None:
     figure = draw(switch)
     for ax in figure.axes:
+        assert ax.get_xlabel() == 't [s]' and ax.get_ylabel().endswith(']')
         assert [0.6, 0.6] in [np.asarray(line.get_xdata()).tolist() for line in ax.lines]
     assert '→ chattering' in texts(figure.axes[0])
-    first, last = next(ax for ax in figure.axes
-                       if ax.get_title('left').startswith('enlarged')).get_xlim()
+    ax = next(x for x in figure.axes if x.get_title('left').startswith('enlarged'))
+    first, last = ax.get_xlim()
     assert first < 0.6 < last
-
-
-def test_a_run_under_one_law_has_no_mark(chattering: Result) -> None:
-    assert all(len(ax.lines) == 1 for ax in figures.torques(chattering).axes)
 
 
 @pytest.mark.parametrize(('experiment', 'law', 'numbers'), [
     ('friction', 'compensation', (2, 4)), ('friction', 'chattering', (3, 5)),
-    ('disturbance', 'compensation', (6, 8)), ('disturbance', 'chattering', (7, 9))])
+    ('disturbance', 'compensation', (6, 8)), ('disturbance', 'chattering', (7, 9)),
+    ('mine', 'chattering', ())])
 def test_titles_name_the_figures_of_the_paper(
-        experiment: str, law: str, numbers: tuple[int, int]) -> None:
+        experiment: str, law: str, numbers: tuple[int, ...]) -> None:
     result = simulated(law, 0.1, experiment)
-    for draw, number in zip((figures.tracking, figures.torques), numbers):
-        assert f'figure {number} of the paper' in draw(result).get_suptitle()
+    titles = [draw(result).get_suptitle() for draw in (figures.tracking, figures.torques)]
+    assert all(f'figure {k} of the paper' in x for k, x in zip(numbers, titles))
+    assert ('paper' in ' '.join(titles)) == bool(numbers)
 
 
-def test_other_runs_name_no_figure_of_the_paper(switch: Result) -> None:
-    for result in (switch, simulated('chattering', 0.1, 'mine'), made_up(2)):
-        assert 'paper' not in figures.tracking(result).get_suptitle()
-
-
-@pytest.mark.parametrize('n', [1, 7])
-def test_any_number_of_joints(n: int, tmp_path: Path) -> None:
-    result = made_up(n)
-    run, figure = result.run, figures.tracking(result)
-    for i in range(n):
-        assert np.array_equal(drawn(panel(figure, 'rad', i)), run.q[:, i])
-    assert np.allclose(drawn(panel(figure, 'rad', n)), 0.1 * n)
-    assert len(figures.torques(result).axes) == 2 * n
-    assert len(figures.internals(result).axes) == 1 + 3 * n
-    assert len(figures.save_figures([result], tmp_path)) == 3
-
-
-@pytest.mark.parametrize('samples', [1, pytest.param(2, marks=pytest.mark.slow)])
-def test_very_short_runs(samples: int, tmp_path: Path) -> None:
-    assert len(figures.save_figures([made_up(1, samples)], tmp_path)) == 3
+def test_any_number_of_joints(tmp_path: Path) -> None:
+    result = made_up(7)
+    figure = figures.tracking(result)
+    for i in range(7):
+        assert np.array_equal(drawn(panel(figure, 'rad', i)), result.run.q[:, i])
+    assert np.allclose(drawn(panel(figure, 'rad', 7)), 0.7)
+    assert len(figures.torques(result).axes) == 14
+    assert len(figures.internals(result).axes) == 22
+    assert len(figures.save_figures([made_up(1, 1)], tmp_path)) == 3, 'of one sample'
 
 
 def test_an_error_of_zero_and_names_with_dollars(tmp_path: Path) -> None:
@@ -237,40 +209,24 @@ def test_the_names_of_the_switchings_tell_runs_apart(tmp_path: Path) -> None:
     assert len({file.path for file in files}) == len(files) == 10
 
 
-@pytest.mark.parametrize(('extra', 'begin'), [('pdf', b'%PDF'), ('png', b'\x89PNG')])
-def test_another_format(tmp_path: Path, extra: str, begin: bytes) -> None:
-    files = figures.save_figures([made_up(1)], tmp_path, extra)
-    for file in files:
-        assert file.path.suffix == '.svg'
-        assert file.path.with_suffix(f'.{extra}').read_bytes().startswith(begin)
-
-
-def test_files_are_svg_with_title_and_caption(chattering: Result, tmp_path: Path) -> None:
+def test_files_are_svg_with_title_and_caption_and_another_format(tmp_path: Path) -> None:
     directory = tmp_path / 'a' / 'b'
-    files = figures.save_figures([chattering], directory)
+    files = figures.save_figures([made_up(1)], directory, 'pdf')
     assert [file.path.name for file in files] == [
         f'friction_chattering_{kind}.svg' for kind in ('tracking', 'torques', 'internals')]
     for file in files:
         assert file.path.parent == directory
         assert ElementTree.parse(file.path).getroot().tag.endswith('svg')
-        assert file.path.stat().st_size < 1_000_000
+        assert file.path.with_suffix('.pdf').read_bytes().startswith(b'%PDF')
         assert file.title and file.caption.endswith('.')
 
 
-def test_a_directory_that_cannot_be_made(chattering: Result, tmp_path: Path) -> None:
-    (tmp_path / 'file').write_text('')
-    with pytest.raises(CtcError, match=r'^cannot write .*file'):
-        figures.save_figures([chattering], tmp_path / 'file')
-
-
-@pytest.mark.parametrize('n', [2, 7])
-def test_nothing_is_over_a_legend_or_a_label(n: int) -> None:
-    """Check all kinds of figures with long names, and that a legend within axes is found."""
-    names = [f'a_joint_of_robot_{i}' for i in range(n)]
-    runs = [made_up(n, 50, joint_names=names, law=law) for law in LAWS_SHOWN]
+def test_nothing_is_over_a_legend_or_a_label() -> None:
+    """Check with long names, and that a legend within axes is found."""
+    names = [f'left_gripper_finger_{i}_joint_with_a_long_name' for i in range(7)]
+    runs = [made_up(7, 50, joint_names=names, law=law) for law in LAWS_SHOWN]
     several = [dataclasses.replace(x, experiment=y) for y in ('a', 'b') for x in runs]
-    drawings = [draw(runs[1]) for draw in DRAWN[:3 if n == 2 else 1]]
-    drawings += [figures.error_comparison(several)]
+    drawings = [figures.tracking(runs[1]), figures.error_comparison(several)]
     for figure in drawings:
         assert not overlaps(figure)
     drawings[0].axes[0].legend(loc='upper right')
@@ -292,11 +248,6 @@ def test_a_prismatic_joint_has_its_units() -> None:
     assert [(ax.get_ylabel(), drawn(ax)[0]) for ax in figure.axes if '|e' in ax.get_ylabel()][
         :2] == [('Σ |eᵢ| [m]', pytest.approx(0.1)), ('Σ |eᵢ| [rad]', pytest.approx(0.1))]
     assert panel(figures.torques(result), 'N').get_ylabel() == 'force [N]'
-    internals = figures.internals(result)
-    assert {ax.get_ylabel() for ax in internals.axes} == {
-        'V [J]', 'v [m/s]', 'v [rad/s]', 'z [N]', 'z [N·m]'}
-    compared = figures.error_comparison([result, result])
-    assert [ax.get_ylabel() for ax in compared.axes] == ['Σ |eᵢ| [m]', 'Σ |eᵢ| [rad]']
     numbers = result.metrics()
     assert numbers['max_error_norm1_rad'] is None and 'prismatic' in numbers['notes'][0]
     assert (numbers['position_units'], numbers['torque_units']) == (['m', 'rad'], ['N', 'N·m'])
@@ -321,20 +272,6 @@ def test_gaps_break_the_lines_and_are_hatched() -> None:
                 assert [p.get_extents().transformed(ax.transData.inverted()).intervalx.tolist()
                         for p in hatched] == [pytest.approx([run.t[99], run.t[100]])]
     assert 'hatched' in next(caption for _, _, caption in figures._figures([result]))
-
-
-@pytest.mark.parametrize('n', [1, 7])
-def test_titles_never_meet(n: int) -> None:
-    """Check the extents of all that stands above the panels, with names as real robots have."""
-    result = made_up(n, 6000, joint_names=[
-        f'left_gripper_finger_{i}_joint_with_a_long_name' for i in range(n)])
-    for draw in DRAWN:
-        figure: Any = fit(draw(result))  # As it is saved.
-        renderer = figure.canvas.get_renderer()
-        for ax in figure.axes:
-            left, right = (t.get_window_extent(renderer) for t in (
-                ax._left_title, ax._right_title))
-            assert left.width + right.width <= ax.get_window_extent(renderer).width
 
 
 def test_a_term_at_its_bound_is_named() -> None:

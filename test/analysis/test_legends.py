@@ -19,7 +19,6 @@ from __future__ import annotations
 from ctc_chattering.analysis.drawing import fit, legend_of, panel, sheet
 from figure_layout import overlaps
 from matplotlib.figure import Figure
-from matplotlib.text import Text
 import numpy as np
 import pytest
 
@@ -50,21 +49,13 @@ def test_panels_keep_their_size_and_nothing_is_over_the_legend(names: list[str])
     assert [len(x.get_texts()) for x in figure.legends] == [len(names)] * bool(names)
 
 
-def texts(figure: Figure) -> list[Text]:
-    return [*figure.texts, *(x for ax in figure.axes for x in (
-        ax.xaxis.label, ax.yaxis.label, ax.title))]
-
-
 @pytest.mark.parametrize('long', [1, 30])
 def test_what_has_room_stays_and_what_has_none_is_shortened(long: int) -> None:
     figure, grid = sheet('Title ' * long, 2, (1.0, 1.0), 1.5)
-    for k in range(4):
-        ax = panel(figure, grid[k // 2, k % 2], 'panel ' * long, 'y, ' * long + 'last [N·m]')
-        ax.set_xlabel('x, ' * long + 'last [rad]')
-    before = [(x.get_text(), x.get_fontsize()) for x in texts(figure)]
+    ax = panel(figure, grid[0, 0], 'panel ' * long, 'y, ' * long + 'last [N·m]')
+    shown = *figure.texts, ax.yaxis.label
+    before = [(x.get_text(), x.get_fontsize()) for x in shown]
     assert fit(figure) is figure
-    after = [(x.get_text(), x.get_fontsize()) for x in texts(figure)]
-    assert (before == after) == (long == 1)
-    assert all(ax.get_ylabel().endswith('[N·m]') and ax.get_xlabel().endswith('[rad]')
-               for ax in figure.axes)
+    assert (before == [(x.get_text(), x.get_fontsize()) for x in shown]) == (long == 1)
+    assert ax.get_ylabel().endswith('[N·m]')
     assert not overlaps(figure)

@@ -70,11 +70,11 @@ def test_label_slug_and_changes() -> None:
     assert result.joint_names == ('joint1', 'joint2')
     assert [t for t, _ in result.configs] == [0.0, 0.02, 0.04, 0.06]
     assert result.configs[2][1].ka == (1.0, 2.0)
-
-
-def test_law_and_switching_are_those_at_the_end() -> None:
-    result = result_of(0.1, '0.05 controller law chattering', law='compensation')
-    assert result.metrics()['law'] == result.law == 'chattering'
+    changed = result_of(0.1, '0.05 controller law chattering', law='compensation')
+    assert changed.metrics()['law'] == changed.law == 'chattering'
+    marked = result_of(0.05, '0.01 controller switching implicit', '0.02 controller ka [3, 4]',
+                       '0.03 controller law compensation')
+    assert marked.marks == [(0.01, 'implicit'), (0.03, 'compensation')]
 
 
 def test_simulated_is_the_core_s_simulation() -> None:
@@ -105,16 +105,6 @@ def test_finite() -> None:
     """Check that what JSON cannot say becomes null, however deep."""
     assert finite({'a': [1.0, math.nan, (math.inf, 'x')], 'b': -math.inf, 'c': 3, 'd': None}) == {
         'a': [1.0, None, [None, 'x']], 'b': None, 'c': 3, 'd': None}
-
-
-def test_marks_name_every_change_of_law_or_switching() -> None:
-    setup = parameter_file.load(None, {
-        'plant': {'duration': 0.05},
-        'bringup': {'events': ['0.01 controller switching implicit', '0.02 controller ka [3, 4]',
-                               '0.03 controller law compensation']}})
-    result = simulate(setup)
-    assert result.marks == [(0.01, 'implicit'), (0.03, 'compensation')]
-    assert result.changes == [(0.03, 'compensation')]
 
 
 def test_a_result_is_printed_in_a_line() -> None:

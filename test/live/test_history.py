@@ -54,10 +54,6 @@ def test_pages_get_each_sample_once_and_all_where_time_begins_again() -> None:
     assert unpacked(track.packed(1e9 - 5.0))[0] == {
         'count': 25, 'columns': [['t', 0, 8], ['q', 0, 8], ['q', 1, 8], ['e', 0, 4]], 'run': 0,
         'fresh': True}
-    track.add(5.0, np.array([1.0, 2.0, 3.0]))
-    head, columns = unpacked(track.packed(0.0))
-    assert head['fresh']
-    assert columns == {'t': [[5.0]], 'q': [[1.0], [2.0]], 'e': [[3.0]]}
 
 
 def test_keeps_no_more_rows_than_it_may_and_begins_again_where_time_does() -> None:

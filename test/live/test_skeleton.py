@@ -30,9 +30,7 @@ import pytest
 
 #: Of both links of the paper's arm [m].
 LENGTH = 0.51 / 0.63
-ROBOTS = 'package://example-robot-data/robots/'
-PANDA = f'{ROBOTS}panda_description/urdf/panda.urdf'
-UR5 = f'{ROBOTS}ur_description/urdf/ur5_robot.urdf'
+PANDA = 'package://example-robot-data/robots/panda_description/urdf/panda.urdf'
 SLIDE = """<robot name="slide"><link name="base"/><link name="car"/><link name="pole"/>
 <joint name="rail" type="prismatic"><parent link="base"/><child link="car"/>
 <origin xyz="0 0 1"/><axis xyz="0 2 0"/><limit lower="-1" upper="1" effort="1" velocity="1"/>
@@ -41,9 +39,8 @@ SLIDE = """<robot name="slide"><link name="base"/><link name="car"/><link name="
 <origin xyz="0.5 0 0" rpy="0 0 1.5707963267948966"/><axis xyz="1 0 0"/></joint></robot>"""
 
 
-@pytest.mark.parametrize('location', [PANDA, UR5])
-def test_every_body_is_where_pinocchio_has_it(location: str) -> None:
-    urdf = read_description(location)
+def test_every_body_is_where_pinocchio_has_it() -> None:
+    urdf = read_description(PANDA)
     model = pin.buildModelFromXML(urdf)
     data = model.createData()
     names = [x for x in model.names if x != 'universe' and 'finger' not in x]
@@ -59,12 +56,6 @@ def test_every_body_is_where_pinocchio_has_it(location: str) -> None:
             w, x, y, z = quaternion(pose[:3, :3])
             assert pin.Quaternion(w, x, y, z).matrix() == pytest.approx(
                 pose[:3, :3], abs=1e-12)
-
-
-def test_order_of_the_joints_is_that_of_the_model() -> None:
-    urdf = two_link_urdf()
-    a, b = urdf_skeleton(urdf, ('joint1', 'joint2')), urdf_skeleton(urdf, ('joint2', 'joint1'))
-    assert a.tips((0.3, -0.8)) == pytest.approx(b.tips((-0.8, 0.3)))
 
 
 def test_two_links_stand_where_their_angles_say() -> None:
@@ -121,39 +112,18 @@ def test_capsules_reach_from_joint_to_joint() -> None:
         assert high == pytest.approx([radius, radius, radius], abs=2e-3)
 
 
-BAD = ('0 0', '', 'nan 0 0', 'inf 0 0', '1e308 0 0', 'x y z', '1 2 3 4')
-
-
 @pytest.mark.parametrize('origin', ['xyz', 'rpy', ''])
 def test_a_shape_without_its_numbers_is_drawn_as_if_it_were_not_found(origin: str) -> None:
     """Check that the arm has its capsules then, and the page goes on."""
     urdf = re.sub('<visual>.*?</visual>', '', two_link_urdf(), flags=re.DOTALL)
     plain = drawn(urdf_skeleton(urdf, ('joint1', 'joint2')))
-    for value in BAD:
+    for value in ('0 0', '', 'nan 0 0', 'inf 0 0', '1e308 0 0', 'x y z', '1 2 3 4'):
         shape = (f'<visual><origin {origin}="{value}"/><geometry><sphere radius="1"/></geometry>'
                  if origin else f'<visual><geometry><box size="{value}"/></geometry>')
         bad = drawn(urdf_skeleton(urdf.replace('<inertial>', f'{shape}</visual><inertial>'),
                                   ('joint1', 'joint2')))
         for one, other in zip(plain, bad, strict=True):
             assert [x.vertices.tolist() for x in one] == [x.vertices.tolist() for x in other]
-
-
-def test_of_changed_descriptions_every_one_is_drawn_or_refused_in_one_line() -> None:
-    rng = np.random.default_rng(1)
-    urdf = two_link_urdf()
-    spans = [found.span(1) for found in re.finditer('="([^"]*)"', urdf)]
-    refused = 0
-    for _ in range(150):
-        begin, end = spans[rng.integers(len(spans))]
-        changed = urdf[:begin] + str(rng.choice([*BAD, '0', '-1', '0 0 0'])) + urdf[end:]
-        try:
-            skeleton = urdf_skeleton(changed, ('joint1', 'joint2'))
-        except CtcError as error:
-            refused += 1
-            assert '\n' not in str(error)
-        else:
-            assert all(np.isfinite(x.vertices).all() for body in drawn(skeleton) for x in body)
-    assert 20 < refused < 130
 
 
 def test_joints_of_the_paper_s_arm_may_have_any_name() -> None:
