@@ -155,7 +155,7 @@ def test_titles_name_the_figures_of_the_paper(
     assert ('paper' in ' '.join(titles)) == bool(numbers)
 
 
-def test_any_number_of_joints(tmp_path: Path) -> None:
+def test_any_number_of_joints() -> None:
     result = made_up(7)
     figure = figures.tracking(result)
     for i in range(7):
@@ -163,14 +163,13 @@ def test_any_number_of_joints(tmp_path: Path) -> None:
     assert np.allclose(drawn(panel(figure, 'rad', 7)), 0.7)
     assert len(figures.torques(result).axes) == 14
     assert len(figures.internals(result).axes) == 22
-    assert len(figures.save_figures([made_up(1, 1)], tmp_path)) == 3, 'of one sample'
 
 
 def test_an_error_of_zero_and_names_with_dollars(tmp_path: Path) -> None:
     result = made_up(2, joint_names=['$\\bad$', '_hidden'])
     run = Run(**{**vars(result.run), 'q_d': result.run.q})
     still = Result('$\\frac$', result.configs, run, result.terms)
-    assert len(figures.save_figures([still, still], tmp_path)) == 7
+    assert len(figures.save_figures([still], tmp_path)) == 3
 
 
 def test_an_empty_run_is_refused_before_anything_is_written(
@@ -199,19 +198,17 @@ def test_comparison_puts_the_laws_of_an_experiment_together(
     assert friction.get_ylim() == changed.get_ylim()
 
 
-def test_the_names_of_the_switchings_tell_runs_apart(tmp_path: Path) -> None:
+def test_the_names_of_the_switchings_tell_runs_apart() -> None:
     results = [made_up(1), made_up(1, switching='implicit'), made_up(1, switching='implicit')]
     ax = figures.error_comparison(results).axes[0]
     assert [line.get_label() for line in ax.lines] == [
         'chattering', 'chattering (implicit) #1', 'chattering (implicit) #2']
     assert len({line.get_color() for line in ax.lines}) == 3
-    files = figures.save_figures(results, tmp_path)
-    assert len({file.path for file in files}) == len(files) == 10
 
 
 def test_files_are_svg_with_title_and_caption_and_another_format(tmp_path: Path) -> None:
     directory = tmp_path / 'a' / 'b'
-    files = figures.save_figures([made_up(1)], directory, 'pdf')
+    files = figures.save_figures([made_up(1, 1)], directory, 'pdf')
     assert [file.path.name for file in files] == [
         f'friction_chattering_{kind}.svg' for kind in ('tracking', 'torques', 'internals')]
     for file in files:
@@ -280,6 +277,5 @@ def test_a_term_at_its_bound_is_named() -> None:
     result = Result('friction', [(0.0, config)], run)
     ours, other = (panel(figures.internals(result), 'N·m', i) for i in range(2))
     assert 'ka too small' in ours.get_title('right') and not other.get_title('right')
-    numbers = result.metrics()
-    assert numbers['term_at_bound'] == [pytest.approx(1.0, abs=0.05), pytest.approx(0, abs=0.05)]
-    assert [text for text in numbers['notes'] if text.startswith('joint1: chattering term at')]
+    assert result.metrics()['term_at_bound'] == [
+        pytest.approx(1.0, abs=0.05), pytest.approx(0, abs=0.05)]

@@ -20,7 +20,7 @@ from pathlib import Path
 
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.runs.stability import stability
-from ctc_commands import ctc, refused
+from ctc_commands import ctc
 import pytest
 
 LAW = ('--law', 'observer_feedback', '--gains', 'recommended')
@@ -54,7 +54,3 @@ def test_an_unstable_loop_has_status_1(tmp_path: Path) -> None:
     result = ctc('stability', robot(tmp_path, 0.02), *LAW)
     assert result.returncode == 1
     assert 'unstable: a pole at 1.0' in result.stdout
-
-
-def test_refuses() -> None:
-    refused(ctc('stability', '--law', 'chattering'), 'chattering sign is not linear')

@@ -65,20 +65,6 @@ def test_the_time_of_fading_is_that_of_the_code() -> None:
     assert f'fades linearly within {FADE:g} s' in PAGE
 
 
-@pytest.mark.parametrize('scale', [0.99, 1.01])
-def test_the_fastest_triple_pole(scale: float) -> None:
-    """Check p < 2 / (3 h) sampled, and p < 8 / (9 T) with a lag, by eigenvalues."""
-    h, p = 1e-3, scale * 2.0 / 3e-3
-    gains = np.array([3 * p * p, 3 * p, 1.0])
-    sampled = np.array([[1, h, 0], [0, 1, 0], [h * p ** 3, 0, 1]]) - np.outer(
-        [h * h / 2, h, 0], gains)
-    assert (np.abs(np.linalg.eigvals(sampled)).max() < 1.0) == (scale < 1.0)
-    lag = 2e-3
-    p = scale * 8.0 / (9.0 * lag)
-    roots = np.roots([lag, 1.0, 3 * p, 3 * p * p, p ** 3])
-    assert (roots.real.max() < 0.0) == (scale < 1.0)
-
-
 def like_a_real_arm(duration: float, factor: float, values: Mapping[str, Any]) -> Setup:
     """Return the paper's arm under the condition real_arm, with values of the controller."""
     friction = find_config('friction')

@@ -206,10 +206,3 @@ def test_nothing_of_a_bag_is_html_in_its_pages(tmp_path: Path) -> None:
     data = json.loads(text.partition('application/json">')[2].partition('</script>')[0])
     assert data['runs'][0]['name'] == title
     assert data['runs'][0]['bodies'] == []
-
-
-def test_what_cannot_be_shown_is_refused(bags: list[Path], tmp_path: Path) -> None:
-    refused(ctc('live', *bags, bags[0]), '3 bags')
-    refused(ctc('live', tmp_path / 'none'), 'none')
-    refused(ctc('live', '--export', tmp_path / 'x.html'), 'needs a bag')
-    refused(ctc('live', bags[0], '--read-only'), 'graph')

@@ -167,7 +167,8 @@ def _click(graph: Probe, laws: list[str], page: Any, law: str) -> None:
 @pytest.mark.slow
 def test_shows_which_node_has_ended_and_which_is_back(
         started_browser: Any, graph: Probe) -> None:
-    with ctc_live('--port', 0, '--read-only') as (process, url), browser_page(started_browser) as page:
+    with (ctc_live('--port', 0, '--read-only') as (process, url),
+          browser_page(started_browser) as page):
         page.goto(url)
         eventually(partial(shows_numbers, page), 'a green light', page)
         assert page.get_by_role('button', name='chattering').count() == 0

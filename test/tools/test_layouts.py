@@ -51,19 +51,15 @@ def test_foxglove(joints: tuple[str, ...]) -> None:
     found = []
     for panel in layout['configById'].values():
         for line in panel.get('paths', ()):
-            match = re.fullmatch(r'(\S+)\.(\w+)\[(\d+)]', line['value'])
-            assert match
-            topic, field, index = match.groups()
+            topic, field, index = re.findall(r'^(\S+)\.(\w+)\[(\d+)]$', line['value'])[0]
             assert field in message_type(TOPICS[topic[1:]].kind).get_fields_and_field_types()
-            name = NAMES[topic](joints)[int(index)]
-            found.append((panel['title'], line['label'], f'{topic}/{name}'))
+            found.append((line['label'], f'{topic}/{NAMES[topic](joints)[int(index)]}'))
     for joint in joints:
-        assert ('position error [rad]', joint, f'/controller/tracking/{joint}/error') in found
-        assert ('v [rad/s]', joint, f'/controller/filter/{joint}') in found
-        for part in ('nominal', 'compensation', 'robust'):
-            assert (f'torque of {joint} [N·m]', part,
-                    f'/controller/torques/{joint}/{part}') in found
-    assert ('V [J]', 'V', '/controller/torques/V') in found
+        assert {(joint, f'/controller/tracking/{joint}/error'),
+                (joint, f'/controller/filter/{joint}'),
+                *((x, f'/controller/torques/{joint}/{x}')
+                  for x in ('nominal', 'compensation', 'robust'))} <= set(found)
+    assert ('V', '/controller/torques/V') in found
 
 
 @pytest.mark.parametrize('joints', [PAPER, THREE])

@@ -70,16 +70,12 @@ def test_best_of_a_row_and_ranking() -> None:
     assert '| implicit_observer | 2 | 0 | 0 | 2 | 0 |' in text
 
 
-def test_the_cases() -> None:
-    """Check names and ranges of the cases; the default bandwidth is the same in all."""
+def test_the_cases_have_names_of_their_own_and_one_observer() -> None:
     keys = [(case.group, case.name) for case in cases.CASES]
     assert len(set(keys)) == len(keys)
     setups = [case.setup() for case in cases.CASES]
     assert len({setup.controller.observer_bandwidth for setup in setups}) == 1
     assert {setup.plant.duration for setup in setups} == {10.0}
-    periods = {setup.controller.control_period for setup in setups}
-    assert (min(periods), max(periods)) == (5e-4, 1e-2)
-    assert {setup.controller.ka[1] for setup in setups} >= {10.0, 12.0, 20.0, 40.0}
 
 
 @pytest.mark.slow
@@ -92,20 +88,6 @@ def test_threshold(name: str, today: tuple[float, float], threshold: tuple[float
     assert error <= threshold[0]
     assert variation <= threshold[1] and variation < rough[1]
     assert rough == pytest.approx(today, rel=0.2)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize('seed', range(5))
-def test_threshold_under_noise_for_any_seed(seed: int) -> None:
-    """Check the case with noise for other seeds than its own."""
-    case = basic_case('velocity noise 5e-3 rad/s')
-    setup = case.setup()
-    seeded = Case(case.name, case.group, {
-        **case.overrides, 'plant': {**case.overrides['plant'], 'noise_seed': seed}})
-    assert seeded.setup().plant.noise_seed == seed and setup.plant.noise_seed == 0
-    error, variation = measured(seeded, 'implicit_observer')
-    assert error <= 1.8e-4
-    assert variation < measured(seeded, 'sign')[1]
 
 
 LAG = Case('2 ms', 'Drive lag', {
