@@ -78,9 +78,8 @@ def test_each_function_is_compiled_once(monkeypatch: pytest.MonkeyPatch, tmp_pat
     made: list[str] = []
 
     def noted(todo: Sequence[Code]) -> Iterator[str]:
-        for code in todo:
-            made.append(code.name)
-            yield code.name
+        made.extend(code.name for code in todo)
+        yield from made
 
     monkeypatch.setattr(compilation, '_build', noted)
     assert compile_setups([setup(ELASTIC), setup(compiled=False)], said.append) == 0

