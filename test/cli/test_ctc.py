@@ -155,16 +155,6 @@ def test_plot_and_export(tmp_path: Path) -> None:
     refused(ctc('export', bags[1], '--csv', '--out', tmp_path), '--overwrite')
 
 
-def test_simulate_needs_numpy_only(short: Path) -> None:
-    """Check that neither ROS nor bags nor figures are imported."""
-    code = ('import sys\nfrom ctc_chattering.cli.ctc import main\n'
-            f'assert main(["simulate", "--params-file", {str(short)!r}]) == 0\n'
-            'print(sorted({name.split(".")[0] for name in sys.modules} & {"rclpy", "rosbags", '
-            '"matplotlib", "mcap", "scipy", "sensor_msgs", "builtin_interfaces"}))')
-    result = python('-c', code)
-    assert result.stdout.splitlines()[-1] == '[]', result.stderr
-
-
 def test_help_names_all_commands() -> None:
     result = ctc_process('--help')
     assert (result.returncode, result.stderr) == (0, '')

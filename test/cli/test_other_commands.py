@@ -16,15 +16,8 @@
 
 from __future__ import annotations
 
-from contextlib import suppress
-import fcntl
-import os
 from pathlib import Path
 from shutil import copy
-import struct
-import subprocess
-import sys
-import termios
 
 from ctc_chattering.analysis import compilation
 from ctc_chattering.analysis.compilation import codes
@@ -116,26 +109,3 @@ def test_an_unstable_loop_has_status_1(tmp_path: Path) -> None:
     result = ctc('stability', robot(tmp_path, 0.02), *LAW)
     assert result.returncode == 1
     assert 'unstable: a pole at 1.0' in result.stdout
-
-
-SCRIPT = """
-from ctc_chattering.cli.presentation import progress
-with progress('map', unit='run') as moved:
-    for k in range(4): moved(k, 3)
-"""
-
-
-def test_a_terminal_has_a_bar() -> None:
-    ours, theirs = os.openpty()
-    fcntl.ioctl(theirs, termios.TIOCSWINSZ, struct.pack('4H', 24, 80, 0, 0))
-    with subprocess.Popen([sys.executable, '-c', SCRIPT], stderr=theirs) as process:
-        os.close(theirs)
-        said = b''
-        with suppress(OSError):  # What reads of a terminal without a writer say.
-            while part := os.read(ours, 4096):
-                said += part
-    os.close(ours)
-    assert process.returncode == 0
-    assert subprocess.run([sys.executable, '-c', SCRIPT], stderr=subprocess.PIPE,
-                          check=True).stderr == b'', 'without a terminal'
-    assert said.startswith(b'\rmap: ') and b'3/3' in said

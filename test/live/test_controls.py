@@ -22,6 +22,7 @@ from math import inf, nan
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
+from unittest.mock import call, Mock
 
 from browser import browser_page, unfold
 from ctc_chattering.control.controller import ControllerConfig
@@ -42,29 +43,11 @@ PLANT: dict[str, Any] = {'pacing': 'lockstep', 'coulomb_friction': [9.9, 9.9, 9.
 WRONG: tuple[Any, ...] = (True, '5', None, [5.0], {})
 
 
-class Asked(list[tuple[Any, ...]]):
-    """What was asked of a graph and of a recorder."""
-
-    def set(self, node: str, *values: Any) -> None:  # noqa: A003
-        self.append(('set', node, *values))
-
-    def torques(self, on: bool) -> None:
-        self.append(('torques', on))
-
-    def start(self) -> None:
-        self.append(('start',))
-
-    def stop(self) -> None:
-        self.append(('stop',))
-
-    def shown(self) -> dict[str, Any]:
-        return {'state': 'off', 'path': '/home/lab', 'lasts': 0}
-
-
 def controls(names: Sequence[str] = NAMES, plant: Any = None, **parameters: Any
-             ) -> tuple[Controls, PageSocket, Asked]:
-    """Return the controls of a graph, the socket of a page, and what is asked for."""
-    asked = Asked()
+             ) -> tuple[Controls, PageSocket, Mock]:
+    """Return controls, the socket of a page, and what is asked of a graph and a recorder."""
+    asked = Mock()
+    asked.shown.return_value = {'state': 'off', 'path': '/home/lab', 'lasts': 0}
     reader: Any = SimpleNamespace(
         names=tuple(names), parameters={'controller': {**PARAMETERS, **parameters},
                                         'plant': PLANT if plant is None else plant},
@@ -73,11 +56,11 @@ def controls(names: Sequence[str] = NAMES, plant: Any = None, **parameters: Any
     return Controls(socket, reader, asked, asked), socket, asked
 
 
-def asked(*messages: Any, **parameters: Any) -> list[tuple[Any, ...]]:
+def asked(*messages: Any, **parameters: Any) -> list[Any]:
     """Return what is asked for after messages of a page."""
     _, socket, found = controls(**parameters)
     say(socket, *messages)
-    return found
+    return list(found.mock_calls)
 
 
 def say(socket: PageSocket, *messages: Any) -> None:
@@ -91,8 +74,8 @@ def gain(name: Any, joint: Any, value: Any) -> dict[str, Any]:
     return {'gain': {'name': name, 'joint': joint, 'value': value}}
 
 
-def is_set(name: str, value: Any) -> list[tuple[Any, ...]]:
-    return [('set', 'controller', {name: value})]
+def is_set(name: str, value: Any) -> list[Any]:
+    return [call.set('controller', {name: value})]
 
 
 def test_one_release_is_one_request_with_the_values_of_all_joints() -> None:
@@ -144,7 +127,7 @@ def test_a_value_that_is_not_allowed_is_refused_with_the_reason() -> None:
     made, socket, found = controls()
     say(socket, gain('kp', 1, 0))
     (answer,) = made.answers
-    assert not found and not answer['done']
+    assert not found.set.called and not answer['done']
     assert 'kp: [' in answer['text']
     assert 'a list of finite numbers >= 1e-09 and <= 1e+09' in answer['text']
     json.dumps([made.state(), answer], allow_nan=False)
@@ -154,15 +137,15 @@ def test_all_else_is_asked_for() -> None:
     assert asked({'law': 'compensation'}, {'switching': 'sign'}, {'record': True},
                  {'record': False}, {'torques': True}, {'torques': False}) == [
         *is_set('law', 'compensation'), *is_set('switching', 'sign'),
-        ('start',), ('stop',), ('torques', True), ('torques', False)]
+        call.start(), call.stop(), call.torques(True), call.torques(False)]
     fields = [{'plant': {'name': 'coulomb_friction', 'value': x}} for x in ([1, 2, 3], [5])]
     values: tuple[Any, ...] = ([1.0, 2.0, 3.0], [5.0] * 3)
     assert asked(*fields) == [
-        ('set', 'plant', {'coulomb_friction': value}) for value in values]
-    assert asked({'push': PUSH}) == [(
-        'set', 'plant', {'disturbance.push_duration': 0.5}, {'disturbance.push': [0.0] * 3},
+        call.set('plant', {'coulomb_friction': value}) for value in values]
+    assert asked({'push': PUSH}) == [call.set(
+        'plant', {'disturbance.push_duration': 0.5}, {'disturbance.push': [0.0] * 3},
         {'disturbance.push': [0.0, 5.0, 0.0]})]
-    assert [asked({'time': {**TIME, 'word': x}})[0][2]['hold_at'] for x in (
+    assert [asked({'time': {**TIME, 'word': x}})[0].args[1]['hold_at'] for x in (
         'hold', 'step', 'run')] == [1.001, 1.007, 0.0]
 
 

@@ -117,14 +117,9 @@ def test_shows_the_graph_and_changes_it(started_browser: Any, graph: Probe) -> N
         graph.set('controller', 'ka', [25.0, 30.0])
         eventually(lambda: ka.input_value() == '30', 'a change made elsewhere', page)
 
-        before = scene(page)
-        press(page, 'disable')  # The arm falls, and the ghost goes on.
+        press(page, 'disable')
         eventually(lambda: level(page) > 0 and mentions(page, 'disabled'), 'the light to change',
                    page)
-
-        def moved() -> bool:
-            return all(new.any() and (old != new).any() for old, new in zip(before, scene(page)))
-        eventually(moved, 'arm and ghost to move', page)
         press(page, 'reset and enable')
         click(graph, page, 'compensation')
         eventually(lambda: level(page) == 0, 'the light to be green', page)
@@ -184,6 +179,11 @@ def test_bringup_shows_its_graph_and_outlives_the_page(started_browser: Any) -> 
         with browser_page(started_browser) as page:
             page.goto(line.split()[2])
             eventually(partial(shows_numbers, page), 'a green light', page)
+            before = scene(page)
+
+            def moved() -> bool:
+                return all(x.any() and (y != x).any() for x, y in zip(scene(page), before))
+            eventually(moved, 'arm and ghost to move', page)
             # Simulated time stands while it is held, and goes on by steps.
             unfold(page, 'simulated time')
             press(page, 'hold')

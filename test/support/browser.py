@@ -40,7 +40,7 @@ SIZE = {'width': 1250, 'height': 520}
 #: The scene is drawn by the processor: five times a second instead of sixty.
 _FEW_FRAMES = """(() => {
     const draw = window.requestAnimationFrame.bind(window);
-    window.requestAnimationFrame = done => setTimeout(() => draw(done), 200);
+    window.requestAnimationFrame = done => setTimeout(() => draw(done), 400);
     window.cancelAnimationFrame = clearTimeout;
 })()"""
 #: Columns of the scene, between plots and panel.

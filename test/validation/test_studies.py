@@ -12,45 +12,16 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The studies: cases, what is recommended, and what counts as worse."""
+"""The studies: what is recommended, and what counts as worse."""
 
 from __future__ import annotations
 
 from typing import Any
 
 from ctc_chattering.runs.recommended import recommended_setup
-from ctc_chattering.runs.score import Score
 from held_out_table import verdict
-import imperfections as cases
-from imperfections import Case, CaseOutcome
-from imperfections_page import OF_SWITCHINGS as KIND
-from imperfections_page import to_markdown
+from imperfections import Case
 import pytest
-
-
-def outcome(switching: str, error: float, variation: float) -> CaseOutcome:
-    """Return the outcome of a made-up run; both joints have the same numbers."""
-    (case,) = [c for c in cases.CASES if (c.group, c.name) == (cases.BASIC, 'clean')]
-    return CaseOutcome(case, switching, 1e-3, (12.0, 12.0), Score(
-        rms=(error, error), variation=(variation, variation)))
-
-
-def test_best_of_a_row_and_ranking() -> None:
-    """Check what is bold, and how often each switching is best and worst."""
-    row = [outcome('sign', 2.0, 100.0), outcome('implicit_observer', 0.5, 150.0)]
-    text = to_markdown(KIND, row)
-    assert '| 2.00e+00 / 2.00e+00 | **5.00e-01** / **5.00e-01** |' in text
-    assert '| **100** / **100** | 150 / 150 |' in text
-    assert '| sign | 0 | 2 | 2 | 0 | 0 |' in text
-    assert '| implicit_observer | 2 | 0 | 0 | 2 | 0 |' in text
-
-
-def test_the_cases_have_names_of_their_own_and_one_observer() -> None:
-    keys = [(case.group, case.name) for case in cases.CASES]
-    assert len(set(keys)) == len(keys)
-    setups = [case.setup() for case in cases.CASES]
-    assert len({setup.controller.observer_bandwidth for setup in setups}) == 1
-    assert {setup.plant.duration for setup in setups} == {10.0}
 
 
 @pytest.mark.parametrize('h, lag, delay, pole', [

@@ -116,14 +116,6 @@ def site() -> dict[str, list[str]]:
             for block in text.split('.. toctree::\n')[1:]}
 
 
-def test_every_page_is_in_one_chapter() -> None:
-    chapters = site()
-    assert list(chapters) == ['Start', 'Robots', 'Theory', 'Reference', 'Validation']
-    documents = [name for names in chapters.values() for name in names]
-    pages = [str(page.relative_to(ROOT).with_suffix('')) for page in PAGES]
-    assert sorted(documents) == sorted([*pages, *MADE, 'examples/README'])
-
-
 def test_the_index_in_the_repository_has_the_same_chapters() -> None:
     text = (DOCS / 'README.md').read_text(encoding='utf-8')
     for chapter, names in site().items():
