@@ -103,9 +103,10 @@ def test_states_before_the_controller_s_start(tmp_path: Path) -> None:
 
 def commanded(k: int) -> Entry:
     """Return what the controller publishes of the torque that answers state k, among others."""
-    return Entry('/controller/torques', 'sensor_msgs/msg/JointState', nanoseconds(1e-3 * k), stamped(
-        JointState(name=['joint2/commanded', 'V', 'joint1/commanded', 'joint1/robust'], effort=array(
-            'd', [RESULT.run.tau[k, 1], 1.0, RESULT.run.tau[k, 0], 2.0])), nanoseconds(1e-3 * k)))
+    (one, two), t = RESULT.run.tau[k], nanoseconds(1e-3 * k)
+    names = ['joint2/commanded', 'V', 'joint1/commanded', 'joint1/robust']
+    return Entry('/controller/torques', 'sensor_msgs/msg/JointState', t, stamped(
+        JointState(name=names, effort=array('d', [two, 1.0, one, 2.0])), t))
 
 
 @pytest.mark.parametrize('keep', [0, 1, 150, 200])
