@@ -99,8 +99,8 @@ def test_bounds_of_a_description_with_acceleration_and_a_short_slide() -> None:
     bounds = bounds_of(config.changed({'velocity_scale': 0.2}), limits)
     assert bounds.velocity == pytest.approx([0.4, 0.02])
     assert bounds.acceleration == pytest.approx([1.0, 0.08])
-    with pytest.raises(ParameterError, match=r'start of slide: 0\.3 is not allowed'):
-        bounds_of(config.changed({'start': [0.0, 0.3]}), limits)
+    with pytest.raises(ParameterError, match=r'center of slide: 0\.3 is not allowed'):
+        bounds_of(config.changed({'center': [1.0, 0.3]}), limits)
 
 
 def test_joints_creep_at_every_pose() -> None:
