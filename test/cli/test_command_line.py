@@ -113,7 +113,7 @@ WRONG = {
     f'{BAG} --torque-rate -1': ['torque_rate: [-1.0] is not allowed'],
     f'{BAG} --effort currents': ['did you mean current?'],
     f'{BAG} --torque-constant 1': ['needs an effort that is of the motor, or a current'],
-    f'{DRIVEN} --torque-constant 1,2,3': ['allowed: 2 numbers'],
+    f'{DRIVEN} --torque-constant 1,2,3': ['torque_constant: [1.0, 2.0, 3.0] is not allowed'],
     f'{DRIVEN} --torque-constant 0': ['allowed: finite numbers that are not 0'],
     f'{BAG} --effort motor': ['effort motor: bag has no effort'],
     'map map.yaml --jobs 2 --scheduler tcp://a:1': ['--scheduler: not allowed with argument'],
