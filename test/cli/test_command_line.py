@@ -91,7 +91,7 @@ WRONG = {
     'compare friction --condition real_amr': ['did you mean real_arm?'],
     **{f'{command} --jobs 0': ['--jobs: 0 is not allowed', '>= 1']
        for command in ('compare friction', 'map map.yaml', 'tune tune.yaml')},
-    'excite --evaluations 0': ['--evaluations', '>= 1'],
+    'excite --evaluations 0': ['evaluations', '>= 1'],
     'excite --center a': ['center', "'a'", 'numbers'],
     'excite --friction -1': ['friction', '>= 0'],
     'check-model --model two_lnk': ['did you mean two_link?'],
