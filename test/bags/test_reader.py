@@ -80,9 +80,8 @@ SAME: dict[str, Callable[[], list[Entry]]] = {
         'use_sim_time': True, 'state_decimation': 3, 'wait_for': ('a',)}, False)]}
 
 
-@pytest.mark.parametrize('how', SAME)
-def test_run_comes_back_to_the_last_bit(tmp_path: Path, how: str) -> None:
-    result = read(tmp_path, SAME[how](), '/a/b' if how == 'extra' else '')
+def check(result: Result) -> None:
+    """Assert that a result is the simulated one, to the last bit."""
     assert_equal(result.run, RESULT.run)
     assert result.configs == RESULT.configs
     assert (result.experiment, result.label) == ('trial', 'trial: compensation → chattering')
@@ -91,15 +90,50 @@ def test_run_comes_back_to_the_last_bit(tmp_path: Path, how: str) -> None:
     assert result.terms.v.tobytes() == RESULT.run.v.tobytes()
 
 
+@pytest.mark.parametrize('how', SAME)
+def test_run_comes_back_to_the_last_bit(tmp_path: Path, how: str) -> None:
+    check(read(tmp_path, SAME[how](), '/a/b' if how == 'extra' else ''))
+
+
+def commanded(k: int) -> Entry:
+    """Return what the controller publishes of the torque that answers state k, among others."""
+    (one, two), t = RESULT.run.tau[k], nanoseconds(1e-3 * k)
+    names = ['joint2/commanded', 'V', 'joint1/commanded', 'joint1/robust']
+    return Entry('/controller/torques', t, joint_state(
+        t, names, None, None, np.array([two, 1.0, one, 2.0])))  # type: ignore[arg-type]
+
+
+STAMPED = [commanded(k) for k in range(201)]
+
+
 @pytest.mark.parametrize('keep', [0, 1, 150, 200])
 def test_missing_commands(tmp_path: Path, keep: int) -> None:
-    """Check that the torque is then the effort which the next state reports."""
+    """
+    Check that a torque is the one published with the stamp of its state, else none.
+
+    The effort of a state is that of the drive: it has lags.
+    """
+    whole = messages()
+    commands = [entry for entry in whole if entry.topic == COMMANDS][:keep]
+    found = [x for x in whole if x.topic != COMMANDS] + commands
+    lost = read(tmp_path, found).run.tau
+    known = np.isfinite(lost).all(axis=1)
+    assert np.isnan(lost[max(keep, 1):]).all()
+    assert lost[known].tobytes() == RESULT.run.tau[known].tobytes()
+    check(read(tmp_path / 'stamped', found + STAMPED))
+
+
+def test_commands_with_the_log_time_of_another_state(tmp_path: Path) -> None:
+    """Check that a repeated command, and times of the state before, change no torque."""
     found = messages()
-    commands = [entry for entry in found if entry.topic == COMMANDS][:keep]
-    result = read(tmp_path, [x for x in found if x.topic != COMMANDS] + commands)
-    assert_equal(result.run, RESULT.run, ['tau'])
-    assert result.run.tau[:-1].tobytes() == RESULT.run.tau[:-1].tobytes()
-    assert np.isnan(result.run.tau[-1]).all()  # No state reports the last one.
+    at = [i for i, x in enumerate(found) if x.topic == COMMANDS]
+    for i in at[::7]:
+        found[i] = found[i]._replace(t=found[i].t - 1_000_000 * (i > 20))
+    found.append(found[at[60]])
+    tau = read(tmp_path, found).run.tau
+    known = np.isfinite(tau).all(axis=1)
+    assert tau[known].tobytes() == RESULT.run.tau[known].tobytes()
+    check(read(tmp_path / 'stamped', found + STAMPED))
 
 
 def test_without_the_plant(tmp_path: Path) -> None:
@@ -158,10 +192,7 @@ def test_damaged_messages(tmp_path: Path) -> None:
             found += [entry._replace(message=(name, x)) for x in malformed(kind, 10, i)]
             found.append(entry._replace(message=(name, serialized(entry.message)[:40])))
     found.append(Entry(COMMANDS, nanoseconds(0.2), torques([1.0], ['joint1'])))
-    result = read(tmp_path, found)
-    assert_equal(result.run, RESULT.run, ['tau'])
-    assert result.run.tau[:-1].tobytes() == RESULT.run.tau[:-1].tobytes()
-    assert result.configs == RESULT.configs
+    check(read(tmp_path, found + STAMPED))
 
 
 def test_a_gap_in_the_states(tmp_path: Path) -> None:
