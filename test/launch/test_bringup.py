@@ -16,7 +16,6 @@
 
 from __future__ import annotations
 
-import itertools
 import os
 from pathlib import Path
 import signal
@@ -25,13 +24,26 @@ import time
 
 from ctc_chattering.launch.requests import graph_monitor
 from ctc_chattering.simulation.closed_loop import Event
-from processes import alive, bringup, CONFIG, descendants, PATIENCE, probe, run_bringup, wait_for
+from faults import nodes_of
+from processes import (
+    alive,
+    bringup,
+    CONFIG,
+    descriptors,
+    has_port,
+    PATIENCE,
+    probe,
+    RANGE,
+    run_bringup,
+    wait_for,
+)
 import pytest
 from rcl_interfaces.msg import SetParametersResult
 from rcl_interfaces.srv import SetParameters
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.parameter import parameter_value_to_python
 from rclpy.task import Future
+from rclpy.utilities import get_rmw_implementation_identifier
 from recorded_runs import reports_of
 
 pytestmark = pytest.mark.ros
@@ -41,24 +53,47 @@ NODES = ('plant', 'controller', 'reference', 'recorder')
 
 def running(process: subprocess.Popen[str], bag: Path) -> dict[str, int]:
     """Wait until all nodes run and the recorder has samples; return their processes by name."""
-    def found() -> dict[str, int]:
-        return {node: pid for pid, line in descendants(process.pid).items()
-                for node in NODES if f'ctc_chattering.cli.node {node} ' in line}
-    wait_for(lambda: len(found()) == len(NODES), 'the nodes')
+    wait_for(lambda: len(nodes_of(process.pid)) == len(NODES), 'the nodes')
     # Some samples: the recorder has been heard by all, and hears all.
     wait_for(lambda: sum(x.stat().st_size for x in bag.glob('*.mcap')) > 50_000, 'samples')
-    return found()
+    return nodes_of(process.pid)
 
 
-@pytest.mark.parametrize('numbers', [
-    (signal.SIGINT, signal.SIGTERM),
-    pytest.param((signal.SIGHUP, signal.SIGQUIT), marks=pytest.mark.slow)])
-def test_a_signal_stops_all_of_them_cleanly(
-        tmp_path: Path, numbers: tuple[signal.Signals, ...]) -> None:
-    """The first one does; a second one that is not handled would kill it."""
+def environment(pid: int) -> dict[str, str]:
+    """Return the environment that a process was started with."""
+    text = Path(f'/proc/{pid}/environ').read_text()
+    return dict(item.split('=', 1) for item in text.split('\0') if '=' in item)
+
+
+def multicast(pid: int, domain: int) -> bool:
+    """Return whether a process listens where others of the network announce themselves."""
+    port = 7400 + 250 * domain
+    rows = [line.split() for line in Path('/proc/net/udp').read_text().splitlines()[1:]]
+    inodes = {row[9] for row in rows if int(row[1].split(':')[1], 16) == port}
+    links = descriptors(pid)
+    return any(f'socket:[{inode}]' in links for inode in inodes)
+
+
+@pytest.mark.parametrize(('numbers', 'discovery'), [
+    ((signal.SIGINT, signal.SIGTERM), ''),
+    pytest.param((signal.SIGHUP, signal.SIGQUIT), 'SUBNET', marks=pytest.mark.slow)])
+def test_a_graph_is_confined_to_this_host_and_a_signal_stops_it_cleanly(
+        tmp_path: Path, numbers: tuple[signal.Signals, ...], discovery: str) -> None:
+    """
+    By its environment, and by its sockets; unless the environment says otherwise.
+
+    The first signal ends all; a second one that is not handled would kill bringup.
+    """
     bag = tmp_path / 'bag'
-    with bringup(*ENDLESS, '--record', str(bag)) as process:
+    with bringup(*ENDLESS, '--record', str(bag), discovery=discovery) as process:
         pids = running(process, bag)
+        assert {name: environment(pid)[RANGE] for name, pid in pids.items()} == (
+            dict.fromkeys(NODES, discovery or 'LOCALHOST'))
+        domain = int(environment(process.pid)['ROS_DOMAIN_ID'])
+        if get_rmw_implementation_identifier() == 'rmw_fastrtps_cpp':
+            everyone = (*pids.values(), process.pid)
+            assert not any(map(has_port, everyone))
+            assert [multicast(pid, domain) for pid in everyone] == [bool(discovery)] * 5
         for number in numbers:
             process.send_signal(number)
             time.sleep(0.05)  # Two at once are one.
@@ -98,19 +133,14 @@ def test_no_process_outlives_a_killed_bringup(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_real_time_takes_its_time(tmp_path: Path) -> None:
+def test_real_time_takes_its_time() -> None:
     begin = time.monotonic()
-    with bringup('--params-file', str(CONFIG / 'friction.yaml'), '--pacing', 'real_time',
-                 '--duration', '1.0', '--record', str(tmp_path / 'bag')) as process:
-        assert process.stdout is not None
-        said = 'the experiment has ended at t = 1 s after 1001 samples'
-        output = list(itertools.takewhile(lambda line: said not in line, process.stdout))
-        ended = time.monotonic()
-        last = list(process.stdout)
-        output += last
-        assert process.wait(PATIENCE) == 0, output
-        assert [line for line in last if '[ERROR]' in line] == []
-    assert ended - begin > 1.0
+    status, output = run_bringup('--params-file', 'friction', '--pacing', 'real_time',
+                                 '--duration', '1.0')
+    assert status == 0, output
+    assert 'the experiment has ended at t = 1 s after 1001 samples' in output
+    assert time.monotonic() - begin > 1.0
+    assert '[ERROR]' not in output.partition('the experiment has ended')[2]
 
 
 def test_a_trip_ends_lockstep_with_its_reason() -> None:

@@ -20,7 +20,7 @@ import os
 from pathlib import Path
 
 from ctc_chattering.ros.process import use_profile, VARIABLES
-from processes import CONFIG, has_port, probe, use_plain_profile
+from processes import CONFIG, has_port, probe
 import pytest
 from rclpy.utilities import get_rmw_implementation_identifier
 
@@ -41,7 +41,7 @@ def test_it_is_used_unless_there_is_another_one(monkeypatch: pytest.MonkeyPatch)
 
 
 @pytest.mark.ros
-@pytest.mark.parametrize('theirs', [False, True])
+@pytest.mark.parametrize('theirs', [False, pytest.param(True, marks=pytest.mark.slow)])
 def test_no_process_writes_into_the_memory_of_a_node_by_default(
         theirs: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A node that has no port in shared memory cannot be cut off from it, nor hold others up."""
@@ -50,7 +50,9 @@ def test_no_process_writes_into_the_memory_of_a_node_by_default(
     for name in VARIABLES:
         monkeypatch.delenv(name, raising=False)
     if theirs:
-        use_plain_profile(tmp_path, monkeypatch)
+        profile = tmp_path / 'profile.xml'
+        profile.write_text('<profiles><participant profile_name="plain"/></profiles>')
+        monkeypatch.setenv(VARIABLES[0], str(profile))
     with probe() as it:
         child = it.start('reference')
         it.until(lambda: 'reference' in it.node.get_node_names(), 'the node')

@@ -16,8 +16,6 @@
 
 from __future__ import annotations
 
-import itertools
-
 from ctc_chattering.errors import RejectedMessage
 from ctc_chattering.ros.topics import select
 from hypothesis import given
@@ -39,14 +37,6 @@ def test_any_names(ours: list[str], extra: list[str], data: st.DataObject) -> No
         with pytest.raises(RejectedMessage) as refusal:
             select(ours, tuple(extra), [0.0] * len(extra))
         assert refusal.value.kind == 'joints'
-
-
-@pytest.mark.parametrize('order', list(itertools.permutations(range(3))))
-def test_orders(order: tuple[int, ...]) -> None:
-    """Check all orders of three joints."""
-    ours = ('x', 'y', 'z')
-    names = tuple(ours[i] for i in order)
-    assert select(ours, names, [float(i) for i in order]) == [(0.0, 1.0, 2.0)]
 
 
 @pytest.mark.parametrize('names', [
