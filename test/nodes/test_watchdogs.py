@@ -188,16 +188,6 @@ def test_with_two_sources_of_states_none_is_answered_until_one_has_left(robot: R
     assert any('joint_states: obeyed again: /probe' in line for line in robot.probe.lines)
 
 
-def test_torques_at_their_limit_are_counted(robot: Robot) -> None:
-    robot.until_well()
-    before = robot.diagnostics.next('controller').count('saturated samples')
-    assert robot.probe.set('controller', 'effort_limit', [5.0, 4.0]).successful
-    robot.diagnostics.until(
-        'controller', lambda r: r.count('saturated samples') > before + 5, 'a count')
-    assert all(abs(x) <= most for x, most in zip(robot.commands[-1].data, (5.0, 4.0)))
-    assert robot.probe.set('controller', 'effort_limit', [float('inf')] * 2).successful
-
-
 class Commander:
     """The test as the controller before a plant: a torque each period, while it is not silent."""
 

@@ -1,0 +1,158 @@
+# Copyright 2026 The ctc_chattering maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""A process in the graph: its end, Fast DDS, and security that is enforced."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+import signal
+import subprocess
+import sys
+import textwrap
+
+from ctc_chattering.ros.process import use_profile, VARIABLES
+from domains import own_domain
+from processes import CONFIG, has_port, PATIENCE, probe, Stopwatch
+import pytest
+from rclpy.utilities import get_rmw_implementation_identifier
+
+
+def test_it_is_used_unless_there_is_another_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in VARIABLES:
+        monkeypatch.setenv(name, 'before the test')  # To be put back afterwards.
+        monkeypatch.delenv(name)
+    use_profile()
+    assert os.environ[VARIABLES[0]] == str(CONFIG / 'fastdds.xml')
+    for name in VARIABLES:
+        monkeypatch.delenv(VARIABLES[0], raising=False)
+        monkeypatch.setenv(name, 'theirs.xml')
+        use_profile()
+        assert [os.environ.get(x) for x in VARIABLES] == [
+            'theirs.xml' if x == name else None for x in VARIABLES]
+        monkeypatch.delenv(name)
+
+
+@pytest.mark.ros
+@pytest.mark.parametrize('theirs', [False, pytest.param(True, marks=pytest.mark.slow)])
+def test_no_process_writes_into_the_memory_of_a_node_by_default(
+        theirs: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A node that has no port in shared memory cannot be cut off from it, nor hold others up."""
+    if get_rmw_implementation_identifier() != 'rmw_fastrtps_cpp':
+        pytest.skip('not Fast DDS')
+    for name in VARIABLES:
+        monkeypatch.delenv(name, raising=False)
+    if theirs:
+        profile = tmp_path / 'profile.xml'
+        profile.write_text('<profiles><participant profile_name="plain"/></profiles>')
+        monkeypatch.setenv(VARIABLES[0], str(profile))
+    with probe() as it:
+        child = it.start('reference')
+        it.until(lambda: 'reference' in it.node.get_node_names(), 'the node')
+        assert has_port(child.process.pid) == theirs
+        assert not has_port(os.getpid())  # Else a killed node may take the tests with it.
+
+
+#: Waits for ever and lets no thread of Python run.
+HANG = 'ctypes.PyDLL(None).pause()'
+
+
+def python(code: str) -> subprocess.Popen[str]:
+    return subprocess.Popen([sys.executable, '-c', textwrap.dedent(code)], text=True,
+                            stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
+
+
+@pytest.mark.parametrize('status', [0, 7])
+def test_who_hangs_is_ended_with_its_status(status: int) -> None:
+    process = python(f"""
+        import ctypes
+        from ctc_chattering.ros.process import end_after
+        print('farewell')
+        end_after(0.2, {status})
+        {HANG}
+    """)
+    assert process.communicate(timeout=PATIENCE)[0] == 'farewell\n'
+    assert process.returncode == status
+
+
+def test_who_ends_before_ends_as_he_would() -> None:
+    process = python("""
+        from ctc_chattering.ros.process import end_after
+        end_after(20.0, 7)
+    """)
+    assert process.communicate(timeout=PATIENCE)[0] == ''
+    assert process.returncode == 0
+
+
+@pytest.mark.ros
+def test_a_node_that_the_middleware_does_not_let_go_ends() -> None:
+    """As Fast DDS does it now and then: where the node's handle is destroyed."""
+    with own_domain():
+        process = python(f"""
+            import ctypes
+            import sys
+            from ctc_chattering.nodes.plant import PlantNode
+            from ctc_chattering.ros import node, process
+            node._LEAVE = 3.0  # A busy machine must get that far before.
+
+            class Stuck(PlantNode):
+                def idle(self):
+                    super().idle()
+                    print('running', flush=True)
+
+                def __del__(self):
+                    print('hanging', flush=True)
+                    {HANG}
+
+            sys.exit(node.run(Stuck, 'plant', [], process.collect_signals()))
+        """)
+        try:
+            assert process.stdout is not None
+            assert 'running\n' in iter(process.stdout.readline, '')
+            watch = Stopwatch(process.pid)
+            process.send_signal(signal.SIGTERM)
+            took = watch.end(process)
+            output, _ = process.communicate(timeout=PATIENCE)
+        finally:
+            process.kill()
+    assert process.returncode == 0, output
+    assert output.endswith('hanging\n')
+    assert took < 3.0 + 5.0
+
+
+@pytest.mark.ros
+def test_enforced_security_without_a_keystore_ends_all_at_once(
+        tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """One line, status 1, no traceback, and nothing is left: neither a process nor a bag."""
+    monkeypatch.setenv('ROS_SECURITY_ENABLE', 'true')
+    monkeypatch.setenv('ROS_SECURITY_STRATEGY', 'Enforce')
+    monkeypatch.delenv('ROS_SECURITY_KEYSTORE', raising=False)
+    bag = tmp_path / 'bag'
+    arguments = {
+        'bringup': ['bringup', '--params-file', str(CONFIG / 'friction.yaml'), '--record',
+                    str(bag)],
+        'recorder': ['node', 'recorder', '--ros-args', '-p', f'bag:={bag}']}
+    with own_domain():
+        processes = {name: subprocess.Popen(
+            [sys.executable, '-m', f'ctc_chattering.cli.{module}', *more], text=True,
+            stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
+            for name, (module, *more) in arguments.items()}
+        outputs = {name: process.communicate(timeout=2 * PATIENCE)[0]
+                   for name, process in processes.items()}
+    for name, output in outputs.items():
+        assert processes[name].returncode == 1, output
+        assert output.startswith(f'{name}: ') and len(output.splitlines()) == 1
+        assert 'ROS_SECURITY_KEYSTORE is not set' in output
+    assert not bag.exists()
