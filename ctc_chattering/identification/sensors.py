@@ -38,6 +38,8 @@ _SHORTEST = 0.03
 _INDEPENDENT = 20.0
 #: Samples that noise and step are computed from, at most.
 _ENOUGH = 200_000
+#: RMS velocity of a joint that rests: in deviations of what positions show, and at least [rad/s].
+_RESTS, _STILL = 3.0, 1e-6
 
 
 @dataclasses.dataclass(frozen=True)
@@ -134,7 +136,7 @@ def velocity_noise(recording: Recording, period: float
         rest = dq[:, i] - moved
         use = np.isfinite(rest)
         x, y = smooth(q[:, i], period, 2)[use], rest[use]
-        ratio, error = _ratio(dq[use, i], moved[use], x)
+        ratio, error = _ratio(dq[use, i], moved[use], x, max(_RESTS * known[i], _STILL))
         most = Kind.VELOCITY_RATIO.refused
         if abs(ratio - 1.0) - error > most:
             what = (f'the velocity of {name} is {ratio:.3g} ± {error:.1g} times the change of its '
@@ -163,7 +165,7 @@ def velocity_noise(recording: Recording, period: float
     return noise, lag, findings
 
 
-def _ratio(dq: Array, moved: Array, change: Array) -> tuple[float, float]:
+def _ratio(dq: Array, moved: Array, change: Array, least: float) -> tuple[float, float]:
     """
     Return a velocity over that of the positions, with half its interval.
 
@@ -172,10 +174,12 @@ def _ratio(dq: Array, moved: Array, change: Array) -> tuple[float, float]:
     dq, moved, change : ndarray, shape (N,)
         Measured velocity, and velocity and acceleration of the smoothed positions; what goes with
         the acceleration is a lag.
+    least : float
+        RMS velocity below which a joint rests, and nothing is compared [rad/s].
 
     """
     length = float(np.linalg.norm(moved))
-    if not length:
+    if length <= least * np.sqrt(len(moved)):
         return 1.0, 0.0
     x = np.column_stack((moved, change))
     value = coefficients(x, dq)
