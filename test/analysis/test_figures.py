@@ -268,15 +268,3 @@ def test_panels_keep_their_size_and_nothing_is_over_the_legend(names: list[str])
     assert len(figure.legends) == bool(names)
     assert not overlaps(figure)
     assert [len(x.get_texts()) for x in figure.legends] == [len(names)] * bool(names)
-
-
-@pytest.mark.parametrize('long', [1, 30])
-def test_what_has_room_stays_and_what_has_none_is_shortened(long: int) -> None:
-    figure, grid = drawing.sheet('Title ' * long, 2, (1.0, 1.0), 1.5)
-    ax = drawing.panel(figure, grid[0, 0], 'panel ' * long, 'y, ' * long + 'last [N·m]')
-    shown = *figure.texts, ax.yaxis.label
-    before = [(x.get_text(), x.get_fontsize()) for x in shown]
-    assert drawing.fit(figure) is figure
-    assert (before == [(x.get_text(), x.get_fontsize()) for x in shown]) == (long == 1)
-    assert ax.get_ylabel().endswith('[N·m]')
-    assert not overlaps(figure)

@@ -73,36 +73,30 @@ def test_the_cookie_stands_for_the_token_on_its_own_port_alone() -> None:
                                   access=other)
 
 
-@pytest.mark.parametrize('query', ['', '?', '?token', '?token=', '?token=TOKE', '?token=TOKENx',
-                                   '?token=%00', '?token=é', '?Token=TOKEN', '?token=T&token='])
-def test_without_the_token_nothing_is_answered(query: str) -> None:
-    assert refusal(f'/{query}', ('Host', HOST))
+#: What is asked for, with which headers, and a word of the refusal.
+REFUSED: list[tuple[str, tuple[tuple[str, str], ...], str]] = [
+    *((f'/{query}', (('Host', HOST),), 'token') for query in (
+        '', '?', '?token', '?token=', '?token=TOKE', '?token=TOKENx', '?token=%00', '?token=é',
+        '?token=T&token=', 'view/?darkMode')),
+    *((RIGHT, tuple(('Host', host) for host in hosts), 'Host') for hosts in (
+        (), ('evil.example:8080',), ('127.0.0.1',), ('localhost:8081',), (HOST, HOST),
+        ('127.0.0.1.evil.example:8080',), ('localhost.:8080',), ('',), (HOST, 'evil.example'),
+        ('192.168.0.7:8080',))),
+    *((RIGHT, (('Host', HOST), ('Origin', origin)), 'Origin') for origin in (
+        'http://evil.example', 'http://127.0.0.1:9999', 'http://127.0.0.1', 'null', '', 'file://',
+        'https://127.0.0.1:8080', 'http://localhost:8080', f'http://{HOST}.evil.example')),
+    # The client of viser takes the server from the address, and renders its HTML.
+    *((path, (('Host', HOST),), 'no more') for query in (
+        'websocket=ws://evil.example', 'playbackPath=http://x', 'a', 'initialCameraUp=x',
+        'darkMode=http://x', 'darkMode&websocket=ws://x', 'xdarkMode=', 'Token=TOKEN')
+      for path in (f'{RIGHT}&{query}', f'/?{query}&token=TOKEN'))]
 
 
-@pytest.mark.parametrize('hosts', [
-    [], ['evil.example:8080'], ['127.0.0.1'], ['localhost:8081'],
-    ['127.0.0.1.evil.example:8080'], ['localhost.:8080'], [''], [HOST, HOST],
-    [HOST, 'evil.example'], ['192.168.0.7:8080']])
-def test_another_host_is_refused_with_the_token(hosts: list[str]) -> None:
-    assert 'Host' in refusal(RIGHT, *[('Host', host) for host in hosts])
-
-
-@pytest.mark.parametrize('origin', [
-    'http://evil.example', 'http://127.0.0.1:9999', 'http://127.0.0.1', 'https://127.0.0.1:8080',
-    'http://localhost:8080', 'null', '', 'file://', 'http://127.0.0.1:8080.evil.example'])
-def test_another_origin_is_refused_with_the_token(origin: str) -> None:
-    assert 'Origin' in refusal(RIGHT, ('Host', HOST), ('Origin', origin))
-
-
-@pytest.mark.parametrize('query', [
-    'websocket=ws://evil.example', 'playbackPath=http://x', 'a', 'initialCameraUp=x',
-    'darkMode=http://x', 'darkMode&websocket=ws://x', 'xdarkMode='])
-def test_the_page_is_not_told_to_connect_elsewhere(query: str) -> None:
-    """Check that of viser: its client takes the server from the address, and renders its HTML."""
-    assert 'no more' in refusal(f'{RIGHT}&{query}', ('Host', HOST))
-    assert 'no more' in refusal(f'/?{query}&token=TOKEN', ('Host', HOST))
+@pytest.mark.parametrize(('path', 'headers', 'word'), REFUSED)
+def test_nothing_is_answered_without_token_host_and_origin_of_the_page(
+        path: str, headers: tuple[tuple[str, str], ...], word: str) -> None:
+    assert word in refusal(path, *headers)
     assert refusal('/view/?darkMode&token=TOKEN', ('Host', HOST)) == ''
-    assert 'token' in refusal('/view/?darkMode', ('Host', HOST))
 
 
 def test_on_all_addresses_the_name_and_the_address_asked_for_are_allowed() -> None:

@@ -113,17 +113,6 @@ def test_meshes_are_those_for_collisions_where_the_others_cannot_be_read() -> No
     assert len([x for x in gone if x]) >= 7
 
 
-def test_capsules_reach_from_joint_to_joint() -> None:
-    """Check with an arm that has no shapes at all."""
-    urdf = re.sub('<visual>.*?</visual>', '', shapes.two_link_urdf(), flags=re.DOTALL)
-    skeleton = shapes.urdf_skeleton(urdf, ('joint1', 'joint2'))
-    for (shape,) in page.drawn(skeleton)[1:]:
-        low, high = shape.vertices.min(axis=0), shape.vertices.max(axis=0)
-        radius = 0.03 * skeleton.reach
-        assert low == pytest.approx([-radius, -radius, -LENGTH - radius], abs=2e-3)
-        assert high == pytest.approx([radius, radius, radius], abs=2e-3)
-
-
 @pytest.mark.parametrize('origin', ['xyz', 'rpy', ''])
 def test_a_shape_without_its_numbers_is_drawn_as_if_it_were_not_found(origin: str) -> None:
     """Check that the arm has its capsules then, and the page goes on."""
@@ -225,10 +214,10 @@ def test_the_arms_fill_the_view(name: str, q: list[float], count: int, aspect: f
     bodies = page.drawn(skeleton)
     motion = [np.add(q, shift) for shift in np.linspace(-0.3, 0.3, 7)]
 
-    def placed(shapes: Sequence[Sequence[Array]]) -> Array:
+    def placed(parts: Sequence[Sequence[Array]]) -> Array:
         arm = np.concatenate([
             vertices @ pose[:3, :3].T + pose[:3, 3] for x in motion
-            for pose, body in zip(skeleton.poses(x), shapes) for vertices in body])
+            for pose, body in zip(skeleton.poses(x), parts) for vertices in body])
         return np.concatenate([arm + place for place in shapes.places(count, skeleton.reach)])
     vertices = [[x.vertices for x in body] for body in bodies]
     camera = page.camera_of(placed([[page.outermost(body)] for body in vertices]), aspect)
