@@ -158,15 +158,15 @@ def inertia_findings(found: Identification, model: Model, positions: Array) -> I
 
 def _ratios(found: Identification, model: Model, positions: Array) -> Array:
     """Return the interval of M_ii of the robot over that of the model, shape (n, 2)."""
-    mixing, n = found.selected.mixing, model.n
-    if found.columns is None or not mixing.size:
+    n = model.n
+    if found.columns is None:
         return np.ones((n, 2))
     zero, ratios = np.zeros(n), []
     for q in positions[::max(1, len(positions) // _POSES)]:
         mass = np.diagonal(model.mass_matrix(q.tolist()))
         rest = found.columns.at(q, zero, zero)
         columns = np.array([(found.columns.at(q, zero, x) - rest)[i]
-                            for i, x in enumerate(np.eye(n))]) @ mixing
+                            for i, x in enumerate(np.eye(n))])
         state = Data.at(np.ones((1, n)), zero[None], zero[None], columns[None])
         change, half = (x[0] for x in found.selected.torque(state, (TermKind.MODEL,)))
         ratios.append(1.0 + np.stack((change - half, change + half), axis=1) / mass[:, None])

@@ -31,12 +31,13 @@ from ctc_chattering.dynamics.model import Model
 from ctc_chattering.dynamics.registry import locked_positions, make_model
 from ctc_chattering.errors import ParameterError, UsageError
 from ctc_chattering.identification import identify as regression
+from ctc_chattering.identification.attribution import CauseKind
 from ctc_chattering.identification.effort import in_torques
 from ctc_chattering.identification.findings import ALL_JOINTS, Finding, Kind, Severity
 from ctc_chattering.identification.gains import recommend, Recommendation
 from ctc_chattering.identification.identify import Identification
-from ctc_chattering.identification.least_squares import ERRORS, TermKind
-from ctc_chattering.identification.model_errors import candidates, CauseKind, ModelError
+from ctc_chattering.identification.least_squares import FRICTION
+from ctc_chattering.identification.model_errors import candidates, ModelError
 from ctc_chattering.identification.perturbation import perturbation
 from ctc_chattering.identification.results import IdentificationResults, validate, write_page
 from ctc_chattering.identification.trial_runs import (
@@ -113,7 +114,7 @@ def with_correction(before: Identification, after: Identification, name: str
         Of the file that has the correction.
 
     """
-    friction, _ = after.selected.torque(after.data, [x for x in TermKind if x not in ERRORS])
+    friction, _ = after.selected.torque(after.data, FRICTION)
     was, now = (np.sqrt(np.square(np.where(x.data.used(), x.data.residual - friction, 0.0)).sum(
         axis=0)) for x in (before, after))
     worse = [{x.joint for x in found.findings if x.severity == Severity.REFUSED}

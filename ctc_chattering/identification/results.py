@@ -206,9 +206,9 @@ class IdentificationResults:
             [cell(getattr(x, key)) for x in found.friction] for key, _ in FRICTION))
         # What sensors show needs no friction: of all joints.
         yield 'Sensors', [
-            ['joint', 'encoder step [rad]', 'velocity noise [rad/s]', 'lag of the velocity [s]'],
+            ['joint', 'encoder step [rad]', 'velocity noise [rad/s]'],
             *([joint, *map(cell, numbers)] for joint, *numbers in zip(
-                joints, found.encoder, found.noise, found.velocity_lag))]
+                joints, found.encoder, found.noise))]
         more = [(name, getattr(found, key)) for key, name in _MORE if getattr(found, key)]
         yield 'Motors and drives', rows(
             ['lag, or delay of this joint', *(name for name, _ in more)],
@@ -300,8 +300,7 @@ class IdentificationResults:
             'friction': [_of_joint(vars(friction), verdict)
                          for friction, verdict in zip(found.friction, self.verdicts)],
             **{key: [x.as_mapping() for x in getattr(found, name)] for key, name in (
-                ('encoder_step_rad', 'encoder'), ('velocity_noise_rad_per_s', 'noise'),
-                ('velocity_lag_s', 'velocity_lag'))},
+                ('encoder_step_rad', 'encoder'), ('velocity_noise_rad_per_s', 'noise'))},
             **{key: [_of_joint({'x': x}, verdict)['x'] for x, verdict in zip(
                 getattr(found, name), self.verdicts)] for key, name in (
                 ('torque_scale', 'scale'), ('rotor_inertia_kgm2', 'rotor'),

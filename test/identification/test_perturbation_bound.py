@@ -129,19 +129,3 @@ def test_ka_does_not_hold_at_speeds_of_which_friction_is_not_known() -> None:
     (finding,) = perturbation_bound(found, measured(), Limited(9.81)).findings
     assert (finding.severity, finding.joint) == (Severity.CARE, 1)
     assert 'joint2 moves at 1 rad/s' in finding.reason and 'speeds' in finding.cure
-
-
-def test_ka_holds_an_impact_that_is_shorter_than_a_window() -> None:
-    short = base().short
-    assert short is not None and not measured().impact.any()
-    torque = short.perturbation.copy()
-    torque[len(torque) // 2, 0] = 3.0 * measured().peak[0]
-    found = dataclasses.replace(base(), short=short._replace(perturbation=torque))
-    hit = perturbation(found)
-    assert hit.peak[0] == pytest.approx(3.0 * measured().peak[0], rel=0.05)
-    assert hit.peak[1] == measured().peak[1]
-    bound = perturbation_bound(found, hit, made().model)
-    assert bound.ka[0] > 3.0 * measured().peak[0]
-    (finding,) = bound.findings
-    assert (finding.severity, finding.joint) == (Severity.CARE, 0)
-    assert 'impacts of backlash' in finding.reason
