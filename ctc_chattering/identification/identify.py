@@ -22,13 +22,8 @@ import dataclasses
 from ctc_chattering.bags.recording import Recording, Stretch, stretches
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.errors import CtcError
-from ctc_chattering.identification.attribution import body_names, causes, Projected
-from ctc_chattering.identification.bodies import (
-    body_estimate,
-    ConsistentBodies,
-    judged,
-    left_over,
-)
+from ctc_chattering.identification.attribution import causes, Projected
+from ctc_chattering.identification.bodies import ConsistentBodies, judged, left_over
 from ctc_chattering.identification.drives import COMMAND, has
 from ctc_chattering.identification.effort import torque_source
 from ctc_chattering.identification.findings import ALL_JOINTS, Estimate, Finding, Severity
@@ -145,12 +140,6 @@ class Identification:
     unexplained: tuple[Unexplained | None, ...] = ()
     held_out: Array = dataclasses.field(default_factory=lambda: np.zeros(0))
 
-    def windows(self, parts: Sequence[Stretch], model: Model) -> Data:
-        """Return the windows of other stretches."""
-        phi = TestFunction(self.clock.period, self.clock.period * sum(len(x.q) for x in parts))
-        rows = [Rows.of(part, model, phi, self.columns) for part in parts]
-        return Profile(parts, rows, self.timing.source, phi).windows(*self.timing.acting)
-
 
 def identify(recordings: Sequence[Recording], model: Model, candidates: Sequence[ModelError],
              source: str = '', side: str = '', loaded: Sequence[Model] = ()) -> Identification:
@@ -206,36 +195,33 @@ def identify(recordings: Sequence[Recording], model: Model, candidates: Sequence
     friction = [joint_friction(selected, i) for i in range(len(joints))]
     left = [unexplained(data, selected.fit, i) for i in range(len(joints))]
     named = ModelVerdict(selected, columns, candidates, joints)
-    levels, estimate = [abs(x.coulomb.value or 0.0) for x in friction], named.bodies()
-    bodies, impossible = judged(estimate, joints, levels)
-    noticed = (*velocities,
-               *timing_findings(found, parts[0].late),
-               *signal, *named.findings(), *physical(friction, joints), *impossible,
+    levels = [abs(x.coulomb.value or 0.0) for x in friction]
+    bodies, impossible = judged(named.bodies(selected.projected), joints, levels)
+    noticed = (*velocities, *timing_findings(found, parts[0].late), *signal,
+               *named.findings(), *physical(friction, joints), *impossible,
                *(x for i, what in enumerate(left) if what for x in findings(i, what)))
-    result = Identification(
+    held_out = np.zeros(0)
+    if columns is not None and bodies is not None:
+        # A joint that is refused must not decide about the bodies of the others.
+        refused = sorted({i for i, x in enumerate(friction) if x.coulomb.value is None} | {
+            x.joint for x in noticed if x.severity == Severity.REFUSED and x.joint != ALL_JOINTS})
+        others = data
+        if refused and len(refused) <= MOST_REFUSED * len(joints):
+            used = ~np.isin(np.arange(len(joints)), refused)
+            others = dataclasses.replace(data, way=np.where(used, data.way, 0.0))
+            bodies, _ = judged(named.bodies(Projected(others, selected.friction, columns)), joints,
+                               levels, refused)
+        if bodies is not None and bodies.differ:
+            held_out = left_over(others, selected.friction, columns, selected.believed, refused)
+    return Identification(
         joints, dataclasses.replace(clock(recordings[0]), period=phi.period),
         [encoder_step(x) for x in recordings[0].q.T], noise, found,
         [widened(data, selected.fit, i, x, what) if what else x
-         for i, (x, what) in enumerate(zip(friction, left))], named.errors(), data,
-        selected, phi.period * sum(len(part.q) for part in parts), noticed,
+         for i, (x, what) in enumerate(zip(friction, left))],
+        named.errors(), data, selected, phi.period * sum(len(part.q) for part in parts), noticed,
         scale=named.scale(), rotor=named.rotor(), tilt=named.gravity(), bodies=bodies,
-        rate=rate_limits(found, joints), side=side, columns=columns, unexplained=tuple(left))
-    if columns is None or bodies is None:
-        return result
-    # A joint that is refused must not decide about the bodies of the others.
-    refused = sorted({i for i in range(len(joints)) if friction[i].coulomb.value is None} | {
-        x.joint for x in result.findings
-        if x.severity == Severity.REFUSED and x.joint != ALL_JOINTS})
-    if refused and len(refused) <= MOST_REFUSED * len(joints):
-        used = ~np.isin(np.arange(len(joints)), refused)
-        data = dataclasses.replace(data, way=np.where(used, data.way, 0.0))
-        bodies, _ = judged(body_estimate(
-            Projected(data, selected.friction, columns), selected.believed,
-            body_names(candidates, joints)), joints, levels, refused)
-    if bodies is None or not bodies.differ:
-        return dataclasses.replace(result, bodies=bodies)
-    return dataclasses.replace(result, bodies=bodies, held_out=left_over(
-        data, selected.friction, columns, selected.believed, refused))
+        rate=rate_limits(found, joints), side=side, columns=columns, unexplained=tuple(left),
+        held_out=held_out)
 
 
 def _parts(recordings: Sequence[Recording]) -> tuple[list[Stretch], list[int], TestFunction]:

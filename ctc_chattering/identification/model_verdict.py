@@ -25,6 +25,7 @@ from ctc_chattering.identification.attribution import (
     body_names,
     Cause,
     CauseKind,
+    Projected,
 )
 from ctc_chattering.identification.bodies import body_estimate, BodyEstimate
 from ctc_chattering.identification.findings import ALL_JOINTS, Estimate, Finding, Kind, NONE
@@ -157,11 +158,10 @@ class ModelVerdict:
                      else Estimate(float(x), float(y), 'm/s^2')
                      for x, y, bad in zip(after, half, unseen))
 
-    def bodies(self) -> BodyEstimate | None:
+    def bodies(self, projected: Projected | None) -> BodyEstimate | None:
         """Return the inertial parameters of all bodies; None for a model without these."""
-        selected = self._selected
-        return None if selected.projected is None else body_estimate(
-            selected.projected, selected.believed, body_names(self._candidates, self._joints))
+        return None if projected is None else body_estimate(
+            projected, self._selected.believed, body_names(self._candidates, self._joints))
 
     def findings(self) -> Iterator[Finding]:
         """Yield what makes numbers doubtful."""

@@ -133,20 +133,10 @@ class MeasuredPerturbation:
                 np.sqrt(np.square(rest).sum(axis=0) / count))
 
 
-def perturbation(found: Identification, data: Data | None = None) -> MeasuredPerturbation:
-    """
-    Return P of the identified run, or of another one.
-
-    Parameters
-    ----------
-    found : Identification
-        What was identified.
-    data : Data, optional
-        Windows of the other run, with the same joints and errors of the model.
-
-    """
-    data = data or found.data
-    used, error = data.used(), _error(found, data)
+def perturbation(found: Identification) -> MeasuredPerturbation:
+    """Return P of the identified run."""
+    data = found.data
+    used, error = data.used(), _error(found)
     predicted = np.where(used, found.selected.torque(data)[0], np.nan)
     rest = np.abs(data.residual - predicted)
     bound = np.array([tail_bound(x[np.isfinite(x)]) for x in rest.T])
@@ -176,10 +166,10 @@ def tail_bound(sizes: Array) -> float:
     return min(largest, float(high + (high - most) * np.log10(len(sizes) / 100.0)))
 
 
-def _error(found: Identification, data: Data) -> Array:
+def _error(found: Identification) -> Array:
     """Return the torque of errors of the model in each window, shape (J, n) [N·m]."""
-    error, _ = found.selected.torque(data, (TermKind.MODEL,))
-    for i, used in enumerate(data.used().T):
+    error, _ = found.selected.torque(found.data, (TermKind.MODEL,))
+    for i, used in enumerate(found.data.used().T):
         if used.any():
             # Of a window in which the joint does not slide: between those in which it does.
             error[:, i] = np.interp(np.arange(len(used)), np.flatnonzero(used), error[used, i])
@@ -263,7 +253,7 @@ def motion_limits(model: Model, found: Identification, run: MeasuredPerturbation
 def _states(limits: MotionLimits, rng: np.random.Generator) -> tuple[Array, Array, Array]:
     """Return random q, dq and ddq, each of shape (S, n); half of them as fast as allowed."""
     shape = (_STATES, len(limits.velocity))
-    q = rng.uniform(*limits.position.T, shape)
+    q = rng.uniform(limits.position[:, 0], limits.position[:, 1], shape)
     fast = np.arange(_STATES)[:, None] % 2 == 0
     speed, change = (np.where(fast, np.sign(x), x)
                      for x in rng.uniform(-1.0, 1.0, (2, *shape)))

@@ -143,7 +143,7 @@ def identified() -> identification.IdentificationResults:
     found = identify([recording], TwoLink(), [], '')
     run = perturbation(found)
     return identification.IdentificationResults(
-        '', found, run, recommend(found, run, TwoLink(), recording.q), None)
+        '', found, run, recommend(found, run, TwoLink(), recording.q))
 
 
 def of_an_identification(name: str, out: Path) -> None:

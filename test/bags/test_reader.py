@@ -101,16 +101,42 @@ def test_states_before_the_controller_s_start(tmp_path: Path) -> None:
     check(read(tmp_path, [*early, *messages(start=start)]))
 
 
+def commanded(k: int) -> Entry:
+    """Return what the controller publishes of the torque that answers state k, among others."""
+    (one, two), t = RESULT.run.tau[k], nanoseconds(1e-3 * k)
+    names = ['joint2/commanded', 'V', 'joint1/commanded', 'joint1/robust']
+    return Entry('/controller/torques', 'sensor_msgs/msg/JointState', t, stamped(
+        JointState(name=names, effort=array('d', [two, 1.0, one, 2.0])), t))
+
+
 @pytest.mark.parametrize('keep', [0, 1, 150, 200])
 def test_missing_commands(tmp_path: Path, keep: int) -> None:
-    """Check that the torque is then the effort which the next state reports."""
+    """
+    Check that a torque is the one published with the stamp of its state, else none.
+
+    The effort of a state is that of the drive: it has lags.
+    """
+    whole = messages()
+    answers = [entry for entry in whole if entry.topic.endswith('commands')][:keep]
+    found = [x for x in whole if not x.topic.endswith('commands')] + answers
+    lost = read(tmp_path, found).run.tau
+    known = np.isfinite(lost).all(axis=1)
+    assert not known[max(keep, 1):].any()
+    assert lost[known].tobytes() == RESULT.run.tau[known].tobytes()
+    check(read(tmp_path / 'stamped', found + [commanded(k) for k in range(201)]))
+
+
+def test_commands_with_the_log_time_of_another_state(tmp_path: Path) -> None:
+    """Check that a repeated command, and times of the state before, change no torque."""
     found = messages()
-    answers = [entry for entry in found if entry.topic.endswith('commands')][:keep]
-    found = [x for x in found if not x.topic.endswith('commands')] + answers
-    result = read(tmp_path, found)
-    same(result.run, RESULT.run, ('tau',))
-    assert result.run.tau[:-1].tobytes() == RESULT.run.tau[:-1].tobytes()
-    assert np.isnan(result.run.tau[-1]).all()  # No state reports the last one.
+    at = [i for i, x in enumerate(found) if x.topic.endswith('commands')]
+    for i in at[::7]:
+        found[i] = found[i]._replace(t=found[i].t - 1_000_000 * (i > 20))
+    found.append(found[at[60]])
+    tau = read(tmp_path, found).run.tau
+    known = np.isfinite(tau).all(axis=1)
+    assert tau[known].tobytes() == RESULT.run.tau[known].tobytes()
+    check(read(tmp_path / 'stamped', found + [commanded(k) for k in range(201)]))
 
 
 def test_commands_without_labels_and_states_without_effort(tmp_path: Path) -> None:
@@ -190,10 +216,7 @@ def test_damaged_messages(tmp_path: Path) -> None:
     last = messages()[-5]
     found.append(last._replace(message=serialized(last.message)[:40]))
     found.append(command(nanoseconds(0.2), ['joint1'], np.array([1.0])))
-    result = read(tmp_path, found)
-    same(result.run, RESULT.run, ('tau',))
-    assert result.run.tau[:-1].tobytes() == RESULT.run.tau[:-1].tobytes()
-    assert result.configs == RESULT.configs
+    check(read(tmp_path, found + [commanded(k) for k in range(201)]))
 
 
 def test_a_gap_in_the_states(tmp_path: Path) -> None:

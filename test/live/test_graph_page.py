@@ -50,6 +50,7 @@ from std_msgs.msg import String
 pytestmark = [pytest.mark.ros, pytest.mark.browser]
 #: 100 Hz, and patient: the browser draws with the processors that the loop needs. The law has no
 #: chattering term, which late torques of a busy computer have at its bound: the light says so.
+#: Torques 0.1 s late make the loop unstable; with a limit it comes back when they are in time.
 PARAMETERS = """/**:
   ros__parameters:
     control_period: 0.01
@@ -63,6 +64,7 @@ controller:
     law: compensation
     switching: implicit_observer
     ka: [25.0, 25.0]
+    effort_limit: [600.0, 600.0]
     state_timeout: 1.0
     reference_timeout: 1.0
     state_decimation: 1
