@@ -167,7 +167,7 @@ def torque_source(parts: Sequence[Stretch], rows: Sequence[Rows], phi: TestFunct
         theirs = torque_shape(whole, command)
         check_commands(theirs)
     if effort is None or source == COMMAND or (declared != MOTOR and theirs is not None):
-        return COMMAND, ()
+        return source or COMMAND, ()
     if declared != MOTOR:
         raise CtcError(
             'torques would be those of the effort: if it is the torque of the motors, in N*m at '

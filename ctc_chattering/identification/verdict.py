@@ -135,7 +135,8 @@ def _bounds(found: Identification) -> Iterator[Finding]:
         left = found.unexplained[i] if found.unexplained else None
         held = ('friction holds it: raise its kp, or play a motion of `ctc excite --for '
                 f'{found.joints[i]}` with a position controller, and give both bags')
-        if lag > Kind.LAG.care:
+        if lag > Kind.LAG.care and not any(
+                x.joint == i and x.severity == Severity.REFUSED for x in found.findings):
             yield Finding(
                 Kind.LAG, i, f'the lag of the drive is {lag:.3g} s, more than drives of arms '
                 'have: an elastic joint, backlash or a delay of this joint looks like that',

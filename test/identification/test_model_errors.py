@@ -37,41 +37,6 @@ import urdfs
 Q, DQ, DDQ = np.array(((0.3, -0.8), (1.1, 0.4), (-0.5, 2.0)))
 
 
-def torque(error: ModelError, still: bool = False) -> np.ndarray:
-    """Return what an error changes the torque of the paper's arm by."""
-    none = np.zeros(2)
-    dq, ddq = (none, none) if still else (DQ, DDQ)
-    down = np.array((0.0, 0.0, -9.81))
-    return np.asarray(TwoLink().torque_regressor(Q, dq, ddq, down) @ error.change)
-
-
-def test_the_links_of_the_papers_arm_make_up_its_weight_and_inertia() -> None:
-    """All links heavier by a part are the whole arm heavier by it."""
-    first, second, _ = candidates(TwoLink())
-    base = TwoLink().inverse_dynamics(Q.tolist(), DQ.tolist(), DDQ.tolist())
-    assert torque(first) + torque(second) == pytest.approx(np.array(base), rel=1e-9)
-    assert torque(first)[1] == 0.0 and first.change[4] > 0.0
-
-
-def test_a_payload_is_a_point_mass_at_the_end() -> None:
-    """Its torque is that of a pendulum by differences of the energies."""
-    a, b = 0.51 / 0.63, 1.5 * 0.62 / 0.63
-    heavy = candidates(TwoLink())[2]
-
-    def height(q: np.ndarray) -> float:
-        return float(-a * np.cos(q[0]) - b * np.cos(q[0] + q[1]))
-    slope = [(height(Q + e) - height(Q - e)) / 2e-6 for e in 1e-6 * np.eye(2)]
-    weight = torque(heavy, still=True)
-    assert weight == pytest.approx(9.81 * np.array(slope), rel=1e-6)
-    jacobian = np.array([
-        [a * np.cos(Q[0]) + b * np.cos(sum(Q)), b * np.cos(sum(Q))],
-        [a * np.sin(Q[0]) + b * np.sin(sum(Q)), b * np.sin(sum(Q))]])
-    none = np.zeros(2)
-    for unit, column in zip(np.eye(2), (jacobian.T @ jacobian).T):
-        mass = TwoLink().torque_regressor(Q, none, unit, np.zeros(3)) @ heavy.change
-        assert mass == pytest.approx(column, rel=1e-9)
-
-
 @pytest.mark.parametrize(('joints', 'text'), [
     (urdfs.TWO_LINKS, urdfs.two_links()), (urdfs.UR5, urdfs.ur5()),
     (urdfs.PANDA, urdfs.panda())], ids=['two links', 'UR5', 'Panda'])
@@ -120,6 +85,19 @@ def test_a_base_that_is_not_level_is_not_turned_by_much(joints: tuple[str, ...],
         down = size * Rotation.from_rotvec([0.0, turn, 0.0]).apply(columns.prior[-3:])
         value = columns.directions.T @ (down - columns.prior[-3:])
         assert absurd(cause, value, columns) == wanted
+
+
+@pytest.mark.parametrize('name, value, wanted', [
+    ('torque scale of a', 0.5, False), ('torque scale of a', -0.7, True),
+    ('dead band of a', 0.1, False), ('dead band of a', -0.1, True),
+    ('all masses', -0.5, False), ('all masses', -0.95, True)])
+def test_a_model_does_not_vanish_and_a_dead_band_gives_no_torque(
+        name: str, value: float, wanted: bool) -> None:
+    """No torque, no masses and no friction explain every motion."""
+    columns = ErrorColumns.of(UrdfModel(urdfs.two_links(), urdfs.TWO_LINKS))
+    assert columns is not None
+    cause = next(x for x in causes(columns, ('a', 'b'), [], np.ones(2)) if x.name == name)
+    assert absurd(cause, np.array([value]), columns) == wanted
 
 
 def test_a_cause_that_has_all_columns_of_another_contains_it() -> None:
