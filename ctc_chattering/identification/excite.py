@@ -28,7 +28,7 @@ from ctc_chattering.configuration.loop_setup import Setup, Values
 from ctc_chattering.configuration.yaml_file import write_trajectory
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.dynamics.registry import locked_positions, model_of
-from ctc_chattering.errors import CtcError, MachineError, near, ParameterError
+from ctc_chattering.errors import CtcError, MachineError, near
 from ctc_chattering.identification.collision import SelfCollision
 from ctc_chattering.identification.random_motions import (
     Bounds,
@@ -206,8 +206,11 @@ def excite(setup: Setup, request: Mapping[str, Any] | None = None, joints: Seque
         If an argument is not allowed, there is no model, or the limits cannot be kept.
 
     """
-    config = _request(setup, request or {})
-    names, plant, controller = config.joint_names, setup.plant, setup.controller
+    plant, controller, reference = setup.plant, setup.controller, setup.reference
+    names, center = controller.joint_names, dict(zip(reference.joint_names, reference.center))
+    config = ExcitationConfig.from_mapping({
+        'joint_names': names, 'start': plant.initial_position, 'friction': plant.coulomb_friction,
+        'center': [center[name] for name in names], **(request or {})})
     for name in joints:
         if name not in names:
             raise CtcError(f'joints: no joint is called {name}; allowed: {", ".join(names)}'
@@ -239,18 +242,6 @@ def excite(setup: Setup, request: Mapping[str, Any] | None = None, joints: Seque
     higher, kv = gains(kp, kv, hold, bounds.slow, delay)
     return Plan(limits, bounds, found, motion, friction.torques(model, motion), effort, links,
                 approach or reason, higher, kv, hold * kp / higher)
-
-
-def _request(setup: Setup, values: Mapping[str, Any]) -> ExcitationConfig:
-    """Return what is asked for: start, centre and friction of a parameter file, and `values`."""
-    names, plant, reference = setup.controller.joint_names, setup.plant, setup.reference
-    if sorted(reference.joint_names) != sorted(names):
-        raise ParameterError('reference: joint_names', reference.joint_names,
-                             f'those of the controller: {", ".join(names)}')
-    center = dict(zip(reference.joint_names, reference.center))
-    return ExcitationConfig.from_mapping({
-        'joint_names': names, 'start': plant.initial_position, 'friction': plant.coulomb_friction,
-        'center': [center[name] for name in names], **values})
 
 
 def first_motion(config: ExcitationConfig, bounds: Bounds, share: Array, model: Model,

@@ -358,15 +358,14 @@ def write_identified(identified: IdentifiedRobot, out: str | Path, trials: int |
             results.found, results.run, results.recommended, values, identified.robot.gains,
             trials, seed))
     tried = dataclasses.replace(identified, results=results)
-    files = {JSON: 'all numbers'}
-    if CORRECTED in identified.robot.files:
-        files[CORRECTED] = 'corrected URDF'
     if not tried.missing:
-        files = {VALUES: 'parameter file', **files}
         with writing(out / VALUES):
             parameter_file.dump(tried.parameters(out), out / VALUES)
         parameter_file.load(out / VALUES)
     write_json(results.as_mapping(), out / JSON)
+    files = {name: what for name, what in (
+        (VALUES, 'parameter file'), (JSON, 'all numbers'), (CORRECTED, 'corrected URDF'))
+        if (out / name).exists()}
     from ctc_chattering.analysis.drawing import save
     from ctc_chattering.identification.figures import friction_figure
     figures = save([friction_figure(results.found, results.verdicts)], out / FIGURES,

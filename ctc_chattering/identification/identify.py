@@ -259,20 +259,15 @@ def _common_period(recordings: Sequence[Recording]) -> float:
     """Return the period of recordings; raise `CtcError` if they do not belong together."""
     first, period = recordings[0], recordings[0].period
     for other in recordings[1:]:
-        check_alike(other, first.joints, period, first.name)
+        if other.joints != first.joints:
+            raise CtcError(f'{other.name}: joints {list(other.joints)}; those of {first.name}: '
+                           f'{list(first.joints)}')
+        if abs(other.period - period) > 0.02 * period:
+            raise CtcError(f'{other.name}: a period of {other.period:.4g} s; that of '
+                           f'{first.name}: {period:.4g} s')
     nearest = round(period * 1e6) * 1e-6
     # Rounded only where the grid does not drift from the stamps by that.
     return nearest if abs(nearest - period) * len(first.t) < _ROUNDED * period else period
-
-
-def check_alike(recording: Recording, joints: tuple[str, ...], period: float, name: str) -> None:
-    """Raise `CtcError` if a recording has not the joints or about the period of another one."""
-    if recording.joints != joints:
-        raise CtcError(f'{recording.name}: joints {list(recording.joints)}; those of {name}: '
-                       f'{list(joints)}')
-    if abs(recording.period - period) > 0.02 * period:
-        raise CtcError(f'{recording.name}: a period of {recording.period:.4g} s; that of {name}: '
-                       f'{period:.4g} s')
 
 
 def _timed(parts: Sequence[Stretch], rows: Sequence[Rows], phi: TestFunction, source: str,

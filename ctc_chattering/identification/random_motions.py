@@ -154,8 +154,7 @@ def bounds_of(config: ExcitationConfig, limits: Sequence[JointLimits]) -> Bounds
                 f'more than {low:.4g} and less than {high:.4g} {joint.unit}, its limits less '
                 f'{_MARGIN:.0%} of the range at each end')
         room.append(min(config.position_range[i], center - low, high - center))
-        scale, fastest, strongest = (
-            config.velocity_scale, joint.velocity[1], joint.acceleration[1])
+        scale, fastest, strongest = config.velocity_scale, joint.velocity[1], joint.acceleration[1]
         velocity.append(scale * (fastest if fastest < inf else _VELOCITY))
         acceleration.append(
             scale * strongest if strongest < inf else _ACCELERATION * velocity[-1])

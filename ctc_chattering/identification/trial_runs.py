@@ -24,7 +24,6 @@ from ctc_chattering.analysis.tables import rounded
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.configuration.loop_setup import Setup
 from ctc_chattering.dynamics.model import Model
-from ctc_chattering.errors import CtcError
 from ctc_chattering.identification.findings import ALL_JOINTS, Finding, Kind
 from ctc_chattering.identification.gains import GAINS, Recommendation
 from ctc_chattering.identification.identify import Identification
@@ -42,8 +41,8 @@ _PART = 0.5
 _DURATION, _START = 10.0, 2.0
 #: Variance of the rounding to a step, by its square.
 _STEP_NOISE = 1.0 / 12.0
-#: Frequencies of the joints [Hz]: least and most.
-_SLOWEST, _FASTEST = 0.2, 1.0
+#: Frequencies of the first and the last joint [Hz].
+_FREQUENCIES = (0.8, 1.0)
 #: Stribeck velocity of a joint without Stribeck friction [rad/s].
 _STRIBECK = 0.05
 Values = dict[str, dict[str, Any]]
@@ -127,12 +126,10 @@ def _plant(found: Identification, q: Array) -> dict[str, Any]:
 
 def _reference(found: Identification, low: Array, high: Array, model: Model) -> dict[str, Any]:
     """Return a sinusoid for each joint, within the recorded range and speed, and its limit."""
-    amplitude, n = 0.5 * _PART * (high - low), len(low)
-    limit = np.asarray(getattr(model, 'velocity_limits', None) or np.inf)
+    n, limit = len(low), np.asarray(getattr(model, 'velocity_limits', None) or np.inf)
     fastest = np.minimum(np.abs(found.data.velocity).max(axis=0), limit)
-    frequency = np.clip(_PART * fastest / (2.0 * np.pi * np.maximum(amplitude, 1e-6)),
-                        _SLOWEST, _FASTEST) * np.linspace(0.8, 1.0, n)
-    amplitude = np.minimum(amplitude, _PART * limit / (2.0 * np.pi * frequency))
+    frequency = np.linspace(*_FREQUENCIES, n)
+    amplitude = _PART * np.minimum(0.5 * (high - low), fastest / (2.0 * np.pi * frequency))
     return {'center': _rounded(0.5 * (low + high)), 'amplitude': _rounded(amplitude),
             'frequency': _rounded(frequency, 3), 'phase': _rounded(0.5 * np.arange(n), 3)}
 
@@ -144,8 +141,8 @@ def _rounded(values: npt.ArrayLike, digits: int = 6) -> list[float]:
 
 #: Draws, unless another number is asked for: with machine code, and in plain Python.
 COUNT, COUNT_PLAIN = 24, 8
-#: Smooth start and duration [s], and the slowest motion [Hz]: with it all joints reverse.
-_TRIAL_START, _TRIAL, _TRIAL_SLOWEST = 1.0, 2.5, 1.0
+#: Smooth start and duration [s]: in it all joints reverse.
+_TRIAL_START, _TRIAL = 1.0, 2.5
 #: Part of M, C and G that may be wrong in any case, and at most.
 _MODEL, _MOST = 0.05, 0.2
 #: Frequencies of errors of the model and of what is not explained, as a disturbance [rad/s].
@@ -210,27 +207,14 @@ def setups_tried(recommended: Recommendation, values_of: Callable[[Recommendatio
                  gains: tuple[Any, Any] | None = None) -> list[Setup]:
     """Return the setup of each option and, last, that of `compensation`; as `trial_runs`."""
     files = [values_of(dataclasses.replace(recommended, values=x)) for x in recommended.options]
-    n = len(files[0]['/**']['joint_names'])
-    plain = {'law': 'compensation', 'input_delay': files[0]['controller']['input_delay'],
+    first, n = files[0], len(files[0]['/**']['joint_names'])
+    plain = {'law': 'compensation', 'input_delay': first['controller']['input_delay'],
              **_loop_gains(gains, n)}
-    return [_trial(values) for values in (*files, {**files[0], 'controller': plain})]
-
-
-def _trial(values: Values) -> Setup:
-    """Return a run from the centre of a motion that has more reversals, if limits allow it."""
-    reference = values['reference']
-    frequency = np.array(reference['frequency'])
-    faster = np.maximum(frequency, _TRIAL_SLOWEST * np.linspace(0.8, 1.0, len(frequency)))
-    short = {'start_duration': _TRIAL_START}
-    lively = {**short, 'frequency': faster.tolist(),
-              'amplitude': (np.array(reference['amplitude']) * frequency / faster).tolist()}
-    plant = {**values['plant'], 'duration': _TRIAL, 'initial_position': reference['center']}
-    try:
-        return parameter_file.load(
-            None, {**values, 'plant': plant, 'reference': {**reference, **lively}})
-    except CtcError:
-        return parameter_file.load(
-            None, {**values, 'plant': plant, 'reference': {**reference, **short}})
+    short = {'plant': {**first['plant'], 'duration': _TRIAL,
+                       'initial_position': first['reference']['center']},
+             'reference': {**first['reference'], 'start_duration': _TRIAL_START}}
+    return [parameter_file.load(None, {**first, **short, 'controller': controller})
+            for controller in (*(x['controller'] for x in files), plain)]
 
 
 def draw_robots(found: Identification, run: MeasuredPerturbation, plant: PlantConfig,
@@ -293,9 +277,9 @@ def _failure(trial: Score, most: Array, joints: tuple[str, ...]) -> str:
     """Return in which way a run is none to recommend; empty if it is."""
     if trial.failure:
         return trial.failure
-    for name, rms, limit in zip(joints, trial.rms, most):
-        if not rms <= limit:
-            return f'RMS error of {name} {rms:.2g} rad, `compensation` {limit:.2g} rad'
+    i = int(np.argmax(np.divide(trial.rms, most)))
+    if trial.rms[i] > most[i]:
+        return f'RMS error of {joints[i]} {trial.rms[i]:.2g} rad, `compensation` {most[i]:.2g} rad'
     if (trial.saturated or 0.0) > _SATURATED:
         return f'a joint is at its torque limit for {trial.saturated:.0%} of the time'
     return ''
