@@ -61,6 +61,7 @@ def test_the_own_robot_passes_its_checks_and_is_moved(tmp_path: Path) -> None:
     assert all(b < 0.1 * a for a, b in zip(weak, strong))
 
 
+@pytest.mark.slow
 def test_a_bag_becomes_gains(tmp_path: Path) -> None:
     made = short()
     text = said('bag_to_gains', tmp_path, recorded_bag(tmp_path / 'run', made), 'two_link')
@@ -72,12 +73,6 @@ def test_a_bag_becomes_gains(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_without_a_bag_a_simulated_arm_is_excited(tmp_path: Path) -> None:
-    text = said('bag_to_gains', tmp_path)
-    assert [float(x) for x in re.findall(r'^Coulomb friction ([\d.]+)', text, re.MULTILINE)
-            ] == pytest.approx([6.0, 3.0], rel=0.01)
-
-
 def test_polars_reads_the_map(tmp_path: Path) -> None:
     """Law (6) fails where Ka is below friction, and where the other law fails it need not."""
     text = said('map_polars', tmp_path)
