@@ -105,10 +105,3 @@ def test_reaching_time(v: list[list[float]], expected: float | None) -> None:
     """Check the first time from which |v| stays in the band; on the band is inside."""
     assert reaching_time(np.array([1.0, 2.0, 3.0]), np.array(v), 0.5) == expected
     assert reaching_time(np.zeros(0), np.zeros((0, 2))) is None
-
-
-def test_band_bites() -> None:
-    """Check that a narrower band is reached later, or never."""
-    assert metrics(TINY, band=3.0)['reaching_time_s'] == 4.0
-    assert metrics(TINY, band=0.12)['reaching_time_s'] == 10.0
-    assert metrics(TINY, band=0.0)['reaching_time_s'] == 11.0
