@@ -19,8 +19,6 @@ from __future__ import annotations
 from collections import Counter
 from contextlib import closing
 import errno
-import importlib
-import json
 from pathlib import Path
 import random
 import resource
@@ -36,7 +34,6 @@ from ctc_chattering.bags.writer import BagWriter, LogTime, offered_qos, Sequence
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.errors import CtcError
 from ctc_chattering.numerics.time_grid import NANOSECONDS as S
-from ctc_chattering.ros.topics import TOPICS
 from hypothesis import given
 from hypothesis import strategies as st
 from mcap.reader import make_reader
@@ -119,31 +116,6 @@ def test_metadata(bag: Path) -> None:
         assert topic['topic_metadata']['serialization_format'] == 'cdr'
     for name, kind in SEQUENCES.items():
         assert topics[name]['topic_metadata']['type'] == kind
-
-
-def test_hashes_of_types_are_those_that_ros_itself_has(tmp_path: Path) -> None:
-    """Check channels, which `ros2 bag convert` reads, and `metadata.yaml` for every topic."""
-    recording = BagWriter(tmp_path / 'bag')
-    for topic in TOPICS.values():
-        recording.write(f'/{topic.name}', topic.kind, 1, bytes(8), '')
-    recording.close()
-    with recording.file.open('rb') as stream:
-        summary = make_reader(stream).get_summary()
-    assert summary is not None
-    found = {x.topic: x.metadata['topic_type_hash'] for x in summary.channels.values()}
-    listed = {x['topic_metadata']['name']: x['topic_metadata']['type_description_hash']
-              for x in metadata(tmp_path / 'bag')['topics_with_message_count']}
-    expected = {f'/{topic.name}': type_hash(topic.kind) for topic in TOPICS.values()}
-    assert found == listed == expected
-
-
-def type_hash(kind: str) -> str:
-    """Return the hash of a type from the files of its package."""
-    package, _, name = kind.split('/')
-    prefix = Path(str(importlib.import_module(package).__file__)).parents[4]
-    file = prefix / 'share' / package / 'msg' / f'{name}.json'
-    hashes = json.loads(file.read_text(encoding='utf-8'))['type_hashes']
-    return {x['type_name']: str(x['hash_string']) for x in hashes}[kind]
 
 
 @pytest.mark.parametrize('limit', [8, *random.Random(1).sample(range(40_000), 12)])

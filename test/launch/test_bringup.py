@@ -112,7 +112,8 @@ def test_a_graph_is_confined_to_this_host_and_a_signal_stops_it_cleanly(
     assert reports_of(bag, 'bringup')[-1]['ended'] == f'stopped by {numbers[0].name}'
 
 
-@pytest.mark.parametrize('victim', ['plant', pytest.param('recorder', marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize('victim', ['plant', 'recorder'])
 def test_the_death_of_any_is_reported_and_ends_all(tmp_path: Path, victim: str) -> None:
     bag = tmp_path / 'bag'
     with bringup(*ENDLESS, '--record', str(bag)) as process:

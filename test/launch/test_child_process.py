@@ -20,7 +20,6 @@ from collections.abc import Callable, Iterator
 from contextlib import suppress
 import os
 from pathlib import Path
-import platform
 import signal
 import subprocess
 import sys
@@ -161,28 +160,3 @@ def test_children_outlive_no_parent() -> None:
         os.kill(pid, 0)
         parent.kill()
     wait_for(lambda: not alive([pid]), 'the end of the child')
-
-
-MEMORY = """
-from pathlib import Path
-import resource
-
-def resident():
-    return int(Path('/proc/self/statm').read_text().split()[1]) * resource.getpagesize()
-
-bytearray(1 << 24)
-before = resident()
-blocks = [bytearray(1 << 20) for _ in range(16)]
-blocks.clear()
-print(resident() - before)
-"""
-
-
-@pytest.mark.skipif(platform.libc_ver()[0] != 'glibc', reason='a setting of glibc')
-def test_a_child_returns_freed_memory(start: Start, lines: list[str]) -> None:
-    """Check blocks that glibc keeps otherwise."""
-    start(MEMORY)
-    assert int(lines[0].removeprefix('[kid] ')) < 1 << 20
-    kept = subprocess.check_output([sys.executable, '-c', MEMORY], env={
-        name: value for name, value in os.environ.items() if name != 'MALLOC_TRIM_THRESHOLD_'})
-    assert int(kept) > 1 << 23

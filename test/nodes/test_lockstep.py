@@ -43,15 +43,15 @@ pytestmark = pytest.mark.ros
 
 def test_every_law_one_after_another(tmp_path: Path) -> None:
     """
-    The law changes every 50 ms; the graph equals the simulation to the last bit.
+    The law changes every 25 ms; the graph equals the simulation to the last bit.
 
     Both are plain: what other tests compile meanwhile, a node would take law by law.
     """
     file = tmp_path / 'params.yaml'
-    events = [f'{0.05 * k:.2f} controller law {law}' for k, law in enumerate(LAWS[1:], 1)]
+    events = [f'{0.025 * k:.3f} controller law {law}' for k, law in enumerate(LAWS[1:], 1)]
     file.write_text(f"""
 plant:
-  ros__parameters: {{pacing: lockstep, duration: 0.52, compiled: false,
+  ros__parameters: {{pacing: lockstep, duration: 0.26, compiled: false,
     actuator_lag: [0.002, 0.002], encoder_resolution: [1.0e-5, 1.0e-5],
     initial_position: [3.14159, 1.5708]}}
 controller:
@@ -77,17 +77,17 @@ def test_other_period_names_namespace_waypoints_and_every_imperfection(tmp_path:
 joint_names: [elbow, shoulder]
 points:
   - {positions: [-0.1, 0.5], velocities: [0.3, 0.0], accelerations: [0, 0],
-     time_from_start: 0.2}
+     time_from_start: 0.1}
   - {positions: [0.1, 0.7], velocities: [0.0, 0.4], accelerations: [0, 1],
-     time_from_start: 0.4}
-  - {positions: [0.2, 0.6], velocities: [0.0, 0.0], time_from_start: 0.6}
-  - {positions: [0.0, 0.4], time_from_start: 0.8}
+     time_from_start: 0.2}
+  - {positions: [0.2, 0.6], velocities: [0.0, 0.0], time_from_start: 0.3}
+  - {positions: [0.0, 0.4], time_from_start: 0.4}
 """)
     file.write_text(f"""
 /**:
   ros__parameters: {{joint_names: [shoulder, elbow], control_period: 0.002}}
 plant:
-  ros__parameters: {{pacing: lockstep, duration: 1.0, initial_position: [0.3, -0.2],
+  ros__parameters: {{pacing: lockstep, duration: 0.5, initial_position: [0.3, -0.2],
     coulomb_friction: [3.0, 1.0], velocity_noise: [0.005, 0.004],
     position_noise: [1.0e-5, 0.0], encoder_resolution: [0.0, 1.0e-4], noise_seed: 7,
     input_delay: 2, torque_saturation: [900.0, 150.0], viscous_friction: [0.5, 0.2],
@@ -104,8 +104,8 @@ reference:
   ros__parameters: {{joint_names: [elbow, shoulder], trajectory_file: {waypoints}}}
 bringup:
   ros__parameters:
-    events: ['0.2 controller ka [13.0, 13.0]', '0.25 plant sample_loss 0.4',
-             '0.3 plant friction_asymmetry [0.0, 0.1]']
+    events: ['0.1 controller ka [13.0, 13.0]', '0.12 plant sample_loss 0.4',
+             '0.15 plant friction_asymmetry [0.0, 0.1]']
 """)
     result = record(
         tmp_path / 'bag', '--params-file', str(file), '--law', 'compensation', '--ros-args', '-r',
@@ -118,10 +118,10 @@ bringup:
     assert result.experiment == 'mine'
     assert result.joint_names == ('shoulder', 'elbow')
     assert np.abs(result.run.tau[:, 0]).max() == 300.0
-    assert 300 < len(result.run.t) < 450
+    assert 150 < len(result.run.t) < 225
     assert counts(tmp_path / 'bag')['/robot1/joint_states'] >= len(result.run.t)
-    rest = result.run.t >= 0.8
-    assert rest.sum() > 40 and (result.run.q_d[rest] == [0.4, 0.0]).all()
+    rest = result.run.t >= 0.4
+    assert rest.sum() > 20 and (result.run.q_d[rest] == [0.4, 0.0]).all()
 
 
 def test_a_robot_of_a_urdf_and_the_bag_says_all(tmp_path: Path) -> None:
@@ -232,5 +232,4 @@ def test_a_description_that_comes_later_and_is_wrong_at_first() -> None:
         assert it.set('controller', 'effort_limit', [55.0, 3.0]).successful
         commands.clear()
         it.until(lambda: (greatest(0), greatest(1)) == (55.0, 3.0), 'the other limits')
-        reports.until('controller', lambda r: r.count('saturated samples') > 100, 'a count')
         assert not any('Traceback' in line for line in it.lines)

@@ -141,5 +141,5 @@ def test_a_second_publisher_of_everything_changes_nothing_in_lockstep(tmp_path: 
     run = read_bag(bag).run
     expected = simulate(parameter_file.load(file, {'plant': {'duration': 0.8}})).run
     assert_equal(run, expected, ['tau'])
-    # Of the last torque there is no state that says that it was applied.
-    assert np.array_equal(run.tau[:-1], expected.tau[:-1])
+    known = np.isfinite(run.tau).all(axis=1)  # Torques are published with every tenth stamp.
+    assert known.sum() > 70 and np.array_equal(run.tau[known], expected.tau[known])

@@ -121,8 +121,15 @@ def test_bringup_refuses_what_means_nothing(
     assert [word for word in words if word not in error] == []
 
 
-def test_bringup_overwrites_nothing_and_refuses_an_event_that_a_running_node_would(
-        file: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_bringup_overwrites_nothing_and_refuses_what_a_node_would(
+        file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str],
+        monkeypatch: pytest.MonkeyPatch) -> None:
+    with monkeypatch.context() as secure:
+        secure.setenv('ROS_SECURITY_ENABLE', 'true')
+        secure.setenv('ROS_SECURITY_STRATEGY', 'Enforce')
+        assert bringup.main(['--record', str(tmp_path / 'bag')]) == 1
+    error = capsys.readouterr().err
+    assert 'ROS_SECURITY_KEYSTORE is not set' in error and len(error.splitlines()) == 1
     assert bringup.main(['--record', '/']) == 1
     assert capsys.readouterr().err == 'bringup: /: exists already, not overwritten\n'
     file.write_text("bringup: {ros__parameters: {events: ['1.0 controller ka [-1.0, 0.0]']}}")

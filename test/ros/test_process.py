@@ -130,29 +130,3 @@ def test_a_node_that_the_middleware_does_not_let_go_ends() -> None:
     assert process.returncode == 0, output
     assert output.endswith('hanging\n')
     assert took < 3.0 + 5.0
-
-
-@pytest.mark.ros
-def test_enforced_security_without_a_keystore_ends_all_at_once(
-        tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """One line, status 1, no traceback, and nothing is left: neither a process nor a bag."""
-    monkeypatch.setenv('ROS_SECURITY_ENABLE', 'true')
-    monkeypatch.setenv('ROS_SECURITY_STRATEGY', 'Enforce')
-    monkeypatch.delenv('ROS_SECURITY_KEYSTORE', raising=False)
-    bag = tmp_path / 'bag'
-    arguments = {
-        'bringup': ['bringup', '--params-file', str(CONFIG / 'friction.yaml'), '--record',
-                    str(bag)],
-        'recorder': ['node', 'recorder', '--ros-args', '-p', f'bag:={bag}']}
-    with own_domain():
-        processes = {name: subprocess.Popen(
-            [sys.executable, '-m', f'ctc_chattering.cli.{module}', *more], text=True,
-            stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
-            for name, (module, *more) in arguments.items()}
-        outputs = {name: process.communicate(timeout=2 * PATIENCE)[0]
-                   for name, process in processes.items()}
-    for name, output in outputs.items():
-        assert processes[name].returncode == 1, output
-        assert output.startswith(f'{name}: ') and len(output.splitlines()) == 1
-        assert 'ROS_SECURITY_KEYSTORE is not set' in output
-    assert not bag.exists()

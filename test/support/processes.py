@@ -81,6 +81,11 @@ class Probe:
             assert time.monotonic() < deadline, f'waited in vain for {what}: {self.lines}'
             self.executor.spin_once(timeout_sec=0.02)
 
+    def until_said(self, *words: str) -> None:
+        """Wait until a line with all words has come through the pipes."""
+        self.until(lambda: any(
+            all(word in line for word in words) for line in self.lines), words[-1])
+
     def listen(self, kind: Any, topic: str, qos: QoSProfile | int = 1000,
                raw: bool = False) -> list[Any]:
         """
