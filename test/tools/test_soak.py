@@ -32,7 +32,7 @@ import numpy as np
 from processes import PATIENCE
 import pytest
 from soak import plan, report
-from soak.measurements import examine, memory, Outage, unhealthy, WARM_UP
+from soak.measurements import examine, gaps, memory, Outage, unhealthy, WARM_UP
 from soak.plan import Fault
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -75,6 +75,7 @@ def test_gaps_of_a_bag_and_what_explains_them(tmp_path: Path) -> None:
     for t, topic, kind, data in sorted(rows):
         recording.write(f'/{topic}', kind, t, data, offered_qos(10, False))
     recording.close()
+    assert len(gaps([0, S // 1000, 0], [])) == 1, 'a stamp that goes back is one, too'
     for outages, unexplained in ([], 2), ([Outage(S, 2 * S)], 1), ([Outage(20 * S, 21 * S)], 2):
         found = examine([tmp_path / 'bag'], outages)
         assert (found['states'], found['messages']) == (2000, 2018)
