@@ -46,11 +46,12 @@ test-load: $(READY)
 compiled: $(READY)
 	PYTHONPATH=test/support:validation $(BIN)/python tools/compile_code.py
 
-# Studies that take a minute or more each, and properties with random examples.
-slow: $(VENV)/.docs
+# What takes long: studies, robots identified, kills, pages; then properties with random examples.
+slow: $(VENV)/.docs compiled
 	@begin=$$(date +%s); \
-	$(BIN)/python -m pytest -m slow -o faulthandler_timeout=3600 && \
-	$(BIN)/python -m pytest -m 'not slow and not ros' --numprocesses=auto \
+	$(BIN)/python -m pytest -m slow --numprocesses=2 --dist=worksteal --durations=30 \
+		-o faulthandler_timeout=3600 && \
+	$(BIN)/python -m pytest -m 'hypothesis and not slow and not ros' --numprocesses=auto \
 		--hypothesis-profile=random; status=$$?; \
 	$(BIN)/python tools/calibration.py 'make slow' $$begin; exit $$status
 
