@@ -45,5 +45,5 @@ def text() -> str:
 
 if __name__ == '__main__':
     took, once = time.time() - float(sys.argv[2]), calibration()
-    print(f'{sys.argv[1]}: {took:.0f} s, {took / once:.0f} times the {once:.2f} s that ten million '
-          '`s += i * i` take here')
+    print(f'{sys.argv[1]}: {took:.0f} s, {took / once:.0f} times the {once:.2f} s of ten million '
+          '`s += i * i` here')
