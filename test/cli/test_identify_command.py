@@ -55,23 +55,6 @@ def test_a_bag_becomes_numbers_gains_figures_and_a_page(
     assert 'exists already' in capsys.readouterr().err
 
 
-def test_what_the_effort_is(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Currents behind a gear become torques; a line says how to name them."""
-    made = short()
-    factor = np.array([100.0 * 0.12, -50.0 * 0.2])
-    rng = np.random.default_rng(1)
-    bag = str(recorded_bag(tmp_path / 'run', made, command=None,
-                           effort=made.run.tau / factor + rng.normal(0.0, 1e-3, (8001, 2))))
-    out = tmp_path / 'out'
-    command = ['identify', bag, '--model', 'two_link', '--trials', '0', '--out', str(out)]
-    assert main(command) == 1
-    assert '--effort current --torque-constant' in ''.join(capsys.readouterr())
-    assert main([*command, '--effort', 'current', '--torque-constant=12,-10']) == 0
-    found = json.loads((out / 'identify.json').read_text())
-    for friction, true in zip(found['friction'], made.plant.coulomb_friction):
-        assert friction['coulomb']['value'] == pytest.approx(true, rel=0.02)
-
-
 def test_no_usable_joint_is_status_1_and_one_line_and_everything_is_written(
         tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """A torque that depends on the position by more than friction is not that of friction."""

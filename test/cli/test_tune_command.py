@@ -41,31 +41,26 @@ def numbers(out: Path) -> Any:
 
 
 def test_a_spec_becomes_gains(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    command = ['tune', str(folder / 'spec.yaml'), '--trials', '4', '--jobs', '1']
+    spec = folder / 'spec.yaml'
+    spec.write_text(SPEC.replace('5000', '[5000, 700]').replace(
+        'duration: 0.5', f'duration: 0.4\nseed: {2 ** 40}'))
+    command = ['tune', str(spec), '--trials', '3', '--jobs', '1', '--draws', '3',
+               '--percentile', '50']
     assert main(command) == 0
     text = capsys.readouterr().out
-    for words in ('chattering implicit_observer', '4 trials × 2 draws', '8 fresh draws',
-                  'uncertain friction:', 'uniform: [0.8, 1.2], factor: true', '5000 N·m',
+    for words in ('chattering implicit_observer', '3 trials × 3 draws', '12 fresh draws',
+                  'uncertain friction:', 'uniform: [0.8, 1.2], factor: true', '5000',
                   'file chattering sign', 'ctc simulate tuned/tuned.yaml'):
         assert words in text
     assert {x.name for x in Path('tuned').iterdir()} == set(NAMES)
     found = numbers(Path('tuned'))
-    assert [found[x] for x in ('percentile', 'seed', 'law')] == [95.0, 0, 'chattering']
+    assert [found[x] for x in ('percentile', 'seed', 'law', 'duration_s')] == [
+        50.0, 2 ** 40, 'chattering', 0.4]
+    assert found['limits']['torque_nm'] == [5000.0, 700.0]
+    assert len(found['draws']['search']['values']) == 3
     assert all(5.0 <= x['numbers']['pole'] <= 50.0 for x in found['trials'])
     assert main(command) == 1
     assert 'exists already' in capsys.readouterr().err
-
-
-def test_limits_of_the_spec_and_options(folder: Path) -> None:
-    spec = folder / 'other.yaml'
-    spec.write_text(SPEC.replace('torque_limit: 5000', 'torque_limit: [600, 700]').replace(
-        'duration: 0.5', f'duration: 0.4\nseed: {2 ** 40}'))
-    assert main(['tune', str(spec), '--trials', '2', '--jobs', '1', '--draws', '3',
-                 '--percentile', '50']) == 0
-    found = numbers(Path('tuned'))
-    assert found['limits']['torque_nm'] == [600.0, 700.0]
-    assert (found['percentile'], found['duration_s'], found['seed']) == (50.0, 0.4, 2 ** 40)
-    assert len(found['draws']['search']['values']) == 3
 
 
 def test_a_parameter_file_alone_is_enough(folder: Path) -> None:

@@ -36,6 +36,7 @@ def said(name: str, beside: Path, *arguments: object) -> str:
         capture_output=True, check=True).stdout
 
 
+@pytest.mark.slow
 def test_the_paper_has_the_numbers_of_the_readme(tmp_path: Path) -> None:
     text = said('paper', tmp_path)
     assert re.findall(r'error ([\d.e-]+), ([\d.e-]+) rad', text) == [
