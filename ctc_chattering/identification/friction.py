@@ -182,6 +182,8 @@ _CAUSES = 3
 _SCALE, _COMMON = 0.03, 0.066
 #: Part of a joint's torque that errors of the model may have without a name.
 _TRIFLE = 1e-3
+#: Doubt of the load at its change of sign, in what the magnitude of the mean would change.
+_FORM = 3.0
 #: Halves of an interval by which friction may differ beside causes and beside all errors.
 _AGREES = 2.0
 
@@ -339,7 +341,10 @@ def _final(data: Data, terms: Sequence[Term], design: Array,
             break
         missing.update({(x.kind, x.joint): NONE for x in weak})
         known = [x for x in known if x not in weak]
-    return fit, errors
+    # Where a load changes its sign in a window, its mean magnitude is known less well.
+    other = solve(dataclasses.replace(data, load=np.abs(data.base)), fit.terms)
+    return fit, errors.wider(_FORM * np.where(
+        [term.joint >= 0 for term in fit.terms], other.value - fit.value, 0.0))
 
 
 def _containing(fit: Fit, errors: Spread, other: Fit) -> Spread:
