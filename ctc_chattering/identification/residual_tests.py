@@ -257,7 +257,7 @@ def findings(i: int, left: Unexplained) -> Iterator[Finding]:
         yield Finding(Kind.FRICTION_OFF, i, f'{left.part(left.rest):.1%} of the friction, '
                       f'{left.rest:.2g} N*m RMS, is not explained and correlates in time; '
                       f'friction may be off by {off:.0%}',
-                      'look at the figure of what is not explained', off)
+                      'record another motion, and compare the numbers', off)
 
 
 def widened(data: Data, fit: Fit, i: int, friction: JointFriction, left: Unexplained
