@@ -27,7 +27,6 @@ from ctc_chattering.runs.tune import (
     Candidate,
     over_draws,
     recommended_of,
-    references,
     scores_of,
     searched,
     setups,
@@ -80,7 +79,7 @@ def test_the_points_are_validated_on_all_fresh_draws(tuning: Tuning) -> None:
 
 
 def test_others_are_the_file_and_the_recommended_settings(tuning: Tuning) -> None:
-    found = references(tuning.spec)
+    found = tuning.spec.references
     assert [x.name for x in tuning.others] == list(found) == [
         'file chattering sign', 'recommended chattering implicit_observer',
         'recommended observer_feedback']

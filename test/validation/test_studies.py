@@ -18,9 +18,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from ctc_chattering.runs.recommended import recommended_setup
 from held_out_table import verdict
-from imperfections import Case
+from imperfections import Case, settled
 import pytest
 
 
@@ -31,10 +30,10 @@ def test_gains_follow_what_is_slow(h: float, lag: float, delay: int, pole: float
     """Check p (T + h (1 + delay)) <= 0.4, and what is made of p."""
     case = Case('x', 'y', {'/**': {'control_period': h}, 'controller': {'input_delay': delay},
                            'plant': {'actuator_lag': [lag, lag], 'duration': 1.0}})
-    config = recommended_setup(case.setup(), 'observer_feedback').controller
+    config = settled(case.setup(), 'observer_feedback').controller
     assert (config.kp[0], config.kv[0]) == pytest.approx((pole ** 2, 2.0 * pole))
     assert config.estimator_bandwidth == pytest.approx(2.0 * pole)
-    setup = recommended_setup(case.setup(), 'integral')
+    setup = settled(case.setup(), 'integral')
     p = 0.6 * pole
     assert (setup.controller.kp[0], setup.controller.kv[0], setup.controller.ki[0]
             ) == pytest.approx((3.0 * p ** 2, 3.0 * p, p ** 3))
