@@ -56,7 +56,7 @@ def test_against_enumeration(n: int, decades: float) -> None:
     assert active > 5
 
 
-@settings(max_examples=300)
+@settings(max_examples=150)
 @given(st.integers(1, 6), st.integers(0, 2 ** 32 - 1), st.floats(0.0, 6.0),
        st.floats(-6.0, 6.0))
 def test_optimality_conditions(n: int, seed: int, decades: float, size: float) -> None:
@@ -68,7 +68,7 @@ def test_optimality_conditions(n: int, seed: int, decades: float, size: float) -
     _check_conditions(mass, point, bound, nearest(mass, point, bound))
 
 
-@settings(max_examples=200)
+@settings(max_examples=100)
 @given(st.lists(st.sampled_from([-2.0, -1.0, -0.5, 0.0, 0.5, 1.0, 2.0]), min_size=3, max_size=3),
        st.lists(st.sampled_from([0.0, 0.5, 1.0, 2.0]), min_size=3, max_size=3),
        st.sampled_from([-0.5, 0.0, 0.5, 0.9]))
