@@ -22,7 +22,7 @@ it computes it writes into them.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 import ctypes
 from functools import cached_property, lru_cache
@@ -36,6 +36,7 @@ from typing import Any, NamedTuple
 from ctc_chattering.compiled import compilable
 from ctc_chattering.errors import CtcError
 import numpy as np
+import numpy.typing as npt
 
 _PACKAGE = Path(__file__).parents[1]
 #: Folders with functions that are compiled.
@@ -73,16 +74,20 @@ def layout(argument: Any) -> Layout:
     return Layout(type(argument), parts=tuple(map(layout, argument)))
 
 
-def _places(argument: Any) -> Iterator[int]:
-    """Yield the address of an argument, and the length of an array."""
-    if isinstance(argument, tuple):
-        for part in argument:
-            yield from _places(part)
-    elif isinstance(argument, np.ndarray):
-        yield argument.ctypes.data
-        yield len(argument)
-    else:  # The interface of a record describes all its fields, at each call anew.
-        yield np.frombuffer(argument, np.uint8).ctypes.data
+def places(arguments: tuple[Any, ...]) -> npt.NDArray[np.int64]:
+    """Return the addresses of arguments, that of an array with its length, those in tuples too."""
+    found: list[int] = []
+
+    def add(argument: Any) -> None:
+        if isinstance(argument, tuple):
+            for part in argument:
+                add(part)
+        elif isinstance(argument, np.ndarray):
+            found.extend((argument.ctypes.data, len(argument)))
+        else:  # The interface of a record describes all its fields, at each call anew.
+            found.append(np.frombuffer(argument, np.uint8).ctypes.data)
+    add(arguments)
+    return np.array(found, np.int64)
 
 
 class Code:
@@ -103,8 +108,6 @@ class Code:
     ----------
     layouts : tuple of Layout
         Of the arguments.
-    places : array
-        Addresses of the arguments.
 
     """
 
@@ -112,7 +115,11 @@ class Code:
                  ) -> None:
         self.function, self.name, self._kept = function, name, arguments
         self.layouts = tuple(map(layout, arguments))
-        self.places = np.array(list(_places(arguments)), np.int64)
+
+    @cached_property
+    def places(self) -> npt.NDArray[np.int64]:
+        """Return the addresses of the arguments."""
+        return places(self._kept)
 
     @cached_property
     def path(self) -> Path:

@@ -17,10 +17,11 @@
 from __future__ import annotations
 
 import dataclasses
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 from ctc_chattering.compiled.compilable import function, record, solve
-from ctc_chattering.compiled.machine_code import Code, invoke
+from ctc_chattering.compiled.machine_code import Code, invoke, places
 from ctc_chattering.compiled.records import numpy_record, packed, record_of, value, write
 from ctc_chattering.dynamics import tree, two_link
 from ctc_chattering.dynamics.model import Model
@@ -107,6 +108,15 @@ class EvaluatedModel(NamedTuple):
         return solve(M, u - bias)
 
 
+@lru_cache(64)
+def _rooms(n: int) -> tuple[Any, ...]:
+    """Return a `BodyScratch`, what is called, and a `KeptTerms`, to be copied."""
+    zero, square = np.zeros(n), np.zeros((n, n))
+    return (record_of(tree.body_scratch(n)),
+            numpy_record(dict.fromkeys(('function', 'places'), np.array(0))),
+            packed(KeptTerms(0, 0, zero, zero, square, square, zero)))
+
+
 class CompiledArm:
     """
     The dynamics of an arm as machine code, compiled once for all laws and the plant.
@@ -128,31 +138,27 @@ class CompiledArm:
     """
 
     def __init__(self, arm: Arm, n: int) -> None:
-        body = record_of(tree.body_scratch(n))
+        body, call, terms = (x.copy() for x in _rooms(n))
         self._n, self._bodies = n, (record_of(arm), body)
-        call = numpy_record(dict.fromkeys(('function', 'places'), np.array(0)))
         self.model = CompiledModel(call, body)
-        self._kept: list[Code] = []
-        self._terms = Code(set_terms, (*self._bodies, self._place()), f'dynamics-{n}')
+        self._kept: list[Any] = []
+        self._terms = Code(set_terms, (*self._bodies, terms), f'dynamics-{n}')
         self._mass = Code(set_mass_and_bias, self._bodies, f'mass-{n}')
         self.codes = self._terms, self._mass
         if self._mass.compiled:
-            self._set(call, self._mass)
+            self._set(call, self._mass, self._bodies)
 
-    def _place(self) -> Any:
-        zero, square = np.zeros(self._n), np.zeros((self._n, self._n))
-        return packed(KeptTerms(0, 0, zero, zero, square, square, zero))
-
-    def _set(self, called: Any, code: Code) -> None:
-        """Set the addresses by which compiled code calls another one."""
-        self._kept.append(code)
-        called.function, called.places = code.address(), code.places.ctypes.data
+    def _set(self, called: Any, code: Code, arguments: tuple[Any, ...]) -> None:
+        """Set the addresses by which compiled code calls another one, with these arguments."""
+        at = places(arguments)
+        self._kept.append(at)
+        called['function'], called['places'] = code.address(), at.ctypes.data
 
     def place(self) -> Any:
         """Return a place for the terms of a state."""
-        place = self._place()
+        place = _rooms(self._n)[-1].copy()
         if self._terms.compiled:
-            self._set(place, Code(set_terms, (*self._bodies, place), self._terms.name))
+            self._set(place, self._terms, (*self._bodies, place))
         return place
 
 

@@ -35,6 +35,8 @@ _ROUNDING = 1e-13
 _INDEPENDENT = 20.0
 #: Samples that noise and step are computed from, at most.
 _ENOUGH = 200_000
+#: RMS velocity of a joint that rests: in deviations of what positions show, and at least [rad/s].
+_RESTS, _STILL = 3.0, 1e-6
 
 
 @dataclasses.dataclass(frozen=True)
@@ -44,8 +46,8 @@ class Clock:
 
     Attributes
     ----------
-    period, jitter, longest : float
-        Mean step, standard deviation of the steps, and the longest one [s].
+    period : float
+        Mean step [s].
     missing : int
         Samples that are missing.
     pauses : tuple of (float, float)
@@ -54,8 +56,6 @@ class Clock:
     """
 
     period: float
-    jitter: float
-    longest: float
     missing: int
     pauses: tuple[tuple[float, float], ...]
 
@@ -63,11 +63,10 @@ class Clock:
 def clock(recording: Recording) -> Clock:
     """Return what the stamps of a checked recording say."""
     step, period = np.diff(recording.t), recording.period
-    near = step[np.abs(step - period) < 0.5 * period]
     long = np.flatnonzero(step > (BRIDGED + 1.5) * period)
     missing = round(float(step.sum()) / period) - len(step)
-    return Clock(period, float(near.std()), float(step.max()), max(missing, 0),
-                 tuple((float(recording.t[k] - recording.t[0]), float(step[k])) for k in long))
+    return Clock(period, max(missing, 0), tuple(
+        (float(recording.t[k] - recording.t[0]), float(step[k])) for k in long))
 
 
 def encoder_step(q: Array) -> Estimate:
@@ -113,7 +112,8 @@ def velocity_noise(recording: Recording, period: float) -> tuple[list[Estimate],
         x, y = x[calm & np.isfinite(dq[:, i])], dq[calm & np.isfinite(dq[:, i]), i]
         value, length = coefficients(x, y), float(np.linalg.norm(x[:, 0]))
         rest = y - x @ value
-        ratio = float(value[0]) if length else 1.0
+        still = length <= max(_RESTS * known[i], _STILL) * np.sqrt(len(x))
+        ratio = 1.0 if still else float(value[0])
         error = _INDEPENDENT * float(np.sqrt(np.square(rest).mean())) / max(length, 1e-300)
         if abs(ratio - 1.0) - error > most:
             what = (f'the velocity of {name} is {ratio:.3g} ± {error:.1g} times the change of its '

@@ -33,7 +33,7 @@ def _run(t: Sequence[float], e: Sequence[Sequence[float]], tau: Sequence[Sequenc
 
 TINY = _run(
     t=[4.0, 5.0, 6.0, 7.0, 10.0, 11.0],
-    e=[[99, 99], [3, -1], [-4, 0], [0, 1], [0, -2], [99, 99]],
+    e=[[99, 99], [3, -2], [-4, 0], [0, 1], [0, -2], [99, 99]],
     tau=[[99, 99], [1, 2], [-1, 2], [5, 2], [5, -8], [99, 99]],
     v=[[1, 0], [0, -2], [0.1, 0.15], [-0.15, 0], [0, 0.1], [0, 0]])
 
@@ -44,8 +44,8 @@ def test_by_hand() -> None:
     assert WINDOW == (5.0, 10.0)
     assert BAND == 0.15
     assert found['window_s'] == [5.0, 10.0]
-    assert found['rms_error_rad'] == pytest.approx([2.5, np.sqrt(6 / 4)])
-    assert found['max_error_norm1_rad'] == pytest.approx(4.0)
+    assert found['rms_error_rad'] == pytest.approx([2.5, np.sqrt(9 / 4)])
+    assert found['max_error_norm1_rad'] == pytest.approx(5.0)
     assert found['rms_torque_nm'] == pytest.approx([np.sqrt(52 / 4), np.sqrt(76 / 4)])
     assert found['torque_variation_nm_per_s'] == pytest.approx([8 / 5, 10 / 5])
     assert found['max_torque_step_nm'] == [6.0, 10.0]

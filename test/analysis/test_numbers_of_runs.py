@@ -20,14 +20,12 @@ import base64
 import csv
 import dataclasses
 import json
-import math
 from pathlib import Path
 import re
 from typing import Any
 
 from ctc_chattering import write_runs
 from ctc_chattering.analysis import result as analysis
-from ctc_chattering.analysis.output import finite
 from ctc_chattering.analysis.run_page import write_samples
 from ctc_chattering.analysis.terms import terms
 from ctc_chattering.configuration import parameter_file
@@ -94,12 +92,6 @@ def test_simulated_is_the_core_s_simulation() -> None:
             getattr(result.run, field.name), getattr(expected, field.name))
     assert seen == sorted(seen) and seen[-1] == pytest.approx(0.1)
     np.testing.assert_array_equal(result.terms.tau, result.run.tau)
-
-
-def test_finite() -> None:
-    """Check that what JSON cannot say becomes null, however deep."""
-    assert finite({'a': [1.0, math.nan, (math.inf, 'x')], 'b': -math.inf, 'c': 3, 'd': None}) == {
-        'a': [1.0, None, [None, 'x']], 'b': None, 'c': 3, 'd': None}
 
 
 def test_a_page_with_figures_numbers_and_samples(tmp_path: Path) -> None:

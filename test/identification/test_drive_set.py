@@ -69,7 +69,7 @@ def searched(command: Array, torque: Array, noise: float, seed: int,
     one = np.ones((len(centres), 1))
     weak = PHI.sums(command[:, None], PHI.over, centres)
     data = dataclasses.replace(Data.at(one, one, weak, np.empty((*one.shape, 0))),
-                               t=H * centres, centres=centres, base=base)
+                               t=np.asarray(H * centres, float), centres=centres, base=base)
     part = Stretch(0.0, H, np.zeros((COUNT, 1)), None, command[:, None])
     profile = DriveProfile([part], [data], data, lambda torque, _: torque, PHI, range(-1, 6),
                            np.array([True]))
@@ -133,8 +133,7 @@ NONE = np.zeros((3, 2))
 def timing(delays: dict[int, np.ndarray], rate: np.ndarray | None = None) -> Timing:
     rates = np.tile(np.array([[50.0], [np.inf], [np.inf]]), 2) if rate is None else rate
     best = min(delays)
-    return Timing('command', float(best), delays[best][1], np.zeros(2), delays, np.ones(2), rates,
-                  np.ones(2, bool))
+    return Timing('command', float(best), delays[best][1], delays, rates, np.ones(2, bool))
 
 
 def ms(*rows: tuple[float, float]) -> np.ndarray:

@@ -79,3 +79,10 @@ def test_degenerate_problems(point: list[float], bound: list[float], c: float) -
     _check_conditions(mass, np.array(point), np.array(bound), z)
     np.testing.assert_allclose(
         z, inclusion_by_enumeration(mass, np.array(point), np.array(bound)), atol=1e-12)
+
+
+def test_a_point_at_the_end_of_the_numbers_gives_a_corner() -> None:
+    """Check that what would overflow in M⁻¹ leaves the box as little as any other."""
+    for point in ([1e308, -1e308], [np.inf, -1.0e300], [np.inf, -np.inf]):
+        z = nearest(np.array([[9.79, 1.27], [1.27, 0.62]]), np.array(point), np.array([10.0, 4.0]))
+        assert z.tolist() == [10.0, -4.0]

@@ -36,10 +36,6 @@ SETUP = ctc.Setup(ctc.PlantConfig(duration=0.002), CONFIG, ctc.ReferenceConfig()
 
 
 RESULT = ctc.Result('', [(0.0, CONFIG)], RUN)
-#: Samples and instants that are none, each with what takes it.
-WRONG: list[Any] = [
-    np.nan, np.inf, 10 ** 400, True, None, 'nonsense', b'x', [], [None], ['a', 'b', 'c'], [[[]]],
-    {}, {'a': None}, object(), len, np.zeros(3), np.array('x'), 1j, range(3), CONFIG, RUN, Path()]
 LAW = ctc.Controller(CONFIG)
 METHODS: list[tuple[Callable[..., Any], int]] = [
     (LAW.step, 5), (LAW.try_step, 5), (LAW.reset, 2), (LAW.lyapunov, 2)]
@@ -47,14 +43,12 @@ METHODS: list[tuple[Callable[..., Any], int]] = [
 
 @pytest.mark.parametrize('method, count', METHODS)
 def test_what_is_no_sample_is_refused_in_one_line(method: Callable[..., Any], count: int) -> None:
-    """Check that nothing else is raised, and that two values are refused in any case."""
-    for value in WRONG:
-        for row in ([value] * count, [value] + [REST] * (count - 1)):
-            with suppress(ctc.CtcError):
-                method(*row)
     for value in (5j, 'nonsense'):
         with pytest.raises(ctc.CtcError, match=r'^[^\n]*$'):
             method(*[value] * count)
+    for wrong in (np.nan, 10 ** 400, None, [], ['a', 'b', 'c'], {}, np.zeros(3), range(3), Path()):
+        with suppress(ctc.CtcError):  # Nothing else is raised; what is not used may be wrong.
+            method(*[wrong] + [REST] * (count - 1))
 
 
 def test_wrong_values_inside() -> None:

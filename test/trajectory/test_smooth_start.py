@@ -141,7 +141,7 @@ def _limits(kind: str = 'revolute', **limits: float) -> DescribedLimits:
         f'{name}="{value}"' for name, value in values.items())), ('a',))
 
 
-@settings(max_examples=40)
+@settings(max_examples=20)
 @given(sinusoids, positions, velocities, st.floats(0.05, 3.0), instants, st.floats(0.5, 8.0),
        st.floats(0.5, 8.0), st.floats(1.0, 100.0))
 def test_what_is_not_refused_keeps_the_limits_and_what_is_named_would_do(
