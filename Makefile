@@ -10,7 +10,7 @@ READY := $(VENV)/.ready
 # Where Python keeps no compiled modules, each of some hundred processes compiles them.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo live docs test suite compiled test-load slow lint compare rules held-out reproduced-table benchmark map-benchmark latency live-cost soak identification faults dist clean
+.PHONY: demo live docs test suite compiled test-load slow lint compare rules held-out reproduced-table benchmark map-benchmark latency real-time live-cost soak identification faults dist clean
 
 demo: $(ROS)
 	@echo 'Six experiments of 10 s over ROS 2, faster than real time, then figures: about a minute.'
@@ -97,6 +97,10 @@ map-benchmark: $(READY)
 # Period and answer time of the loop in real time, with and without priority: a Markdown table.
 latency: $(READY)
 	$(BIN)/python tools/benchmark/latency.py
+
+# The law in C at 1 kHz beside an empty loop: a Markdown table, in two minutes.
+real-time: $(READY)
+	$(BIN)/python tools/benchmark/real_time.py
 
 # What an open page of `ctc live` costs the loop: a Markdown table.
 live-cost: $(READY)

@@ -34,6 +34,7 @@ import tempfile
 from typing import Any, NamedTuple
 
 from ctc_chattering.compiled import compilable
+from ctc_chattering.compiled.compilable import Array
 from ctc_chattering.errors import CtcError
 import numpy as np
 
@@ -73,16 +74,23 @@ def layout(argument: Any) -> Layout:
     return Layout(type(argument), parts=tuple(map(layout, argument)))
 
 
-def _places(argument: Any) -> Iterator[int]:
-    """Yield the address of an argument, and the length of an array."""
+def memory_of(argument: Any) -> Iterator[tuple[Array, int | None]]:
+    """Yield the memory of records and arrays of an argument, and the length of an array."""
     if isinstance(argument, tuple):
         for part in argument:
-            yield from _places(part)
+            yield from memory_of(part)
     elif isinstance(argument, np.ndarray):
-        yield argument.ctypes.data
-        yield len(argument)
+        yield argument, len(argument)
     else:  # The interface of a record describes all its fields, at each call anew.
-        yield np.frombuffer(argument, np.uint8).ctypes.data
+        yield np.frombuffer(argument, np.uint8), None
+
+
+def _places(arguments: tuple[Any, ...]) -> Iterator[int]:
+    """Yield the address of each, and the length of an array."""
+    for memory, length in memory_of(arguments):
+        yield memory.ctypes.data
+        if length is not None:
+            yield length
 
 
 class Code:
@@ -101,6 +109,8 @@ class Code:
 
     Attributes
     ----------
+    function, arguments, name
+        As given.
     layouts : tuple of Layout
         Of the arguments.
     places : array
@@ -110,7 +120,7 @@ class Code:
 
     def __init__(self, function: Callable[..., int], arguments: tuple[Any, ...], name: str
                  ) -> None:
-        self.function, self.name, self._kept = function, name, arguments
+        self.function, self.name, self.arguments = function, name, arguments
         self.layouts = tuple(map(layout, arguments))
         self.places = np.array(list(_places(arguments)), np.int64)
 

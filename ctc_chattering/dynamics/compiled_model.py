@@ -124,6 +124,8 @@ class CompiledArm:
         What must be compiled.
     model : CompiledModel
         As compiled functions take it.
+    calls : list of (NumPy record, Code)
+        What compiled functions call, each with the record that has its addresses.
 
     """
 
@@ -132,27 +134,26 @@ class CompiledArm:
         self._n, self._bodies = n, (record_of(arm), body)
         call = numpy_record(dict.fromkeys(('function', 'places'), np.array(0)))
         self.model = CompiledModel(call, body)
-        self._kept: list[Code] = []
         self._terms = Code(set_terms, (*self._bodies, self._place()), f'dynamics-{n}')
         self._mass = Code(set_mass_and_bias, self._bodies, f'mass-{n}')
         self.codes = self._terms, self._mass
-        if self._mass.compiled:
-            self._set(call, self._mass)
+        self.calls: list[tuple[Any, Code]] = []
+        self._call(call, self._mass)
 
     def _place(self) -> Any:
         zero, square = np.zeros(self._n), np.zeros((self._n, self._n))
         return packed(KeptTerms(0, 0, zero, zero, square, square, zero))
 
-    def _set(self, called: Any, code: Code) -> None:
-        """Set the addresses by which compiled code calls another one."""
-        self._kept.append(code)
-        called.function, called.places = code.address(), code.places.ctypes.data
+    def _call(self, called: Any, code: Code) -> None:
+        """Set the addresses by which compiled code calls another one, if it is compiled."""
+        self.calls.append((called, code))
+        if code.compiled:
+            called.function, called.places = code.address(), code.places.ctypes.data
 
     def place(self) -> Any:
         """Return a place for the terms of a state."""
         place = self._place()
-        if self._terms.compiled:
-            self._set(place, Code(set_terms, (*self._bodies, place), self._terms.name))
+        self._call(place, Code(set_terms, (*self._bodies, place), self._terms.name))
         return place
 
 
