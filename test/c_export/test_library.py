@@ -20,52 +20,23 @@ from collections.abc import Callable
 import ctypes
 from math import inf, nan, pi
 from pathlib import Path
-import shutil
 import subprocess
 from typing import Any
 
 from broken_arm import Broken
 from ctc_chattering.c_export.library import export, Robot
-from ctc_chattering.configuration.package_share import find_config
-from ctc_chattering.configuration.parameter_file import load
-from ctc_chattering.control.controller import Controller
 from ctc_chattering.control.controller_config import SWITCHINGS
 from ctc_chattering.controller.trips import TripMonitor
-from ctc_chattering.dynamics.registry import model_of
 from ctc_chattering.errors import CtcError
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_commands import ctc, refused
+from exported_laws import compiled_by_cc, controller_of, robot_of, watched
 from machine_code import compile_step
 import numpy as np
 import pytest
 
 LAWS = ['compensation', *SWITCHINGS, 'observer_feedback']
-FLAGS = ('-O2', '-std=c11', '-Wall', '-Wextra', '-Wpedantic', '-Werror')
 (OK, NOT_INITIALIZED, WRONG_ARGUMENT, NOT_FINITE, OVERFLOW, ERROR_LIMIT, ERROR_GROWTH) = range(7)
-
-
-def robot_of(file: str, law: str, **values: Any) -> Robot:
-    """Return a robot under a law, or under law (6) with a switching."""
-    named = {'law': 'chattering', 'switching': law} if law in SWITCHINGS else {'law': law}
-    setup = load(find_config(file), {'controller': {**named, **values}})
-    return Robot(file, setup.controller, model_of(
-        setup.controller, setup.descriptions.get('controller', '')))
-
-
-def compiled_by_cc(library: Path, *arguments: str) -> Path:
-    """Return what the system's C compiler makes of a library."""
-    assert shutil.which('cc'), 'these tests need a C compiler: apt-get install gcc libc6-dev'
-    out = library / 'made'
-    subprocess.run(['cc', *FLAGS, *arguments, 'ctc_law.c', 'ctc_law_code.o', '-lm', '-o', out],
-                   cwd=library, check=True)
-    return out
-
-
-def controller_of(robot: Robot) -> Controller:
-    controller = Controller(robot.config, robot.model)
-    compile_step(controller)
-    assert controller.compiled
-    return controller
 
 
 def recorded(robot: Robot, count: int) -> tuple[Array, Array]:
@@ -151,12 +122,6 @@ REST: list[Any] = [[0.1, 0.2]] * 2 + [[0.1, 0.2]] * 3
 def paths(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Path]:
     base = tmp_path_factory.mktemp('libraries')
     return lambda name: base / name
-
-
-def watched() -> tuple[Robot, Robot]:
-    """Return law (6) with an observer and an error limit, and the same with other gains."""
-    return robot_of('friction', 'implicit_observer', error_limit=[0.5, 0.5]), robot_of(
-        'friction', 'implicit_observer', kp=[400.0, 300.0], ka=[3.0, 2.0])._replace(name='low')
 
 
 @pytest.mark.parametrize('where', range(5))

@@ -36,8 +36,7 @@ ROOT = Path(ctc_chattering.__file__).parent
 #: Each imports only what stands before it.
 ORDER = ('errors', 'parameters', 'compiled', 'numerics', 'dynamics', 'trajectory', 'control',
          'controller', 'simulation', 'configuration', 'analysis', 'c_export', 'ros', 'bags',
-         'identification',
-         'nodes', 'launch', 'runs', 'live', 'cli')
+         'identification', 'nodes', 'launch', 'runs', 'live', 'cli')
 #: These know nothing of ROS.
 NUMERIC = (*ORDER[:ORDER.index('ros')], 'identification')
 #: Packages that ROS brings.

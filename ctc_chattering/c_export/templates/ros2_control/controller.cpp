@@ -211,7 +211,7 @@ private:
       points.begin(), points.end(), t, [](int64_t x, const Point & point) { return x < point.t; });
     const Point & a = *(after - 1);
     if (t == a.t || after == points.end()) {  // Late, it goes on at the last velocity, then rests.
-      const double h = 1e-9 * static_cast<double>(std::min(t - a.t, grace_));
+      const double h = static_cast<double>(std::min(t - a.t, grace_)) / 1e9;
       for (int i = 0; i < N; ++i) {
         q_d_[at + i] = a.q[i] + h * a.dq[i];
         dq_d_[at + i] = t <= a.t + grace_ ? a.dq[i] : 0.0;
@@ -219,8 +219,8 @@ private:
       }
       return;
     }
-    const double h = 1e-9 * static_cast<double>(after->t - a.t);
-    const double s = 1e-9 * static_cast<double>(t - a.t) / h;
+    const double h = static_cast<double>(after->t - a.t) / 1e9;
+    const double s = static_cast<double>(t - a.t) / 1e9 / h;
     for (int i = 0; i < N; ++i) {
       const double d = after->q[i] - a.q[i], v0 = a.dq[i] * h, v1 = after->dq[i] * h;
       const double a0 = a.ddq[i] * h * h, a1 = after->ddq[i] * h * h;
