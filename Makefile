@@ -121,11 +121,12 @@ identification: $(READY)
 faults: $(READY)
 	PYTHONPATH=test/support $(BIN)/python validation/fault_study.py --seeds $(SEEDS) $(ARGS)
 
-# sdist and wheel of the last commit, in dist/: twice the same bytes.
+# sdist and wheel of the last commit, in dist/.
 dist: $(READY)
 	$(PIP) build
-	rm -rf dist
-	$(BIN)/python tools/distributions.py
+	rm -rf dist build/dist && mkdir -p build/dist
+	git archive HEAD | tar -x -C build/dist
+	$(BIN)/python -m build --outdir dist build/dist
 
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 # pip 26 shows setuptools' warning that a checkout can be imported.

@@ -42,7 +42,7 @@ from ctc_chattering import (
 
 def recorded(robot: Setup) -> RecordedMotion:
     """Return a motion of a simulated robot that shows its friction, as a recorder would."""
-    found = excite(robot, {'duration': 30.0, 'poses': 1}, evaluations=20)
+    found = excite(robot, {'duration': 30.0, 'poses': 1})
     write_excitation(found, robot, 'gains/motion')
     run = simulate(load_parameters('gains/motion/run.yaml'))
     return RecordedMotion(Recording('simulation', run.joint_names, run.t, run.q, run.dq,

@@ -29,8 +29,9 @@ from itertools import accumulate, groupby
 from operator import itemgetter
 import os
 import signal
+from typing import Any
 
-from browser import chromium
+from browser import browser, chromium
 from calibration import text
 from ctc_chattering.compiled.machine_code import Code
 from hypothesis import HealthCheck, settings
@@ -109,3 +110,10 @@ def _plain_control(request: pytest.FixtureRequest) -> Iterator[None]:
         if 'control' in request.path.parts and request.path.name not in _COMPILING:
             context.setattr(Code, 'compiled', property(lambda _: False))
         yield
+
+
+@pytest.fixture(scope='module')
+def started_browser() -> Iterator[Any]:
+    """Yield the browser that the tests of a module share."""
+    with browser() as it:
+        yield it

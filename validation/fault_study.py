@@ -125,7 +125,7 @@ def tried(one: Case, made: Outcome, results: IdentificationResults, seen: Played
         (model_of(one), before), (made.model, config_of(robot, values)))]
     with np.errstate(all='ignore'):
         better = rms[0] / rms[1]
-    return {**found, 'law': recommended.law, 'trials': list(recommended.trials),
+    return {**found, 'trials': list(recommended.trials),
             'better': np.nan_to_num(better, nan=0.0).round(2).tolist()}
 
 

@@ -30,9 +30,8 @@ from ctc_chattering.identification.gains import recommend, Recommendation
 from ctc_chattering.identification.identify import Identification, identify
 from ctc_chattering.identification.model_errors import candidates
 from ctc_chattering.identification.perturbation import perturbation
-from ctc_chattering.identification.results import validate
 from ctc_chattering.trajectory.motions import Route
-from identified_robots import arm, record, Recorded
+from identified_robots import arm, record, Recorded, windows_of
 from identified_robots import motion as motion_of
 import numpy as np
 from urdfs import heavier_links
@@ -59,7 +58,7 @@ def outcome(robot: str, backend: str, case: str, seed: int, duration: float) -> 
     run = perturbation(found)
     recommended = recommend(found, run, made.model, made.recording.q)
     unseen = recorded(robot, backend, case, seed, 20.0, 500)
-    other = validate(found, unseen.recording.checked(), made.model)
+    other = perturbation(found, windows_of(found, unseen.recording.checked(), made.model))
     ka = np.array(recommended.values['ka'][0], float)
     known = [x.coulomb.value is not None for x in found.friction]
     return {'robot': robot, 'backend': backend, 'case': case, 'seed': seed, 'seconds': seconds,
@@ -67,7 +66,7 @@ def outcome(robot: str, backend: str, case: str, seed: int, duration: float) -> 
             'delays': list(found.timing.delays), 'true_delay': made.plant.input_delay,
             'lag': found.timing.lag.tolist(), 'true_lag': list(made.plant.actuator_lag),
             'errors': {x.name: [number.value, number.half] for x, number in found.errors},
-            'ka_over_peak': (ka / other.run.peak)[known].tolist(), 'law': recommended.law,
+            'ka_over_peak': (ka / other.peak)[known].tolist(),
             'advantage': advantage(robot, backend, case, seed, recommended)
             if case == 'plain' and seed < _FEW else []}
 

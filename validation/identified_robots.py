@@ -21,12 +21,16 @@ import dataclasses
 from functools import cache
 from typing import Any, NamedTuple
 
-from ctc_chattering.bags.recording import Recording
+from ctc_chattering.bags.recording import Recording, stretches
 from ctc_chattering.control.controller import ControllerConfig
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.dynamics.registry import model_of
 from ctc_chattering.identification.identify import Identification, identify
+from ctc_chattering.identification.least_squares import Data
 from ctc_chattering.identification.model_errors import candidates
+from ctc_chattering.identification.timing import Profile
+from ctc_chattering.identification.weak_form import TestFunction
+from ctc_chattering.identification.windows import Rows
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.simulation.closed_loop import Run, simulate
 from ctc_chattering.simulation.plant import make_plant, Plant
@@ -200,3 +204,13 @@ def identified(duration: float, noise: float = 1e-3) -> tuple[Recorded, Identifi
     """
     made = record('two_link', 7, duration, plant={'velocity_noise': [noise] * 2})
     return made, identify([made.recording.checked()], made.model, candidates(made.model))
+
+
+def windows_of(found: Identification, recording: Recording, model: Model) -> Data:
+    """Return the windows of another run, with the torques that an identification has found."""
+    period = found.clock.period
+    parts = list(stretches(recording, period))
+    phi = TestFunction(period, period * sum(len(part.q) for part in parts))
+    rows = [Rows.of(part, model, phi, found.columns) for part in parts]
+    data = Profile(parts, rows, found.timing.source, phi).windows(found.timing)
+    return data.loaded(found.selected.levels).mixed(found.selected.mixing)

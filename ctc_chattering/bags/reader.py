@@ -102,7 +102,7 @@ def _run(bag: Bag, own: Mapping[str, object]) -> Result:
                        f'{seconds(int(states.stamps[0])):g} s')
     # A recorder that is started during a run receives states before the first reference.
     unknown = len(states.stamps) - len(points)
-    tau = _torques(bag, names, states, period)[unknown:]
+    tau = _torques(bag, names, states)[unknown:]
     q, dq, _ = states.where(slice(unknown, None)).values
     stamps = states.stamps[unknown:].tolist()
     q_d, dq_d, ddq_d = (np.array(rows) for rows in zip(*points))
@@ -164,15 +164,18 @@ def _trajectory(bag: Bag, joints: tuple[str, ...]) -> tuple[Trajectory, int]:
     return trajectory, start
 
 
-def _torques(bag: Bag, joints: tuple[str, ...], states: Signal, period: int) -> Array:
+def _torques(bag: Bag, joints: tuple[str, ...], states: Signal) -> Array:
     """
     Return the torque that answers each state, shape (N, n); nan where it is unknown.
 
-    Where `answers` is not sure of a command, or there is none, it is the effort in the next state.
+    The controller publishes it with the stamp of the state, as a rule for each. Commands, which
+    have no stamps, stand only where `answers` is sure of them.
     """
     commands = _signal(bag, topics.COMMANDS, MULTI_ARRAY, ('data',), joints)
     found = answers(commands.values[0], commands.logged, states.stamps, states.logged)
-    is_next = np.append(missing(states.stamps.astype(float), period) == 0, False)[:, None]
-    reported = np.where(is_next, np.roll(states.values[2], -1, axis=0), np.nan)
-    is_sure = found.own[:, None] & (found.late[1] == 0.0)
-    return np.where(is_sure, found.command, reported)
+    tau = np.where(found.own[:, None] & (found.late[1] == 0.0), found.command, np.nan)
+    answered = _signal(bag, f'controller/{topics.TORQUES}', JOINT_STATE, ('effort',),
+                       tuple(f'{joint}/commanded' for joint in joints))
+    _, mine, there = np.intersect1d(states.stamps, answered.stamps, return_indices=True)
+    tau[mine] = answered.values[0][there]
+    return tau

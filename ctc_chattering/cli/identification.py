@@ -30,7 +30,6 @@ from ctc_chattering.cli.options import (
     add_number,
     add_output,
     add_params_file,
-    for_each,
     words,
 )
 from ctc_chattering.cli.presentation import print_page
@@ -39,45 +38,36 @@ from ctc_chattering.configuration.package_share import find_config, read_descrip
 from ctc_chattering.errors import CtcError, given_by_user
 from ctc_chattering.identification.effort import CURRENT, LINK, MOTOR
 from ctc_chattering.identification.excite import (
-    CHECK,
     excite,
     MOTION,
     Plan,
-    request_of,
     RUN,
-    write,
+    write_excitation,
 )
 from ctc_chattering.identification.identified_robot import (
     IdentifiedRobot,
     identify,
     NAMES,
     PAGE,
+    TORQUE_CONSTANT,
+    TORQUE_RATE,
     VALUES,
     write_identified,
 )
 from ctc_chattering.identification.random_motions import ExcitationConfig
-from ctc_chattering.parameters import LEAST, Parameter
 import numpy as np
 
 #: What is asked of the motion: parameters that are options.
-_ASKED = {name: spec for name, spec in ExcitationConfig.parameters().items()
+_ASKED = {name: dataclasses.replace(spec, default=None) if name in ('center', 'friction') else spec
+          for name, spec in ExcitationConfig.parameters().items()
           if name not in ('joint_names', 'start')}
-_ASKED['center'] = dataclasses.replace(
-    _ASKED['center'], description="centre of the motion, by default the reference's", default=None)
-_FRICTION = Parameter('friction', 'float[]', None, 'expected Coulomb friction, by default '
-                      "the plant's", unit='N*m', minimum=0.0, shape='n')
 
 
 def excite_options(parser: argparse.ArgumentParser) -> None:
     """Add the options of `ctc excite`."""
     add_params_file(parser)
-    for spec in (*_ASKED.values(), _FRICTION):
+    for spec in _ASKED.values():
         add_declared(parser, spec)
-    add_number(parser, '--floor', 'height of a floor in the frame of the root link', None,
-               'float', unit='m')
-    add_number(parser, '--evaluations', 'random motions, of which the first that keeps all limits '
-               'is taken', 20, minimum=1)
-    add_number(parser, '--seed', 'seed of the random motions', 0, minimum=0)
     parser.add_argument('--for', dest='joints', type=words, default=(), metavar='A,B',
                         help='joints that the motion is for: the others move little; default: all')
     add_output(parser, 'excite', figures=False)
@@ -92,66 +82,43 @@ def run_excite(options: argparse.Namespace) -> int:
     parameter file with this motion under law compensation. Where the description has collision
     shapes, links keep their distance from each other; obstacles around the robot are not known.
     """
-    file = find_config(options.params_file)
     # The motion of the reference is not played, and so may exceed the limits.
     still = {'reference': {'amplitude': 0.0, 'trajectory_file': ''}}
-    setup, sections = parameter_file.load(file, still), parameter_file.read(file)
-    request = {name: x for name in _ASKED if (x := getattr(options, name)) is not None}
-    friction, n = options.friction, len(setup.controller.joint_names)
-    with given_by_user((*_ASKED, 'friction')):
-        request_of(setup, request)
-        if friction is not None:
-            friction = for_each(friction, n)
-            _FRICTION.check(friction, n)
+    setup = parameter_file.load(find_config(options.params_file), still)
     out = prepare(options.out, (MOTION, RUN), options.overwrite)
-    found = excite(setup, request, friction, options.evaluations, options.seed, options.floor,
-                   options.joints)
-    write(found, sections, out)
+    with given_by_user(_ASKED):
+        found = excite(setup, {name: x for name in _ASKED
+                               if (x := getattr(options, name)) is not None}, options.joints)
+    write_excitation(found, setup, out)
     _show_motion(found)
-    print(f'{len(found.excitation.route.times)} waypoints: {out / MOTION}; play them with bringup '
+    print(f'{len(found.excitation.times) - 1} waypoints: {out / MOTION}; play them with bringup '
           f'{out / RUN}')
     return 0
 
 
 def _show_motion(found: Plan) -> None:
     """Print what the motion reaches of what it may, and what is foretold of it."""
-    motion, bounds = found.motion, found.bounds
+    bounds, (q, dq, ddq) = found.bounds, found.motion
     rows: list[tuple[str, ...]] = [
         ('joint', 'position', 'velocity', 'accel.', 'torque', 'kp', 'kv', 'sticks')]
     for i, joint in enumerate(found.limits):
-        q = motion.q[:, i]
-        peaks = zip((np.abs(x[:, i]).max() for x in (motion.dq, motion.ddq, motion.tau)),
+        peaks = zip((np.abs(x[:, i]).max() for x in (dq, ddq, found.tau)),
                     (bounds.velocity[i], bounds.acceleration[i], found.effort[i]))
         rows.append((
-            joint.name, f'{q.min():.2f} to {q.max():.2f}',
+            joint.name, f'{q[:, i].min():.2f} to {q[:, i].max():.2f}',
             *(f'{most:.3g}/{limit:.4g}' for most, limit in peaks), f'{found.kp[i]:g}',
             f'{found.kv[i]:g}', f'{found.hold[i]:.3f}'))
     print('\n'.join(fitted(rows, 0)))
-    _show_distances(found)
-    _warn(found)
-
-
-def _show_distances(found: Plan) -> None:
-    """Print what is known of collisions."""
-    links, near = found.links, found.near
-    if links is None or near is None:
+    links = found.links
+    if links is None:
         _say('warning: the motion is not checked for collisions of the robot with itself: '
-             f'{found.unchecked}')
-        return
-    _say(f'nearest approach of two links: {links.text(near, CHECK * near.sample)} is kept')
-    for what, names in (('these touch at the centre', links.touching),
-                        ('no collision shapes of', links.unseen)):
-        if names:
-            _say(f'warning: not checked, {what}: {", ".join(names)}')
-
-
-def _say(text: str) -> None:
-    """Print text in lines that a terminal has room for."""
-    print('\n'.join(paragraph(text, 0)))
-
-
-def _warn(found: Plan) -> None:
-    """Print which limits are assumed."""
+             f'{found.nearest}')
+    else:
+        _say(f'nearest approach of two links: {found.nearest} is kept')
+        for what, names in (('these touch at the centre', links.touching),
+                            ('no collision shapes of', links.unseen)):
+            if names:
+                _say(f'warning: not checked, {what}: {", ".join(names)}')
     for quantity in ('velocity', 'acceleration'):
         names = [joint.name for joint in found.limits if getattr(joint, quantity)[1] == inf]
         if names:
@@ -159,11 +126,14 @@ def _warn(found: Plan) -> None:
                  + ('all joints' if len(names) == len(found.limits) else ', '.join(names)))
 
 
+def _say(text: str) -> None:
+    """Print text in lines that a terminal has room for."""
+    print('\n'.join(paragraph(text, 0)))
+
+
 def identify_options(parser: argparse.ArgumentParser) -> None:
     """Add the options of `ctc identify`."""
     parser.add_argument('bags', nargs='+', type=Path, metavar='BAG', help='bag of the robot')
-    parser.add_argument('--validate', type=Path, metavar='BAG',
-                        help='bag that is not used for the fit, to validate it')
     parser.add_argument('--urdf', metavar='FILE',
                         help="URDF, a path or package://NAME/PATH, default: the bag's")
     parser.add_argument('--model', default='', metavar='NAME',
@@ -177,16 +147,13 @@ def identify_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--effort', choices=(MOTOR, LINK, CURRENT),
                         help='what the effort is: the torque of the motor, that of the link '
                              '(sensor behind the gear), or a current; needed without commands')
-    add_declared(parser, Parameter('torque_constant', 'float[]', None, 'torque at the joint per '
-                                   'ampere of a current [N·m/A], or per N·m of the motor: gear '
-                                   'ratio included', shape='n'))
+    add_declared(parser, TORQUE_CONSTANT)
     parser.add_argument('--states', default='joint_states', metavar='TOPIC',
                         help='topic of the joint states, default: joint_states')
     parser.add_argument('--commands', default='effort_controller/commands', metavar='TOPIC',
                         help='topic of the commanded torques, default: '
                              'effort_controller/commands; TOPIC:FIELD for a field of any message')
-    add_declared(parser, Parameter('torque_rate', 'float[]', None, 'rate limit of the drives',
-                                   unit='N*m/s', minimum=LEAST, shape='n'))
+    add_declared(parser, TORQUE_RATE)
     parser.add_argument('--payload', action='append', type=payload, metavar='KG@LINK', default=[],
                         help='known payload at the origin of a link, as 1.3@tool0, for each bag '
                              'in turn, 0 for none. A run with and one without it tell torque '
@@ -205,18 +172,15 @@ def run_identify(options: argparse.Namespace) -> int:
     identify.json, figures and index.html.
     """
     urdf = read_description(options.urdf) if options.urdf else ''
-    bags = [*options.bags, *filter(None, [options.validate])]
     motions = [read_motion(bag, options.joints, urdf, options.states, options.commands,
-                           options.model) for bag in bags]
+                           options.model) for bag in options.bags]
     for note in (note for motion in motions for note in motion.notes):
         say(note)
-    n = len(motions[0].recording.joints)
-    numbers = {name: for_each(x, n) for name in ('torque_rate', 'torque_constant')
+    numbers = {name: x for name in ('torque_rate', 'torque_constant')
                if (x := getattr(options, name)) is not None}
-    validation = motions.pop() if options.validate else None
     out = prepare(options.out, NAMES, options.overwrite)
     with given_by_user(numbers):
-        found = identify(motions, validation, options.model, urdf, options.gravity,
+        found = identify(motions, options.model, urdf, options.gravity,
                          options.torque or '', options.effort or '', **numbers,
                          payloads=options.payload)
     return _show_robot(write_identified(found, out, options.trials, options.seed, say,

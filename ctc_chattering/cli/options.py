@@ -179,11 +179,6 @@ def words(text: str) -> tuple[str, ...]:
     return tuple(filter(None, map(str.strip, text.split(','))))
 
 
-def for_each(values: tuple[float, ...], n: int) -> tuple[float, ...]:
-    """Return one number for each of n joints, of one for all; others as they are."""
-    return values * n if len(values) == 1 else values
-
-
 def load_setup(options: argparse.Namespace, more: Mapping[str, Any] | None = None) -> Setup:
     """
     Return what the parameter file and the options say, checked.

@@ -15,8 +15,7 @@
 """
 How near the links of a robot come to each other, by Pinocchio and the shapes of its description.
 
-Meshes count as their convex hull, in which they lie; where hulls come too near, the mesh itself
-counts.
+Meshes count as their convex hull, in which they lie.
 """
 
 from __future__ import annotations
@@ -26,7 +25,7 @@ import copy
 import importlib
 from itertools import combinations
 from math import inf
-from typing import Any, NamedTuple
+from typing import Any
 import xml.etree.ElementTree as ET
 
 from ctc_chattering.configuration.package_share import find_mesh
@@ -37,32 +36,8 @@ import numpy as np
 
 #: Name of the floor in messages, and half the sides of the box that stands for it [m].
 FLOOR, _WIDE = 'the floor', 50.0
-#: Distance of hulls below which meshes count at the latest [m].
-_NEAR = 0.05
 #: Distance below which links touch [m].
 _TOUCH = 1e-3
-
-
-class Approach(NamedTuple):
-    """
-    Two links at one sample of a motion.
-
-    Attributes
-    ----------
-    distance, kept : float
-        Between them, and what they must keep; inf where no pair is nearer than asked for [m].
-    spare : float
-        Distance over what they must keep, less 1.
-    sample, pair : int
-        Index of the sample, and of the pair among `SelfCollision.pairs`.
-
-    """
-
-    distance: float
-    kept: float
-    spare: float
-    sample: int
-    pair: int
 
 
 class SelfCollision:
@@ -81,8 +56,8 @@ class SelfCollision:
         Positions at which links may be near each other: the centre first, and the start.
     clearance : float
         What links must keep; half of their distance at `rests` if that is less [m].
-    floor : float, optional
-        Height of a floor in the frame of the root link [m].
+    floor : float
+        Height of a floor in the frame of the root link; inf for none [m].
 
     Attributes
     ----------
@@ -96,86 +71,80 @@ class SelfCollision:
     Raises
     ------
     CtcError
-        If Pinocchio refuses a shape.
+        If Pinocchio refuses a shape, or there are no two links to check.
 
     """
 
     def __init__(self, description: str, joints: Sequence[str], locked: Mapping[str, float],
-                 rests: Array, clearance: float, floor: float | None = None) -> None:
+                 rests: Array, clearance: float, floor: float = inf) -> None:
+        if not description:
+            raise CtcError('there is no description of its links')
         tree = Tree(description)
         text, self.unseen = shaped(tree)
         self._pin: Any = importlib.import_module('pinocchio')
         if not hasattr(self._pin, 'computeDistance'):
             raise CtcError('this Pinocchio has no coal')
         with refused_as('collision shapes: Pinocchio refuses them'):
-            self._model, meshes = geometry(self._pin, text, tree.locked(joints, locked), floor)
-            self._kinds = (convex_hulls(meshes), meshes)
-        self._data = self._model.createData()
+            self._model, self._shapes = geometry(
+                self._pin, text, tree.locked(joints, locked), floor)
         back = [self._model.joints[self._model.getJointId(name)].idx_q for name in joints]
         self._order: Any = np.argsort(back)
         joined = {frozenset(tree.ends[name]) for name in joints}
-        shapes = self._kinds[0].geometryObjects.tolist()
+        shapes = self._shapes.geometryObjects.tolist()
         names = [link_of(list(tree.links), shape.name) for shape in shapes]
         pairs = [(a, b) for (a, x), (b, y) in combinations(enumerate(shapes), 2)
                  if x.parentJoint != y.parentJoint
                  and frozenset((names[a], names[b])) not in joined]
-        pairs, self.touching = self._apart(pairs, names, rests, clearance)
-        self.pairs = [(names[a], names[b]) for a, b in pairs]
-
-    def _apart(self, pairs: list[tuple[int, int]], names: Sequence[str], rests: Array,
-               clearance: float) -> tuple[list[tuple[int, int]], list[str]]:
-        """Return the pairs that do not touch at the centre, and the names of those that do."""
-        self._states = self._with(pairs)
-        self._least = np.full(len(pairs), inf)
-        distances = np.empty((len(rests), len(pairs)))
-        for row, q in zip(distances, rests):
-            row[:] = self._distances(q)
+        distances = self._distances(pairs, rests)
         touch = distances[0] <= _TOUCH
-        found = [pair for pair, no in zip(pairs, touch) if not no]
-        self._states = self._with(found)
+        self._kept = [pair for pair, no in zip(pairs, touch) if not no]
         free = np.where(distances > _TOUCH, distances, inf)[:, ~touch].min(axis=0)
         self._least = np.minimum(clearance, 0.5 * free)
-        return found, sorted({' and '.join(names[i] for i in pair)
-                              for pair, yes in zip(pairs, touch) if yes})
+        self.pairs, touching = ([(names[a], names[b]) for (a, b), yes in zip(pairs, touch)
+                                 if yes == kind] for kind in (False, True))
+        self.touching = sorted({' and '.join(pair) for pair in touching})
+        if not self.pairs:
+            why = f' ({", ".join(self.unseen)})' if self.unseen else ''
+            raise CtcError(f'no two links have collision shapes{why}' if not pairs else
+                           f'links touch at the centre: {", ".join(self.touching)}')
 
-    def _with(self, pairs: Sequence[tuple[int, int]]) -> list[tuple[Any, Any]]:
-        """Return hulls and meshes of these pairs, with memory for places and distances."""
-        for model in self._kinds:
-            model.removeAllCollisionPairs()
-            for pair in pairs:
-                model.addCollisionPair(self._pin.CollisionPair(*pair))
-        return [(model, model.createData()) for model in self._kinds]
+    def nearest(self, t: Array, q: Array) -> tuple[float, str]:
+        """
+        Return where links have the least to spare.
 
-    def nearest(self, q: Array) -> Approach:
-        """Return where positions q, shape (N, n), leave the least to spare."""
-        best = Approach(inf, inf, inf, 0, 0)
-        for sample, row in enumerate(q if len(self.pairs) else ()):
-            distances = self._distances(row)
-            spare = distances / self._least - 1.0
-            pair = int(spare.argmin())
-            if spare[pair] < best.spare:
-                best = Approach(float(distances[pair]), float(self._least[pair]),
-                                float(spare[pair]), sample, pair)
-        return best
+        Parameters
+        ----------
+        t : ndarray, shape (N,)
+            Times [s].
+        q : ndarray, shape (N, n)
+            Positions at these [rad].
 
-    def text(self, near: Approach, time: float) -> str:
-        """Return which links come how near to each other at a time [s]."""
-        first, second = self.pairs[near.pair]
-        how = f'{near.distance:.2g} m' if near.distance > 0.0 else 'they touch'
-        return f'{how}, {first} and {second} at {time:.1f} s; at least {near.kept:.2g} m'
+        Returns
+        -------
+        spare : float
+            Distance over what links must keep, less 1.
+        text : str
+            Which links, when, how near, and what they must keep.
 
-    def _distances(self, q: Array) -> Array:
-        """Return the distance of each pair at positions q, shape (n,) [m]."""
-        (hulls, data), (meshes, theirs) = self._states
-        pin = self._pin
-        pin.computeDistances(self._model, self._data, hulls, data, q[self._order])
-        found = np.array([x.min_distance for x in data.distanceResults])
-        near = np.flatnonzero(found <= np.minimum(self._least, _NEAR)).tolist()
-        if near:
-            pin.updateGeometryPlacements(self._model, self._data, meshes, theirs)
-        for pair in near:
-            mesh = pin.computeDistance(meshes, theirs, pair).min_distance
-            found[pair] = max(found[pair], mesh)
+        """
+        distances = self._distances(self._kept, q)
+        spare = distances / self._least - 1.0
+        k, pair = divmod(int(spare.argmin()), len(self.pairs))
+        found, (first, second) = float(distances[k, pair]), self.pairs[pair]
+        how = f'{found:.2g} m' if found > 0.0 else 'they touch'
+        return float(spare[k, pair]), (f'{how}, {first} and {second} at {t[k]:.1f} s; at least '
+                                       f'{self._least[pair]:.2g} m')
+
+    def _distances(self, pairs: Sequence[tuple[int, int]], q: Array) -> Array:
+        """Return the distances of pairs of shapes at positions q, (N, n), shape (N, pairs) [m]."""
+        pin, shapes, state = self._pin, self._shapes, self._model.createData()
+        shapes.removeAllCollisionPairs()
+        for pair in pairs:
+            shapes.addCollisionPair(pin.CollisionPair(*pair))
+        data, found = shapes.createData(), np.empty((len(q), len(pairs)))
+        for row, place in zip(found, q):
+            pin.computeDistances(self._model, state, shapes, data, place[self._order])
+            row[:] = [x.min_distance for x in data.distanceResults]
         return found
 
 
@@ -185,21 +154,15 @@ def shaped(tree: Tree) -> tuple[str, list[str]]:
     unseen = []
     for link, element in zip(tree.links.values(), robot.findall('link')):
         shapes = [copy.deepcopy(shape) for shape in link.findall('collision')]
-        files = [mesh for shape in shapes for mesh in shape.iter('mesh')]
-        there = [_found(mesh) for mesh in files]
-        if all(there):
+        meshes = [mesh for shape in shapes for mesh in shape.iter('mesh')]
+        paths = [find_mesh(mesh.get('filename', '')) for mesh in meshes]
+        for mesh, path in zip(meshes, paths):
+            mesh.set('filename', str(path and path.absolute()))
+        if all(paths):
             element.extend(shapes)
-        if not all(there) or (not shapes and link.find('visual') is not None):
+        if not all(paths) or (not shapes and link.find('visual') is not None):
             unseen.append(link.get('name', ''))
     return ET.tostring(robot, encoding='unicode'), unseen
-
-
-def _found(mesh: ET.Element) -> bool:
-    """Return whether the file of a mesh is read, and put its path in the place of its name."""
-    path = find_mesh(mesh.get('filename', ''))
-    if path is not None:
-        mesh.set('filename', str(path.absolute()))
-    return path is not None
 
 
 def link_of(links: Sequence[str], shape: str) -> str:
@@ -207,30 +170,24 @@ def link_of(links: Sequence[str], shape: str) -> str:
     return FLOOR if shape == FLOOR else links[int(shape.split()[1].split('_')[0])]
 
 
-def geometry(pin: Any, text: str, stand: Mapping[str, float], floor: float | None) -> Any:
-    """Return Pinocchio's model of the joints that move, and its shapes."""
+def geometry(pin: Any, text: str, stand: Mapping[str, float], floor: float) -> Any:
+    """Return Pinocchio's model of the joints that move, and its shapes, meshes as their hulls."""
     model = pin.buildModelFromXML(text)
     shapes = pin.buildGeomFromUrdfString(model, text, pin.GeometryType.COLLISION)
-    if floor is not None:
+    if floor < inf:
         coal: Any = importlib.import_module('coal')
         place = pin.SE3(np.eye(3), np.array([0.0, 0.0, floor - _WIDE]))
         shapes.addGeometryObject(pin.GeometryObject(
             FLOOR, 0, 0, place, coal.Box(*[2.0 * _WIDE] * 3)))
-    q = pin.neutral(model)
-    ids = [model.getJointId(name) for name in stand]
-    for joint, value in zip(ids, stand.values()):
-        q[model.joints[joint].idx_q] = value
-    return pin.buildReducedModel(model, shapes, ids, q)
-
-
-def convex_hulls(meshes: Any) -> Any:
-    """Return the shapes with the convex hull in the place of each mesh that has one."""
-    hulls = meshes.copy()
-    for shape in hulls.geometryObjects:
+    for shape in shapes.geometryObjects:
         if hasattr(shape.geometry, 'buildConvexHull'):
             try:
                 shape.geometry.buildConvexHull(True, 'Qt')
             except (RuntimeError, ValueError):  # All points in a plane.
                 continue
             shape.geometry = shape.geometry.convex
-    return hulls
+    q = pin.neutral(model)
+    ids = [model.getJointId(name) for name in stand]
+    for joint, value in zip(ids, stand.values()):
+        q[model.joints[joint].idx_q] = value
+    return pin.buildReducedModel(model, shapes, ids, q)

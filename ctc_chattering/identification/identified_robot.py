@@ -31,33 +31,38 @@ from ctc_chattering.dynamics.model import Model
 from ctc_chattering.dynamics.registry import locked_positions, make_model
 from ctc_chattering.errors import ParameterError, UsageError
 from ctc_chattering.identification import identify as regression
-from ctc_chattering.identification.effort import in_torques
+from ctc_chattering.identification.effort import CURRENT, in_torques, LINK, MOTOR
 from ctc_chattering.identification.findings import ALL_JOINTS, Finding, Kind, Severity
 from ctc_chattering.identification.gains import recommend, Recommendation
 from ctc_chattering.identification.identify import Identification
-from ctc_chattering.identification.least_squares import ERRORS, TermKind
-from ctc_chattering.identification.model_errors import candidates, CauseKind, ModelError
+from ctc_chattering.identification.model_errors import candidates, CauseKind
 from ctc_chattering.identification.perturbation import perturbation
-from ctc_chattering.identification.results import IdentificationResults, validate, write_page
+from ctc_chattering.identification.results import IdentificationResults, write_page
 from ctc_chattering.identification.trial_runs import (
     COUNT,
     COUNT_PLAIN,
     parameter_values,
     setups_tried,
     trial_runs,
+    Values,
 )
 from ctc_chattering.numerics.linear_algebra import Array
-from ctc_chattering.parameters import check_some, vector, whole
+from ctc_chattering.parameters import check_some, LEAST, Parameter, whole
 import numpy as np
 
 #: By how much the corrected model may explain the torque of a joint worse.
 _WORSE = 1.02
-#: Part of its friction by which it may be worse in any case.
-_TRIFLE = 0.002
 #: Torque scale that is one, and no trifle.
 _SCALE = 0.003
 #: Part of a joint's torque, with friction, below which a correction is none.
 _LEAST = 0.01
+#: What is given of the drives: of `identify`, and of its command.
+TORQUE_RATE = Parameter('torque_rate', 'float[]', None, 'rate limit of the drives', unit='N*m/s',
+                        minimum=LEAST, shape='n')
+TORQUE_CONSTANT = Parameter('torque_constant', 'float[]', None, 'torque at the joint per ampere '
+                            'of a current [N·m/A], or per N·m of the motor: gear ratio included',
+                            shape='n')
+_CHOICES = {'torque': ('', 'command', 'effort'), 'side': ('', MOTOR, LINK, CURRENT)}
 
 
 def corrected_description(found: Identification, description: str,
@@ -75,8 +80,7 @@ def corrected_description(found: Identification, description: str,
         As the model has it.
 
     """
-    bodies = found.bodies
-    refused = {x.joint for x in found.findings if x.severity == Severity.REFUSED}
+    bodies, refused = found.bodies, _refused(found)
     if not description or bodies is None or not bodies.differ or ALL_JOINTS in refused or (
             len(refused) > regression.MOST_REFUSED * len(found.joints)):
         return ''
@@ -89,6 +93,11 @@ def corrected_description(found: Identification, description: str,
         return ''
     return corrected_urdf(description, found.joints, bodies.parameters, bodies.rotor.tolist(),
                           bodies.tilt.tolist(), locked)
+
+
+def _refused(found: Identification) -> set[int]:
+    """Return the joints that are refused."""
+    return {x.joint for x in found.findings if x.severity == Severity.REFUSED}
 
 
 def _scale_in_doubt(found: Identification) -> bool:
@@ -113,14 +122,7 @@ def with_correction(before: Identification, after: Identification, name: str
         Of the file that has the correction.
 
     """
-    friction, _ = after.selected.torque(after.data, [x for x in TermKind if x not in ERRORS])
-    was, now = (np.sqrt(np.square(np.where(x.data.used(), x.data.residual - friction, 0.0)).sum(
-        axis=0)) for x in (before, after))
-    worse = [{x.joint for x in found.findings if x.severity == Severity.REFUSED}
-             for found in (before, after)]
-    refused = bool(worse[1] - worse[0])
-    size = np.sqrt(np.square(np.where(after.data.used(), friction, 0.0)).sum(axis=0))
-    if refused or ((now > _WORSE * was) & (now - was > _TRIFLE * size)).any():
+    if _refused(after) - _refused(before):
         return None
     assert before.bodies is not None
     change = before.bodies.torque(before.bodies.found - before.bodies.estimate.known)
@@ -143,17 +145,29 @@ _GRAVITY = 9.81
 @dataclasses.dataclass(frozen=True)
 class RobotModel:
     """
-    The model, its errors that are looked for, and values of all nodes.
+    The model, and values of all nodes.
 
     `files` are descriptions by name; the last one is that of the model.
     """
 
     model: Model
-    candidates: list[ModelError]
     files: dict[str, str]
     locked: dict[str, float]
     shared: dict[str, Any]
     gains: tuple[Any, Any] | None
+
+    def described(self, text: str, joints: tuple[str, ...]) -> Model:
+        """Return the model of a description in the place of its own."""
+        return make_model('urdf', self.shared['gravity'], joints, text, self.locked)
+
+    def identified(self, recordings: Sequence[Recording], torque: str, side: str,
+                   payloads: Sequence[tuple[float, str]]) -> Identification:
+        """Return what is identified with the model; arguments as of `identify`."""
+        text, joints = ['', *self.files.values()][-1], recordings[0].joints
+        loaded = [self.described(with_payload(text, joints, mass, link) if mass else text, joints)
+                  for mass, link in payloads] if any(mass for mass, _ in payloads) else []
+        return regression.identify(recordings, self.model, candidates(
+            self.model, text, self.locked), torque, side, loaded)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -184,8 +198,7 @@ class IdentifiedRobot:
         """Return the joints that are not usable: of these there are no gains."""
         return [x.joint for x in self.results.verdicts if not x.usable]
 
-    def parameters(self, directory: Path, recommended: Recommendation | None = None
-                   ) -> dict[str, dict[str, Any]]:
+    def parameters(self, directory: Path, recommended: Recommendation | None = None) -> Values:
         """Return the values of the parameter file, by node; `directory` has the description."""
         shared = dict(self.robot.shared)
         if self.robot.files:
@@ -195,9 +208,9 @@ class IdentifiedRobot:
             shared, self.robot.gains)
 
 
-def identify(motions: Sequence[RecordedMotion], validation: RecordedMotion | None = None,
-             model: str = '', urdf: str = '', gravity: float | None = None, torque: str = '',
-             side: str = '', torque_rate: Sequence[float] = (),
+def identify(motions: Sequence[RecordedMotion], model: str = '', urdf: str = '',
+             gravity: float | None = None, torque: str = '', side: str = '',
+             torque_rate: Sequence[float] = (),
              torque_constant: Sequence[float] | None = None,
              payloads: Sequence[tuple[float, str]] = ()) -> IdentifiedRobot:
     """
@@ -207,8 +220,6 @@ def identify(motions: Sequence[RecordedMotion], validation: RecordedMotion | Non
     ----------
     motions : sequence of RecordedMotion
         As `read_motion` returns them, of one robot.
-    validation : RecordedMotion, optional
-        A motion that is not used for the fit, and predicted.
     model : str
         ``two_link``, ``urdf`` or ``package.module:Name``; empty for that of the recording.
     urdf : str
@@ -242,29 +253,35 @@ def identify(motions: Sequence[RecordedMotion], validation: RecordedMotion | Non
 
     """
     check_some('motions', motions)
-    for name, value, allowed in (('torque', torque, ('', 'command', 'effort')),
-                                 ('side', side, ('', 'motor', 'link', 'current'))):
-        if value not in allowed:
-            raise ParameterError(name, value, ' | '.join(map(repr, allowed)))
-    given = [*motions, *filter(None, [validation])]
-    converted, side = in_torques([x.recording for x in given], side, torque_constant)
-    recordings = converted[:len(motions)]
-    rate = tuple(vector('torque_rate', torque_rate, len(recordings[0].joints)).tolist()
-                 ) if len(torque_rate) else ()
-    if not all(x > 0.0 for x in rate):
-        raise ParameterError('torque_rate', torque_rate, 'numbers > 0')
+    for (name, choices), value in zip(_CHOICES.items(), (torque, side)):
+        if value not in choices:
+            raise ParameterError(name, value, ' | '.join(map(repr, choices)))
+    joints = motions[0].recording.joints
+    constant, rate = (
+        x if x is None or not len(x) else spec.checked(x, len(joints))
+        for spec, x in ((TORQUE_CONSTANT, torque_constant), (TORQUE_RATE, torque_rate)))
+    recordings, side = in_torques([x.recording for x in motions], side, constant)
     robot = _robot(motions[0], model, urdf, gravity)
-    _check_payloads(payloads, len(motions), robot)
-    found, robot = _corrected(recordings, robot, torque, side, payloads)
-    notes = [note for x in given for note in x.notes]
+    if not all(0.0 <= mass < inf for mass, _ in payloads):
+        raise ParameterError('payloads', payloads, 'pairs of a mass >= 0 [kg] and a link')
+    if payloads and (len(payloads) != len(motions) or not robot.files):
+        raise ParameterError('payloads', payloads,
+                             f'{len(motions)}, one for each motion, of a URDF')
+    found = robot.identified(recordings, torque, side, payloads)
+    # Where the URDF is clearly wrong, all again with a corrected one.
+    if text := corrected_description(found, robot.files.get(ROBOT, ''), robot.locked):
+        other = dataclasses.replace(robot, model=robot.described(text, joints),
+                                    files={**robot.files, CORRECTED: text})
+        better = with_correction(
+            found, other.identified(recordings, torque, side, payloads), CORRECTED)
+        found, robot = (found, robot) if better is None else (better, other)
     found = dataclasses.replace(found, findings=(*found.findings, *(
-        Finding(Kind.NOTE, ALL_JOINTS, note) for note in notes)))
+        Finding(Kind.NOTE, ALL_JOINTS, note) for x in motions for note in x.notes)))
     perturbed = perturbation(found)
     q = recordings[0].q if len(recordings) == 1 else np.concatenate([x.q for x in recordings])
-    recommended = recommend(found, perturbed, robot.model, q, rate)
-    validated = validate(found, converted[-1], robot.model) if validation else None
+    recommended = recommend(found, perturbed, robot.model, q, rate or ())
     return IdentifiedRobot(IdentificationResults(
-        ', '.join(x.name for x in recordings), found, perturbed, recommended, validated),
+        ', '.join(x.name for x in recordings), found, perturbed, recommended),
         robot, q)
 
 
@@ -284,46 +301,8 @@ def _robot(motion: RecordedMotion, model: str, urdf: str, gravity: float | None)
     shared: dict[str, Any] = {'model': name, 'gravity': gravity}
     if any(locked):
         shared['locked'] = list(locked)
-    used = description if name == 'urdf' else ''
-    return RobotModel(made, candidates(made, used, positions), {ROBOT: used} if used else {},
-                      positions, shared, (controller.kp, controller.kv) if controller else None)
-
-
-def _check_payloads(payloads: Sequence[tuple[float, str]], count: int, robot: RobotModel) -> None:
-    """Raise `CtcError` for what is no payload of each motion."""
-    if not all(0.0 <= mass < inf for mass, _ in payloads):
-        raise ParameterError('payloads', payloads, 'pairs of a mass >= 0 [kg] and a link')
-    if payloads and (len(payloads) != count or not robot.files):
-        raise ParameterError('payloads', payloads, f'{count}, one for each motion, of a URDF')
-
-
-def _loaded(robot: RobotModel, text: str, joints: tuple[str, ...],
-            payloads: Sequence[tuple[float, str]]) -> list[Model]:
-    """Return the model with each payload; none without any."""
-    return [make_model('urdf', robot.shared['gravity'], joints,
-                       with_payload(text, joints, mass, link) if mass else text, robot.locked)
-            for mass, link in payloads] if any(mass for mass, _ in payloads) else []
-
-
-def _corrected(recordings: Sequence[Recording], robot: RobotModel, torque: str, side: str,
-               payloads: Sequence[tuple[float, str]]
-               ) -> tuple[regression.Identification, RobotModel]:
-    """Return what is found, with a corrected URDF if the model is clearly wrong without it."""
-    joints = recordings[0].joints
-    found = regression.identify(
-        recordings, robot.model, robot.candidates, torque, side,
-        _loaded(robot, robot.files.get(ROBOT, ''), joints, payloads))
-    text = corrected_description(found, robot.files.get(ROBOT, ''), robot.locked)
-    if not text:
-        return found, robot
-    model = make_model('urdf', robot.shared['gravity'], found.joints, text, robot.locked)
-    other = dataclasses.replace(
-        robot, model=model, candidates=candidates(model, text, robot.locked),
-        files={**robot.files, CORRECTED: text})
-    better = with_correction(found, regression.identify(
-        recordings, other.model, other.candidates, torque, side,
-        _loaded(robot, text, joints, payloads)), CORRECTED)
-    return (found, robot) if better is None else (better, other)
+    return RobotModel(made, {ROBOT: description} if name == 'urdf' else {}, positions, shared,
+                      (controller.kp, controller.kv) if controller else None)
 
 
 def write_identified(identified: IdentifiedRobot, out: str | Path, trials: int | None = None,
@@ -367,27 +346,25 @@ def write_identified(identified: IdentifiedRobot, out: str | Path, trials: int |
     out, seed = prepare(Path(out), NAMES), whole('seed', seed, 0)
     if trials is None:
         trials = COUNT if has_compiler() else COUNT_PLAIN
-    trials = whole('trials', trials, 0)
     for name, text in identified.robot.files.items():
         write_text(out / name, text)
     results = identified.results
-    if trials and not identified.missing:
-        def values(recommended: Recommendation) -> dict[str, dict[str, Any]]:
+    if whole('trials', trials, 0) and not identified.missing:
+        def values(recommended: Recommendation) -> Values:
             return identified.parameters(out, recommended)
         compile_setups(setups_tried(results.recommended, values), show)
         results = dataclasses.replace(results, recommended=trial_runs(
             results.found, results.run, results.recommended, values, identified.robot.gains,
             trials, seed))
     tried = dataclasses.replace(identified, results=results)
-    files = {JSON: 'all numbers'}
-    if CORRECTED in identified.robot.files:
-        files[CORRECTED] = 'corrected URDF'
     if not tried.missing:
-        files = {VALUES: 'parameter file', **files}
         with writing(out / VALUES):
             parameter_file.dump(tried.parameters(out), out / VALUES)
         parameter_file.load(out / VALUES)
     write_json(results.as_mapping(), out / JSON)
+    files = {name: what for name, what in (
+        (VALUES, 'parameter file'), (JSON, 'all numbers'), (CORRECTED, 'corrected URDF'))
+        if (out / name).exists()}
     from ctc_chattering.analysis.drawing import save
     from ctc_chattering.identification.figures import friction_figure
     figures = save([friction_figure(results.found, results.verdicts)], out / FIGURES,

@@ -92,8 +92,6 @@ class Identification:
         The windows.
     selected : Selected
         The regression.
-    base, weight : ndarray, shape (J, n)
-        Torque of the model, and its weight [N·m].
     duration : float
         Of all stretches [s].
     findings : tuple of Finding
@@ -132,8 +130,6 @@ class Identification:
     errors: list[tuple[ModelError, Estimate]]
     data: Data
     selected: Selected
-    base: Array
-    weight: Array
     duration: float
     findings: tuple[Finding, ...] = ()
     scale: list[Estimate] = dataclasses.field(default_factory=list)
@@ -146,13 +142,6 @@ class Identification:
     unexplained: tuple[Unexplained | None, ...] = ()
     short: ShortWindows | None = None
     held_out: Array = dataclasses.field(default_factory=lambda: np.zeros(0))
-
-    def windows(self, parts: Sequence[Stretch], model: Model) -> Data:
-        """Return the windows of other stretches."""
-        phi = TestFunction(self.clock.period, self.clock.period * sum(len(x.q) for x in parts))
-        rows = [Rows.of(part, model, phi, self.columns) for part in parts]
-        data = Profile(parts, rows, self.timing.source, phi).windows(self.timing)
-        return data.loaded(self.selected.levels).mixed(self.selected.mixing)
 
 
 def identify(recordings: Sequence[Recording], model: Model, candidates: Sequence[ModelError],
@@ -206,42 +195,41 @@ def identify(recordings: Sequence[Recording], model: Model, candidates: Sequence
         rows = _rows(parts, models, phi, columns, recordings[0].name)
         data, selected = selected_with(rows, columns)
     noise, lag, velocities = velocity_noise(recordings[0], phi.period)
-    base, weight = (np.concatenate([getattr(part, name) for part in rows])
-                    for name in ('base', 'gravity'))
-    friction = [joint_friction(selected, i) for i in range(len(joints))]
     whole = data.loaded(selected.levels)
     data = whole.mixed(selected.mixing)
     named = ModelVerdict(selected, columns, candidates, joints)
+    friction = [joint_friction(selected, i) for i in range(len(joints))]
     levels = [abs(x.coulomb.value or 0.0) for x in friction]
     bodies, impossible = judged(named.bodies(selected.projected), joints, levels)
+    base, weight = (np.concatenate([getattr(part, name) for part in rows])
+                    for name in ('base', 'gravity'))
+    motion = FittedMotion(data, selected.fit, base, weight, WindowStates.of(parts, rows, phi))
+    left = [unexplained(motion, i) for i in range(len(joints))]
     noticed = (*stamp_findings(recordings), *velocities,
                *timing_findings(found, joints, parts[0].late),
-               *sides.findings, *named.findings(), *physical(friction, joints),
-               *impossible)
-    result = _tested(Identification(
+               *sides.findings, *named.findings(), *physical(friction, joints), *impossible,
+               *(x for i, what in enumerate(left) if what for x in findings(i, what)))
+    held_out = np.zeros(0)
+    if columns is not None and bodies is not None:
+        # A joint that is refused must not decide about the bodies of the others.
+        refused = sorted({i for i, x in enumerate(friction) if x.coulomb.value is None} | {
+            x.joint for x in noticed if x.severity == Severity.REFUSED and x.joint != ALL_JOINTS})
+        if refused and len(refused) <= MOST_REFUSED * len(joints):
+            used = ~np.isin(np.arange(len(joints)), refused)
+            whole = dataclasses.replace(whole, way=np.where(used, whole.way, 0.0))
+            bodies, _ = judged(named.bodies(Projected(whole, selected.friction, columns)), joints,
+                               levels, refused)
+        if bodies is not None and bodies.differ:
+            held_out = left_over(whole, selected.friction, columns, selected.scales, refused)
+    return Identification(
         joints, dataclasses.replace(clock(recordings[0]), period=phi.period),
-        [encoder_step(x) for x in recordings[0].q.T], noise, lag,
-        found, friction, named.errors(), data,
-        selected, base, weight, phi.period * sum(len(part.q) for part in parts), noticed,
+        [encoder_step(x) for x in recordings[0].q.T], noise, lag, found,
+        [widened(motion, i, x, what) if what else x
+         for i, (x, what) in enumerate(zip(friction, left))],
+        named.errors(), data, selected, phi.period * sum(len(part.q) for part in parts), noticed,
         scale=named.scale(), rotor=named.rotor(), tilt=named.gravity(), bodies=bodies,
-        rate=rate_limits(found, joints), side=side, columns=columns,
-        short=ShortWindows.of(parts, rows, models, found)),
-        WindowStates.of(parts, rows, phi))
-    if columns is None or bodies is None:
-        return result
-    # A joint that is refused must not decide about the bodies of the others.
-    refused = sorted({i for i in range(len(joints)) if friction[i].coulomb.value is None} | {
-        x.joint for x in result.findings
-        if x.severity == Severity.REFUSED and x.joint != ALL_JOINTS})
-    if refused and len(refused) <= MOST_REFUSED * len(joints):
-        used = ~np.isin(np.arange(len(joints)), refused)
-        whole = dataclasses.replace(whole, way=np.where(used, whole.way, 0.0))
-        bodies, _ = judged(named.bodies(Projected(whole, selected.friction, columns)), joints,
-                           levels, refused)
-    if bodies is None or not bodies.differ:
-        return dataclasses.replace(result, bodies=bodies)
-    return dataclasses.replace(result, bodies=bodies, held_out=left_over(
-        whole, selected.friction, columns, selected.scales, refused))
+        rate=rate_limits(found, joints), side=side, columns=columns, unexplained=tuple(left),
+        short=ShortWindows.of(parts, rows, models, found), held_out=held_out)
 
 
 def _parts(recordings: Sequence[Recording]) -> tuple[list[Stretch], list[int], TestFunction]:
@@ -275,35 +263,19 @@ def _rows(parts: Sequence[Stretch], models: Sequence[Model], phi: TestFunction,
     return rows
 
 
-def _tested(found: Identification, states: WindowStates) -> Identification:
-    """Return an identification with what its residuals show, and intervals that have it."""
-    motion = FittedMotion(found.data, found.selected.fit, found.base, found.weight, states)
-    left = [unexplained(motion, i) for i in range(len(found.joints))]
-    return dataclasses.replace(
-        found, unexplained=tuple(left), findings=(*found.findings, *(
-            x for i, what in enumerate(left) if what for x in findings(i, what))),
-        friction=[widened(motion, i, x, what) if what else x
-                  for i, (x, what) in enumerate(zip(found.friction, left))])
-
-
 def _common_period(recordings: Sequence[Recording]) -> float:
     """Return the period of recordings; raise `CtcError` if they do not belong together."""
     first, period = recordings[0], recordings[0].period
     for other in recordings[1:]:
-        check_alike(other, first.joints, period, first.name)
+        if other.joints != first.joints:
+            raise CtcError(f'{other.name}: joints {list(other.joints)}; those of {first.name}: '
+                           f'{list(first.joints)}')
+        if abs(other.period - period) > 0.02 * period:
+            raise CtcError(f'{other.name}: a period of {other.period:.4g} s; that of '
+                           f'{first.name}: {period:.4g} s')
     nearest = round(period * 1e6) * 1e-6
     # Rounded only where the grid does not drift from the stamps by that.
     return nearest if abs(nearest - period) * len(first.t) < _ROUNDED * period else period
-
-
-def check_alike(recording: Recording, joints: tuple[str, ...], period: float, name: str) -> None:
-    """Raise `CtcError` if a recording has not the joints or about the period of another one."""
-    if recording.joints != joints:
-        raise CtcError(f'{recording.name}: joints {list(recording.joints)}; those of {name}: '
-                       f'{list(joints)}')
-    if abs(recording.period - period) > 0.02 * period:
-        raise CtcError(f'{recording.name}: a period of {recording.period:.4g} s; that of {name}: '
-                       f'{period:.4g} s')
 
 
 def _timed(parts: Sequence[Stretch], rows: Sequence[Rows], phi: TestFunction, source: str,

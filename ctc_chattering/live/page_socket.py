@@ -28,7 +28,7 @@ To the page (live/web/page.js):
 - ``silent``: for how long nothing was heard of a graph [s]; the numbers are shown anew
 - ``light``, ``reports``, ``answers``: see web/status.js
 - ``controls``: what `Controls.state` returns
-- ``scene``: which arms there are, for the camera that the browser keeps
+- ``scene``: other arms are shown: the page answers with the shape of its view
 - ``ended``: how the graph has ended; empty while it has not
 
 From the page:

@@ -81,13 +81,13 @@ class ControllerNode(LoopNode[ControllerNodeConfig]):
         #: carry every Nth sample, and the number of samples so far.
         self._terms = [self.create_publisher(JointState, f'~/{name}', qos())
                        for name in (TRACKING, FILTER, TORQUES)]
-        n, parts = len(self._names), ('nominal', 'compensation', 'robust')
+        n, parts = len(self._names), ('nominal', 'compensation', 'robust', 'commanded')
         self._writers = (
             state_writer([f'{j}/{x}' for x in ('desired', 'error') for j in self._names],
                          position=2 * n, velocity=2 * n),
             state_writer(self._names, velocity=n),
             state_writer([*(f'{j}/{x}' for x in parts for j in self._names), 'V'],
-                         effort=3 * n + 1))
+                         effort=4 * n + 1))
         self._samples = 0
         self._gains = GainChoice()
         #: The gains that came with the law of the last request.
@@ -217,7 +217,7 @@ class ControllerNode(LoopNode[ControllerNodeConfig]):
         state, point, terms = answer
         rows = (([*point[0], *terms.e], [*point[1], *terms.de], ()), (terms.v, ()), ([
             *terms.nominal, *(-x for x in terms.compensation), *(-x for x in terms.robust),
-            self._loop.law.lyapunov(state.q, terms.v)],))
+            *terms.tau, self._loop.law.lyapunov(state.q, terms.v)],))
         for publisher, writer, mine in zip(self._terms, self._writers, rows):
             publisher.publish(writer.write(*mine, t=state.t))
 

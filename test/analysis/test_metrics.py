@@ -17,10 +17,7 @@
 from collections.abc import Sequence
 
 from ctc_chattering.analysis.metrics import BAND, metrics, reaching_time, WINDOW
-from ctc_chattering.control.controller import ControllerConfig
-from ctc_chattering.simulation.closed_loop import Run, simulate
-from ctc_chattering.simulation.plant_config import PlantConfig
-from ctc_chattering.trajectory.reference import ReferenceConfig
+from ctc_chattering.simulation.closed_loop import Run
 import numpy as np
 import pytest
 
@@ -84,22 +81,6 @@ def test_gaps_and_torques_that_are_not_known() -> None:
     assert metrics(TINY)['missing_samples'] == 0
 
 
-def test_no_known_torque() -> None:
-    run = _run(t=[5.0, 6.0], e=[[0], [0]], tau=[[np.nan], [np.nan]], v=[[0], [0]])
-    assert np.isnan(metrics(run)['rms_torque_nm']).all()
-
-
-def test_dropped_samples_hardly_change_the_numbers() -> None:
-    """Check a simulated run of which a recorder has lost a part, in bursts, against all of it."""
-    full = simulate(PlantConfig(duration=3.0), ControllerConfig(), ReferenceConfig())
-    kept = np.random.default_rng(5).random(len(full.t) // 20 + 1).repeat(20)[:len(full.t)] > 0.5
-    part = Run(*(x[kept] for x in list(vars(full).values())[:-1]))
-    whole, found = (metrics(run, (1.0, 3.0), period=1e-3) for run in (full, part))
-    assert found['missing_samples'] > 500
-    for key in ('rms_error_rad', 'rms_torque_nm', 'torque_variation_nm_per_s'):
-        assert found[key] == pytest.approx(whole[key], rel=0.15), key
-
-
 @pytest.mark.parametrize(('window', 'note'), [
     ((20.0, 30.0), 'metrics are computed from 20 s to 30 s, where this run, from 4 s to 11 s, has '
      'no sample'), ((5.5, 6.5), 'metrics are computed from 5.5 s to 6.5 s, where this run, from '
@@ -123,10 +104,6 @@ def test_too_few_samples_give_none(window: tuple[float, float], note: str) -> No
 def test_reaching_time(v: list[list[float]], expected: float | None) -> None:
     """Check the first time from which |v| stays in the band; on the band is inside."""
     assert reaching_time(np.array([1.0, 2.0, 3.0]), np.array(v), 0.5) == expected
-
-
-def test_reaching_time_without_samples() -> None:
-    """Check None for an empty run."""
     assert reaching_time(np.zeros(0), np.zeros((0, 2))) is None
 
 

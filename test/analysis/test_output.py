@@ -58,21 +58,12 @@ def test_new_and_empty_directories(tmp_path: Path) -> None:
         prepare(path, NAMES, overwrite=True)
 
 
-def test_foreign_files_stay(full: Path) -> None:
-    before = contents(full)
-    for overwrite in (False, True):
-        prepare(full, ('trajectory.npz', 'page'), overwrite)
-        assert contents(full) == before
-
-
 @pytest.mark.parametrize('names', [('metrics.json',), ('figures',), ('new', 'figures')])
-def test_refuses_what_is_there(full: Path, names: tuple[str, ...]) -> None:
+def test_refuses_what_is_there_and_foreign_files_stay(full: Path, names: tuple[str, ...]) -> None:
     before = contents(full)
-    with pytest.raises(CtcError) as error:
+    prepare(full, ('trajectory.npz', 'page'), overwrite=True)
+    with pytest.raises(CtcError, match=rf'^[^\n]*{names[-1]}[^\n]*--overwrite[^\n]*$'):
         prepare(full, names)
-    assert names[-1] in str(error.value)
-    assert '--overwrite' in str(error.value)
-    assert len(str(error.value).splitlines()) == 1
     assert contents(full) == before
 
 
@@ -92,18 +83,13 @@ def test_overwrite_does_not_follow_links(full: Path, tmp_path_factory: pytest.Te
     assert contents(other) == {'c': 'mine'}
 
 
-@pytest.mark.parametrize('name', ['file', 'file/below', 'x' * 300])
-def test_impossible_directory(tmp_path: Path, name: str) -> None:
+def test_a_directory_that_cannot_be_made(tmp_path: Path) -> None:
+    """Check a file system that refuses even root, too."""
     (tmp_path / 'file').write_text('')
-    with pytest.raises(CtcError) as error:
-        prepare(tmp_path / name, NAMES)
-    assert len(str(error.value).splitlines()) == 1
-
-
-def test_a_directory_that_cannot_be_made_even_by_root() -> None:
-    """Check a file system that refuses even root."""
-    with pytest.raises(CtcError, match='/proc/self/nothing'):
-        prepare(Path('/proc/self/nothing'), NAMES)
+    for path in (tmp_path / 'file', tmp_path / 'file/below', tmp_path / ('x' * 300),
+                 Path('/proc/self/nothing')):
+        with pytest.raises(CtcError, match=rf'^[^\n]*{path.name}[^\n]*$'):
+            prepare(path, NAMES)
 
 
 @pytest.mark.parametrize(('text', 'wanted'), [
@@ -116,23 +102,10 @@ def test_a_directory_that_cannot_be_made_even_by_root() -> None:
     (with_interval(1.23456, 9.0), '1.23 ± 9'),
     (in_html(None), '<span class="none" title="none">–</span>'),
     (in_html(-1234.5), '<data value="-1234.5">−1234</data>'),
-    (in_html(1e-9), '<data value="1e-09">1.00e−09</data>')])
+    (in_html(1e-9), '<data value="1e-09">1.00e−09</data>'),
+    (number_text([3.0, 1.0, 2.0, 4.0], 3), '1 to 4'), (number_text([3.0, 1.0], 3), '3/1'),
+    (number_text((2.0,) * 7, 3), '2'), (number_text(0.5, 3), '0.5'),
+    (counted(1, 'run'), '1 run'), (counted(1200, 'run'), '1\N{NARROW NO-BREAK SPACE}200 runs'),
+    (str(rounded(123456.0)), '123000.0'), (str(rounded(1.23456789, 6)), '1.23457')])
 def test_text(text: str, wanted: str) -> None:
     assert text == wanted
-
-
-def test_rounded_keeps_the_digits_asked_for() -> None:
-    assert rounded(123456.0) == 123000.0
-    assert rounded(1.23456789, 6) == 1.23457
-
-
-def test_numbers_of_many_joints_are_a_range() -> None:
-    assert number_text([3.0, 1.0, 2.0, 4.0], 3) == '1 to 4'
-    assert number_text([3.0, 1.0], 3) == '3/1'
-    assert number_text((2.0,) * 7, 3) == '2'
-    assert number_text(0.5, 3) == '0.5'
-
-
-def test_counts() -> None:
-    assert [counted(1, 'run'), counted(1200, 'run')] == [
-        '1 run', '1\N{NARROW NO-BREAK SPACE}200 runs']

@@ -12,41 +12,60 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Opening bags of both kinds: directories, single files, and what is wrong in one line."""
+"""Opening bags of all kinds and of other libraries, and what is wrong in one line."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from contextlib import closing
+import itertools
+from operator import itemgetter
 from pathlib import Path
+import random
+import sqlite3
 import struct
+import tracemalloc
+from typing import Any
 
-from ctc_chattering.bags.repair import open_bag
+from ctc_chattering.bags import bag as bag_module
+from ctc_chattering.bags.bag import check
+from ctc_chattering.bags.repair import open_bag, repair
 from ctc_chattering.errors import CtcError
-from mcap.writer import Writer as McapWriter
-from motion_bags import joint_state, write
+from mcap.data_stream import RecordBuilder
+from mcap.reader import make_reader, NonSeekingReader
+from mcap.records import Chunk, DataEnd, Footer, Header
+from mcap.stream_reader import StreamReader
+from mcap.writer import CompressionType, IndexType, Writer
+from motion_bags import joint_state
+from motion_bags import write as write_bag
 import numpy as np
 import pytest
 from rosbags.rosbag2 import StoragePlugin
+import zstandard
 
 PLUGINS = {'mcap': StoragePlugin.MCAP, 'db3': StoragePlugin.SQLITE3}
+#: Compressions that `rosbags` knows.
+PACKED = ('message', 'file', 'storage')
 
 
-def made(path: Path, ending: str) -> Path:
+def made(path: Path, ending: str, compression: str = '') -> Path:
     """Return a bag with 50 states, a millisecond apart."""
     messages = [('/joint_states', t, joint_state(t, ('a', 'b'), np.full(2, t), None, None))
                 for t in range(0, 50_000_000, 1_000_000)]
-    return write(path / 'bag', messages, PLUGINS[ending])
+    return write_bag(path / 'bag', messages, PLUGINS[ending], compression)
 
 
-@pytest.mark.parametrize('ending', PLUGINS)
-@pytest.mark.parametrize('is_file', [False, True])
-def test_a_directory_and_a_single_file(tmp_path: Path, ending: str, is_file: bool) -> None:
-    bag = made(tmp_path, ending)
-    with closing(open_bag(bag / f'bag.{ending}' if is_file else bag)) as reader:
-        found = [(x.topic, t, reader.deserialize(data, x.msgtype).position.tolist())
-                 for x, t, data in reader.messages()]
-        assert found == [('/joint_states', t, [t, t]) for t in range(0, 50_000_000, 1_000_000)]
-        assert (reader.start_time, reader.end_time, reader.message_count) == (0, 49_000_000, 50)
+@pytest.mark.parametrize(('ending', 'compression'), [
+    ('mcap', ''), ('db3', ''), *(('mcap', x) for x in PACKED), ('db3', 'file')])
+def test_a_directory_and_a_single_file(tmp_path: Path, ending: str, compression: str) -> None:
+    bag = made(tmp_path, ending, compression)
+    for path in (bag, *([] if compression else [bag / f'bag.{ending}'])):
+        with closing(open_bag(path)) as reader:
+            found = [(t, message.position.tolist())
+                     for t, message in reader.read(reader.named('joint_states'))]
+            assert found == [(t, [t, t]) for t in range(0, 50_000_000, 1_000_000)]
+            assert (reader.start_time, reader.end_time, reader.message_count) == (
+                0, 49_000_000, 50)
 
 
 @pytest.mark.parametrize(('ending', 'content', 'message'), [
@@ -57,6 +76,7 @@ def test_a_directory_and_a_single_file(tmp_path: Path, ending: str, is_file: boo
     ('yaml', b'rosbag2_bagfile_information: [1, 2', 'not a bag: ParserError: '),
     ('yaml', b'rosbag2_bagfile_information: {version: 10}', 'version 10; known: 1 to 9'),
     ('yaml', b'rosbag2_bagfile_information: {version: 9}', "KeyError: 'relative_file_paths'"),
+    ('yaml', b'\xff\xfe\0', 'not a bag: '), ('yaml', b'a: !x 1', 'not a bag: '),
     ('yaml', b'7', 'not a bag: TypeError: ')])
 def test_what_cannot_be_read_is_said_in_one_line(
         tmp_path: Path, ending: str, content: bytes, message: str) -> None:
@@ -66,6 +86,16 @@ def test_what_cannot_be_read_is_said_in_one_line(
         open_bag(bag)
     assert message in str(error.value)
     assert len(str(error.value).splitlines()) == 1
+
+
+def test_names_of_files_that_are_refused(tmp_path: Path) -> None:
+    """Check names that sqlite3 would take for a URI, and another kind of file."""
+    for name in ('we%41', 'what?', 'first#'):
+        with pytest.raises(CtcError, match=r'has one of % \? #'):
+            open_bag(made(tmp_path, 'db3').rename(tmp_path / name))
+    (tmp_path / 'notes.txt').write_text('hi')
+    with pytest.raises(CtcError, match=r"unknown storage '\.txt'; known: \.mcap, \.db3"):
+        open_bag(tmp_path / 'notes.txt')
 
 
 IDL = """module my_msgs { module msg { struct Thing {
@@ -80,7 +110,7 @@ def test_a_type_that_only_the_bag_defines(
     """Check both kinds of definitions; what they lack is known of ROS 2 Jazzy."""
     data = struct.pack('<4siIIIIIdd', b'\0\1\0\0', 1, 2, 1, 0, 2, 0, 1.5, -2.5)
     with (tmp_path / 'file.mcap').open('wb') as stream:
-        writer = McapWriter(stream)
+        writer = Writer(stream)
         writer.start('ros2')
         schema = writer.register_schema('my_msgs/msg/Thing', encoding, definition.encode())
         channel = writer.register_channel('/thing', 'cdr', schema)
@@ -91,13 +121,130 @@ def test_a_type_that_only_the_bag_defines(
     assert (t, found.header.stamp.sec, found.x.tolist()) == (7, 1, [1.5, -2.5])
 
 
-def test_names_that_sqlite3_would_take_for_a_uri_are_refused(tmp_path: Path) -> None:
-    for name in ('we%41', 'what?', 'first#'):
-        with pytest.raises(CtcError, match=r'has one of % \? #'):
-            open_bag(made(tmp_path, 'db3').rename(tmp_path / name))
+# MCAP files of the mcap library.
+
+TOPICS = ('/a', '/b')
+WAYS: list[dict[str, Any]] = [
+    {}, {'use_statistics': False}, {'repeat_schemas': False, 'repeat_channels': False},
+    {'compression': CompressionType.LZ4}, {'compression': CompressionType.NONE},
+    {'enable_crcs': False, 'use_summary_offsets': False}, {'use_chunking': False},
+    {'index_types': IndexType.NONE}]
+#: How many of these have an index that `rosbags` needs to put messages in the order of time.
+INDEXED = 6
 
 
-def test_another_kind_of_file_is_refused(tmp_path: Path) -> None:
-    (tmp_path / 'notes.txt').write_text('hi')
-    with pytest.raises(CtcError, match=r"unknown storage '\.txt'; known: \.mcap, \.db3"):
-        open_bag(tmp_path / 'notes.txt')
+def write(file: Path, times: list[int], **how: Any) -> Path:
+    """Return a file of the mcap library, with messages of two topics in turn."""
+    file.parent.mkdir(exist_ok=True)
+    with file.open('wb') as stream:
+        writer = Writer(stream, chunk_size=300, **how)
+        writer.start('ros2', 'test')
+        channels = [writer.register_channel(topic, 'cdr', writer.register_schema(
+            f'my_msgs/msg/{topic[1].upper()}', 'ros2msg', b'string data')) for topic in TOPICS]
+        for (i, t), channel in zip(enumerate(times), itertools.cycle(channels)):
+            writer.add_message(channel, t, bytes(i), t)
+        writer.finish()  # type: ignore[no-untyped-call]
+    return file
+
+
+@pytest.mark.parametrize('how', WAYS, ids=str)
+def test_what_the_library_reads(tmp_path: Path, how: dict[str, Any]) -> None:
+    """Check files whose times are not in order where an index has the chunks."""
+    times = random.Random(1).sample(range(1000), 60)
+    file = write(tmp_path / 'file.mcap', times if how in WAYS[:INDEXED] else sorted(times), **how)
+    for topics in (TOPICS, TOPICS[1:]):
+        with file.open('rb') as stream, closing(open_bag(file)) as bag:
+            expected = [(channel.topic, message.log_time, message.data) for _, channel, message
+                        in NonSeekingReader(stream).iter_messages(topics)]
+            found = [(x.topic, t, data) for x, t, data in bag.messages(
+                [x for x in bag.connections if x.topic in topics])]
+            assert sorted((x.topic, x.msgtype, x.msgdef.data) for x in bag.connections) == [
+                (topic, f'my_msgs/msg/{topic[1].upper()}', 'string data') for topic in TOPICS]
+        assert found == sorted(expected, key=itemgetter(1))
+        assert len(found) == 30 * len(topics)
+
+
+def test_an_index_that_does_not_lead_to_all_messages_is_refused(tmp_path: Path) -> None:
+    write(tmp_path / 'bag' / 'file.mcap', list(range(60)), index_types=IndexType.CHUNK)
+    with closing(open_bag(tmp_path / 'bag' / 'file.mcap')) as bag, pytest.raises(
+            CtcError, match='0 messages, 60 according to its index; "ctc repair'):
+        list(bag.messages())
+    assert repair(tmp_path / 'bag') is not None
+    with closing(open_bag(tmp_path / 'bag')) as bag:
+        assert [t for _, t, _ in bag.messages()] == list(range(60))
+
+
+def test_what_is_wrong_with_an_index_is_found(tmp_path: Path) -> None:
+    """Check a wrong byte anywhere, a chunk that is not there, and an unknown compression."""
+    file = write(tmp_path / 'file.mcap', list(range(100)))
+    data = file.read_bytes()
+    check(file)
+    with file.open('rb') as stream:
+        summary = make_reader(stream).get_summary()
+        stream.seek(0)
+        *_, footer = StreamReader(stream).records
+    assert isinstance(footer, Footer) and summary is not None
+    assert footer.summary_crc != 0
+    for place in range(footer.summary_start, len(data) - 8, 23):
+        file.write_bytes(data[:place] + bytes([data[place] ^ 1]) + data[place + 1:])
+        with pytest.raises(CtcError, match=r'the index has a wrong checksum|cut off'):
+            check(file)
+    file.write_bytes(data[:-1])
+    with pytest.raises(CtcError, match='the file is cut off'):
+        check(file)
+    unchecked = data[:-12] + bytes(4) + data[-8:]  # A checksum of 0 stands for none.
+    file.write_bytes(unchecked)
+    check(file)
+    offset = struct.pack('<QQ', (x := summary.chunk_indexes[3]).chunk_start_offset, x.chunk_length)
+    place = unchecked.rindex(offset)
+    file.write_bytes(unchecked[:place] + bytes([unchecked[place] ^ 1]) + unchecked[place + 1:])
+    with pytest.raises(CtcError, match='the index has chunks that are not there'):
+        check(file)
+    file.write_bytes(unchecked.replace(b'zstd', b'mine'))
+    with pytest.raises(CtcError, match="unknown compression 'mine'; allowed: zstd, lz4"):
+        open_bag(file)
+
+
+# What unpacks to too much.
+
+def chunk(size: int) -> Callable[[Path, bytes], None]:
+    """Return what makes a bag with a chunk that states to unpack to a size."""
+    def make(bag: Path, bomb: bytes) -> None:
+        builder: Any = RecordBuilder()
+        for record in (Header('ros2', 'test'), Chunk('zstd', bomb, 1, 0, 0, size), DataEnd(0),
+                       Footer(0, 0, 0)):
+            record.write(builder)
+        (made(bag.parent, 'mcap') / 'bag.mcap').write_bytes(
+            bag_module.MAGIC + builder.end() + bag_module.MAGIC)
+    return make
+
+
+def packed_message(bag: Path, bomb: bytes) -> None:
+    with sqlite3.connect(made(bag.parent, 'db3', 'message') / 'bag.db3') as database:
+        database.execute('UPDATE messages SET data = ?', (bomb,))
+
+
+def packed_file(bag: Path, bomb: bytes) -> None:
+    (made(bag.parent, 'db3', 'file') / 'bag.db3.zstd').write_bytes(bomb)
+
+
+@pytest.mark.parametrize(('make', 'message'), [
+    (chunk(1 << 27), r'\d+ bytes unpack to more than \d+ bytes, which is allowed'),
+    (chunk(100), r'\d+ bytes unpack to more than \d+ bytes, which is allowed'),
+    (packed_message, r'\d+ bytes unpack to more than \d+ bytes, which is allowed'),
+    (packed_file, r'bag.db3.zstd unpacks to more than \d+ bytes')])
+def test_what_unpacks_to_too_much_is_refused_by_its_name_and_costs_no_memory(
+        tmp_path: Path, make: Callable[[Path, bytes], None], message: str,
+        monkeypatch: pytest.MonkeyPatch) -> None:
+    """Check 128 MB where one is allowed, of a chunk that states its size, and of one that lies."""
+    monkeypatch.setattr(bag_module, '_MOST', 1 << 20)
+    bag = tmp_path / 'bag'
+    make(bag, zstandard.ZstdCompressor().compress(bytes(1 << 27)))
+    tracemalloc.start()
+    with pytest.raises(CtcError, match=message) as error, closing(open_bag(bag)) as reader:
+        list(reader.messages())
+    assert str(bag) in str(error.value)
+    with pytest.raises(CtcError, match=str(bag)):
+        repair(bag)
+    assert tracemalloc.get_traced_memory()[1] < 1 << 26
+    tracemalloc.stop()

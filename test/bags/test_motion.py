@@ -16,18 +16,26 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
+import sqlite3
 from typing import Any
 
 from ctc_chattering.bags.motion import read_motion
+from ctc_chattering.bags.recording import RecordedMotion
 from ctc_chattering.errors import CtcError
-from identified_bags import recorded_bag
 from identified_robots import record, Recorded
-from motion_bags import joint_state, messages_of, torques, write
+import motion_bags
+from motion_bags import header, joint_state, messages_of, point, STORE, torques, write
 import numpy as np
 import pytest
+from rosbags.rosbag2 import StoragePlugin
+from rosbags.typesys import get_types_from_msg
 import urdfs
+
+Messages = Sequence[tuple[str, int, Any]]
+COMMANDS, ORDERS = '/effort_controller/commands', '/forward_effort_controller/commands'
 
 
 @cache
@@ -35,10 +43,29 @@ def made() -> Recorded:
     return record('two_link', 1, 1.0)
 
 
+def messages(**fields: Any) -> list[tuple[str, int, Any]]:
+    """Return joint states and commands."""
+    x = made().recording
+    fields = {'q': x.q, 'dq': x.dq, 'effort': None, 'command': x.command, **fields}
+    return messages_of(x.t, x.joints, **fields)
+
+
+def moved(found: Messages, commands: str = ORDERS) -> list[tuple[str, int, Any]]:
+    """Return messages with the commands on another topic."""
+    return [(commands if topic == COMMANDS else topic, t, message) for topic, t, message in found]
+
+
+def by_time(*found: tuple[str, int, Any]) -> Messages:
+    return sorted(found, key=lambda x: x[1])
+
+
+def read(path: Path, found: Messages, *joints: str, **more: Any) -> RecordedMotion:
+    return read_motion(write(path / 'bag', found), joints, **more)
+
+
 def test_other_order_and_further_joints(tmp_path: Path) -> None:
-    bag = recorded_bag(tmp_path / 'bag', made(), order=(1, 0), extra=('finger', 'thumb'))
     wanted = made().recording
-    found = read_motion(bag, wanted.joints)
+    found = read(tmp_path, messages(order=(1, 0), extra=('finger', 'thumb')), *wanted.joints)
     assert found.recording.joints == wanted.joints
     assert found.recording.q == pytest.approx(wanted.q)
     assert found.recording.dq == pytest.approx(wanted.dq)
@@ -48,88 +75,88 @@ def test_other_order_and_further_joints(tmp_path: Path) -> None:
 
 
 def test_commands_without_names_are_in_the_order_of_joints(tmp_path: Path) -> None:
-    bag = recorded_bag(tmp_path / 'bag', made(), labels=False, extra=('finger',),
-                       command=made().run.tau[:, ::-1])
+    found = messages(labels=False, extra=('finger',), command=made().run.tau[:, ::-1])
     with pytest.raises(CtcError, match=r'2 commanded torques for 3 joints.*--joints'):
-        read_motion(bag)
-    found = read_motion(bag, ('joint2', 'joint1')).recording
-    assert found.q == pytest.approx(made().recording.q[:, ::-1])
-    assert found.command == pytest.approx(made().run.tau[:, ::-1])
-
-
-def test_some_of_the_joints_need_names_in_the_commands(tmp_path: Path) -> None:
-    found = read_motion(recorded_bag(tmp_path / 'named', made()), ('joint2',)).recording
-    assert found.command == pytest.approx(made().run.tau[:, 1:])
+        read(tmp_path, found)
+    motion = read_motion(tmp_path / 'bag', ('joint2', 'joint1')).recording
+    assert motion.q == pytest.approx(made().recording.q[:, ::-1])
+    assert motion.command == pytest.approx(made().run.tau[:, ::-1])
     with pytest.raises(CtcError, match=r'2 commanded torques for 1 joints, joint2; .*--joints$'):
-        read_motion(recorded_bag(tmp_path / 'bare', made(), labels=False), ('joint2',))
-
-
-def test_the_description_of_another_robot_is_said(tmp_path: Path) -> None:
-    bag = recorded_bag(tmp_path / 'bag', made(), labels=False)
+        read_motion(tmp_path / 'bag', ('joint2',))
     with pytest.raises(CtcError, match=(
             f'the description has the joints {", ".join(urdfs.TWO_LINKS)}; '
-            'the states have joint1, joint2$')):
-        read_motion(bag, description=urdfs.two_links())
+            'the states have finger, joint1, joint2$')):
+        read_motion(tmp_path / 'bag', description=urdfs.two_links())
+    named = read(tmp_path / 'named', messages(), 'joint2').recording
+    assert named.command == pytest.approx(made().run.tau[:, 1:])
 
 
 def test_joints_are_those_of_the_description(tmp_path: Path) -> None:
     x = made().recording
-    bag = write(tmp_path / 'bag', messages_of(
+    found = read(tmp_path, messages_of(
         x.t, urdfs.TWO_LINKS, x.q, None, x.command, None, extra=('finger',),
         urdf=urdfs.two_links()))
-    found = read_motion(bag)
     assert found.recording.joints == urdfs.TWO_LINKS
     assert found.description == urdfs.two_links()
     assert found.recording.dq is None
     assert found.recording.effort == pytest.approx(x.command)
 
 
-def test_an_effort_of_zeros_or_nan_is_none(tmp_path: Path) -> None:
-    for name, value in (('zeros', 0.0), ('nan', np.nan)):
-        found = read_motion(recorded_bag(
-            tmp_path / name, made(), effort=np.full_like(made().run.q, value)))
+def test_an_effort_of_zeros_or_of_some_joints_is_none(tmp_path: Path) -> None:
+    some = made().run.tau.copy()
+    some[:, 1] = np.nan
+    for name, value in (('zeros', 0.0 * some[:, :1] + [0.0, 0.0]), ('some', some)):
+        found = read(tmp_path / name, messages(effort=value))
         assert found.recording.effort is None
+    assert found.notes == ('the effort is not used: there is none of joint2',)
 
 
 def test_refusals(tmp_path: Path) -> None:
     x = made().recording
     with pytest.raises(CtcError, match='no message on joint_states'):
-        read_motion(write(tmp_path / 'empty', messages_of(
-            x.t[:0], x.joints, x.q, None, None, None, urdf=urdfs.two_links())))
+        read(tmp_path / 'empty', messages_of(
+            x.t[:0], x.joints, x.q, None, None, None, urdf=urdfs.two_links()))
     with pytest.raises(CtcError, match=r'no state has the joints elbow; '
                                        r'joints of the bag: joint1, joint2$'):
-        read_motion(recorded_bag(tmp_path / 'others', made()), ('elbow',))
-    with pytest.raises(CtcError, match=r'did you mean joint1\?'):
-        read_motion(tmp_path / 'others', ('jiont1',))
+        read(tmp_path, messages(), 'elbow')
+    bag = tmp_path / 'bag'
     with pytest.raises(CtcError, match=(
             'no state has the joints joint1, elbow; joints of the bag: joint1, joint2; ')):
-        read_motion(recorded_bag(tmp_path / 'some', made()), ('joint1', 'elbow'))
+        read_motion(bag, ('joint1', 'elbow'))
+    with pytest.raises(CtcError, match=r'--joints: joint1, joint2, joint1: .* more than once'):
+        read_motion(bag, ('joint1', 'joint2', 'joint1'))
+    many = tuple(f'jiont{k}' for k in range(10 ** 5))
+    with pytest.raises(CtcError, match=r'100000 in all.*did you mean joint1\?') as error:
+        read_motion(bag, many)
+    assert len(str(error.value)) < 600
     with pytest.raises(CtcError, match='no torque'):
-        read_motion(recorded_bag(tmp_path / 'idle', made(), command=None))
+        read(tmp_path / 'idle', messages(command=None))
     q = x.q.copy()
     q[500] = np.nan
     with pytest.raises(CtcError, match='a position that is not finite'):
-        read_motion(recorded_bag(tmp_path / 'nan', made(), q=q))
+        read(tmp_path / 'nan', messages(q=q))
+    other = [('/joint_states', t, torques(x.q[0])) for t in range(2)]
+    with pytest.raises(CtcError, match='/joint_states is of type std_msgs/msg/Float64MultiArray;'):
+        read(tmp_path / 'type', other)
+    # Of two types on one topic the one that fits is taken.
+    assert read(tmp_path / 'both', [*other, *messages()]).recording.q == pytest.approx(x.q)
 
 
 def test_two_publishers_of_commands_or_states(tmp_path: Path) -> None:
     x = made().recording
-    messages = messages_of(x.t, x.joints, x.q, x.dq, None, x.command)
-    twice = [y for message in messages for y in (
-        [message, message] if 'commands' in message[0] else [message])]
+    twice = [y for z in messages() for y in [z] * (1 + (z[0] == COMMANDS))]
     with pytest.raises(CtcError, match='two publishers of commands'):
-        read_motion(write(tmp_path / 'commands', twice))
+        read(tmp_path / 'commands', twice)
     # Those of another controller, half a period later.
-    others = [y for topic, t, message in messages for y in (
-        [(topic, t, message), (topic, t + 500_000, torques(message.data + 1.0, x.joints))]
-        if 'commands' in topic else [(topic, t, message)])]
+    others = [(COMMANDS, t + 500_000, torques(message.data + 1.0, x.joints))
+              for topic, t, message in messages() if topic == COMMANDS]
     with pytest.raises(CtcError, match='two publishers of commands'):
-        read_motion(write(tmp_path / 'others', sorted(others, key=lambda message: message[1])))
+        read(tmp_path / 'others', by_time(*messages(), *others))
+    assert x.dq is not None
     other = [(topic, t + 1, joint_state(t, x.joints, x.q[0] + 1.0, x.dq[0], None))
-             for topic, t, _ in messages if topic == '/joint_states' and x.dq is not None]
+             for topic, t, _ in messages() if topic == '/joint_states']
     with pytest.raises(CtcError, match='two publishers of joint states'):
-        read_motion(write(tmp_path / 'states', sorted(
-            [*messages, *other], key=lambda message: message[1])))
+        read(tmp_path / 'states', by_time(*messages(), *other))
 
 
 def test_commands_four_times_as_frequent_as_states_are_averaged(tmp_path: Path) -> None:
@@ -138,10 +165,10 @@ def test_commands_four_times_as_frequent_as_states_are_averaged(tmp_path: Path) 
     fine = (t[:, None] + 0.25e-3 * np.arange(4)).ravel()
     tau = 20.0 * np.stack((np.sin(3.0 * fine), np.cos(4.0 * fine)), axis=1)
     q = np.sin(np.stack((t, 2.0 * t), axis=1))
-    messages = messages_of(t, ('joint1', 'joint2'), q, None, None, None)
-    messages += [('/effort_controller/commands', round(1e9 * (1.0 + at)) + 50_000, torques(row))
-                 for at, row in zip(fine, tau)]
-    found = read_motion(write(tmp_path / 'bag', sorted(messages, key=lambda x: x[1]))).recording
+    found = read(tmp_path, by_time(
+        *messages_of(t, ('joint1', 'joint2'), q, None, None, None),
+        *((COMMANDS, round(1e9 * (1.0 + at)) + 50_000, torques(row))
+          for at, row in zip(fine, tau)))).recording
     assert found.command == pytest.approx(tau.reshape(1000, 4, 2).mean(axis=1))
     assert found.late[0] <= 0.0 and found.late[1] >= 0.25
 
@@ -151,22 +178,170 @@ def test_a_clock_that_was_set_back_is_said(tmp_path: Path, both: bool) -> None:
     """It is that of the stamps, or also that of the recorder, which sorts by it."""
     x = made().recording
     back = np.where(np.arange(len(x.t)) >= 600, x.t - 0.3504, x.t)
-    messages = messages_of(back, x.joints, x.q, x.dq, None, x.command)
-    if both:
-        messages.sort(key=lambda message: message[1])
-    else:
-        messages = [(topic, 10 ** 9 + k * 500_000, message)
-                    for k, (topic, _, message) in enumerate(messages)]
+    found: Messages = messages_of(back, x.joints, x.q, x.dq, None, x.command)
+    found = by_time(*found) if both else [
+        (topic, 10 ** 9 + k * 500_000, message) for k, (topic, _, message) in enumerate(found)]
     with pytest.raises(CtcError, match=r'0\.2[45].* s after the first, .*: was a clock set back'):
-        read_motion(write(tmp_path / 'bag', messages))
+        read(tmp_path, found)
 
 
 def test_a_torque_that_is_no_longer_commanded_is_not_known(tmp_path: Path) -> None:
-    x = made().recording
-    messages = [message for message in messages_of(x.t, x.joints, x.q, x.dq, None, x.command)
-                if not ('commands' in message[0] and 1.5e9 < message[1] < 1.7e9)]
-    found = read_motion(write(tmp_path / 'bag', messages)).recording.command
-    assert found is not None and x.command is not None
-    assert found[:500] == pytest.approx(x.command[:500])
+    command = made().recording.command
+    found = read(tmp_path, [x for x in messages() if not (
+        x[0] == COMMANDS and 1.5e9 < x[1] < 1.7e9)]).recording.command
+    assert found is not None and command is not None
+    assert found[:500] == pytest.approx(command[:500])
     assert np.isnan(found[530:695]).all()
-    assert found[701:] == pytest.approx(x.command[701:])
+    assert found[701:] == pytest.approx(command[701:])
+
+
+# The robots that people have, each with its own topics and messages.
+
+def test_commands_on_another_topic_are_those_that_the_user_names(tmp_path: Path) -> None:
+    bare = messages(labels=False)
+    both = [*[('/gripper', t, torques(np.zeros(3))) for t in range(3)], *moved(bare), *(
+        x for x in moved(bare, '/other/commands') if x[0] == '/other/commands')]
+    with pytest.raises(CtcError, match=(
+            rf'no torque: .* effort_controller/commands.*; --commands may be: {ORDERS} .*1001 mess'
+            r'.*, /gripper .*, /other/commands .*, or TOPIC:FIELD')):
+        read(tmp_path, both)
+    path = tmp_path / 'bag'
+    found = read_motion(path, commands='/other/commands')
+    assert found.recording.command == pytest.approx(made().recording.command)
+    assert found.notes == ()
+    with pytest.raises(CtcError, match=r'did you mean /other/commands\?; --commands may be: '
+                                       rf'{ORDERS} .*, /other/commands \('):
+        read_motion(path, commands='/othr/commands')
+    with pytest.raises(CtcError, match=r'did you mean /joint_states\?; --states may be: /j'):
+        read_motion(path, states='/joint_sates')
+
+
+def test_without_commands_the_effort_is_taken_and_said(tmp_path: Path) -> None:
+    found = read(tmp_path, moved(messages(effort=made().recording.command, labels=False)))
+    assert found.recording.command is None and found.recording.effort is not None
+    (note,) = found.notes
+    assert f'--commands may be: {ORDERS} (std_msgs/msg/Float64MultiArray, 1001' in note
+
+
+def test_positions_are_no_torques(tmp_path: Path) -> None:
+    x = made().recording
+    found = moved(messages(effort=x.command, command=x.q + 1e-4, labels=False), '/targets')
+    with pytest.raises(CtcError, match='commands on /targets are positions, no torques'):
+        read(tmp_path, found, commands='/targets')
+
+
+def test_grippers_and_namespaces(tmp_path: Path) -> None:
+    x = made().recording
+    arm = messages()
+    fingers = [('/joint_states', t + 1, joint_state(t, ('finger',), x.q[0, :1], None, None))
+               for topic, t, _ in arm if topic == '/joint_states']
+    found = read(tmp_path / 'a', by_time(*arm, *fingers), *x.joints)
+    assert found.recording.q == pytest.approx(x.q)
+    assert found.recording.command == pytest.approx(x.command)
+    left, right = ([(f'/{name}{topic}', t, message) for topic, t, message in arm]
+                   for name in ('left', 'right'))
+    with pytest.raises(CtcError, match=r'several topics: /left/joint_states .*--states'):
+        read(tmp_path / 'b', [*left, *right])
+    found = read_motion(tmp_path / 'b' / 'bag', states='/left/joint_states',
+                        commands='/left/effort_controller/commands')
+    assert found.recording.q == pytest.approx(x.q)
+
+
+REPORTS, TRAJECTORY_STATE = ('/joint_trajectory_controller/controller_state',
+                             'control_msgs/msg/JointTrajectoryControllerState')
+TORQUES = f'{REPORTS}:output.effort'
+PANDA, PANDA_STATE = ('/franka_robot_state_broadcaster/robot_state',
+                      'franka_msgs/msg/FrankaRobotState')
+LBR_STATE = 'lbr_fri_idl/msg/LBRState'
+#: What is read of messages that ROS does not bring along, and a field before and behind it.
+for _name, _text in {
+        TRAJECTORY_STATE: 'std_msgs/Header header\nstring[] joint_names\n'
+                          'trajectory_msgs/JointTrajectoryPoint error\n'
+                          'trajectory_msgs/JointTrajectoryPoint output\nfloat64 scaling',
+        PANDA_STATE: 'std_msgs/Header header\nbool[7] collision\n'
+                     'sensor_msgs/JointState measured_joint_state\n'
+                     'sensor_msgs/JointState desired_joint_state\nuint8 robot_mode',
+        LBR_STATE: 'int8 session_state\nfloat64[7] measured_torque\n'
+                   'float64[7] commanded_torque\nuint32 time_stamp_sec'}.items():
+    STORE.register(get_types_from_msg(_text, _name))
+
+
+def trajectory_bag(every: int = 1, effort: bool = True, topic: str = REPORTS) -> Messages:
+    """Return what a joint_trajectory_controller publishes, recorded 3 ms late."""
+    x = made().recording
+    assert x.command is not None
+    return by_time(*messages(effort=x.command, command=None), *(
+        (topic, t + 3_000_000, motion_bags.made(
+            TRAJECTORY_STATE, header=header(t), joint_names=list(x.joints[::-1]), scaling=1.0,
+            error=point(0, x.q[k]), output=point(0, None, None, None, (
+                x.command[k, ::-1] if effort else None))))
+        for k, (_, t, _) in enumerate(messages(command=None)) if k % every == 0))
+
+
+def test_a_decimated_state_of_the_controller_beside_its_commands_changes_nothing(
+        tmp_path: Path) -> None:
+    """Check a bag of our own controller in which another recorder has ``~/controller_state``."""
+    topic = '/controller/controller_state'
+    reports = [x for x in trajectory_bag(10, topic=topic) if x[0] == topic]
+    found = read(tmp_path, by_time(*messages(), *reports))
+    assert found.recording.command == pytest.approx(made().recording.command, abs=0.0)
+    assert found.notes == ()
+
+
+def test_output_of_a_trajectory_controller_by_its_stamps(tmp_path: Path) -> None:
+    found = read(tmp_path, trajectory_bag(), commands=TORQUES)
+    assert found.recording.command == pytest.approx(made().recording.command)
+    with pytest.raises(CtcError, match=r'no numbers in output\.effort'):
+        read(tmp_path / 'a', trajectory_bag(effort=False), commands=TORQUES)
+    with pytest.raises(CtcError, match=r'51 torques on .* for 1001 states: .*state_publish_rate'):
+        read(tmp_path / 'b', trajectory_bag(every=20), commands=TORQUES)
+
+
+def test_the_state_of_a_franka_robot(tmp_path: Path) -> None:
+    """
+    The desired torque of a state is the one that was answered to the state before.
+
+    The sqlite3 of ROS 2 Humble and before has no definitions of messages.
+    """
+    names = tuple(f'fr3_joint{k}' for k in range(1, 8))
+    q, dq, tau = np.cumsum(np.random.default_rng(1).normal(size=(3, 400, 7)), axis=1)
+    found: list[tuple[str, int, Any]] = []
+    for k in range(400):
+        t = 10 ** 9 + k * 10 ** 6
+        measured, desired = (joint_state(t, names, q[k], dq[k], x * tau[k]) for x in (2.0, 1.0))
+        found += [('/franka/joint_states', t, measured), (PANDA, t, motion_bags.made(
+            PANDA_STATE, header=header(t), collision=np.zeros(7, bool), robot_mode=2,
+            measured_joint_state=measured, desired_joint_state=desired))]
+    topics = {'states': '/franka/joint_states', 'commands': f'{PANDA}:desired_joint_state.effort'}
+    path = write(tmp_path / 'bag', found, StoragePlugin.SQLITE3)
+    motion = read_motion(path, **topics)
+    assert motion.recording.joints == names
+    assert motion.recording.effort == pytest.approx(2.0 * tau)
+    assert motion.recording.command is not None
+    assert motion.recording.command[:-1] == pytest.approx(tau[1:])
+    with sqlite3.connect(path / 'bag.db3') as database:
+        database.execute('DELETE FROM message_definitions')
+    with pytest.raises(CtcError, match=f'no definition of {PANDA_STATE}, .*--storage mcap'):
+        read_motion(path, **topics)
+
+
+def test_a_field_of_any_message(tmp_path: Path) -> None:
+    q, tau = np.random.default_rng(1).normal(size=(2, 300, 7))
+    names = tuple(f'lbr_A{k}' for k in range(1, 8))
+    found: list[tuple[str, int, Any]] = []
+    for k in range(300):
+        t = 10 ** 9 + k * 10 ** 6
+        found += [('/lbr/joint_states', t, joint_state(t, names, q[k], None, 3.0 * tau[k])),
+                  ('/lbr/state', t + 1000, motion_bags.made(
+                      LBR_STATE, session_state=4, measured_torque=3.0 * tau[k],
+                      commanded_torque=tau[k], time_stamp_sec=1))]
+    with pytest.raises(CtcError, match=r'/lbr/state is of type lbr_fri_idl/msg/LBRState; .*'
+                                       '--commands may be: .*TOPIC:FIELD'):
+        read(tmp_path, found, commands='/lbr/state')
+    path = tmp_path / 'bag'
+    with pytest.raises(CtcError, match=r'no numbers in comanded_torque; it has: .*session_state'
+                                       r'.*did you mean commanded_torque\?'):
+        read_motion(path, commands='/lbr/state:comanded_torque')
+    motion = read_motion(path, commands='/lbr/state:commanded_torque')
+    assert motion.recording.command is not None
+    assert motion.recording.command[:-2] == pytest.approx(tau[1:-1])

@@ -27,15 +27,12 @@ from ctc_chattering.configuration import parameter_file
 from ctc_chattering.control.controller import Controller, ControllerConfig
 from ctc_chattering.dynamics.registry import make_model
 from ctc_chattering.errors import CtcError
-from ctc_chattering.live.graph_reader import GraphReader
 from ctc_chattering.live.skeleton import skeleton_of
 from ctc_chattering.ros.messages import message_type
 from ctc_chattering.simulation.plant import Plant
 from ctc_chattering.simulation.plant_config import PlantConfig
-from ctc_commands import ctc_process, refused
-from domains import own_domain
+from ctc_commands import ctc, ctc_process, refused
 import pytest
-import rclpy
 from std_msgs.msg import String
 
 EXAMPLES = Path(__file__).resolve().parents[2] / 'examples'
@@ -53,8 +50,7 @@ class Callable:
     __new__ = called
 """
 #: Named like a class in a bag: what it would have run, and which parameter.
-NAMES = [('model', 'trap:called'), ('law', 'trap:called'), ('switching', 'trap:called'),
-         ('law', 'trap:Outer.Law'), ('model', 'pty:spawn'), ('law', 'os:system'),
+NAMES = [('model', 'trap:called'), ('switching', 'trap:called'), ('law', 'trap:Outer.Law'),
          ('model', 'builtins:exec'), ('law', 'own_law:LeakyIntegral')]
 
 
@@ -100,31 +96,20 @@ def test_what_is_of_no_use_is_not_asked_for(trap: Path) -> None:
     assert untouched(trap)
 
 
-@pytest.mark.parametrize('command', [
-    ('plot',), ('export',), ('identify',), ('live', '--export', 'page.html')])
-def test_no_command_runs_it(command: tuple[str, ...], trap: Path) -> None:
+def test_no_command_runs_it(trap: Path) -> None:
     """The module lies beside the bag, in the directory where the command runs."""
-    word, *options = command
-    refused(ctc_process(word, bag(trap, 'model', 'trap:called'), *options, cwd=trap, path=trap),
-            '--model package.module:Name')
+    path = bag(trap, 'model', 'trap:called')
+    for word, *options in (('plot',), ('identify',), ('live', '--export', 'page.html')):
+        refused(ctc(word, path, *options, cwd=trap), '--model package.module:Name')
+    refused(ctc_process('export', path, cwd=trap, path=trap), '--model package.module:Name')
     assert untouched(trap)
 
 
-@pytest.mark.ros
 def test_what_a_graph_names_stays_a_name(trap: Path) -> None:
-    """The page shows the name that a controller's parameters have; it makes nothing of it."""
-    with own_domain():
-        rclpy.init()
-        try:
-            reader = GraphReader()
-            reader.take_parameters('controller', {
-                'joint_names': ['a', 'b'],
-                **dict.fromkeys(('model', 'law', 'switching'), 'trap:called')})
-            assert reader.config is not None and reader.config.law == 'trap:called'
-            assert skeleton_of(reader.config, '') is None
-            reader.destroy_node()
-        finally:
-            rclpy.try_shutdown()
+    """Nothing is made of what a controller's parameters have, as the page shows them."""
+    config = ControllerConfig.from_mapping(
+        dict.fromkeys(('model', 'law', 'switching'), 'trap:called'))
+    assert config.law == 'trap:called' and skeleton_of(config) is None
     assert untouched(trap)
 
 
@@ -132,8 +117,7 @@ def test_the_user_gives_the_class(trap: Path) -> None:
     found = read_bag(bag(trap, 'law', 'own_law:LeakyIntegral'), law='own_law:LeakyIntegral')
     assert found.config.law == 'own_law:LeakyIntegral'
     assert len(found.t) == 301
-    result = ctc_process('export', trap / 'bag', '--law', 'own_law:LeakyIntegral', cwd=trap,
-                         path=EXAMPLES)
+    result = ctc('export', trap / 'bag', '--law', 'own_law:LeakyIntegral', cwd=trap)
     assert '301 samples' in result.stdout, result.stderr
 
 

@@ -12,31 +12,47 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What is recovered of damaged bags, against the messages that were written."""
+"""Bags that are truncated or have wrong bytes, and what is recovered of them."""
 
 from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator
-import dataclasses
+from contextlib import closing
 import functools
+import os
 from pathlib import Path
 import random
+import re
+import resource
+import shutil
+import signal
 import struct
 from tempfile import TemporaryDirectory
-from typing import Any
+import time
+from typing import Any, NamedTuple
 
+from ctc_chattering.analysis.result import simulate
+from ctc_chattering.bags.reader import read_bag
 from ctc_chattering.bags.repair import open_bag, recover, repair
 from ctc_chattering.bags.writer import BagWriter
+from ctc_chattering.cli.ctc import main
+from ctc_chattering.configuration import parameter_file
 from ctc_chattering.errors import CtcError
+from faults import nodes_of
 from mcap.reader import make_reader
 from mcap.records import Chunk
 from mcap.stream_reader import StreamReader
 from mcap.writer import CompressionType
 from mcap.writer import Writer as McapWriter
+from motion_bags import string
+from motion_bags import write as write_bag
+import numpy as np
+from processes import bringup, CONFIG, PATIENCE, run_bringup, Stopwatch, wait_for
 import pytest
-from rosbags.rosbag2 import StoragePlugin, Writer
-from rosbags.typesys import get_typestore, Stores
+from recorded_runs import metadata
+from rosbags.rosbag2 import StoragePlugin
+import yaml
 
 #: Topic, log time [ns] and data.
 Row = tuple[str, int, bytes]
@@ -44,8 +60,7 @@ CHUNKS, TOPICS = 10, 3
 NOISE = 4096
 
 
-@dataclasses.dataclass
-class Original:
+class Original(NamedTuple):
     """
     A bag before it is damaged.
 
@@ -69,10 +84,32 @@ class Original:
     def rows(self) -> list[Row]:
         return [row for _, _, rows in self.chunks for row in rows]
 
+    def untouched(self, begin: int, end: int) -> list[Row]:
+        """Return the messages of chunks that a range of bytes does not touch."""
+        return [row for a, b, rows in self.chunks if b <= begin or end <= a for row in rows]
 
-def text(dice: random.Random, length: int) -> bytes:
-    """Return a serialized string of random characters."""
-    return b'\0\1\0\0' + struct.pack('<I', length + 1) + dice.randbytes(length) + b'\0'
+    def bag(self, path: Path, data: bytes, is_closed: bool = False) -> Path:
+        """Write a bag of one file, with the metadata if the recorder has closed it."""
+        path.mkdir()
+        (path / 'bag_0.mcap').write_bytes(data)
+        if is_closed:
+            (path / 'metadata.yaml').write_bytes(self.metadata)
+        return path
+
+    def recovered(self, data: bytes, is_closed: bool = False) -> list[Row]:
+        """Return what is recovered of such a bag, as the mcap library reads it."""
+        with TemporaryDirectory() as scratch:
+            new = Path(scratch) / 'new'
+            count = recover(self.bag(Path(scratch) / 'bag', data, is_closed), new)
+            rows = rows_of(new / 'new_0.mcap')
+        assert len(rows) == count
+        return rows
+
+
+def rows_of(file: Path) -> list[Row]:
+    with file.open('rb') as stream:
+        return [(channel.topic, message.log_time, message.data) for _, channel, message
+                in make_reader(stream).iter_messages(log_time_order=False)]
 
 
 @pytest.fixture(scope='module')
@@ -85,7 +122,8 @@ def original(tmp_path_factory: pytest.TempPathFactory) -> Original:
         for k in range(12):
             t += 1
             # The last topic begins late.
-            row = (f'/{"abc"[k % (TOPICS if part > 2 else TOPICS - 1)]}', t, text(dice, 400))
+            row = (f'/{"abc"[k % (TOPICS if part > 2 else TOPICS - 1)]}', t, b'\0\1\0\0'
+                   + struct.pack('<I', 401) + dice.randbytes(400) + b'\0')
             recording.write(row[0], 'std_msgs/msg/String', *row[1:], '')
             parts[-1].append(row)
         recording.flush()
@@ -103,139 +141,197 @@ def original(tmp_path_factory: pytest.TempPathFactory) -> Original:
                     [(*place, rows) for place, rows in zip(ends, parts)])
 
 
-def recovered(data: bytes, metadata: bytes = b'') -> list[Row]:
-    """Return what is recovered of a bag of one file, as the mcap library reads it."""
-    with TemporaryDirectory() as scratch:
-        bag = Path(scratch) / 'bag'
-        bag.mkdir()
-        (bag / 'bag_0.mcap').write_bytes(data)
-        if metadata:
-            (bag / 'metadata.yaml').write_bytes(metadata)
-        count = recover(bag, Path(scratch) / 'new')
-        with (Path(scratch) / 'new' / 'new_0.mcap').open('rb') as stream:
-            rows = [(channel.topic, message.log_time, message.data) for _, channel, message
-                    in make_reader(stream).iter_messages(log_time_order=False)]
-    assert len(rows) == count
-    return rows
-
-
-def check(original: Original, data: bytes, intact: list[Row], *, is_closed: bool) -> None:
-    """Check what is recovered; `intact` are the messages of chunks that are."""
-    rows = recovered(data, original.metadata if is_closed else b'')
-    assert not Counter(rows) - Counter(original.rows)  # None is wrong, none is there twice.
-    assert not set(intact) - set(rows)
-
-
-def untouched(original: Original, begin: int, end: int) -> list[Row]:
-    """Return the messages of chunks that a range of bytes does not touch."""
-    return [row for a, b, rows in original.chunks if b <= begin or end <= a for row in rows]
-
-
-def damages(original: Original, seed: int, count: int, length: int
-            ) -> Iterator[tuple[bool, int, bytes]]:
-    """Yield whether the bag is closed, the place, and the file with random bytes there."""
-    dice = random.Random(seed)
-    for k in range(count):
-        is_closed = k % 2 == 0
-        data = bytearray(original.data if is_closed else original.data[:original.size])
-        place = dice.randrange(len(data) if length == 1 else len(data) - length)
-        if length == 1:
-            data[place] ^= 1 << dice.randrange(8)
-        else:
-            data[place:place + length] = dice.randbytes(length)
-        yield is_closed, place, bytes(data)
-
-
 def test_what_was_flushed_before_a_cut_is_recovered(original: Original) -> None:
     """Check cuts within and between chunks, and that one flush ends with the chunk."""
     dice, (_, first, _) = random.Random(4), original.chunks[0]
     for size in [first, original.size, *dice.sample(range(first, original.size), 12)]:
-        assert recovered(original.data[:size]) == [
+        assert original.recovered(original.data[:size]) == [
             row for _, end, rows in original.chunks if end <= size for row in rows]
 
 
-@pytest.mark.parametrize('length', [1, NOISE])
-def test_wrong_bytes_anywhere_cost_their_chunks_only(original: Original, length: int) -> None:
-    for is_closed, place, data in damages(original, length, 24, length):
-        check(original, data, untouched(original, place, place + length), is_closed=is_closed)
+def damages(original: Original) -> Iterator[tuple[bool, int, int, bytes]]:
+    """Yield whether the bag is closed, first and last wrong byte, and the file."""
+    dice = random.Random(1)
+    places = [(dice.randrange(original.size - NOISE), k % 2 and NOISE) for k in range(32)]
+    # The header, schemas and channels outside chunks, and the first chunk with both.
+    places += [(place, 0) for place in range(0, original.chunks[1][0], 307)]
+    for k, (place, length) in enumerate(places):
+        data = bytearray(original.data if k % 4 > 1 else original.data[:original.size])
+        if length:
+            data[place:place + length] = dice.randbytes(length)
+        else:
+            data[place] ^= 1 << dice.randrange(8)
+        yield k % 4 > 1, place, place + length + 1, bytes(data)
 
 
-def test_a_wrong_bit_anywhere_before_the_second_chunk(original: Original) -> None:
-    """Check the header, schemas and channels outside chunks, and the first chunk with both."""
-    dice = random.Random(3)
-    for place in [*range(0, original.chunks[0][0] + 60, 101), *dice.sample(
-            range(original.chunks[0][0], original.chunks[1][0]), 10)]:
-        data = bytearray(original.data[:original.size])
-        data[place] ^= 1 << dice.randrange(8)
-        check(original, bytes(data), untouched(original, place, place + 1), is_closed=False)
+def test_wrong_bytes_anywhere_are_found_and_cost_their_chunks_only(
+        original: Original, tmp_path: Path) -> None:
+    """None of the messages is wrong, none is there twice; a bag that is whole has all."""
+    for k, (is_closed, begin, end, data) in enumerate(damages(original)):
+        rows = original.recovered(data, is_closed)
+        assert not Counter(rows) - Counter(original.rows)
+        assert not set(original.untouched(begin, end)) - set(rows)
+        if is_closed and set(original.rows) - set(rows):
+            with pytest.raises(CtcError, match='damaged, '):
+                open_bag(original.bag(tmp_path / f'{k}', data, is_closed))
 
 
-@pytest.mark.parametrize('is_closed', [True, False])
-def test_a_chunk_that_is_cut_out_costs_no_other(original: Original, is_closed: bool) -> None:
-    data = original.data if is_closed else original.data[:original.size]
-    begin, end, _ = original.chunks[5]
-    check(original, data[:begin] + data[end:], untouched(original, begin, end),
-          is_closed=is_closed)
-
-
-def older(rows: list[Row], **options: Any) -> bytes:
-    """Return a file as the mcap library writes it: types in chunks and index only."""
-    with TemporaryDirectory() as scratch:
-        file = Path(scratch) / 'file.mcap'
-        with file.open('wb') as stream:
-            writer: Any = McapWriter(stream, **options)
-            writer.start('ros2')
-            schema = writer.register_schema('std_msgs/msg/String', 'ros2msg', b'string data')
-            register = functools.cache(lambda topic: writer.register_channel(
-                topic, 'cdr', schema, {}))
-            for i, (topic, t, data) in enumerate(rows):
-                writer.add_message(register(topic), t, data, t)
-                if i % 12 == 11:
-                    writer.flush()
-            writer.finish()
-        return file.read_bytes()
+def test_a_wrong_byte_in_the_metadata_is_found_or_does_no_harm(
+        original: Original, tmp_path: Path) -> None:
+    bag, dice, found = original.bag(tmp_path / 'bag', original.data), random.Random(1), 0
+    for place in dice.sample(range(len(original.metadata)), 12):
+        data = bytearray(original.metadata)
+        data[place] ^= dice.randint(1, 255)
+        (bag / 'metadata.yaml').write_bytes(data)
+        try:
+            with closing(open_bag(bag)) as reader:
+                assert [(x.topic, t, data) for x, t, data in reader.messages()] == original.rows
+        except CtcError:
+            found += 1
+    assert found > 2
 
 
 @pytest.mark.parametrize('options', [
     {}, {'compression': CompressionType.NONE}, {'compression': CompressionType.LZ4},
-    {'enable_crcs': False}])
-def test_the_index_has_the_types_of_a_damaged_first_chunk(
-        original: Original, options: dict[str, Any]) -> None:
-    """Check files of other recorders, and of earlier versions of this one."""
-    data = bytearray(older(original.rows, **options))
-    data[60:60 + NOISE] = random.Random(5).randbytes(NOISE)
-    assert recovered(bytes(data)) == original.rows[12:]
+    {'enable_crcs': False}, {'use_chunking': False}])
+def test_files_of_other_recorders(
+        original: Original, options: dict[str, Any], tmp_path: Path) -> None:
+    """The index has the types of a damaged first chunk; without chunks nothing has a checksum."""
+    file = tmp_path / 'file.mcap'
+    with file.open('wb') as stream:
+        writer: Any = McapWriter(stream, **options)
+        writer.start('ros2')
+        schema = writer.register_schema('std_msgs/msg/String', 'ros2msg', b'string data')
+        register = functools.cache(lambda topic: writer.register_channel(topic, 'cdr', schema, {}))
+        for i, (topic, t, data) in enumerate(original.rows):
+            writer.add_message(register(topic), t, data, t)
+            if i % 12 == 11:
+                writer.flush()
+        writer.finish()
+    whole = bytearray(file.read_bytes())
+    whole[60:60 + NOISE] = random.Random(5).randbytes(NOISE)
+    if 'use_chunking' in options:
+        with pytest.raises(CtcError, match='no message in a whole chunk'):
+            original.recovered(bytes(whole))
+    else:
+        assert original.recovered(bytes(whole)) == original.rows[12:]
 
 
-def test_messages_that_no_checksum_covers_are_refused(original: Original) -> None:
-    whole = older(original.rows, use_chunking=False)
-    with pytest.raises(CtcError, match='no message in a whole chunk'):
-        recovered(whole[:-1])
+def test_a_repaired_bag_is_in_its_place_and_is_not_repaired_again(
+        original: Original, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    bag = original.bag(tmp_path / 'bag', original.data[:original.chunks[6][0]])
+    with pytest.raises(CtcError, match=f'metadata.yaml.*; "ctc repair {bag}" recovers the rest$'):
+        read_bag(bag)
+    assert repair(bag) == (72, tmp_path / 'bag.damaged')
+    assert rows_of(bag / 'bag_0.mcap') == original.rows[:72]
+    assert metadata(bag)['custom_data'] == {'repaired': '72 messages recovered'}
+    before = {path.name: (path.stat().st_ino, path.read_bytes()) for path in bag.iterdir()}
+    assert main(['repair', str(bag)]) == 0
+    assert capsys.readouterr().out == f'{bag}: nothing to repair\n'
+    assert {path.name: (path.stat().st_ino, path.read_bytes())
+            for path in bag.iterdir()} == before
+    assert sorted(path.name for path in tmp_path.iterdir()) == ['bag', 'bag.damaged']
+    (bag / 'metadata.yaml').unlink()
+    with pytest.raises(CtcError, match='exists already'):
+        repair(bag)
 
 
-def test_a_repaired_bag_says_so(original: Original, tmp_path: Path) -> None:
-    bag = tmp_path / 'bag'
-    bag.mkdir()
-    begin, end, _ = original.chunks[5]
-    (bag / 'bag_0.mcap').write_bytes(original.data[:begin] + original.data[end:])
-    (bag / 'metadata.yaml').write_bytes(original.metadata)
-    done = repair(bag)
-    assert done is not None
-    assert 'repaired: ' in (bag / 'metadata.yaml').read_text(encoding='utf-8')
-    assert repair(bag) is None
+def test_what_is_no_bag_cannot_be_repaired(original: Original, tmp_path: Path) -> None:
+    with pytest.raises(CtcError, match='no such bag'):
+        repair(tmp_path / 'bag')
+    (tmp_path / 'bag').mkdir()
+    with pytest.raises(CtcError, match=r'not a bag: .*metadata\.yaml'):
+        repair(tmp_path / 'bag')
+    (tmp_path / 'bag').rmdir()
+    for size in (0, 8, 30):
+        bag = original.bag(tmp_path / 'bag', original.data[:size])
+        with pytest.raises(CtcError, match='no message in a whole chunk'):
+            repair(bag)
+        assert [path.name for path in tmp_path.iterdir()] == ['bag']
+        shutil.rmtree(bag)
 
 
 @pytest.mark.parametrize('plugin', list(StoragePlugin))
 def test_a_bag_with_fewer_messages_than_it_counts_is_refused(
         tmp_path: Path, plugin: StoragePlugin) -> None:
-    """Check both kinds of storage, by a count that is too large."""
-    bag = tmp_path / 'bag'
-    with Writer(bag, version=9, storage_plugin=plugin) as writer:
-        connection = writer.add_connection(
-            '/a', 'std_msgs/msg/String', typestore=get_typestore(Stores.ROS2_JAZZY))
-        for t in range(3):
-            writer.write(connection, t, b'\0\1\0\0\1\0\0\0\0')
+    """Check both kinds of storage, a count that is too large, and the right one."""
+    bag = write_bag(tmp_path / 'bag', [('/a', t, string('')) for t in range(3)], plugin)
+    assert repair(bag) is None
     file = bag / 'metadata.yaml'
     file.write_text(file.read_text().replace('message_count: 3', 'message_count: 4'))
     with pytest.raises(CtcError, match=r'damaged, .*: 3 messages, 4 according to its metadata'):
         open_bag(bag)
+
+
+def test_types_and_qos_of_other_recorders_are_recovered(tmp_path: Path) -> None:
+    """Check a type that is not installed, and policies as numbers, as in bags of ROS 2 Humble."""
+    (tmp_path / 'bag').mkdir()
+    forever = {'sec': 1, 'nsec': 2}
+    profile = {'history': 1, 'depth': 5, 'reliability': 2, 'durability': 1, 'deadline': forever,
+               'lifespan': forever, 'liveliness': 1, 'liveliness_lease_duration': forever,
+               'avoid_ros_namespace_conventions': False}
+    with (tmp_path / 'bag' / 'bag_0.mcap').open('wb') as stream:
+        writer: Any = McapWriter(stream)
+        writer.start('ros2')
+        schema = writer.register_schema('my_msgs/msg/Thing', 'ros2msg', b'float64 x')
+        service = writer.register_schema('std_srvs/srv/Trigger_Event', 'unknown', b'what it is')
+        for topic, text, kind in (('/a', yaml.safe_dump([profile]), schema), (
+                '/b', 'a: [', schema), ('/c', '', service)):
+            channel = writer.register_channel(topic, 'cdr', kind, {'offered_qos_profiles': text})
+            writer.add_message(channel, 7, b'\0\1\0\0' + bytes(8), 7)
+        writer.flush()
+    assert recover(tmp_path / 'bag', tmp_path / 'whole') == 3
+    open_bag(tmp_path / 'whole').close()
+    with (tmp_path / 'whole' / 'whole_0.mcap').open('rb') as stream:
+        rows = [(channel.topic, schema and (schema.name, schema.data), message.data)
+                for schema, channel, message in make_reader(stream).iter_messages()]
+    thing = 'my_msgs/msg/Thing', b'float64 x'
+    assert rows == [(topic, kind, b'\0\1\0\0' + bytes(8)) for topic, kind in (
+        ('/a', thing), ('/b', thing), ('/c', ('std_srvs/srv/Trigger_Event', b'')))]
+    profiles = [x['topic_metadata']['offered_qos_profiles']
+                for x in metadata(tmp_path / 'whole')['topics_with_message_count']]
+    assert profiles == [[{
+        **profile, 'history': 'keep_last', 'reliability': 'best_effort',
+        'durability': 'transient_local', 'liveliness': 'automatic'}], [], []]
+
+
+@pytest.mark.ros
+def test_a_killed_recorder_leaves_all_but_the_last_second(tmp_path: Path) -> None:
+    bag = tmp_path / 'bag'
+    file = bag / 'bag_0.mcap'
+    with bringup('--params-file', str(CONFIG / 'friction.yaml'), '--pacing', 'real_time',
+                 '--control-period', '0.005', '--duration', '0', '--record', str(bag)) as process:
+        wait_for(lambda: file.exists() and file.stat().st_size > 40_000, 'a part of the bag')
+        nodes = nodes_of(process.pid)
+        watch, size = Stopwatch(*nodes.values()), file.stat().st_size
+        wait_for(lambda: file.stat().st_size > size, 'more of it')
+        waited = watch.waited()
+        os.kill(nodes['recorder'], signal.SIGKILL)
+        killed = time.time()
+        process.communicate(timeout=PATIENCE)
+    assert repair(bag) is not None
+    with closing(open_bag(bag)) as reader:
+        assert reader.end_time / 1e9 > killed - 1.0 - waited
+    assert len(read_bag(bag).run.t) > 50
+
+
+@pytest.mark.ros
+def test_a_full_disk_ends_the_recording_and_not_the_run(tmp_path: Path) -> None:
+    """Check with a limit on the size of files instead of a full disk."""
+    bag, file = tmp_path / 'bag', CONFIG / 'friction.yaml'
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (60_000, hard))
+    try:
+        status, output = run_bringup('--params-file', str(file), '--record', str(bag),
+                                     '--duration', '0.8')
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    assert 'the experiment has ended at t = 0.8 s after 801 samples' in output
+    assert re.search(r'recording has stopped: File too large', output)
+    assert status == 1
+    assert 'Traceback' not in output
+    assert repair(bag) is not None
+    run = read_bag(bag).run
+    expected = simulate(parameter_file.load(file, {'plant': {'duration': 0.8}})).run
+    assert 20 < len(run.t) < len(expected.t)
+    assert np.array_equal(run.q, expected.q[:len(run.t)])

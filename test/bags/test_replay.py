@@ -21,11 +21,10 @@ from pathlib import Path
 import signal
 import subprocess
 import sys
-import time
 from typing import Any
 
-from bags import reports_of
 from ctc_chattering import replay
+from ctc_chattering.analysis.compilation import compile_setups
 from ctc_chattering.analysis.result import simulate
 from ctc_chattering.bags.reader import read_bag
 from ctc_chattering.bags.repair import open_bag, repair
@@ -35,24 +34,23 @@ from ctc_chattering.ros.messages import read_stamp
 from ctc_chattering.ros.process import STOP
 from ctc_chattering.ros.subscription import with_info
 from domains import own_domain
+from mcap.writer import Writer as McapWriter
 from processes import CONFIG, PATIENCE, probe, run_bringup, Stopwatch
 import pytest
 import rclpy
-from rclpy.executors import SingleThreadedExecutor
-from rclpy.serialization import deserialize_message
-from recorded_runs import assert_equal, counts, metadata
-from rosbags.rosbag2 import StoragePlugin, Writer
-from rosbags.typesys import get_types_from_msg, get_typestore, Stores
+from recorded_runs import assert_equal, counts, metadata, reports_of
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 
 pytestmark = pytest.mark.ros
+SETUP = parameter_file.load(CONFIG / 'friction.yaml', {'plant': {'duration': 1.0}})
 
 
 @pytest.fixture(scope='module')
 def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp('replay') / 'bag'
+    compile_setups([SETUP], print)
     status, output = run_bringup('--params-file', str(CONFIG / 'friction.yaml'), '--duration',
                                  '1.0', '--record', str(path))
     assert status == 0, output
@@ -61,8 +59,8 @@ def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_a_second_at_1_khz_holds_every_sample_and_equals_the_simulation(bag: Path) -> None:
-    assert_equal(read_bag(bag), simulate(parameter_file.load(
-        CONFIG / 'friction.yaml', {'plant': {'duration': 1.0}})))
+    """Both are computed by machine code."""
+    assert_equal(read_bag(bag).run, simulate(SETUP).run)
     found = counts(bag)
     with closing(open_bag(bag)) as reader:
         stamps = [read_stamp(data) for connection, _, data in reader.messages()
@@ -77,45 +75,20 @@ def test_a_second_at_1_khz_holds_every_sample_and_equals_the_simulation(bag: Pat
     assert not metadata(bag)['custom_data']
     said = reports_of(bag, 'recorder')
     assert said and {report['dropped'] for report in said} == {'0'}
-
-
-def test_in_a_script_with_a_node_of_its_own(bag: Path) -> None:
-    """Check what is heard, and that nodes and signals of the script are as before."""
-    handlers = [signal.getsignal(x) for x in STOP]
-    with own_domain(), closing(open_bag(bag)) as reader:
-        count = reader.message_count
-        context = rclpy.Context()
-        rclpy.init(context=context)
-        try:
-            heard: list[JointState] = []
-            node = rclpy.create_node('mine', context=context)
-            node.create_subscription(JointState, '/joint_states', heard.append, 5000)
-            executor = SingleThreadedExecutor(context=context)
-            executor.add_node(node)
-            assert replay(str(bag), rate=10.0, delay=3.0) == count
-            deadline = time.monotonic() + PATIENCE
-            while len(heard) < 1000 and time.monotonic() < deadline:
-                executor.spin_once(0.1)
-            assert len(heard) >= 1000 and context.ok()
-        finally:
-            context.try_shutdown()
-    assert [signal.getsignal(x) for x in STOP] == handlers
+    for node in ('plant', 'controller'):
+        assert reports_of(bag, node)[-1]['computed by'] == 'machine code'
 
 
 def test_everything_comes_again_with_its_own_timing(bag: Path) -> None:
     rate = 2.0
     # A state whose answer took long was sent again, and so was the answer.
-    kept: dict[str, list[Any]] = {'/joint_states': [], '/effort_controller/commands': []}
     with closing(open_bag(bag)) as reader:
-        for connection, _, data in reader.messages():
-            if connection.topic in kept:
-                kind = JointState if connection.topic == '/joint_states' else Float64MultiArray
-                kept[connection.topic].append(deserialize_message(bytes(data), kind))
-    recorded_states, recorded_commands = kept.values()
-
+        recorded_states, recorded_commands = ([
+            bytes(data) for _, _, data in reader.messages(reader.named(topic))]
+            for topic in ('/joint_states', '/effort_controller/commands'))
     with probe() as it:
-        states = it.listen(JointState, 'joint_states', 10_000)
-        commands = it.listen(Float64MultiArray, 'effort_controller/commands', 10_000)
+        states = it.listen(JointState, 'joint_states', 10_000, raw=True)
+        commands = it.listen(Float64MultiArray, 'effort_controller/commands', 10_000, raw=True)
         clocks = it.listen(Clock, '/clock')
         sent: list[int] = []
         it.node.create_subscription(
@@ -128,8 +101,8 @@ def test_everything_comes_again_with_its_own_timing(bag: Path) -> None:
         try:
             watch = Stopwatch(process.pid)
             it.until(lambda: process.poll() is not None
-                     or len(states) + len(commands) == sum(map(len, kept.values())),
-                     'all messages')
+                     or len(states) + len(commands)
+                     == len(recorded_states + recorded_commands), 'all messages')
             waited = watch.waited()
             it.until(lambda: len(states) == len(sent) == len(recorded_states)
                      and len(commands) == len(recorded_commands)
@@ -144,39 +117,42 @@ def test_everything_comes_again_with_its_own_timing(bag: Path) -> None:
         assert commands == recorded_commands
 
 
-def test_topics_whose_types_are_not_installed_are_named_and_passed_over(tmp_path: Path) -> None:
+def test_topics_whose_types_are_not_installed_are_named_and_passed_over(
+        tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """
     As in every bag of `ros2 bag record -a`: its own events, and those of services.
 
     The definition of a service is written as that does, with an encoding of its own: then the bag
-    is repaired first.
+    is repaired first. In a script, nodes and signals are as before.
     """
     topics = {'/events/write_split': 'rosbag2_interfaces/msg/WriteSplitEvent',
               '/plant/_service_event': 'std_srvs/srv/Trigger_Event',
               '/news': 'std_msgs/msg/String'}
-    store = get_typestore(Stores.EMPTY)
-    for kind in topics.values():
-        store.register(get_types_from_msg('string data', kind))
     service = '=' * 80 + '\nSRV: std_srvs/srv/Trigger\n---\nbool success\nstring message\n'
-    with Writer(tmp_path / 'bag', version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+    bag = tmp_path / 'bag'
+    bag.mkdir()
+    with (bag / 'bag_0.mcap').open('wb') as stream:
+        writer: Any = McapWriter(stream)
+        writer.start('ros2')
         for topic, kind in topics.items():
-            is_service = '/srv/' in kind
-            connection = writer.add_connection(
-                topic, kind, typestore=store, msgdef=service if is_service else None,
-                rihs01='RIHS01_' + '1' * 64 if is_service else None)
-            writer.write(connection, 1, b'\0\1\0\0\1\0\0\0\0')
-    (file,) = (tmp_path / 'bag').glob('*.mcap')
-    written = file.read_bytes()
-    at = written.index(b'ros2msg', written.index(b'std_srvs'))
-    file.write_bytes(written[:at] + b'unknown' + written[at + 7:])
-    with pytest.raises(CtcError, match=r'Could not parse.*"ctc repair'):
-        open_bag(tmp_path / 'bag')
-    assert repair(tmp_path / 'bag') is not None
+            schema = writer.register_schema(kind, *(
+                ('unknown', service.encode()) if '/srv/' in kind else ('ros2msg', b'string data')))
+            channel = writer.register_channel(topic, 'cdr', schema, {})
+            writer.add_message(channel, 1, b'\0\1\0\0\1\0\0\0\0', 1)
+        writer.finish()
+    with pytest.raises(CtcError, match='"ctc repair'):
+        open_bag(bag)
+    assert repair(bag) is not None
+    handlers = [signal.getsignal(x) for x in STOP]
     with own_domain():
-        done = subprocess.run(
-            [sys.executable, '-m', 'ctc_chattering.cli.ctc', 'replay', str(tmp_path / 'bag'),
-             '--delay', '0'], text=True, capture_output=True, timeout=PATIENCE, check=False)
-    assert (done.returncode, done.stdout) == (0, '1 messages\n'), done.stderr
-    assert done.stderr.splitlines() == [
+        context = rclpy.Context()
+        rclpy.init(context=context)
+        try:
+            assert replay(str(bag), rate=10.0, delay=0.0) == 1
+            assert context.ok()
+        finally:
+            context.try_shutdown()
+    assert [signal.getsignal(x) for x in STOP] == handlers
+    assert capsys.readouterr().err.splitlines() == [
         f'not replayed, because its message type is not installed: {topic} ({topics[topic]})'
         for topic in ('/events/write_split', '/plant/_service_event')]

@@ -16,7 +16,9 @@
 
 from __future__ import annotations
 
+from argparse import _SubParsersAction
 from pathlib import Path
+import re
 import subprocess
 import sys
 
@@ -24,47 +26,137 @@ from ctc_chattering.cli import options
 from ctc_chattering.cli.command_line import guarded
 from ctc_chattering.cli.ctc import make_parser
 from ctc_commands import ctc, refused
+from identified_bags import recorded_bag, short
+from map_specs import written
+import numpy as np
 import pytest
+from tunings import ROBOT, SPEC
 
-#: Command lines that mean nothing, and words of the answer.
+TURNS = '<parent link="a"/><child link="b"/></joint></robot>'
+#: Files that the command lines name.
+FILES = {
+    'robot.urdf': f'<robot name="r"><link name="a"/><link name="b"/><joint name="elbow" '
+                  f'type="continuous">{TURNS}',
+    'law.yaml': 'controller: {ros__parameters: {law: chatering}}',
+    'mass.yaml': 'controller: {ros__parameters: {mass: 1}}',
+    'lambda.yaml': 'controller: {ros__parameters: {lambda: 0}}',
+    'time.yaml': 'plant: {ros__parameters: {duration: -1.0}}',
+    'lost.yaml': 'plant: {ros__parameters: {duration: 1.0, initial_velocity: [1e300, 1e300]}}',
+    'list.yaml': 'a: [', 'nothing.yaml': '',
+    'plain.yaml': '/**: {ros__parameters: {compiled: false}}',
+    'other.yaml': '/**: {ros__parameters: {model: "nowhere:Arm"}}',
+    'robot.yaml': ROBOT, 'tune.yaml': SPEC, 'axes.yaml': f'{SPEC}axes: {{}}\n',
+    'broken/metadata.yaml': '\ufffe\0'}
+BAG = 'identify bag --model two_link'
+DRIVEN = 'identify driven --model two_link --effort current'
+#: What is wrong in a file, or not there: status 1, and words of the line.
+FAILS = {
+    'simulate --params-file law.yaml': ['did you mean chattering?'],
+    'simulate --params-file mass.yaml': ['mass', 'controller'],
+    'simulate --params-file lambda.yaml': ['lambda', '>= 1e-09'],
+    'simulate --params-file time.yaml': ['duration', '>= 0'],
+    'simulate --params-file lost.yaml': [], 'simulate --params-file list.yaml': ['a YAML file'],
+    'simulate --params-file nothing.yaml': ['node names'],
+    'simulate --params-file bag': ['bag'],
+    'simulate --duration 0.01 --out law.yaml': ['law.yaml'],
+    'simulate --duration 0.01 --out /proc/self/x': ['/proc/self/x'],
+    'compile --params-file plain.yaml': ['nothing can be compiled'],
+    'stability --law chattering': ['chattering sign is not linear'],
+    'check-model --urdf nowhere.urdf': ['ctc check-model', 'nowhere.urdf'],
+    'check-model --urdf law.yaml': ['description', 'not XML'],
+    **{f'{command} {bag}': [bag] for bag in ('none', 'law.yaml', 'empty', 'broken')
+       for command in ('plot', 'replay', 'live')},
+    'identify none': ['no such bag'],
+    BAG: ['without a gap; at least 2 s'], BAG.replace('bag', 'still'): ['at least 2 s'],
+    'map map.yaml --scheduler nowhere': ['--scheduler nowhere', 'no scheduler answers'],
+    'map nowhere.yaml': ['there is no model nowhere:Arm'],
+    'tune axes.yaml': ["ctc tune: axes.yaml: spec: 'axes' is not allowed; allowed: a mapping "]}
+#: Command lines that mean nothing: status 2.
 WRONG = {
     '': ['see ctc --help'], 'dance': ['see ctc --help'],
     'simulate --control-period x': ['see ctc simulate --help'],
     'simulate --unknown': ['--unknown', 'see ctc --help'], 'plot': ['see ctc plot --help'],
     'replay': ['see ctc replay --help'], 'repair bag another': ['another', 'see ctc --help'],
     **{f'simulate --control-period={x}': ['control_period', 'allowed']
-       for x in ('0', '-1', 'nan', 'inf', '1e-10', '1e300')},
-    **{f'simulate --duration={x}': ['duration', 'allowed'] for x in ('nan', 'inf', '1e300')},
-    'simulate --law=pid': ['law', 'pid', 'compensation | chattering'],
-    'simulate --switching=smooth': ['switching', 'smooth', 'sign'],
-    'simulat': ['did you mean simulate?'],
-    'simulate --params-file fricton': ['panda', 'did you mean friction?'],
-    'simulate --params-file friction.yaml': ['did you mean friction?'],
-    'simulate --law chatering': ['law', 'did you mean chattering?'],
-    'simulate --switching implict': ['did you mean implicit?'],
+       for x in ('0', 'nan', 'inf', '1e-10', '1e300')},
+    'simulate --duration=nan': ['duration', 'allowed'],
     'simulate --duration -1': ['duration', '-1.0', '>= 0'],
+    'simulate --law=pid': ['law', 'pid', 'compensation | chattering'],
+    'simulat': ['did you mean simulate?'],
+    'simulate --params-file none.yaml': ['none.yaml'], 'map none.yaml': ['none.yaml'],
+    'simulate --params-file fricton': ['panda', 'did you mean friction?'],
+    'simulate --switching implict': ['did you mean implicit?'],
     'compare fricton': ['did you mean friction?'],
     'compare friction --laws chatering': ['did you mean chattering?'],
     'compare friction --condition real_amr': ['did you mean real_arm?'],
-    'compare friction --jobs 0': ['--jobs', '>= 1'],
-    'compare friction --jobs -1': ['--jobs', '>= 1'],
-    'excite --evaluations 0': ['--evaluations', '>= 1'],
-    'excite --poses 0': ['poses', '>= 1'],
+    **{f'{command} --jobs 0': ['--jobs: 0 is not allowed', '>= 1']
+       for command in ('compare friction', 'map map.yaml', 'tune tune.yaml')},
+    'excite --evaluations 0': ['evaluations', '>= 1'],
     'excite --center a': ['center', "'a'", 'numbers'],
     'excite --friction -1': ['friction', '>= 0'],
     'check-model --model two_lnk': ['did you mean two_link?'],
     'check-model --model urdf': ['--urdf'],
     'check-model --model puma': ['model', 'puma', 'two_link | urdf | package.module:Name'],
-    'check-model --model two_link --urdf README.md': ['--urdf', 'two_link'],
+    'check-model --model two_link --urdf robot.urdf': ['--urdf', 'two_link'],
     'check-model --joints a,a': ['joint_names'],
-    'check-model --samples 0': ['--samples', '>= 1'],
-    'check-model --seed -1': ['--seed', '>= 0'],
-    'check-model --gravity nan': ['--gravity', '>= 0'],
     'check-model --joints a,b,c': ['joint_names', '2 names'],
-    'replay bag --rate 0': ['--rate', 'allowed'], 'replay bag --rate nan': ['--rate', 'allowed'],
-    'replay bag --delay=-1': ['--delay', 'allowed'],
-    'live --port 99999': ['--port', '65535'],
-    'plot bag --format jpg': ['svg']}
+    'check-model --urdf robot.urdf --joints elbo': [
+        "['elbo']", 'movable joints of the URDF: elbow', 'did you mean elbow?'],
+    'check-model --samples 0': ['--samples', '>= 1'],
+    'check-model --gravity nan': ['--gravity', '>= 0'],
+    'replay bag --rate 0': ['--rate', 'allowed'], 'replay bag --delay=-1': ['--delay', 'allowed'],
+    'live --port 99999': ['99999', '65535'], 'live bag bag bag': ['3 bags'],
+    'live --export x.html': ['needs a bag'], 'live bag --read-only': ['graph'],
+    'plot bag --format jpg': ['svg'],
+    'identify bag': ['no robot description: give --urdf FILE, or --model'],
+    f'{BAG} --trials -1': ['--trials: -1 is not allowed; allowed: an integer >= 0'],
+    f'{BAG} --torque-rate -1': ['torque_rate: [-1.0] is not allowed'],
+    f'{BAG} --effort currents': ['did you mean current?'],
+    f'{BAG} --torque-constant 1': ['needs an effort that is of the motor, or a current'],
+    f'{DRIVEN} --torque-constant 1,2,3': ['torque_constant: [1.0, 2.0, 3.0] is not allowed'],
+    f'{DRIVEN} --torque-constant 0': ['allowed: finite numbers that are not 0'],
+    f'{BAG} --effort motor': ['effort motor: bag has no effort'],
+    'map map.yaml --jobs 2 --scheduler tcp://a:1': ['--scheduler: not allowed with argument'],
+    'map map.yaml --explain law=soft': ['--explain law=soft', 'friction'],
+    'map map.yaml --explain 24': ['run: 24', '<= 23'],
+    'tune': ['ctc tune: '], 'tune tune.yaml --identified b': ['ctc tune: '],
+    'tune tune.yaml --trials 0': ['--trials: 0 is not allowed'],
+    'tune tune.yaml --percentile 0': ['--percentile: 0.0', 'a finite number >= 1e-09 and <= 100'],
+    'tune tune.yaml --draws 0': ['repeats: 0 is not allowed']}
+
+
+@pytest.fixture(scope='module')
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a directory of files, bags and specs, most of them wrong."""
+    path = tmp_path_factory.mktemp('wrong')
+    for name in ('empty', 'broken'):
+        (path / name).mkdir()
+    for name, text in FILES.items():
+        (path / name).write_text(text, encoding='utf-16' if 'broken' in name else 'utf-8')
+    written(path / 'map.yaml')
+    written(path / 'nowhere.yaml', params_file='other.yaml')
+    made = short(duration=1.0)
+    recorded_bag(path / 'bag', made)
+    recorded_bag(path / 'driven', made, command=None, effort=made.run.tau)
+    recorded_bag(path / 'still', made, q=np.zeros_like(made.run.q))
+    return path
+
+
+def files(folder: Path) -> set[Path]:
+    """Return all files, but those of a map that waits for a scheduler."""
+    return {x for x in folder.rglob('*') if x.is_file() and x.parent.name != 'map'}
+
+
+@pytest.mark.parametrize(('line', 'status', 'words'), [
+    *((line, 1, words) for line, words in FAILS.items()),
+    *((line, 2, words) for line, words in WRONG.items())])
+def test_what_is_wrong_is_one_line_and_a_status(
+        line: str, status: int, words: list[str], folder: Path) -> None:
+    before = files(folder)
+    result = ctc(*line.split(), cwd=folder)
+    refused(result, *words)
+    assert result.returncode == status
+    assert files(folder) == before, 'nothing is written'
 
 
 @pytest.mark.skipif(sys.version_info < (3, 11), reason='PYTHONSAFEPATH is newer')
@@ -81,41 +173,17 @@ def test_processes_of_a_command_import_nothing_from_here(
     monkeypatch.delenv('PYTHONSAFEPATH')
 
 
-@pytest.mark.parametrize('line', WRONG)
-def test_a_wrong_command_line_has_status_2_and_one_line(line: str, tmp_path: Path) -> None:
-    result = ctc(*line.split(), cwd=tmp_path)
-    refused(result, *WRONG[line])
-    assert result.returncode == 2
-    assert not list(tmp_path.iterdir())
-
-
-def test_the_joints_of_a_description_are_listed(tmp_path: Path) -> None:
-    robot = tmp_path / 'robot.urdf'
-    robot.write_text('<robot name="r"><link name="a"/><link name="b"/><joint name="elbow" '
-                     'type="continuous"><parent link="a"/><child link="b"/></joint></robot>')
-    result = ctc('check-model', '--urdf', robot, '--joints', 'elbo')
-    refused(result, "['elbo']", 'movable joints of the URDF: elbow', 'did you mean elbow?')
-    assert result.returncode == 2
-
-
-def test_what_a_file_has_wrong_has_status_1(tmp_path: Path) -> None:
-    """The same value as an option has status 2; an option replaces the file's value."""
-    file = tmp_path / 'run.yaml'
-    file.write_text('controller: {ros__parameters: {law: chatering}}\n'
-                    'plant: {ros__parameters: {duration: 0.01}}')
-    result = ctc('simulate', '--params-file', file)
-    refused(result, 'did you mean chattering?')
-    assert result.returncode == 1
-    assert ctc('simulate', '--params-file', file, '--law', 'chattering').returncode == 0
-
-
-def test_a_defect_is_shown_with_its_traceback(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_defect_is_shown_with_its_traceback_and_too_little_memory_as_a_line(
+        capsys: pytest.CaptureFixture[str]) -> None:
     def broken() -> int:
         raise TypeError('no such\nthing')
     assert guarded('ctc broken', broken) == 1
     text = capsys.readouterr().err
     assert text.startswith('Traceback') and 'in broken' in text
     assert text.endswith('ctc broken: a defect of ctc_chattering; please report the lines above\n')
+    assert guarded('ctc map', lambda: np.zeros(10 ** 15).size) == 1
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith('ctc map: too little memory: Unable to allocate')
 
 
 def test_without_dask_one_process_is_taken_unless_more_are_asked_for(
@@ -126,3 +194,10 @@ def test_without_dask_one_process_is_taken_unless_more_are_asked_for(
         assert parser.parse_args(['compare', 'friction']).jobs == default
         assert parser.parse_args(['compare', 'friction', '--jobs', '3']).jobs == 3
         monkeypatch.setattr(options, 'find_spec', lambda _: None)
+
+
+def test_sentences_of_help_end_once() -> None:
+    """Check every subcommand for punctuation before the full stop that ends its summary."""
+    (commands,) = (x for x in make_parser()._actions if isinstance(x, _SubParsersAction))
+    for name, parser in commands.choices.items():
+        assert not re.search(r'[?!.,:;]\.', str(parser.description)), name

@@ -71,13 +71,6 @@ def test_a_bag_becomes_gains(tmp_path: Path) -> None:
     assert max(map(float, re.findall(r"'([\d.e-]+) rad'", text))) < 1e-2
 
 
-@pytest.mark.slow
-def test_without_a_bag_a_simulated_arm_is_excited(tmp_path: Path) -> None:
-    text = said('bag_to_gains', tmp_path)
-    assert [float(x) for x in re.findall(r'^Coulomb friction ([\d.]+)', text, re.MULTILINE)
-            ] == pytest.approx([6.0, 3.0], rel=0.01)
-
-
 def test_polars_reads_the_map(tmp_path: Path) -> None:
     """Law (6) fails where Ka is below friction, and where the other law fails it need not."""
     text = said('map_polars', tmp_path)

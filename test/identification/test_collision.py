@@ -55,7 +55,7 @@ def between(q: Array) -> Array:
 
 
 def checked(text: str, rest: tuple[float, ...] = (1.5, -1.5), clearance: float = 0.02,
-            floor: float | None = None) -> SelfCollision:
+            floor: float = np.inf) -> SelfCollision:
     return SelfCollision(text, ('turn a', 'turn b'), {}, np.array([rest]), clearance, floor)
 
 
@@ -73,11 +73,9 @@ def test_the_nearest_approach_of_balls_is_the_least_of_all_samples(seed: int) ->
     links, q = checked(balls()), path(seed)
     assert links.pairs == [('a', 'b')]
     expected = between(q)
-    found = links.nearest(q)
-    assert found.distance == pytest.approx(expected.min(), abs=1e-6)
-    assert found.sample == expected.argmin()
-    assert found.spare == pytest.approx(expected.min() / 0.02 - 1.0, abs=1e-4)
-    assert f'{expected.min():.2g} m, a and b at 3.0 s' in links.text(found, 3.0)
+    spare, text = links.nearest(np.arange(len(q)), q)
+    assert spare == pytest.approx(expected.min() / 0.02 - 1.0, abs=1e-4)
+    assert f'{expected.min():.2g} m, a and b at {expected.argmin()}.0 s' in text
 
 
 def test_boxes_and_a_slide_are_at_the_distance_of_their_faces() -> None:
@@ -87,10 +85,11 @@ def test_boxes_and_a_slide_are_at_the_distance_of_their_faces() -> None:
     links = checked(text, (0.0, 0.0))
     assert links.pairs == [('a', 'b')]  # Each is joined to the base.
     q = np.column_stack([np.linspace(0.0, 0.3, 100), np.linspace(0.0, -0.4, 100)])
-    assert links.nearest(q).distance == pytest.approx(1.0 - 0.7 - 0.2, abs=1e-6)
+    t = np.arange(100.0)
+    assert links.nearest(t, q)[0] == pytest.approx((1.0 - 0.7 - 0.2) / 0.02 - 1.0, abs=1e-4)
     q[:, 1] *= 2.0
-    assert links.nearest(q).distance < 0.0
-    assert 'they touch, a and b' in links.text(links.nearest(q), 0.0)
+    spare, text = links.nearest(t, q)
+    assert spare < -1.0 and 'they touch, a and b' in text
 
 
 def test_links_near_each_other_at_rest_keep_half_of_that_and_touching_ones_are_named() -> None:
@@ -98,18 +97,18 @@ def test_links_near_each_other_at_rest_keep_half_of_that_and_touching_ones_are_n
     distance = float(between(np.array([rest]))[0])
     assert 0.0 < distance < 0.5
     near = checked(balls(), rest, clearance=1.0)
-    assert near.nearest(np.array([rest])).kept == pytest.approx(0.5 * distance, abs=1e-6)
-    wide = balls().replace('radius="0.1"', 'radius="0.6"')
+    assert near.nearest(np.zeros(1), np.array([rest]))[0] == pytest.approx(1.0, abs=1e-4)
+    wide = balls(arm('c', shape('<sphere radius="0.1"/>', '1 0 0'), 9.0)).replace(
+        'radius="0.1"', 'radius="0.6"', 1)
     assert checked(wide, rest).touching == ['a and b']
-    assert checked(wide, rest).pairs == []
+    assert checked(wide, rest).pairs == [('a', 'c'), ('b', 'c')]
 
 
 def test_a_floor() -> None:
     links = checked(balls(), floor=-0.3)
     assert links.pairs == [('a', 'b'), ('a', 'the floor'), ('b', 'the floor')]
     q = path(0)
-    near = links.nearest(q[:1])
-    assert near.distance == pytest.approx(0.3 - 0.15, abs=1e-5)
+    assert links.nearest(np.zeros(1), q[:1])[0] == pytest.approx(0.15 / 0.02 - 1.0, abs=1e-3)
 
 
 def test_missing_meshes_and_bare_links_are_named(tmp_path: Path) -> None:
@@ -125,8 +124,8 @@ def test_missing_meshes_and_bare_links_are_named(tmp_path: Path) -> None:
         checked(lost)
 
 
-def test_a_mesh_counts_where_its_hull_comes_too_near(tmp_path: Path) -> None:
-    """An L of two squares; a ball in its corner is in the hull, and free of the mesh."""
+def test_a_mesh_counts_as_its_hull(tmp_path: Path) -> None:
+    """An L of two squares; a ball in its corner is in the hull."""
     points = [(0, 0), (1, 0), (1, 0.1), (0.1, 0.1), (0.1, 1), (0, 1)]
     file = tmp_path / 'l.obj'
     file.write_text(''.join(f'v {x} {y} {z}\n' for z in (-0.05, 0.05) for x, y in points)
@@ -137,6 +136,5 @@ def test_a_mesh_counts_where_its_hull_comes_too_near(tmp_path: Path) -> None:
     text = ('<robot name="r"><link name="base"/>'
             + arm('a', shape(f'<mesh filename="{file}"/>'), 0.0)
             + arm('b', shape('<sphere radius="0.1"/>', '0.3 0.3 0'), 0.0) + '</robot>')
-    links = checked(text, (0.0, 0.0))
-    assert links.touching == []
-    assert links.nearest(np.zeros((1, 2))).distance == pytest.approx(0.1, abs=1e-6)
+    with pytest.raises(CtcError, match='links touch at the centre: a and b'):
+        checked(text, (0.0, 0.0))

@@ -84,13 +84,10 @@ def test_faulty_robots(name: str, fault: str, seed: int) -> None:
     assert (after < 0.1 * before + 1e-3 * before.max()).all()
 
 
-def test_what_is_worse_or_refused_is_no_correction() -> None:
+def test_what_is_refused_is_no_correction() -> None:
     _, urdf, found = identified('two_link_urdf', 'forearm', 1, 10.0)
     said = with_correction(found, found, 'x.urdf')
     assert said is not None and 'x.urdf' in said.findings[-1].reason
-    worse = dataclasses.replace(found, data=dataclasses.replace(
-        found.data, residual=1.1 * found.data.residual))
-    assert with_correction(found, worse, 'x.urdf') is None
     refused = dataclasses.replace(found, findings=(Finding(Kind.NO_NUMBER, ALL_JOINTS, 'so'),))
     assert with_correction(found, refused, 'x.urdf') is None
     assert corrected_description(refused, urdf) == ''

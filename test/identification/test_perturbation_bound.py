@@ -112,14 +112,12 @@ def test_the_rate_is_within_what_drives_give() -> None:
     """Told is the lower end of the interval, and what is given before that."""
     needed = np.array([2000.0, 100.0])
     rate = [Estimate(1200.0, 200.0, 'N*m/s'), Estimate(5000.0, 1000.0, 'N*m/s')]
-    found = torque_rate(dataclasses.replace(base(), rate=rate), needed)
-    assert found.known.tolist() == [1000.0, 4000.0]
+    found, (slow,) = torque_rate(dataclasses.replace(base(), rate=rate), needed)
     late = 1.0 + 2e3 * base().timing.delays[0][2]
-    assert found.value == pytest.approx([1000.0, 4000.0 / late[1]])
-    (slow,) = found.findings
+    assert found == pytest.approx([1000.0, 4000.0 / late[1]])
     assert slow.joint == 0 and '1e+03 N*m/s; 2e+03' in slow.reason
-    assert torque_rate(base(), needed, (300.0, 300.0)).value.tolist() == [300.0, 300.0]
-    (unknown,) = torque_rate(dataclasses.replace(base(), rate=[]), needed).findings
+    assert torque_rate(base(), needed, (300.0, 300.0))[0].tolist() == [300.0, 300.0]
+    _, (unknown,) = torque_rate(dataclasses.replace(base(), rate=[]), needed)
     assert 'not known' in unknown.reason and '--torque-rate' in unknown.cure
 
 

@@ -27,10 +27,10 @@ from ctc_chattering.identification.excite import AssumedFriction, gains, stickin
 from ctc_chattering.identification.random_motions import (
     Bounds,
     bounds_of,
+    Excitation,
     ExcitationConfig,
-    PathBuilder,
-    random_multisine,
-    RandomMotions,
+    multisine,
+    random_motion,
 )
 from ctc_chattering.trajectory.joint_limits import DescribedLimits
 from ctc_chattering.trajectory.motions import Route, Waypoints
@@ -39,34 +39,34 @@ import pytest
 from urdfs import joint, link, urdf
 
 
-def test_between_waypoints_the_motion_is_the_series() -> None:
-    series = random_multisine(13, 27.0, 23, np.random.default_rng(0))
-    fastest = np.abs(series.at(np.linspace(0.0, 27.0, 500))[1]).max(axis=0)
-    for row in series.at(np.array([0.0, 27.0])):
-        assert np.abs(row).max() < 1e-9 * fastest.max()
-    mean = series.at(np.linspace(0.0, 27.0, 2001)[:-1])[0].mean(axis=0)
-    assert np.abs(mean).max() < 1e-9 * fastest.max()
-    path = PathBuilder(np.zeros(23))
-    path.rest(np.ones(23), 3.0)
-    path.series(series)
-    t = np.linspace(3.0, 30.0, 5000)
-    for rows, exact, most in zip(path.path().at(t), series.at(t - 3.0), (1e-6, 1e-5, 2e-4)):
-        offset = 1.0 if most == 1e-6 else 0.0
-        assert (np.abs(rows - offset - exact) / fastest).max() < most
+def test_a_multisine_has_its_frequencies_and_is_at_rest_at_its_ends() -> None:
+    t, points, largest = multisine(40.0, 3, np.random.default_rng(0))
+    assert np.abs(points[[0, -1]]).max() < 1e-9 * largest.max()
+    assert (np.abs(points).max(axis=0) <= 1.001 * largest).all()
+    assert (np.abs(points).max(axis=0) > 0.9 * largest).all()
+    # Between waypoints it is smooth, and its derivatives are those of its positions.
+    path = Excitation(('a', 'b', 'c'), t, points, ())
+    fine = np.arange(0.01, 39.99, 1e-3)
+    q, dq, ddq = path.at(fine)
+    for low, high in ((q, dq), (dq, ddq)):
+        change = (low[2:] - low[:-2]) / 2e-3
+        assert np.abs(change - high[1:-1]).max() < 1e-3 * np.abs(high).max()
+    power = np.square(np.abs(np.fft.rfft(q[:-1], axis=0))).sum(axis=1)
+    frequency = np.fft.rfftfreq(len(q) - 1, 1e-3)
+    assert power[frequency < 0.55].sum() > 0.99 * power.sum()
 
 
 def test_a_motion_is_what_the_reference_plays_of_its_waypoints() -> None:
     n = 3
     config = ExcitationConfig(('a', 'b', 'c'), 45.0, (0.3, 0.0, -0.2), (0.0, 0.1, 0.2), poses=2)
     bounds = Bounds(np.array(config.center), *(np.full(n, x) for x in (0.8, 1.0, 4.0)))
-    motions = RandomMotions(config, bounds)
-    motion = motions.motion(motions.draw(np.random.default_rng(0)))
+    motion = random_motion(config, bounds, np.ones(n), 1.0, 0)
     route = motion.route
     rest = (0.0,) * n
     played = Waypoints(route.times, route.points, (0, (config.start, rest, rest)))
     t = np.linspace(0.0, 45.0, 997)
     expected = np.array([played.at(round(x * 1e9)) for x in t]).transpose(1, 0, 2)
-    assert motion.path.at(t) == pytest.approx(expected, abs=1e-7)
+    assert motion.at(t) == pytest.approx(expected, abs=1e-6)
 
 
 def test_waypoints_are_read_as_they_were_written(tmp_path: Path) -> None:
@@ -99,19 +99,18 @@ def test_bounds_of_a_description_with_acceleration_and_a_short_slide() -> None:
     bounds = bounds_of(config.changed({'velocity_scale': 0.2}), limits)
     assert bounds.velocity == pytest.approx([0.4, 0.02])
     assert bounds.acceleration == pytest.approx([1.0, 0.08])
-    with pytest.raises(ParameterError, match=r'start of slide: 0\.3 is not allowed'):
-        bounds_of(config.changed({'start': [0.0, 0.3]}), limits)
+    with pytest.raises(ParameterError, match=r'center of slide: 0\.3 is not allowed'):
+        bounds_of(config.changed({'center': [1.0, 0.3]}), limits)
 
 
 def test_joints_creep_at_every_pose() -> None:
     """Slow enough for Stribeck friction at 0.02 rad/s, in windows of 0.1 s."""
     config = ExcitationConfig(('a', 'b'), 60.0)
     bounds = Bounds(np.zeros(2), *(np.full(2, x) for x in (0.8, 1.0, 4.0)))
-    motions = RandomMotions(config, bounds)
-    motion = motions.motion(motions.draw(np.random.default_rng(0)))
-    assert len(motion.creep) == 3
-    for (begin, end), speed in zip(motion.creep, (0.02, 0.01, 0.005)):
-        q, dq, _ = motion.path.at(np.arange(begin, end, 0.01))
+    motion = random_motion(config, bounds, np.ones(2), 1.0, 0)
+    assert len(motion.slow) == 3
+    for (_, begin, end), speed in zip(motion.slow, (0.02, 0.01, 0.005)):
+        q, dq, _ = motion.at(np.arange(begin, end, 0.01))
         creeps = np.abs(np.abs(dq) - speed) < 0.05 * speed
         for i in range(2):
             for way in (1.0, -1.0):

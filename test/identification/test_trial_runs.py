@@ -20,12 +20,15 @@ import dataclasses
 from functools import cache
 from typing import Any
 
+from ctc_chattering.configuration import parameter_file
+from ctc_chattering.configuration.loop_setup import Setup
 from ctc_chattering.identification import trial_runs as module
 from ctc_chattering.identification.findings import Severity
 from ctc_chattering.identification.gains import recommend, Recommendation
 from ctc_chattering.identification.identify import Identification
 from ctc_chattering.identification.perturbation import MeasuredPerturbation, perturbation
 from ctc_chattering.identification.trial_runs import draw_robots, parameter_values, trial_runs
+from ctc_chattering.runs.score import Score
 from identified_robots import identified, Recorded
 import numpy as np
 import pytest
@@ -57,12 +60,12 @@ def values_of(recommended: Recommendation) -> dict[str, dict[str, Any]]:
 
 def surviving(monkeypatch: pytest.MonkeyPatch, most: float) -> Recommendation:
     """Return what is recommended where poles above `most` diverge."""
-    def run(values: Any, _draw: Any) -> Any:
-        controller = values['controller']
-        fast = controller['law'] != 'compensation' and 0.5 * controller['kv'][0] > most
-        return module._TriedRun(None if fast else np.full(2, 1e-4), np.zeros(2),
-                                'diverged' if fast else '')
-    monkeypatch.setattr(module, '_run', run)
+    def run(setup: Setup, _window: Any) -> Score:
+        controller = setup.controller
+        if controller.law != 'compensation' and 0.5 * controller.kv[0] > most:
+            return Score(failure='diverged')
+        return Score(rms=(1e-4, 1e-4), saturated=0.0)
+    monkeypatch.setattr(module, 'score', run)
     return trial_runs(base(), measured(), gains(), values_of, count=6)
 
 
@@ -71,7 +74,7 @@ def test_the_pole_steps_down_until_all_draws_survive(monkeypatch: pytest.MonkeyP
     kv: Any = found.values['kv'][0]
     assert kv == [100.0, 100.0]
     assert [text.split(': ')[0] for text in found.trials] == [
-        f'observer_feedback with p = {p} rad/s' for p in (100, 70, 50)]
+        f'p = {p} rad/s' for p in (100, 70, 50)]
     assert 'fails in draw 1 of 6' in found.trials[0] and 'diverged' in found.trials[0]
     assert '6 of 6 draws survived' in found.trials[-1]
 
@@ -85,7 +88,7 @@ def test_gains_of_which_none_survives_are_refused(monkeypatch: pytest.MonkeyPatc
 def test_draws_have_the_corners_and_are_within_the_intervals() -> None:
     lags = np.array([[0.0, 1e-3], [1e-3, 2e-3], [2e-3, 3e-3]])
     timing = dataclasses.replace(base().timing, delays={0: lags, 2: np.zeros((3, 2))})
-    plant = values_of(gains())['plant']
+    plant = parameter_file.load(None, values_of(gains())).plant
     found = dataclasses.replace(base(), timing=timing)
     draws = list(draw_robots(found, measured(), plant, 20, 1))
     assert [x.values['plant']['input_delay'] for x in draws[:8]] == [0] * 4 + [2] * 4
@@ -100,6 +103,6 @@ def test_draws_have_the_corners_and_are_within_the_intervals() -> None:
 
 
 def test_the_identified_robot_survives(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(module, '_DURATION', 1.3)
+    monkeypatch.setattr(module, '_TRIAL', 1.3)
     found = trial_runs(base(), measured(), gains(), values_of, count=1)
     assert '1 of 1 draws survived' in found.trials[0]

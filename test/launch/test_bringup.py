@@ -23,7 +23,6 @@ import signal
 import subprocess
 import time
 
-from bags import reports_of
 from ctc_chattering.launch.requests import graph_monitor
 from ctc_chattering.simulation.closed_loop import Event
 from processes import alive, bringup, CONFIG, descendants, PATIENCE, probe, run_bringup, wait_for
@@ -33,6 +32,7 @@ from rcl_interfaces.srv import SetParameters
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.parameter import parameter_value_to_python
 from rclpy.task import Future
+from recorded_runs import reports_of
 
 pytestmark = pytest.mark.ros
 ENDLESS = ('--params-file', str(CONFIG / 'friction.yaml'), '--duration', '0')

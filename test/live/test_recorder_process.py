@@ -20,11 +20,11 @@ from pathlib import Path
 import signal
 import time
 
-from bags import reports_of
 from ctc_chattering.live.controls import RecorderProcess
 from diagnostic_msgs.msg import DiagnosticArray
 from processes import probe, wait_for
 import pytest
+from recorded_runs import reports_of
 
 
 @pytest.mark.ros

@@ -20,7 +20,7 @@ A second of its own: what others on the machine take away from it is not counted
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 import random
@@ -29,74 +29,45 @@ import threading
 import time
 
 from ctc_chattering.launch import child_process
-from ctc_chattering.ros.topics import JOINT_STATES
-from faults import KINDS, load, nodes_of
-from processes import alive, bringup, CONFIG, PATIENCE, Probe, probe, Stopwatch, wait_for
+from faults import KINDS, load
+from processes import interrupt, Probe, probe, wait_for
 import pytest
 from sensor_msgs.msg import JointState
 
 pytestmark = pytest.mark.ros
-NODES = ('recorder', 'plant', 'controller', 'reference')
 NUMBERS = (signal.SIGINT, signal.SIGTERM)
 #: What is promised [s].
 SOON = 1.0
 
 
-def start(it: Probe, name: str, bag: Path, pacing: str = 'lockstep') -> child_process.Child:
-    return it.start(name, *{'plant': ('-p', f'pacing:={pacing}'),
-                            'recorder': ('-p', f'bag:={bag}')}.get(name, ()))
+def start(it: Probe, bag: Path, pacing: str = 'lockstep') -> list[child_process.Child]:
+    return [it.start('recorder', '-p', f'bag:={bag}'), it.start('controller'),
+            it.start('plant', '-p', f'pacing:={pacing}'), it.start('reference')]
 
 
-def moving(it: Probe) -> None:
-    """Wait until torques drive the plant."""
-    states: list[JointState] = []
-    ear = it.node.create_subscription(JointState, JOINT_STATES, states.append, 10)
-    it.until(lambda: sum(any(m.effort) for m in states) > 50, 'motion')
-    it.node.destroy_subscription(ear)
-
-
-def end(children: Sequence[child_process.Child], *numbers: int) -> None:
-    """Send each the signals in quick succession; all must end soon, with status 0."""
-    watches = {child.name: Stopwatch(child.process.pid) for child in children}
-    for number in numbers:
-        for child in children:
-            child.signal(number)
-    took: dict[str, float] = {}
-
-    def ended() -> bool:
-        for child in children:
-            if child.status is None:
-                took[child.name] = watches[child.name].read()
-        return all(child.status is not None for child in children)
-
-    wait_for(ended, 'the end')
-    assert all(x < SOON for x in took.values()), took
-    for child in children:
+def assert_all_end(it: Probe, dice: random.Random, within: float = 0.0) -> None:
+    """End one process after the other, in any order and at moments of some time [s], soon."""
+    begin = time.monotonic()
+    moments = sorted(dice.uniform(0.0, within) for _ in it.children)
+    for child, moment in zip(dice.sample(it.children, len(it.children)), moments):
+        time.sleep(max(0.0, begin + moment - time.monotonic()))
+        assert interrupt(child, *dice.choices(NUMBERS, k=dice.randint(1, 2))) < SOON, child.name
         assert child.status == 0, child.exit_report()
-
-
-def nothing_raised(it: Probe) -> None:
     assert [x for x in it.lines if 'Traceback' in x or 'Error' in x or 'xception' in x] == []
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(('pacing', 'together'), [('lockstep', False), ('real_time', True)])
-def test_a_running_graph_ends_soon_on_a_loaded_machine(
-        pacing: str, together: bool, tmp_path: Path) -> None:
-    """In any order while messages flow at the full rate, or all at once and asked twice."""
-    dice = random.Random(f'{pacing} {together}')
+@pytest.mark.parametrize('pacing', ['lockstep', 'real_time'])
+def test_a_running_graph_ends_soon_on_a_loaded_machine(pacing: str, tmp_path: Path) -> None:
+    bag = tmp_path / 'bag'
     with probe() as it:
-        children = [start(it, name, tmp_path / 'bag', pacing) for name in NODES]
-        it.until(lambda: (tmp_path / 'bag' / 'bag_0.mcap').exists(), 'the recorder')
-        moving(it)
+        states = it.listen(JointState, 'joint_states')
+        start(it, bag, pacing)
+        it.until(lambda: (bag / 'bag_0.mcap').exists() and any(
+            any(m.effort) for m in states[-1:]), 'motion')
         with load():
-            if together:
-                end(children, *dice.sample(NUMBERS, 2))
-            else:
-                for child in dice.sample(children, len(children)):
-                    end([child], dice.choice(NUMBERS))
-        nothing_raised(it)
-        assert (tmp_path / 'bag' / 'metadata.yaml').exists()
+            assert_all_end(it, random.Random(pacing))
+    assert (bag / 'metadata.yaml').exists()
 
 
 @contextmanager
@@ -123,13 +94,10 @@ def flood(it: Probe) -> Iterator[None]:
 
 def test_nodes_end_soon_in_a_flood_of_messages(tmp_path: Path) -> None:
     """In lockstep: there a spin does not come back while there are messages."""
-    dice = random.Random('lockstep')
     with probe() as it:
-        children = [start(it, name, tmp_path / 'bag') for name in NODES]
+        start(it, tmp_path / 'bag')
         with flood(it):
-            for child in dice.sample(children, len(children)):
-                end([child], dice.choice(NUMBERS))
-        nothing_raised(it)
+            assert_all_end(it, random.Random('lockstep'))
 
 
 def takes_signals(child: child_process.Child) -> bool:
@@ -143,36 +111,7 @@ def takes_signals(child: child_process.Child) -> bool:
 @pytest.mark.parametrize('round_', range(3))
 def test_nodes_end_soon_at_any_moment_of_their_start(round_: int, tmp_path: Path) -> None:
     """All start at once, which keeps the machine busy, and each is stopped at a random moment."""
-    dice = random.Random(round_)
     with probe() as it:
-        children = [start(it, name, tmp_path / 'bag') for name in NODES]
-        for child in children:
-            wait_for(lambda child=child: takes_signals(child), 'its handlers')  # type: ignore
-        begin = time.monotonic()
-        moments = sorted(dice.uniform(0.0, 1.5) for _ in children)
-        for child, moment in zip(dice.sample(children, len(children)), moments):
-            time.sleep(max(0.0, begin + moment - time.monotonic()))
-            end([child], *dice.choices(NUMBERS, k=dice.randint(1, 2)))
-        nothing_raised(it)
-
-
-@pytest.mark.slow
-def test_bringup_ends_soon_on_a_loaded_machine(tmp_path: Path) -> None:
-    bag = tmp_path / 'bag'
-    with bringup('--params-file', str(CONFIG / 'friction.yaml'), '--duration', '0',
-                 '--record', str(bag)) as process:
-        wait_for(lambda: (bag / 'bag_0.mcap').exists()
-                 and (bag / 'bag_0.mcap').stat().st_size > 20_000, 'a part of the bag')
-        pids = nodes_of(process.pid)
-        assert set(pids) == set(NODES)
-        with load():
-            watch = Stopwatch(process.pid, *pids.values())
-            process.send_signal(signal.SIGTERM)
-            process.send_signal(signal.SIGTERM)
-            took = watch.end(process)
-            output, _ = process.communicate(timeout=PATIENCE)
-    assert process.returncode == 0, output
-    assert 'Traceback' not in output
-    assert alive(list(pids.values())) == []
-    assert (bag / 'metadata.yaml').exists()
-    assert took < 3 * SOON  # First the loop, then the recorder, then itself.
+        children = start(it, tmp_path / 'bag')
+        wait_for(lambda: all(map(takes_signals, children)), 'their handlers')
+        assert_all_end(it, random.Random(round_), 1.5)

@@ -12,26 +12,25 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""A killed process is started again, and the others go on without being restarted."""
+"""A killed or stopped process comes back, and the others go on without being restarted."""
 
 from __future__ import annotations
 
+import itertools
 import signal
 
-from faults import Diagnostics, WARN
+from faults import Diagnostics, ERROR, WARN
 from processes import PATIENCE, probe
 import pytest
+from ros_messages import COMMANDS, ns
 from sensor_msgs.msg import JointState
-from std_srvs.srv import SetBool
 
 pytestmark = pytest.mark.ros
 
 
-def seconds(message: JointState) -> float:
-    return float(message.header.stamp.sec + message.header.stamp.nanosec * 1e-9)
-
-
-def test_killed_nodes_started_again_heal_the_graph() -> None:
+@pytest.mark.parametrize('victims', [
+    ['controller'], pytest.param(['reference', 'plant'], marks=pytest.mark.slow)])
+def test_killed_nodes_started_again_heal_the_graph(victims: list[str]) -> None:
     """Without the controller simulated time stands still, and the plant says what it waits for."""
     arguments = {'controller': (), 'reference': (), 'plant': ('-p', 'pacing:=lockstep')}
     with probe() as it:
@@ -41,62 +40,72 @@ def test_killed_nodes_started_again_heal_the_graph() -> None:
 
         def moved() -> bool:
             """Return whether the last states were driven by torques, over 0.2 s."""
-            driven = [m for m in states[-2000:] if any(m.effort)]
-            return len(driven) > 200
-
-        def drained() -> bool:
-            """Return whether nothing of the old plant is left to come."""
-            count = len(states)
-            it.executor.spin_once(timeout_sec=0.2)
-            return len(states) == count
-
-        def said() -> list[float]:
-            """Return when the plant said what it waits for [s]."""
-            return [float(line.split('[')[3].split(']')[0]) for line in it.lines if
-                    'waiting for the answer on effort_controller/commands to the state' in line]
+            return len([m for m in states[-2000:] if any(m.effort)]) > 200
 
         it.until(moved, 'motion')
-        for victim, more in arguments.items():
-            waited = len(said())
+        for victim in victims:
             children[victim].signal(signal.SIGKILL)
             children[victim].process.wait(PATIENCE)
-            if victim == 'plant':
-                it.until(drained, 'the end of the old plant')
             if victim == 'controller':
-                it.until(lambda: len(said()) >= waited + 2, 'two reports')
-                assert said()[-1] - said()[-2] > 2.5
-                report = diagnostics.next('plant')
+                report = diagnostics.until(
+                    'plant', lambda r: f'waiting for the answer on {COMMANDS}' in r.message,
+                    'what it waits for')
                 assert report.level == WARN
-                assert 'waiting for the answer on effort_controller/commands' in report.message
-            before = 0.0 if victim == 'plant' else seconds(states[-1]) + 0.5
+            diagnostics.next('controller' if victim == 'plant' else 'plant')
+            before = 0 if victim == 'plant' else ns(states[-1].header.stamp) + 500_000_000
             states.clear()
-            children[victim] = it.start(victim, *more)
+            children[victim] = it.start(victim, *arguments[victim])
             it.until(lambda before=before: states and moved()  # type: ignore[misc]
-                     and seconds(states[-1]) > before, f'recovery of {victim}')
+                     and ns(states[-1].header.stamp) > before, f'recovery of {victim}')
             assert all(child.status is None for child in children.values())
         assert diagnostics.until('plant', lambda r: 'running' in r.message, 'health')
         assert not any('Traceback' in line for line in it.lines)
 
 
-def test_a_controller_that_missed_states_can_be_disabled_and_enabled() -> None:
+@pytest.mark.slow
+def test_in_real_time_who_was_away_for_longer_than_a_lease_is_heard_again() -> None:
     """
-    Wait for what the controller reports again and again, not for its last torque, of 0.
+    Stop each node until the others have given it up; the plant's stamps never go back.
 
-    That is sent once: who had no processor for longer than a lease does not hear it.
+    A second controller, which is killed, is a publisher until its lease has run out: meanwhile no
+    torque is obeyed.
     """
+    period, little = ('-p', 'control_period:=0.004'), 1e-3
     with probe() as it:
-        diagnostics = Diagnostics(it)
-        states = it.listen(JointState, 'joint_states')
-        plant = it.start('plant', '-p', 'pacing:=real_time')
-        controller = it.start('controller')
-        it.start('reference')
-        it.until(lambda: states and any(states[-1].effort), 'motion')
-        plant.signal(signal.SIGSTOP)
-        diagnostics.until('controller', lambda r: r.message.startswith('no state for'), 'silence')
-        plant.signal(signal.SIGCONT)
-        for wanted in (False, True, False, True):
-            response = it.call(SetBool, 'controller/enable', SetBool.Request(data=wanted))
-            assert response.success
-        states.clear()
-        it.until(lambda: states and any(states[-1].effort), 'motion')
-        assert controller.status is None
+        reports = Diagnostics(it)
+        states = it.listen(JointState, 'joint_states', 10_000)
+        children = {
+            'plant': it.start('plant', *period, '-p', 'command_timeout:=0.1'),
+            'controller': it.start('controller', *period, '-p', 'state_timeout:=0.25'),
+            'reference': it.start('reference')}
+
+        def well() -> None:
+            for node in children:
+                reports.until(node, lambda r: r.level < ERROR and r.message.startswith('running'),
+                              'health')
+            seen = len(states)
+            it.until(lambda: any(any(m.effort) for m in states[seen:]), 'torques')
+
+        well()
+        for node, child in children.items():
+            child.signal(signal.SIGSTOP)
+            try:
+                it.until(lambda node=node: node not in it.node.get_node_names(),  # type: ignore
+                         'the end of the lease')
+            finally:
+                child.signal(signal.SIGCONT)
+            well()
+        second = it.start('controller', '-r', '__node:=second', '-p',
+                          f'effort_limit:=[{little}, {little}]')
+        both = f'{COMMANDS} has several publishers, none is obeyed: /controller, /second'
+        reports.until('plant', lambda r: 'torque 0, brakes on' in r.message
+                      and r.message.endswith(both), 'both')
+        second.signal(signal.SIGKILL)
+        second.process.wait(PATIENCE)
+        reports.until('plant', lambda r: r.message.endswith(both), 'the dead')
+        well()
+        assert not any(0.0 < max(map(abs, m.effort)) <= little for m in states)
+        stamps = [ns(m.header.stamp) for m in states]
+        assert len(stamps) > 500
+        assert all(b > a for a, b in itertools.pairwise(stamps))
+        assert [child.status for child in children.values()] == [None] * 3

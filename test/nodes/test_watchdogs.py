@@ -12,257 +12,255 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What stops the robot when a publisher falls silent, and what starts it again."""
+"""
+What stops the robot in real time, and what starts it again: the controller alone, the plant alone.
+
+The matrix of stamps, silences, owners, modes and trips is proved without ROS, in `controller`.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-import itertools
-import math
-import signal
-from typing import Any
+from collections.abc import Iterator
+import time
 
-from ctc_chattering.launch import child_process
-from ctc_chattering.simulation.plant import Plant
-from ctc_chattering.simulation.plant_config import PlantConfig
-from faults import Diagnostics, ERROR, OK, WARN
-from processes import PATIENCE, Probe, probe
+from controller_process import ControllerUnderTest
+from ctc_chattering.control.controller import Controller, ControllerConfig
+from faults import Diagnostics, ERROR, JOINTS, Report, WARN
+from processes import Probe, probe
 import pytest
-from ros_messages import COMMANDS, ns
+from ros_messages import COMMANDS, MS, reference, stamp, state, torques
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 from std_srvs.srv import SetBool, Trigger
-from trajectory_msgs.msg import JointTrajectory
 
 pytestmark = pytest.mark.ros
 ZERO = [0.0, 0.0]
-#: For the silence that stops the controller and brakes the plant, so that a loaded machine does
-#: not [s].
-STATE_TIMEOUT, COMMAND_TIMEOUT, REFERENCE_TIMEOUT = 0.25, 0.1, 0.25
-#: Of the graph in real time, which most tests share and others run beside [s].
-PERIOD = 0.004
+#: Sample period of both [s].
+PERIOD = 0.01
+STATE, TORQUE, OTHER = ([0.1, -0.3], [0.2, 0.1]), [5.25, -5.25], [7.0, -7.0]
 
 
-class Graph:
-    """Plant, controller and reference in real time, and all that is said on their topics."""
+def running(report: Report) -> bool:
+    return report.level <= WARN and report.message.startswith('running')
+
+
+class Robot(ControllerUnderTest):
+    """The test as the robot before a controller: a state each period, while it is not silent."""
 
     def __init__(self, it: Probe) -> None:
-        self.probe = it
+        self.silent = True
         self.diagnostics = Diagnostics(it)
-        self.states = it.listen(JointState, 'joint_states', 10_000)
-        self.commands = it.listen(Float64MultiArray, COMMANDS, 10_000)
-        self.chunks = it.listen(JointTrajectory, 'reference', 10_000)
-        self.tracking = it.listen(JointState, 'controller/tracking')
-        self.children: dict[str, child_process.Child] = {}
-        self._begun: dict[str, int] = {}
-        for name in ('plant', 'controller', 'reference'):
-            self.start(name)
-        self.until_well()
+        super().__init__(it, *(x for name, value in {
+            'control_period': PERIOD, 'state_timeout': 1.0, 'reference_timeout': 0.25,
+            'restart_duration': 0.0, 'predicted_periods': 0}.items()
+            for x in ('-p', f'{name}:={value}')), simulated=False)
+        it.node.create_timer(PERIOD, self._send)
 
-    def start(self, name: str) -> None:
-        more = {'controller': ('-p', f'state_timeout:={STATE_TIMEOUT}',
-                               '-p', f'reference_timeout:={REFERENCE_TIMEOUT}'),
-                # Drives with a limit, as in the paper's files: where the machine leaves the loop
-                # without torques for most of the time, the motion must not grow without bound.
-                'plant': ('-p', f'command_timeout:={COMMAND_TIMEOUT}',
-                          '-p', 'torque_saturation:=[5100.0, 850.0]')}.get(name, ())
-        period = () if name == 'reference' else ('-p', f'control_period:={PERIOD}')
-        self._begun[name] = len(self.probe.lines)
-        self.children[name] = self.probe.start(name, *period, *more)
+    def _send(self) -> None:
+        if not self.silent:
+            self.states.publish(self.state(time.time_ns()))
 
-    def kill(self, name: str) -> None:
-        self.children[name].signal(signal.SIGKILL)
-        self.children[name].process.wait(PATIENCE)
+    def state(self, t: int, q: list[float] = STATE[0]) -> JointState:
+        return state(t, **dict(zip(JOINTS, zip(q, STATE[1]))))
+
+    def refer(self, velocity: float) -> None:
+        """Send a desired motion of 20 ms that begins now."""
+        chunk = reference([*JOINTS], [
+            [[0.1 + velocity * 1e-3 * k, -0.3], [velocity, 0.0], ZERO] for k in range(20)])
+        chunk.header.stamp = stamp(time.time_ns())
+        self.references.publish(chunk)
 
     def until_well(self) -> None:
-        """Wait until all say that they run, and the plant feels torques."""
-        latest = self.diagnostics.latest
-        latest.clear()
-        self.probe.until(lambda: len(latest) == 3 and all(
-            r.level in (OK, WARN)  # One killed is counted as a publisher for a while.
-            and r.message.startswith('running') for r in latest.values()), 'health')
-        self.states.clear()
-        self.probe.until(lambda: any(any(m.effort) for m in self.states), 'torques')
+        """Send states and a motion at rest until torques answer."""
+        self.silent = False
+        self.refer(0.0)
+        self.diagnostics.until('controller', running, 'health')
+        self.commands.clear()
+        self.probe.until(lambda: any(any(m.data) for m in self.commands), 'torques')
 
-    def until_silent(self) -> None:
-        """Wait for the last command, which is zero, and see that no other one comes."""
-        last = -1
-        while last != len(self.commands):  # A machine that is late may stop it for a moment.
-            self.probe.until(lambda: self.commands and list(self.commands[-1].data) == ZERO,
-                             'a command of zero')
-            last = len(self.commands)
-            self.diagnostics.next('controller')
-        assert any(self.commands[-2].data)
+    def until_error(self, words: str) -> Report:
+        return self.diagnostics.until(
+            'controller', lambda r: r.level == ERROR and words in r.message, words)
 
-    def clear(self) -> None:
-        for heard in (self.states, self.commands, self.tracking):
-            heard.clear()
+    def assert_silent(self) -> None:
+        """Check that one torque of 0 comes, and none after it, for a second."""
+        self.probe.until(lambda: list(self.commands[-1].data) == ZERO, 'a torque of 0')
+        sent = len(self.commands)
+        self.diagnostics.next('controller')
+        self.diagnostics.next('controller')
+        assert len(self.commands) == sent and any(self.commands[-2].data)
 
-    def log(self, name: str, text: str) -> list[str]:
-        """Return the lines of a node since its last start that have `text` in them."""
-        return [x for x in self.probe.lines[self._begun[name]:]
-                if x.startswith(f'[{name}]') and text in x]
-
-
-def paper_motion_after(chunk: Sequence[Any]) -> tuple[list[float], list[float]]:
-    """Return position and velocity at the end of the chunk that follows one of the sinusoid."""
-    passed = 2.0 * math.pi * 1e-9 * sum(
-        sign * (10**9 * p.time_from_start.sec + p.time_from_start.nanosec)
-        for sign, p in ((1, chunk[-1]), (-1, chunk[0]))) * len(chunk) / (len(chunk) - 1)
-    c, s = math.cos(passed), math.sin(passed)
-    end = chunk[-1]
-    offsets = [q - center for q, center in zip(end.positions, (math.pi, 0.5 * math.pi))]
-    rates = [dq / (2.0 * math.pi) for dq in end.velocities]
-    return ([q + x * (c - 1.0) + y * s for q, x, y in zip(end.positions, offsets, rates)],
-            [2.0 * math.pi * (c * y - s * x) for x, y in zip(offsets, rates)])
+    def switch(self, on: bool) -> None:
+        assert self.probe.call(
+            SetBool, '/controller/enable', SetBool.Request(data=on)).success
 
 
 @pytest.fixture(scope='module')
-def graph() -> Iterator[Graph]:
-    """Yield a running graph; every test leaves it running."""
+def robot() -> Iterator[Robot]:
+    """Yield a controller that every test leaves running."""
     with probe() as it:
-        yield Graph(it)
+        yield Robot(it)
+        assert [child.status for child in it.children] == [None]
         assert not any('Traceback' in line for line in it.lines)
 
 
-@pytest.fixture(autouse=True)
-def no_other_node_ends(request: pytest.FixtureRequest) -> Iterator[None]:
-    yield
-    if 'graph' in request.fixturenames:
-        children = request.getfixturevalue('graph').children
-        assert [name for name, child in children.items() if child.status is not None] == []
+def test_without_states_the_torque_ends_and_the_law_restarts(robot: Robot) -> None:
+    """One torque of 0, an error; then the law without a jump, by stamps on no grid."""
+    robot.until_well()
+    before = robot.diagnostics.next('controller')
+    robot.silent = True
+    report = robot.until_error('no state for ')
+    robot.assert_silent()
+    for count in ('timeouts, state', 'restarts'):
+        assert report.count(count) == before.count(count) + (count != 'restarts')
+    law = Controller(ControllerConfig(control_period=PERIOD))
+    law.reset(bumpless=True)
+    begin = time.time_ns()
+    for k in range(5):
+        t, q = begin + (10 * k + k * k % 3 - 1) * MS, [0.1 + 0.01 * k, -0.3]
+        sample = law.step(q, STATE[1], [0.1, -0.3], ZERO, ZERO, t=t, at=law.instant(t))
+        assert robot.answer(robot.state(t, q)) == list(sample.tau)
+        assert k or list(sample.tau) == list(sample.nominal)
+    robot.until_well()
+    assert any('states again, after' in line for line in robot.probe.lines)
+    assert robot.diagnostics.next('controller').count('restarts') > before.count('restarts')
 
 
-def test_without_states_the_torque_stops_and_the_law_restarts(graph: Graph) -> None:
-    """One torque of zero, silence, an error; by which torque it restarts is in test_outages."""
-    before = graph.diagnostics.next('controller')
-    plant = graph.children['plant']
-    plant.signal(signal.SIGSTOP)
-    try:
-        report = graph.diagnostics.until(
-            'controller', lambda r: r.level == ERROR and 'no state' in r.message, 'the error')
-        graph.probe.until(lambda: graph.commands and list(graph.commands[-1].data) == ZERO,
-                          'a command of zero')
-        assert any(graph.commands[-2].data)
-        # No longer than that: after its lease a stopped publisher must be discovered again.
-    finally:
-        graph.clear()
-        plant.signal(signal.SIGCONT)
-    assert report.count('timeouts, state') > before.count('timeouts, state')
-    # After two seconds, which a machine that is late may take, the publisher's lease has run out.
-    graph.probe.until(lambda: graph.log('controller', 'states again, after'), 'the line')
-    graph.probe.until(lambda: len(graph.commands) > 10 and len(graph.states) > 10, 'torques')
-    graph.until_well()
-    after = graph.diagnostics.next('controller')
-    assert after.count('restarts') > before.count('restarts')
-
-
-def test_without_a_reference_the_position_is_held(graph: Graph) -> None:
-    before = graph.diagnostics.next('controller')
-    graph.kill('reference')
-    report = graph.diagnostics.until(
-        'controller', lambda r: r.level == ERROR and 'no reference for 0.25 s' in r.message,
-        'the error')
+def test_without_a_reference_the_position_is_held(robot: Robot) -> None:
+    robot.until_well()
+    tracking = robot.probe.listen(JointState, 'controller/tracking')
+    before = robot.diagnostics.next('controller').count('timeouts, reference')
+    robot.refer(1.0)
+    report = robot.until_error('no reference for 0.25 s')
     assert 'holding the position' in report.message
-    count = report.count('timeouts, reference')  # A machine that is late may have its own.
-    assert count > before.count('timeouts, reference')
-    graph.probe.until(lambda: graph.log('controller', 'holding the position'), 'the line')
-    graph.clear()
-    # After a pause of the machine, also one shortly before, the desired motion leads to the held
-    # position within `restart_duration`, and stays there: only the last messages are sure of it.
-    graph.probe.until(lambda: len(graph.tracking) > 5 and not any(
-        any(m.velocity[:2]) for m in graph.tracking[-5:]), 'the hold')
-    # Killed between two sends, the reference may have sent the controller one chunk more.
-    last = graph.chunks[-1].points
-    held = [[q + REFERENCE_TIMEOUT * dq for q, dq in zip(*end)]
-            for end in ((last[-1].positions, last[-1].velocities), paper_motion_after(last))]
-    positions = {tuple(message.position[:2]) for message in graph.tracking[-5:]}
-    assert len(positions) == 1
-    assert any(list(*positions) == pytest.approx(it, abs=1e-9) for it in held)
-    assert any(any(m.data) for m in graph.commands)
-    graph.start('reference')
-    graph.until_well()
-    graph.clear()
-    graph.probe.until(lambda: any(any(m.velocity[:2]) for m in graph.tracking), 'motion')
+    assert report.count('timeouts, reference') > before
+    tracking.clear()
+    robot.probe.until(lambda: len(tracking) > 1, 'what is desired')
+    assert list(tracking[-1].velocity[:2]) == ZERO
+    assert tracking[-1].position[0] > 0.3
+    robot.until_well()
 
 
-def test_without_commands_the_plant_brakes(graph: Graph) -> None:
-    def said() -> int:
-        return len([x for x in graph.log('plant', 'no command for') if '[ERROR]' in x])
-
-    before, lines = graph.diagnostics.next('plant'), said()
-    graph.kill('controller')
-    report = graph.diagnostics.until(
-        'plant', lambda r: r.level == ERROR and 'no command for 0.1 s' in r.message, 'the error')
-    assert 'torque 0, brakes on' in report.message
-    assert report.count('timeouts, command') > before.count('timeouts, command')
-    graph.probe.until(lambda: said() == lines + 1, 'the line')
-    graph.probe.until(  # What is reported may be heard before the states are.
-        lambda: len(graph.states) > 50 and not any(
-            any(m.effort) for m in itertools.islice(reversed(graph.states), 50)), 'brakes')
-    driven = max((i for i, m in enumerate(graph.states) if list(m.effort) != ZERO), default=-1)
-    idle = graph.states[driven + 1:]
-    begin = idle[0]
-    # Of the brakes' first samples some may be made good in one tick and published as one.
-    robot = Plant(PlantConfig(control_period=PERIOD, initial_position=tuple(begin.position),
-                              initial_velocity=tuple(begin.velocity)))
-    robot.brake(True)
-    for message in idle[1:50]:
-        passed = 1e-9 * (ns(message.header.stamp) - ns(begin.header.stamp))
-        for _ in range(round(passed / PERIOD) - robot.k):
-            robot.step(ZERO)
-        assert list(message.effort) == ZERO
-        assert list(message.position) == pytest.approx(robot.q, abs=1e-9)
-        assert list(message.velocity) == pytest.approx(robot.dq, abs=1e-9)
-    graph.start('controller')
-    graph.until_well()
-    assert graph.log('plant', 'commands again, after')
-
-
-def test_an_error_beyond_its_limit_trips_until_reset(graph: Graph) -> None:
-    it = graph.probe
+def test_an_error_beyond_its_limit_trips_until_reset(robot: Robot) -> None:
+    it = robot.probe
+    robot.until_well()
     assert it.set('controller', 'error_limit', [1e-9, 1e-9]).successful
-    graph.until_silent()
-    report = graph.diagnostics.until(
-        'controller', lambda r: r.level == ERROR and 'tripped' in r.message, 'the trip')
+    robot.refer(1.0)
+    report = robot.until_error('tripped')
     assert 'the position error of joint1, ' in report.message
     assert 'rad, exceeded error_limit; call ~/reset' in report.message
-    assert len(graph.log('controller', 'exceeded error_limit')) == 1
+    robot.assert_silent()
     assert it.set('controller', 'error_limit', [float('inf')] * 2).successful
-    silent = len(graph.commands)
-    assert 'tripped' in graph.diagnostics.next('controller').message
-    assert len(graph.commands) == silent
+    robot.assert_silent()
+    robot.switch(True)
+    robot.assert_silent()
     answer = it.call(Trigger, '/controller/reset', Trigger.Request())
     assert answer.success and answer.message == 'reset'
-    graph.until_well()
+    robot.until_well()
     answer = it.call(Trigger, '/controller/reset', Trigger.Request())
     assert answer.success and answer.message == 'was not tripped'
 
 
-def test_a_disabled_controller_publishes_nothing(graph: Graph) -> None:
-    it = graph.probe
-    assert it.call(SetBool, '/controller/enable', SetBool.Request(data=False)).success
-    graph.until_silent()
-    graph.tracking.clear()
-    silent = len(graph.commands)
-    report = graph.diagnostics.next('controller')
-    assert report.level == WARN and 'disabled' in report.message
-    assert len(graph.commands) == silent
-    assert graph.tracking == []
-    assert it.call(SetBool, '/controller/enable', SetBool.Request(data=True)).success
-    graph.until_well()
-    assert len(graph.commands) > silent
+@pytest.mark.parametrize('silent', [False, True])
+def test_disabled_it_sends_nothing_until_it_is_enabled(robot: Robot, silent: bool) -> None:
+    """Also where it missed states before."""
+    robot.until_well()
+    robot.silent = silent
+    if silent:
+        robot.until_error('no state for')
+    robot.switch(False)
+    report = robot.diagnostics.until('controller', lambda r: 'disabled' in r.message, 'the mode')
+    assert report.level == WARN
+    robot.assert_silent()
+    robot.switch(True)
+    robot.until_well()
 
 
-def test_torques_at_their_limit_are_counted(graph: Graph) -> None:
-    it = graph.probe
-    before = graph.diagnostics.next('controller').count('saturated samples')
-    assert it.set('controller', 'effort_limit', [5.0, 4.0]).successful
-    graph.diagnostics.until(
-        'controller', lambda r: r.count('saturated samples') > before + 50, 'a count')
-    graph.commands.clear()
-    it.until(lambda: len(graph.commands) > 50 and all(
-        abs(x) <= most for m in graph.commands[-50:] for x, most in zip(m.data, (5.0, 4.0))),
-        'limited torques')
-    assert it.set('controller', 'effort_limit', [float('inf')] * 2).successful
-    graph.until_well()
+def test_with_two_sources_of_states_none_is_answered_until_one_has_left(robot: Robot) -> None:
+    robot.until_well()
+    other = robot.probe.node.create_publisher(JointState, 'joint_states', 10)
+    report = robot.until_error('joint_states has several publishers, none is obeyed: /probe')
+    robot.assert_silent()
+    refused = robot.diagnostics.next('controller').refused('joint_states')
+    assert refused['second_publisher'] > report.refused('joint_states').get('second_publisher', 0)
+    robot.probe.node.destroy_publisher(other)
+    robot.until_well()
+    assert any('joint_states: obeyed again: /probe' in line for line in robot.probe.lines)
+
+
+def test_torques_at_their_limit_are_counted(robot: Robot) -> None:
+    robot.until_well()
+    before = robot.diagnostics.next('controller').count('saturated samples')
+    assert robot.probe.set('controller', 'effort_limit', [5.0, 4.0]).successful
+    robot.diagnostics.until(
+        'controller', lambda r: r.count('saturated samples') > before + 5, 'a count')
+    assert all(abs(x) <= most for x, most in zip(robot.commands[-1].data, (5.0, 4.0)))
+    assert robot.probe.set('controller', 'effort_limit', [float('inf')] * 2).successful
+
+
+class Commander:
+    """The test as the controller before a plant: a torque each period, while it is not silent."""
+
+    def __init__(self, it: Probe) -> None:
+        self.probe, self.silent = it, False
+        self.diagnostics = Diagnostics(it)
+        self.states = it.listen(JointState, 'joint_states')
+        self.commands = it.node.create_publisher(Float64MultiArray, COMMANDS, 10)
+        it.start('plant', '-p', f'control_period:={PERIOD}', '-p', 'command_timeout:=0.1')
+        it.node.create_timer(PERIOD, self._send)
+
+    def _send(self) -> None:
+        if not self.silent:
+            self.commands.publish(torques(TORQUE))
+
+    def until_well(self) -> None:
+        self.silent = False
+        self.diagnostics.until('plant', running, 'health')
+        self.probe.until(lambda: list(self.states[-1].effort) == TORQUE, 'torques')
+
+    def until_said(self, *words: str) -> None:
+        self.probe.until(lambda: any(
+            all(word in line for word in words) for line in self.probe.lines), words[-1])
+
+    def until_braked(self, words: str) -> Report:
+        """Wait for the error, without torque and at rest; return what is reported."""
+        report = self.diagnostics.until(
+            'plant', lambda r: r.level == ERROR and 'no command for 0.1 s; torque 0, brakes on'
+            in r.message and words in r.message, words)
+        self.states.clear()
+        self.probe.until(lambda: len(self.states) > 20 and not any(
+            any(m.velocity) for m in self.states[-20:]), 'rest')
+        assert [m for m in self.states if list(m.effort) != ZERO] == []
+        return report
+
+
+@pytest.fixture(scope='module')
+def commander() -> Iterator[Commander]:
+    with probe() as it:
+        yield Commander(it)
+        assert [child.status for child in it.children] == [None]
+        assert not any('Traceback' in line for line in it.lines)
+
+
+def test_without_commands_the_plant_brakes(commander: Commander) -> None:
+    commander.until_well()
+    before = commander.diagnostics.next('plant').count('timeouts, command')
+    commander.silent = True
+    assert commander.until_braked('').count('timeouts, command') > before
+    commander.until_said('[ERROR]', 'no command for')
+    commander.until_well()
+    commander.until_said('commands again, after')
+
+
+def test_with_two_publishers_of_torques_none_is_obeyed_until_one_has_left(commander: Commander
+                                                                          ) -> None:
+    commander.until_well()
+    other = commander.probe.node.create_publisher(Float64MultiArray, COMMANDS, 10)
+    intrusion = commander.probe.node.create_timer(PERIOD, lambda: other.publish(torques(OTHER)))
+    report = commander.until_braked(f'{COMMANDS} has several publishers, none is obeyed: /probe')
+    refused = commander.diagnostics.next('plant').refused(COMMANDS)['second_publisher']
+    assert refused > report.refused(COMMANDS)['second_publisher'] > 20
+    commander.probe.node.destroy_timer(intrusion)
+    commander.probe.node.destroy_publisher(other)
+    commander.until_well()
+    assert not any(list(m.effort) == OTHER for m in commander.states)

@@ -19,7 +19,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
-import random
 from typing import Any
 from unittest.mock import Mock
 
@@ -56,20 +55,18 @@ RESULT = Result('', [(0.0, CONFIG)], RUN)
 WRONG: list[Any] = [
     np.nan, np.inf, 10 ** 400, True, None, 'nonsense', b'x', [], [None], ['a', 'b', 'c'], [[[]]],
     {}, {'a': None}, object(), len, np.zeros(3), np.array('x'), 1j, range(3), CONFIG, RUN, Path()]
+LAW = Controller(CONFIG)
 METHODS: list[tuple[Callable[..., Any], int]] = [
-    (Controller(CONFIG).step, 5), (Controller(CONFIG).try_step, 5), (Controller(CONFIG).reset, 2),
-    (Controller(CONFIG).lyapunov, 2)]
+    (LAW.step, 5), (LAW.try_step, 5), (LAW.reset, 2), (LAW.lyapunov, 2)]
 
 
 @pytest.mark.parametrize('method, count', METHODS)
 def test_what_is_no_sample_is_refused_in_one_line(method: Callable[..., Any], count: int) -> None:
-    dice = random.Random(1)
+    """Check that nothing else is raised, and that two values are refused in any case."""
     for value in WRONG:
-        row = [REST] * count
-        row[dice.randrange(count)] = value
-        for arguments in ([value] * count, row):
+        for row in ([value] * count, [value] + [REST] * (count - 1)):
             with suppress(CtcError):
-                method(*arguments)
+                method(*row)
     for value in (5j, 'nonsense'):
         with pytest.raises(CtcError, match=r'^[^\n]*$'):
             method(*[value] * count)
@@ -116,5 +113,3 @@ def test_a_bag_and_a_file_are_named_by_a_string(tmp_path: Path) -> None:
     file.write_text('controller:\n  ros__parameters: {law: compensation}\n')
     for path in (file, str(file)):
         assert load_parameters(path).controller.law == 'compensation'
-    with pytest.raises(CtcError, match='fricton'):
-        load_parameters('fricton')

@@ -33,7 +33,6 @@ from ctc_chattering.numerics.time_grid import nanoseconds
 from ctc_chattering.ros.messages import (
     effort_reader,
     effort_writer,
-    message_type,
     Point,
     read_stamp,
     stamp,
@@ -50,9 +49,9 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray, Header
 from trajectory_msgs.msg import JointTrajectory
 
-#: By the number of joints; every remainder of the length of all names by 8 comes up.
-NAMES = [tuple('j' * (1 + i + stretch) for i in range(n)) for n in (1, 2, 3, 7)
-         for stretch in range(8)]
+#: Every remainder of the length of all names by 8 comes up.
+NAMES = [*(tuple('j' * (1 + i + stretch) for i in range(2)) for stretch in range(8)),
+         ('a',), tuple('abcdefg')]
 ODD = [math.inf, -math.inf, math.nan, -0.0, 0.0, 5e-324, -2.2e-308, 1.7e308]
 
 
@@ -94,7 +93,7 @@ def test_damaged_messages(index: int) -> None:
     kind, data = [
         (JointState, state(ours, rows, (1, 2))), (Float64MultiArray, efforts(ours, rows[0])),
         (Float64MultiArray, efforts([], rows[0])),
-        (JointTrajectory, chunk(ours, [((*rows, []), k, k) for k in range(3)], (1, 2)))][index]
+        (JointTrajectory, chunk(ours, [(rows, k, k) for k in range(3)], (1, 2)))][index]
     whole = used(kind, data, ours)
     for bad in (*(data[:end] for end in range(len(data))), os.urandom(3), b'\xff' * len(data)):
         with pytest.raises((RuntimeError, RejectedMessage)):
@@ -102,42 +101,44 @@ def test_damaged_messages(index: int) -> None:
     assert whole == used(kind, data + bytes(8), ours)
 
 
-#: Reads mutated messages of one kind in a process with limited memory; prints how many were read.
+#: Reads mutated messages in a process with limited memory; prints how many were read of each kind.
 FUZZ = """
-import random, resource, sys
+import random, resource
 from faults import KINDS, mutated
 from ctc_chattering.ros.messages import read_stamp
 from ctc_chattering.ros.topics import CLOCK
 from rclpy.serialization import deserialize_message
-kind, dice, count = KINDS[sys.argv[1]], random.Random(1), 0
 
-def read(data):
+def read(kind, data):
     return read_stamp(data) if kind.topic == CLOCK else deserialize_message(data, kind.type)
 
-read(kind.valid)
+for kind in KINDS.values():
+    read(kind, kind.valid)
 size = int(open('/proc/self/statm').read().split()[0]) * resource.getpagesize()
 resource.setrlimit(resource.RLIMIT_AS, (size + 2 ** 27, size + 2 ** 27))
-for i in range(4000):
-    data = mutated(kind, dice) if i % 4 else kind.make(dice)
-    try:
-        read(data)
-        count += 1
-    except MemoryError:
-        raise
-    except Exception:
-        pass
-print(count)
+for kind in KINDS.values():
+    dice, count = random.Random(1), 0
+    for i in range(2000):
+        data = mutated(kind, dice) if i % 4 else kind.make(dice)
+        try:
+            read(kind, data)
+            count += 1
+        except MemoryError:
+            raise
+        except Exception:
+            pass
+    print(count)
 """
 
 
-@pytest.mark.parametrize('topic', KINDS)
-def test_thousands_of_mutated_messages_do_no_harm(topic: str) -> None:
+def test_thousands_of_mutated_messages_do_no_harm() -> None:
     """Check that there is no crash, and no need for memory."""
     done = subprocess.run(
-        [sys.executable, '-c', FUZZ, topic], capture_output=True, text=True, check=False,
+        [sys.executable, '-c', FUZZ], capture_output=True, text=True, check=False,
         env={**os.environ, 'PYTHONPATH': os.pathsep.join(x for x in sys.path if x)})
     assert done.returncode == 0, done.stderr
-    assert 1000 < int(done.stdout) < 9000
+    counts = [int(line) for line in done.stdout.splitlines()]
+    assert len(counts) == len(KINDS) and all(500 < count < 2000 for count in counts), counts
 
 
 @pytest.mark.parametrize('names', NAMES)
@@ -146,7 +147,7 @@ def test_states_that_are_sent(names: tuple[str, ...]) -> None:
     n = len(names)
     fields = ('position', 'velocity', 'effort')
     for chosen in (fields, ('velocity',), ('position', 'velocity'), ('effort',)):
-        for k, t in enumerate((0, 1, -1, -7 * 10 ** 9 + 5, 2 ** 31 * 10 ** 9 - 1)):
+        for k, t in enumerate((0, -1, -7 * 10 ** 9 + 5, 2 ** 31 * 10 ** 9 - 1)):
             rows = [[(ODD * 2)[k + i] + j for i in range(n)] for j in range(3)]
             by_field = dict(zip(chosen, rows))
             expected = [bits(by_field.get(field, [])) for field in fields]
@@ -172,7 +173,7 @@ def test_messages_of_one_frame_and_others_between(names: tuple[str, ...]) -> Non
                  for _ in range(len(ours))] for _ in range(3)]
         if k % 7 == 0:
             rows[dice.randrange(3)] = [1.0] * dice.choice((0, 1, len(ours) + 1))
-        data = state(ours, rows, (k - 3, k), *dice.choice((('',), ('',), ('base',), ('', '>'))))
+        data = state(ours, rows, (k - 3, k), dice.choice('<<>'))
         data += bytes(dice.choice((0, 0, 0, 4, 8)))
         found = read(data)
         assert (found.t, found.names, *map(bits, found.rows)) == read_state(data)
@@ -208,23 +209,13 @@ def test_the_stamp_at_the_beginning() -> None:
                     read_stamp(wrong)
 
 
-def test_stamp_and_message_type() -> None:
-    """Check a stamp, and a class by its name."""
+def test_a_trajectory_that_is_sent() -> None:
+    points: list[Point] = [([1.5 + k] * 3, [0.1 * k] * 3, [1.5 - k] * 3) for k in range(25)]
+    message = trajectory(('x', 'yy', 'zzz'), 3_200_000_001, 700_000_000, points)
+    assert tuple(message.joint_names) == ('x', 'yy', 'zzz')
+    assert ns(message.header.stamp) == 3_200_000_001
+    assert [(ns(x.time_from_start), bits(x.positions), bits(x.velocities),
+             bits(x.accelerations)) for x in message.points] == [
+        (700_000_000 * k, *map(bits, point)) for k, point in enumerate(points)]
     for t in (0, -1, 1_234_567_890_123_456_789, -5 * 10 ** 9):
         assert ns(stamp(t)) == nanoseconds(stamp(t)) == t
-    assert message_type('sensor_msgs/msg/JointState') is JointState
-
-
-@pytest.mark.parametrize('names', [('a',), ('joint1', 'joint2'), ('x', 'yy', 'zzz', 'wwww')])
-@pytest.mark.parametrize('count', [1, 2, 25])
-def test_a_trajectory_that_is_sent(names: tuple[str, ...], count: int) -> None:
-    n = len(names)
-    for shift in (0.0, 1.5):
-        points: list[Point] = [
-            ([shift + k] * n, [shift + 0.1 * k] * n, [shift - k] * n) for k in range(count)]
-        message = trajectory(names, 3_200_000_001, 700_000_000, points)
-        assert tuple(message.joint_names) == names
-        assert ns(message.header.stamp) == 3_200_000_001
-        assert [(ns(x.time_from_start), bits(x.positions), bits(x.velocities),
-                 bits(x.accelerations)) for x in message.points] == [
-            (700_000_000 * k, *map(bits, point)) for k, point in enumerate(points)]

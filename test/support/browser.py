@@ -16,7 +16,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 import io
 import os
@@ -40,7 +40,7 @@ SIZE = {'width': 1250, 'height': 520}
 #: The scene is drawn by the processor: five times a second instead of sixty.
 _FEW_FRAMES = """(() => {
     const draw = window.requestAnimationFrame.bind(window);
-    window.requestAnimationFrame = done => setTimeout(() => draw(done), 200);
+    window.requestAnimationFrame = done => setTimeout(() => draw(done), 400);
     window.cancelAnimationFrame = clearTimeout;
 })()"""
 #: Columns of the scene, between plots and panel.
@@ -53,26 +53,32 @@ def chromium() -> str | None:
 
 
 @contextmanager
-def browser_page(offline: bool = False, arguments: Sequence[str] = (), **options: Any
-                 ) -> Iterator[Any]:
-    """Yield an empty page of a browser with `arguments`; at the end it must have had no error."""
+def browser(*arguments: str) -> Iterator[Any]:
+    """Yield a browser with `arguments`."""
     from playwright.sync_api import sync_playwright
     with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(
+        it = playwright.chromium.launch(
             executable_path=chromium(),
             args=['--enable-unsafe-swiftshader', '--no-sandbox', '--disable-dev-shm-usage',
                   *_NO_NETWORK, *arguments])
-        context = browser.new_context(offline=offline, **{'viewport': SIZE, **options})
-        context.add_init_script(_FEW_FRAMES)
-        context.set_default_timeout(1e3 * PATIENCE)
-        page = context.new_page()
-        errors: list[str] = []
-        page.on('pageerror', lambda error: errors.append(str(error)))
-        try:
-            yield page
-        finally:
-            browser.close()
-        assert not errors, errors
+        yield it
+        it.close()
+
+
+@contextmanager
+def browser_page(it: Any, **options: Any) -> Iterator[Any]:
+    """Yield an empty page of a browser, with its own cookies; it must have had no error."""
+    context = it.new_context(**{'viewport': SIZE, **options})
+    context.add_init_script(_FEW_FRAMES)
+    context.set_default_timeout(1e3 * PATIENCE)
+    page = context.new_page()
+    errors: list[str] = []
+    page.on('pageerror', lambda error: errors.append(str(error)))
+    try:
+        yield page
+    finally:
+        context.close()
+    assert not errors, errors
 
 
 @contextmanager

@@ -16,9 +16,6 @@
 
 from __future__ import annotations
 
-from ctc_chattering.control.controller import Controller, ControllerConfig
-from ctc_chattering.numerics.linear_algebra import Vector
-from ctc_chattering.trajectory.buffer import Point
 from processes import Probe
 from ros_messages import COMMANDS, MS, ns, stamp
 from rosgraph_msgs.msg import Clock
@@ -28,11 +25,16 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 
 class ControllerUnderTest:
-    """A controller process between our states and references, in our time, and its torques."""
+    """
+    A controller process between our states and references, and its torques.
 
-    def __init__(self, it: Probe, *ros_args: str) -> None:
+    Time is ours, or real time where it is not `simulated`.
+    """
+
+    def __init__(self, it: Probe, *ros_args: str, simulated: bool = True) -> None:
         self.probe = it
-        self.clock = it.node.create_publisher(Clock, 'clock', 1000)
+        if simulated:
+            self.clock = it.node.create_publisher(Clock, 'clock', 1000)
         self.states = it.node.create_publisher(JointState, 'joint_states', 1000)
         self.references = it.node.create_publisher(JointTrajectory, 'reference', 1000)
         self.commands = it.listen(Float64MultiArray, COMMANDS)
@@ -65,23 +67,10 @@ class ReferenceUnderTest:
         return {ns(m.header.stamp) + ns(p.time_from_start): p for m in self.chunks
                 for p in m.points}
 
-    def tell(self, now: int, ahead: int = 400 * MS) -> None:
-        """Publish a time, and wait for the motion ahead [ns]."""
-        self.clock.publish(Clock(clock=stamp(now)))
-        self.probe.until(
-            lambda: self.chunks and max(self.points) >= now + ahead, 'the motion ahead')
-
-    def run_to(self, end: int) -> None:
+    def run_to(self, end: int, ahead: int = 400 * MS) -> None:
+        """Publish times up to `end`, and wait for the motion ahead [ns]."""
         while self.now < end:
             self.now += 200 * MS
-            self.tell(self.now)
-
-
-def after_an_outage(q: Vector, dq: Vector, point: Point) -> list[float]:
-    """Return the first torque of a law after a bumpless reset."""
-    law = Controller(ControllerConfig())
-    law.reset(bumpless=True)
-    sample = law.step(q, dq, *point)
-    assert not any(sample.v)
-    assert list(sample.tau) == list(sample.nominal)
-    return list(sample.tau)
+            self.clock.publish(Clock(clock=stamp(self.now)))
+            self.probe.until(
+                lambda: self.chunks and max(self.points) >= self.now + ahead, 'the motion ahead')

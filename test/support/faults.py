@@ -25,7 +25,7 @@ import subprocess
 import sys
 from typing import Any, NamedTuple
 
-from bags import Cdr, chunk, efforts, state
+from bags import chunk, efforts, state
 from ctc_chattering.ros.topics import CLOCK, COMMANDS, DIAGNOSTICS, JOINT_STATES, REFERENCE
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from processes import descendants, Probe
@@ -123,7 +123,7 @@ def _efforts(dice: random.Random) -> bytes:
 def _piece(dice: random.Random) -> bytes:
     names = dice.choice(NAMES)
     return chunk(names, [
-        ([*(_row(dice, len(names)) for _ in range(3)), []], *_stamp(dice))
+        ([_row(dice, len(names)) for _ in range(3)], *_stamp(dice))
         for _ in range(dice.randrange(4))], _stamp(dice))
 
 
@@ -133,7 +133,7 @@ def _clock(dice: random.Random) -> bytes:
 
 def clock(sec: int, nanosec: int) -> bytes:
     """Return a serialized `Clock`."""
-    return bytes(Cdr().put('i', sec).put('I', nanosec).data)
+    return struct.pack('<4siI', b'\0\1\0\0', sec, nanosec)
 
 
 #: Late, so that nothing that is made of a valid message replaces what comes before.
@@ -143,7 +143,7 @@ KINDS = {kind.topic: kind for kind in (
     Kind(JOINT_STATES, JointState, state(JOINTS, _ROWS, _LATE), _state),
     Kind(COMMANDS, Float64MultiArray, efforts(JOINTS[::-1], _ROWS[0]), _efforts),
     Kind(REFERENCE, JointTrajectory, chunk(
-        JOINTS, [([*_ROWS, []], 0, 1_000_000 * k) for k in range(4)], _LATE), _piece),
+        JOINTS, [(_ROWS, 0, 1_000_000 * k) for k in range(4)], _LATE), _piece),
     Kind(CLOCK, Clock, clock(*_LATE), _clock))}
 
 

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Bags of joint states and commanded torques as any recorder makes them, without any node."""
+"""Messages and bags of joint states and torques as any recorder makes them, without any node."""
 
 from __future__ import annotations
 
@@ -25,35 +25,68 @@ import numpy as np
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 from rosbags.typesys import get_typestore, Stores
 
-_STORE = get_typestore(Stores.ROS2_JAZZY)
-_TYPES = {name: _STORE.types[name] for name in (
-    'sensor_msgs/msg/JointState', 'std_msgs/msg/Float64MultiArray', 'std_msgs/msg/String',
-    'std_msgs/msg/Header', 'std_msgs/msg/MultiArrayLayout', 'std_msgs/msg/MultiArrayDimension',
-    'builtin_interfaces/msg/Time')}
+#: The types of all messages, to which tests may add.
+STORE = get_typestore(Stores.ROS2_JAZZY)
+S = 10 ** 9
+
+
+def made(kind: str, **fields: Any) -> Any:
+    """Return a message of a type, `package/msg/Name`."""
+    return STORE.types[kind](**fields)
+
+
+def header(t: int, frame: str = '') -> Any:
+    """Return a header with the stamp t [ns]."""
+    stamp = made('builtin_interfaces/msg/Time', sec=t // S, nanosec=t % S)
+    return made('std_msgs/msg/Header', stamp=stamp, frame_id=frame)
+
+
+def row(values: Any) -> Array:
+    """Return numbers as a message has them; None stands for none."""
+    return np.zeros(0) if values is None else np.array(values, float)
 
 
 def joint_state(t: int, names: Sequence[str], q: Array, dq: Array | None, effort: Array | None
                 ) -> Any:
     """Return a JointState with the stamp t [ns]."""
-    stamp = _TYPES['builtin_interfaces/msg/Time'](sec=t // 10 ** 9, nanosec=t % 10 ** 9)
-    none = np.zeros(0)
-    return _TYPES['sensor_msgs/msg/JointState'](
-        header=_TYPES['std_msgs/msg/Header'](stamp=stamp, frame_id=''), name=list(names),
-        position=np.array(q, float), velocity=none if dq is None else np.asarray(dq, float),
-        effort=none if effort is None else np.asarray(effort, float))
+    return made('sensor_msgs/msg/JointState', header=header(t), name=list(names),
+                position=row(q), velocity=row(dq), effort=row(effort))
 
 
-def torques(values: Array, names: Sequence[str] = ()) -> Any:
+def torques(values: Any, names: Sequence[str] = ()) -> Any:
     """Return commanded torques, with names or without."""
-    labels = [_TYPES['std_msgs/msg/MultiArrayDimension'](label=name, size=1, stride=1)
+    labels = [made('std_msgs/msg/MultiArrayDimension', label=name, size=1, stride=1)
               for name in names]
-    layout = _TYPES['std_msgs/msg/MultiArrayLayout'](dim=labels, data_offset=0)
-    return _TYPES['std_msgs/msg/Float64MultiArray'](layout=layout, data=np.array(values, float))
+    return made('std_msgs/msg/Float64MultiArray', data=row(values), layout=made(
+        'std_msgs/msg/MultiArrayLayout', dim=labels, data_offset=0))
+
+
+def string(text: str) -> Any:
+    return made('std_msgs/msg/String', data=text)
+
+
+def point(t: int, *rows: Any) -> Any:
+    """Return a point of a trajectory at t [ns]: positions, velocities, accelerations, efforts."""
+    fields = ('positions', 'velocities', 'accelerations', 'effort')
+    return made('trajectory_msgs/msg/JointTrajectoryPoint', time_from_start=made(
+        'builtin_interfaces/msg/Duration', sec=t // S, nanosec=t % S), **{
+            name: row(x) for name, x in zip(fields, (*rows, None, None, None))})
+
+
+def trajectory(t: int, names: Sequence[str], points: Sequence[Any]) -> Any:
+    """Return a JointTrajectory with the stamp t [ns]."""
+    return made('trajectory_msgs/msg/JointTrajectory', header=header(t), joint_names=list(names),
+                points=list(points))
+
+
+def serialized(message: Any, order: str = '<') -> bytes:
+    """Return the CDR of a message, in either byte order."""
+    return bytes(STORE.serialize_cdr(
+        message, message.__msgtype__, little_endian=order == '<'))
 
 
 def write(path: Path, messages: Sequence[tuple[str, int, Any]],
-          storage: StoragePlugin = StoragePlugin.MCAP, typestore: Any = _STORE,
-          compression: str = '') -> Path:
+          storage: StoragePlugin = StoragePlugin.MCAP, compression: str = '') -> Path:
     """
     Write messages (topic, log time [ns], message) into a bag.
 
@@ -65,8 +98,6 @@ def write(path: Path, messages: Sequence[tuple[str, int, Any]],
         In any order.
     storage : StoragePlugin
         MCAP or sqlite3.
-    typestore : Typestore
-        Types of the messages.
     compression : {'', 'message', 'file', 'storage'}
         What zstd compresses.
 
@@ -79,8 +110,8 @@ def write(path: Path, messages: Sequence[tuple[str, int, Any]],
         for topic, t, message in messages:
             kind = message.__msgtype__
             if (topic, kind) not in connections:
-                connections[topic, kind] = writer.add_connection(topic, kind, typestore=typestore)
-            writer.write(connections[topic, kind], t, typestore.serialize_cdr(message, kind))
+                connections[topic, kind] = writer.add_connection(topic, kind, typestore=STORE)
+            writer.write(connections[topic, kind], t, serialized(message))
     return path
 
 
@@ -97,17 +128,15 @@ def messages_of(t: Array, names: Sequence[str], q: Array, dq: Array | None,
     theirs = [*extra, *(names[i] for i in picked)]
     more = np.full(len(extra), 0.3)
 
-    def row(values: Array | None, k: int) -> Array | None:
+    def mine(values: Array | None, k: int) -> Any:
         return None if values is None else np.concatenate((more, values[k][picked]))
     found: list[tuple[str, int, Any]] = []
     if urdf:
-        found.append(('/robot_description', 0, _TYPES['std_msgs/msg/String'](data=urdf)))
+        found.append(('/robot_description', 0, string(urdf)))
     for k, time in enumerate(t):
-        at = round(time * 1e9) + 10 ** 9
-        place = row(q, k)
-        assert place is not None
+        at = round(time * 1e9) + S
         found.append(('/joint_states', at, joint_state(
-            at, theirs, place, row(dq, k), row(effort, k))))
+            at, theirs, mine(q, k), mine(dq, k), mine(effort, k))))
         if command is not None:
             found.append(('/effort_controller/commands', at + 200_000, torques(
                 command[k], names if labels else ())))

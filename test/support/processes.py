@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
+from functools import cache
 import os
 from pathlib import Path
 import signal
@@ -61,6 +62,7 @@ class Probe:
             self.node = rclpy.create_node('probe', context=self.context)
         self.executor = SingleThreadedExecutor(context=self.context)
         self.executor.add_node(self.node)
+        self._client = cache(self.node.create_client)
         self.children: list[child_process.Child] = []
         self.lines: list[str] = []
 
@@ -113,7 +115,7 @@ class Probe:
 
     def call(self, kind: Any, name: str, request: Any) -> Any:
         """Call a service and return the response."""
-        client = self.node.create_client(kind, name)
+        client = self._client(kind, name)
         self.until(client.service_is_ready, f'service {name}')
         futures = [client.call_async(request)]
         asked = time.monotonic()

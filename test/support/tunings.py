@@ -23,6 +23,23 @@ from typing import Any
 from ctc_chattering.runs.tune import searched, Tuning
 from ctc_chattering.runs.tune_spec import parse_tune, TuneSpec
 
+#: A spec in a file, and the robot that it names.
+SPEC = """
+params_file: robot.yaml
+duration: 0.5
+repeats: 2
+uncertain:
+  friction: {parameter: plant.coulomb_friction, uniform: [0.8, 1.2], factor: true}
+tune:
+  law: chattering
+  torque_limit: 5000
+  search: {pole: [5, 50]}
+"""
+ROBOT = """
+/**: {ros__parameters: {control_period: 0.005}}
+plant: {ros__parameters: {duration: 10.0, integration_step: 0.005}}
+"""
+
 
 def short_spec(**more: Any) -> TuneSpec:
     """Return a spec of the paper's arm, short, at 200 Hz, with two draws."""

@@ -31,7 +31,7 @@ import sys
 import tempfile
 from typing import NamedTuple
 
-from browser import browser_page, chromium, ctc_live
+from browser import browser, browser_page, chromium, ctc_live
 from real_time_loop import real_time_loop
 
 #: Reports of a second each that are not counted, at the start.
@@ -53,7 +53,7 @@ def measure(page: bool, lasts: int) -> Cost:
     with real_time_loop() as (reports, spin), ExitStack() as stack:
         if page:
             _, url = stack.enter_context(ctc_live('--port', 0))
-            tab = stack.enter_context(browser_page())
+            tab = stack.enter_context(browser_page(stack.enter_context(browser())))
             tab.goto(url)
             tab.wait_for_selector('.ctc-numbers')
             tab.wait_for_selector('.ctc-panel')

@@ -44,7 +44,7 @@ const receivers = {
   mark(t) { if (player(t)) moved(t); },
   silent(seconds) { if (plots) numbers(plots.runs, about, null, seconds); },
   controls: ctcControls($('controls'), say),
-  scene: ctcView($('view'), { read: remembered, write: remember }, say),
+  scene: ctcView($('view'), say),
   ended(text) { $('ended').textContent = text; $('ended').hidden = !text; },
   ...status,
   reports(nodes) { $('reports').parentElement.hidden = false; status.reports(nodes); },

@@ -1,31 +1,17 @@
-// The view of viser in its frame: by day or by night, with the camera that this browser had last.
-// viser takes both from its address, and prints the camera whenever it moves.
+// The view of viser in its frame: by day or by night, which viser takes from its address.
 //
-//   const arms = ctcView(frame, {read, write}, say);   // of an object that the browser keeps
-//   arms(name);   // which arms there are: a camera for others is of no use
+//   const shape = ctcView(frame, say);   // tells the server what shape the view has
 'use strict';
-const ctcView = (frame, store, say) => {
-  const CAMERA = /^(&initialCamera(Position|LookAt|Up|Fov|Near|Far)=[-+.,e\d]{1,80}){1,6}$/;
+const ctcView = (frame, say) => {
   const night = matchMedia('(prefers-color-scheme: dark)');
-  let scene = null, moved = false, timer = 0;
-  const kept = () => {
-    const camera = store.read().camera;
-    return camera && CAMERA.test(camera.words) ? camera : null;
-  };
+  let moved = false;
   const open = () => {
-    const camera = kept(), mine = camera && (scene === null || camera.scene === scene);
     moved = false;
-    frame.src = `/view/?logCamera${night.matches ? '&darkMode' : ''}${mine ? camera.words : ''}`;
+    frame.src = `/view/${night.matches ? '?darkMode' : ''}`;
   };
   frame.addEventListener('load', () => {
-    const inside = frame.contentWindow, log = inside.console.log;
-    inside.console.log = (...words) => {
-      if (!CAMERA.test(words[0])) { log.apply(inside.console, words); return; }
-      clearTimeout(timer);
-      if (moved && scene !== null) timer = setTimeout(
-        () => store.write({ camera: { scene, words: words[0] } }), 300);
-    };
-    // Only a camera that was moved by hand is kept; until then the server's shows the arms.
+    const inside = frame.contentWindow;
+    // One that was moved by hand stays; until then the server's shows the arms.
     for (const kind of ['pointerdown', 'wheel', 'keydown'])
       inside.addEventListener(kind, event => {
         if (moved || (event.target.tagName !== 'CANVAS' && kind !== 'keydown')) return;
@@ -62,11 +48,5 @@ const ctcView = (frame, store, say) => {
   new ResizeObserver(shape).observe(frame);
   night.addEventListener('change', open);
   open();
-  return name => {
-    const before = kept();
-    scene = name;
-    shape();
-    if (before?.scene === name) say({ moved: null });
-    else if (before) { store.write({ camera: null }); open(); }
-  };
+  return shape;
 };

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""`ctc compile`, and what the commands say where nothing is compiled."""
+"""`ctc compile`, `ctc stability`, and the bar of progress."""
 
 from __future__ import annotations
 
@@ -24,11 +24,13 @@ from ctc_chattering.analysis.compilation import codes
 from ctc_chattering.cli import experiments
 from ctc_chattering.compiled.machine_code import HOW_TO_COMPILE
 from ctc_chattering.configuration import parameter_file
-from ctc_commands import ctc, ctc_process, refused
+from ctc_chattering.runs.stability import stability
+from ctc_commands import ctc, ctc_process
 from machine_code import compile_runs
 import pytest
 
 
+@pytest.mark.slow
 def test_a_user_who_has_not_compiled_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """`ctc simulate` computes and says how to compile; that done, it says nothing."""
     known = parameter_file.load(None)
@@ -68,12 +70,42 @@ def test_a_long_run_compiles_by_itself(monkeypatch: pytest.MonkeyPatch, plain: b
     assert asked == ([] if plain else ['chattering'])
 
 
-def test_what_cannot_be_compiled_is_refused(tmp_path: Path) -> None:
+def test_what_cannot_be_compiled_runs_in_plain_python(tmp_path: Path) -> None:
     path = tmp_path / 'elastic.yaml'
     path.write_text('plant: {ros__parameters: {joint_stiffness: [1.0e4, 1.0e4], '
                     'motor_inertia: [1.0, 0.1]}}\n')
-    plain = tmp_path / 'plain.yaml'
-    plain.write_text('/**: {ros__parameters: {compiled: false}}\n')
-    refused(ctc('compile', '--params-file', plain), 'nothing can be compiled')
     done = ctc('simulate', '--params-file', path, '--duration', '0.01')
     assert (done.returncode, HOW_TO_COMPILE in done.stderr) == (0, False)
+
+
+LAW = ('--law', 'observer_feedback', '--gains', 'recommended')
+
+
+def robot(folder: Path, lag: float) -> Path:
+    """Return a parameter file of the paper's arm with drives of this lag [s]."""
+    file = folder / 'robot.yaml'
+    file.write_text(f'plant: {{ros__parameters: {{actuator_lag: [{lag}, {lag}]}}}}\n'
+                    'controller: {ros__parameters: {actuator_lag: [0.003, 0.003]}}\n')
+    return file
+
+
+def test_the_table_is_rounded_inwards(tmp_path: Path) -> None:
+    file = robot(tmp_path, 0.002)
+    result = ctc('stability', file, *LAW)
+    assert result.returncode == 0, result.stderr
+    lines = result.stdout.splitlines()
+    assert lines[1:3] == ['law: lag 3 ms, delay 0', 'robot: lag 2 ms, delay 0']
+    over, _ = parameter_file.with_gains(file, {'controller': {'law': LAW[1]}}, LAW[3])
+    found = stability(parameter_file.load(file, over))
+    (shown,) = (line for line in lines if ', constant' in line)
+    low, high = (float(shown.split()[k]) for k in (-3, -1))
+    assert found.ratios is not None and found.guaranteed is not None
+    assert found.ratios == pytest.approx((low, high), rel=0.1)
+    assert found.ratios[0] <= low < high <= found.ratios[1]
+    assert found.ratios[0] < found.guaranteed[0] < found.guaranteed[1] < high
+
+
+def test_an_unstable_loop_has_status_1(tmp_path: Path) -> None:
+    result = ctc('stability', robot(tmp_path, 0.02), *LAW)
+    assert result.returncode == 1
+    assert 'unstable: a pole at 1.0' in result.stdout

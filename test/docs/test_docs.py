@@ -1,0 +1,241 @@
+# Copyright 2026 The ctc_chattering maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""README and docs: links lead somewhere; laws, topics, commands, paths are those of the code."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+import os
+from pathlib import Path
+import re
+import subprocess
+import sys
+from typing import Any
+
+import ctc_chattering
+from ctc_chattering.analysis.result import simulate
+from ctc_chattering.cli.ctc import COMMANDS
+from ctc_chattering.configuration import parameter_file
+from ctc_chattering.configuration.loop_setup import Setup
+from ctc_chattering.configuration.node_parameters import NODE_DESCRIPTIONS
+from ctc_chattering.configuration.package_share import find_config
+from ctc_chattering.control.controller import ControllerConfig, LAWS
+from ctc_chattering.control.laws.base import law_class
+from ctc_chattering.control.step import FADE
+from ctc_chattering.errors import CtcError
+from ctc_chattering.ros.topics import TOPICS
+from ctc_chattering.runs.conditions import condition
+from ctc_chattering.runs.recommended import by_rule, recommended_setup
+import numpy as np
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+README = (ROOT / 'README.md').read_text(encoding='utf-8')
+
+
+def test_the_readme_is_short() -> None:
+    lines = README.splitlines()
+    assert len(lines) <= 100
+    assert not [line for line in lines if len(line) > 120 and not line.startswith(('|', '!['))]
+
+
+def test_every_topic_is_named() -> None:
+    page = (ROOT / 'docs' / 'interfaces.md').read_text(encoding='utf-8')
+    for name in TOPICS:
+        assert f'`{name}`' in page or name.endswith('/parameters')
+
+
+def test_every_key_of_the_metrics_is_named() -> None:
+    page = (ROOT / 'docs' / 'interfaces.md').read_text(encoding='utf-8')
+    setup = parameter_file.load(None, {'plant': {'duration': 0.1}})
+    for key in simulate(setup).metrics():
+        assert f'`{key}`' in page, key
+
+
+def test_the_readme_names_every_command() -> None:
+    for command in (*(f'ctc {name}' for name in COMMANDS), 'bringup', *NODE_DESCRIPTIONS):
+        assert f'`{command}`' in README, command
+
+
+#: Pages whose code spans are checked, and where their paths begin.
+PATHS = {'CONTRIBUTING.md': ('ctc_chattering', ''), 'docs/design.md': (
+             'ctc_chattering', '', 'ctc_chattering/control'),
+         'README.md': ('',), **{f'docs/{name}.md': ('ctc_chattering', '', 'docs') for name in (
+             'laws', 'theory', 'plant', 'safety', 'comparison', 'identification')}}
+#: What looks like a path and is none here: topics of ROS, and files of a system.
+NO_PATHS = r'.*\.\.\.|/.*|~/|excite/.*|.*_controller/.*|(controller|plant|reference|~)/\w+'
+
+
+@pytest.mark.parametrize('page', PATHS)
+def test_paths_are_there(page: str) -> None:
+    """A path with NAME stands for one of the caller's choice in a folder that is there."""
+    text = (ROOT / page).read_text(encoding='utf-8')
+    spans = re.findall(r'`([\w.~-]*/[\w./~-]*)`', text)
+    missing = [span for span in spans if not re.fullmatch(NO_PATHS, span) and not any(
+        (ROOT / base / (span.rpartition('/')[0] if 'NAME' in span else span)).exists() or (
+            ROOT / base / f'{span}.py').exists() for base in PATHS[page])]
+    assert not missing
+
+
+def test_names_are_in_the_modules_that_contributing_names() -> None:
+    text = (ROOT / 'CONTRIBUTING.md').read_text(encoding='utf-8')
+    found = re.findall(r'`(\w+)`(?: and `(\w+)`)?\s+(?:of |\()`([\w/]+\.py)`', text)
+    assert len(found) >= 5
+    for first, second, path in found:
+        module = (ROOT / 'ctc_chattering' / path).read_text(encoding='utf-8')
+        for name in filter(None, (first, second)):
+            assert re.search(rf'^(class |def )?{name}\b', module, re.MULTILINE), (name, path)
+
+
+ROOT = Path(__file__).resolve().parents[2]
+DOCS = ROOT / 'docs'
+PAGES = sorted(x for x in (*DOCS.rglob('*.md'), *(ROOT / 'validation').glob('*.md'))
+               if x.parent.name != '_api')
+#: These pages are made with the site.
+MADE = ('docs/_api/commands', 'docs/_api/parameters', 'docs/api')
+#: Beside those in docs/.
+OTHERS = [*ROOT.glob('*.md'), *(ROOT / 'examples').glob('*.md')]
+
+
+def site() -> dict[str, list[str]]:
+    """Return the documents of each chapter, as index.rst has them."""
+    text = (ROOT / 'index.rst').read_text(encoding='utf-8')
+    return {re.findall(':caption: (.*)', block)[0]: re.findall(r'^   (\S+/\S+)$', block, re.M)
+            for block in text.split('.. toctree::\n')[1:]}
+
+
+def test_the_index_in_the_repository_has_the_same_chapters() -> None:
+    text = (DOCS / 'README.md').read_text(encoding='utf-8')
+    for chapter, names in site().items():
+        section = text.split(f'\n## {chapter}\n')[1].split('\n## ')[0]
+        links = re.findall(r'^\| \[.*?\]\((?!\.\./examples)(.*?)\.md\) \|', section, re.M)
+        assert [os.path.normpath(f'docs/{link}') for link in links if link != '../CONTRIBUTING'
+                ] == [name for name in names if name not in (
+                    'docs/README', *MADE, 'examples/README')]
+
+
+def anchors(page: Path) -> set[str]:
+    """Return the anchors of the headings of a page, as GitHub makes them."""
+    text = re.sub(r'```.*?```', '', page.read_text(encoding='utf-8'), flags=re.DOTALL)
+    titles = re.findall('^#+ (.*)$', text, re.M)
+    return {re.sub(r'[^\w\- ]', '', re.sub(r'\]\(.*?\)', '', title)).strip().lower().replace(
+        ' ', '-') for title in titles}
+
+
+def links(page: Path) -> Iterator[str]:
+    """Yield the targets of a page's links and images within the repository."""
+    text = re.sub(r'```.*?```', '', page.read_text(encoding='utf-8'), flags=re.DOTALL)
+    for target in re.findall(r'\]\(([^)\s]+)\)', text):
+        if not re.match('https?:|mailto:', target):
+            yield target
+
+
+@pytest.mark.parametrize('page', [*PAGES, *OTHERS], ids=lambda x: str(x.relative_to(ROOT)))
+def test_links_lead_somewhere(page: Path) -> None:
+    for target in links(page):
+        path, _, anchor = target.partition('#')
+        to = page.parent / path if path else page
+        assert to.exists(), target
+        assert not anchor or anchor in anchors(to), target
+
+
+@pytest.mark.slow
+def test_the_site_builds_without_a_warning_and_asks_nothing_of_the_network(
+        tmp_path: Path) -> None:
+    """Every public name is on the page of the API; no page loads a script, style or picture."""
+    pytest.importorskip('furo', reason='make docs installs it')
+    subprocess.check_call([
+        sys.executable, '-m', 'sphinx', '-W', '--keep-going', '--quiet', '-c', str(DOCS),
+        '-d', str(tmp_path / 'doctrees'), str(ROOT), str(tmp_path / 'site')])
+    api = (tmp_path / 'site' / 'docs' / 'api.html').read_text(encoding='utf-8')
+    for name in set(ctc_chattering.__all__) - {'__version__'}:
+        assert f'id="ctc_chattering.{name}"' in api, name
+    loads = r'(?:src=|<link [^>]*href=)"?(?:https?:)?//|url\(["\']?(?:https?:)?//|@import'
+    for path in (tmp_path / 'site').rglob('*.*'):
+        if path.suffix in ('.html', '.css'):
+            assert not re.findall(loads, path.read_text(encoding='utf-8')), path
+
+
+PAGE = (Path(__file__).resolve().parents[2] / 'docs' / 'laws.md').read_text(encoding='utf-8')
+
+
+def rows() -> list[list[str]]:
+    """Return the cells of the table of laws."""
+    lines = PAGE[PAGE.index('| `law` |'):].split('\n\n')[0].splitlines()[2:]
+    return [[cell.strip() for cell in re.split(r'(?<!\\)\|', line.strip().strip('|'))]
+            for line in lines]
+
+
+def test_the_table_has_every_law_with_its_parameters() -> None:
+    assert [row[0].strip('`') for row in rows()] == list(LAWS)
+    declared = {law: {name for name, spec in ControllerConfig.parameters().items()
+                      if law in spec.laws} for law in LAWS}
+    for law, _, _, parameters, _ in rows():
+        assert set(re.findall(r'`(\w+)`', parameters)) == declared[law.strip('`')]
+
+
+def test_every_law_has_a_paragraph_and_every_module_a_reference() -> None:
+    for law in LAWS:
+        assert f'**`{law}`' in PAGE
+        text = __import__(law_class(law).__module__, fromlist=['']).__doc__ or ''
+        assert re.search(r'\b(19|20)\d\d\b|of the paper', text)
+        assert text.startswith(f'\nLaw `{law}`')
+        assert re.search(r'  \((\d|[A-Z]+1)\)\n', text)
+
+
+def test_the_time_of_fading_is_that_of_the_code() -> None:
+    assert f'fades linearly within {FADE:g} s' in PAGE
+
+
+def like_a_real_arm(duration: float, factor: float, values: Mapping[str, Any]) -> Setup:
+    """Return the paper's arm under the condition real_arm, with values of the controller."""
+    friction = find_config('friction')
+    given = condition('real_arm').overrides(parameter_file.load(friction))[0]
+    controller = {**given['controller'], 'inertia_scale': factor, 'gravity_scale': factor}
+    return parameter_file.load(friction, {
+        **given, 'plant': {**given['plant'], 'duration': duration},
+        'controller': {**controller, **values}})
+
+
+def triple_pole(p: float) -> dict[str, Any]:
+    return {'law': 'integral', 'kp': [3 * p * p] * 2, 'kv': [3 * p] * 2, 'ki': [p ** 3] * 2}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('factor', [0.9, 1.1])
+def test_the_pole_of_integral_on_the_paper_s_arm(factor: float) -> None:
+    """The rule is stable, where one without F / R is not."""
+    p = 0.24 / (2e-3 + 1e-3 * (1 + 1) + 9.9 / 1000.0)
+    known = like_a_real_arm(4.0, factor, {'law': 'integral', 'friction_level': [9.9, 9.9]})
+    assert by_rule(known)['ki'] == pytest.approx([p ** 3] * 2)
+    assert f'this is {p:.0f} rad/s' in PAGE
+    run = simulate(like_a_real_arm(4.0, factor, triple_pole(p))).run
+    assert np.abs(run.q_d - run.q)[2500:].max() < 0.05
+    with pytest.raises(CtcError, match='exceeds error_limit'):
+        simulate(like_a_real_arm(4.0, factor, triple_pole(60.0)))
+
+
+@pytest.mark.slow
+def test_what_a_lag_costs_that_observer_feedback_is_not_told() -> None:
+    """The factors of docs/theory.md, on joint 2, with the model 10 % too light and too heavy."""
+    def error(factor: float, lag: float) -> float:
+        setup = recommended_setup(like_a_real_arm(10.0, factor, {}), 'observer_feedback')
+        run = simulate(setup.changed({'controller': {'actuator_lag': [lag] * 2}})).run
+        return float(np.sqrt(np.mean((run.q_d - run.q)[5000:, 1] ** 2)))
+
+    told = {factor: error(factor, 2e-3) for factor in (0.9, 1.1)}
+    assert error(1.1, 1e-3) == pytest.approx(told[1.1], rel=0.25)
+    assert error(0.9, 0.0) == pytest.approx(1.4 * told[0.9], rel=0.2)
+    assert error(1.1, 0.0) == pytest.approx(19.0 * told[1.1], rel=0.2)
