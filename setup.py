@@ -67,15 +67,13 @@ setup(
         'urdf': ['example-robot-data', 'pin'],
         # `ctc compile`.
         'compile': ['numba'],
-        # Masses and inertias of `ctc identify` that a body can have.
-        'identify': ['clarabel'],
         # `ctc map`, and several processes of the others; without numba it is slow.
         'map': ['numba', 'dask[distributed]', 'pandas>=2', 'pyarrow', 'scipy>=1.15'],
         # `ctc tune`, and `ctc compare --trials`.
         'tune': ['optuna>=5', 'scipy>=1.15'],
         # Everything above.
-        'all': ['ctc_chattering[compile,identify,live,map,ros,tune,urdf]'],
-        'test': ['clarabel', 'dask[distributed]', 'example-robot-data', 'hypothesis', 'mujoco',
+        'all': ['ctc_chattering[compile,live,map,ros,tune,urdf]'],
+        'test': ['dask[distributed]', 'example-robot-data', 'hypothesis', 'mujoco',
                  'numba', 'optuna>=5', 'pandas>=2', 'pin', 'playwright', 'polars', 'pyarrow',
                  'pytest', 'pytest-xdist', 'scipy>=1.15', 'viser>=1.1'],
         # The site of `make docs`.

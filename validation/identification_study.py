@@ -19,6 +19,7 @@ from __future__ import annotations
 import argparse
 from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
+import dataclasses
 import json
 from pathlib import Path
 import time
@@ -58,7 +59,8 @@ def outcome(robot: str, backend: str, case: str, seed: int, duration: float) -> 
     run = perturbation(found)
     recommended = recommend(found, run, made.model, made.recording.q)
     unseen = recorded(robot, backend, case, seed, 20.0, 500)
-    other = perturbation(found, windows_of(found, unseen.recording.checked(), made.model))
+    other = perturbation(dataclasses.replace(
+        found, data=windows_of(found, unseen.recording.checked(), made.model)))
     ka = np.array(recommended.values['ka'][0], float)
     known = [x.coulomb.value is not None for x in found.friction]
     return {'robot': robot, 'backend': backend, 'case': case, 'seed': seed, 'seconds': seconds,

@@ -212,5 +212,4 @@ def windows_of(found: Identification, recording: Recording, model: Model) -> Dat
     parts = list(stretches(recording, period))
     phi = TestFunction(period, period * sum(len(part.q) for part in parts))
     rows = [Rows.of(part, model, phi, found.columns) for part in parts]
-    data = Profile(parts, rows, found.timing.source, phi).windows(found.timing)
-    return data.loaded(found.selected.levels).mixed(found.selected.mixing)
+    return Profile(parts, rows, found.timing.source, phi).windows(*found.timing.acting)

@@ -163,10 +163,9 @@ _BELOW, _ABOVE = 5, 3
 _PER_LAG = 7.0
 #: Coarse rate limits, at most, the first one in fastest changes of the commands (within a period a
 #: limit shows beyond these), their ratio, and how many are excluded before no lower one is tried.
-_COARSE, _FIRST, _RATIO, _EXCLUDED = 20, 2.0, 2.0 ** 0.5, 3
-#: How often rate limits are tried between those that are possible, or best with a likely delay;
-#: how many, and of how many delays.
-_FINER, _WITHIN, _LIKELY = 4, 7, 3
+_COARSE, _FIRST, _RATIO, _EXCLUDED = 30, 2.0, 2.0 ** 0.3, 4
+#: How often rate limits are tried between those that are possible, and how many.
+_FINER, _WITHIN = 4, 7
 
 
 @dataclasses.dataclass(frozen=True)
@@ -265,13 +264,10 @@ class DriveProfile:
 
     def _finite(self, part: Stretch, rows: Rows) -> Array:
         """Return which windows have all commands, also with the longest delay."""
-        values = has(part, COMMAND)
-        assert values is not None
-        missing = (~np.isfinite(values)).astype(float)
-        found = np.ones((len(rows.centres), values.shape[1]), bool)
-        for delay in self._delays if missing.any() else ():
-            found &= self._phi.sums(missing, np.ones(2 * self._phi.half + 1),
-                                    rows.centres - delay) == 0.0
+        gone = np.cumsum(~np.isfinite(np.asarray(has(part, COMMAND))), axis=0)
+        low, high = (np.clip(rows.centres + x, 0, len(gone) - 1) for x in (
+            -self._phi.half - self._delays[-1] - 1, self._phi.half - self._delays[0]))
+        found: Array = gone[low] == gone[high]
         return found
 
     def _rests(self, rate: Array) -> dict[int, Array]:
@@ -385,14 +381,6 @@ class DriveProfile:
             return min(low, fastest), np.inf, np.inf
         return low, float(best), float(rates[good[-1] + 1])
 
-    def _beside(self, i: int, place: _Place) -> tuple[float, float]:
-        """Return the finite rate limits beside the best one of joint i at a place."""
-        rates = np.array([rate[i] for rate in self._rates[1:]])
-        order = np.argsort(rates, kind='stable')
-        best = int(np.argmin([self._points[i, place][1 + k].squares for k in order]))
-        return float(rates[order[max(best - 1, 0)]]), float(
-            rates[order[min(best + 1, len(rates) - 1)]])
-
     def _rate_possible(self, i: int, which: int) -> bool:
         """Return whether a rate limit of joint i may be the true one."""
         best = self._best(i, self._allowed).rest
@@ -417,14 +405,9 @@ class DriveProfile:
             if (out >= _EXCLUDED).all():
                 break
             rate = rate / _RATIO
-        for left in reversed(range(_FINER)):
+        for _ in range(_FINER):
             low, _, high = self._rate_table(fastest)
             high = np.where(np.isfinite(high), high, _RATIO * low)
-            delays = list(dict.fromkeys(d for d, _ in sorted(self._places, key=self._cost)))
-            for i, place in product(self._joints, self._places):
-                if left and place[0] in delays[:_LIKELY]:
-                    first, last = self._beside(i, place)
-                    low[i], high[i] = min(low[i], first), max(high[i], last)
             ratio = np.where(low > 0.0, high, 1.0) / np.where(low > 0.0, low, 1.0)
             for part in np.linspace(0.0, 1.0, _WITHIN):
                 self._add(np.where(low > 0.0, low * ratio ** part, np.inf))

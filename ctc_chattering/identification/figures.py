@@ -20,7 +20,6 @@ from collections.abc import Sequence
 
 from ctc_chattering.analysis.drawing import panel, sheet
 from ctc_chattering.identification.identify import Identification
-from ctc_chattering.identification.least_squares import BENT, TermKind
 from ctc_chattering.identification.perturbation import friction_at
 from ctc_chattering.identification.verdict import Verdict
 from matplotlib.figure import Figure
@@ -40,8 +39,7 @@ def friction_figure(found: Identification, verdicts: Sequence[Verdict]
         title = verdict.joint if verdict.usable else f'{verdict.joint}: {verdict.word}'
         axes = panel(figure, grid[i // 2, i % 2], title, 'torque [N·m]')
         used = data.way[:, i] != 0.0
-        mine = [k for k, term in enumerate(fit.terms)
-                if term.joint == i and term.kind not in (TermKind.SCALE, *BENT)]
+        mine = [k for k, term in enumerate(fit.terms) if term.joint == i]
         speed = data.velocity[used, i]
         # Less errors of the model, and friction of the load.
         rest = fit.residual[used, i] + fit.design[used, i][:, mine] @ fit.value[mine]

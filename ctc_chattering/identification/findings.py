@@ -121,13 +121,13 @@ class Kind(Enum):
     BREAK_AWAY = (0.1, inf)
     #: Friction below 0 in halves of its interval; friction as a part of the load.
     NEGATIVE_FRICTION, LOAD = (0.0, 1.0), (0.5, 0.5)
-    #: By which part velocities differ from changes of positions; drift of the period, as a part.
-    VELOCITY_RATIO, PERIOD_DRIFT = (0.1, 0.1), (0.005, inf)
+    #: By which part velocities differ from changes of positions.
+    VELOCITY_RATIO = (0.1, 0.1)
     #: Samples between the shortest and the longest delay; lag of a drive, and the least one where
     #: the longest that is looked for fits, too [s].
     DELAYS, LAG, LONGEST_LAG = (2.5, inf), (0.008, inf), (-1.0, 0.0)
-    #: Half an interval of a torque scale; the scale, or one over it; part of a mass that lacks.
-    SCALE_INTERVAL, SCALE, MASS_LOST = (0.05, inf), (2.5, 2.5), (0.9, 0.9)
+    #: Half an interval of a torque scale.
+    SCALE_INTERVAL = (0.05, inf)
     #: Part of a joint's torque that no body can have; inertia over the model's, or one over that.
     IMPOSSIBLE_BODY, INERTIA = (0.01, 0.05), (2.0, 2.0)
     #: Part of P that another run has beyond the prediction; its |P| over ka.

@@ -119,14 +119,14 @@ def inertia_findings(found: Identification, model: Model, positions: Array) -> I
         Of the run [rad].
 
     """
-    mixing, n, most = found.selected.mixing, model.n, Kind.INERTIA.refused
-    if found.columns is None or not mixing.size:
+    n, most = model.n, Kind.INERTIA.refused
+    if found.columns is None:
         return
     zero, ratios = np.zeros(n), []
     for q in positions[::max(1, len(positions) // _POSES)]:
         rest = found.columns.at(q, zero, zero)
         columns = np.array([(found.columns.at(q, zero, x) - rest)[i]
-                            for i, x in enumerate(np.eye(n))]) @ mixing
+                            for i, x in enumerate(np.eye(n))])
         state = Data.at(np.ones((1, n)), zero[None], zero[None], columns[None])
         change, half = (x[0] for x in found.selected.torque(state, (TermKind.MODEL,)))
         mass = np.diagonal(model.mass_matrix(q.tolist()))

@@ -31,11 +31,12 @@ from ctc_chattering.dynamics.model import Model
 from ctc_chattering.dynamics.registry import locked_positions, make_model
 from ctc_chattering.errors import ParameterError, UsageError
 from ctc_chattering.identification import identify as regression
+from ctc_chattering.identification.attribution import CauseKind
 from ctc_chattering.identification.effort import CURRENT, in_torques, LINK, MOTOR
 from ctc_chattering.identification.findings import ALL_JOINTS, Finding, Kind, Severity
 from ctc_chattering.identification.gains import recommend, Recommendation
 from ctc_chattering.identification.identify import Identification
-from ctc_chattering.identification.model_errors import candidates, CauseKind
+from ctc_chattering.identification.model_errors import candidates
 from ctc_chattering.identification.perturbation import perturbation
 from ctc_chattering.identification.results import IdentificationResults, write_page
 from ctc_chattering.identification.trial_runs import (

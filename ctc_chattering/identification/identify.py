@@ -22,18 +22,23 @@ import dataclasses
 from ctc_chattering.bags.recording import Recording, Stretch, stretches
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.errors import CtcError
-from ctc_chattering.identification.attribution import Projected
+from ctc_chattering.identification.attribution import causes, Projected
 from ctc_chattering.identification.bodies import ConsistentBodies, judged, left_over
-from ctc_chattering.identification.drives import COMMAND, EFFORT, has
-from ctc_chattering.identification.effort import placed_unevenly, torque_sides
+from ctc_chattering.identification.drives import COMMAND, has
+from ctc_chattering.identification.effort import torque_source
 from ctc_chattering.identification.findings import ALL_JOINTS, Estimate, Finding, Severity
-from ctc_chattering.identification.friction import joint_friction, JointFriction, select, Selected
+from ctc_chattering.identification.friction import (
+    joint_friction,
+    JointFriction,
+    physical,
+    select,
+    Selected,
+)
 from ctc_chattering.identification.least_squares import Data
-from ctc_chattering.identification.model_errors import causes, ErrorColumns, ModelError
-from ctc_chattering.identification.model_verdict import ModelVerdict, physical, tilted
+from ctc_chattering.identification.model_errors import ErrorColumns, ModelError
+from ctc_chattering.identification.model_verdict import ModelVerdict, turned_gravity
 from ctc_chattering.identification.residual_tests import (
     findings,
-    FittedMotion,
     Unexplained,
     unexplained,
     widened,
@@ -42,26 +47,22 @@ from ctc_chattering.identification.sensors import (
     Clock,
     clock,
     encoder_step,
-    stamp_findings,
     velocity_noise,
 )
 from ctc_chattering.identification.timing import (
     Profile,
     rate_limits,
-    ShortWindows,
     Timing,
     timing,
     timing_findings,
 )
 from ctc_chattering.identification.weak_form import TestFunction
-from ctc_chattering.identification.windows import Rows, WindowStates
+from ctc_chattering.identification.windows import Rows
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
 
 __all__ = ('Identification', 'JointFriction', 'identify')
 
-#: How much better the effort must explain the motion than the commands to be preferred.
-_BETTER = 0.5
 #: Part of a period by which rounding it may move the last sample.
 _ROUNDED = 0.1
 #: Part of the joints that may be refused while the bodies of the others are corrected.
@@ -81,8 +82,8 @@ class Identification:
         Names.
     clock : Clock
         Stamps of the first recording.
-    encoder, noise, velocity_lag : list of Estimate, length n
-        Step of the encoder, noise of the measured velocity, and its lag.
+    encoder, noise : list of Estimate, length n
+        Step of the encoder, and noise of the measured velocity.
     timing : Timing
         Delay and lag of the torque.
     friction : list of JointFriction, length n
@@ -109,11 +110,9 @@ class Identification:
     side : {'', 'motor', 'link', 'current'}
         What the effort is.
     columns : ErrorColumns or None
-        Errors of the model that the regression has; `selected.mixing` is about these.
+        Errors of the model that the regression has; `selected.design` is about these.
     unexplained : tuple of (Unexplained or None), length n
         What the residuals depend on.
-    short : ShortWindows or None
-        P in short windows.
     held_out : ndarray, shape (n,)
         What the corrected bodies leave of each joint's torque on windows that they were not
         fitted to, over what the model leaves; empty where the bodies are those of the model.
@@ -124,7 +123,6 @@ class Identification:
     clock: Clock
     encoder: list[Estimate]
     noise: list[Estimate]
-    velocity_lag: list[Estimate]
     timing: Timing
     friction: list[JointFriction]
     errors: list[tuple[ModelError, Estimate]]
@@ -140,7 +138,6 @@ class Identification:
     side: str = ''
     columns: ErrorColumns | None = None
     unexplained: tuple[Unexplained | None, ...] = ()
-    short: ShortWindows | None = None
     held_out: Array = dataclasses.field(default_factory=lambda: np.zeros(0))
 
 
@@ -158,9 +155,10 @@ def identify(recordings: Sequence[Recording], model: Model, candidates: Sequence
     candidates : sequence of ModelError
         Errors of it that are looked for.
     source : {'', 'command', 'effort'}
-        Where torques are taken from; empty for the one that explains the motion better.
+        Where torques are taken from; empty for the effort if it is that of the motor, else the
+        commands.
     side : {'', 'motor', 'link', 'current'}
-        What the effort is; empty for what it looks like.
+        What the effort is; empty where it is not known.
     loaded : sequence of Model
         For each recording the model with its known payload; empty without one.
 
@@ -175,61 +173,55 @@ def identify(recordings: Sequence[Recording], model: Model, candidates: Sequence
     columns = ErrorColumns.of(model)
     joints = recordings[0].joints
     rows = _rows(parts, models, phi, columns, recordings[0].name)
-    sides = torque_sides(parts, rows, phi, joints, side, source)
-    parts = placed_unevenly(parts)
-    kept, found = _timed(parts, rows, phi, sides.source, recordings[0].name)
+    source, signal = torque_source(parts, rows, phi, joints, side, source)
+    kept, found = _timed(parts, rows, phi, source, recordings[0].name)
     parts, rows = [parts[k] for k in kept], [rows[k] for k in kept]
     models = [models[k] for k in kept]
 
     def selected_with(rows: list[Rows], columns: ErrorColumns | None) -> tuple[Data, Selected]:
-        data = Profile(parts, rows, found.source, phi).windows(found)
+        data = Profile(parts, rows, found.source, phi).windows(*found.acting)
         size = np.sqrt(np.square(data.torque).mean(axis=0))
-        return data, select(data, joints, columns, causes(columns, len(joints), candidates, size),
+        return data, select(data, joints, columns, causes(columns, joints, candidates, size),
                             bool(loaded))
 
     data, selected = selected_with(rows, columns)
-    gravity = tilted(selected, columns)
+    gravity = turned_gravity(selected, columns)
     if gravity is not None:
         # Errors of masses under a tilted gravity: their product is in the columns about it.
         columns = ErrorColumns.of(model, gravity)
         rows = _rows(parts, models, phi, columns, recordings[0].name)
         data, selected = selected_with(rows, columns)
-    noise, lag, velocities = velocity_noise(recordings[0], phi.period)
-    whole = data.loaded(selected.levels)
-    data = whole.mixed(selected.mixing)
-    named = ModelVerdict(selected, columns, candidates, joints)
+    noise, velocities = velocity_noise(recordings[0], phi.period)
     friction = [joint_friction(selected, i) for i in range(len(joints))]
+    left = [unexplained(data, selected.fit, i) for i in range(len(joints))]
+    named = ModelVerdict(selected, columns, candidates, joints)
     levels = [abs(x.coulomb.value or 0.0) for x in friction]
     bodies, impossible = judged(named.bodies(selected.projected), joints, levels)
-    base, weight = (np.concatenate([getattr(part, name) for part in rows])
-                    for name in ('base', 'gravity'))
-    motion = FittedMotion(data, selected.fit, base, weight, WindowStates.of(parts, rows, phi))
-    left = [unexplained(motion, i) for i in range(len(joints))]
-    noticed = (*stamp_findings(recordings), *velocities,
-               *timing_findings(found, joints, parts[0].late),
-               *sides.findings, *named.findings(), *physical(friction, joints), *impossible,
+    noticed = (*velocities, *timing_findings(found, parts[0].late), *signal,
+               *named.findings(), *physical(friction, joints), *impossible,
                *(x for i, what in enumerate(left) if what for x in findings(i, what)))
     held_out = np.zeros(0)
     if columns is not None and bodies is not None:
         # A joint that is refused must not decide about the bodies of the others.
         refused = sorted({i for i, x in enumerate(friction) if x.coulomb.value is None} | {
             x.joint for x in noticed if x.severity == Severity.REFUSED and x.joint != ALL_JOINTS})
+        others = data
         if refused and len(refused) <= MOST_REFUSED * len(joints):
             used = ~np.isin(np.arange(len(joints)), refused)
-            whole = dataclasses.replace(whole, way=np.where(used, whole.way, 0.0))
-            bodies, _ = judged(named.bodies(Projected(whole, selected.friction, columns)), joints,
+            others = dataclasses.replace(data, way=np.where(used, data.way, 0.0))
+            bodies, _ = judged(named.bodies(Projected(others, selected.friction, columns)), joints,
                                levels, refused)
         if bodies is not None and bodies.differ:
-            held_out = left_over(whole, selected.friction, columns, selected.scales, refused)
+            held_out = left_over(others, selected.friction, columns, selected.believed, refused)
     return Identification(
         joints, dataclasses.replace(clock(recordings[0]), period=phi.period),
-        [encoder_step(x) for x in recordings[0].q.T], noise, lag, found,
-        [widened(motion, i, x, what) if what else x
+        [encoder_step(x) for x in recordings[0].q.T], noise, found,
+        [widened(data, selected.fit, i, x, what) if what else x
          for i, (x, what) in enumerate(zip(friction, left))],
         named.errors(), data, selected, phi.period * sum(len(part.q) for part in parts), noticed,
         scale=named.scale(), rotor=named.rotor(), tilt=named.gravity(), bodies=bodies,
         rate=rate_limits(found, joints), side=side, columns=columns, unexplained=tuple(left),
-        short=ShortWindows.of(parts, rows, models, found), held_out=held_out)
+        held_out=held_out)
 
 
 def _parts(recordings: Sequence[Recording]) -> tuple[list[Stretch], list[int], TestFunction]:
@@ -280,18 +272,15 @@ def _common_period(recordings: Sequence[Recording]) -> float:
 
 def _timed(parts: Sequence[Stretch], rows: Sequence[Rows], phi: TestFunction, source: str,
            name: str) -> tuple[list[int], Timing]:
-    """Return which stretches have the torque of the better source, and its timing."""
-    options = []
-    for kind in (COMMAND, EFFORT):
-        mine = [k for k, part in enumerate(parts) if has(part, kind) is not None]
-        if mine and source in ('', kind):
-            options.append((mine, timing([parts[k] for k in mine], [rows[k] for k in mine],
-                                         kind, phi)))
-    if not options:
+    """Return which stretches have the torque of a source, and its timing."""
+    kept, of = [], {}
+    for kind in dict.fromkeys((COMMAND, source)):
+        kept = [k for k, part in enumerate(parts) if has(part, kind) is not None]
+        if kept:
+            of[kind] = timing([parts[k] for k in kept], [rows[k] for k in kept], kind, phi)
+    if source not in of:
         raise CtcError(f'{name}: no torque of the source {source}')
-    if len(options) == 2:
-        (_, commands), (mine, effort) = options
-        moving = np.isfinite(commands.misfit) & (commands.misfit > 0.0)
-        if np.median(effort.misfit[moving] / commands.misfit[moving]) < _BETTER:
-            return mine, dataclasses.replace(effort, delays=commands.delays, commands=commands)
-    return options[0]
+    commands = of.get(COMMAND)
+    if source == COMMAND or commands is None:
+        return kept, of[source]
+    return kept, dataclasses.replace(of[source], delays=commands.delays, commands=commands)

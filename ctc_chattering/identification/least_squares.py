@@ -27,10 +27,11 @@ from enum import Enum
 from math import sqrt
 from typing import NamedTuple
 
-from ctc_chattering.identification.windows import Rows, STRIBECK
+from ctc_chattering.identification.windows import BUILD_UP, joined, Rows, STRIBECK
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
 import numpy.typing as npt
+from scipy.interpolate import make_interp_spline  # type: ignore[import-untyped]
 from scipy.special import stdtrit  # type: ignore[import-untyped]
 
 #: Iterations in which weights follow from residuals.
@@ -50,29 +51,23 @@ class TermKind(Enum):
     LOAD = 'load'
     LAG_SLOPE = 'lag slope'
     MODEL = 'model'
-    SCALE = 'torque scale'
-    DEAD_BAND = 'dead band'
-    FADING = 'fading torque'
 
 
-#: Kinds of friction; slopes of its columns are 0 in a fit, and there for the sake of intervals.
+#: Kinds of friction.
 FRICTION = (TermKind.FORWARDS, TermKind.BACKWARDS, TermKind.VISCOUS, TermKind.STRIBECK,
             TermKind.LOAD)
-#: Kinds of errors of the model and of the drives.
-ERRORS = (TermKind.MODEL, TermKind.SCALE, TermKind.DEAD_BAND, TermKind.FADING)
-#: Kinds of what a drive makes of a command, those with a column in `Data.bent`.
-BENT = (TermKind.DEAD_BAND, TermKind.FADING)
+#: Weights of the Stribeck columns for a velocity between theirs, and their derivatives.
+BETWEEN = make_interp_spline(np.arange(len(STRIBECK)), np.eye(len(STRIBECK)), 5)
 
 
 class Term(NamedTuple):
     """
     A column: what it stands for, its joint, and which one of several.
 
-    The joint of an error of the model is -1, and `which` its index; a torque scale of all joints
-    has -1 as well, and its coefficient is the part by which torques are larger. `which` of a load
-    is 0 for what gears transmit, and 1 for the torque of motors. That of the Stribeck terms is the
-    place of the velocity among `STRIBECK`, between two of them as well; the slope is the
-    derivative of the column by that, and that of the lag the derivative of the torque by the lag.
+    The joint of an error of model or drives is -1, and `which` its index. That of Stribeck
+    friction is the index of its velocity among `STRIBECK`, between two of them as well. The slope
+    is the derivative of the column by that, and that of the lag the derivative of the torque by
+    the lag: both are 0 in a fit, and there for the sake of intervals.
     """
 
     kind: TermKind
@@ -81,53 +76,39 @@ class Term(NamedTuple):
 
 
 @dataclasses.dataclass(frozen=True)
-class Data:
+class Data(Rows):
     """
-    All windows of all stretches; J windows, n joints.
+    All windows of all stretches, with their torques; J windows, n joints.
 
     Attributes
     ----------
-    t, velocity, way, more, stribeck
-        As in `Rows`.
-    load : ndarray, shape (J, n)
-        Magnitude of the model's torque without friction: what gears transmit [N·m].
+    torque, residual : ndarray, shape (J, n)
+        Weak torque, and that less the model's without friction, 0 where it is not known [N·m]; the
+        direction is 0 there.
     late : ndarray, shape (J, n)
         Derivative of the torque by the lag of the drive; 0 without a lag [N·m/s].
-    residual : ndarray, shape (J, n)
-        Torque less the model's without friction, 0 where it is not known [N·m].
-    starts : tuple of int
-        First window of each stretch.
-    torque : ndarray, shape (J, n)
-        Weak torque, 0 where it is not known [N·m].
-    floor : ndarray, shape (n,)
-        Least deviation that a torque is trusted to [N·m].
-    motor : ndarray, shape (J, n)
-        Magnitude of the torque by the model and Coulomb friction: that of motors [N·m].
     bent : ndarray, shape (J, n, 2)
         Weak sgn(tau), and weak tau |tau| [(N·m)²]: what a dead band of the drive takes, and a
         torque constant that falls with the torque.
+    starts : tuple of int
+        First window of each stretch.
+    floor : ndarray, shape (n,)
+        Least deviation that a torque is trusted to [N·m].
 
     """
 
-    t: Array
-    velocity: Array
-    way: Array
-    more: Array
-    stribeck: Array
-    load: Array
-    late: Array
+    torque: Array
     residual: Array
+    late: Array
+    bent: Array
     starts: tuple[int, ...]
-    torque: Array = dataclasses.field(default_factory=lambda: np.zeros(0))
-    floor: Array = dataclasses.field(default_factory=lambda: np.zeros(1))
-    motor: Array = dataclasses.field(default_factory=lambda: np.zeros(0))
-    bent: Array = dataclasses.field(default_factory=lambda: np.zeros((0, 0, 2)))
+    floor: Array
 
     @classmethod
-    def of(cls, rows: Sequence[Rows], torques: Sequence[Array],
-           late: Sequence[Array] | None = None, bent: Sequence[Array] | None = None) -> Data:
+    def with_torques(cls, rows: Sequence[Rows], torques: Sequence[Array], late: Sequence[Array],
+                     bent: Sequence[Array]) -> Data:
         """
-        Return the rows of stretches.
+        Return the rows of stretches with their torques.
 
         Parameters
         ----------
@@ -135,27 +116,23 @@ class Data:
             One for each stretch.
         torques : sequence of ndarray, shape (J, n)
             Weak torque, nan where it is not known [N·m].
-        late : sequence of ndarray, shape (J, n), optional
+        late : sequence of ndarray, shape (J, n)
             Derivative of the weak torque by the lag [N·m/s].
-        bent : sequence of ndarray, shape (J, n, 2), optional
+        bent : sequence of ndarray, shape (J, n, 2)
             Weak sgn(tau) and tau |tau|.
 
         """
+        whole = vars(joined(rows))
         torque = np.concatenate(list(torques))
-        columns = {name: np.concatenate([getattr(part, name) for part in rows])
-                   for name in ('t', 'velocity', 'way', 'more', 'stribeck', 'base', 'load')}
-        known, base = np.isfinite(torque), columns.pop('base')
-        columns['way'] = np.where(known, columns['way'], 0.0)
-        counts = np.cumsum([0, *(len(part.t) for part in rows)])
-        slope = np.zeros_like(torque) if late is None else np.concatenate(list(late))
-        residual = np.where(known, torque - base, 0.0)
-        sizes = np.sqrt(np.square(residual * (columns['way'] != 0.0)).sum(axis=0)
-                        / np.maximum((columns['way'] != 0.0).sum(axis=0), 1))
-        slope = np.where(known & np.isfinite(slope), slope, 0.0)
-        return cls(**columns, late=slope, residual=residual, starts=tuple(counts[:-1].tolist()),
-                   torque=np.where(known, torque, 0.0), floor=_FLOOR * sizes,
-                   bent=np.zeros((*torque.shape, 2)) if bent is None else np.where(
-                       known[:, :, None], np.concatenate(list(bent)), 0.0))
+        known = np.isfinite(torque)
+        whole['way'] = np.where(known, whole['way'], 0.0)
+        residual, used = np.where(known, torque - whole['base'], 0.0), whole['way'] != 0.0
+        sizes = np.sqrt(np.square(residual * used).sum(axis=0) / np.maximum(used.sum(axis=0), 1))
+        first = np.cumsum([0, *(len(part.t) for part in rows)])[:-1]
+        return cls(**whole, torque=np.where(known, torque, 0.0), residual=residual,
+                   late=np.nan_to_num(np.concatenate(list(late))) * known,
+                   bent=np.concatenate(list(bent)) * known[:, :, None],
+                   starts=tuple(first.tolist()), floor=_FLOOR * sizes)
 
     @classmethod
     def at(cls, way: Array, velocity: Array, torque: Array, more: Array) -> Data:
@@ -171,22 +148,22 @@ class Data:
 
         """
         zero, load = np.zeros_like(way), np.abs(torque)
-        slow = np.exp(-np.square(velocity[:, :, None] / STRIBECK))
-        return cls(zero[:, 0], velocity, way, more, way[:, :, None] * slow, load, zero, zero, (0,),
-                   torque, motor=load, bent=np.stack((np.sign(torque), torque * load), axis=2))
+        slow = way[:, :, None] * np.exp(-np.square(velocity[:, :, None] / STRIBECK))
+        return cls(zero[:, 0], np.arange(len(way)), way, zero, zero, load, velocity, zero, zero,
+                   slow, np.zeros((*way.shape, len(BUILD_UP))), more, torque, zero, zero,
+                   np.stack((np.sign(torque), torque * load), axis=2), (0,),
+                   np.zeros(way.shape[1]))
 
-    def loaded(self, levels: Array) -> Data:
-        """
-        Return it with the load of motors that also overcome Coulomb friction, shape (n,) [N·m].
+    @property
+    def errors(self) -> Array:
+        """Return the columns of errors of the model, and three of drives, shape (J, n, m + 3)."""
+        return np.concatenate((self.more, -self.torque[:, :, None], self.bent), axis=2)
 
-        It is the model's: a measured torque would explain itself.
-        """
-        base = self.torque - self.residual
-        return dataclasses.replace(self, motor=np.abs(base + self.way * levels))
-
-    def mixed(self, mixing: Array) -> Data:
-        """Return it with combinations of the errors' columns, mixing of shape (m, k)."""
-        return dataclasses.replace(self, more=self.more @ mixing)
+    def mixed(self, design: Array) -> Data:
+        """Return it with combinations of `errors` in place of `more`; design (n, m + 3, k)."""
+        errors = self.errors
+        return dataclasses.replace(self, more=np.stack(
+            [errors[:, i] @ x for i, x in enumerate(design)], axis=1))
 
     def columns(self, terms: Sequence[Term]) -> Array:
         """Return the design, shape (J, n, terms); 0 in rows that are not used."""
@@ -196,15 +173,11 @@ class Data:
             way = self.way[:, mine]
             if kind == TermKind.MODEL:
                 column = self.more[:, mine, int(which)]
-            elif kind == TermKind.SCALE:
-                column = -self.torque[:, mine]
-            elif kind in BENT:
-                column = self.bent[:, mine, BENT.index(kind)]
             elif kind in (TermKind.STRIBECK, TermKind.STRIBECK_SLOPE):
-                column = self.stribeck[:, mine] @ interpolation(
-                    which, kind == TermKind.STRIBECK_SLOPE)
+                column = self.stribeck[:, mine] @ BETWEEN(
+                    which, int(kind == TermKind.STRIBECK_SLOPE))
             elif kind == TermKind.LOAD:
-                column = way * (self.motor if which else self.load)[:, mine]
+                column = way * self.load[:, mine]
             elif kind in (TermKind.LAG_SLOPE, TermKind.VISCOUS):
                 column = (self.late if kind == TermKind.LAG_SLOPE else self.velocity)[:, mine]
             else:
@@ -271,7 +244,7 @@ def solve(data: Data, terms: Sequence[Term]) -> Fit:
     normals, rights = (np.array([x.T @ z for x, z in zip(joints, others)])
                        for others in (joints, y.T))
     for _ in range(_ITERATIONS):
-        value = solved(np.tensordot(weight, normals, 1), weight @ rights)
+        value = inverted(np.tensordot(weight, normals, 1)) @ (weight @ rights)
         residual = y - design @ value
         scale = np.square(residual).sum(axis=0) / counts + np.square(data.floor)
         weight = 1.0 / np.where(scale > 0.0, scale, np.inf)
@@ -299,17 +272,9 @@ def without(columns: Array, y: Array, least: float = 1e-9) -> Array:
     return found
 
 
-def coefficients(columns: Array, y: Array, least: float = 1e-9) -> Array:
+def coefficients(columns: Array, y: Array) -> Array:
     """Return the coefficients of columns that leave least of y, shape (columns,)."""
-    x, length = scaled(columns)
-    return np.linalg.lstsq(x, y, rcond=least)[0] / length
-
-
-def solved(normal: Array, right: Array) -> Array:
-    """Return the solution of normal equations, their columns scaled to the same length."""
-    length = np.sqrt(np.where(normal.diagonal() > 0.0, normal.diagonal(), 1.0))
-    found: Array = np.linalg.lstsq(
-        normal / np.outer(length, length), right / length, rcond=1e-13)[0] / length
+    found: Array = inverted(columns.T @ columns) @ (columns.T @ y)
     return found
 
 
@@ -318,24 +283,6 @@ def inverted(normal: Array) -> Array:
     length = np.sqrt(np.where(normal.diagonal() > 0.0, normal.diagonal(), 1.0))
     found: Array = np.linalg.pinv(normal / np.outer(length, length), 1e-13, True) / np.outer(
         length, length)
-    return found
-
-
-def stribeck_velocity(which: float) -> float:
-    """Return the velocity at a place among `STRIBECK` [rad/s]."""
-    ratio = STRIBECK[1] / STRIBECK[0]
-    return float(STRIBECK[0] * ratio ** which)
-
-
-def interpolation(which: float, slope: bool = False) -> Array:
-    """Return the weights of the Stribeck columns, by the quintic of six, or those of its slope."""
-    count = len(STRIBECK)
-    first = int(np.clip(np.floor(which) - 2, 0, count - 6))
-    nodes = np.arange(first, first + 6)
-    powers = np.linalg.inv(np.vander(nodes - which, 6, increasing=True))
-    found = np.zeros(count)
-    # Of the quintic in (place - which): its value there, or its slope.
-    found[nodes] = powers[1 if slope else 0]
     return found
 
 
@@ -459,33 +406,16 @@ def _lasting(fit: Fit) -> Array:
     found = np.zeros((fit.design.shape[2],) * 2)
     for i, weight in enumerate(fit.weight):
         used: Flags = np.asarray(fit.design[:, i].any(axis=1))
-        count = int(used.sum())
+        rows = fit.design[used, i]
         variance = lasting_variance(fit.residual[:, i], used)
-        if variance > 0.0:
-            rows = fit.design[used, i]
-            found += weight ** 2 * variance * count / _ERRORS * (rows.T @ rows)
+        found += weight ** 2 * variance * len(rows) / _ERRORS * (rows.T @ rows)
     return found
 
 
 def lasting_variance(x: Array, used: Flags) -> float:
-    """
-    Return the variance of a series that lasts beyond the overlap of windows.
-
-    Parameters
-    ----------
-    x : ndarray, shape (J,)
-        Residuals of a joint.
-    used : ndarray, shape (J,)
-        Where they count.
-
-    """
-    count = int(used.sum())
+    """Return the variance of a series, where it counts, that lasts beyond windows' overlap."""
     y = np.where(used, x, 0.0)
-    products, pairs = 0.0, 0
-    for lag in _LAGS:
-        products += float(y[lag:] @ y[:-lag])
-        pairs += int((used[lag:] & used[:-lag]).sum())
-    if not pairs:
-        return 0.0
-    chance = 2.0 * float(y @ y) / max(count, 1) / np.sqrt(pairs / 4.0)
-    return float(max(0.0, products / pairs - chance))
+    pairs = sum(int((used[lag:] & used[:-lag]).sum()) for lag in _LAGS)
+    products = sum(float(y[lag:] @ y[:-lag]) for lag in _LAGS)
+    chance = 2.0 * float(y @ y) / max(int(used.sum()), 1) / np.sqrt(max(pairs, 1) / 4.0)
+    return float(max(0.0, products / max(pairs, 1) - chance))

@@ -25,7 +25,7 @@ from ctc_chattering.analysis.tables import rounded
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.identification.findings import Finding, Kind
 from ctc_chattering.identification.identify import Identification
-from ctc_chattering.identification.least_squares import Data, ERRORS, FRICTION
+from ctc_chattering.identification.least_squares import Data, FRICTION, TermKind
 from ctc_chattering.identification.verdict import verdicts
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
@@ -40,8 +40,6 @@ _TAILS = 3.0
 _BESIDE = 4
 #: Fewest windows of which a tail is told.
 _ENOUGH = 100
-#: Deviations of noise in short windows, and over which part of |P| these are looked at.
-_NOISE, _BEYOND = 4.0, 1.2
 
 
 @dataclasses.dataclass(frozen=True)
@@ -64,8 +62,6 @@ class MeasuredPerturbation:
     tail, error : ndarray, shape (n,)
         Bound of what is not predicted in trusted windows, and largest error of the model there
         [N·m].
-    impact : ndarray, shape (n,)
-        By what |P| in short windows exceeds that in the windows above [N·m].
 
     """
 
@@ -76,7 +72,6 @@ class MeasuredPerturbation:
     trusted: Flags
     tail: Array
     error: Array
-    impact: Array
 
     @property
     def rest(self) -> Array:
@@ -89,13 +84,8 @@ class MeasuredPerturbation:
         Largest |P| of each joint, shape (n,) [N·m].
 
         That of the envelope with what is not predicted, and what was measured where the joint
-        does not slide, before it breaks away; with impacts.
+        does not slide, before it breaks away.
         """
-        return self.smooth_peak + self.impact
-
-    @property
-    def smooth_peak(self) -> Array:
-        """Return the same without impacts, shape (n,) [N·m]."""
         slides = np.isfinite(self.predicted) & self.trusted[:, None]
         known = np.where(slides, self.envelope, 0.0).max(axis=0, initial=0.0) + self.tail
         held = [tail_bound(np.abs(x[self.trusted & ~mine]))
@@ -143,44 +133,23 @@ class MeasuredPerturbation:
                 np.sqrt(np.square(rest).sum(axis=0) / count))
 
 
-def perturbation(found: Identification, data: Data | None = None) -> MeasuredPerturbation:
-    """
-    Return P of the identified run, or of another one.
-
-    Parameters
-    ----------
-    found : Identification
-        What was identified.
-    data : Data, optional
-        Windows of the other run, with the same joints and errors of the model.
-
-    """
-    fit, data = found.selected.fit, data or found.data
-    used, error = data.used(), _error(found, data)
-    # The slopes of Stribeck columns are 0, and in the fit for the sake of intervals.
-    predicted = np.where(used, data.columns(fit.terms) @ fit.value, np.nan)
+def perturbation(found: Identification) -> MeasuredPerturbation:
+    """Return P of the identified run."""
+    data = found.data
+    used, error = data.used(), _error(found)
+    predicted = np.where(used, found.selected.torque(data)[0], np.nan)
     rest = np.abs(data.residual - predicted)
     bound = np.array([tail_bound(x[np.isfinite(x)]) for x in rest.T])
     size = np.array([np.median(np.abs(x[mine])) if mine.any() else 0.0
                      for x, mine in zip(data.residual.T, used.T)])
     far: Flags = np.any(rest > np.maximum(_FAR * bound, bound + _SEEN * size), axis=1)
-    trusted = ~_widened(far)
-    tail = np.array([tail_bound(x[np.isfinite(x) & trusted]) for x in rest.T])
-    run = MeasuredPerturbation(
+    # Windows beside one that is far share samples with it.
+    trusted = np.convolve(far, np.ones(2 * _BESIDE + 1), 'same') < 0.5
+    return MeasuredPerturbation(
         data.t, data.residual, predicted,
-        np.abs(error) + _largest_friction(found, data.velocity, data.load, 0.0), trusted, tail,
-        np.abs(error[trusted]).max(axis=0, initial=0.0), np.zeros(len(tail)))
-    return dataclasses.replace(run, impact=_impact(found, run)) if data is found.data else run
-
-
-def _impact(found: Identification, run: MeasuredPerturbation) -> Array:
-    """Return by what |P| in short windows exceeds the peak of a run, shape (n,) [N·m]."""
-    if found.short is None:
-        return np.zeros(len(found.joints))
-    sizes = np.abs(found.short.perturbation[run.trusted[found.short.nearest]])
-    largest = sizes.max(axis=0, initial=0.0) - _NOISE * found.short.noise
-    peak = run.smooth_peak
-    return np.where(largest > _BEYOND * peak, largest - peak, 0.0)
+        np.abs(error) + _largest_friction(found, data.velocity, data.load, 0.0), trusted,
+        np.array([tail_bound(x[np.isfinite(x) & trusted]) for x in rest.T]),
+        np.abs(error[trusted]).max(axis=0, initial=0.0))
 
 
 def tail_bound(sizes: Array) -> float:
@@ -197,15 +166,10 @@ def tail_bound(sizes: Array) -> float:
     return min(largest, float(high + (high - most) * np.log10(len(sizes) / 100.0)))
 
 
-def _widened(far: Flags) -> Flags:
-    """Return the windows that are far, or beside one that is."""
-    return np.convolve(far, np.ones(2 * _BESIDE + 1), 'same') > 0.5
-
-
-def _error(found: Identification, data: Data) -> Array:
+def _error(found: Identification) -> Array:
     """Return the torque of errors of the model in each window, shape (J, n) [N·m]."""
-    error, _ = found.selected.torque(data, ERRORS)
-    for i, used in enumerate(data.used().T):
+    error, _ = found.selected.torque(found.data, (TermKind.MODEL,))
+    for i, used in enumerate(found.data.used().T):
         if used.any():
             # Of a window in which the joint does not slide: between those in which it does.
             error[:, i] = np.interp(np.arange(len(used)), np.flatnonzero(used), error[used, i])
@@ -228,7 +192,7 @@ def friction_at(found: Identification, velocity: Array, load: Array | float
 
     """
     states = Data.at(np.copysign(1.0, velocity), velocity, np.broadcast_to(load, velocity.shape),
-                     np.zeros((*velocity.shape, found.selected.mixing.shape[1])))
+                     np.zeros((*velocity.shape, found.data.more.shape[2])))
     return found.selected.torque(states, FRICTION)
 
 
@@ -242,29 +206,27 @@ def _largest_friction(found: Identification, velocity: Array, load: Array, halve
 #: Random states, and speeds at which friction is looked up.
 _STATES, _SPEEDS = 600, 60
 #: Least and most acceleration by velocity [1/s].
-_ACCELERATION, _MOST = 4.0, 15.0
+_ACCELERATION = 4.0, 15.0
 #: How often, and by which factor, states are slowed down that need more than the drives give.
 _SLOWED, _SLOWER = 8, 0.7
 #: Range of a joint without limits [rad].
 _RANGE = (-pi, pi)
 
 
-@dataclasses.dataclass(frozen=True)
-class MotionLimits:
+class MotionLimits(NamedTuple):
     """
     What a motion may reach; n joints.
 
     Attributes
     ----------
-    low, high : ndarray, shape (n,)
-        Positions [rad].
+    position : ndarray, shape (n, 2)
+        Lowest and highest [rad].
     velocity, acceleration, effort : ndarray, shape (n,)
         Largest magnitudes [rad/s, rad/s², N·m].
 
     """
 
-    low: Array
-    high: Array
+    position: Array
     velocity: Array
     acceleration: Array
     effort: Array
@@ -278,30 +240,20 @@ def motion_limits(model: Model, found: Identification, run: MeasuredPerturbation
     The acceleration is that of the recorded motion, played until the velocity is at its limit.
     """
     n = model.n
-    recorded = np.where(run.trusted[:, None], found.data.velocity, 0.0)
-    fastest = np.abs(recorded).max(axis=0, initial=0.0)
-    velocity = _array(getattr(model, 'velocity_limits', None), n)
+    fastest, change = (np.abs(x[run.trusted]).max(axis=0, initial=0.0)
+                       for x in (found.data.velocity, found.data.acceleration))
+    velocity = np.array(getattr(model, 'velocity_limits', None) or [np.inf] * n, float)
     velocity = np.where(np.isfinite(velocity), velocity, fastest)
-    step = np.median(np.diff(run.t))
-    near = run.trusted[1:] & run.trusted[:-1] & (np.abs(np.diff(run.t)) < 1.5 * step)
-    change = np.abs(np.diff(recorded, axis=0)[near]).max(axis=0, initial=0.0) / step
-    ratio = change * velocity / np.maximum(np.square(fastest), 1e-12)
-    low, high = np.array(getattr(model, 'position_limits', None) or [_RANGE] * n, float).T
-    return MotionLimits(np.where(np.isfinite(low), low, _RANGE[0]),
-                        np.where(np.isfinite(high), high, _RANGE[1]), velocity,
-                        np.clip(ratio, _ACCELERATION, _MOST) * velocity,
-                        _array(model.effort_limits, n))
-
-
-def _array(limits: Sequence[float] | None, n: int) -> Array:
-    """Return limits as an array, inf where there are none."""
-    return np.array(limits, float) if limits else np.full(n, np.inf)
+    ratio = np.clip(change * velocity / np.maximum(np.square(fastest), 1e-12), *_ACCELERATION)
+    position = np.array(getattr(model, 'position_limits', None) or [_RANGE] * n, float)
+    return MotionLimits(np.where(np.isfinite(position), position, _RANGE), velocity,
+                        ratio * velocity, np.array(model.effort_limits or [np.inf] * n, float))
 
 
 def _states(limits: MotionLimits, rng: np.random.Generator) -> tuple[Array, Array, Array]:
     """Return random q, dq and ddq, each of shape (S, n); half of them as fast as allowed."""
-    shape = (_STATES, len(limits.low))
-    q = rng.uniform(limits.low, limits.high, shape)
+    shape = (_STATES, len(limits.velocity))
+    q = rng.uniform(limits.position[:, 0], limits.position[:, 1], shape)
     fast = np.arange(_STATES)[:, None] % 2 == 0
     speed, change = (np.where(fast, np.sign(x), x)
                      for x in rng.uniform(-1.0, 1.0, (2, *shape)))
@@ -316,12 +268,10 @@ def _torques(model: Model, q: Array, dq: Array, ddq: Array) -> Array:
 
 def _largest_error(found: Identification, tau: Array, states: tuple[Array, Array, Array]) -> Array:
     """Return the largest torque of errors of the model, shape (n,) [N·m]."""
-    mixing = found.selected.mixing
-    more = np.zeros((*tau.shape, mixing.shape[1]))
-    if found.columns is not None and mixing.size:
-        more = np.array([found.columns.at(*rows) for rows in zip(*states)]) @ mixing
+    more = (np.array([found.columns.at(*rows) for rows in zip(*states)]) if found.columns
+            else np.zeros((*tau.shape, 0)))
     value, half = found.selected.torque(
-        Data.at(np.ones_like(tau), states[1], tau, more), ERRORS)
+        Data.at(np.ones_like(tau), states[1], tau, more), (TermKind.MODEL,))
     largest: Array = (np.abs(value) + half).max(axis=0)
     return largest
 
@@ -380,49 +330,31 @@ def perturbation_bound(found: Identification, run: MeasuredPerturbation, model: 
         dq, ddq = np.where(beyond, _SLOWER * dq, dq), np.where(beyond, _SLOWER ** 2 * ddq, ddq)
     allowed = ~beyond[:, 0] if not beyond.all() else np.ones(len(q), bool)
     q, dq, ddq, tau = (x[allowed] for x in (q, dq, ddq, tau))
-    error = _largest_error(found, tau, (q, dq, ddq))
-    most = np.abs(tau).max(axis=0)
-    load = np.minimum(most + error, limits.effort)
+    error, most = _largest_error(found, tau, (q, dq, ddq)), np.abs(tau).max(axis=0)
     friction = _largest_friction(
-        found, np.linspace(0.0, limits.velocity, _SPEEDS), load, 1.0).max(axis=0)
-    # Parts that hit each other do so with a momentum that grows with the speed.
-    faster = limits.velocity / np.maximum(np.abs(found.data.velocity).max(axis=0), 1e-12)
-    unexplained = run.tail + run.impact * np.maximum(faster, 1.0)
-    peak = np.maximum(run.peak, friction + error + unexplained)
+        found, np.linspace(0.0, limits.velocity, _SPEEDS),
+        np.minimum(most + error, limits.effort), 1.0).max(axis=0)
+    peak = np.maximum(run.peak, friction + error + run.tail)
     ka = np.array([in_digits(MARGIN * p, 3, np.ceil) for p in peak])
     usable = [x.usable for x in verdicts(found)]
     speeds, *parts = (', '.join(f'{x:.3g}' if good else '-' for x, good in zip(values, usable))
-                      for values in (limits.velocity, friction, error, unexplained, run.peak))
+                      for values in (limits.velocity, friction, error, run.tail, run.peak))
     reason = (f'{MARGIN:g} times the largest |P| up to {speeds} rad/s, the limits of the '
               'description, or the speed of the run where there is none: friction {}, errors of '
               'the model {}, unexplained {} N*m; in the run |P| is at most {} N*m'.format(*parts))
     often = limits.acceleration / np.maximum(limits.velocity, 1e-12)
     return PerturbationBound(
         np.minimum(ka, limits.effort), peak, friction, often * most, reason,
-        (*_beyond(peak, ka, limits.effort), *_unknown(found), *_impacts(run)))
+        tuple(_doubts(found, peak, ka, limits.effort)))
 
 
-def _beyond(peak: Array, ka: Array, effort: Array) -> Iterator[Finding]:
-    """Yield the joints whose drive cannot give ka."""
-    for i, (p, k, most) in enumerate(zip(peak, ka, effort)):
-        if k > most:
-            yield Finding(Kind.DOUBT, i, f'|P| reaches {p:.3g} N*m as fast as the limits '
-                          f'allow; ka = {k:.3g} N*m is cut to its effort limit, {most:.3g} N*m',
-                          'correct the model, or move more slowly')
-
-
-def _impacts(run: MeasuredPerturbation) -> Iterator[Finding]:
-    """Yield the joints of which |P| is larger for a short time."""
-    for i, (smooth, more) in enumerate(zip(run.smooth_peak, run.impact)):
-        if more > 0.0:
-            yield Finding(Kind.DOUBT, i, f'|P| reaches {smooth + more:.3g} N*m for 0.02 s, and '
-                          f'{smooth:.3g} N*m over 0.1 s: impacts of backlash, or an elastic joint',
-                          'look for play in the gear; ka has them, as far as the run shows them')
-
-
-def _unknown(found: Identification) -> Iterator[Finding]:
-    """Yield the joints whose viscous friction is not known."""
+def _doubts(found: Identification, peak: Array, ka: Array, effort: Array) -> Iterator[Finding]:
+    """Yield the joints whose drive cannot give ka, or whose viscous friction is not known."""
     for i, one in enumerate(found.friction):
+        if ka[i] > effort[i]:
+            yield Finding(Kind.DOUBT, i, f'|P| reaches {peak[i]:.3g} N*m as fast as the limits '
+                          f'allow; ka = {ka[i]:.3g} N*m is cut to its effort limit, '
+                          f'{effort[i]:.3g} N*m', 'correct the model, or move more slowly')
         if one.coulomb.value is not None and one.viscous.value is None and (
                 not one.viscous.shows_none):
             yield Finding(Kind.MOTION, i, 'ka holds at the speeds of the run only: '

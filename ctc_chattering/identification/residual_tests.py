@@ -31,46 +31,10 @@ from ctc_chattering.identification.least_squares import (
     TermKind,
     without,
 )
-from ctc_chattering.identification.weak_form import HALF
-from ctc_chattering.identification.windows import BUILD_UP, WindowStates
+from ctc_chattering.identification.windows import BUILD_UP
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
-from scipy.special import gamma, jv  # type: ignore[import-untyped]
 from scipy.stats import chi2  # type: ignore[import-untyped]
-
-#: On what friction depends that drifts.
-TIME = 'time'
-#: Fewest and most periods in a turn of the joint that are looked for.
-_LEAST, _PERIODS = 3.0, 500.0
-#: Distance of positions that count as one [rad].
-_SPACING = 2.0 * np.pi / 2048.0
-#: Part of an amplitude that must be left by the window, and fewest windows which have that.
-_LEFT, _WINDOWS = 0.1, 40
-#: Transform of the test function of `weak_form.py`.
-_PHASES = np.linspace(1e-3, 25.0, 2000)
-_AMPLITUDES = gamma(5.5) * (2.0 / _PHASES) ** 4.5 * jv(4.5, _PHASES)
-
-
-class FittedMotion(NamedTuple):
-    """
-    A fit and the motion that it is of; J windows, n joints.
-
-    Attributes
-    ----------
-    data, fit
-        Windows, and the regression.
-    base, weight : ndarray, shape (J, n)
-        Torque of the model, and its weight [N·m].
-    states : WindowStates
-        Motion in the windows.
-
-    """
-
-    data: Data
-    fit: Fit
-    base: Array
-    weight: Array
-    states: WindowStates
 
 
 class Guess(NamedTuple):
@@ -96,11 +60,11 @@ class Guess(NamedTuple):
     columns: Array
 
 
-def causes(found: FittedMotion, i: int) -> Iterator[Guess]:
+def causes(data: Data, i: int) -> Iterator[Guess]:
     """Yield what the torque of joint i may depend on besides the model."""
-    data, states, used = found.data, found.states, found.data.way[:, i] != 0.0
-    way, t, q = data.way[used, i], data.t[used], states.position[used, i]
-    speed, load = np.abs(data.velocity[used, i]), np.abs(found.base[used, i])
+    used = data.way[:, i] != 0.0
+    way, t, q = data.way[used, i], data.t[used], data.position[used, i]
+    speed, base = np.abs(data.velocity[used, i]), data.base[used, i]
     turn = np.column_stack((np.sin(q), np.cos(q), np.sin(2.0 * q), np.cos(2.0 * q), q, q * q))
     yield Guess('position', 'a weight, spring, cable or cogging that the model lacks',
                 'correct the model', turn)
@@ -110,78 +74,31 @@ def causes(found: FittedMotion, i: int) -> Iterator[Guess]:
                 'record the speeds that you will use', _kinks(speed) * way[:, None])
     yield Guess('acceleration', 'an inertia of rotor or link that the model lacks, or a lag of '
                 'the drive', 'correct the inertia in the model',
-                np.column_stack((states.acceleration[used, i],
-                                 (found.base - found.weight)[used, i])))
+                np.column_stack((data.acceleration[used, i], base - data.gravity[used, i])))
     yield Guess('the way since a reversal', 'backlash, an elastic joint, or friction that builds '
                 f'up over a way (looked for up to {BUILD_UP[-1]:g} rad)',
-                'reduce the backlash, or measure behind the elasticity', states.build_up[used, i])
+                'reduce the backlash, or measure behind the elasticity', data.build_up[used, i])
     late = (t - t.min()) / max(float(np.ptp(t)), 1e-9)
     thirds = np.eye(3)[np.minimum((3.0 * late).astype(int), 2)]
-    yield Guess(TIME, 'friction that drifts, with temperature say',
+    yield Guess('time', 'friction that drifts, with temperature say',
                 'warm the robot up, and record a shorter run',
                 np.column_stack((thirds, thirds * way[:, None])))
+    load = way * np.abs(base)
     yield Guess('the load', 'friction that depends on the load',
                 'record the load that you will have',
-                np.column_stack((way * load, way * load * speed)))
+                np.column_stack((load, load * speed, np.sign(base))))
     others = [k for k in range(data.way.shape[1]) if k != i]
     if others:
-        torque = (found.base + data.residual)[used][:, others]
+        torque = (data.base + data.residual)[used][:, others]
         yield Guess('the torques of other joints', 'coupled joints, or sensors of torque that '
                     'mix axes', 'check --joints and the calibration of the torques',
-                    np.column_stack((torque, states.acceleration[used][:, others])))
+                    np.column_stack((torque, data.acceleration[used][:, others])))
 
 
 def _kinks(speed: Array) -> Array:
     """Return columns that are 0 up to a speed and linear above it."""
     knots = np.quantile(speed, (0.1, 0.25, 0.5, 0.75))
     return np.column_stack([np.maximum(speed - knot, 0.0) for knot in knots])
-
-
-def periodic(found: FittedMotion, i: int, residual: Array) -> tuple[Guess | None, int]:
-    """
-    Return the periodic torque that explains most of a residual, and how many were looked for.
-
-    Parameters
-    ----------
-    found, i
-        Fit with its motion, and the joint.
-    residual : ndarray, shape (K,)
-        In the windows in which the joint slides [N·m].
-
-    """
-    data, used = found.data, found.data.way[:, i] != 0.0
-    q, way = found.states.position[used, i], data.way[used, i]
-    speed = np.abs(data.velocity[used, i])
-    place = ((q - q.min()) / _SPACING).astype(int)
-    size = 1 << (int(place.max(initial=0)) + 1).bit_length() + 2
-    orders = 2.0 * np.pi / (_SPACING * size) * np.arange(size // 2 + 1)
-    best, most, low = 0.0, 0.0, _LEAST
-    while low < _PERIODS:
-        # A window leaves more of a wave the slower the joint is.
-        part = _left(1.5 * low, speed)
-        if (part > _LEFT).sum() < _WINDOWS:
-            break
-        inside = (orders >= low) & (orders < 2.0 * low)
-        power = sum(np.square(np.abs(np.fft.rfft(np.bincount(place, x, size), size)))[inside]
-                    for x in (part * residual, part * way * residual)) / part.dot(part)
-        if power.max(initial=0.0) > most:
-            best, most = float(orders[inside][np.argmax(power)]), float(power.max())
-        low *= 2.0
-    tried = int(low * np.ptp(q) / np.pi) + 1
-    return Guess('the angle of the joint, periodically', f'ripple of motor or gear with about '
-                 f'{best:.3g} periods in a turn', 'compensate the ripple',
-                 _waves(best, q, speed, way)) if best else None, tried
-
-
-def _left(order: float, speed: Array) -> Array:
-    """Return the part of a wave's amplitude that a window leaves."""
-    return np.asarray(np.interp(order * speed * HALF, _PHASES, _AMPLITUDES), float)
-
-
-def _waves(order: float, q: Array, speed: Array, way: Array) -> Array:
-    """Return the mean of sine and cosine of an order over windows, and those by direction."""
-    waves = _left(order, speed)[:, None] * np.column_stack((np.sin(order * q), np.cos(order * q)))
-    return np.column_stack((waves, waves * way[:, None]))
 
 
 #: Part by which friction may be off without care.
@@ -214,22 +131,12 @@ class Effect(NamedTuple):
         RMS of the torque that it explains [N·m].
     shift : ndarray, shape (p,)
         Change of the coefficients of the friction with it.
-    torque : ndarray, shape (K,)
-        What it explains [N·m].
 
     """
 
     cause: Guess
     size: float
     shift: Array
-    torque: Array
-
-    def drift(self) -> str:
-        """Return by how much friction changes, of an effect of time; else nothing."""
-        if self.cause.against != TIME:
-            return ''
-        thirds = np.linalg.lstsq(self.cause.columns, self.torque, rcond=1e-9)[0]
-        return f', by {thirds[-1] - thirds[-3]:+.2g} N*m from the first third to the last'
 
     def off(self, whole: Unexplained) -> float:
         """Return by which part the friction may be off with it."""
@@ -266,8 +173,7 @@ class Unexplained(NamedTuple):
         return _PEAK * float(np.sqrt(sum(x.size ** 2 for x in self.effects) + self.rest ** 2))
 
 
-def effect(cause: Guess, friction: Array, others: Array, residual: Array, tried: int = 1
-           ) -> Effect | None:
+def effect(cause: Guess, friction: Array, others: Array, residual: Array) -> Effect | None:
     """
     Return what the columns of a cause explain of a residual, None for what chance explains.
 
@@ -279,8 +185,6 @@ def effect(cause: Guess, friction: Array, others: Array, residual: Array, tried:
         Columns of the fit, and those of causes that were found before.
     residual : ndarray, shape (K,)
         Of the fit with both [N·m].
-    tried : int
-        How many such causes this one is the best of.
 
     """
     basis = np.linalg.qr(scaled(np.column_stack((friction, others)))[0])[0]
@@ -293,34 +197,29 @@ def effect(cause: Guess, friction: Array, others: Array, residual: Array, tried:
     degrees = max(len(residual) - len(s) - basis.shape[1], 1)
     noise = float(rest.dot(rest)) / degrees * correlation_length(rest)
     power = float(found.dot(found))
-    chance = noise * float(chi2.isf(_CHANCE / tried, max(len(s), 1)))
-    if power <= chance:
+    if power <= noise * float(chi2.isf(_CHANCE, max(len(s), 1))):
         return None
-    whole = columns @ (v.T @ (found / s))
-    shift = np.linalg.lstsq(friction, -whole, rcond=1e-9)[0]
-    return Effect(cause, float(np.sqrt(power / len(residual))), shift, u @ found)
+    shift = np.linalg.lstsq(friction, -columns @ (v.T @ (found / s)), rcond=1e-9)[0]
+    return Effect(cause, float(np.sqrt(power / len(residual))), shift)
 
 
-def unexplained(found: FittedMotion, i: int) -> Unexplained | None:
-    """Return what is left of the torque of joint i; None if it hardly slides."""
-    fit, used = found.fit, found.data.way[:, i] != 0.0
+def unexplained(data: Data, fit: Fit, i: int) -> Unexplained | None:
+    """Return what a fit leaves of the torque of joint i; None if it hardly slides."""
+    used = data.way[:, i] != 0.0
     mine = [k for k, term in enumerate(fit.terms) if term.joint == i]
     if used.sum() < _FEWEST or not mine:
         return None
     friction, rest = fit.design[used, i][:, mine], fit.residual[used, i]
     level = float(np.sqrt(np.square(friction @ fit.value[mine]).mean()))
     effects: list[Effect] = []
-    others, options = np.zeros((len(rest), 0)), list(causes(found, i))
+    others, options = np.zeros((len(rest), 0)), list(causes(data, i))
     while len(effects) < _MOST:
         shown = [effect(cause, friction, others, rest) for cause in options]
-        if len(effects) in (0, _MOST - 1) or not any(shown):
-            wave, tried = periodic(found, i, rest)
-            shown += [effect(wave, friction, others, rest, tried)] if wave else []
         best = max((x for x in shown if x is not None), key=lambda x: x.size, default=None)
         if best is None:
             break
         effects.append(best)
-        options = [x for x in options if x.against != best.cause.against]
+        options = [x for x in options if x is not best.cause]
         others = np.column_stack((others, best.cause.columns))
         rest = without(np.column_stack((friction, others)), rest, 1e-6)
     whole = np.zeros(len(used))
@@ -356,7 +255,7 @@ def findings(i: int, left: Unexplained) -> Iterator[Finding]:
         if off > max(NEGLIGIBLE, _MINOR * worst):
             yield Finding(Kind.FRICTION_OFF, i, f'{left.part(x.size):.1%} of the friction, '
                           f'{x.size:.2g} N*m RMS, depends on {x.cause.against}: '
-                          f'{x.cause.points_to}{x.drift()}; friction may be off by {off:.0%}',
+                          f'{x.cause.points_to}; friction may be off by {off:.0%}',
                           x.cause.cure, off)
     off = left.part(_PEAK * left.rest)
     if off > NEGLIGIBLE:
@@ -366,33 +265,19 @@ def findings(i: int, left: Unexplained) -> Iterator[Finding]:
                       'look at the figure of what is not explained', off)
 
 
-def widened(found: FittedMotion, i: int, friction: JointFriction, left: Unexplained
+def widened(data: Data, fit: Fit, i: int, friction: JointFriction, left: Unexplained
             ) -> JointFriction:
-    """
-    Return the friction of joint i with intervals that contain what is unexplained.
-
-    Parameters
-    ----------
-    found, i
-        Fit with its motion, and the joint.
-    friction : JointFriction
-        Its friction.
-    left : Unexplained
-        What is left of its torque.
-
-    """
-    if not left.off:
-        return friction
-    terms = [term for term in found.fit.terms if term.joint == i]
-    speed = np.abs(found.data.velocity[found.data.way[:, i] != 0.0, i])
+    """Return the friction of joint i with intervals that contain what is unexplained."""
+    terms = [term for term in fit.terms if term.joint == i]
+    speed = np.abs(data.velocity[data.way[:, i] != 0.0, i])
     ways = (TermKind.FORWARDS, TermKind.BACKWARDS)
     changes = {}
     for name, kinds in (('coulomb', ways), ('forwards', ways[:1]), ('backwards', ways[1:]),
                         ('offset', ways), ('viscous', (TermKind.VISCOUS,)), ('stribeck', ())):
         number: Estimate = getattr(friction, name)
         least = left.off / max(float(np.std(speed)), 1e-9) if name == 'viscous' else left.off
-        places = [terms.index(Term(kind, i)) for kind in kinds if Term(kind, i) in terms]
-        shift = sum(float(np.abs(x.shift[places]).max(initial=0.0)) for x in left.effects)
+        mine = [terms.index(Term(kind, i)) for kind in kinds if Term(kind, i) in terms]
+        shift = sum(float(np.abs(x.shift[mine]).max(initial=0.0)) for x in left.effects)
         changes[name] = number if number.value is None else dataclasses.replace(
             number, half=number.half + _SURE * shift + least)
     return dataclasses.replace(friction, **changes)

@@ -57,8 +57,7 @@ FRICTION = {'coulomb': 'Coulomb [N*m]', 'forwards': 'forwards', 'backwards': 'ba
 #: What sensors show, and further quantities: field of the identification, key of the JSON file,
 #: and heading.
 _SENSORS = (('encoder', 'encoder_step_rad', 'encoder step [rad]'),
-            ('noise', 'velocity_noise_rad_per_s', 'velocity noise [rad/s]'),
-            ('velocity_lag', 'velocity_lag_s', 'lag of the velocity [s]'))
+            ('noise', 'velocity_noise_rad_per_s', 'velocity noise [rad/s]'))
 _DRIVES = (('scale', 'torque_scale', 'torque per torque unit'),
            ('rotor', 'rotor_inertia_kgm2', 'rotor inertia [kg*m^2]'),
            ('rate', 'torque_rate_nm_per_s', 'rate of the drive [N*m/s]'))

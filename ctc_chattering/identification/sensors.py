@@ -12,15 +12,14 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What the sensors do: step of the encoders, noise and lag of the velocities, period."""
+"""What the sensors do: step of the encoders, noise of the velocities, period."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
 import dataclasses
 
 from ctc_chattering.bags.recording import BRIDGED, Recording
-from ctc_chattering.identification.findings import ALL_JOINTS, Estimate, Finding, Kind, NONE
+from ctc_chattering.identification.findings import Estimate, Finding, Kind
 from ctc_chattering.identification.least_squares import coefficients
 from ctc_chattering.identification.weak_form import position_noise, smooth, velocity_deviation
 from ctc_chattering.numerics.linear_algebra import Array
@@ -31,8 +30,6 @@ from scipy.stats import median_abs_deviation  # type: ignore[import-untyped]
 _MULTIPLES = 0.98
 #: Smallest step that counts, relative to the position: less is rounding of numbers.
 _ROUNDING = 1e-13
-#: Shortest lag of a velocity that is named, in periods: the smoothing's own errors are less.
-_SHORTEST = 0.03
 #: Half an interval of a velocity over the change of the position, in deviations of independent
 #: samples: few are.
 _INDEPENDENT = 20.0
@@ -73,22 +70,6 @@ def clock(recording: Recording) -> Clock:
                  tuple((float(recording.t[k] - recording.t[0]), float(step[k])) for k in long))
 
 
-def stamp_findings(recordings: Sequence[Recording]) -> Iterator[Finding]:
-    """Yield what is wrong with the stamps of checked recordings."""
-    for recording in recordings:
-        step, period = np.diff(recording.t), recording.period
-        near = np.where(np.abs(step - period) < 0.5 * period, step, np.nan)
-        tenths = np.array([np.nanmean(x) for x in np.array_split(near, 10)
-                           if np.isfinite(x).any()])
-        drift = float(np.ptp(tenths)) / period
-        chance = np.nanstd(near) / period / np.sqrt(0.1 * len(step))
-        if drift - 5.0 * chance > Kind.PERIOD_DRIFT.care:
-            yield Finding(Kind.PERIOD_DRIFT, ALL_JOINTS, f'{recording.name}: the period drifts by '
-                          f'{drift:.2%} during the run: delays in samples and times do not agree',
-                          'stamp the states with the clock of the control loop',
-                          drift - 5.0 * chance)
-
-
 def encoder_step(q: Array) -> Estimate:
     """
     Return the step of an encoder from positions q, shape (N,) [rad].
@@ -113,29 +94,27 @@ def encoder_step(q: Array) -> Estimate:
     return Estimate(least, unit='rad')
 
 
-def velocity_noise(recording: Recording, period: float
-                   ) -> tuple[list[Estimate], list[Estimate], list[Finding]]:
+def velocity_noise(recording: Recording, period: float) -> tuple[list[Estimate], list[Finding]]:
     """
-    Return noise [rad/s] and lag [s] of the measured velocity of each joint, and findings.
+    Return the noise of the measured velocity of each joint [rad/s], and findings.
 
-    The velocity is compared with that of the smoothed positions. Where it is no such velocity,
-    its noise is not known, and the joint is refused.
+    The velocity is compared with that of the smoothed positions, beside a lag. Where it is no such
+    velocity, its noise is not known, and the joint is refused.
     """
-    n = len(recording.joints)
     if recording.dq is None:
-        reason = Estimate.none('no velocities in the bag')
-        return [reason] * n, [reason] * n, []
-    dq = recording.dq[:_ENOUGH]
-    q = recording.q[:_ENOUGH]
+        return [Estimate.none('no velocities in the bag')] * len(recording.joints), []
+    dq, q = recording.dq[:_ENOUGH], recording.q[:_ENOUGH]
     known = velocity_deviation(period) * position_noise(q, period)
-    noise, lag, findings = [], [], []
+    noise, findings, most = [], [], Kind.VELOCITY_RATIO.refused
     for i, name in enumerate(recording.joints):
-        moved = smooth(q[:, i], period, 1)
-        rest = dq[:, i] - moved
-        use = np.isfinite(rest)
-        x, y = smooth(q[:, i], period, 2)[use], rest[use]
-        ratio, error = _ratio(dq[use, i], moved[use], x)
-        most = Kind.VELOCITY_RATIO.refused
+        # What goes with the acceleration is a lag; joints that stop or jerk have more.
+        x = np.column_stack([smooth(q[:, i], period, order) for order in (1, 2)])
+        calm = np.abs(x[:, 1]) <= np.percentile(np.abs(x[:, 1]), 95.0)
+        x, y = x[calm & np.isfinite(dq[:, i])], dq[calm & np.isfinite(dq[:, i]), i]
+        value, length = coefficients(x, y), float(np.linalg.norm(x[:, 0]))
+        rest = y - x @ value
+        ratio = float(value[0]) if length else 1.0
+        error = _INDEPENDENT * float(np.sqrt(np.square(rest).mean())) / max(length, 1e-300)
         if abs(ratio - 1.0) - error > most:
             what = (f'the velocity of {name} is {ratio:.3g} ± {error:.1g} times the change of its '
                     f'position, allowed: {1.0 - most:g} to {1.0 + most:g}')
@@ -145,39 +124,7 @@ def velocity_noise(recording: Recording, period: float
                 'correct the velocities in joint_states, or record without them',
                 abs(ratio - 1.0) - error))
             noise.append(Estimate.none(what))
-            lag.append(Estimate.none(what))
             continue
-        # A lag shows where the joint accelerates, not where it stops or jerks.
-        calm = np.abs(x) <= np.percentile(np.abs(x), 95.0)
-        power = float(x[calm].dot(x[calm]))
-        slope = -float(x[calm].dot(y[calm])) / power if power else 0.0
-        left = y[calm] + slope * x[calm]
-        spread = float(median_abs_deviation(left, scale='normal'))
+        spread = float(median_abs_deviation(rest, scale='normal'))
         noise.append(Estimate(float(np.sqrt(max(spread ** 2 - known[i] ** 2, 0.0))), unit='rad/s'))
-        error = 2.0 * spread / np.sqrt(power) if power else np.inf
-        if error >= 0.5 * period:
-            lag.append(Estimate.none('it hardly accelerates'))
-        else:
-            shows = abs(slope) > max(error, _SHORTEST * period)
-            lag.append(Estimate(slope, float(error), 's') if shows else Estimate.none(NONE))
-    return noise, lag, findings
-
-
-def _ratio(dq: Array, moved: Array, change: Array) -> tuple[float, float]:
-    """
-    Return a velocity over that of the positions, with half its interval.
-
-    Parameters
-    ----------
-    dq, moved, change : ndarray, shape (N,)
-        Measured velocity, and velocity and acceleration of the smoothed positions; what goes with
-        the acceleration is a lag.
-
-    """
-    length = float(np.linalg.norm(moved))
-    if not length:
-        return 1.0, 0.0
-    x = np.column_stack((moved, change))
-    value = coefficients(x, dq)
-    spread = float(np.sqrt(np.square(dq - x @ value).mean()))
-    return float(value[0]), _INDEPENDENT * spread / length
+    return noise, findings

@@ -25,34 +25,28 @@ from collections.abc import Iterator, Sequence
 import dataclasses
 from functools import cached_property
 from math import nan
-from typing import NamedTuple
 
-from ctc_chattering.bags.recording import Indices, Stretch
-from ctc_chattering.dynamics.model import Model
+from ctc_chattering.bags.recording import Stretch
 from ctc_chattering.identification.drives import (
     COMMAND,
     DriveProfile,
-    EFFORT,
     has,
     LAGS,
     weak_torque,
 )
 from ctc_chattering.identification.findings import ALL_JOINTS, Estimate, Finding, Kind
 from ctc_chattering.identification.least_squares import Data, orthonormal, Term, TermKind
-from ctc_chattering.identification.weak_form import position_noise, TestFunction
+from ctc_chattering.identification.weak_form import TestFunction
 from ctc_chattering.identification.windows import Rows, SETTLING, STRIBECK
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
 import numpy.typing as npt
-from scipy.stats import median_abs_deviation  # type: ignore[import-untyped]
 
 Flags = npt.NDArray[np.bool_]
 #: Longest delay that is looked for [samples], and [s].
 _MOST, _LONGEST = 20, 0.05
-#: Delays that are looked at above the one that is best without a lag.
-_ABOVE = 2
-#: Longest part of the recording that delay and lag are taken from, in pieces so long [s].
-_ENOUGH, _PIECE = 60.0, 15.0
+#: Longest part of the recordings that delay and lag are taken from [s].
+_ENOUGH = 70.0
 #: Alignments of a measured effort: of the period before, at the instant, of the period after.
 _ALIGNMENTS = (-1.0, -0.5, 0.0)
 #: Samples by which commands may be late without a change of their shape, and times as much as
@@ -108,6 +102,11 @@ class Timing:
     commands: Timing | None = None
 
     @property
+    def acting(self) -> tuple[float, Array, Array]:
+        """Return delay [samples], lag [s] and rate [N·m/s] of the torque that is used."""
+        return self.delay, self.lag, self.rate[1]
+
+    @property
     def of_commands(self) -> Timing | None:
         """Return that of the commands; None without commands."""
         return self if self.source == COMMAND else self.commands
@@ -139,9 +138,8 @@ class Profile:
     @cached_property
     def data(self) -> Data:
         """Return all windows with the torques as they are."""
-        pairs = list(zip(self._parts, self._rows))
-        return Data.of(self._rows, [self.torque(*pair) for pair in pairs],
-                       bent=[self.bent(*pair) for pair in pairs])
+        n = self._parts[0].q.shape[1]
+        return self.windows(0.0, np.zeros(n), np.full(n, np.inf))
 
     @cached_property
     def count(self) -> Array:
@@ -157,11 +155,10 @@ class Profile:
         """Return an orthonormal basis of what explains the torque of joint i."""
         data, used = self.data, self.data.used()[:, i]
         terms = [Term(TermKind.FORWARDS, i), Term(TermKind.BACKWARDS, i),
-                 Term(TermKind.VISCOUS, i),
-                 *(Term(TermKind.MODEL, -1, k) for k in range(data.more.shape[2]))]
+                 Term(TermKind.VISCOUS, i)]
         columns = np.concatenate(
             (data.columns(terms)[used, i], data.stribeck[used, i, ::len(STRIBECK) // 3],
-             data.bent[used, i]), axis=1)
+             data.more[used, i], data.bent[used, i]), axis=1)
         return orthonormal(columns, 1e-7)
 
     def torque(self, part: Stretch, rows: Rows, delay: float = 0.0, lag: Array | float = 0.0,
@@ -193,17 +190,16 @@ class Profile:
                                      np.asarray(late), part.period, self._phi, rows.centres))
         return np.stack(found, axis=1)
 
-    def windows(self, at: Timing) -> Data:
-        """Return all windows with the torques of a timing."""
+    def windows(self, delay: float, lag: Array, rate: Array) -> Data:
+        """Return all windows with the torques after a delay, lags and rate limits."""
         pairs = list(zip(self._parts, self._rows))
-        rate = at.rate[1]
-        torques = [self.torque(part, rows, at.delay, at.lag, rate) for part, rows in pairs]
-        step = np.where(at.lag > 0.0, _LAG_STEP * at.lag, 1.0)
-        later = at.lag + step * (at.lag > 0.0)
-        late = [(self.torque(part, rows, at.delay, later, rate) - tau) / step
-                for (part, rows), tau in zip(pairs, torques)] if at.lag.any() else None
-        return Data.of(self._rows, torques, late, [
-            self.bent(part, rows, at.delay, at.lag) for part, rows in pairs])
+        torques = [self.torque(*pair, delay, lag, rate) for pair in pairs]
+        step = np.where(lag > 0.0, _LAG_STEP * lag, 1.0)
+        late = [(self.torque(*pair, delay, lag + step * (lag > 0.0), rate) - tau) / step
+                for pair, tau in zip(pairs, torques)] if lag.any() else [
+            np.zeros_like(tau) for tau in torques]
+        return Data.with_torques(self._rows, torques, late,
+                                 [self.bent(*pair, delay, lag) for pair in pairs])
 
     def unexplained(self, torque: Array, i: int) -> Array:
         """Return what is left of torques of joint i in its rows, shape (rows, ...) [N·m]."""
@@ -235,7 +231,7 @@ def timing(parts: Sequence[Stretch], rows: Sequence[Rows], source: str, phi: Tes
 
     """
     if source == COMMAND:
-        return _of_commands(*pieces(parts, rows, phi), phi)
+        return _of_commands(*_middle(parts, rows, phi), phi)
     profile = Profile(parts, rows, source, phi)
     moving: Flags = profile.count >= _FEWEST
     table = np.array([profile.squares(delay) for delay in _ALIGNMENTS])
@@ -246,23 +242,18 @@ def timing(parts: Sequence[Stretch], rows: Sequence[Rows], source: str, phi: Tes
                   table[best] / np.maximum(profile.count, 1), _any_rate(n), moving)
 
 
-def pieces(parts: Sequence[Stretch], rows: Sequence[Rows], phi: TestFunction
-           ) -> tuple[list[Stretch], list[Rows]]:
-    """Return stretches, or evenly distributed pieces of them, and their windows."""
+def _middle(parts: Sequence[Stretch], rows: Sequence[Rows], phi: TestFunction
+            ) -> tuple[list[Stretch], list[Rows]]:
+    """Return what is in the middle of stretches, of long ones, and the windows there."""
     period = parts[0].period
-    duration = period * sum(len(part.q) for part in parts)
-    if duration <= 1.2 * _ENOUGH:
-        return list(parts), list(rows)
-    found: list[tuple[Stretch, Rows]] = []
-    length = round(_PIECE / period)
+    share = min(_ENOUGH / (period * sum(len(part.q) for part in parts)), 1.0)
     settled = phi.half + round(SETTLING / period)
+    found: list[tuple[Stretch, Rows]] = []
     for part, mine in zip(parts, rows):
-        count = max(1, round(_ENOUGH / _PIECE * len(part.q) * period / duration))
-        for first in np.linspace(0, max(len(part.q) - length, 0), count).astype(int):
-            last = min(first + length, len(part.q))
-            use = (mine.centres >= first + settled) & (mine.centres < last - settled)
-            if use.any():
-                found.append((part.cut(int(first), int(last)), mine.cut(use, int(first))))
+        first = round(0.5 * (1.0 - share) * len(part.q))
+        last = len(part.q) - first
+        use = (mine.centres >= first + settled) & (mine.centres < last - settled)
+        found.append((part.cut(first, last), mine.cut(use, first)))
     return [part for part, _ in found], [mine for _, mine in found]
 
 
@@ -285,11 +276,7 @@ def _of_commands(parts: Sequence[Stretch], rows: Sequence[Rows], phi: TestFuncti
     far = _FARTHER if uneven else 1.0
     shifts = sorted({max(far * late[0], -1.0), 0.0, min(far * late[1], 1.0)})
     most = min(_MOST, int(_LONGEST / profile.period))
-    alone = np.array([profile.squares(delay) for delay in range(most + 1)])
-    scale = np.where(moving & (alone.min(axis=0) > 0.0), alone.min(axis=0), np.inf)
-    # A lag can only take the place of a part of the delay that is best without one.
-    last = min(most, int(np.argmin((alone / scale).sum(axis=1))) + _ABOVE)
-    found = DriveProfile(parts, rows, profile.data, profile.unexplained, phi, range(-1, last + 2),
+    found = DriveProfile(parts, rows, profile.data, profile.unexplained, phi, range(-1, most + 2),
                          moving, shifts, uneven).found(None if uneven else _fastest(parts))
     if uneven:
         for lags_of in found.delays.values():
@@ -315,8 +302,6 @@ def _fastest(parts: Sequence[Stretch]) -> Array:
 
 #: Part of the longest lag that is looked for that counts as it.
 _END = 0.97
-#: Up to so many delays each is said with its lags.
-_EACH = 2
 _EXCITE = 'record a motion of `ctc excite`, longer or faster'
 
 
@@ -342,8 +327,7 @@ def rate_limits(timing: Timing, joints: Sequence[str]) -> list[Estimate]:
     return found
 
 
-def timing_findings(timing: Timing, joints: Sequence[str], late: tuple[float, float]
-                    ) -> Iterator[Finding]:
+def timing_findings(timing: Timing, late: tuple[float, float]) -> Iterator[Finding]:
     """
     Yield what is doubtful of delay and lag.
 
@@ -351,8 +335,6 @@ def timing_findings(timing: Timing, joints: Sequence[str], late: tuple[float, fl
     ----------
     timing : Timing
         As identified.
-    joints : sequence of str
-        Names.
     late : (float, float)
         Samples by which commands may be later than the recording has them.
 
@@ -368,46 +350,31 @@ def timing_findings(timing: Timing, joints: Sequence[str], late: tuple[float, fl
     if len(delays) > 1:
         far = known.unsure
         yield Finding(Kind.DELAYS, ALL_JOINTS,
-                      f'delay and lag are not told apart: {drives_in_words(known, joints)}' + (
+                      f'delay and lag are not told apart: {drives_in_words(known)}' + (
                           '; backlash or an elastic joint looks like that' if far else ''),
                       _EXCITE if far else '', max(delays) - min(delays))
     lags = np.array(list(known.delays.values()))
-    for i in np.flatnonzero(known.moving):
-        low, high = float(lags[:, 0, i].min()), float(lags[:, 2, i].max())
-        if high < _END * LAGS[-1]:
-            continue
-        if low > 0.0:
-            yield Finding(
-                Kind.LONGEST_LAG, int(i), f'the lag of the drive is {1e3 * low:.3g} ms or more, '
-                f'at the end of what is looked for ({1e3 * LAGS[-1]:.3g} ms): an inertia that the '
-                'model lacks, such as that of a rotor, or an elastic joint looks like that',
-                'correct the inertia of the model, or measure the torque of the drive',
-                low)
-        else:
-            yield Finding(Kind.LONGEST_LAG, int(i), 'the lag of the drive is not identifiable: up '
-                          f'to {1e3 * LAGS[-1]:.3g} ms fit', _EXCITE, low)
+    longest = f'{1e3 * LAGS[-1]:.3g} ms'
+    for i in np.flatnonzero(known.moving & (lags[:, 2].max(axis=0) >= _END * LAGS[-1])):
+        low = float(lags[:, 0, i].min())
+        yield Finding(
+            Kind.LONGEST_LAG, int(i), f'the lag of the drive is {1e3 * low:.3g} ms or more, up to '
+            f'the longest that is looked for ({longest}): an inertia that the model lacks, such '
+            'as that of a rotor, or an elastic joint looks like that; or no command shows it',
+            f'correct the inertia of the model, or {_EXCITE}', low)
 
 
-def drives_in_words(timing: Timing, joints: Sequence[str]) -> str:
-    """Return each delay that is possible with its lags; of many delays what holds them all."""
-    if len(timing.delays) > _EACH:
-        lags = np.array(list(timing.delays.values()))[:, :, timing.moving]
-        return (f'delays of {min(timing.delays)} to {max(timing.delays)} samples, with lags of '
-                + milliseconds(np.array((lags[:, 0].min(), 0.0, lags[:, 2].max()))))
-    texts = []
-    for delay, lags in sorted(timing.delays.items()):
-        each = [(name, milliseconds(x)) for name, x, moving in zip(
-            joints, lags.T, timing.moving) if moving]
-        same = len({text for _, text in each}) == 1
-        said = each[0][1] if same else ', '.join(f'{text} ({name})' for name, text in each)
-        texts.append(f'delay {delay} with lag {said}')
-    return ', or '.join(texts)
+def drives_in_words(timing: Timing) -> str:
+    """Return each delay that is possible with the lags of all drives."""
+    return ', or '.join(
+        f'delay {delay} with lag {milliseconds(lags[0, timing.moving].min(initial=np.inf), most)}'
+        for delay, lags in sorted(timing.delays.items())
+        for most in [lags[2, timing.moving].max(initial=0.0)])
 
 
-def milliseconds(lag: Array) -> str:
-    """Return the lowest, best and highest lag, shape (3,) [s], in words."""
-    low, high = 1e3 * float(lag[0]), 1e3 * float(lag[2])
-    return f'{low:.3g} to {high:.3g} ms'
+def milliseconds(low: float, high: float) -> str:
+    """Return the lowest and highest lag [s], in words."""
+    return f'{1e3 * low:.3g} to {1e3 * high:.3g} ms'
 
 
 def lag_in_words(timing: Timing, i: int) -> str:
@@ -415,73 +382,8 @@ def lag_in_words(timing: Timing, i: int) -> str:
     known = timing.of_commands
     if known is None or not known.delays or not known.moving[i]:
         return 'not identifiable'
-    lag = known.delays[int(known.delay)][:, i]
+    low, best, high = known.delays[int(known.delay)][:, i]
     one = len(known.delays) == 1
-    if lag[1] == 0.0 and one:
-        return f'none, at most {1e3 * lag[2]:.2g} ms'
-    return milliseconds(lag) + ('' if one else f' with delay {int(known.delay)}')
-
-
-#: Time on each side of the centre of a window [s].
-_HALF = 0.015
-#: Poses at which the inertia is looked up.
-_POSES = 20
-
-
-class ShortWindows(NamedTuple):
-    """
-    P in short windows; K of them, n joints.
-
-    Attributes
-    ----------
-    perturbation : ndarray, shape (K, n)
-        Torque less the model's, whether joints slide or not [N·m]. Where the delay is not sure,
-        the larger one of that with and without it.
-    nearest : ndarray of int, shape (K,)
-        The window of the regression that is nearest.
-    noise : ndarray, shape (n,)
-        Deviation of P that noise of the sensors makes [N·m]. Vibration is none.
-
-    """
-
-    perturbation: Array
-    nearest: Indices
-    noise: Array
-
-    @classmethod
-    def of(cls, parts: Sequence[Stretch], rows: Sequence[Rows], models: Sequence[Model],
-           timing: Timing) -> ShortWindows:
-        """Return those of stretches, with the rows of the regression there."""
-        period = parts[0].period
-        phi = TestFunction(period, period * sum(len(x.q) for x in parts), _HALF)
-        short = [Rows.of(part, model, phi) for part, model in zip(parts, models)]
-        profile = Profile(parts, short, timing.source, phi)
-        found = profile.windows(timing).residual
-        if timing.source == COMMAND and timing.unsure:
-            at_once = profile.data.residual
-            found = np.where(np.abs(at_once) > np.abs(found), at_once, found)
-        nearest, before = [], 0
-        for row, other in zip(rows, short):
-            middle = 0.5 * (row.centres[1:] + row.centres[:-1])
-            nearest.append(before + np.searchsorted(middle, other.centres))
-            before += len(row.t)
-        return cls(found, np.concatenate(nearest),
-                   np.max([_noise(part, model, phi, timing.source)
-                           for part, model in zip(parts, models)], axis=0))
-
-
-def _noise(part: Stretch, model: Model, phi: TestFunction, source: str) -> Array:
-    """Return the deviation of P that noise of the sensors makes, shape (n,) [N·m]."""
-    # As with velocities by differences: of white noise, h φ' twice differentiated.
-    weights = np.convolve(phi.slope, (0.5, 0.0, -0.5)) / phi.period
-    one = position_noise(part.q, phi.period) * float(np.linalg.norm(weights))
-    still = np.zeros(part.q.shape[1])
-    some = part.q[::max(1, len(part.q) // _POSES)]
-    found: Array = np.max([np.square(model.evaluate(q, still)[0]) @ np.square(one)
-                           for q in some], axis=0)
-    if source == EFFORT and part.effort is not None:
-        # Joint by joint, for long series.
-        torque = np.array([median_abs_deviation(np.diff(np.nan_to_num(x), 2), scale='normal')
-                           for x in part.effort.T]) / np.sqrt(6.0)
-        found = found + np.square(np.linalg.norm(phi.at) * torque)
-    return np.asarray(np.sqrt(found))
+    if best == 0.0 and one:
+        return f'none, at most {1e3 * high:.2g} ms'
+    return milliseconds(low, high) + ('' if one else f' with delay {int(known.delay)}')

@@ -131,84 +131,59 @@ def verdicts(found: Identification, more: Sequence[Finding] = ()) -> list[Verdic
 
 def _bounds(found: Identification) -> Iterator[Finding]:
     """Yield what is beyond a physical bound, or at the end of what was looked for."""
-    for i, scale in enumerate(found.scale):
-        if scale.value is not None:
-            off = max(scale.value, 1.0 / scale.value) if scale.value > 0.0 else inf
-            most = Kind.SCALE.refused
-            if off > most:
-                yield Finding(Kind.SCALE, i, f'its torque would be {scale.value:.3g} times the '
-                              f'signal, allowed: {1.0 / most:g} to {most:g}; the model has other '
-                              'errors', f'correct the model, or {_EXCITE}', off)
-    for error, number in found.errors:
-        if number.value is not None and not error.unit and number.value < -max(
-                Kind.MASS_LOST.refused, number.half):
-            yield Finding(Kind.MASS_LOST, ALL_JOINTS, f'{error.name} would have '
-                          f'{1.0 + number.value:.2g} times its mass: the model has other errors',
-                          f'correct the model, or {_EXCITE}', -number.value)
     for i, (friction, lag) in enumerate(zip(found.friction, found.timing.drive[1])):
         left = found.unexplained[i] if found.unexplained else None
-        if found.unexplained and left is None and friction.coulomb.value is not None:
-            yield Finding(Kind.MOTION, i, 'it slides for too short a time to test what its '
-                          'friction depends on', _held(found.joints[i]))
-        yield from _friction_bounds(found, i, friction)
-        yield from _how_well(i, friction.coulomb, found.timing.source == EFFORT, left)
-        refused = any(x.joint == i and x.severity == Severity.REFUSED for x in found.findings)
-        if lag > Kind.LAG.care and not refused:
+        held = ('friction holds it: raise its kp, or play a motion of `ctc excite --for '
+                f'{found.joints[i]}` with a position controller, and give both bags')
+        if lag > Kind.LAG.care and not any(
+                x.joint == i and x.severity == Severity.REFUSED for x in found.findings):
             yield Finding(
                 Kind.LAG, i, f'the lag of the drive is {lag:.3g} s, more than drives of arms '
                 'have: an elastic joint, backlash or a delay of this joint looks like that',
                 'measure the position behind the gear, or confirm that the drive is that slow',
                 lag)
+        if friction.coulomb.value is None:
+            yield Finding(Kind.NO_MOTION, i, friction.coulomb.reason, held)
+            continue
+        if found.unexplained and left is None:
+            yield Finding(Kind.MOTION, i, 'it slides for too short a time to test what its '
+                          'friction depends on', held)
+        yield from _directions(found, i, friction)
+        yield from _how_well(i, friction.coulomb, found.timing.source == EFFORT, left)
+        speed = friction.stribeck_velocity.value
+        if speed is not None and not STRIBECK[0] / _END < speed < STRIBECK[-1] * _END:
+            yield Finding(Kind.DOUBT, i, f'the Stribeck velocity is {speed:.3g} rad/s, at the end '
+                          f'of {STRIBECK[0]:g} to {STRIBECK[-1]:.3g} rad/s', _EXCITE)
 
 
-def _held(joint: str) -> str:
-    """Return what to do with a joint that friction holds."""
-    return (f'friction holds it: raise its kp, or play a motion of `ctc excite --for {joint}` '
-            'with a position controller, and give both bags')
-
-
-def _friction_bounds(found: Identification, i: int, friction: JointFriction
-                     ) -> Iterator[Finding]:
-    """Yield which numbers of the friction of a joint cannot be, or have another cause."""
+def _directions(found: Identification, i: int, friction: JointFriction) -> Iterator[Finding]:
+    """Yield that both directions of a joint differ, which may have another cause."""
     coulomb, offset = friction.coulomb, friction.offset
-    if coulomb.value is None:
-        yield Finding(Kind.NO_MOTION, i, coulomb.reason, _held(found.joints[i]))
+    if offset.value is None or not (coulomb.value or 0.0) > 0.0:
         return
-    if not isfinite(coulomb.value + coulomb.half):
-        yield Finding(Kind.NO_NUMBER, i, f'Coulomb friction is {coulomb}: no finite number',
-                      _EXCITE)
-    if offset.value is not None and coulomb.value > 0.0:
-        part = abs(offset.value) / coulomb.value
-        clear = (abs(offset.value) - offset.half) / coulomb.value
-        torque = found.data.torque[found.data.way[:, i] != 0.0, i]
-        one_sided = bool(len(torque)) and abs(float(np.sign(torque).mean())) > _SIGN
-        if clear > Kind.UNEVEN.care:
-            yield Finding(Kind.UNEVEN, i, f'both directions differ by twice {offset}, Coulomb '
-                          f'friction is {coulomb}: more likely a constant torque that the model '
-                          'lacks', 'check the model and the offset of the torque sensor', clear)
-        elif one_sided and clear > 0.0 and part > Kind.ONE_SIDED.care:
-            yield Finding(Kind.ONE_SIDED, i, f'forwards and backwards differ by twice {offset}, '
-                          'and the torque has one sign: a dead band of the drive, a zero of the '
-                          'torque or a constant torque that the model lacks looks the same; then '
-                          'each direction is wrong by that, and their mean is right',
-                          'record poses in which the load has the other sign', part)
-    speed = friction.stribeck_velocity.value
-    if speed is not None and not STRIBECK[0] / _END < speed < STRIBECK[-1] * _END:
-        yield Finding(Kind.DOUBT, i, f'the Stribeck velocity is {speed:.3g} rad/s, at the end '
-                      f'of {STRIBECK[0]:g} to {STRIBECK[-1]:.3g} rad/s', _EXCITE)
+    part = abs(offset.value) / coulomb.number()
+    clear = part - offset.half / coulomb.number()
+    torque = found.data.torque[found.data.way[:, i] != 0.0, i]
+    if clear > Kind.UNEVEN.care:
+        yield Finding(Kind.UNEVEN, i, f'both directions differ by twice {offset}, Coulomb '
+                      f'friction is {coulomb}: more likely a constant torque that the model '
+                      'lacks', 'check the model and the offset of the torque sensor', clear)
+    elif clear > 0.0 and len(torque) and abs(float(np.sign(torque).mean())) > _SIGN:
+        yield Finding(Kind.ONE_SIDED, i, f'forwards and backwards differ by twice {offset}, '
+                      'and the torque has one sign: a dead band of the drive, a zero of the '
+                      'torque or a constant torque that the model lacks looks the same; then '
+                      'each direction is wrong by that, and their mean is right',
+                      'record poses in which the load has the other sign', part)
 
 
 def _how_well(i: int, coulomb: Estimate, measured: bool, left: Unexplained | None
               ) -> Iterator[Finding]:
     """Yield that the Coulomb friction of a joint is not known well."""
-    if coulomb.value is None:
-        return
-    cause = left.effects[0].cause if left is not None and left.effects else None
     unexplained = left is not None and left.off > 0.0
-    part = coulomb.half / max(abs(coulomb.value), 1e-300)
-    if part >= 1.0 and unexplained:
+    part = coulomb.half / max(abs(coulomb.number()), 1e-300)
+    if (unexplained and part >= 1.0) or not isfinite(part):
         yield Finding(Kind.NO_NUMBER, i, f'Coulomb friction is not known: {coulomb} with what '
-                      'is not explained', cause.cure if cause else _EXCITE)
+                      'is not explained', _EXCITE)
     elif part >= 1.0:
         yield Finding(Kind.NO_NUMBER if measured else Kind.DOUBT, i, 'no friction shows: '
                       f'Coulomb friction is {coulomb}', 'say where the torque is measured; behind '

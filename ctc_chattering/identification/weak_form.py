@@ -123,18 +123,12 @@ def smoothing_half(period: float) -> int:
     return max(_FEWEST_SMOOTH, round(_SMOOTH / period))
 
 
-def smoothed(q: Array, period: float) -> tuple[Array, Array, Array]:
+def smooth(q: Array, period: float, order: int = 0) -> Array:
     """
-    Return position, velocity and acceleration by local cubics, each of shape (N, n).
+    Return a derivative of some order of positions by local cubics, shape (N, ...).
 
     That is the filter of Savitzky and Golay, without delay.
     """
-    place, dq, ddq = (smooth(q, period, order) for order in range(3))
-    return place, dq, ddq
-
-
-def smooth(q: Array, period: float, order: int = 0) -> Array:
-    """Return a derivative of some order of positions by local cubics, shape (N, ...)."""
     found: Array = savgol_filter(q, 2 * smoothing_half(period) + 1, _ORDER, order, period, axis=0)
     return found
 

@@ -26,7 +26,6 @@ from ctc_chattering.identification.weak_form import (
     Dynamics,
     position_noise,
     smooth,
-    smoothed,
     smoothing_half,
     TestFunction,
     velocity_deviation,
@@ -39,6 +38,8 @@ from scipy.ndimage import maximum_filter1d, minimum_filter1d  # type: ignore[imp
 
 #: Velocities for which a column of Stribeck friction is prepared [rad/s].
 STRIBECK = tuple(0.005 * 10.0 ** (0.0625 * k) for k in range(29))
+#: Ways after a reversal in which a torque may build up [rad].
+BUILD_UP = (3e-4, 1e-3, 3e-3, 1e-2)
 #: A joint slides where its velocity exceeds this many deviations, and this part of its largest.
 _DEVIATIONS, _PART = 6.0, 2e-3
 #: Time before the first window, in which drives reach what was commanded before [s].
@@ -70,6 +71,10 @@ class Rows:
         The part of `base` that is weight [N·m].
     load : ndarray, shape (J, n)
         Mean magnitude of the model's torque without friction [N·m].
+    position, acceleration : ndarray, shape (J, n)
+        Mean position [rad], and acceleration by parts [rad/s²].
+    build_up : ndarray, shape (J, n, len(BUILD_UP))
+        Mean of sgn(dq) exp(-x / d) for these d, x the way since the direction changed.
 
     """
 
@@ -77,11 +82,14 @@ class Rows:
     centres: Indices
     way: Array
     base: Array
-    more: Array
-    velocity: Array
-    stribeck: Array
     gravity: Array
     load: Array
+    velocity: Array
+    position: Array
+    acceleration: Array
+    stribeck: Array
+    build_up: Array
+    more: Array
 
     @classmethod
     def of(cls, stretch: Stretch, model: Model, phi: TestFunction,
@@ -90,12 +98,15 @@ class Rows:
         h, q, n = stretch.period, stretch.q, stretch.q.shape[1]
         margin = max(smoothing_half(h), round(SETTLING / h)) + 1
         centres, least = phi.centres(len(q), margin), least_velocity(q, h)
-        sides = [_sides(q, h, model, phi, errors, some, least)
+        # Joint by joint, for long series.
+        since = np.stack([way_since_reversal(smooth(x, h), sliding(smooth(x, h, 1), v, h))
+                          for x, v in zip(q.T, least)], axis=1)
+        sides = [_sides(q, since, h, model, phi, errors, some, least)
                  for some in phi.blocks(centres) if len(some)]
-        way, base, weight, load, velocity, stribeck, more = map(
-            np.concatenate, zip(*sides)) if sides else (
-            np.empty((0, *shape)) for shape in (*[(n,)] * 5, (n, len(STRIBECK)), (n, 0)))
-        return cls(stretch.t[centres], centres, way, base, more, velocity, stribeck, weight, load)
+        shapes = (*[(n,)] * 7, (n, len(STRIBECK)), (n, len(BUILD_UP)), (n, 0))
+        found = map(np.concatenate, zip(*sides)) if sides else (
+            np.empty((0, *shape)) for shape in shapes)
+        return cls(stretch.t[centres], centres, *found)
 
     def cut(self, use: npt.NDArray[np.bool_], first: int) -> Rows:
         """Return some windows of a stretch from which the samples before `first` are cut off."""
@@ -103,35 +114,42 @@ class Rows:
         return Rows(**{**mine, 'centres': mine['centres'] - first})
 
 
-def _sides(q: Array, period: float, model: Model, phi: TestFunction, errors: ErrorColumns | None,
-           centres: Indices, least: Array) -> tuple[Array, ...]:
-    """
-    Return what `Rows` have of windows that follow each other, of positions q, shape (N, n).
+def joined(rows: Sequence[Rows]) -> Rows:
+    """Return the windows of all stretches."""
+    return Rows(**{field.name: np.concatenate([getattr(part, field.name) for part in rows])
+                   for field in dataclasses.fields(Rows)})
 
-    That is the direction, the model's left side, its weight and load, the velocity, the Stribeck
-    columns, and those of the model's errors.
+
+def _sides(q: Array, since: Array, period: float, model: Model, phi: TestFunction,
+           errors: ErrorColumns | None, centres: Indices, least: Array) -> tuple[Array, ...]:
+    """
+    Return what `Rows` have from `way` on, of windows that follow each other.
+
+    Positions q and the way since a reversal have shape (N, n).
     """
     first, last = int(centres[0]) - phi.half, int(centres[-1]) + phi.half + 1
     # What a sample of the directions depends on.
     around = 2 * smoothing_half(period)
     begin = max(first - around, 0)
     wide = q[begin:last + around]
-    place, dq, ddq = smoothed(wide, period)
+    place, dq, ddq = (smooth(wide, period, order) for order in range(3))
     moved = np.empty_like(wide)
     moved[1:-1] = (wide[2:] - wide[:-2]) / (2.0 * period)
     moved[0], moved[-1] = dq[0], dq[-1]
     place, dq, ddq, moved, slide = (x[first - begin:last - begin] for x in (
         place, dq, ddq, moved, sliding(dq, least, period)))
-    at = centres - first
+    at, way = centres - first, np.sign(dq)
     dynamics = Dynamics.along(place, dq, period, model)
     more = errors.weak(place, dq, moved, phi, at) if errors else np.empty(
         (len(centres), place.shape[1], 0))
     windows = sliding_window_view(slide, 2 * phi.half + 1, axis=0)[at - phi.half]
     low = windows.min(axis=-1)
-    columns = [phi.sums(np.sign(dq) * np.exp(-np.square(dq / v)), phi.at, at) for v in STRIBECK]
+    slow, turned = (
+        np.stack([phi.sums(way * np.exp(-x), phi.at, at) for x in parts], axis=2) for parts in (
+            (np.square(dq / v) for v in STRIBECK), (since[first:last] / d for d in BUILD_UP)))
     return (np.where(low == windows.max(axis=-1), low, 0.0), dynamics.weak(moved, phi, at),
             dynamics.weight(phi, at), dynamics.load(ddq, phi, at), phi.sums(moved, phi.at, at),
-            np.stack(columns, axis=2), more)
+            phi.sums(place, phi.at, at), -phi.sums(moved, phi.slope, at), slow, turned, more)
 
 
 def least_velocity(q: Array, period: float) -> Array:
@@ -144,19 +162,9 @@ def least_velocity(q: Array, period: float) -> Array:
 
 def sliding(dq: Array, least: Array, period: float) -> Array:
     """
-    Return which way each joint slides at each sample: 1, -1, or 0 for not at all, shape (N, n).
+    Return which way each joint slides at each sample: 1, -1, or 0 for not at all, shape (N, ...).
 
-    Samples whose smoothed velocity contains some of a stop count as not sliding.
-
-    Parameters
-    ----------
-    dq : ndarray, shape (N, n)
-        Smoothed velocity [rad/s].
-    least : ndarray, shape (n,)
-        By `least_velocity` [rad/s].
-    period : float
-        [s].
-
+    Samples whose smoothed velocity dq [rad/s] contains some of a stop count as not sliding.
     """
     way = np.where(np.abs(dq) > least, np.sign(dq), 0.0)
     size = 2 * smoothing_half(period) + 1
@@ -165,72 +173,22 @@ def sliding(dq: Array, least: Array, period: float) -> Array:
     return np.where(low == high, way, 0.0)
 
 
-#: Ways after a reversal in which a torque may build up [rad].
-BUILD_UP = (3e-4, 1e-3, 3e-3, 1e-2)
-
-
-@dataclasses.dataclass(frozen=True)
-class WindowStates:
-    """
-    Motion of all windows of all stretches; J windows, n joints.
-
-    Attributes
-    ----------
-    position : ndarray, shape (J, n)
-        Mean position [rad].
-    acceleration : ndarray, shape (J, n)
-        Mean acceleration [rad/s²], by differences of positions and parts.
-    build_up : ndarray, shape (J, n, len(BUILD_UP))
-        Mean of sgn(dq) exp(-x / d) for these d, x the way since the direction changed.
-
-    """
-
-    position: Array
-    acceleration: Array
-    build_up: Array
-
-    @classmethod
-    def of(cls, parts: Sequence[Stretch], rows: Sequence[Rows], phi: TestFunction
-           ) -> WindowStates:
-        """Return the motion in the windows of stretches."""
-        found = [cls._of(part, row, phi) for part, row in zip(parts, rows)]
-        return cls(*(np.concatenate(x) for x in zip(*found)))
-
-    @staticmethod
-    def _of(part: Stretch, rows: Rows, phi: TestFunction) -> tuple[Array, Array, Array]:
-        found = []
-        # Joint by joint, for long series.
-        for i, least in enumerate(least_velocity(part.q, part.period)):
-            q = part.q[:, i:i + 1]
-            bend = -phi.sums(np.gradient(q, part.period, axis=0), phi.slope, rows.centres)
-            place, dq = (smooth(q, part.period, order) for order in range(2))
-            position = phi.sums(place, phi.at, rows.centres)
-            ways = way_since_reversal(place, sliding(dq, least, part.period))
-            build_up = [phi.sums(np.sign(dq) * np.exp(-ways / d), phi.at, rows.centres)
-                        for d in BUILD_UP]
-            found.append((position, bend, np.stack(build_up, axis=2)))
-        position, acceleration, turned = (np.concatenate(x, axis=1) for x in zip(*found))
-        return position, acceleration, turned
-
-
 def way_since_reversal(q: Array, slide: Array) -> Array:
     """
-    Return how far each joint has come since its direction changed; inf before, shape (N, n) [rad].
+    Return how far a joint has come since its direction changed; inf before, shape (N,) [rad].
 
     Parameters
     ----------
-    q : ndarray, shape (N, n)
+    q : ndarray, shape (N,)
         Positions [rad].
-    slide : ndarray, shape (N, n)
+    slide : ndarray, shape (N,)
         Direction, 0 at rest; a rest between the same directions is no reversal.
 
     """
-    found = np.empty_like(q)
-    for i, (x, way) in enumerate(zip(q.T, slide.T)):
-        moving = np.flatnonzero(way)
-        turns = np.flatnonzero(np.diff(way[moving])) if len(moving) else moving
-        # The last sample of one direction is where the next one begins.
-        ends = moving[turns]
-        counts = np.diff(np.concatenate(([0], ends + 1, [len(x)])))
-        found[:, i] = np.abs(x - np.repeat(np.append(np.inf, x[ends]), counts))
-    return found
+    moving = np.flatnonzero(slide)
+    turns = np.flatnonzero(np.diff(slide[moving])) if len(moving) else moving
+    # The last sample of one direction is where the next one begins.
+    ends = moving[turns]
+    counts = np.diff(np.concatenate(([0], ends + 1, [len(q)])))
+    since: Array = np.abs(q - np.repeat(np.append(np.inf, q[ends]), counts))
+    return since

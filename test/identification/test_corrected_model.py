@@ -20,11 +20,11 @@ import dataclasses
 from functools import cache
 
 from ctc_chattering.dynamics.urdf_model import UrdfModel
-from ctc_chattering.identification.attribution import Explanation
+from ctc_chattering.identification.attribution import Cause, CauseKind, Explanation
 from ctc_chattering.identification.findings import ALL_JOINTS, Finding, Kind, Severity
 from ctc_chattering.identification.identified_robot import corrected_description, with_correction
 from ctc_chattering.identification.identify import Identification, identify
-from ctc_chattering.identification.model_errors import candidates, Cause, CauseKind
+from ctc_chattering.identification.model_errors import candidates
 from ctc_chattering.numerics.linear_algebra import Array
 from faults_of_arms import case, recorded
 from faulty_robots import Faulty, sampled
@@ -100,9 +100,9 @@ def test_what_is_worse_on_other_data_or_may_be_a_torque_scale_is_not_written() -
     for ratios in ([0.1, 1.1], [np.inf, 0.1], []):
         other = dataclasses.replace(found, held_out=np.array(ratios))
         assert corrected_description(other, urdf) == ''
-    scale = Cause(CauseKind.SCALE, 1, np.full(1, 0.1))
+    scale = Cause(CauseKind.SCALE, 1, 'scale', np.full(1, 0.1), np.zeros((2, 3, 1)))
     for size, written in ((0.0, True), (-0.05, False)):
-        alike = Explanation((scale,), (np.array([size]),), 0.0)
+        alike = Explanation((scale,), (np.array([size]),), 0.0, np.zeros(2))
         other = dataclasses.replace(found, selected=dataclasses.replace(
             found.selected, alike=(alike,)))
         assert bool(corrected_description(other, urdf)) == written

@@ -16,6 +16,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 from ctc_chattering.identification.least_squares import (
     correlation_length,
     Data,
@@ -24,7 +26,6 @@ from ctc_chattering.identification.least_squares import (
     Term,
     TermKind,
 )
-from ctc_chattering.identification.windows import STRIBECK
 import numpy as np
 import pytest
 
@@ -45,10 +46,8 @@ def correlated(rng: np.random.Generator, share: float) -> np.ndarray:
 
 def data(velocity: np.ndarray, noise: np.ndarray) -> Data:
     column = velocity[:, None]
-    return Data(np.arange(COUNT, dtype=float), column, np.ones_like(column),
-                np.empty((COUNT, 1, 0)), np.zeros((COUNT, 1, len(STRIBECK))),
-                np.zeros_like(column), np.zeros_like(column),
-                2.0 + 0.5 * column + noise[:, None], (0,))
+    states = Data.at(np.ones_like(column), column, 0.0 * column, np.empty((COUNT, 1, 0)))
+    return dataclasses.replace(states, residual=2.0 + 0.5 * column + noise[:, None])
 
 
 @pytest.mark.parametrize('share', [

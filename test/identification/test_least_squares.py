@@ -16,11 +16,12 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 from ctc_chattering.identification.least_squares import (
+    BETWEEN,
     Data,
-    interpolation,
     solve,
-    stribeck_velocity,
     Term,
     TermKind,
 )
@@ -39,8 +40,9 @@ LATE = np.stack((np.cos(0.1 * np.arange(COUNT)), np.zeros(COUNT)), axis=1)
 
 
 def data(residual: np.ndarray, more: np.ndarray = MORE) -> Data:
-    return Data(np.arange(COUNT, dtype=float), V, WAY, more, STRIBECK_COLUMNS, LOADS,
-                LATE, residual * (WAY != 0.0), (0,))
+    return dataclasses.replace(
+        Data.at(WAY, V, np.zeros_like(V), more), t=np.arange(COUNT, dtype=float),
+        stribeck=STRIBECK_COLUMNS, load=LOADS, late=LATE, residual=residual * (WAY != 0.0))
 
 
 def torque() -> np.ndarray:
@@ -87,10 +89,10 @@ def test_the_weights_are_those_of_the_noise_of_each_joint() -> None:
 
 @pytest.mark.parametrize('place', [2.4, 10.6, 25.4])
 def test_a_stribeck_column_between_two_velocities(place: float) -> None:
-    velocity = stribeck_velocity(place)
+    velocity = STRIBECK[0] * (STRIBECK[1] / STRIBECK[0]) ** place
     column = data(torque()).columns([Term(TermKind.STRIBECK, 0, place)])[:, 0, 0]
     exact = np.sign(V[:, 0]) * np.exp(-np.square(V[:, 0] / velocity))
     assert column == pytest.approx(exact * (WAY[:, 0] != 0.0), abs=1e-4)
     step = 1e-5
-    slope = (interpolation(place + step) - interpolation(place - step)) / (2.0 * step)
-    assert interpolation(place, slope=True) == pytest.approx(slope, abs=1e-4)
+    slope = (BETWEEN(place + step) - BETWEEN(place - step)) / (2.0 * step)
+    assert BETWEEN(place, 1) == pytest.approx(slope, abs=1e-4)

@@ -97,8 +97,8 @@ def test_another_run_is_predicted_and_ka_holds_there() -> None:
     for friction, holds in ((made().plant.coulomb_friction, True), ((14.0, 14.0), False)):
         other = record('two_link', 7, 8.0, plant={
             'velocity_noise': [1e-5] * 2, 'coulomb_friction': list(friction)})
-        run = perturbation(base(), windows_of(
-            base(), other.recording.checked(), made().model))
+        run = perturbation(dataclasses.replace(base(), data=windows_of(
+            base(), other.recording.checked(), made().model)))
         whole, rest = run.misfit()
         assert (rest < 0.05 * whole).all() == holds
         assert (run.peak < ka).all() == holds

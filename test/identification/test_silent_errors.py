@@ -76,7 +76,7 @@ def test_a_delay_of_one_joint_is_a_lag_or_a_delay() -> None:
     assert not wrong
     assert made.results is not None
     found = made.results
-    heads = {head for _, rows in found.tables() for head in rows[0]}
+    heads = {head for table in found.tables() for head in table.heads}
     assert 'lag, or delay of this joint' in heads
 
 

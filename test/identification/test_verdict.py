@@ -23,12 +23,10 @@ from typing import Any, cast
 from ctc_chattering.identification.findings import ALL_JOINTS, Estimate, Finding, Kind, Severity
 from ctc_chattering.identification.friction import JointFriction
 from ctc_chattering.identification.identify import Identification
-from ctc_chattering.identification.model_errors import ModelError
 from ctc_chattering.identification.verdict import verdicts
 import numpy as np
 import pytest
 
-ARM = cast(ModelError, SimpleNamespace(name='arm', unit=''))
 NONE = Estimate.none('none shows')
 GOOD = JointFriction(Estimate(5.0, 0.01, 'N*m'), Estimate(5.0, 0.01), Estimate(5.0, 0.01),
                      Estimate(0.0, 0.01), Estimate(1.0, 0.01), NONE, NONE, NONE)
@@ -40,7 +38,7 @@ def made(second: JointFriction = GOOD, lag: float = 0.0, source: str = 'command'
     timing = SimpleNamespace(drive=(1.0, np.array([0.0, lag]), np.zeros(2)), source=source)
     return cast(Identification, SimpleNamespace(
         joints=('a', 'b'), friction=[GOOD, second], timing=timing, findings=findings,
-        unexplained=(), scale=[], errors=[], data=SimpleNamespace(
+        unexplained=(), data=SimpleNamespace(
             torque=np.zeros((1, 2)), way=np.zeros((1, 2)))))
 
 
@@ -74,15 +72,3 @@ def test_the_worst_finding_decides_and_only_its_like_are_reasons() -> None:
     assert str(first) == 'usable with care: jitter; use stamps'
     assert str(second) == 'not usable: backlash; second'
     assert [x.severity for x in second.findings] == [2, 2, 1]
-
-
-def test_a_model_that_vanishes_is_refused() -> None:
-    """No torque, no masses and no friction explain every motion."""
-    found = made()
-    found.scale.extend([Estimate(1.0, 0.01), Estimate(2e-6, 4e-4)])
-    assert [x.usable for x in verdicts(found)] == [True, False]
-    found.errors.append((ARM, Estimate(-1.0, 1e-3)))
-    assert not any(x.usable for x in verdicts(found))
-    found = made()
-    found.errors.append((ARM, Estimate(-11.0, 13.0)))
-    assert all(x.usable for x in verdicts(found))

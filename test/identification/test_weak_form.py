@@ -26,7 +26,7 @@ from ctc_chattering.identification.model_errors import ErrorColumns
 from ctc_chattering.identification.weak_form import (
     Dynamics,
     position_noise,
-    smoothed,
+    smooth,
     TestFunction,
     velocity_deviation,
 )
@@ -77,8 +77,8 @@ def test_smoothed_is_exact_for_cubics() -> None:
     t = T[:200, None] - 0.1
     q = np.hstack((t ** 3 - t, 2.0 * t ** 2 + 1.0))
     wanted = (q, np.hstack((3.0 * t ** 2 - 1.0, 4.0 * t)), np.hstack((6.0 * t, 0.0 * t + 4.0)))
-    for found, exact in zip(smoothed(q, H), wanted):
-        assert found == pytest.approx(exact, abs=1e-7)
+    for order, exact in enumerate(wanted):
+        assert smooth(q, H, order) == pytest.approx(exact, abs=1e-7)
 
 
 def test_noise_of_positions_and_what_it_makes_of_velocities() -> None:
@@ -86,7 +86,7 @@ def test_noise_of_positions_and_what_it_makes_of_velocities() -> None:
     noise = rng.normal(0.0, (1e-5, 3e-4), (20_000, 2))
     t = H * np.arange(len(noise))[:, None]
     assert position_noise(np.sin(2.0 * t) + noise, H) == pytest.approx([1e-5, 3e-4], rel=0.03)
-    assert smoothed(noise, H)[1].std(axis=0) == pytest.approx(
+    assert smooth(noise, H, 1).std(axis=0) == pytest.approx(
         velocity_deviation(H) * np.array([1e-5, 3e-4]), rel=0.03)
 
 

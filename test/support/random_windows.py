@@ -16,6 +16,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 from ctc_chattering.dynamics.urdf_model import UrdfModel
 from ctc_chattering.identification.least_squares import Data
 from ctc_chattering.identification.model_errors import ErrorColumns
@@ -30,8 +32,8 @@ COUNT = 400
 COULOMB = 2.0
 
 
-def random_windows(rotor: Array, scale: float = 1.0, gear: float = 0.0, motor: float = 0.0,
-                   noise: float = 1e-3) -> tuple[Data, ErrorColumns]:
+def random_windows(rotor: Array, scale: float = 1.0, gear: float = 0.0, noise: float = 1e-3
+                   ) -> tuple[Data, ErrorColumns]:
     """
     Return windows, and the columns of the arm's errors.
 
@@ -41,8 +43,8 @@ def random_windows(rotor: Array, scale: float = 1.0, gear: float = 0.0, motor: f
         Inertia of the rotors in each window [kg·m²].
     scale : float
         Torque at the joint over that of the signal.
-    gear, motor : float
-        Parts of what gears transmit, and of the torque of motors, that are friction.
+    gear : float
+        Part of what gears transmit that is friction.
     noise : float
         Of the torque [N·m].
 
@@ -55,11 +57,10 @@ def random_windows(rotor: Array, scale: float = 1.0, gear: float = 0.0, motor: f
     _, dq, ddq = states.transpose(1, 0, 2)
     base = np.array([model.inverse_dynamics(*(x.tolist() for x in state)) for state in states])
     way = np.sign(dq)
-    friction = way * (COULOMB + gear * np.abs(base) + motor * np.abs(base + COULOMB * way))
+    friction = way * (COULOMB + gear * np.abs(base))
     torque = (base + rotor * ddq + friction + noise * rng.normal(size=(COUNT, 2))) / scale
-    residual = torque - base
     more = np.array([columns.at(*state) for state in states])
-    return Data(np.arange(float(COUNT)), dq, way, more, np.zeros((COUNT, 2, len(STRIBECK))),
-                np.abs(base), np.zeros((COUNT, 2)), residual, (0,), torque,
-                np.full(2, 1e-4), bent=np.stack((np.sign(torque), torque * np.abs(torque)), axis=2)
-                ), columns
+    return dataclasses.replace(
+        Data.at(way, dq, torque, more), t=np.arange(float(COUNT)), base=base, load=np.abs(base),
+        stribeck=np.zeros((COUNT, 2, len(STRIBECK))), residual=torque - base,
+        floor=np.full(2, 1e-4)), columns
