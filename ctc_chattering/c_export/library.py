@@ -16,7 +16,7 @@
 A control law for one robot as a C library: object code, a header, and its numbers.
 
 Machine code works on records and arrays by their addresses. In C they are one block of memory,
-`ctc_law`, whose content at the start `Memory` collects, with the pointers within it. The rest is
+`ctc_law`, whose content at the start `Block` collects, with the pointers within it. The rest is
 text: `templates/ctc_law.c` copies the content, sets the pointers, and calls the code.
 """
 
@@ -58,7 +58,7 @@ class Robot(NamedTuple):
     model: Model
 
 
-class Memory:
+class Block:
     """
     Content of the block of memory on which machine code works.
 
@@ -141,26 +141,26 @@ def step_of(robot: Robot) -> CompiledStep:
 
 def image_of(step: CompiledStep) -> Image:
     """Return the block of memory of a step that has not been called."""
-    memory, (records, points) = Memory(), step.code.arguments
-    places = memory.add(step.code)
+    block, (records, points) = Block(), step.code.arguments
+    places = block.add(step.code)
     calls = []
     for called, code in step.calls:
-        target, at = memory.add(code), memory.at(called)
-        memory.set_pointer(at + _offset(called, 'places'), target)
+        target, at = block.add(code), block.at(called)
+        block.set_pointer(at + _offset(called, 'places'), target)
         calls.append(((at + _offset(called, 'function')) // _WORD, _FUNCTIONS[code.function]))
     for at, _ in calls:
-        memory.content[_WORD * at:_WORD * (at + 1)] = bytes(_WORD)
-    gains, start = memory.at(records.memories), memory.at(records.arrival)
+        block.content[_WORD * at:_WORD * (at + 1)] = bytes(_WORD)
+    gains, start = block.at(records.memories), block.at(records.arrival)
     strained = (gains + _offset(records.memories, 'law', 'oscillation', 'strained')
                 if 'oscillation' in records.memories.dtype['law'].names else 0)
-    named = {'PLACES': places, 'MEASURED': memory.at(records.measured), 'STRAINED': strained,
-             'REFERENCE': memory.at(points), 'MADE': memory.at(records.made),
-             'MASS_MATRIX': memory.at(records.now) + _offset(records.now, 'M')}
-    content = bytes(memory.content)
+    named = {'PLACES': places, 'MEASURED': block.at(records.measured), 'STRAINED': strained,
+             'REFERENCE': block.at(points), 'MADE': block.at(records.made),
+             'MASS_MATRIX': block.at(records.now) + _offset(records.now, 'M')}
+    content = bytes(block.content)
     return Image(
         content[:start], content[start:], gains // _WORD,
         [gains // _WORD + word for word in _forgotten(step, load(records.law))],
-        [(at // _WORD, target // _WORD) for at, target in memory.pointers], calls,
+        [(at // _WORD, target // _WORD) for at, target in block.pointers], calls,
         {name: at // _WORD for name, at in named.items()})
 
 
@@ -207,9 +207,13 @@ def export(robots: Sequence[Robot], out: Path, processor: str = 'host', package:
     if package and not re.fullmatch('[a-z][a-z0-9_]*', package):
         raise UsageError(f'--ros2-control {package}: not allowed; allowed: small letters, digits '
                          'and _, as of ROS packages')
+    first = robots[0].config
+    if len(robots) > 1 and (':' in first.law + first.switching_in_force
+                            or len({robot.name for robot in robots}) < len(robots)):
+        raise CtcError('several sets of gains need files of different names, and no law or '
+                       'switching of your own')
     step, *_ = made = [step_of(robot) for robot in robots]
     image, *others = map(image_of, made)
-    first = robots[0].config
     for robot, x, other in zip(robots[1:], made[1:], others):
         if (x.code.layouts, other.rest, robot.config.control_period, robot.config.joint_names) != (
                 step.code.layouts, image.rest, first.control_period, first.joint_names):
@@ -246,11 +250,11 @@ def _values(robots: Sequence[Robot]) -> dict[str, object]:
             'PERIOD': config.control_period, 'PERIOD_NS': period_ns(config.control_period),
             'GAIN_SETS': len(robots), 'GAIN_NAMES': _strings(x.name for x in robots),
             'GROWTH': LARGEST_GROWTH, 'PATIENCE': PATIENCE,
-            'RATE': f'{1.0 / config.control_period:g}', 'FIRST_GAINS': json.dumps(robots[0].name)}
+            'RATE': f'{1.0 / config.control_period:g}', 'FIRST_GAINS': _strings([robots[0].name])}
 
 
 def _strings(texts: Iterable[str]) -> str:
-    return ', '.join(map(json.dumps, texts))
+    return ', '.join(json.dumps(text, ensure_ascii=False) for text in texts)
 
 
 def _data(image: Image, starts: Sequence[bytes], robots: Sequence[Robot]) -> str:

@@ -97,7 +97,7 @@ class Law:
         self.library = ctypes.CDLL(str(compiled_by_cc(path, '-fPIC', '-shared')))
         self.library.ctc_message.restype = ctypes.c_char_p
         self.n, header = robot.model.n, (path / 'ctc_law.h').read_text(encoding='utf-8')
-        words = int(header.partition('uint64_t memory[')[2].partition(']')[0])
+        words = int(header.partition('double memory[')[2].partition(']')[0])
         self.block = np.full(2 * self.GUARD + words + 64, 7, np.uint64)
         self.law = ctypes.c_void_p(self.block[self.GUARD:].ctypes.data)
 

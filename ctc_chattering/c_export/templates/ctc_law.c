@@ -17,19 +17,22 @@ _Static_assert(sizeof(double) == 8 && sizeof(void *) == 8, "a processor of 64 bi
 
 #define COUNT(x) (sizeof(x) / sizeof *(x))
 
-static double *number(ctc_law *law, size_t word) { return (double *)(law->memory + word); }
-
 static int is_ready(const ctc_law *law) { return law != NULL && law->self == law; }
 
+/* Have a word of the memory hold an address. */
+static void point(ctc_law *law, uint32_t at, uintptr_t address) {
+  const uint64_t word = address;
+  memcpy(law->memory + at, &word, sizeof word);
+}
+
 static void begin(ctc_law *law) {
-  const uint64_t base = (uint64_t)(uintptr_t)law->memory;
   memcpy(law->memory, starts[law->gains], sizeof *starts);
   memcpy(law->memory + START_WORDS, rest, sizeof rest);
   for (size_t i = 0; i < COUNT(pointers); i++) {
-    law->memory[pointers[i].at] = base + 8 * (uint64_t)pointers[i].to;
+    point(law, pointers[i].at, (uintptr_t)(law->memory + pointers[i].to));
   }
   for (size_t i = 0; i < COUNT(calls); i++) {
-    law->memory[calls[i].at] = (uint64_t)(uintptr_t)calls[i].function;
+    point(law, calls[i].at, (uintptr_t)calls[i].function);
   }
   for (int i = 0; i < CTC_JOINTS; i++) {
     law->least[i] = INFINITY;
@@ -65,7 +68,7 @@ int ctc_set_gains(ctc_law *law, int set) {
   law->gains = set;
   memcpy(law->memory, starts[set], 8 * GAIN_WORDS);
   for (size_t i = 1; i < COUNT(forgotten); i++) {
-    *number(law, forgotten[i]) = 0.0;
+    law->memory[forgotten[i]] = 0.0;
   }
   return CTC_OK;
 }
@@ -104,7 +107,7 @@ static int trip(ctc_law *law) {
       return CTC_ERROR_GROWTH;
     }
   }
-  return STRAINED && *number(law, STRAINED) >= PATIENCE ? CTC_OSCILLATION : CTC_OK;
+  return STRAINED && law->memory[STRAINED] >= PATIENCE ? CTC_OSCILLATION : CTC_OK;
 }
 
 int ctc_step(ctc_law *law, const double *q, const double *dq, const double *q_d,
@@ -120,7 +123,7 @@ int ctc_step(ctc_law *law, const double *q, const double *dq, const double *q_d,
     return is_ready(law) ? CTC_WRONG_ARGUMENT : CTC_NOT_INITIALIZED;
   }
   if (law->stopped == CTC_OK) {
-    double *measured = number(law, MEASURED), *points = number(law, REFERENCE);
+    double *measured = law->memory + MEASURED, *points = law->memory + REFERENCE;
     int finite = take(measured, 1, q, 1) & take(measured + CTC_JOINTS, 1, dq, 1) &
                  take(points, 3, q_d, CTC_POINTS) & take(points + CTC_JOINTS, 3, dq_d, CTC_POINTS) &
                  take(points + 2 * CTC_JOINTS, 3, ddq_d, CTC_POINTS);
@@ -140,11 +143,11 @@ int ctc_step(ctc_law *law, const double *q, const double *dq, const double *q_d,
   return law->stopped;
 }
 
-const double *ctc_terms(const ctc_law *law) { return (const double *)(law->memory + MADE); }
+const double *ctc_terms(const ctc_law *law) { return law->memory + MADE; }
 
 double ctc_lyapunov(const ctc_law *law) {
   const double *v = ctc_terms(law) + CTC_V * CTC_JOINTS;
-  const double *mass = (const double *)(law->memory + MASS_MATRIX);
+  const double *mass = law->memory + MASS_MATRIX;
   double twice = 0.0;
   for (int i = 0; i < CTC_JOINTS; i++) {
     for (int j = 0; j < CTC_JOINTS; j++) {

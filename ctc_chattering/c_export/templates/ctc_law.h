@@ -52,7 +52,7 @@ typedef struct ctc_law {
   int32_t gains;   /* set in force */
   int32_t stopped; /* why no torque is sent until ctc_reset; CTC_OK if it is */
   double least[CTC_JOINTS];
-  uint64_t memory[@WORDS@];
+  double memory[@WORDS@];
 } ctc_law;
 
 /* Begin, with the first set of gains. */
