@@ -10,7 +10,8 @@ READY := $(VENV)/.ready
 # Where Python keeps no compiled modules, each of some hundred processes compiles them.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo live docs test suite compiled test-load slow lint compare rules held-out reproduced-table benchmark map-benchmark latency real-time live-cost soak identification faults dist clean
+.PHONY: demo live docs test suite compiled test-load slow lint validate benchmark map-benchmark \
+	latency real-time live-cost soak dist clean
 
 demo: $(ROS)
 	@echo 'Six experiments of 10 s over ROS 2, faster than real time, then figures: about a minute.'
@@ -45,11 +46,12 @@ test-load: $(READY)
 compiled: $(READY)
 	PYTHONPATH=test/support:validation $(BIN)/python tools/compile_code.py
 
-# Studies that take a minute or more each, and properties with random examples.
-slow: $(VENV)/.docs
+# What takes long: studies, robots identified, kills, pages; then properties with random examples.
+slow: $(VENV)/.docs compiled
 	@begin=$$(date +%s); \
-	$(BIN)/python -m pytest -m slow -o faulthandler_timeout=3600 && \
-	$(BIN)/python -m pytest -m 'not slow and not ros' --numprocesses=auto \
+	$(BIN)/python -m pytest -m slow --numprocesses=2 --dist=worksteal --durations=30 \
+		-o faulthandler_timeout=3600 && \
+	$(BIN)/python -m pytest -m 'hypothesis and not slow and not ros' --numprocesses=auto \
 		--hypothesis-profile=random; status=$$?; \
 	$(BIN)/python tools/calibration.py 'make slow' $$begin; exit $$status
 
@@ -61,65 +63,23 @@ lint: $(READY)
 	$(BIN)/pydocstyle --config=setup.cfg --property-decorators=none $(CHECKED)
 	$(BIN)/mypy $(if $(filter .,$(CHECKED)),ctc_chattering test tools validation,$(CHECKED))
 
-# Every law with gains by rule in one condition, and judged in others: the tables of
-# docs/comparison.md, in a minute.
-compare: $(READY)
-	$(BIN)/ctc compare friction --gains recommended --condition real_arm --held-out 24 \
-		--overwrite --out docs/comparison/two_link
-	$(BIN)/python validation/comparison_page.py
+# The tables of docs/comparison.md, README and docs/study, in minutes. With the name of another
+# program of validation/ as STUDY its table is printed (hours); ARGS=--help says what it takes.
+STUDY ?= comparison_page imperfections_page
+validate: $(READY)
+	for study in $(STUDY); do PYTHONPATH=test/support:validation \
+		$(BIN)/python validation/$$study.py $(ARGS) || exit; done
 
-# Switchings, and laws, under one imperfection at a time: the tables of docs/study, in minutes.
-imperfections: $(READY)
-	PYTHONPATH=validation $(BIN)/python validation/imperfections_page.py docs/study
-
-# Other numbers of the rules, on other draws; LAWS='pid_kalman' for some, minutes each.
-rules: $(READY)
-	$(BIN)/python validation/rule_study.py $(LAWS)
-
-# Held-out conditions for `observer_feedback` on independent plants, in some ten minutes; ARGS as
-# '--first 7000 --count 44 --label mine --rows FILE', rows that are there are not made again.
-held-out: $(READY)
-	PYTHONPATH=test/support $(BIN)/python validation/held_out_study.py $(ARGS)
-
-# The two-link table of docs/comparison.md by an independent program, in a minute.
-reproduced-table: $(READY)
-	PYTHONPATH=test/support $(BIN)/python validation/reproduced_table.py
-
-# Lockstep over ROS beside a bare ping-pong; a control step; a simulation.
-benchmark: $(READY)
-	$(BIN)/python tools/benchmark/benchmark.py
-
-# Compiled runs beside plain ones, MuJoCo, and, where they are installed, JAX
-# and Drake: a Markdown table, in some minutes.
-map-benchmark: $(READY)
-	PYTHONPATH=test/support $(BIN)/python tools/benchmark/compiled_loop.py
-
-# Period and answer time of the loop in real time, with and without priority: a Markdown table.
-latency: $(READY)
-	$(BIN)/python tools/benchmark/latency.py
-
-# The law in C at 1 kHz beside an empty loop: a Markdown table, in two minutes.
-real-time: $(READY)
-	$(BIN)/python tools/benchmark/real_time.py
-
-# What an open page of `ctc live` costs the loop: a Markdown table.
-live-cost: $(READY)
-	PYTHONPATH=test/support $(BIN)/python tools/benchmark/live_cost.py
+# Lockstep over ROS beside a bare ping-pong, a control step, a simulation; compiled runs beside
+# plain ones and other simulators; period and answer time in real time, also of an exported law;
+# what an open page costs.
+benchmark map-benchmark latency real-time live-cost: $(READY)
+	PYTHONPATH=test/support $(BIN)/python tools/benchmark/$(subst -,_,$@).py
 
 # Random faults on the whole graph in real time; see validation/README.md. More arguments: ARGS.
 MINUTES ?= 20
 soak: $(READY)
 	PYTHONPATH=tools:test/support $(BIN)/python -m soak --minutes $(MINUTES) $(ARGS)
-
-# The table of validation/identification.md: robots with random friction, identified; hours.
-SEEDS ?= 20
-identification: $(READY)
-	PYTHONPATH=test/support $(BIN)/python validation/identification_study.py --seeds $(SEEDS) $(ARGS)
-
-# The table of robots with the faults of real arms, of an independent plant; hours.
-# ARGS='--only panda,tilt' for some, --rows FILE to go on with another file.
-faults: $(READY)
-	PYTHONPATH=test/support $(BIN)/python validation/fault_study.py --seeds $(SEEDS) $(ARGS)
 
 # sdist and wheel of the last commit, in dist/.
 dist: $(READY)

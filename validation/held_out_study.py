@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Held-out conditions for `observer_feedback`, on independent plants: `make held-out`."""
+"""Held-out conditions for `observer_feedback`, on independent plants."""
 
 from __future__ import annotations
 

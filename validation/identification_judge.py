@@ -204,9 +204,7 @@ def timings(one: Case, found: Identification) -> Iterator[tuple[str, bool, bool,
         yield f'delays {list(known.delays)}, truth {true}', False, True, -1
         return
     yield '', True, False, -1
-    said = np.array(known.delays[true], float)
-    half = 2.0 * known.lag_error
-    low, high = (said[0], said[2]) if said.ndim == 2 else (said - half, said + half)
+    low, _, high = known.delays[true]
     for i, (a, b) in enumerate(zip(low, high)):
         if np.isfinite(b) and np.isfinite(a):
             x = Number('lag', i, float(a), float(b), (lags[i], lags[i]), max(5e-4, lags[i]))

@@ -197,7 +197,7 @@ def _pair(name: str, values: Sequence[float]) -> dict[str, object]:
 def about(outcomes: Sequence[CaseOutcome]) -> Markup:
     """Return what the tables show."""
     return fragment(
-        'Output of <code>make imperfections</code>. True errors and torques sent, joints 1 / 2, '
+        'Output of <code>make validate</code>. True errors and torques sent, joints 1 / 2, '
         'over the second half of each run; h = 1 ms and ka = {{ ka }} N·m unless the row says '
         'otherwise; '
         'every other parameter has its default. Bold: the best of a row. {{ engines }}.',
@@ -252,7 +252,7 @@ def ratio(outcome: CaseOutcome, base: CaseOutcome) -> float:
 def law_about(outcomes: Sequence[CaseOutcome]) -> Markup:
     """Return what the table shows."""
     return fragment(
-        'Output of <code>make imperfections</code>: RMS error of each law with its recommended '
+        'Output of <code>make validate</code>: RMS error of each law with its recommended '
         'settings, over that of <code>{{ base }}</code> with the gains of the paper; of the two '
         'joints the larger ratio. True errors, the second half of each run. Delay, lag and rate '
         'limit of the drives are given where a law takes them, unless the case says otherwise; '

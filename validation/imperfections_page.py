@@ -13,9 +13,9 @@
 # limitations under the License.
 
 """
-The page of the study: `python validation/imperfections_page.py docs/study` writes both.
+The switchings, and the laws, under one imperfection at a time: the pages of docs/study.
 
-Tables, CSV, figures and page of the switchings, and of the laws.
+Tables, CSV, figures and a page of each.
 """
 
 from __future__ import annotations
@@ -25,7 +25,6 @@ import dataclasses
 import itertools
 import os
 from pathlib import Path
-import sys
 from textwrap import fill
 from typing import Any
 
@@ -348,12 +347,16 @@ def _title(kind: StudyKind) -> str:
     return f'Study of the {kind.what}s'
 
 
+#: Where they are.
+_PAGES = Path(__file__).resolve().parents[1] / 'docs' / 'study'
+
+
 def main() -> None:
-    """Run both studies, and write them into the directory of the first argument."""
+    """Run both studies, and write them into docs/study."""
     for variants in (SWITCHINGS, EVERY_LAW):
         compile_setups((setup_of(case, x) for case in CASES for x in variants), print)
         outcomes = list(run_cases(CASES, variants, os.cpu_count() or 1))
-        write_study(outcomes, Path(sys.argv[1]), command='make imperfections')
+        write_study(outcomes, _PAGES, command='make validate')
         print(f'{len(outcomes)} runs. {engines(outcomes)}.')
 
 

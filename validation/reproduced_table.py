@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The two-link table of docs/comparison.md by an independent program: `make reproduced-table`."""
+"""The two-link table of docs/comparison.md by an independent program."""
 
 from __future__ import annotations
 

@@ -31,7 +31,7 @@ import textwrap
 from typing import Any, NamedTuple
 
 from ctc_chattering.analysis.output import write_text, writing
-from ctc_chattering.compiled.machine_code import Code, memory_of
+from ctc_chattering.compiled.machine_code import memory_of
 from ctc_chattering.compiled.records import load, packed
 from ctc_chattering.control.controller import Controller, ControllerConfig
 from ctc_chattering.control.laws.base import Law
@@ -78,20 +78,19 @@ class Block:
 
     def at(self, part: Any) -> int:
         """Return where a record or array is in the block [bytes]; the first time, it is added."""
-        memory, _ = next(memory_of(part))
+        memory: Any = next(memory_of(part))
         if memory.ctypes.data not in self._at:
             self._at[memory.ctypes.data] = len(self.content)
             self.content += memory.tobytes() + bytes(-memory.nbytes % _WORD)
         return self._at[memory.ctypes.data]
 
-    def add(self, code: Code) -> int:
-        """Add the arguments of a function, and their places; return where these are [bytes]."""
-        parts = list(memory_of(code.arguments))
-        targets = [self.at(memory) for memory, _ in parts]
-        start = at = self.at(code.places)
-        for target, (_, length) in zip(targets, parts):
-            self.set_pointer(at, target)
-            at += _WORD if length is None else 2 * _WORD
+    def add(self, arguments: tuple[Any, ...], places: Any) -> int:
+        """Add arguments of a function, and their places; return where these are [bytes]."""
+        targets = [x if x is None else self.at(x) for x in memory_of(arguments)]
+        start = self.at(places)
+        for k, target in enumerate(targets):
+            if target is not None:
+                self.set_pointer(start + _WORD * k, target)
         return start
 
     def set_pointer(self, at: int, target: int) -> None:
@@ -142,12 +141,12 @@ def step_of(robot: Robot) -> CompiledStep:
 def image_of(step: CompiledStep) -> Image:
     """Return the block of memory of a step that has not been called."""
     block, (records, points) = Block(), step.code.arguments
-    places = block.add(step.code)
+    places = block.add(step.code.arguments, step.code.places)
     calls = []
-    for called, code in step.calls:
-        target, at = block.add(code), block.at(called)
-        block.set_pointer(at + _offset(called, 'places'), target)
-        calls.append(((at + _offset(called, 'function')) // _WORD, _FUNCTIONS[code.function]))
+    for record, code, arguments, places_there in step.calls:
+        target, at = block.add(arguments, places_there), block.at(record)
+        block.set_pointer(at + _offset(record, 'places'), target)
+        calls.append(((at + _offset(record, 'function')) // _WORD, _FUNCTIONS[code.function]))
     for at, _ in calls:
         block.content[_WORD * at:_WORD * (at + 1)] = bytes(_WORD)
     gains, start = block.at(records.memories), block.at(records.arrival)
@@ -221,7 +220,7 @@ def export(robots: Sequence[Robot], out: Path, processor: str = 'host', package:
                            'robot, law, switching, delay or period')
     from ctc_chattering.compiled.object_file import object_file
     code, text = object_file({'ctc_control': step.code, **{
-        _FUNCTIONS[x.function]: x for _, x in step.calls}}, processor)
+        _FUNCTIONS[x.code.function]: x.code for x in step.calls}}, processor)
     starts = [image.start, *(x.start for x in others)]
     values = {**_values(robots), 'DATA': _data(image, starts, robots), 'PACKAGE': package,
               'WORDS': len(image.start + image.rest) // _WORD}

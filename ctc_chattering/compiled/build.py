@@ -98,7 +98,7 @@ def _write(field: Any, x: Any) -> Any:
 
 @overloaded(load)
 def _load(fields: Any) -> Any:
-    kind = kind_of(fields.fields)
+    kind = kind_of(tuple(fields.fields))
     names: dict[str, Any] = {'kind': kind, 'value': value}
     values = (f'value(fields.{name})' for name in kind._fields)
     exec(f'def load(fields):\n    return kind({", ".join(values)})', names)

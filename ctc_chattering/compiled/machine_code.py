@@ -34,9 +34,9 @@ import tempfile
 from typing import Any, NamedTuple
 
 from ctc_chattering.compiled import compilable
-from ctc_chattering.compiled.compilable import Array
 from ctc_chattering.errors import CtcError
 import numpy as np
+import numpy.typing as npt
 
 _PACKAGE = Path(__file__).parents[1]
 #: Folders with functions that are compiled.
@@ -74,23 +74,31 @@ def layout(argument: Any) -> Layout:
     return Layout(type(argument), parts=tuple(map(layout, argument)))
 
 
-def memory_of(argument: Any) -> Iterator[tuple[Array, int | None]]:
-    """Yield the memory of records and arrays of an argument, and the length of an array."""
+def places(arguments: tuple[Any, ...]) -> npt.NDArray[np.int64]:
+    """Return the addresses of arguments, that of an array with its length, those in tuples too."""
+    found: list[int] = []
+
+    def add(argument: Any) -> None:
+        if isinstance(argument, tuple):
+            for part in argument:
+                add(part)
+        elif isinstance(argument, np.ndarray):
+            found.extend((argument.ctypes.data, len(argument)))
+        else:  # The interface of a record describes all its fields, at each call anew.
+            found.append(np.frombuffer(argument, np.uint8).ctypes.data)
+    add(arguments)
+    return np.array(found, np.int64)
+
+
+def memory_of(argument: Any) -> Iterator[npt.NDArray[Any] | None]:
+    """Yield the memory that each of `places` is the address of; None for a length."""
     if isinstance(argument, tuple):
         for part in argument:
             yield from memory_of(part)
     elif isinstance(argument, np.ndarray):
-        yield argument, len(argument)
-    else:  # The interface of a record describes all its fields, at each call anew.
-        yield np.frombuffer(argument, np.uint8), None
-
-
-def _places(arguments: tuple[Any, ...]) -> Iterator[int]:
-    """Yield the address of each, and the length of an array."""
-    for memory, length in memory_of(arguments):
-        yield memory.ctypes.data
-        if length is not None:
-            yield length
+        yield from (argument, None)
+    else:
+        yield np.frombuffer(argument, np.uint8)
 
 
 class Code:
@@ -122,7 +130,7 @@ class Code:
                  ) -> None:
         self.function, self.name, self.arguments = function, name, arguments
         self.layouts = tuple(map(layout, arguments))
-        self.places = np.array(list(_places(arguments)), np.int64)
+        self.places = places(arguments)
 
     @cached_property
     def path(self) -> Path:

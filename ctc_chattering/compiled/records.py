@@ -21,7 +21,7 @@ does the same in compiled code.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from functools import lru_cache
 from typing import Any
 
@@ -99,7 +99,7 @@ def _described(value: Any) -> tuple[Any, tuple[Any, ...]]:
             fields.append((name, layout, ()))
         else:
             x = np.asarray(x)
-            x = x if x.dtype == np.int64 and not x.ndim else x.astype(float)
+            x = x if x.dtype.kind == 'i' and not x.ndim else np.asarray(x, float)
             fields.append((name, x.dtype, x.shape))
         values.append(x)
     mark = (_IS + _name(type(value)), np.dtype(np.int64), ())
@@ -125,7 +125,8 @@ def _layout(fields: tuple[tuple[str, Any, tuple[int, ...]], ...]) -> Any:
     return np.dtype((np.record, np.dtype(list(fields), align=True)))
 
 
-def kind_of(names: Iterable[str]) -> Any:
+@lru_cache(256)
+def kind_of(names: tuple[str, ...]) -> Any:
     """Return the class of a record by the names of its fields."""
     name, = (name.removeprefix(_IS) for name in names if name.startswith(_IS))
     return next(kind for kind in compilable.RECORDS if _name(kind) == name)

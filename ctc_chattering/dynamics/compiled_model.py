@@ -17,10 +17,11 @@
 from __future__ import annotations
 
 import dataclasses
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 from ctc_chattering.compiled.compilable import function, record, solve
-from ctc_chattering.compiled.machine_code import Code, invoke
+from ctc_chattering.compiled.machine_code import Code, invoke, places
 from ctc_chattering.compiled.records import numpy_record, packed, record_of, value, write
 from ctc_chattering.dynamics import tree, two_link
 from ctc_chattering.dynamics.model import Model
@@ -107,6 +108,24 @@ class EvaluatedModel(NamedTuple):
         return solve(M, u - bias)
 
 
+@lru_cache(64)
+def _rooms(n: int) -> tuple[Any, ...]:
+    """Return a `BodyScratch`, what is called, and a `KeptTerms`, to be copied."""
+    zero, square = np.zeros(n), np.zeros((n, n))
+    return (record_of(tree.body_scratch(n)),
+            numpy_record(dict.fromkeys(('function', 'places'), np.array(0))),
+            packed(KeptTerms(0, 0, zero, zero, square, square, zero)))
+
+
+class Call(NamedTuple):
+    """A call by its addresses: NumPy record with them, function, arguments and their places."""
+
+    record: Any
+    code: Code
+    arguments: tuple[Any, ...]
+    places: Any
+
+
 class CompiledArm:
     """
     The dynamics of an arm as machine code, compiled once for all laws and the plant.
@@ -124,36 +143,32 @@ class CompiledArm:
         What must be compiled.
     model : CompiledModel
         As compiled functions take it.
-    calls : list of (NumPy record, Code)
-        What compiled functions call, each with the record that has its addresses.
+    calls : list of Call
+        Of compiled functions.
 
     """
 
     def __init__(self, arm: Arm, n: int) -> None:
-        body = record_of(tree.body_scratch(n))
+        body, call, terms = (x.copy() for x in _rooms(n))
         self._n, self._bodies = n, (record_of(arm), body)
-        call = numpy_record(dict.fromkeys(('function', 'places'), np.array(0)))
         self.model = CompiledModel(call, body)
-        self._terms = Code(set_terms, (*self._bodies, self._place()), f'dynamics-{n}')
+        self._terms = Code(set_terms, (*self._bodies, terms), f'dynamics-{n}')
         self._mass = Code(set_mass_and_bias, self._bodies, f'mass-{n}')
         self.codes = self._terms, self._mass
-        self.calls: list[tuple[Any, Code]] = []
-        self._call(call, self._mass)
+        self.calls: list[Call] = []
+        self._call(call, self._mass, self._bodies)
 
-    def _place(self) -> Any:
-        zero, square = np.zeros(self._n), np.zeros((self._n, self._n))
-        return packed(KeptTerms(0, 0, zero, zero, square, square, zero))
-
-    def _call(self, called: Any, code: Code) -> None:
-        """Set the addresses by which compiled code calls another one, if it is compiled."""
-        self.calls.append((called, code))
+    def _call(self, called: Any, code: Code, arguments: tuple[Any, ...]) -> None:
+        """Set the addresses by which compiled code calls another one, with these arguments."""
+        made = Call(called, code, arguments, places(arguments))
+        self.calls.append(made)
         if code.compiled:
-            called.function, called.places = code.address(), code.places.ctypes.data
+            called['function'], called['places'] = code.address(), made.places.ctypes.data
 
     def place(self) -> Any:
         """Return a place for the terms of a state."""
-        place = self._place()
-        self._call(place, Code(set_terms, (*self._bodies, place), self._terms.name))
+        place = _rooms(self._n)[-1].copy()
+        self._call(place, self._terms, (*self._bodies, place))
         return place
 
 

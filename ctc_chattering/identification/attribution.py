@@ -302,11 +302,11 @@ class Projected:
                 [float(x @ x) for x in np.split(rest, rows)[1:]]) / np.maximum(
                     self.powers, 1e-300))
 
-    def deviation(self, found: Explanation, cause: Cause, saturated: bool = False) -> float:
-        """Return how exactly the first number of another cause would be known beside these."""
-        design = self._design((*found.causes, cause), saturated)
-        index = design.shape[1] - len(cause.size)
-        length = float(np.linalg.norm(without(design[:, :index], design[:, index])))
+    def deviation(self, found: Explanation, i: int, saturated: bool = False) -> float:
+        """Return how exactly the torque scale of joint i would be known beside causes."""
+        column = np.concatenate([block[:, self._m] * (i == k) for k, block in zip(
+            self.joints, self._blocks[1:])])
+        length = float(np.linalg.norm(without(self._design(found.causes, saturated), column)))
         return 1.0 / length if length > 0.0 else np.inf
 
     def whole(self, found: Explanation | None) -> tuple[list[Array], Array]:

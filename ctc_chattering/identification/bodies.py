@@ -289,8 +289,7 @@ def physical_findings(bodies: ConsistentBodies, joints: Sequence[str], friction:
     if float(change @ bodies.estimate.information @ change) < _CONTRADICTION:
         return
     n = len(names)
-    asked = [f'{name} with a mass of {x[0]:.3g} kg and moments of inertia of '
-             f'{x[4]:.3g}, {x[6]:.3g} and {x[9]:.3g} kg*m^2'
+    asked = [f'{name} with a mass of {x[0]:.3g} kg and its moments of inertia'
              for name, x in zip(names, bodies.wanted[:10 * n].reshape(n, 10))
              if np.linalg.eigvalsh(pseudo_inertia(x))[0] < 0.0]
     asked += [f'a rotor inertia of {x:.3g} kg*m^2 at {joint}'
@@ -397,11 +396,7 @@ def left_over(data: Data, terms: Sequence[Term], columns: ErrorColumns,
     for half in (first, ~first):
         fitted, judged = (dataclasses.replace(data, way=np.where(part[:, None], data.way, 0.0))
                           for part in (half, ~half))
-        projected = Projected(fitted, terms, columns)
-        if not projected.joints:
-            return np.full(n, np.inf)
-        names = [str(i) for i in range(n)]
-        estimate = body_estimate(projected, None, names)
+        estimate = body_estimate(Projected(fitted, terms, columns), None, [''] * n)
         try:
             change = consistent(estimate, fixed).found - estimate.known if estimate else None
         except CtcError:

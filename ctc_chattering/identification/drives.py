@@ -37,6 +37,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 import numpy.typing as npt
 from scipy.interpolate import CubicSpline  # type: ignore[import-untyped]
 
+Flags = npt.NDArray[np.bool_]
 #: Sources of the torque.
 COMMAND, EFFORT = 'command', 'effort'
 #: Samples that are computed one by one, all parts of a stretch at once, at least, and parts at
@@ -110,6 +111,13 @@ def has(stretch: Stretch, source: str) -> Array | None:
     return stretch.command if source == COMMAND else stretch.effort
 
 
+def complete(values: Array, centres: Indices, before: int, after: int) -> Flags:
+    """Return at which centres values, (N, n), are known from so many samples before to after."""
+    gone = np.cumsum(~np.isfinite(values), axis=0)
+    low, high = (np.clip(centres + x, 0, len(gone) - 1) for x in (-before - 1, after))
+    return np.asarray(gone[low] == gone[high])
+
+
 def weak_torque(values: Array, delay: float, lag: Array, period: float, phi: TestFunction,
                 centres: Indices, rate: Array | float = np.inf) -> Array:
     """
@@ -143,7 +151,6 @@ def weak_torque(values: Array, delay: float, lag: Array, period: float, phi: Tes
     return np.concatenate(found, axis=1)
 
 
-Flags = npt.NDArray[np.bool_]
 Short = npt.NDArray[np.float32]
 #: Lags for which torques are computed, and those between them that are compared [s].
 LAGS = (0.0, *(0.0003 * 1.5 ** k for k in range(13)))
@@ -165,7 +172,7 @@ _PER_LAG = 7.0
 #: limit shows beyond these), their ratio, and how many are excluded before no lower one is tried.
 _COARSE, _FIRST, _RATIO, _EXCLUDED = 30, 2.0, 2.0 ** 0.3, 4
 #: How often rate limits are tried between those that are possible, and how many.
-_FINER, _WITHIN = 4, 7
+_FINER, _WITHIN = 5, 7
 
 
 @dataclasses.dataclass(frozen=True)
@@ -181,15 +188,12 @@ class DriveSet:
         Most likely delay [samples].
     rate : ndarray, shape (3, n)
         Lowest, best and highest rate limit [N·m/s]; inf where none shows.
-    misfit : ndarray, shape (n,)
-        Mean square of what is left [(N·m)²].
 
     """
 
     delays: dict[int, Array]
     best: int
     rate: Array
-    misfit: Array
 
 
 class _Point(NamedTuple):
@@ -236,7 +240,9 @@ class DriveProfile:
                  uneven: bool = False) -> None:
         self._parts, self._rows, self._phi, self._uneven = parts, rows, phi, uneven
         self._unexplained, self._used, self._delays = unexplained, data.used(), list(delays)
-        self._known = np.concatenate([self._finite(*pair) for pair in zip(parts, rows)])
+        self._known = np.concatenate([
+            complete(np.asarray(has(part, COMMAND)), mine.centres, phi.half + self._delays[-1],
+                     phi.half - self._delays[0]) for part, mine in zip(parts, rows)])
         self._n, self._joints = len(moving), [int(i) for i in np.flatnonzero(moving)]
         count = len(self._used)
         edges = np.linspace(0, count, int(np.clip(
@@ -261,14 +267,6 @@ class DriveProfile:
         kept = [k for k, d in enumerate(self._delays) if d + 1 in near or d - 1 in near]
         self._delays = [self._delays[k] for k in kept]
         self._unlimited = {i: x[kept] for i, x in self._unlimited.items()}
-
-    def _finite(self, part: Stretch, rows: Rows) -> Array:
-        """Return which windows have all commands, also with the longest delay."""
-        gone = np.cumsum(~np.isfinite(np.asarray(has(part, COMMAND))), axis=0)
-        low, high = (np.clip(rows.centres + x, 0, len(gone) - 1) for x in (
-            -self._phi.half - self._delays[-1] - 1, self._phi.half - self._delays[0]))
-        found: Array = gone[low] == gone[high]
-        return found
 
     def _rests(self, rate: Array) -> dict[int, Array]:
         """Return what is left of each joint for rate limits, (delays, lags, rows) [N·m]."""
@@ -394,10 +392,9 @@ class DriveProfile:
             found[:, i] = self._rate(i, float(fastest[i]))
         return found
 
-    def _search_rates(self, fastest: Array) -> Array:
-        """Add rate limits until lower ones are excluded, then between, and return the table."""
-        rate = np.where(fastest > 0.0, _FIRST * fastest, np.inf)
-        out = np.zeros(self._n)
+    def _search_rates(self, fastest: Array) -> list[dict[int, Array]]:
+        """Add rate limits until lower ones are excluded, then between; return the last rests."""
+        rate, out = np.where(fastest > 0.0, _FIRST * fastest, np.inf), np.zeros(self._n)
         for _ in range(_COARSE):
             self._add(rate)
             out += [i not in self._joints or not self._rate_possible(i, -1)
@@ -405,13 +402,14 @@ class DriveProfile:
             if (out >= _EXCLUDED).all():
                 break
             rate = rate / _RATIO
+        levels = []
         for _ in range(_FINER):
             low, _, high = self._rate_table(fastest)
             high = np.where(np.isfinite(high), high, _RATIO * low)
             ratio = np.where(low > 0.0, high, 1.0) / np.where(low > 0.0, low, 1.0)
-            for part in np.linspace(0.0, 1.0, _WITHIN):
-                self._add(np.where(low > 0.0, low * ratio ** part, np.inf))
-        return self._rate_table(fastest)
+            levels = [self._add(np.where(low > 0.0, low * ratio ** part, np.inf))
+                      for part in np.linspace(0.0, 1.0, _WITHIN)]
+        return levels
 
     def found(self, fastest: Array | None = None) -> DriveSet:
         """
@@ -424,18 +422,9 @@ class DriveProfile:
             without it none is looked for.
 
         """
-        rate, levels = np.tile(np.array([[0.0], [np.inf], [np.inf]]), self._n), [self._unlimited]
-        limited = np.zeros(self._n, bool)
-        if fastest is not None:
-            rate = self._search_rates(fastest)
-            limited = np.isfinite(rate[2]) & (rate[0] > 0.0)
-            if limited.any():
-                low = rate[0]
-                ratio = np.where(limited, rate[2], 1.0) / np.where(limited, low, 1.0)
-                levels = [self._add(np.where(limited, low * ratio ** part, np.inf))
-                          for part in np.linspace(0.0, 1.0, _WITHIN)]
-                rate = self._rate_table(fastest)
-                limited &= np.isfinite(rate[2])
+        levels = [] if fastest is None else self._search_rates(fastest)
+        rate = self._rate_table(np.full(self._n, np.nan) if fastest is None else fastest)
+        limited = np.isfinite(rate[2]) & (rate[0] > 0.0)
         delays, cost = {}, {}
         for delay in sorted({d for d, _ in self._allowed}):
             places = [x for x in self._allowed if x[0] == delay]
@@ -445,11 +434,7 @@ class DriveProfile:
                     i, places, levels if limited[i] else [self._unlimited])
             cost[delay] = _PER_LAG * int((delays[delay][1] > 0.0).sum()) + min(
                 map(self._cost, places))
-        best = {i: self._best(i, self._allowed) for i in self._joints}
-        misfit = [best[i].squares / len(best[i].rest) if i in best else 0.0
-                  for i in range(self._n)]
-        return DriveSet(delays, min(cost, key=lambda d: cost[d], default=0), rate,
-                        np.array(misfit))
+        return DriveSet(delays, min(cost, key=lambda d: cost[d], default=0), rate)
 
 
 def deviations(power: Array | float, along: Array | float, variance: Array | float) -> Array:

@@ -130,8 +130,6 @@ class Kind(Enum):
     SCALE_INTERVAL = (0.05, inf)
     #: Part of a joint's torque that no body can have; inertia over the model's, or one over that.
     IMPOSSIBLE_BODY, INERTIA = (0.01, 0.05), (2.0, 2.0)
-    #: Part of P that another run has beyond the prediction; its |P| over ka.
-    NOT_PREDICTED, BEYOND_KA = (0.05, 0.5), (1.0, 1.0)
     #: A joint whose friction another motion would show: with some of it, and with none.
     MOTION, NO_MOTION = (0.5, inf), (0.0, 0.0)
 

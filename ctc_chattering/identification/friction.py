@@ -182,6 +182,8 @@ _CAUSES = 3
 _SCALE, _COMMON = 0.03, 0.066
 #: Part of a joint's torque that errors of the model may have without a name.
 _TRIFLE = 1e-3
+#: Doubt of the load at its change of sign, in what the magnitude of the mean would change.
+_FORM = 3.0
 #: Halves of an interval by which friction may differ beside causes and beside all errors.
 _AGREES = 2.0
 
@@ -211,8 +213,6 @@ class Selected:
         The windows without friction.
     friction : tuple of Term
         Terms of the friction in `projected`.
-    options : tuple of Cause
-        Causes that were looked for.
 
     """
 
@@ -225,7 +225,6 @@ class Selected:
     alike: tuple[Explanation, ...] = ()
     projected: Projected | None = None
     friction: tuple[Term, ...] = ()
-    options: tuple[Cause, ...] = ()
 
     @property
     def believed(self) -> Explanation | None:
@@ -294,11 +293,9 @@ def select(data: Data, joints: Sequence[str], columns: ErrorColumns | None = Non
             others.append(solve(data.mixed(mine), _all(named[0].terms, mine.shape[2])))
         for fit in others:
             named = named[0], _containing(*named, fit)
-        return Selected(*named, missing, design, causes, True, alike, projected, tuple(terms),
-                        tuple(options))
-    whole = whole[0], _in_doubt(*whole, projected, beside, drives, loaded)
-    return Selected(*whole, missing, saturated, causes, False, (), projected, tuple(terms),
-                    tuple(options))
+        return Selected(*named, missing, design, causes, True, alike, projected, tuple(terms))
+    whole = whole[0], _in_doubt(*whole, projected, beside, loaded)
+    return Selected(*whole, missing, saturated, causes, False, (), projected, tuple(terms))
 
 
 def _drives_beside(projected: Projected, found: Explanation, drives: Sequence[Cause]
@@ -344,7 +341,10 @@ def _final(data: Data, terms: Sequence[Term], design: Array,
             break
         missing.update({(x.kind, x.joint): NONE for x in weak})
         known = [x for x in known if x not in weak]
-    return fit, errors
+    # Where a load changes its sign in a window, its mean magnitude is known less well.
+    other = solve(dataclasses.replace(data, load=np.abs(data.base)), fit.terms)
+    return fit, errors.wider(_FORM * np.where(
+        [term.joint >= 0 for term in fit.terms], other.value - fit.value, 0.0))
 
 
 def _containing(fit: Fit, errors: Spread, other: Fit) -> Spread:
@@ -354,22 +354,19 @@ def _containing(fit: Fit, errors: Spread, other: Fit) -> Spread:
         for term, value in zip(fit.terms, fit.value)]))
 
 
-def _in_doubt(fit: Fit, errors: Spread, projected: Projected, beside: Explanation,
-              drives: Sequence[Cause], loaded: bool) -> Spread:
+def _in_doubt(fit: Fit, errors: Spread, projected: Projected, beside: Explanation, loaded: bool
+              ) -> Spread:
     """
     Return the spread with what the scales of torques may be off by.
 
     All torques times a number are all bodies times another one: beside all errors of bodies
     nothing tells it.
     """
-    common = [abs(float(value[0])) for cause, value in zip(beside.causes, beside.values)
-              if cause.kind == CauseKind.SCALE]
-    doubts = {ALL: max([0.0 if loaded else _COMMON, *common])}
-    for option in drives:
-        if option.kind == CauseKind.SCALE and option.which != ALL and not any(
-                option is x for x in beside.causes):
-            doubts[option.which] = errors.factor * min(
-                projected.deviation(beside, option, True), _SCALE)
+    scales = {cause.which: abs(float(value[0])) for cause, value in zip(
+        beside.causes, beside.values) if cause.kind == CauseKind.SCALE}
+    doubts = {i: errors.factor * min(projected.deviation(beside, i, True), _SCALE)
+              for i in projected.joints if i not in scales}
+    doubts[ALL] = max([0.0 if loaded else _COMMON, *scales.values()])
     for i, doubt in doubts.items():
         errors = errors.wider(doubt * np.array([
             value if term.joint >= 0 and i in (ALL, term.joint) else 0.0

@@ -190,7 +190,7 @@ def recommend(found: Identification, run: MeasuredPerturbation, model: Model, po
         Rate that the drives allow [N·m/s].
 
     """
-    (delay, lag, _), longest = found.timing.drive, float(longest_lag(found).max())
+    (delay, lag), longest = found.timing.drive, float(longest_lag(found).max())
     bound = perturbation_bound(found, run, model)
     slope, slow = torque_rate(found, bound.change, rate)
     level = [max(0.0, x.coulomb.value or 0.0) for x in found.friction]

@@ -289,8 +289,6 @@ def inverted(normal: Array) -> Array:
 Flags = npt.NDArray[np.bool_]
 #: Distances of windows that do not overlap any more, and independent errors that a run has.
 _LAGS, _ERRORS = (5, 6, 7, 8), 20.0
-#: Cells of windows that make up a block.
-_CELLS = 8
 #: Blocks of at least so many correlation lengths, and at least so many of them in the data.
 _LENGTHS, _FEWEST_BLOCKS = 40.0, 12
 
@@ -306,14 +304,11 @@ class Spread:
         Of the coefficients.
     factor : float
         Half the interval in standard errors, for as few blocks as there are.
-    block : int
-        Length of a block [windows].
 
     """
 
     covariance: Array
     factor: float
-    block: int
 
     @property
     def error(self) -> Array:
@@ -353,15 +348,6 @@ def correlation_length(x: Array) -> float:
     return float(max(1.0, 1.0 + 2.0 * rho[1:last].sum()))
 
 
-def block_length(fit: Fit) -> int:
-    """Return the length of a block for a fit [windows]; long enough for all its scores."""
-    scores = fit.scores()
-    longest = max((correlation_length(x) for x in scores.T), default=1.0)
-    count = len(scores)
-    wanted = _LENGTHS * max(longest, 2.0)
-    return int(min(max(wanted, count ** (1.0 / 3.0)), max(count // _FEWEST_BLOCKS, 1)))
-
-
 def spread(fit: Fit, starts: tuple[int, ...]) -> Spread:
     """
     Return the standard errors of a fit by drawing blocks of windows.
@@ -374,22 +360,17 @@ def spread(fit: Fit, starts: tuple[int, ...]) -> Spread:
         First window of each stretch; no block goes over one.
 
     """
-    length = block_length(fit)
-    count = len(fit.residual)
-    cell = max(1, length // _CELLS)
-    edges = np.append(np.arange(0, count - cell + 1, cell), count)
-    span = max(1, length // cell)
     scores = fit.scores()
-    before = np.concatenate((np.zeros_like(scores[:1]), np.cumsum(scores, axis=0)))[edges]
-    first = np.arange(max(len(edges) - span, 1))
-    inside = np.ones(len(first), bool)
-    for start in starts[1:]:
-        inside &= (edges[first + span] <= start) | (edges[first] >= start)
-    if not inside.any():
-        inside[:] = True
-    first = first[inside]
-    blocks = max(2, (len(edges) - 1) // span)
-    sums = before[first + span] - before[first]
+    count, longest = len(scores), max(map(correlation_length, scores.T), default=1.0)
+    # A block is long enough for all scores.
+    length = int(min(max(_LENGTHS * max(longest, 2.0), count ** (1.0 / 3.0)),
+                     max(count // _FEWEST_BLOCKS, 1)))
+    before = np.concatenate((np.zeros_like(scores[:1]), np.cumsum(scores, axis=0)))
+    first = np.arange(count - length + 1)
+    inside = np.all([(first + length <= start) | (first >= start) for start in starts], axis=0)
+    first = first[inside] if inside.any() else first
+    blocks = max(2, count // length)
+    sums = before[first + length] - before[first]
     # Blocks are drawn around their own mean, which takes a share of the variance.
     correction = blocks / (blocks - 1.0)
     inverse = inverted(fit.normal())
@@ -398,24 +379,18 @@ def spread(fit: Fit, starts: tuple[int, ...]) -> Spread:
     lasting = (inverse @ _lasting(fit) @ inverse).diagonal()
     chance = np.maximum(covariance.diagonal(), 1e-300)
     wider = np.sqrt(np.maximum(1.0, lasting / chance))
-    return Spread(covariance * np.outer(wider, wider), float(stdtrit(blocks - 1.0, 0.975)), length)
+    return Spread(covariance * np.outer(wider, wider), float(stdtrit(blocks - 1.0, 0.975)))
 
 
 def _lasting(fit: Fit) -> Array:
-    """Return the covariance of the scores that lasting errors make, shape (p, p)."""
+    """Return the covariance of the scores that errors beyond an overlap make, shape (p, p)."""
     found = np.zeros((fit.design.shape[2],) * 2)
-    for i, weight in enumerate(fit.weight):
-        used: Flags = np.asarray(fit.design[:, i].any(axis=1))
-        rows = fit.design[used, i]
-        variance = lasting_variance(fit.residual[:, i], used)
-        found += weight ** 2 * variance * len(rows) / _ERRORS * (rows.T @ rows)
+    for y, rows, weight in zip(fit.residual.T, fit.design.transpose(1, 0, 2), fit.weight):
+        used: Flags = np.asarray(rows.any(axis=1))
+        y, count = np.where(used, y, 0.0), max(int(used.sum()), 1)
+        pairs = max(sum(int((used[lag:] & used[:-lag]).sum()) for lag in _LAGS), 1)
+        products = sum(float(y[lag:] @ y[:-lag]) for lag in _LAGS)
+        chance = 2.0 * float(y @ y) / count / np.sqrt(pairs / 4.0)
+        variance = max(0.0, products / pairs - chance)
+        found += weight ** 2 * variance * count / _ERRORS * (rows.T @ rows)
     return found
-
-
-def lasting_variance(x: Array, used: Flags) -> float:
-    """Return the variance of a series, where it counts, that lasts beyond windows' overlap."""
-    y = np.where(used, x, 0.0)
-    pairs = sum(int((used[lag:] & used[:-lag]).sum()) for lag in _LAGS)
-    products = sum(float(y[lag:] @ y[:-lag]) for lag in _LAGS)
-    chance = 2.0 * float(y @ y) / max(int(used.sum()), 1) / np.sqrt(max(pairs, 1) / 4.0)
-    return float(max(0.0, products / max(pairs, 1) - chance))

@@ -28,7 +28,7 @@ torque of their own: the columns are those of an orthogonal basis of what any mo
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 import dataclasses
 from functools import cached_property
 from typing import NamedTuple
@@ -214,20 +214,7 @@ def candidates(model: Model, description: str = '',
     for i, joint in enumerate(joints):
         if own[10 * i] > 0.0:
             mine = np.arange(len(own)) // 10 == i
-            found.append(ModelError(_heaviest(tree, joint, joints), '', np.where(mine, own, 0.0)))
+            found.append(ModelError(tree.ends[joint][1], '', np.where(mine, own, 0.0)))
     outwards = [name for name in tree.ends if name in joints]
     loaded = UrdfModel(with_payload(description, outwards, 1.0), joints, model.gravity, locked)
     return [*found, ModelError('payload', 'kg', loaded.inertial_parameters() - own)]
-
-
-def _heaviest(tree: Tree, joint: str, joints: Sequence[str]) -> str:
-    """Return the heaviest of the links that move with the one that a joint carries."""
-    body = [tree.ends[joint][1]]
-    for name, (parent, child) in tree.ends.items():
-        if parent in body and name not in joints:
-            body.append(child)
-
-    def mass(link: str) -> float:
-        element = tree.links[link].find('inertial/mass')
-        return 0.0 if element is None else float(element.get('value', '0'))
-    return max(body, key=mass)

@@ -131,12 +131,10 @@ class ModelVerdict:
     def scale(self) -> list[Estimate]:
         """Return the torque at each joint per torque of the signal, length n."""
         found, known = self._none(), self._selected.believed
-        options = {x.which: x for x in self._selected.options if x.kind == CauseKind.SCALE}
         projected = self._selected.projected
         for i in projected.joints if projected and known else ():
             assert projected is not None and known is not None
-            found[i] = Estimate(1.0, max(
-                _TRUSTED, 2.0 * projected.deviation(known, options[i])))
+            found[i] = Estimate(1.0, max(_TRUSTED, 2.0 * projected.deviation(known, i)))
         for cause, (number, *_) in self._found:
             if cause.kind == CauseKind.SCALE:
                 for i in range(len(found)) if cause.which == ALL else [cause.which]:
@@ -205,11 +203,7 @@ class ModelVerdict:
             after = before + [x.value or 0.0 for x in numbers]
             far = float(np.linalg.norm(after) * np.linalg.norm(before))
             return (f'{cause.name}: the base is turned by '
-                    f'{np.degrees(np.arccos(min(after @ before / far, 1.0))):.2f} degrees'
-                    + ('' if len(before) == 3 else ' in the plane of the arm; how it leans across '
-                       'the plane no motion shows'))
-        if cause.kind == CauseKind.ROTOR and all(x.half > abs(x.value or 0.0) for x in numbers):
-            return f'{cause.name}: the motion does not show how much the model lacks'
+                    f'{np.degrees(np.arccos(min(after @ before / far, 1.0))):.2f} degrees')
         if cause.kind == CauseKind.SCALE:
             shown = str(dataclasses.replace(numbers[0], value=1.0 + (numbers[0].value or 0.0)))
         return f'{cause.name}: {shown} {what}'

@@ -101,10 +101,6 @@ def _kinks(speed: Array) -> Array:
     return np.column_stack([np.maximum(speed - knot, 0.0) for knot in knots])
 
 
-#: Part by which friction may be off without care.
-NEGLIGIBLE = Kind.FRICTION_OFF.care
-#: Part of the worst effect below which another one is not named.
-_MINOR = 0.2
 #: Peak of an unexplained torque over its RMS: a ramp has 1.7.
 _PEAK = 2.0
 #: Probability by chance below which a dependence counts.
@@ -249,20 +245,19 @@ def _correlated(x: Array, used: Array) -> float:
 
 def findings(i: int, left: Unexplained) -> Iterator[Finding]:
     """Yield what a joint depends on that the model lacks."""
-    worst = max((x.off(left) for x in left.effects), default=0.0)
     for x in left.effects:
         off = x.off(left)
-        if off > max(NEGLIGIBLE, _MINOR * worst):
+        if off > Kind.FRICTION_OFF.care:
             yield Finding(Kind.FRICTION_OFF, i, f'{left.part(x.size):.1%} of the friction, '
                           f'{x.size:.2g} N*m RMS, depends on {x.cause.against}: '
                           f'{x.cause.points_to}; friction may be off by {off:.0%}',
                           x.cause.cure, off)
     off = left.part(_PEAK * left.rest)
-    if off > NEGLIGIBLE:
+    if off > Kind.FRICTION_OFF.care:
         yield Finding(Kind.FRICTION_OFF, i, f'{left.part(left.rest):.1%} of the friction, '
                       f'{left.rest:.2g} N*m RMS, is not explained and correlates in time; '
                       f'friction may be off by {off:.0%}',
-                      'look at the figure of what is not explained', off)
+                      'record another motion, and compare the numbers', off)
 
 
 def widened(data: Data, fit: Fit, i: int, friction: JointFriction, left: Unexplained

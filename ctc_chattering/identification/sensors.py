@@ -35,6 +35,8 @@ _ROUNDING = 1e-13
 _INDEPENDENT = 20.0
 #: Samples that noise and step are computed from, at most.
 _ENOUGH = 200_000
+#: RMS velocity of a joint that rests: in deviations of what positions show, and at least [rad/s].
+_RESTS, _STILL = 3.0, 1e-6
 
 
 @dataclasses.dataclass(frozen=True)
@@ -113,7 +115,8 @@ def velocity_noise(recording: Recording, period: float) -> tuple[list[Estimate],
         x, y = x[calm & np.isfinite(dq[:, i])], dq[calm & np.isfinite(dq[:, i]), i]
         value, length = coefficients(x, y), float(np.linalg.norm(x[:, 0]))
         rest = y - x @ value
-        ratio = float(value[0]) if length else 1.0
+        still = length <= max(_RESTS * known[i], _STILL) * np.sqrt(len(x))
+        ratio = 1.0 if still else float(value[0])
         error = _INDEPENDENT * float(np.sqrt(np.square(rest).mean())) / max(length, 1e-300)
         if abs(ratio - 1.0) - error > most:
             what = (f'the velocity of {name} is {ratio:.3g} ± {error:.1g} times the change of its '

@@ -29,13 +29,14 @@ from math import nan
 from ctc_chattering.bags.recording import Stretch
 from ctc_chattering.identification.drives import (
     COMMAND,
+    complete,
     DriveProfile,
     has,
     LAGS,
     weak_torque,
 )
 from ctc_chattering.identification.findings import ALL_JOINTS, Estimate, Finding, Kind
-from ctc_chattering.identification.least_squares import Data, orthonormal, Term, TermKind
+from ctc_chattering.identification.least_squares import Data, FRICTION, orthonormal, Term
 from ctc_chattering.identification.weak_form import TestFunction
 from ctc_chattering.identification.windows import Rows, SETTLING, STRIBECK
 from ctc_chattering.numerics.linear_algebra import Array
@@ -75,13 +76,9 @@ class Timing:
         Samples; of an effort the alignment, from -1 to 0.
     lag : ndarray, shape (n,)
         T of each drive [s]; 0 where none shows.
-    lag_error : ndarray, shape (n,)
-        Standard error [s]; inf where the data do not tell.
     delays : dict of int to ndarray, shape (3, n)
         The delays that the data allow, each with the lowest, the best and the highest lag of each
         drive [s]; one delay if it is identified.
-    misfit : ndarray, shape (n,)
-        Mean square that is left in each joint [(N·m)²].
     rate : ndarray, shape (3, n)
         Lowest, best and highest rate limit of each drive [N·m/s]; inf where none shows.
     moving : ndarray of bool, shape (n,)
@@ -94,9 +91,7 @@ class Timing:
     source: str
     delay: float
     lag: Array
-    lag_error: Array
     delays: dict[int, Array]
-    misfit: Array
     rate: Array
     moving: Flags
     commands: Timing | None = None
@@ -112,19 +107,10 @@ class Timing:
         return self if self.source == COMMAND else self.commands
 
     @property
-    def unsure(self) -> bool:
-        """Return whether commands act after delays that lie far apart, as with elastic joints."""
+    def drive(self) -> tuple[float, Array]:
+        """Return delay [samples] and lag [s] from the command on; nan and 0 if not known."""
         known = self.of_commands
-        return known is not None and bool(known.delays) and (
-            max(known.delays) - min(known.delays) > Kind.DELAYS.care)
-
-    @property
-    def drive(self) -> tuple[float, Array, Array]:
-        """Return delay [samples], lag and its error [s] from the command on; nan if not known."""
-        known = self.of_commands
-        if known is None:
-            return nan, np.zeros_like(self.lag), np.full_like(self.lag, np.inf)
-        return known.delay, known.lag, known.lag_error
+        return (nan, np.zeros_like(self.lag)) if known is None else (known.delay, known.lag)
 
 
 class Profile:
@@ -142,48 +128,34 @@ class Profile:
         return self.windows(0.0, np.zeros(n), np.full(n, np.inf))
 
     @cached_property
-    def count(self) -> Array:
-        """Return the number of rows of each joint, shape (n,)."""
-        return np.asarray(self.data.used().sum(axis=0))
+    def moving(self) -> Flags:
+        """Return which joints have enough rows, shape (n,)."""
+        return np.asarray(self.data.used().sum(axis=0) >= _FEWEST)
 
     @cached_property
     def _bases(self) -> list[Array]:
-        """Return the basis of each joint."""
-        return [self._basis(i) for i in range(self.data.way.shape[1])]
-
-    def _basis(self, i: int) -> Array:
-        """Return an orthonormal basis of what explains the torque of joint i."""
-        data, used = self.data, self.data.used()[:, i]
-        terms = [Term(TermKind.FORWARDS, i), Term(TermKind.BACKWARDS, i),
-                 Term(TermKind.VISCOUS, i)]
-        columns = np.concatenate(
-            (data.columns(terms)[used, i], data.stribeck[used, i, ::len(STRIBECK) // 3],
-             data.more[used, i], data.bent[used, i]), axis=1)
-        return orthonormal(columns, 1e-7)
-
-    def torque(self, part: Stretch, rows: Rows, delay: float = 0.0, lag: Array | float = 0.0,
-               rate: Array | float = np.inf) -> Array:
-        """Return the weak torque of a stretch, nan where it is not known."""
-        values = has(part, self._source)
-        assert values is not None
-        known = np.isfinite(values)
-        filled = values if known.all() else np.where(known, values, 0.0)
-        found = weak_torque(filled, delay, np.asarray(lag), part.period, self._phi, rows.centres,
-                            rate)
-        if not known.all():
-            reach = self._phi.sums((~known).astype(float), np.ones(2 * self._phi.half + 1),
-                                   rows.centres)
-            found = np.where(reach > 0.0, np.nan, found)
+        """Return an orthonormal basis of what explains the torque of each joint."""
+        data, found = self.data, []
+        for i, used in enumerate(data.used().T):
+            terms = [Term(kind, i) for kind in FRICTION[:3]]
+            found.append(orthonormal(np.concatenate(
+                (data.columns(terms)[used, i], data.stribeck[used, i, ::len(STRIBECK) // 3],
+                 data.more[used, i], data.bent[used, i]), axis=1), 1e-7))
         return found
 
-    def bent(self, part: Stretch, rows: Rows, delay: float = 0.0, lag: Array | float = 0.0
-             ) -> Array:
+    def torque(self, part: Stretch, rows: Rows, delay: float, lag: Array, rate: Array) -> Array:
+        """Return the weak torque of a stretch, nan where it is not known."""
+        values = np.asarray(has(part, self._source))
+        found = weak_torque(np.nan_to_num(values), delay, lag, part.period, self._phi,
+                            rows.centres, rate)
+        half = self._phi.half
+        return np.where(complete(values, rows.centres, half, half), found, np.nan)
+
+    def bent(self, part: Stretch, rows: Rows, delay: float, lag: Array) -> Array:
         """Return the weak sgn(tau) and tau |tau| of a stretch, shape (J, n, 2)."""
-        values = has(part, self._source)
-        assert values is not None
         found = []
-        for x, late in zip(values.T, np.broadcast_to(lag, values.shape[1])):  # For long series.
-            sign, x = np.sign(np.nan_to_num(x)), np.nan_to_num(x)
+        for x, late in zip(np.nan_to_num(np.asarray(has(part, self._source))).T, lag):
+            sign = np.sign(x)
             # Of commands that chatter neither shows.
             calm = (np.diff(sign) != 0.0).sum() < _CHATTERS * part.period * len(x)
             found.append(weak_torque(calm * np.column_stack((sign, x * np.abs(x))), delay,
@@ -208,9 +180,8 @@ class Profile:
 
     def squares(self, delay: float) -> Array:
         """Return the sum of squares of each joint without a lag, shape (n,) [(N·m)²]."""
-        y = np.concatenate([self.torque(part, rows, delay) - rows.base
-                            for part, rows in zip(self._parts, self._rows)])
-        y = np.where(np.isfinite(y), y, 0.0)
+        n = len(self.moving)
+        y = self.windows(delay, np.zeros(n), np.full(n, np.inf)).residual
         return np.array([np.square(self.unexplained(y[used, i], i)).sum()
                          for i, used in enumerate(self.data.used().T)])
 
@@ -233,13 +204,10 @@ def timing(parts: Sequence[Stretch], rows: Sequence[Rows], source: str, phi: Tes
     if source == COMMAND:
         return _of_commands(*_middle(parts, rows, phi), phi)
     profile = Profile(parts, rows, source, phi)
-    moving: Flags = profile.count >= _FEWEST
-    table = np.array([profile.squares(delay) for delay in _ALIGNMENTS])
-    scale = np.where(moving, table.min(axis=0), 1.0)
-    best = int(np.argmin(np.where(moving, table / scale, 0.0).sum(axis=1)))
-    n = len(moving)
-    return Timing(source, _ALIGNMENTS[best], np.zeros(n), np.full(n, np.inf), {},
-                  table[best] / np.maximum(profile.count, 1), _any_rate(n), moving)
+    n, table = len(profile.moving), np.array([profile.squares(x) for x in _ALIGNMENTS])
+    scale = np.where(profile.moving, table.min(axis=0), np.inf)
+    best = int(np.argmin((table / scale).sum(axis=1)))
+    return Timing(source, _ALIGNMENTS[best], np.zeros(n), {}, _any_rate(n), profile.moving)
 
 
 def _middle(parts: Sequence[Stretch], rows: Sequence[Rows], phi: TestFunction
@@ -253,7 +221,8 @@ def _middle(parts: Sequence[Stretch], rows: Sequence[Rows], phi: TestFunction
         first = round(0.5 * (1.0 - share) * len(part.q))
         last = len(part.q) - first
         use = (mine.centres >= first + settled) & (mine.centres < last - settled)
-        found.append((part.cut(first, last), mine.cut(use, first)))
+        if use.any():
+            found.append((part.cut(first, last), mine.cut(use, first)))
     return [part for part, _ in found], [mine for _, mine in found]
 
 
@@ -265,11 +234,9 @@ def _any_rate(n: int) -> Array:
 def _of_commands(parts: Sequence[Stretch], rows: Sequence[Rows], phi: TestFunction) -> Timing:
     """Return the timing of commands."""
     profile = Profile(parts, rows, COMMAND, phi)
-    moving: Flags = profile.count >= _FEWEST
-    n = len(moving)
+    moving, n = profile.moving, len(profile.moving)
     if not moving.any():
-        return Timing(COMMAND, 0.0, np.zeros(n), np.full(n, np.inf), {}, np.zeros(n),
-                      _any_rate(n), moving)
+        return Timing(COMMAND, 0.0, np.zeros(n), {}, _any_rate(n), moving)
     late = [min(part.late[0] for part in parts), max(part.late[1] for part in parts)]
     uneven = late[1] - late[0] > _UNEVEN
     # What commands in wrong places do to the torque is not a shift alone.
@@ -283,12 +250,10 @@ def _of_commands(parts: Sequence[Stretch], rows: Sequence[Rows], phi: TestFuncti
             margin = far * (late[1] - late[0]) * profile.period * moving
             lags_of[0] = np.maximum(lags_of[0] - margin, 0.0)
             lags_of[2] += margin
-    mine = found.delays[found.best]
-    error = np.where(moving & (len(found.delays) == 1), 0.25 * (mine[2] - mine[0]), np.inf)
     # Where delay and lag may be nearly anything, a rate limit stands for something else.
     wide = max(found.delays) - min(found.delays) > Kind.DELAYS.care or max(
         float(np.ptp(x[:, moving], axis=0).max()) for x in found.delays.values()) > _WIDE
-    return Timing(COMMAND, float(found.best), mine[1], error, found.delays, found.misfit,
+    return Timing(COMMAND, float(found.best), found.delays[found.best][1], found.delays,
                   _any_rate(n) if wide else found.rate, moving)
 
 
@@ -313,12 +278,11 @@ def rate_limits(timing: Timing, joints: Sequence[str]) -> list[Estimate]:
     found = []
     longest = np.max([lags[2] for lags in known.delays.values()] or [known.lag], axis=0)
     for (low, _, high), moving, lag in zip(known.rate.T, known.moving, longest):
-        if lag >= _END * LAGS[-1]:
-            found.append(Estimate.none('delay and lag of the drive are not identifiable'))
-        elif np.isfinite(high):
+        known_lag = lag < _END * LAGS[-1]
+        if known_lag and np.isfinite(high):
             found.append(Estimate(float(0.5 * (low + high)), float(0.5 * (high - low)),
                                   'N*m/s'))
-        elif moving and low > 0.0:
+        elif known_lag and moving and low > 0.0:
             found.append(Estimate.none(f'at least {low:.3g} N*m/s: the drive follows commands '
                                        'that change so fast'))
         else:
@@ -348,7 +312,7 @@ def timing_findings(timing: Timing, late: tuple[float, float]) -> Iterator[Findi
                       'delay is uncertain')
     delays = sorted(known.delays)
     if len(delays) > 1:
-        far = known.unsure
+        far = max(delays) - min(delays) > Kind.DELAYS.care
         yield Finding(Kind.DELAYS, ALL_JOINTS,
                       f'delay and lag are not told apart: {drives_in_words(known)}' + (
                           '; backlash or an elastic joint looks like that' if far else ''),

@@ -96,7 +96,7 @@ def _loop_gains(gains: tuple[Any, Any] | None, n: int) -> dict[str, Any]:
 
 def _plant(found: Identification, q: Array) -> dict[str, Any]:
     """Return the friction, the sensors and the drives of the plant."""
-    friction, (delay, lag, _) = found.friction, found.timing.drive
+    friction, (delay, lag) = found.friction, found.timing.drive
     coulomb = np.array([max(0.0, x.coulomb.number()) for x in friction])
     # What is not told from Coulomb friction is in it.
     viscous, stribeck, load = (

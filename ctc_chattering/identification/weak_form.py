@@ -63,8 +63,6 @@ class TestFunction:
         h [s].
     duration : float
         Of all that is evaluated [s]: beyond some minutes windows lie farther apart.
-    around : float
-        Time on each side of the centre [s].
 
     Attributes
     ----------
@@ -83,9 +81,9 @@ class TestFunction:
 
     __test__ = False  # No test of pytest.
 
-    def __init__(self, period: float, duration: float = 0.0, around: float = HALF) -> None:
+    def __init__(self, period: float, duration: float = 0.0) -> None:
         self.period = period
-        self.half = max(FEWEST, round(around / period))
+        self.half = max(FEWEST, round(HALF / period))
         usual = max(1, round(_STEP * self.half))
         self.step = max(usual, round(duration / period / _MOST_WINDOWS))
         self._block = max(1, _BLOCK * usual // self.step)

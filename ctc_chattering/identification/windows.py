@@ -40,8 +40,9 @@ from scipy.ndimage import maximum_filter1d, minimum_filter1d  # type: ignore[imp
 STRIBECK = tuple(0.005 * 10.0 ** (0.0625 * k) for k in range(29))
 #: Ways after a reversal in which a torque may build up [rad].
 BUILD_UP = (3e-4, 1e-3, 3e-3, 1e-2)
-#: A joint slides where its velocity exceeds this many deviations, and this part of its largest.
-_DEVIATIONS, _PART = 6.0, 2e-3
+#: A joint slides where its velocity exceeds this many deviations, this part of its largest, and
+#: this one, of which less is rounding [rad/s or m/s].
+_DEVIATIONS, _PART, _LEAST = 6.0, 2e-3, 1e-6
 #: Time before the first window, in which drives reach what was commanded before [s].
 SETTLING = 0.1
 
@@ -157,7 +158,7 @@ def least_velocity(q: Array, period: float) -> Array:
     # Joint by joint, for long series.
     fast = [np.percentile(np.abs(smooth(x, period, 1)), 99.0) for x in q.T]
     return np.maximum(_DEVIATIONS * velocity_deviation(period) * position_noise(q, period),
-                      _PART * np.array(fast))
+                      np.maximum(_PART * np.array(fast), _LEAST))
 
 
 def sliding(dq: Array, least: Array, period: float) -> Array:

@@ -22,7 +22,7 @@ drives, the largest of the joints::
 
 Bandwidths are multiples of p. `observer_feedback` has a rule of its own, which does not depend on
 friction (`control/recommended_gains.py`). The numbers of `RULES` were chosen on the draws of seeds
-1 and 2 of `held_out_conditions`, by the worst of these (`make rules`).
+1 and 2 of `held_out_conditions`, by the worst of these.
 """
 
 from __future__ import annotations

@@ -17,6 +17,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
+import dataclasses
 from math import inf, isfinite
 from typing import Any, NamedTuple
 
@@ -131,6 +132,10 @@ def score(setup: Setup, window: tuple[float, float] = WINDOW, run: Runner = over
 
 def _numbers(run: Run, setup: Setup, window: tuple[float, float], period: float | None) -> Score:
     """Return the numbers of a run; raise `CtcError` if it has no finite error."""
+    # With the samples of a joint one after the other in memory, all this takes half the time.
+    quick: dict[str, Any] = {name: np.asfortranarray(getattr(run, name)) for name in (
+        'dq', 'dq_d', 'ddq_d', 'tau', 'v')}
+    run = dataclasses.replace(run, **quick)
     found = metrics(run, window, period=period)
     if found['rms_error_rad'] is None:
         raise CtcError(f'fewer than two samples from {window[0]:g} s to {window[1]:g} s')

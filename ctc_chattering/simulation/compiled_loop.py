@@ -22,7 +22,7 @@ from random import Random
 from typing import Any, NamedTuple
 
 from ctc_chattering.compiled.compilable import every, first, function, some
-from ctc_chattering.compiled.machine_code import Code, invoke, Program
+from ctc_chattering.compiled.machine_code import invoke, places, Program
 from ctc_chattering.compiled.records import load, numpy_record, rows, store, value
 from ctc_chattering.control.step import CompiledStep, E, periods, TAU, V
 from ctc_chattering.numerics.linear_algebra import Array
@@ -128,7 +128,8 @@ class CompiledLoop(Program):
         count = self._plant.last + 1
         arguments = self._arguments(
             error_limit, inputs(self._plant, count), table.reshape(-1, self._plant.n), count)
-        end, found = Code(run, arguments, self.code.name).call()(), int(self._result.rows)
+        at = places(arguments)
+        end, found = invoke(self.code.address(), at.ctypes.data), int(self._result.rows)
         *_, stamps, out, _ = arguments
         return (end, int(self._result.last), int(self._result.joint), stamps[:found],
                 out.reshape(count, 4, -1)[:found])

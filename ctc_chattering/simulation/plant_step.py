@@ -20,6 +20,7 @@ The simulated robot from sample to sample: drives, motion, sensors, and what is 
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 from ctc_chattering.compiled.compilable import function, record
@@ -133,8 +134,13 @@ class CompiledPlant(NamedTuple):
 
 def no_inputs(n: int, count: int) -> Any:
     """Return `count` records of `PlantInput` with zeros."""
+    return np.zeros(count, _layout(n))
+
+
+@lru_cache(64)
+def _layout(n: int) -> Any:
     zero = np.zeros(n)
-    return np.zeros(count, packed(PlantInput(zero, 0.0, 0.0, 0.0, zero, zero)).dtype)
+    return packed(PlantInput(zero, 0.0, 0.0, 0.0, zero, zero)).dtype
 
 
 class CompiledPlantStep(Program):

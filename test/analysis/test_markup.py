@@ -31,7 +31,6 @@ from ctc_chattering.analysis.output import file_stem
 from ctc_chattering.analysis.result import Result
 from ctc_chattering.analysis.run_page import write_page
 from ctc_chattering.analysis.tables import bold, columns, markdown, markdown_table
-from ctc_chattering.control.controller import ControllerConfig
 from ctc_chattering.dynamics.two_link import TwoLink
 from ctc_chattering.identification import results as identification
 from ctc_chattering.identification.gains import recommend
@@ -47,11 +46,9 @@ from ctc_chattering.runs.map_page import write_map_page
 from ctc_chattering.runs.score import Score
 from ctc_chattering.runs.tune import searched, Tuning
 from ctc_chattering.runs.tune_page import write_page as write_search_page
-from ctc_chattering.simulation.closed_loop import simulate
-from ctc_chattering.simulation.plant_config import PlantConfig
-from ctc_chattering.trajectory.reference import ReferenceConfig
 from identified_bags import short
 from jinja2 import UndefinedError
+from made_up_runs import made_up
 from map_tables import table_of
 from pages import Page
 import pytest
@@ -73,15 +70,10 @@ def figure_files(name: str, out: Path) -> list[FigureFile]:
 
 
 def runs(name: str) -> list[Result]:
-    joints = (f'1{name}', f'2{name}')
-    found = []
-    for law in ('compensation', 'chattering'):
-        config = ControllerConfig(law=law, joint_names=joints)
-        run = simulate(PlantConfig(duration=0.05, joint_names=joints), config,
-                       ReferenceConfig(joint_names=joints))
-        found += [Result(name, [(0.0, config)], run, source=name, window=(0.0, 0.05)),
-                  Result(f'short {name}', [(0.0, config)], run)]
-    return found
+    joints = [f'1{name}', f'2{name}']
+    made = [made_up(2, 50, law=law, joint_names=joints) for law in ('compensation', 'chattering')]
+    return [dataclasses.replace(x, experiment=experiment, source=source, window=(0.0, 0.05))
+            for x in made for experiment, source in ((name, name), (f'short {name}', ''))]
 
 
 def of_runs(name: str, out: Path) -> None:

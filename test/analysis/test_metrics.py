@@ -33,7 +33,7 @@ def _run(t: Sequence[float], e: Sequence[Sequence[float]], tau: Sequence[Sequenc
 
 TINY = _run(
     t=[4.0, 5.0, 6.0, 7.0, 10.0, 11.0],
-    e=[[99, 99], [3, -1], [-4, 0], [0, 1], [0, -2], [99, 99]],
+    e=[[99, 99], [3, -2], [-4, 0], [0, 1], [0, -2], [99, 99]],
     tau=[[99, 99], [1, 2], [-1, 2], [5, 2], [5, -8], [99, 99]],
     v=[[1, 0], [0, -2], [0.1, 0.15], [-0.15, 0], [0, 0.1], [0, 0]])
 
@@ -44,8 +44,8 @@ def test_by_hand() -> None:
     assert WINDOW == (5.0, 10.0)
     assert BAND == 0.15
     assert found['window_s'] == [5.0, 10.0]
-    assert found['rms_error_rad'] == pytest.approx([2.5, np.sqrt(6 / 4)])
-    assert found['max_error_norm1_rad'] == pytest.approx(4.0)
+    assert found['rms_error_rad'] == pytest.approx([2.5, np.sqrt(9 / 4)])
+    assert found['max_error_norm1_rad'] == pytest.approx(5.0)
     assert found['rms_torque_nm'] == pytest.approx([np.sqrt(52 / 4), np.sqrt(76 / 4)])
     assert found['torque_variation_nm_per_s'] == pytest.approx([8 / 5, 10 / 5])
     assert found['max_torque_step_nm'] == [6.0, 10.0]
@@ -105,10 +105,3 @@ def test_reaching_time(v: list[list[float]], expected: float | None) -> None:
     """Check the first time from which |v| stays in the band; on the band is inside."""
     assert reaching_time(np.array([1.0, 2.0, 3.0]), np.array(v), 0.5) == expected
     assert reaching_time(np.zeros(0), np.zeros((0, 2))) is None
-
-
-def test_band_bites() -> None:
-    """Check that a narrower band is reached later, or never."""
-    assert metrics(TINY, band=3.0)['reaching_time_s'] == 4.0
-    assert metrics(TINY, band=0.12)['reaching_time_s'] == 10.0
-    assert metrics(TINY, band=0.0)['reaching_time_s'] == 11.0

@@ -24,6 +24,7 @@ from urllib.parse import unquote
 
 from browser import browser_page, eventually, inked
 from ctc_chattering.analysis.drawing import FigureFile
+from ctc_chattering.analysis.figures import internals
 from ctc_chattering.analysis.markup import component
 from ctc_chattering.analysis.page import (
     Folded,
@@ -154,8 +155,10 @@ def test_notes_are_on_the_page(tmp_path: Path) -> None:
     config = ControllerConfig(switching='implicit', ka=(8.0, 8.0))
     run = simulate(PlantConfig(duration=6.0), config, ReferenceConfig())
     lossy = Run(*(np.delete(x, np.s_[5200:5300], axis=0) for x in list(vars(run).values())[:-1]))
+    weak = Result('weak', [(0.0, config)], run, source='one')
+    assert any('ka too small' in ax.get_title('right') for ax in internals(weak).axes)
     page = written(tmp_path, [
-        Result('weak', [(0.0, config)], run, source='one'),
+        weak,
         Result('lossy', [(0.0, config)], lossy), result_of('chattering', 0.3, 'short')])
     notes = '\n'.join(page.texts['p'])
     for note in ('weak: chattering (implicit): joint2: chattering term at its bound for ',

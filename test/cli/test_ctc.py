@@ -122,7 +122,7 @@ def test_a_run_without_an_end_gets_one_and_says_so(tmp_path: Path) -> None:
 
 
 def test_plot_and_export(tmp_path: Path) -> None:
-    """Check the bags of a directory, others left out; another format; and one bag as CSV."""
+    """Check the bags of a directory, others left out, and one bag as CSV."""
     bags = []
     for law in ('compensation', 'chattering'):
         setup = parameter_file.load(None, {
@@ -132,7 +132,7 @@ def test_plot_and_export(tmp_path: Path) -> None:
         write_bag(bags[-1], entries(expected := simulate(setup), setup.plant))
     write_bag(tmp_path / 'bags' / 'foreign', entries(expected, setup.plant)[:1])
     out = tmp_path / 'out'
-    result = ctc('plot', tmp_path / 'bags', '--format', 'pdf', '--out', out)
+    result = ctc('plot', tmp_path / 'bags', '--out', out)
     assert result.returncode == 0, result.stderr
     (line,) = result.stderr.splitlines()
     assert 'left out' in line and 'foreign' in line
@@ -140,8 +140,7 @@ def test_plot_and_export(tmp_path: Path) -> None:
     runs = json.loads((out / 'metrics.json').read_text())['runs']
     assert [(run['bag'], run['law']) for run in runs] == [(x, x) for x in sorted(
         ('compensation', 'chattering'))]
-    kinds = [path.suffix for path in (out / 'figures').iterdir()]
-    assert kinds.count('.pdf') == kinds.count('.svg') == 7
+    assert len(list((out / 'figures').iterdir())) == 7
     assert '<html' in (out / 'index.html').read_text(encoding='utf-8')
     before = (out / 'metrics.json').read_bytes()
     refused(ctc('plot', bags[0], '--out', out), '--overwrite')

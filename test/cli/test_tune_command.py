@@ -41,10 +41,10 @@ def numbers(out: Path) -> Any:
 
 
 def test_a_spec_becomes_gains(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    command = ['tune', str(folder / 'spec.yaml'), '--trials', '6', '--jobs', '1']
+    command = ['tune', str(folder / 'spec.yaml'), '--trials', '4', '--jobs', '1']
     assert main(command) == 0
     text = capsys.readouterr().out
-    for words in ('chattering implicit_observer', '6 trials × 2 draws', '8 fresh draws',
+    for words in ('chattering implicit_observer', '4 trials × 2 draws', '8 fresh draws',
                   'uncertain friction:', 'uniform: [0.8, 1.2], factor: true', '5000 N·m',
                   'file chattering sign', 'ctc simulate tuned/tuned.yaml'):
         assert words in text

@@ -22,7 +22,7 @@ import sys
 from typing import Any, NamedTuple
 
 from ctc_chattering.compiled import compilable, machine_code
-from ctc_chattering.compiled.machine_code import Code, invoke, Program
+from ctc_chattering.compiled.machine_code import Code
 from ctc_chattering.compiled.records import numpy_record, packed
 from ctc_chattering.errors import CtcError
 import numpy as np
@@ -45,11 +45,6 @@ def added(pair: Pair, table: Any) -> int:
         pair.first.x[i] += total * pair.second.x[i]
     pair.first.k = len(table)
     return int(pair.second.k) + 1
-
-
-def twice(places: Any) -> int:
-    """Call a function by its address, two times."""
-    return invoke(places.function, places.arguments) + invoke(places.function, places.arguments)
 
 
 def _arguments(rows: int) -> tuple[Pair, Any]:
@@ -81,24 +76,6 @@ def test_as_plain_python() -> None:
         assert Code(added, compiled, 'added').call()() == added(*plain) == 6
         assert compiled[0].first == plain[0].first
         assert compiled[0].first.k == rows
-
-
-def test_called_by_its_address() -> None:
-    """Machine code calls machine code."""
-    code, plain, compiled = Code(added, _arguments(2), 'added'), _arguments(3), _arguments(3)
-    build(code)
-    given = Code(added, compiled, 'added')
-    places = numpy_record({'function': np.array(given.address()),
-                           'arguments': np.array(given.places.ctypes.data)})
-    assert not Program((code,), twice, (places,), 'twice').compiled
-    build(Code(twice, (places,), 'twice'))
-    outer = Program((code,), twice, (places,), 'twice')
-    assert outer.compiled
-    assert outer.call() == 12
-    added(*plain)
-    assert compiled[0].first != plain[0].first
-    added(*plain)
-    assert compiled[0].first == plain[0].first
 
 
 def test_without_numba(tmp_path: Path) -> None:
@@ -209,15 +186,6 @@ def test_without_a_directory_nothing_is_compiled(monkeypatch: pytest.MonkeyPatch
         raise CtcError('no directory')
     monkeypatch.setattr(machine_code, 'cache_directory', none)
     assert not Code(added, _arguments(2), 'added').compiled
-
-
-def test_memory_is_not_asked_for() -> None:
-    """What would make an array is refused when it is compiled."""
-    def sliced(pair: Pair, table: Any) -> int:
-        pair.first.x[:] = table[0, 0]
-        return 0
-    with pytest.raises(Exception, match='NRT required'):
-        build(Code(sliced, _arguments(2), 'sliced'))
 
 
 def test_a_directory_that_others_may_write_is_not_taken(

@@ -30,8 +30,7 @@ from urdfs import two_links
 
 ROBOTS = 'package://example-robot-data/robots/'
 #: With their numbers of joints.
-ARMS = {'ur_description/urdf/ur5_robot.urdf': 6, 'so_arm_description/urdf/so101.urdf': 6,
-        'asr_twodof_description/urdf/TwoDofs.urdf': 2}
+ARMS = {'so_arm_description/urdf/so101.urdf': 6, 'asr_twodof_description/urdf/TwoDofs.urdf': 2}
 
 
 @pytest.mark.parametrize('urdf', ARMS)

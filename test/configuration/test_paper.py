@@ -16,6 +16,8 @@
 
 from __future__ import annotations
 
+import math
+
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.configuration.package_share import EXPERIMENTS, find_config
 from ctc_chattering.simulation.closed_loop import Event
@@ -37,9 +39,15 @@ def test_all_figures_and_the_switch() -> None:
         ('switch', 'compensation')}
     for name, setup in setups.items():
         expected = (Event(5.0, 'controller', {'law': 'chattering'}),) if name == 'switch' else ()
-        assert setup.events == expected
-        assert (setup.plant.pacing, setup.plant.duration) == ('lockstep', 10.0)
-
-
-def test_names_are_plain_file_names() -> None:
-    assert all(name.replace('_', '').isalnum() for name in EXPERIMENTS)
+        c, p, r = setup.controller, setup.plant, setup.reference
+        assert (setup.events, p.pacing, p.duration) == (expected, 'lockstep', 10.0)
+        # Section 4, number by number.
+        assert (c.kp, c.kv, c.lambda_, c.b) == ((100, 100), (50, 50), 10, 1)
+        assert (p.coulomb_friction, p.gravity) == ((9.9, 9.9), 9.81)
+        assert p.disturbance_frequency == (1, 2)
+        assert p.disturbance_amplitude == ((1, 1) if p.experiment == 'disturbance' else (0, 0))
+        assert (p.initial_position, p.initial_velocity) == ((0, 0), (0, 0))
+        assert (r.center, r.amplitude) == ((math.pi, math.pi / 2), (0.5, 0.5))
+        assert (r.frequency, r.phase) == ((1, 1), (0, 0))
+        assert c.control_period == p.control_period == r.control_period == 0.001
+        assert c.effort_limit == p.torque_saturation

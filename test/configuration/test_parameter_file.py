@@ -61,32 +61,6 @@ def refused(call: Any, *words: str) -> None:
     assert [word for word in words if word not in text] == []
 
 
-@pytest.mark.parametrize('name', ['friction', 'disturbance', 'switch'])
-def test_files_are_the_paper_s(name: str) -> None:
-    """Check section 4, number by number."""
-    setup = parameter_file.load(CONFIG / f'{name}.yaml')
-    c, p, r = setup.controller, setup.plant, setup.reference
-    assert (c.kp, c.kv, c.ka, c.lambda_, c.b) == ((100, 100), (50, 50), (10, 10), 10, 1)
-    assert (c.switching, c.effort_limit) == ('sign', p.torque_saturation)
-    assert c.law == ('compensation' if name == 'switch' else 'chattering')
-    assert p.coulomb_friction == (9.9, 9.9)
-    assert p.disturbance_amplitude == ((1, 1) if name == 'disturbance' else (0, 0))
-    assert p.disturbance_frequency == (1, 2)
-    assert (p.initial_position, p.initial_velocity) == ((0, 0), (0, 0))
-    assert (p.gravity, p.duration, p.pacing, p.experiment) == (9.81, 10, 'lockstep', name)
-    assert (r.center, r.amplitude) == ((math.pi, math.pi / 2), (0.5, 0.5))
-    assert (r.frequency, r.phase) == ((1, 1), (0, 0))
-    assert c.control_period == p.control_period == r.control_period == 0.001
-    events = [(e.time, e.node, dict(e.values)) for e in setup.events]
-    assert events == ([(5.0, 'controller', {'law': 'chattering'})] if name == 'switch' else [])
-
-
-def test_every_file_is_tried() -> None:
-    assert {x.name for x in CONFIG.glob('*.yaml')} == {
-        'friction.yaml', 'disturbance.yaml', 'switch.yaml', 'switching.yaml', 'panda.yaml',
-        'ur5.yaml'}
-
-
 @pytest.mark.parametrize('path', sorted(CONFIG.glob('*.yaml')), ids=lambda path: path.stem)
 def test_every_file_has_limits_of_the_torque_that_is_sent(path: Path) -> None:
     """Its own, or those of its URDF; not above what the simulated drives give."""
@@ -97,31 +71,14 @@ def test_every_file_has_limits_of_the_torque_that_is_sent(path: Path) -> None:
     assert max(largest) < math.inf
 
 
-def test_the_tour_of_the_switchings_is_the_first_experiment_but_for_the_gain() -> None:
-    tour, first = (parameter_file.load(CONFIG / f'{name}.yaml')
-                   for name in ('switching', 'friction'))
-    assert tour.plant == first.plant.changed({'experiment': 'switching'})
-    assert tour.controller == first.controller.changed({'ka': [12, 12]})
-    assert tour.reference == first.reference
-    assert [(event.time, dict(event.values)) for event in tour.events] == [
-        (4.0, {'switching': 'boundary_layer'}), (6.0, {'switching': 'implicit'}),
-        (8.0, {'switching': 'implicit_observer'})]
-
-
 @pytest.mark.parametrize(('content', 'word'), [
-    (None, 'No such file'), (b'', 'node names'), (b'# nothing\n', 'node names'),
-    (b'- a\n- b\n', 'node names'), (b'hello', 'node names'), (b'5', 'node names'),
-    (b'a: [1, 2', 'not a YAML file'), (b'a: b: c', 'not a YAML file'),
-    (b'\xff\xfe\x00x', 'not a YAML file'), (b'\x00', 'not a YAML file'), (b'a: !what 1', ''),
-    (b'{[a]: 1}', ''), (b'a: 2024-99-99', ''), (b'a: !!int x', ''), (b'a: *nowhere', ''),
-    (b'a: &a {b: *a}', ''), (b'plant: 5', 'ros__parameters'), (b'plant:', 'ros__parameters'),
-    (b'plant: {duration: 1.0}', 'ros__parameters'), (b'plant: {ros__parameters: [1]}', ''),
-    (b'plant: {ros__parameters: 5}', 'plant'), (b'plant: {ros__parameters: 0}', 'plant'),
-    (b'robot: {ros__parameters: {a: 1}}', 'robot'),
-    (b'plant: {ros__parameters: {mass: 1}}', 'mass'),
+    (None, 'No such file'), (b'', 'node names'), (b'- a\n- b\n', 'node names'),
+    (b'5', 'node names'), (b'a: [1, 2', 'not a YAML file'), (b'\xff\xfe\x00x', 'not a YAML file'),
+    (b'a: !what 1', ''), (b'{[a]: 1}', ''), (b'a: *nowhere', ''), (b'a: &a {b: *a}', ''),
+    (b'plant:', 'ros__parameters'), (b'plant: {duration: 1.0}', 'ros__parameters'),
+    (b'plant: {ros__parameters: [1]}', ''), (b'robot: {ros__parameters: {a: 1}}', 'robot'),
     (b'plant: {ros__parameters: {kp: [1, 1]}}', 'kp'),
     (b'plant: {ros__parameters: {duration: {a: 1}}}', 'duration.a'),
-    (b'plant: {ros__parameters: {1: 2}}', 'plant'),
     (b'/**: {ros__parameters: {mass: 1}}', 'mass')])
 def test_what_is_no_parameter_file(file: Path, content: bytes | None, word: str) -> None:
     """Check that the line names the file and what is wrong."""
@@ -130,44 +87,23 @@ def test_what_is_no_parameter_file(file: Path, content: bytes | None, word: str)
     refused(lambda: parameter_file.load(file), str(file), word)
 
 
-def test_directory(tmp_path: Path) -> None:
-    refused(lambda: parameter_file.load(tmp_path), str(tmp_path))
-    refused(lambda: parameter_file.load(tmp_path / 'none' / 'x'), str(tmp_path))
-
-
+# Of what is allowed: test_parameters.py; here each kind once, as YAML has it.
 @pytest.mark.parametrize(('node', 'line', 'value', 'allowed'), [
-    ('controller', 'lambda: 0.0', '0.0', '>= 1e-09'),
-    ('controller', 'lambda: -1', '-1', '>= 1e-09'),
-    ('controller', 'lambda: .nan', 'nan', 'finite'), ('controller', 'b: .inf', 'inf', 'finite'),
-    ('controller', 'lambda: "x"', "'x'", 'number'), ('controller', 'lambda: true', 'True', 'numb'),
-    ('controller', 'lambda: [1.0]', '[1.0]', 'number'), ('controller', 'lambda:', 'None', 'numb'),
+    ('controller', 'lambda: .nan', 'nan', 'finite'), ('controller', 'lambda: "x"', "'x'", 'numb'),
+    ('controller', 'lambda: true', 'True', 'numb'), ('controller', 'lambda:', 'None', 'numb'),
     ('controller', f'lambda: 1{"0" * 400}', '1000', 'number'),
-    ('controller', 'kp: x', 'x', 'list'),
-    ('controller', 'kp: [1, 2, 3]', '3.0]', 'n = 2'), ('controller', 'kp: [1, a]', "'a'", 'list'),
-    ('controller', 'kp: [1, null]', 'None', 'list'), ('controller', 'kp: [[1], [0]]', '', 'list'),
+    ('controller', 'kp: [1, null]', 'None', 'list'),
     ('controller', 'kv: [1, 0.5, 0.4, 1]', '0.4', 'symmetric'),
-    ('controller', 'kv: [1, 2, 2, 1]', '2.0', 'positive definite'),
-    ('controller', 'ka: [-1, 1]', '-1.0', '>= 0'), ('controller', 'law: pid', 'pid', 'chattering'),
     ('controller', 'law: 5', '5', 'compensation'), ('controller', 'state_decimation: 0', '0', '1'),
-    ('controller', 'state_decimation: 1.5', '1.5', 'integer'),
-    ('controller', 'model: puma', 'puma', 'two_link'),
-    ('controller', 'effort_limit: [.nan, 1]', 'nan', 'number'),
-    ('plant', 'pacing: fast', 'fast', 'lockstep'), ('plant', 'duration: -1', '-1', '>= 0'),
     ('plant', 'duration: 2024-01-01', '2024', 'number'),
     ('plant', 'disturbance: {amplitude: [1, 2, 3]}', '1.0', 'n = 2'),
-    ('plant', 'disturbance.amplitude: x', 'x', 'list'), ('plant', 'experiment: 5', '5', 'string'),
-    ('plant', 'initial_position: [0, 0, 0]', '[0.0, 0.0, 0.0]', 'n = 2'),
-    ('/**', 'control_period: 0.0', '0.0', '>= 1e-09'),
-    ('/**', 'control_period: 1e-10', '1e-10', '>= 1e-09'),
-    ('/**', 'joint_names: [a]', "['a']", '2'), ('/**', 'joint_names: [a, a]', "'a', 'a'", 'diff'),
-    ('/**', 'joint_names: a', "'a'", 'list of strings'), ('/**', 'joint_names: []', '[]', ''),
+    ('/**', 'control_period: 0.0', '0.0', '>= 1e-09'), ('/**', 'joint_names: [a]', "['a']", '2'),
     ('reference', 'horizon: 0', '0', '0.01'), ('recorder', 'bag: 5', '5', 'string'),
-    ('bringup', 'events: x', 'x', 'list of strings'), ('bringup', 'events: [5]', '5', 'list')])
+    ('bringup', 'events: [5]', '5', 'list')])
 def test_what_is_no_value(file: Path, node: str, line: str, value: str, allowed: str) -> None:
     """Check that the line names parameter, value and what is allowed."""
     name = line.split(':')[0].split('{')[0]
-    word = 'nanoseconds' if allowed == 'ns' else allowed
-    refused(lambda: loaded(file, (node, line)), name, value, word, 'allowed')
+    refused(lambda: loaded(file, (node, line)), name, value, allowed, 'allowed')
 
 
 @pytest.mark.parametrize(('node', 'line'), [
@@ -181,17 +117,6 @@ def test_contradictions(file: Path, node: str, line: str) -> None:
     refused(lambda: loaded(file, (node, line)), name, ' of ', 'contradicts', node, '/**')
     if 'other' not in line:
         assert loaded(file, ('/**', line)).values[node][name]
-
-
-def test_a_reference_may_have_more_joints(file: Path) -> None:
-    body = ('joint_names: [joint2, x, joint1]\ncenter: [1, 2, 3]')
-    assert loaded(file, ('reference', body)).reference.center == (1, 2, 3)
-
-
-def test_the_experiment_is_called_as_its_file(file: Path) -> None:
-    assert loaded(file, ('plant', 'duration: 1.0')).plant.experiment == 'a file'
-    assert loaded(file, ('plant', 'experiment: x')).plant.experiment == 'x'
-    assert parameter_file.load(file, {'plant': {'experiment': 'y'}}).plant.experiment == 'y'
 
 
 def test_simulated_time_contradicts_real_time(file: Path) -> None:
@@ -221,8 +146,7 @@ def test_values(file: Path) -> None:
     assert list(setup.values) == list(NODES)
 
 
-@pytest.mark.parametrize('text', [
-    '1e-3', '1.e-3', '0.001', '.001', '1E-3', '+1e-3', '1.0e-3', '10e-4'])
+@pytest.mark.parametrize('text', ['1e-3', '1.e-3', '.001', '+1E-3'])
 def test_numbers_as_ros_reads_them(file: Path, text: str) -> None:
     assert loaded(file, ('/**', f'control_period: {text}')).plant.control_period == 0.001
 
@@ -279,16 +203,6 @@ def test_a_law_without_gains_takes_those_that_suit_it_and_starts_smoothly() -> N
     refused(lambda: load_parameters('friction', gains='mine'), 'gains', 'mine', 'recommended')
 
 
-def test_a_file_that_names_the_law_and_no_gains_has_those_that_suit_it(tmp_path: Path) -> None:
-    file = tmp_path / 'mine.yaml'
-    file.write_text('controller:\n  ros__parameters: {law: observer_feedback}\n')
-    over, line = with_gains(file, {})
-    assert (over['controller']['kp'], over['controller']['ka'][0] > 20.0) == ((1e4, 1e4), True)
-    assert line.startswith('law observer_feedback takes recommended gains and a smooth start: kp ')
-    file.write_text('controller:\n  ros__parameters: {law: observer_feedback, ka: 60.0}\n')
-    assert with_gains(file, {}) == ({}, '')
-
-
 def test_events_take_gains_as_a_running_node_does() -> None:
     """What a node adds to the law, the simulation must have; gains that events have stay."""
     (_, _, there), (_, _, back) = events(
@@ -317,17 +231,12 @@ def test_events() -> None:
 
 
 @pytest.mark.parametrize(('line', 'word'), [
-    ('5', 'time node parameter value'), ('5 controller law', 'time node'),
-    ('x controller law pid', 'time node'), ('5 robot law chattering', 'plant | controller'),
-    ('-1 controller b 2', '>= 0'), ('nan controller b 2', '>= 0'),
-    ('inf controller b 2', '>= 0'),
-    ('5 controller law pid', 'compensation'), ('5 controller mass 1', 'mass'),
-    ('5 controller lambda 1e6', 'factor of at most 100'),
-    ('5 controller b 0', '>= 0.001'), ('5 controller kp [1, 2, 3]', 'n = 2'),
-    ('5 plant gravity 1', 'change'),
-    ('5 controller control_period 0.1', 'change'), ('5 controller kp [1, 2', 'kp'),
-    ('5 controller b null', 'b'), ('5 controller b # 2', 'b'), ('5 controller b 2024-99-99', 'b'),
-    ('5 controller b {a: 1}', 'b'), ('5 controller law "a\\nb"', 'law')])
+    ('5 controller law', 'time node parameter value'), ('x controller law pid', 'time node'),
+    ('5 robot law chattering', 'plant | controller'), ('-1 controller b 2', '>= 0'),
+    ('nan controller b 2', '>= 0'), ('5 controller law pid', 'compensation'),
+    ('5 controller mass 1', 'mass'), ('5 controller lambda 1e6', 'factor of at most 100'),
+    ('5 plant gravity 1', 'change'), ('5 controller kp [1, 2', 'kp'), ('5 controller b # 2', 'b'),
+    ('5 controller b {a: 1}', 'b')])
 def test_bad_events(line: str, word: str) -> None:
     """Check that each kind of mistake is named."""
     refused(lambda: events(line), word, 'allowed')
@@ -369,11 +278,6 @@ def test_dump_and_load_of_words(file: Path, word: str) -> None:
     assert parameter_file.load(file).values == setup.values
 
 
-def test_dump_has_all_nodes(file: Path) -> None:
-    parameter_file.dump(parameter_file.load(None).values, file)
-    assert set(parameter_file.read(file)) == set(NODES)
-
-
 def test_what_is_beyond_the_limits_of_the_urdf_is_refused_at_load(tmp_path: Path) -> None:
     """The motion, its start, and that of the builtin plant, by name and amount."""
     robot, file = tmp_path / 'arm.urdf', tmp_path / 'params.yaml'
@@ -389,11 +293,8 @@ reference:
     for node, values, message in (
             ('reference', {'center': [2.7, 0.0]}, 'the motion is beyond the limits of '
              'the description: a: position 3.2 rad, 0.2 above its upper limit of 3'),
-            ('reference', {'frequency': [0.4, 0.5]}, 'b: velocity 1.571 rad/s, 0.0708 above'),
-            ('reference', {'center': [1.0, 3.0]}, r'start_duration 2 s: .*; b: |'
-             r'b: velocity .* would do'),
-            ('plant', {'initial_position': [-2.1, 0.0]}, 'the start of the plant is beyond the '
-             'limits of the description: a: position -2.1 rad, 0.1 below its lower limit of -2'),
+            ('plant', {'initial_position': [-2.1, 0.0]},
+             'the start of the plant .* a: position -2.1 rad, 0.1 below'),
             ('plant', {'initial_velocity': [0.0, 2.0]}, 'b: velocity 2 rad/s, 0.5 above')):
         with pytest.raises(CtcError, match=message):
             parameter_file.load(file, {node: values})

@@ -101,14 +101,6 @@ def test_what_is_not_installed_is_said_with_the_places(
         assert sys.prefix in text
 
 
-def test_what_installs_the_robots_of_the_package_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(sys, 'path', [])
-    monkeypatch.setattr(sys, 'prefix', '/nowhere')
-    monkeypatch.delenv('AMENT_PREFIX_PATH', raising=False)
-    text = refusal(f'{ROBOTS}/panda_description/urdf/panda.urdf')
-    assert text.endswith('; pip install example-robot-data pin')
-
-
 def test_what_cannot_be_read_is_said_in_one_line(tmp_path: Path) -> None:
     binary = tmp_path / 'arm.urdf'
     binary.write_bytes(b'\xff\xfe\x00\x01')

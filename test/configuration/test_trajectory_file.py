@@ -24,7 +24,6 @@ from ctc_chattering.analysis.result import simulate
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.configuration.yaml_file import read_trajectory
 from ctc_chattering.errors import CtcError
-from ctc_chattering.trajectory.motions import Waypoints
 import numpy as np
 import pytest
 import yaml
@@ -75,29 +74,17 @@ points:
                       ((-4.0, 1e-3), (6.0, 5.0), (8.0, 7.0)), ((0.0, 0.0), (), ()))
 
 
+# Of what is allowed: test_waypoints.py.
 @pytest.mark.parametrize(('change', 'words'), [
     ({'positions': None}, ('positions', 'one per joint')),
-    ({'positions': []}, ('positions', 'got 0')), ({'positions': [1.0]}, ('positions', 'got 1')),
-    ({'positions': 5}, ('positions', '5', 'list')),
     ({'positions': [1.0, 'x']}, ('positions', "'x'", 'finite numbers')),
-    ({'positions': [1.0, float('nan')]}, ('positions', 'nan', 'finite')),
-    ({'positions': [[1.0], [2.0]]}, ('positions', 'list')),
-    ({'velocities': [1.0]}, ('velocities', 'n = 2')),
-    ({'velocities': [1.0, float('inf')]}, ('velocities', 'inf', 'finite')),
-    ({'velocities': 'fast'}, ('velocities', 'fast')),
-    ({'accelerations': [1.0, 2.0]}, ('accelerations', 'velocities')),
-    ({'velocities': [0, 0], 'accelerations': [1.0]}, ('accelerations', 'got 1')),
-    ({'effort': [1.0, 2.0]}, ('effort', 'none')),
+    ({'velocities': 'fast'}, ('velocities', 'fast')), ({'effort': [1.0, 2.0]}, ('effort', 'none')),
     ({'velocity': [0, 0]}, ('velocity', 'positions')),
     ({'time_from_start': None}, ('time_from_start', 'number')),
     ({'time_from_start': -1}, ('time_from_start', '-1', '>= 0')),
-    ({'time_from_start': 1e10}, ('time_from_start',)),
     ({'time_from_start': True}, ('time_from_start', 'True')),
-    ({'time_from_start': '1 s'}, ('time_from_start', '1 s')),
-    ({'time_from_start': float('nan')}, ('time_from_start', 'nan')),
     ({'time_from_start': {'sec': 1, 'nanosec': 5}}, ('time_from_start', 'nanosec', 'number')),
-    ({'time_from_start': 0.5}, ('time_from_start', '0.5', 'point before')),
-    ({'time_from_start': 0.25}, ('time_from_start', '0.25', 'more than'))])
+    ({'time_from_start': 0.5}, ('time_from_start', '0.5', 'point before'))])
 def test_what_is_no_point(file: Path, change: dict[str, Any], words: tuple[str, ...]) -> None:
     """Check that the line names the file, the point and what is allowed."""
     tree = {'joint_names': list(NAMES), 'points': [
@@ -107,40 +94,21 @@ def test_what_is_no_point(file: Path, change: dict[str, Any], words: tuple[str, 
 
 
 @pytest.mark.parametrize(('content', 'words'), [
-    (None, ('No such file',)), (b'', ('mapping',)), (b'- a', ('mapping',)), (b'5', ('mapping',)),
-    (b'a: [1', ('not a YAML file',)), (b'\xff\xfe\x00x', ('not a YAML file',)),
+    (None, ('No such file',)), (b'- a', ('mapping',)), (b'a: [1', ('not a YAML file',)),
     (b'{a: 1}\n---\n{b: 1}', ('not a YAML file', 'single document')),
     (b'{joint_names: [joint1, joint2]}', ('points', 'list')), (b'{points: []}', ('joint_names',)),
     (b'{joint_names: [joint1, joint2], points: []}', ('points', 'one or more')),
     (b'{joint_names: [joint1, joint2], points: [5]}', ('points[0]', 'mapping')),
-    (b'{joint_names: [joint1, joint2], points: {a: 1}}', ('points', 'list')),
     (b'{joint_names: [joint1, joint2], points: &a [*a]}', ('Circular reference',)),
     (b'{joint_names: [joint1, joint2], point: []}', ("'point'", 'points')),
-    (b'{joint_names: joint1, points: []}', ('joint_names', 'list of strings')),
     (b'{joint_names: [1, 2], points: []}', ('joint_names', 'list of strings')),
     (b'{joint_names: [joint1, x], points: [{positions: [1, 2], time_from_start: 0}]}',
-     ('joint_names', "'x'", 'joint1, joint2')),
-    (b'{joint_names: [joint1], points: [{positions: [1], time_from_start: 0}]}',
-     ('joint_names', 'joint1, joint2')),
-    (b'plant: {ros__parameters: {gravity: 1.0}}', ('plant', 'joint_names'))])
+     ('joint_names', "'x'", 'joint1, joint2'))])
 def test_what_is_no_trajectory(file: Path, content: bytes | None, words: tuple[str, ...]) -> None:
     """Check that the line names the file and what is wrong."""
     if content is not None:
         file.write_bytes(content)
     refused(file, *words)
-
-
-def test_a_directory_is_no_file(tmp_path: Path) -> None:
-    refused(tmp_path)
-
-
-def test_the_example() -> None:
-    """Check that it is what it says: quintics, then cubics."""
-    names, times, points = read_trajectory(EXAMPLE, NAMES)
-    assert names == NAMES
-    assert times == (2_000_000_000, 4_000_000_000, 6_500_000_000, 9_000_000_000)
-    assert [bool(p[2]) for p in points] == [True, True, False, False]
-    assert Waypoints(times, points).at(times[-1])[0] == (0.0, 0.0)
 
 
 def test_the_example_is_installed(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -20,13 +20,11 @@ from collections.abc import Callable
 from pathlib import Path
 
 from ctc_chattering.configuration import parameter_file
-from ctc_chattering.configuration.yaml_file import parse_value, read_trajectory, read_yaml
+from ctc_chattering.configuration.yaml_file import read_trajectory, read_yaml
 from ctc_chattering.errors import CtcError
 from ctc_chattering.ros.ros_arguments import parse
 from ctc_chattering.runs.spec import read_spec
 import pytest
-
-PACKAGE = Path(__file__).parents[2] / 'ctc_chattering'
 
 
 def as_a_node(path: Path) -> object:
@@ -35,13 +33,9 @@ def as_a_node(path: Path) -> object:
 
 @pytest.mark.parametrize(('read', 'text', 'key', 'lines'), [
     (parameter_file.load, 'plant: {}\n/**: {}\nplant: {}\n', 'plant', (1, 3)),
-    (parameter_file.load, 'controller:\n  ros__parameters:\n    ka: [1.0, 1.0]\n    kp: [9.0, 9.0]'
-     '\n    "ka": [2.0, 2.0]\n', 'ka', (3, 5)),
     (as_a_node, 'controller:\n  ros__parameters:\n    ka: [1.0, 1.0]\n\n    ka: [2.0, 2.0]\n',
      'ka', (3, 5)),
     (read_spec, 'repeats: 2\nseed: 0\nrepeats: 3\n', 'repeats', (1, 3)),
-    (read_spec, 'axes:\n  ka: {parameter: controller.ka, values: [1],\n       values: [2]}\n',
-     'values', (2, 3)),
     (lambda path: read_trajectory(path, ('a',)), 'points: []\npoints: []\n', 'points', (1, 2)),
     (read_yaml, '{a: 1, a: 1}', 'a', (1, 1))])
 def test_a_key_that_stands_twice(read: Callable[[Path], object], text: str, key: str,
@@ -65,22 +59,9 @@ def test_two_spellings_of_one_name(tmp_path: Path, text: str, word: str) -> None
         parameter_file.read(path)
 
 
-def test_a_value_with_a_key_twice() -> None:
-    with pytest.raises(CtcError, match='key a appears twice'):
-        parse_value('{a: 1, a: 2}')
-
-
 def test_what_is_merged_may_be_replaced(tmp_path: Path) -> None:
     """Check an anchor that is merged before YAML has constructed it, too."""
     path = tmp_path / 'file.yaml'
     path.write_text('b: &b {x: 1}\nouter: {inner: &c {<<: *b, x: 2}}\nd: {<<: *c, x: 4, y: 3}\n')
     assert read_yaml(path) == {
         'b': {'x': 1}, 'outer': {'inner': {'x': 2}}, 'd': {'x': 4, 'y': 3}}
-
-
-def test_nothing_else_reads_what_a_user_writes() -> None:
-    """Check that only what a recorder wrote goes another way."""
-    found = {str(path.relative_to(PACKAGE)) for path in PACKAGE.rglob('*.py')
-             if 'yaml.load' in (text := path.read_text()) or 'safe_load' in text}
-    assert found == {'configuration/yaml_file.py',
-                     *(f'bags/{name}.py' for name in ('bag', 'writer'))}

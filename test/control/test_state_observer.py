@@ -66,44 +66,6 @@ def test_all_poles_are_where_the_bandwidth_says() -> None:
     np.testing.assert_allclose(np.linalg.matrix_power(rest, 4), 0.0, atol=1e-12)
 
 
-def test_a_perturbation_with_a_slope_is_found() -> None:
-    """Check velocity, P and its slope after a second, for an exact motion, and drives with lag."""
-    made, slope, start, tau = observer(lag=3e-3), np.array([2.0, -1.0]), np.array(
-        [5.0, 3.0]), np.array([1.0, 0.5])
-    state = at(torque=tau)
-    inverse = np.linalg.inv(MASS)
-    for k in range(1, 1001):
-        state = made.predict(state, MASS, NONE, NONE, tau)
-        t = k * H
-        q = inverse @ ((tau - start) * t * t / 2 - slope * t ** 3 / 6)
-        state = made.correct(state, MASS, q)
-    np.testing.assert_allclose(state.dq, inverse @ ((tau - start) - slope / 2), atol=1e-3)
-    np.testing.assert_allclose(state.perturbation, start + slope, atol=0.02)
-    np.testing.assert_allclose(state.slope, slope, atol=0.05)
-
-
-@pytest.mark.parametrize('frequency', [3.0, 6.0])
-def test_what_is_left_of_a_slow_perturbation(frequency: float) -> None:
-    """Check 6 (w / ω)² of its amplitude."""
-    made, state, left = observer(), at(), []
-    for k in range(1, 6001):
-        t, w = k * H, frequency
-        state = made.predict(state, np.eye(2), NONE, NONE, NONE)
-        state = made.correct(state, np.eye(2), np.full(2, math.sin(w * t) / w ** 2 - t / w))
-        if k > 3000:
-            left.append(state.perturbation[0] - math.sin(w * t))
-    assert np.abs(left).max() == pytest.approx(6.0 * (frequency / BANDWIDTH) ** 2, rel=0.1)
-
-
-def test_a_joint_rests_while_its_friction_holds() -> None:
-    made, level = observer(), np.array([10.0, 4.0])
-    held = made.predict(at(), MASS, NONE, level, np.array([8.0, -3.9]))
-    np.testing.assert_array_equal(held.dq, NONE)
-    sliding = made.predict(at(dq=np.array([1.0, -1.0])), MASS, NONE, level, NONE)
-    np.testing.assert_allclose(
-        (sliding.dq - [1.0, -1.0]) / H, np.linalg.solve(MASS, [-10.0, 4.0]), rtol=1e-9)
-
-
 def test_friction_that_does_not_hold_both_joints() -> None:
     """Check dq⁺ = 0 or friction at its level, by enumeration over random coupled masses."""
     rng, made, mixed = np.random.default_rng(3), observer(), 0

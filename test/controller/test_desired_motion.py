@@ -19,7 +19,6 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from ctc_chattering.controller.desired_motion import DesiredMotion, PAUSE
-from ctc_chattering.errors import ParameterError
 from ctc_chattering.trajectory.buffer import Point
 from ctc_chattering.trajectory.reference import ReferenceConfig, Sinusoid
 from hypothesis import given
@@ -84,12 +83,3 @@ def test_a_controller_that_is_disabled_at_first_joins_a_reference_that_runs() ->
         motion.pass_over(t, driven=False)
     assert desired(motion, 2 * S + MS, (0.3, 0.4), 1.0)[0][0] == (0.3, 0.4)
     assert motion.way_back is not None and motion.way_back.end == 3 * S + MS
-
-
-def test_a_way_back_that_is_not_finite_is_refused_and_the_next_one_taken() -> None:
-    motion = following((0, S, S + MS))
-    desired(motion, 0, ZERO, 1.0)
-    with pytest.raises(ParameterError):
-        desired(motion, S, (1.7e308, 0.0), 1.0, (1.7e308, 0.0))
-    assert motion.way_back is None
-    assert desired(motion, S + MS, (0.3, 0.4), 1.0)[0] == ((0.3, 0.4), ZERO, ZERO)

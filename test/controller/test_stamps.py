@@ -100,27 +100,6 @@ def test_regular_with_jitter(period: int, offset: int, late: list[int]) -> None:
     assert found == [RESTART] + [NEXT] * (len(late) - 1)
 
 
-@given(PERIODS, CLOCKS, st.integers(0, 3000 * MS))
-def test_a_backlog_after_a_stall(period: int, offset: int, stall: int) -> None:
-    """Check that of the states queued in a stall exactly those are taken that are not too old."""
-    line = Line(period, offset)
-    line.go(30)
-    rows = line.burst(stall)
-    margin = stall // 1000 + 1  # what the shortest delay may have grown by
-    for verdict, late in rows:
-        assert verdict in (TAKEN if late <= LIMIT else {STALE, *TAKEN})
-        assert (verdict == STALE) or late <= LIMIT + margin
-    verdicts = [verdict for verdict, _ in rows]
-    taken = [v for v in verdicts if v != STALE]
-    if verdicts and verdicts[0] == STALE:
-        step = period * (len(verdicts) - len(taken) + 1)
-        assert taken[:1] in ([], [NEXT] if step <= LIMIT else [GAP])
-    assert set(taken[1:]) <= {NEXT}
-    after = line.go(20)
-    assert set(after[1:]) == {NEXT}
-    assert after[0] in TAKEN
-
-
 @given(PERIODS, CLOCKS, st.lists(st.tuples(
     st.sampled_from(['run', 'outage', 'stall']), st.integers(0, 400 * MS)), max_size=8))
 def test_any_mixture_takes_what_is_fresh_and_nothing_else(
@@ -186,17 +165,6 @@ def test_a_clock_that_is_set(period: int, jump: int, simulated: bool) -> None:
         assert line.say(late=LIMIT + 2 * MS) == STALE
 
 
-@pytest.mark.parametrize('again', [False, True])
-def test_a_simulation_that_is_reset(again: bool) -> None:
-    """Check time that begins at 0 again, also by a plant that says its first state again."""
-    stamps = Stamps(LIMIT)
-    for k in range(1000):
-        assert stamps.classify(k * MS, 7 * k, True) == (NEXT if k else RESTART)
-    assert stamps.classify(0, 10 ** 10, True) == BACKWARD
-    assert stamps.classify(0 if again else MS, 10 ** 10 + 1, True) == RESTART
-    assert stamps.classify(2 * MS, 10 ** 10 + 1, True) == NEXT
-
-
 @given(st.integers(2, 60), st.integers(-10 ** 12, -LIMIT) | st.integers(2 * LIMIT, 10 ** 12),
        st.booleans())
 def test_a_single_message_out_of_order(at: int, away: int, simulated: bool) -> None:
@@ -219,30 +187,13 @@ def _drifting(rate: float, minutes: float, period: int = 10 * MS) -> list[str]:
     return [stamps.classify(t, now, False) for t, now in zip(sent.tolist(), arrivals.tolist())]
 
 
-@pytest.mark.parametrize('rate', [200e-6, -200e-6, 500e-6, -5e-3])
+@pytest.mark.parametrize('rate', [-200e-6, 500e-6])
 def test_clocks_that_drift_apart(rate: float) -> None:
-    """Check that in ten minutes nothing is called stale, though they part by 0.12 s and more."""
+    """Check that nothing is called stale in ten minutes, and that the leak is bounded."""
     verdicts = _drifting(rate, 10.0)
     assert set(verdicts[1:]) == {NEXT}
     assert len(verdicts) * 10 * MS * abs(rate) > 5 * LIMIT
-
-
-def test_no_clock_drifts_like_that() -> None:
-    """Check that a delay that grows by half a percent is noticed: the leak is bounded."""
     assert STALE in _drifting(5e-3, 1.0)
-
-
-@pytest.mark.parametrize('rate', [200e-6, -200e-6])
-@pytest.mark.parametrize('minutes', [1, 5, 60])
-def test_drift_over_an_outage(rate: float, minutes: int) -> None:
-    """Check that the first state after a long silence is taken, whatever the clocks did."""
-    stamps, start = Stamps(LIMIT), minutes * 60_000 * MS
-    for k in range(100):
-        stamps.classify(k * MS, k * MS, False)
-    for k in range(100):
-        now = start + k * MS
-        assert stamps.classify(round((1.0 + rate) * start) + k * MS, now, False) == (
-            NEXT if k else GAP)
 
 
 @pytest.mark.parametrize('limits', [40, 60])
@@ -256,37 +207,6 @@ def test_a_delay_that_stays_is_believed_at_last(limits: int) -> None:
     assert verdicts[:refused] == [STALE] * refused
     assert refused == pytest.approx(min(limits, 50) * LIMIT / MS, abs=2)
     assert verdicts[refused:] == [GAP] * (limits > 50) + [NEXT] * (len(verdicts) - refused - 1)
-
-
-def test_belief_needs_nothing_but_stale_states() -> None:
-    """Check that single late ones, however many and long, are never believed."""
-    line = Line()
-    line.go(10)
-    for _ in range(200):
-        line.t += MS
-        assert line.say(late=2 * LIMIT) == STALE
-        assert set(line.go(20)) == {NEXT}
-
-
-def test_a_clock_set_back_in_an_outage_is_believed_at_last() -> None:
-    """Check that stamps which went on by less than the silence are stale for fifty limits."""
-    line = Line()
-    line.go(100)
-    line.t += 1000 * MS
-    line.offset -= 500 * MS
-    verdicts = line.go(51 * LIMIT // MS)
-    assert verdicts[999] == STALE
-    assert verdicts[-1] == NEXT
-
-
-@given(st.lists(st.tuples(st.integers(1, LIMIT), st.integers(0, 10 ** 12)), max_size=100))
-def test_simulated_time_is_never_late(steps: list[tuple[int, int]]) -> None:
-    """Check that arrival says nothing there: whatever goes on by a limit at most is taken."""
-    stamps, t, now = Stamps(LIMIT), 0, 0
-    stamps.classify(t, now, True)
-    for step, wait in steps:
-        t, now = t + step, now + wait
-        assert stamps.classify(t, now, True) == NEXT
 
 
 @settings(max_examples=200)

@@ -49,12 +49,6 @@ def test_sign_counts_long_stretches_only() -> None:
     assert counted(long)[1] == Saturation(1.0, 150.0)
 
 
-def test_nothing_and_no_chattering_term() -> None:
-    """Check no sample, and a joint whose ka is 0."""
-    assert term_saturation([]) == []
-    assert counted([(0.0,)], ka=(0.0,)) == [Saturation(0.0, 0.0)]
-
-
 def test_gaps_and_parts() -> None:
     """Check that a stretch ends where samples are missing, and that all parts count."""
     rows = [(1.0,)] * 4 + [(nan,)] + [(1.0,)]
@@ -66,44 +60,33 @@ def test_gaps_and_parts() -> None:
 def test_a_running_controller_looks_at_the_last_thousand_samples() -> None:
     health = ControllerHealth(('joint1', 'joint2'), 1_000_000)
     config = ControllerConfig(switching='implicit')
-    law = Controller(config)
     x = (0.1, 0.2)
-    sample = law.step(x, x, x, x, x)._replace(robust=(10.0, 0.0))
-    calm = sample._replace(robust=(0.0, 0.0))
+    sample = Controller(config).step(x, x, x, x, x)
 
-    def told() -> list[tuple[int, str]]:
+    def reported(*robust: float) -> list[tuple[int, str]]:
+        for z in robust:
+            health.add(sample._replace(robust=(z, 0.0)))
         return health.saturation(config)
 
-    assert told() == []
-    for k in range(100):
-        health.add(calm if k % 6 == 5 else sample)
-    assert told() == [(1, 'joint1: chattering term at its bound for 84 % of the samples, 4.94 at a'
-                       ' stretch: noise, lag or delay too large')]
-    for _ in range(1000):
-        health.add(calm)
-    assert told() == []
-    for _ in range(50):
-        health.add(sample)
-    assert told() == []
-    for _ in range(50):
-        health.add(sample)
-    assert 'for 10 % of the samples, 100 at a stretch: ka too small' in told()[0][1]
+    assert reported() == []
+    assert reported(*([10.0] * 5 + [0.0]) * 17) == [(
+        1, 'joint1: chattering term at its bound for 83 % of the samples, 5 at a stretch: noise, '
+        'lag or delay too large')]
+    assert reported(*[0.0] * 1000) == reported(*[10.0] * 50) == []
+    text = reported(*[10.0] * 50)[0][1]
+    assert 'for 10 % of the samples, 100 at a stretch: ka too small' in text
     assert health.saturation(config.changed({'law': 'compensation'})) == []
 
 
-def loop(switching: str, ka: float, observer_bandwidth: float = 200.0, **plant: Any
-         ) -> list[Saturation]:
-    """Return what a simulated loop shows from 1 s to 3 s; its friction is 9.9 N·m."""
-    config = ControllerConfig(
-        switching=switching, ka=(ka, ka), observer_bandwidth=observer_bandwidth)
-    run = simulate(PlantConfig(duration=3.0, **plant), config, ReferenceConfig())
+def loop(switching: str, ka: float, **plant: Any) -> list[Saturation]:
+    """Return what a simulated loop shows in the second second; its friction is 9.9 N·m."""
+    config = ControllerConfig(switching=switching, ka=(ka, ka), observer_bandwidth=200.0)
+    run = simulate(PlantConfig(duration=2.0, **plant), config, ReferenceConfig())
     rows = terms(run, [(0.0, config)]).robust[1000:]
     return term_saturation([(rows, config.ka, switching)])
 
 
-@pytest.mark.parametrize('switching', [
-    'sign', 'implicit_observer', *(
-        pytest.param(x, marks=pytest.mark.slow) for x in ('boundary_layer', 'implicit'))])
+@pytest.mark.parametrize('switching', ['sign', 'implicit_observer'])
 def test_the_cause_in_closed_loop(switching: str) -> None:
     """Check friction below, at and above ka, and noise: each is recognized on joint 2."""
     assert [x.cause for x in loop(switching, 12.0)] == ['', '']
@@ -111,18 +94,3 @@ def test_the_cause_in_closed_loop(switching: str) -> None:
     noisy = loop(switching, 12.0, velocity_noise=(0.02, 0.02))
     expected = '' if switching == 'sign' else 'noise, lag or delay too large'
     assert [x.cause for x in noisy] == [expected, expected]
-
-
-@pytest.mark.parametrize('plant', [{'actuator_lag': (2e-3, 2e-3)}, {'input_delay': 1}])
-def test_a_loop_that_rattles_is_seen(plant: dict[str, Any]) -> None:
-    """Check a lag or a delay that the term does not tolerate, at 1200 rad/s."""
-    found = loop('implicit_observer', 12.0, observer_bandwidth=1200.0, **plant)
-    assert [x.cause for x in found] == ['noise, lag or delay too large'] * 2
-
-
-def test_words() -> None:
-    assert str(Saturation(0.614, 203.4)) == (
-        'chattering term at its bound for 61 % of the samples, 203 at a stretch: ka too small')
-    assert str(Saturation(0.9, 2.96)).endswith(
-        '90 % of the samples, 2.96 at a stretch: noise, lag or delay too large')
-    assert str(Saturation(0.02, 80.0)).endswith('for 2 % of the samples, 80 at a stretch')

@@ -19,12 +19,14 @@ from __future__ import annotations
 import math
 from typing import Any
 
+from ctc_chattering.control.adaptation import Oscillation, oscillation_guard
 from ctc_chattering.control.controller import Controller, ControllerConfig, Sample
 from ctc_chattering.control.laws.observer_feedback import Memory
-from ctc_chattering.controller.trips import low_bandwidth, TripMonitor
+from ctc_chattering.controller.trips import joint_beyond, low_bandwidth, TripMonitor
 from ctc_chattering.simulation.plant import Plant
 from ctc_chattering.simulation.plant_config import PlantConfig
 from ctc_chattering.trajectory.reference import ReferenceConfig, Sinusoid
+import numpy as np
 import pytest
 
 MS, ZERO = 1_000_000, [0.0, 0.0]
@@ -39,6 +41,17 @@ def at(part: float, strained: float = 0.0, law: str = 'observer_feedback') -> Co
         oscillation = memory.oscillation._replace(retreat=math.log(part), strained=strained)
         made.memories = made.memories._replace(law=memory._replace(oscillation=oscillation))
     return made
+
+
+def test_how_long_a_strong_feedback_was_not_helped() -> None:
+    """Check that it counts where f exceeds 3 Ka, from s = 0.2 on, and from 0 after a weak one."""
+    zero, ka = np.zeros(2), np.array([60.0, 30.0])
+    guard = oscillation_guard(ka, np.array([5e3, 1e3]), np.full(2, 100.0), 1e-3)
+    state = Oscillation(zero, zero, zero, zero, math.log(0.15), 0.0)
+    for _ in range(100):
+        state = guard.noticed(state, np.array([0.0, 91.0]), zero)
+    assert state.strained == pytest.approx(0.1)
+    assert guard.noticed(state, np.array([0.0, 89.0]), zero).strained == 0.0
 
 
 def checked(monitor: TripMonitor, law: Controller, samples: int) -> str:
@@ -59,16 +72,11 @@ def test_a_fifth_of_a_second_out_of_control_trips(period: int) -> None:
 
 
 def test_a_loop_that_found_its_bandwidth_goes_on_with_a_warning() -> None:
-    monitor = TripMonitor(['a', 'b'], MS)
-    assert checked(monitor, at(0.1), 150) == checked(monitor, at(0.3), 2000) == ''
-    text, = low_bandwidth(at(0.1))
-    assert 'down to 10 % of its bandwidth' in text
-
-
-def test_other_laws_and_a_quiet_loop_are_not_warned_of() -> None:
-    for law in (at(1.0), at(0.8), at(1.0, law='chattering')):
-        monitor = TripMonitor(['a', 'b'], MS)
-        assert checked(monitor, law, 1000) == '' and low_bandwidth(law) == []
+    """And none of a quiet loop, or of another law."""
+    for law, warned in ((at(0.1), 1), (at(0.3), 1), (at(0.8), 0), (at(1.0, law='chattering'), 0)):
+        assert checked(TripMonitor(['a', 'b'], MS), law, 1000) == ''
+        assert len(low_bandwidth(law)) == warned
+    assert 'down to 10 % of its bandwidth' in low_bandwidth(at(0.1))[0]
 
 
 #: Gains for drives with a lag of 2 ms.
@@ -95,23 +103,31 @@ def trip_of(rate: list[float], **gains: Any) -> tuple[str, float]:
     return '', largest
 
 
-def test_drives_that_are_too_slow_for_the_motion_trip_before_they_diverge() -> None:
-    """Check both sides, with drives of which the law knows nothing."""
-    found, error = trip_of([1000.0, 200.0], **HIGH)
-    assert 'oscillated' in found and error < 1.0
-    assert trip_of([5000.0, 1000.0], **HIGH)[0] == ''
-
-
-def test_an_error_that_runs_away_trips_before_the_feedback_oscillates_for_long() -> None:
-    """Check a rate told 2.5 times too high; without (TR1) the error is 1.5 rad by the trip."""
-    found, error = trip_of([400.0, 100.0], torque_rate_limit=[1000.0, 250.0])
-    assert found.startswith('the position error of a has grown by 1.00 rad') and error <= 1.0
+@pytest.mark.parametrize(('rate', 'gains', 'reason'), [
+    ([1000.0, 200.0], HIGH, 'the feedback of observer_feedback oscillated'),
+    ([5000.0, 1000.0], HIGH, ''),
+    # Told 2.5 times too high; without (TR1) the error is 1.5 rad by the trip.
+    ([400.0, 100.0], {'torque_rate_limit': [1000.0, 250.0]},
+     'the position error of a has grown by 1.00 rad')])
+def test_drives_that_are_too_slow_trip_before_the_loop_diverges(
+        rate: list[float], gains: dict[str, Any], reason: str) -> None:
+    found, error = trip_of(rate, **gains)
+    assert found.startswith(reason) and bool(found) == bool(reason)
+    assert error <= 1.0 or not reason
 
 
 def test_the_error_limit_comes_first() -> None:
     law = Controller(ControllerConfig(error_limit=(0.1, 0.1)))
     found = TripMonitor(['a', 'b'], MS).check(law, QUIET._replace(e=[0.0, 0.2]))
     assert found == 'the position error of b, 0.2 rad, exceeded error_limit'
+
+
+@pytest.mark.parametrize(('e', 'limit', 'joint'), [
+    (0.1, 0.1, None), (-0.1, 0.1, None), (math.nextafter(0.1, 9.0), 0.1, 1),
+    (-math.nextafter(3.0, 9.0), 3.0, 1), (1e300, math.inf, None), (math.nan, math.inf, 1)])
+def test_the_limit_itself_is_allowed(e: float, limit: float, joint: int | None) -> None:
+    assert joint_beyond([0.0, e], [limit, limit]) == joint
+    assert joint_beyond([e, e], [limit, limit]) == (None if joint is None else 0)
 
 
 def along(errors: list[float], law: str = 'observer_feedback', limit: float = math.inf) -> str:

@@ -24,14 +24,7 @@ import re
 from statistics import median
 from typing import Any
 
-from comparison_page import (
-    filled,
-    filled_readme,
-    held_out_errors,
-    lines,
-    PAGE,
-    README,
-)
+import comparison_page as compared
 from ctc_chattering.analysis.metrics import metrics
 from ctc_chattering.analysis.result import simulate
 from ctc_chattering.configuration import parameter_file
@@ -201,7 +194,7 @@ def test_the_paper_s_law_on_real_drives() -> None:
     assert [float(x) for x in body[-1][2].split(', ')] == pytest.approx(error.tolist(), rel=0.25)
 
 
-TEXT = PAGE.read_text(encoding='utf-8')
+TEXT = compared.PAGE.read_text(encoding='utf-8')
 BLOCKS = re.findall(r'<!-- tables: (\S+) -->', TEXT)
 
 
@@ -214,10 +207,10 @@ def shown(directory: str, title: str) -> dict[tuple[str, ...], list[str]]:
 
 
 def test_its_tables_are_those_that_were_written() -> None:
-    assert filled(TEXT) == TEXT
+    assert compared.filled(TEXT) == TEXT
     assert BLOCKS
-    text = README.read_text(encoding='utf-8')
-    assert filled_readme(text) == text
+    text = compared.README.read_text(encoding='utf-8')
+    assert compared.filled_readme(text) == text
     assert '<!-- tables: ' in text
 
 
@@ -229,7 +222,8 @@ def test_it_has_every_condition() -> None:
 @pytest.mark.parametrize('directory', BLOCKS)
 def test_each_number_of_the_tables_is_in_the_csv(directory: str) -> None:
     """Check RMS errors joint by joint, and what survived of the held-out conditions."""
-    found = [x for x in lines(directory) if x['rms_error'] and x['condition'] == 'real_arm']
+    found = [x for x in compared.lines(directory)
+             if x['rms_error'] and x['condition'] == 'real_arm']
     assert found
     for x in found:
         title = f'{x["experiment"]}, {x["condition"]}'
@@ -237,7 +231,7 @@ def test_each_number_of_the_tables_is_in_the_csv(directory: str) -> None:
         assert f'{float(x["rms_error"]):.1e}' in row
     table = shown(directory, f'{x["experiment"]}: 24 held-out conditions')
     for variant, row in table.items():
-        errors = sorted(held_out_errors(directory, variant))
+        errors = sorted(compared.held_out_errors(directory, variant))
         assert row[0] == f'{sum(x < inf for x in errors)} of 24'
         assert row[1:3] == [f'{x:.1e}' if x < inf else 'lost'
                             for x in (errors[-1], median(errors))]

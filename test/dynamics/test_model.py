@@ -16,11 +16,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 from ctc_chattering.configuration.package_share import config_directory
 from ctc_chattering.dynamics.model import Model, Scaled
-from ctc_chattering.dynamics.model_check import check_dynamics, PropertyCheck
+from ctc_chattering.dynamics.model_check import check_dynamics
 from ctc_chattering.dynamics.two_link import TwoLink
 from ctc_chattering.dynamics.urdf_model import UrdfModel
 from ctc_chattering.numerics.linear_algebra import Rows, Vector
@@ -42,12 +43,6 @@ def test_inverse_dynamics_is_equation_1(model: Model) -> None:
         np.testing.assert_allclose(model.forward(*map(np.array, (q, dq, u))), a, atol=1e-11)
 
 
-def test_base_class_is_abstract() -> None:
-    """Check that a model without M, C, G cannot be made."""
-    with pytest.raises(TypeError):
-        Model()  # type: ignore[abstract]
-
-
 ARM = TwoLink()
 
 
@@ -57,18 +52,6 @@ def test_matrices_are_the_paper_s() -> None:
         np.testing.assert_allclose(ARM.mass_matrix(q), paper_m(q), rtol=0, atol=1e-14)
         np.testing.assert_allclose(ARM.coriolis_matrix(q, dq), paper_c(q, dq), rtol=0, atol=1e-14)
         np.testing.assert_allclose(ARM.gravity_torque(q), paper_g(q), rtol=0, atol=1e-12)
-
-
-def test_mass_matrix_is_positive_definite_everywhere() -> None:
-    """Check eigenvalues over a turn of q2, and the bound α >= ‖M‖₂ that the theorem needs."""
-    least, most = np.inf, 0.0
-    for q2 in np.linspace(-np.pi, np.pi, 721).tolist():
-        m = np.array(ARM.mass_matrix([0.3, q2]))
-        assert (m == m.T).all()
-        eigenvalues = np.linalg.eigvalsh(m)
-        least, most = min(least, eigenvalues[0]), max(most, eigenvalues[-1])
-    assert least > 0.4
-    assert most == pytest.approx(np.linalg.norm([[9.79, 1.27], [1.27, 0.62]], 2))
 
 
 def test_closed_forms_are_the_generic_products() -> None:
@@ -104,10 +87,7 @@ def test_the_urdf_has_the_model_s_dynamics_but_for_a_constant() -> None:
         assert gravity == pytest.approx(g)
 
 
-FACTORS = [(0.9, 0.9), (1.3, 0.7), (0.5, 0.0), (1.0, 1.2), (1.1, 1.0)]
-
-
-@pytest.mark.parametrize(('inertia', 'gravity'), FACTORS)
+@pytest.mark.parametrize(('inertia', 'gravity'), [(1.3, 0.7), (1.0, 1.2)])
 @pytest.mark.parametrize('base', [TwoLink, Generic])
 def test_products(inertia: float, gravity: float, base: type[Model]) -> None:
     """Check every term at random states against the paper's matrices times the factors."""
@@ -123,21 +103,6 @@ def test_products(inertia: float, gravity: float, base: type[Model]) -> None:
             (model.forward(*map(np.array, (q, dq, x))), np.linalg.solve(m, x - c @ dq - g))]
         for made, expected in pairs:
             np.testing.assert_allclose(made, expected, rtol=1e-11, atol=1e-10)
-
-
-def test_factor_one_is_the_model() -> None:
-    """Check the products bit for bit, and the acceleration up to rounding."""
-    plain = TwoLink()
-    model = Scaled(plain, 1.0, 1.0)
-    for (q, dq), (x, _) in zip(states(20), states(20, seed=2)):
-        assert [list(row) for row in model.mass_matrix(q)] == [
-            list(row) for row in plain.mass_matrix(q)]
-        assert list(model.gravity_torque(q)) == list(plain.gravity_torque(q))
-        assert list(model.inverse_dynamics(q, dq, x)) == pytest.approx(
-            list(plain.inverse_dynamics(q, dq, x)), rel=1e-14)
-        np.testing.assert_allclose(
-            model.forward(*map(np.array, (q, dq, x))),
-            plain.forward(*map(np.array, (q, dq, x))), rtol=1e-9, atol=1e-9)
 
 
 SHAPES = 'values are finite and have their shapes'
@@ -165,97 +130,47 @@ def test_sound_models_pass(model: Model) -> None:
         assert finding.worst <= 0.1 * finding.tolerance
 
 
-def test_findings() -> None:
-    """Check their order, and that they depend on the seed and on nothing else."""
-    first, again, other = (check_dynamics(TwoLink(), seed=seed) for seed in (1, 1, 2))
-    assert first == again != other
-    assert [x.name for x in first] == [
-        SHAPES, SYMMETRIC, DEFINITE, SKEW, LAGRANGE, GRADIENT, EVALUATE, INVERSE, FORWARD]
-    assert all(isinstance(x, PropertyCheck) and len(x.q) == len(x.dq) == 2 for x in first)
+def grown(i: int, j: int, change: float) -> Callable[..., Array]:
+    """Return what adds to an element of a matrix."""
+    return lambda m, *_: np.array(m) + change * np.outer(np.eye(2)[i], np.eye(2)[j])
 
 
-class Faulty(Generic):
-    """The two-link arm with one fault at a time."""
-
-    def __init__(self, fault: str) -> None:
-        super().__init__()
-        self.fault = fault
-
-    def mass_matrix(self, q: Vector) -> Rows:
-        m = [list(row) for row in super().mass_matrix(q)]
-        if self.fault == 'asymmetric':
-            m[0][1] *= 1.0 + 1e-8
-        if self.fault == 'indefinite':
-            m[1][1] = 0.05
-        if self.fault == 'singular':
-            m = [[2.0, 2.0], [2.0, 2.0 + 1e-11]]
-        if self.fault == 'not a number':
-            m[0][0] = float('nan')
-        return m[:1] if self.fault == 'one row' else m
-
-    def coriolis_matrix(self, q: Vector, dq: Vector) -> Rows:
-        c = [list(row) for row in super().coriolis_matrix(q, dq)]
-        if self.fault == 'c scaled':
-            c = [[(1.0 + 1e-4) * x for x in row] for row in c]
-        if self.fault == 'c of its own':  # as C dq, but no longer skew
-            c[0][0] += 1e-3 * dq[1]
-            c[0][1] -= 1e-3 * dq[0]
-        if self.fault == 'c is skew':  # skew, but another C dq
-            c[0][1] += 1e-3 * dq[0]
-            c[1][0] -= 1e-3 * dq[0]
-        return c
-
-    def gravity_torque(self, q: Vector) -> Vector:
-        g = list(super().gravity_torque(q))
-        if self.fault == 'g':
-            g[1] += 1e-3 * q[0]
-        return [*g, 0.0] if self.fault == 'g too long' else g
-
-    def potential_energy(self, q: Vector) -> float:
-        return super().potential_energy(q) * (1.0001 if self.fault == 'potential' else 1.0)
-
-    def evaluate(self, q: Array, dq: Array) -> tuple[Array, Array, Array]:
-        terms = super().evaluate(q, dq)
-        for term, name in zip(terms, 'mcg'):
-            if self.fault == f'evaluate {name}':
-                term.flat[-1] += 1e-4
-        return terms
-
-    def inverse_dynamics(self, q: Vector, dq: Vector, a: Vector) -> Vector:
-        made = list(super().inverse_dynamics(q, dq, a))
-        if self.fault == 'inverse':
-            made[0] += 1e-6
-        return made
-
-    def forward(self, q: Array, dq: Array, u: Array) -> Array:
-        made = super().forward(q, dq, u)
-        if self.fault == 'forward':
-            made[1] *= 1.0 + 1e-5
-        return made
+def of_c(upper: float, lower: float, corner: float = 0.0) -> Callable[..., Array]:
+    """Return what adds to C, in proportion to the velocities."""
+    return lambda c, _q, dq: np.array(c) + np.array(
+        [[corner * dq[1], upper * dq[0]], [lower * dq[0], 0.0]])
 
 
-@pytest.mark.parametrize(('fault', 'names'), [
-    ('', set()), ('asymmetric', {SYMMETRIC}), ('indefinite', {DEFINITE}),
-    ('singular', {DEFINITE}), ('not a number', {SHAPES}), ('one row', {SHAPES}),
-    ('g too long', {SHAPES}), ('c scaled', {SKEW, LAGRANGE}), ('c of its own', {SKEW}),
-    ('c is skew', {LAGRANGE}), ('g', {GRADIENT}), ('potential', {GRADIENT}),
-    ('evaluate m', {EVALUATE}), ('evaluate c', {EVALUATE}), ('evaluate g', {EVALUATE}),
-    ('inverse', {INVERSE}), ('forward', {FORWARD})])
-def test_every_fault_is_found(fault: str, names: set[str]) -> None:
-    """Check that its test fails; what is computed from the faulty part may fail as well."""
-    found = failed(Faulty(fault))
+#: A method of the two-link arm, what it returns instead, and all tests that fail.
+FAULTS: list[tuple[str, Callable[..., Any], set[str]]] = [
+    ('mass_matrix', grown(0, 1, 1e-8), {SYMMETRIC}),
+    ('coriolis_matrix', of_c(-1e-3, 0.0, 1e-3), {SKEW}),  # As C dq, but no longer skew.
+    ('coriolis_matrix', of_c(1e-3, -1e-3), {LAGRANGE}),  # Skew, but another C dq.
+    ('gravity_torque', lambda g, q: [g[0], g[1] + 1e-3 * q[0]], {GRADIENT}),
+    ('potential_energy', lambda v, *_: 1.0001 * v, {GRADIENT}),
+    ('evaluate', lambda mcg, *_: (mcg[0] + 1e-4 * np.eye(2), *mcg[1:]), {EVALUATE}),
+    ('evaluate', lambda mcg, *_: (mcg[0], mcg[1] + 1e-4, mcg[2]), {EVALUATE}),
+    ('evaluate', lambda mcg, *_: (*mcg[:2], mcg[2] + 1e-4), {EVALUATE}),
+    ('forward', lambda a, *_: a * (1.0 + 1e-5), {FORWARD})]
+#: The same where what is computed from the part may fail as well.
+MORE_FAULTS: list[tuple[str, Callable[..., Any], set[str]]] = [
+    ('mass_matrix', grown(1, 1, -0.57), {DEFINITE}),
+    ('mass_matrix', lambda *_: [[2.0, 2.0], [2.0, 2.0 + 1e-11]], {DEFINITE}),
+    ('mass_matrix', grown(0, 0, float('nan')), {SHAPES}),
+    ('mass_matrix', lambda m, *_: m[:1], {SHAPES}),
+    ('gravity_torque', lambda g, *_: [*g, 0.0], {SHAPES}),
+    ('coriolis_matrix', lambda c, *_: 1.0001 * np.array(c), {SKEW, LAGRANGE}),
+    ('inverse_dynamics', lambda u, *_: np.array(u) + 1e-6, {INVERSE})]
+
+
+@pytest.mark.parametrize(('method', 'change', 'names'), FAULTS + MORE_FAULTS)
+def test_every_fault_is_found(method: str, change: Callable[..., Any], names: set[str]) -> None:
+    model = Generic()
+    right = getattr(model, method)
+    setattr(model, method, lambda *x: change(right(*x), *x))
+    found = failed(model)
     assert names <= found
-    assert bool(names) == bool(found)
-    if fault in ('asymmetric', 'c of its own', 'c is skew', 'potential', 'g', 'forward',
-                 'evaluate m', 'evaluate c', 'evaluate g'):
-        assert found == names
-
-
-def test_where_it_is_worst() -> None:
-    """Check that the state reported has the error reported."""
-    finding = next(x for x in check_dynamics(Faulty('asymmetric')) if x.name == SYMMETRIC)
-    m = np.array(Faulty('asymmetric').mass_matrix(finding.q))
-    assert abs(m[0, 1] - m[1, 0]) / np.sqrt(m[0, 0] * m[1, 1]) == pytest.approx(finding.worst)
+    assert found == names or (method, change, names) in MORE_FAULTS
 
 
 def test_what_a_model_raises_is_reported() -> None:
@@ -280,17 +195,3 @@ def test_what_a_model_raises_is_reported() -> None:
     assert found[EVALUATE].startswith('ZeroDivisionError')
     (finding,) = check_dynamics(Mute())
     assert (finding.name, finding.passed, finding.error) == (SHAPES, False, "KeyError: 'inertia'")
-
-
-class Light(Masses):
-    """A heavy and a very light joint, with a fault in the light one only."""
-
-    def __init__(self) -> None:
-        super().__init__([[100.0, 0.0], [0.0, 1e-4]])
-
-    def mass_matrix(self, q: Vector) -> Rows:
-        return [[100.0, 0.0], [0.0, 1e-4 + 1e-8 * np.sin(q[0])]]
-
-
-def test_a_light_joint_counts_as_much_as_a_heavy_one() -> None:
-    assert failed(Light()) >= {SKEW}

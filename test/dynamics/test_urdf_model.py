@@ -16,21 +16,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from math import cos, inf, pi, sin
+from math import cos, sin
 import sys
 import types
-from typing import Any
-import xml.etree.ElementTree as ET
 
 from ctc_chattering.dynamics.model import Scaled
 from ctc_chattering.dynamics.model_check import check_dynamics
 from ctc_chattering.dynamics.urdf_model import UrdfModel
 from ctc_chattering.dynamics.urdf_parser import Tree
-from ctc_chattering.errors import CtcError, ParameterError
+from ctc_chattering.errors import CtcError
 from ctc_chattering.simulation.plant import make_plant
 from ctc_chattering.simulation.plant_config import PlantConfig
-import mujoco
 from mujoco_plant import MujocoPlant
 import numpy as np
 from oracles import Array, states
@@ -38,7 +34,6 @@ import pytest
 from urdfs import (
     BOMBS,
     chain,
-    grip,
     I1,
     I2,
     joint,
@@ -85,8 +80,8 @@ def hand_energy(q: list[float]) -> float:
     return -G * ((M1 * R1 + M2 * L1) * cos(q[0]) + M2 * R2 * cos(q[0] + q[1]))
 
 
-@pytest.mark.parametrize('kind', ['revolute', 'continuous'])
-@pytest.mark.parametrize('order', [('a', 'b'), ('b', 'a')])
+@pytest.mark.parametrize(('kind', 'order'), [
+    ('revolute', ('a', 'b')), ('continuous', ('b', 'a'))])
 def test_two_links_by_hand(kind: str, order: tuple[str, str]) -> None:
     """Check everything the interface has, in both orders, for both kinds of joint."""
     model = UrdfModel(two_links(kind), order)
@@ -109,19 +104,9 @@ def test_two_links_by_hand(kind: str, order: tuple[str, str]) -> None:
             np.testing.assert_allclose(made, expected, rtol=0, atol=1e-10)
 
 
-def test_limits() -> None:
-    """Check that they stand in the order of the names."""
-    model = UrdfModel(two_links(), ('b', 'a'))
-    assert model.joint_names == ('b', 'a')
-    assert model.effort_limits == (inf, 40.0)
-    assert model.velocity_limits == (1.5, inf)
-    assert model.position_limits == ((-inf, inf), (-2.0, 3.0))
-
-
-@pytest.mark.parametrize('order', [('a', 'b'), ('b', 'a')])
-def test_a_rotor_is_on_the_diagonal_of_the_mass_matrix(order: tuple[str, str]) -> None:
+def test_a_rotor_is_on_the_diagonal_of_the_mass_matrix() -> None:
     """Inverse and forward dynamics have it too, and MuJoCo's armature is the same."""
-    limit = '<limit effort="0" velocity="1.5"/>'
+    limit, order = '<limit effort="0" velocity="1.5"/>', ('b', 'a')
     text = two_links().replace(limit, f'{limit}<dynamics damping="0" rotor_inertia="0.3"/>')
     plain, model = UrdfModel(two_links(), order), UrdfModel(text, order)
     rotor = np.diag([0.3 if name == 'b' else 0.0 for name in order])
@@ -136,34 +121,7 @@ def test_a_rotor_is_on_the_diagonal_of_the_mass_matrix(order: tuple[str, str]) -
         UrdfModel(text.replace('"0.3"', '"-0.3"'), order)
 
 
-def test_prismatic_by_hand() -> None:
-    """Check a mass that slides along an arm that turns about x: r = 0.5 + q2."""
-    model = UrdfModel(urdf([
-        link('base'), link('arm', 2.0, (0, 0, -0.4), (0.3, 0.1, 0.1)),
-        link('slide', 1.5, (0, 0, 0), (0.02, 0.01, 0.01)),
-        joint('turn', 'continuous', 'base', 'arm', '1 0 0'),
-        joint('reach', 'prismatic', 'arm', 'slide', '0 0 -1', '0 0 -0.5')]), ('turn', 'reach'))
-    for q, dq in states(30):
-        r = 0.5 + q[1]
-        m = np.diag([2.0 * 0.16 + 0.3 + 0.02 + 1.5 * r * r, 1.5])
-        c = np.array([[1.5 * r * dq[1], 1.5 * r * dq[0]], [-1.5 * r * dq[0], 0.0]])
-        g = G * np.array([(0.8 + 1.5 * r) * sin(q[0]), -1.5 * cos(q[0])])
-        np.testing.assert_allclose(model.mass_matrix(q), m, atol=1e-12)
-        np.testing.assert_allclose(model.coriolis_matrix(q, dq), c, atol=1e-12)
-        np.testing.assert_allclose(model.gravity_torque(q), g, atol=1e-12)
-
-
-def test_a_continuous_joint_turns_round() -> None:
-    """Check that its position is one angle, the same after whole turns."""
-    model = UrdfModel(two_links('continuous'), ('a', 'b'))
-    for q, dq in states(10):
-        round_ = [q[0] + 20 * pi, q[1] - 6 * pi]
-        np.testing.assert_allclose(model.inverse_dynamics(round_, dq, [1.0, 2.0]),
-                                   model.inverse_dynamics(q, dq, [1.0, 2.0]), atol=1e-11)
-
-
-@pytest.mark.parametrize('kind', ['revolute', 'continuous'])
-@pytest.mark.parametrize('where', [None, 0.8])
+@pytest.mark.parametrize(('kind', 'where'), [('revolute', None), ('continuous', 0.8)])
 def test_locked_joint_is_a_fixed_one(kind: str, where: float | None) -> None:
     """Check against the same arm with that joint fixed at that angle in the URDF."""
     angle = where or 0.0
@@ -182,124 +140,11 @@ def test_locked_joint_is_a_fixed_one(kind: str, where: float | None) -> None:
             locked.inverse_dynamics(q, dq, [1.0]), by_hand.inverse_dynamics(q, dq, [1.0]))
 
 
-def test_locked_follower_goes_with_its_leader() -> None:
-    """Check the inertia of fingers 0.03 m and 0.01 - 2 · 0.03 m off the arm's plane."""
-    model = UrdfModel(grip(), ('turn',), locked={'f1': 0.03})
-    expected = (0.1 + 2.0 * 0.2 ** 2 + 0.01 + 0.3 * (0.6 ** 2 + 0.03 ** 2)
-                + 0.01 + 0.4 * (0.6 ** 2 + 0.05 ** 2))
-    assert model.mass_matrix([0.3])[0][0] == pytest.approx(expected, rel=1e-12)
-
-
-@pytest.fixture(scope='module')
-def reference() -> mujoco.MjModel:
-    """Return MuJoCo's model of the Panda with its fingers fixed at 0."""
-    robot = ET.fromstring(panda())
-    for parent in robot.iter('link'):
-        for tag in ('visual', 'collision'):
-            for element in parent.findall(tag):
-                parent.remove(element)
-    for element in robot.iter('joint'):
-        for mimic in element.findall('mimic'):
-            element.remove(mimic)
-        if element.get('type') == 'prismatic':
-            element.set('type', 'fixed')
-    ET.SubElement(ET.SubElement(robot, 'mujoco'), 'compiler', balanceinertia='false')
-    return mujoco.MjModel.from_xml_string(ET.tostring(robot, encoding='unicode'))
-
-
-def _mujoco(model: mujoco.MjModel) -> Iterator[tuple[list[float], list[float], Array, Array]]:
-    """Yield random states with M and C dq + G."""
-    data = mujoco.MjData(model)
-    assert [model.joint(i).name for i in range(model.njnt)] == list(PANDA)
-    for q, dq in states(50, n=7):
-        data.qpos[:], data.qvel[:] = q, dq
-        mujoco.mj_forward(model, data)
-        mass = np.zeros((7, 7))
-        unit, column = np.zeros(7), np.zeros(7)
-        for i in range(7):
-            unit[:] = np.eye(7)[i]
-            mujoco.mj_mulM(model, data, column, unit)
-            mass[:, i] = column
-        yield q, dq, mass, data.qfrc_bias.copy()
-
-
-def test_panda_against_mujoco(reference: mujoco.MjModel) -> None:
-    """Check M, C dq + G and what follows from them, in the order of the tree and another."""
-    rng = np.random.default_rng(2)
-    straight, mixed = UrdfModel(panda(), PANDA), rng.permutation(7)
-    other = UrdfModel(panda(), [PANDA[i] for i in mixed])
-    for q, dq, mass, bias in _mujoco(reference):
-        u = rng.normal(size=7) * 20.0
-        for model, order in ((straight, np.arange(7)), (other, mixed)):
-            p, dp, force = (np.array(x)[order].tolist() for x in (q, dq, u))
-            np.testing.assert_allclose(
-                model.mass_matrix(p), mass[np.ix_(order, order)], atol=1e-10)
-            np.testing.assert_allclose(
-                model.inverse_dynamics(p, dp, [0.0] * 7), bias[order], atol=1e-10)
-            mass_, coriolis, weight = model.evaluate(np.array(p), np.array(dp))
-            np.testing.assert_allclose(mass_, mass[np.ix_(order, order)], atol=1e-10)
-            np.testing.assert_allclose(coriolis @ dp + weight, bias[order], atol=1e-10)
-            np.testing.assert_allclose(
-                model.forward(*map(np.array, (p, dp, force))),
-                np.linalg.solve(mass, u - bias)[order], rtol=1e-8, atol=1e-7)
-
-
-@pytest.mark.parametrize('mixed', [False, True])
-@pytest.mark.parametrize(('text', 'names'), [(panda(), PANDA), (ur5(), UR5)])
-def test_robots_pass_the_check(text: str, names: tuple[str, ...], mixed: bool) -> None:
-    """Check them as they are, in another order, and scaled."""
-    model = UrdfModel(text, names[::-1] if mixed else names)
+@pytest.mark.parametrize(('text', 'names'), [(panda(), PANDA), (ur5(), UR5[::-1])])
+def test_robots_pass_the_check(text: str, names: tuple[str, ...]) -> None:
+    model = UrdfModel(text, names)
     for checked in (model, Scaled(model, 1.3, 0.6)):
         assert [x for x in check_dynamics(checked, samples=10) if not x.passed] == []
-
-
-def test_what_is_returned_is_the_caller_s() -> None:
-    """Check that changing a result changes no later one."""
-    model = UrdfModel(two_links(), ('a', 'b'))
-    q, dq = [0.3, 0.4], [1.0, 2.0]
-    calls: list[Callable[[], Any]] = [
-        lambda: model.mass_matrix(q), lambda: model.coriolis_matrix(q, dq),
-        *(lambda i=i: model.evaluate(np.array(q), np.array(dq))[i] for i in range(3))]
-    for call in calls:
-        rows = call()
-        first = np.array(rows)
-        if first.ndim == 1:
-            rows[0] = 1e9
-        else:
-            rows[0][0] = 1e9
-        assert (np.array(call()) == first).all()
-
-
-def test_gravity() -> None:
-    """Check another g, and none."""
-    for g in (1.62, 0.0):
-        model = UrdfModel(two_links(), ('a', 'b'), g)
-        np.testing.assert_allclose(
-            model.gravity_torque([0.5, 0.2]), hand_g([0.5, 0.2]) * g / G, atol=1e-12)
-
-
-@pytest.mark.parametrize('names', [(), ('a', 'a'), ('',)])
-def test_names(names: tuple[str, ...]) -> None:
-    with pytest.raises(ParameterError, match='joint_names'):
-        UrdfModel(two_links(), names)
-
-
-@pytest.mark.parametrize(('text', 'names', 'words'), [
-    (two_links(), ('a', 'z'), ['joint_names', 'z', 'movable joints of the URDF: a, b']),
-    (grip(), ('turn', 'f2'), ['f2 mimics f1']),
-    (grip(), ('turn', 'f1'), ['f2 mimics f1']),
-    (two_links().replace('type="revolute"', 'type="floating"', 1), ('b',), ["a is 'floating'"]),
-    (two_links().replace('<child link="lower"/>', '<child link="upper"/>'), ('a',),
-     ['a and b', 'closed chain']),
-    ('<robot', ('a',), ['not XML']),
-    (two_links().replace('value="3.0"', 'value="heavy"'), ('a', 'b'), ['link upper', 'heavy']),
-    (two_links().replace('0 -1 0', 'up'), ('a', 'b'), ['joint a: axis', "'up'"])])
-def test_refused(text: str, names: tuple[str, ...], words: list[str]) -> None:
-    """Check one line that names what is wrong."""
-    with pytest.raises(CtcError) as error:
-        UrdfModel(text, names)
-    assert [word for word in words if word not in str(error.value)] == []
-    assert '\n' not in str(error.value)
 
 
 def test_massless_links_are_named() -> None:
@@ -330,7 +175,7 @@ def test_without_pinocchio(monkeypatch: pytest.MonkeyPatch) -> None:
         UrdfModel(two_links(), ('a', 'b'))
 
 
-@pytest.mark.parametrize('name', ['lower', 'base', 'link 0', 'universe'])
+@pytest.mark.parametrize('name', ['lower', 'universe'])
 @pytest.mark.parametrize('kind', ['fixed', 'revolute'])
 def test_a_joint_may_have_the_name_of_a_link(name: str, kind: str) -> None:
     """A URDF may have that, Pinocchio not: the dynamics are those under any other name."""
@@ -361,8 +206,8 @@ def survive(seed: int) -> bool:
 
 def test_any_description_is_a_robot_or_refused() -> None:
     """Nothing else is raised, whatever the libraries make of it, and no process ends."""
-    made = [survive(seed) for seed in range(100)]
-    assert 10 < sum(made) < 90
+    made = [survive(seed) for seed in range(50)]
+    assert 3 < sum(made) < 45
 
 
 @pytest.mark.slow

@@ -61,6 +61,7 @@ def test_the_own_robot_passes_its_checks_and_is_moved(tmp_path: Path) -> None:
     assert all(b < 0.1 * a for a, b in zip(weak, strong))
 
 
+@pytest.mark.slow
 def test_a_bag_becomes_gains(tmp_path: Path) -> None:
     made = short()
     text = said('bag_to_gains', tmp_path, recorded_bag(tmp_path / 'run', made), 'two_link')
@@ -71,6 +72,7 @@ def test_a_bag_becomes_gains(tmp_path: Path) -> None:
     assert max(map(float, re.findall(r"'([\d.e-]+) rad'", text))) < 1e-2
 
 
+@pytest.mark.slow
 def test_polars_reads_the_map(tmp_path: Path) -> None:
     """Law (6) fails where Ka is below friction, and where the other law fails it need not."""
     text = said('map_polars', tmp_path)

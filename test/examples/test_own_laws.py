@@ -37,6 +37,7 @@ def _found(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.syspath_prepend(str(EXAMPLES))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('values', [
     {'law': 'own_law:LeakyIntegral', 'ki': [400.0, 400.0]},
     {'law': 'chattering', 'switching': 'own_switching:Smooth'}])

@@ -133,8 +133,7 @@ NONE = np.zeros((3, 2))
 def timing(delays: dict[int, np.ndarray], rate: np.ndarray | None = None) -> Timing:
     rates = np.tile(np.array([[50.0], [np.inf], [np.inf]]), 2) if rate is None else rate
     best = min(delays)
-    return Timing('command', float(best), delays[best][1], np.zeros(2), delays, np.ones(2), rates,
-                  np.ones(2, bool))
+    return Timing('command', float(best), delays[best][1], delays, rates, np.ones(2, bool))
 
 
 def ms(*rows: tuple[float, float]) -> np.ndarray:

@@ -69,8 +69,8 @@ def results(refused: int = 2) -> IdentificationResults:
                 Finding(Kind.NOTE, 1, 'a note'))
     found = SimpleNamespace(
         joints=NAMES, friction=[friction(i) for i in range(n)], timing=timing, findings=findings,
-        unexplained=(), encoder=[Estimate(1e-5)] * n, noise=[none] * n, velocity_lag=[
-            Estimate.none('it hardly accelerates')] * n, scale=numbers, rotor=numbers,
+        unexplained=(), encoder=[Estimate(1e-5)] * n, noise=[none] * n, scale=numbers,
+        rotor=numbers,
         rate=n * rate, tilt=(), bodies=None, side='', errors=[], duration=20.0,
         selected=SimpleNamespace(attributed=True, explanation=None),
         clock=Clock(1e-3, 0.0, 1e-3, 0, ()),

@@ -18,6 +18,8 @@ from __future__ import annotations
 
 from ctc_chattering.bags.recording import Recording
 from ctc_chattering.identification.sensors import clock, encoder_step, velocity_noise
+from ctc_chattering.identification.weak_form import smooth
+from ctc_chattering.identification.windows import least_velocity, sliding
 import numpy as np
 import pytest
 
@@ -47,6 +49,19 @@ def test_the_noise_of_a_velocity_that_lags(lag: float) -> None:
     (noise,), findings = velocity_noise(Recording('r', ('a',), T, q, dq), H)
     assert noise.value == pytest.approx(2e-3, rel=0.05)
     assert not findings
+
+
+def test_a_joint_that_rests_neither_slides_nor_has_a_wrong_velocity() -> None:
+    """Smoothing a constant position leaves rounding; an encoder flickers."""
+    rng = np.random.default_rng(3)
+    flicker = 0.5 + 1e-5 * rng.integers(0, 2, len(T))
+    q = np.column_stack((np.sin(T), np.full(len(T), 0.123456789), flicker))
+    dq = np.column_stack((np.cos(T), 0.0 * T, 0.0 * T)) + rng.normal(0.0, 1e-3, q.shape)
+    _, findings = velocity_noise(Recording('r', ('a', 'b', 'c'), T, q, dq), H)
+    assert findings == []
+    way = sliding(np.column_stack([smooth(x, H, 1) for x in q.T]), least_velocity(q, H), H)
+    assert (np.abs(way).mean(axis=0) > 0.9).tolist() == [True, False, False]
+    assert not way[:, 1].any()
 
 
 def test_the_stamps() -> None:

@@ -31,19 +31,8 @@ from browser import browser, browser_page
 from ctc_chattering.cli.bringup import main as bringup
 from ctc_chattering.errors import CtcError
 from ctc_chattering.live import require_viser
+from ctc_chattering.live import server as serving
 from ctc_chattering.live.page_socket import PageSocket
-from ctc_chattering.live.server import (
-    Access,
-    free_port,
-    HEADERS,
-    is_camera,
-    opened,
-    PORT,
-    serve,
-    stop,
-    VIEW_HEADERS,
-    warning_of,
-)
 from ctc_commands import ctc, refused
 import msgspec
 from processes import wait_for
@@ -57,8 +46,8 @@ RIGHT = '/?token=TOKEN'
 
 
 def refusal(path: str, *headers: tuple[str, str], host: str = '127.0.0.1', port: int = 8080,
-            reached: str = '127.0.0.1', access: Access | None = None) -> str:
-    access = access or Access(host, port)
+            reached: str = '127.0.0.1', access: serving.Access | None = None) -> str:
+    access = access or serving.Access(host, port)
     token = access.url.partition('token=')[2]
     given = Headers([(name, value.replace('TOKEN', token)) for name, value in headers])
     return access.refusal(path.replace('TOKEN', token), given, reached)
@@ -72,7 +61,7 @@ def test_the_printed_address_opens_the_page_under_the_names_of_this_machine(host
 
 
 def test_the_cookie_stands_for_the_token_on_its_own_port_alone() -> None:
-    access, other = Access('127.0.0.1', 8080), Access('127.0.0.1', 8081)
+    access, other = serving.Access('127.0.0.1', 8080), serving.Access('127.0.0.1', 8081)
     cookie = access.cookie.partition(';')[0]
     assert {'HttpOnly', 'SameSite=Strict', 'Path=/'} < set(access.cookie.split('; '))
     for line in (cookie, f'a=b; {cookie}; c', f'{other.cookie.partition(";")[0]}; {cookie}'):
@@ -84,41 +73,35 @@ def test_the_cookie_stands_for_the_token_on_its_own_port_alone() -> None:
                                   access=other)
 
 
-@pytest.mark.parametrize('query', ['', '?', '?token', '?token=', '?token=TOKE', '?token=TOKENx',
-                                   '?token=%00', '?token=é', '?Token=TOKEN', '?token=T&token='])
-def test_without_the_token_nothing_is_answered(query: str) -> None:
-    assert refusal(f'/{query}', ('Host', HOST))
+#: What is asked for, with which headers, and a word of the refusal.
+REFUSED: list[tuple[str, tuple[tuple[str, str], ...], str]] = [
+    *((f'/{query}', (('Host', HOST),), 'token') for query in (
+        '', '?', '?token', '?token=', '?token=TOKE', '?token=TOKENx', '?token=%00', '?token=é',
+        '?token=T&token=', 'view/?darkMode')),
+    *((RIGHT, tuple(('Host', host) for host in hosts), 'Host') for hosts in (
+        (), ('evil.example:8080',), ('127.0.0.1',), ('localhost:8081',), (HOST, HOST),
+        ('127.0.0.1.evil.example:8080',), ('localhost.:8080',), ('',), (HOST, 'evil.example'),
+        ('192.168.0.7:8080',))),
+    *((RIGHT, (('Host', HOST), ('Origin', origin)), 'Origin') for origin in (
+        'http://evil.example', 'http://127.0.0.1:9999', 'http://127.0.0.1', 'null', '', 'file://',
+        'https://127.0.0.1:8080', 'http://localhost:8080', f'http://{HOST}.evil.example')),
+    # The client of viser takes the server from the address, and renders its HTML.
+    *((path, (('Host', HOST),), 'no more') for query in (
+        'websocket=ws://evil.example', 'playbackPath=http://x', 'a', 'initialCameraUp=x',
+        'darkMode=http://x', 'darkMode&websocket=ws://x', 'xdarkMode=', 'Token=TOKEN')
+      for path in (f'{RIGHT}&{query}', f'/?{query}&token=TOKEN'))]
 
 
-@pytest.mark.parametrize('hosts', [
-    [], ['evil.example:8080'], ['127.0.0.1'], ['localhost:8081'],
-    ['127.0.0.1.evil.example:8080'], ['localhost.:8080'], [''], [HOST, HOST],
-    [HOST, 'evil.example'], ['192.168.0.7:8080']])
-def test_another_host_is_refused_with_the_token(hosts: list[str]) -> None:
-    assert 'Host' in refusal(RIGHT, *[('Host', host) for host in hosts])
-
-
-@pytest.mark.parametrize('origin', [
-    'http://evil.example', 'http://127.0.0.1:9999', 'http://127.0.0.1', 'https://127.0.0.1:8080',
-    'http://localhost:8080', 'null', '', 'file://', 'http://127.0.0.1:8080.evil.example'])
-def test_another_origin_is_refused_with_the_token(origin: str) -> None:
-    assert 'Origin' in refusal(RIGHT, ('Host', HOST), ('Origin', origin))
-
-
-@pytest.mark.parametrize('query', [
-    'websocket=ws://evil.example', 'playbackPath=http://x', 'a', 'initialCameraUp=x',
-    'darkMode=http://x', 'darkMode&websocket=ws://x', 'xdarkMode='])
-def test_the_page_is_not_told_to_connect_elsewhere(query: str) -> None:
-    """Check that of viser: its client takes the server from the address, and renders its HTML."""
-    assert 'no more' in refusal(f'{RIGHT}&{query}', ('Host', HOST))
-    assert 'no more' in refusal(f'/?{query}&token=TOKEN', ('Host', HOST))
+@pytest.mark.parametrize(('path', 'headers', 'word'), REFUSED)
+def test_nothing_is_answered_without_token_host_and_origin_of_the_page(
+        path: str, headers: tuple[tuple[str, str], ...], word: str) -> None:
+    assert word in refusal(path, *headers)
     assert refusal('/view/?darkMode&token=TOKEN', ('Host', HOST)) == ''
-    assert 'token' in refusal('/view/?darkMode', ('Host', HOST))
 
 
 def test_on_all_addresses_the_name_and_the_address_asked_for_are_allowed() -> None:
     name = socket.gethostname()
-    assert Access('0.0.0.0', 8080).url.startswith(f'http://{name}:8080/')
+    assert serving.Access('0.0.0.0', 8080).url.startswith(f'http://{name}:8080/')
     for host, reached in ((f'{name}:8080', '10.0.0.5'), ('10.0.0.5:8080', '10.0.0.5'),
                           ('10.0.0.5:8080', '::ffff:10.0.0.5'), (HOST, '127.0.0.1'),
                           ('[fe80::1]:8080', 'fe80::1%eth0')):
@@ -130,19 +113,24 @@ def test_on_all_addresses_the_name_and_the_address_asked_for_are_allowed() -> No
 
 
 def test_every_page_has_a_token_of_its_own() -> None:
-    tokens = {Access('127.0.0.1', 8080).url.partition('token=')[2] for _ in range(20)}
+    tokens = {serving.Access('127.0.0.1', 8080).url.partition('token=')[2] for _ in range(20)}
     assert len(tokens) == 20
     assert all(re.fullmatch('[-_A-Za-z0-9]{43}', token) for token in tokens)
+
+
+def started(text: str = '') -> tuple[Any, str]:
+    """Return a server of a page, and the address."""
+    return serving.serve(require_viser(), '127.0.0.1', serving.free_port('127.0.0.1', 0), text,
+                         PageSocket())
 
 
 @pytest.fixture(scope='module')
 def served() -> Iterator[str]:
     """Yield the address of a page."""
-    server, url = serve(require_viser(), '127.0.0.1', free_port('127.0.0.1', 0),
-                        '<!doctype html><iframe src="/view/"></iframe>', PageSocket())
+    server, url = started('<!doctype html><iframe src="/view/"></iframe>')
     server.gui.add_html('content of the page')
     yield url
-    stop(server)
+    serving.stop(server)
 
 
 def ask(url: str, path: str, **headers: str) -> tuple[http.client.HTTPResponse, bytes]:
@@ -163,13 +151,13 @@ def test_without_the_token_one_plain_line_is_shown(served: str) -> None:
         assert answer.getheader('Content-Type') == 'text/plain; charset=utf-8'
         assert re.fullmatch(rb'ctc live: [^\n<]+\n', text)
         assert answer.getheader('Set-Cookie') is None
-    for path, wanted in ((query, HEADERS), (f'/view{query}', VIEW_HEADERS)):
+    for path, wanted in ((query, serving.HEADERS), (f'/view{query}', serving.VIEW_HEADERS)):
         answer, text = ask(served, path)
         assert answer.status == 200
         assert b'<!doctype html>' in text[:100].lower()
         assert all(answer.getheader(name) == value for name, value in wanted.items())
-    assert "frame-ancestors 'none'" in HEADERS['Content-Security-Policy']
-    assert "frame-ancestors 'self'" in VIEW_HEADERS['Content-Security-Policy']
+    assert "frame-ancestors 'none'" in serving.HEADERS['Content-Security-Policy']
+    assert "frame-ancestors 'self'" in serving.VIEW_HEADERS['Content-Security-Policy']
     for path in ('/index.html', '/viewer/', '/view/../setup.py', '/view/%2e%2e/%2e%2e/x'):
         assert ask(served, path + query[1:])[0].status == 404
     cookie = str(answer.getheader('Set-Cookie')).partition(';')[0]
@@ -214,9 +202,9 @@ def test_a_viser_whose_requests_cannot_be_checked_is_not_started(
                 patch.setattr(library, 'serve', start)
                 super().__init__(*arguments, **options)
     monkeypatch.setattr(viser, 'ViserServer', Other)
-    port = free_port('127.0.0.1', 0)
+    port = serving.free_port('127.0.0.1', 0)
     with pytest.raises(CtcError, match=r'cannot be checked \(status 200 without the token\)'):
-        serve(viser, '127.0.0.1', port, '', PageSocket())
+        serving.serve(viser, '127.0.0.1', port, '', PageSocket())
     with pytest.raises(OSError, match='refused'):
         socket.create_connection(('127.0.0.1', port))
 
@@ -271,27 +259,27 @@ CAMERA = {'type': 'ViewerCameraMessage', 'wxyz': [1.0, 0, 0, 0], 'fov': 1, 'near
 
 
 def test_takes_the_first_free_port_or_the_one_asked_for() -> None:
-    assert PORT <= free_port('127.0.0.1', None) < PORT + 50
-    assert free_port('127.0.0.1', 0) > 0
+    assert serving.PORT <= serving.free_port('127.0.0.1', None) < serving.PORT + 50
+    assert serving.free_port('127.0.0.1', 0) > 0
     with socket.socket() as other:
         other.bind(('127.0.0.1', 0))
         other.listen()
         taken = other.getsockname()[1]
         with pytest.raises(CtcError, match=f'port {taken}: Address already in use; --port'):
-            free_port('127.0.0.1', taken)
+            serving.free_port('127.0.0.1', taken)
 
 
 def test_an_address_of_another_machine_is_refused() -> None:
     for host in ('192.0.2.1', 'no such host', 'a\0b', 'x' * 300, '::1%none'):
         with pytest.raises(CtcError) as refusal:
-            free_port(host, None)
+            serving.free_port(host, None)
         assert str(refusal.value).startswith(host)
 
 
 def test_says_who_can_see_the_page() -> None:
-    assert warning_of('127.0.0.1') == warning_of('localhost') == warning_of('::1') == ''
+    assert [serving.warning_of(x) for x in ('127.0.0.1', 'localhost', '::1')] == [''] * 3
     for host in ('0.0.0.0', '::', '', '127.evil.example', '127.1.evil'):
-        assert 'everyone' in warning_of(host)
+        assert 'everyone' in serving.warning_of(host)
 
 
 def test_without_viser_one_line_says_what_to_install(
@@ -305,7 +293,7 @@ def test_without_viser_one_line_says_what_to_install(
 def test_only_a_camera_is_a_message_to_viser() -> None:
     """Check what viser would pass on to all browsers, and what no later one could decode."""
     def allowed(message: Any) -> bool:
-        return is_camera(msgspec.msgpack.encode(message))
+        return serving.is_camera(msgspec.msgpack.encode(message))
     assert allowed(CAMERA)
     for wrong in (math.nan, math.inf, 'x', [math.nan] * 3, [1] * 5, [[1]], None, 1.0, [1, 2],
                   [True, 1, 1]):
@@ -315,15 +303,14 @@ def test_only_a_camera_is_a_message_to_viser() -> None:
         *({**CAMERA, 'type': x} for x in ('GuiUpdateMessage', 'ShareUrlRequest', 1, None)),
         {'type': 'GuiUpdateMessage', 'uuid': 'x', 'updates': {'value': 1}}, None, 1, [], {})
     assert [x for x in others if allowed(x)] == []
-    assert [x for x in (b'', b'\xc1', b'\x91' * 100_000, 'text') if is_camera(x)] == []
+    assert [x for x in (b'', b'\xc1', b'\x91' * 100_000, 'text') if serving.is_camera(x)] == []
 
 
 def test_a_hostile_browser_does_not_disturb_the_next_one() -> None:
     """Check with a number that somebody forgot on the page."""
-    viser = require_viser()
-    server, url = serve(viser, '127.0.0.1', free_port('127.0.0.1', 0), '', PageSocket())
+    server, url = started()
     number = server.gui.add_number('samples', 1, min=1, max=100_000, step=1)
-    protocol: Any = [f'viser-v{viser.__version__}']
+    protocol: Any = [f'viser-v{require_viser().__version__}']
     with connect(url.replace('http', 'ws'), subprotocols=protocol) as hostile:
         for value in (7, 1e300, 'x', math.nan):
             hostile.send(msgspec.msgpack.encode({
@@ -336,7 +323,7 @@ def test_a_hostile_browser_does_not_disturb_the_next_one() -> None:
         with connect(url.replace('http', 'ws'), subprotocols=protocol) as other:
             assert other.recv(timeout=30.0)
     assert number.value == 1
-    stop(server)
+    serving.stop(server)
 
 
 class Browser:
@@ -356,11 +343,11 @@ def test_the_browser_gets_a_file_that_nobody_else_reads(monkeypatch: pytest.Monk
     """Its address is not among the arguments of a process; a browser in the terminal is none."""
     url, browser = 'http://127.0.0.1:8080/?token=secret&more="<b>', Browser()
     monkeypatch.setattr(webbrowser, 'get', lambda: browser)
-    with opened(url) as done:
+    with serving.opened(url) as done:
         assert done
     address, file, readers, text = browser.seen
     assert 'secret' not in address and readers == 0 and not file.exists()
     assert 'url=http://127.0.0.1:8080/?token=secret&amp;more=&#34;&lt;b&gt;' in text
     monkeypatch.setattr(webbrowser, 'get', lambda: webbrowser.GenericBrowser('lynx %s'))
-    with opened(url) as done:
+    with serving.opened(url) as done:
         assert not done

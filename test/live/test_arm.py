@@ -29,27 +29,10 @@ from typing import Any
 from ctc_chattering.configuration.package_share import read_description
 from ctc_chattering.control.controller import ControllerConfig
 from ctc_chattering.errors import CtcError
-from ctc_chattering.live import require_viser
-from ctc_chattering.live.page import (
-    ArmView,
-    Camera,
-    camera_of,
-    Cameras,
-    drawn,
-    FIELD,
-    outermost,
-    triangles,
-)
+from ctc_chattering.live import page, require_viser
+from ctc_chattering.live import skeleton as shapes
 from ctc_chattering.live.page_socket import PageSocket
 from ctc_chattering.live.server import free_port, serve, stop
-from ctc_chattering.live.skeleton import (
-    places,
-    quaternion,
-    Shape,
-    skeleton_of,
-    two_link_urdf,
-    urdf_skeleton,
-)
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
 import pinocchio as pin
@@ -73,7 +56,7 @@ def test_every_body_is_where_pinocchio_has_it() -> None:
     model = pin.buildModelFromXML(urdf)
     data = model.createData()
     names = [x for x in model.names if x != 'universe' and 'finger' not in x]
-    skeleton = urdf_skeleton(urdf, names)
+    skeleton = shapes.urdf_skeleton(urdf, names)
     rng = np.random.default_rng(1)
     for _ in range(5):
         q = np.zeros(model.nq)
@@ -82,14 +65,14 @@ def test_every_body_is_where_pinocchio_has_it() -> None:
         for body, pose in zip(skeleton.bodies, skeleton.poses(q)):
             frame = data.oMf[model.getFrameId(body.name, pin.BODY)]
             assert pose == pytest.approx(frame.homogeneous, abs=1e-12)
-            w, x, y, z = quaternion(pose[:3, :3])
+            w, x, y, z = shapes.quaternion(pose[:3, :3])
             assert pin.Quaternion(w, x, y, z).matrix() == pytest.approx(
                 pose[:3, :3], abs=1e-12)
 
 
 def test_two_links_stand_where_their_angles_say() -> None:
     """Check the model's: q = 0 hangs, both angles turn the same way, in the x-z plane."""
-    skeleton = skeleton_of(ControllerConfig())
+    skeleton = shapes.skeleton_of(ControllerConfig())
     assert skeleton is not None
     q1, q2 = 0.7, 0.4
     elbow = skeleton.tips((q1, q2))[2]
@@ -100,57 +83,46 @@ def test_two_links_stand_where_their_angles_say() -> None:
 
 
 def test_prismatic_joints_axes_and_locked_joints() -> None:
-    car, pole = urdf_skeleton(SLIDE, ('rail', 'pivot')).poses((0.25, np.pi / 2))[1:]
+    car, pole = shapes.urdf_skeleton(SLIDE, ('rail', 'pivot')).poses((0.25, np.pi / 2))[1:]
     assert car[:3, 3] == pytest.approx([0.0, 0.25, 1.0])  # the axis has length 1
     assert pole[:3, 3] == pytest.approx([0.5, 0.25, 1.0])
     assert pole[:3, 1] == pytest.approx([0.0, 0.0, 1.0])
-    locked = urdf_skeleton(SLIDE, ('pivot',), {'rail': -0.5})
+    locked = shapes.urdf_skeleton(SLIDE, ('pivot',), {'rail': -0.5})
     assert locked.poses((0.0,))[1][:3, 3] == pytest.approx([0.0, -0.5, 1.0])
     assert locked.bodies[1].joint == -1
 
 
 def test_a_model_without_description_has_no_shape() -> None:
     config = ControllerConfig(model='urdf')
-    assert skeleton_of(config) is None
-    assert skeleton_of(config, '<mujoco/>') is None
+    assert shapes.skeleton_of(config) is None
+    assert shapes.skeleton_of(config, '<mujoco/>') is None
     with pytest.raises(CtcError):
-        skeleton_of(config, '<robot/>')
+        shapes.skeleton_of(config, '<robot/>')
 
 
 def test_meshes_are_those_for_collisions_where_the_others_cannot_be_read() -> None:
     urdf = read_description(DESCRIPTION)
     names = [f'panda_joint{i}' for i in range(1, 8)]
-    found = drawn(urdf_skeleton(urdf, names))
+    found = page.drawn(shapes.urdf_skeleton(urdf, names))
     assert sum(len(x.faces) for body in found for x in body) > 1000
-    gone = drawn(urdf_skeleton(urdf.replace('package://example-robot-data', 'package://no-such'),
-                               names))
+    missing = urdf.replace('package://example-robot-data', 'package://no-such')
+    gone = page.drawn(shapes.urdf_skeleton(missing, names))
     # Capsules stand for them: none is longer than the arm's longest link.
     corners = np.vstack([x.vertices for body in gone for x in body])
     assert 0 < np.abs(corners).max() < 0.5
     assert len([x for x in gone if x]) >= 7
 
 
-def test_capsules_reach_from_joint_to_joint() -> None:
-    """Check with an arm that has no shapes at all."""
-    urdf = re.sub('<visual>.*?</visual>', '', two_link_urdf(), flags=re.DOTALL)
-    skeleton = urdf_skeleton(urdf, ('joint1', 'joint2'))
-    for (shape,) in drawn(skeleton)[1:]:
-        low, high = shape.vertices.min(axis=0), shape.vertices.max(axis=0)
-        radius = 0.03 * skeleton.reach
-        assert low == pytest.approx([-radius, -radius, -LENGTH - radius], abs=2e-3)
-        assert high == pytest.approx([radius, radius, radius], abs=2e-3)
-
-
 @pytest.mark.parametrize('origin', ['xyz', 'rpy', ''])
 def test_a_shape_without_its_numbers_is_drawn_as_if_it_were_not_found(origin: str) -> None:
     """Check that the arm has its capsules then, and the page goes on."""
-    urdf = re.sub('<visual>.*?</visual>', '', two_link_urdf(), flags=re.DOTALL)
-    plain = drawn(urdf_skeleton(urdf, ('joint1', 'joint2')))
+    urdf = re.sub('<visual>.*?</visual>', '', shapes.two_link_urdf(), flags=re.DOTALL)
+    plain = page.drawn(shapes.urdf_skeleton(urdf, ('joint1', 'joint2')))
     for value in ('0 0', '', 'nan 0 0', 'inf 0 0', '1e308 0 0', 'x y z', '1 2 3 4'):
         shape = (f'<visual><origin {origin}="{value}"/><geometry><sphere radius="1"/></geometry>'
                  if origin else f'<visual><geometry><box size="{value}"/></geometry>')
-        bad = drawn(urdf_skeleton(urdf.replace('<inertial>', f'{shape}</visual><inertial>'),
-                                  ('joint1', 'joint2')))
+        changed = urdf.replace('<inertial>', f'{shape}</visual><inertial>')
+        bad = page.drawn(shapes.urdf_skeleton(changed, ('joint1', 'joint2')))
         for one, other in zip(plain, bad, strict=True):
             assert [x.vertices.tolist() for x in one] == [x.vertices.tolist() for x in other]
 
@@ -165,13 +137,13 @@ def test_arm_and_ghost_are_hidden_until_their_positions_are_known() -> None:
             made[name] = add(name, **options)
             return made[name]
         server.scene.add_frame = add_frame
-        skeleton = skeleton_of(ControllerConfig())
+        skeleton = shapes.skeleton_of(ControllerConfig())
         assert skeleton is not None
-        view = ArmView(server, skeleton, 'arm0')
+        view = page.ArmView(server, skeleton, 'arm0')
 
         def is_shown(part: str, at: Any) -> None:
             for i, pose in enumerate(skeleton.poses(at)):
-                assert np.allclose(made[f'/arm0/{part}/{i}'].wxyz, quaternion(pose[:3, :3]))
+                assert np.allclose(made[f'/arm0/{part}/{i}'].wxyz, shapes.quaternion(pose[:3, :3]))
                 assert np.allclose(made[f'/arm0/{part}/{i}'].position, pose[:3, 3])
         q = np.array([0.3, -0.8])
         for arm, ghost, expected in ((None, None, [False, False]), (q, None, [True, False]),
@@ -190,7 +162,7 @@ def test_arm_and_ghost_are_hidden_until_their_positions_are_known() -> None:
 
 def mesh(file: Any) -> Any:
     """Return the triangles of a mesh as a description names it."""
-    return triangles(Shape('mesh', (1.0, 1.0, 1.0), np.eye(4), str(file)))
+    return page.triangles(shapes.Shape('mesh', (1.0, 1.0, 1.0), np.eye(4), str(file)))
 
 
 def test_a_mesh_is_a_file_of_a_known_kind_and_size(
@@ -220,7 +192,7 @@ def test_a_mesh_is_a_file_of_a_known_kind_and_size(
     assert mesh(good) is None
 
 
-def seen(camera: Camera, points: Array, aspect: float) -> Array:
+def seen(camera: page.Camera, points: Array, aspect: float) -> Array:
     """Return where a camera with z up sees points, ±1 at the edges of a view."""
     ahead = np.subtract(camera.look_at, camera.position)
     ahead /= np.linalg.norm(ahead)
@@ -228,7 +200,7 @@ def seen(camera: Camera, points: Array, aspect: float) -> Array:
     right /= np.linalg.norm(right)
     x = points - camera.position
     across: Array = np.stack((x @ right, x @ np.cross(right, ahead)), axis=1)
-    across /= ((x @ ahead) * tan(0.5 * FIELD))[:, None]
+    across /= ((x @ ahead) * tan(0.5 * page.FIELD))[:, None]
     return across / (aspect, 1.0)
 
 
@@ -236,19 +208,19 @@ def seen(camera: Camera, points: Array, aspect: float) -> Array:
     ('two_link', [3.1, 1.6], 1, 1.6), ('two_link', [3.1, 1.6], 2, 0.5),
     ('panda', [0, -0.6, 0, -2.0, 0, 1.5, 0.8], 2, 1.0)])
 def test_the_arms_fill_the_view(name: str, q: list[float], count: int, aspect: float) -> None:
-    skeleton = (skeleton_of(ControllerConfig()) if name == 'two_link'
-                else urdf_skeleton(panda(), PANDA))
+    skeleton = (shapes.skeleton_of(ControllerConfig()) if name == 'two_link'
+                else shapes.urdf_skeleton(panda(), PANDA))
     assert skeleton is not None
-    bodies = drawn(skeleton)
+    bodies = page.drawn(skeleton)
     motion = [np.add(q, shift) for shift in np.linspace(-0.3, 0.3, 7)]
 
-    def placed(shapes: Sequence[Sequence[Array]]) -> Array:
+    def placed(parts: Sequence[Sequence[Array]]) -> Array:
         arm = np.concatenate([
             vertices @ pose[:3, :3].T + pose[:3, 3] for x in motion
-            for pose, body in zip(skeleton.poses(x), shapes) for vertices in body])
-        return np.concatenate([arm + place for place in places(count, skeleton.reach)])
+            for pose, body in zip(skeleton.poses(x), parts) for vertices in body])
+        return np.concatenate([arm + place for place in shapes.places(count, skeleton.reach)])
     vertices = [[x.vertices for x in body] for body in bodies]
-    camera = camera_of(placed([[outermost(body)] for body in vertices]), aspect)
+    camera = page.camera_of(placed([[page.outermost(body)] for body in vertices]), aspect)
     across = seen(camera, placed(vertices), aspect)
     assert np.abs(across).max() < 0.9
     assert np.ptp(across, axis=0).max() > 1.6  # 80 % of the width or of the height.
@@ -259,7 +231,7 @@ def test_cameras_show_the_arms_until_one_is_moved() -> None:
     client = SimpleNamespace(camera=SimpleNamespace(position=None), atomic=nullcontext)
     server = SimpleNamespace(initial_camera=SimpleNamespace(), get_clients=lambda: {0: client})
     socket, found = PageSocket(), []
-    cameras = Cameras(server, socket)
+    cameras = page.Cameras(server, socket)
 
     def say(words: str) -> None:
         socket.hear(words)
@@ -269,10 +241,10 @@ def test_cameras_show_the_arms_until_one_is_moved() -> None:
     for words in ('{}', '{"aspect": 0.3}', '{"moved": null}', '{"aspect": 2}'):
         say(words)
     first, narrow, hand, wide = found
-    assert first == (camera_of(np.eye(3)).position,) * 2
-    assert narrow == hand == (camera_of(np.eye(3), 0.3).position,) * 2
-    assert wide == (narrow[0], camera_of(np.eye(3), 2.0).position)
+    assert first == (page.camera_of(np.eye(3)).position,) * 2
+    assert narrow == hand == (page.camera_of(np.eye(3), 0.3).position,) * 2
+    assert wide == (narrow[0], page.camera_of(np.eye(3), 2.0).position)
     cameras.look(2.0 * np.eye(3), again=False)
     assert client.camera.position == narrow[0]
     cameras.look(2.0 * np.eye(3))
-    assert client.camera.position == camera_of(2.0 * np.eye(3), 2.0).position
+    assert client.camera.position == page.camera_of(2.0 * np.eye(3), 2.0).position

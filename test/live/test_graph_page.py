@@ -39,8 +39,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from faults import nodes_of
 from processes import bringup, CONFIG, descendants, PATIENCE, Probe, probe, wait_for
 import pytest
-from rcl_interfaces.msg import Parameter as ParameterMessage
-from rcl_interfaces.msg import ParameterEvent, ParameterValue
+from rcl_interfaces.msg import ParameterEvent
 from rclpy.parameter import Parameter
 from std_msgs.msg import String
 
@@ -48,23 +47,12 @@ pytestmark = [pytest.mark.ros, pytest.mark.browser]
 #: 100 Hz, and patient: the browser draws with the processors that the loop needs. The law has no
 #: chattering term, which late torques of a busy computer have at its bound: the light says so.
 #: Torques 0.1 s late make the loop unstable; with a limit it comes back when they are in time.
-PARAMETERS = """/**:
-  ros__parameters:
-    control_period: 0.01
-plant:
-  ros__parameters:
-    pacing: real_time
-    duration: 0.0
-    command_timeout: 1.0
-controller:
-  ros__parameters:
-    law: compensation
-    switching: implicit_observer
-    ka: [25.0, 25.0]
-    effort_limit: [600.0, 600.0]
-    state_timeout: 1.0
-    reference_timeout: 1.0
-    state_decimation: 1
+PARAMETERS = """
+/**: {ros__parameters: {control_period: 0.01}}
+plant: {ros__parameters: {pacing: real_time, duration: 0.0, command_timeout: 1.0}}
+controller: {ros__parameters: {
+  law: compensation, switching: implicit_observer, ka: [25.0, 25.0], effort_limit: [600.0, 600.0],
+  state_timeout: 1.0, reference_timeout: 1.0, state_decimation: 1}}
 """
 LOOP = ('plant', 'controller', 'reference')
 
@@ -101,6 +89,8 @@ def shows_numbers(page: Any) -> bool:
 
 def test_shows_the_graph_and_changes_it(started_browser: Any, graph: Probe) -> None:
     with ctc_live('--port', 0) as (process, url), browser_page(started_browser) as page:
+        # Without the arm, which takes a processor to draw: the test of bags has it.
+        page.route('**/view/**', lambda route: route.fulfill(body='<head></head>'))
         page.goto(url)
         eventually(partial(shows_numbers, page), 'a green light', page)
         eventually(lambda: min(inked(page), default=0) > 300, 'plots', page)
@@ -216,30 +206,25 @@ def test_a_hostile_graph_neither_runs_a_script_nor_ends_the_page(started_browser
           browser_page(started_browser) as page):
         page.goto(url)
         eventually(lambda: mentions(page, 'waiting for a graph'), 'the page without one', page)
-        said_by = {name: it.node.create_publisher(
-            ParameterEvent, f'{name}/parameters', qos(100, latched=True)) for name in LOOP}
-        description = it.node.create_publisher(
-            String, 'controller/robot_description', qos(1, latched=True))
-        diagnostics = it.node.create_publisher(DiagnosticArray, '/diagnostics', 10)
         values: dict[str, dict[str, Any]] = {
             'controller': {'joint_names': [EVIL, 'b'], 'model': 'urdf', 'law': 'chattering',
                            'ka': [1.0, 2.0]},
             'plant': {'pacing': EVIL, 'hold_at': ['x'], 'coulomb_friction': ['x', 'y'],
                       'viscous_friction': 'x', 'disturbance.amplitude': [True, False]},
-            'reference': {'horizon': 'long'}}
-        for name, publisher in said_by.items():
-            publisher.publish(ParameterEvent(new_parameters=[
-                Parameter(key, value=value).to_parameter_msg()
-                for key, value in values[name].items()] + [
-                    ParameterMessage(name=EVIL, value=ParameterValue(type=4, string_value=EVIL))]))
-            publisher.publish(ParameterEvent(changed_parameters=[
-                ParameterMessage(name='law', value=ParameterValue(type=99))]))
-        description.publish(String(data=f'<robot name="{"x" * 9}"><link/></robot>'))
-        status = [DiagnosticStatus(
-            name=f'/{name}', level=b'\x7f', message=EVIL, values=[
-                KeyValue(key=key, value=value) for key, value in (
-                    (EVIL, EVIL), ('deadline misses', 'many'), ('x: refused', '9' * 5000),
-                    ('y: refused', '-1'), ('|', '|'))]) for name in (*LOOP, 'recorder')]
+            'reference': {'horizon': 'long', EVIL: EVIL}}
+        for name in LOOP:
+            it.node.create_publisher(
+                ParameterEvent, f'{name}/parameters', qos(100, latched=True)).publish(
+                ParameterEvent(new_parameters=[Parameter(key, value=value).to_parameter_msg()
+                                               for key, value in values[name].items()]))
+        it.node.create_publisher(
+            String, 'controller/robot_description', qos(1, latched=True)).publish(
+            String(data=f'<robot name="{"x" * 9}"><link/></robot>'))
+        diagnostics = it.node.create_publisher(DiagnosticArray, '/diagnostics', 10)
+        said = [KeyValue(key=key, value=value) for key, value in (
+            (EVIL, EVIL), ('deadline misses', 'many'), ('x: refused', '9' * 5000), ('|', '|'))]
+        status = [DiagnosticStatus(name=f'/{name}', level=b'\x7f', message=EVIL, values=said)
+                  for name in (*LOOP, 'recorder')]
 
         def shown() -> bool:
             diagnostics.publish(DiagnosticArray(status=status))

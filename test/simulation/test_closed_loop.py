@@ -16,13 +16,11 @@
 
 from typing import Any
 
-from ctc_chattering.analysis.metrics import metrics, reaching_time
 from ctc_chattering.analysis.terms import RunTerms, terms
 from ctc_chattering.control.controller import ControllerConfig
 from ctc_chattering.errors import CtcError
 from ctc_chattering.simulation.closed_loop import Event, Run, simulate
 from ctc_chattering.simulation.plant_config import PlantConfig
-from ctc_chattering.trajectory.motions import Route
 from ctc_chattering.trajectory.reference import ReferenceConfig, Sinusoid
 import numpy as np
 from oracles import Array, paper_c, paper_field, paper_g, paper_m
@@ -37,11 +35,6 @@ def _run(h: float = 1e-3, duration: float = 10.0, law: str = 'chattering',
         PlantConfig.from_mapping({'control_period': h, 'duration': duration, **(plant or {})}),
         ControllerConfig.from_mapping({'control_period': h, 'law': law, **(controller or {})}),
         ReferenceConfig(control_period=h), events)
-
-
-def _rms_error(run: Run) -> list[float]:
-    error: list[float] = metrics(run)['rms_error_rad']
-    return error
 
 
 def test_closed_loop_against_scipy() -> None:
@@ -77,14 +70,6 @@ def test_grid_and_reference() -> None:
     assert run.q.shape == run.tau.shape == run.v.shape == (251, 2)
 
 
-def test_bit_equal() -> None:
-    """Check that a run depends on nothing but its configuration."""
-    events = (Event(0.5, 'plant', {'coulomb_friction': [5.0, 5.0]}),)
-    a, b = (_run(duration=1.0, events=events) for _ in range(2))
-    for name in ('t', 'q', 'dq', 'q_d', 'dq_d', 'ddq_d', 'tau', 'v'):
-        assert getattr(a, name).tobytes() == getattr(b, name).tobytes()
-
-
 @pytest.mark.parametrize(('time', 'sample'), [
     (0.0, 0), (0.1, 100), (0.1001, 101), (0.0995, 100), (0.3, 300), (5.0, 1001)])
 def test_events_act_at_the_first_sample_at_or_after(time: float, sample: int) -> None:
@@ -99,21 +84,6 @@ def test_events_act_at_the_first_sample_at_or_after(time: float, sample: int) ->
         assert (run.v[:sample + 1] == steady.v[:sample + 1]).all()
         np.testing.assert_allclose(
             run.tau[sample] - steady.tau[sample], 10 * np.sign(run.v[sample]), atol=1e-9)
-
-
-def test_plant_events_and_their_order() -> None:
-    """Check that friction changes the motion after its sample, and that the last event wins."""
-    steady = _run(duration=0.4)
-    run = _run(duration=0.4, events=(
-        Event(0.3, 'plant', {'coulomb_friction': [9.9, 9.9]}),
-        Event(0.2, 'plant', {'coulomb_friction': [0.0, 0.0]}),
-        Event(0.2, 'plant', {'coulomb_friction': [1.0, 0.0]})))
-    moved = (run.q != steady.q).any(axis=1)
-    assert moved.argmax() == 201
-    other = _run(duration=0.4, events=(
-        Event(0.2, 'plant', {'coulomb_friction': [1.0, 0.0]}),
-        Event(0.3, 'plant', {'coulomb_friction': [9.9, 9.9]})))
-    assert (run.q == other.q).all()
 
 
 def test_joints_of_the_reference_in_another_order() -> None:
@@ -141,32 +111,6 @@ def test_refuses_an_endless_run_and_tells_progress() -> None:
     assert 50 < len(times) < 200
 
 
-def test_law_2_under_friction_has_the_expected_error() -> None:
-    """Check the limit of small periods to 1 %, which the default period is not within."""
-    limit = [2.827e-3, 4.639e-2]
-    assert _rms_error(_run(2e-4, law='compensation')) == pytest.approx(limit, rel=0.01)
-    assert _rms_error(_run(1e-3, law='compensation')) != pytest.approx(limit, rel=0.01)
-
-
-@pytest.mark.parametrize(('law', 'parts', 'rel'), [
-    ('compensation', 2, 0.005), ('chattering', 20, 0.10)])
-def test_integration_step_is_fine_enough(law: str, parts: int, rel: float) -> None:
-    """Check that a smaller step of the integrator hardly changes the error."""
-    coarse = _rms_error(_run(law=law))
-    fine = _rms_error(_run(law=law, plant={'integration_step': 1e-3 / parts}))
-    assert coarse == pytest.approx(fine, rel=rel)
-
-
-def test_chattering_improves_on_compensation() -> None:
-    """Check the paper's claim: both joints without d, and the second joint with it."""
-    push = {'disturbance.amplitude': [1, 1], 'disturbance.frequency': [1, 2]}
-    calm, better = (_rms_error(_run(law=law)) for law in ('compensation', 'chattering'))
-    assert all(b < 0.1 * a for a, b in zip(calm, better))
-    calm, better = (_rms_error(_run(law=law, plant=push)) for law in (
-        'compensation', 'chattering'))
-    assert better[1] < 0.5 * calm[1]
-
-
 FREE = {'coulomb_friction': [0, 0]}
 SLOW = {'lambda': 0.1}  # so that the filter's own decay does not do the work
 
@@ -188,30 +132,6 @@ def _held_error(run: Run) -> Array:
     bracket = np.abs(np.diff((0.1 - 50.0) * de - 100.0 * e, axis=0)).sum(axis=1)
     rho: Array = smooth + 9.97 * bracket
     return rho
-
-
-@pytest.mark.parametrize('velocity', [
-    [6.0, -4.0], *(pytest.param(x, marks=pytest.mark.slow) for x in ([0.0, 0.0], [-3.0, 9.0]))])
-def test_v_reaches_zero_within_the_bound(velocity: list[float]) -> None:
-    """
-    Check t_s <= 2 sqrt(V0) / (ka k), k = sqrt(2/α), without friction, and that law (2) misses it.
-
-    Zero is the band that one held torque can cross: h ‖M⁻¹‖ (ka √2 + rho).
-    """
-    h, start = 2e-4, {**FREE, 'initial_velocity': velocity}
-    alpha = np.linalg.norm(paper_m([0.0, 0.0]), 2)
-    v0 = np.array(velocity) - np.pi
-    bound = 2 * np.sqrt(0.5 * v0 @ paper_m([0.0, 0.0]) @ v0) / (10 * np.sqrt(2 / alpha))
-    run = _run(h, bound + 0.5, plant=start, controller=SLOW)
-    assert run.v[0] == pytest.approx(v0)
-    inverse = np.linalg.norm(np.linalg.inv(paper_m([0.0, 0.0])), 2)
-    band = h * inverse * (10 * np.sqrt(2) + _held_error(run)[round(bound / h):].max())
-    assert band < 0.02
-    reached = reaching_time(run.t, run.v, band)
-    assert reached is not None
-    assert reached <= bound + h
-    without = _run(h, bound + 0.5, 'compensation', start, SLOW)
-    assert reaching_time(without.t, without.v, band) is None
 
 
 def test_lyapunov_function_does_not_grow() -> None:
@@ -268,31 +188,6 @@ def test_smooth_start_begins_at_the_measured_state() -> None:
     assert run.v[0].tolist() == run.ddq_d[0].tolist() == [0.0, 0.0]
 
 
-def test_smooth_start_under_a_delay() -> None:
-    """Check that the law which looks ahead sees the same motion: the error stays small."""
-    run = simulate(
-        PlantConfig(duration=2.0, input_delay=2),
-        ControllerConfig(input_delay=2, ka=(12.0, 12.0), switching='implicit_observer'),
-        ReferenceConfig(start_duration=1.0), truth=True)
-    assert np.abs(run.q_d - run.q).max() < 5e-3
-    assert np.abs(run.tau).max() < 300.0
-
-
-def test_waypoints() -> None:
-    """Check that waypoints by name are met, from a robot at rest elsewhere, and then rest."""
-    route = Route(('joint2', 'joint1'), (10 ** 9, 2 * 10 ** 9), (
-        ((0.5, 1.0), (0.0, 0.5), (0.0, 0.0)), ((-0.5, 2.0), (0.0, 0.0), (0.0, 0.0))))
-    run = simulate(PlantConfig(duration=2.5, initial_position=(0.2, 0.1)), ControllerConfig(),
-                   ReferenceConfig(trajectory_file='read already'), route=route)
-    assert [run.q_d[k].tolist() for k in (0, 1000, 2000, 2500)] == [
-        [0.2, 0.1], [1.0, 0.5], [2.0, -0.5], [2.0, -0.5]]
-    assert run.dq_d[-1].tolist() == [0.0, 0.0]
-    assert np.abs(run.q_d - run.q).max() < 3e-3
-    assert np.abs(run.tau).max() < 300.0
-    with pytest.raises(CtcError, match='has not been read'):
-        _started(1.0, {'trajectory_file': 'x.yaml'})
-
-
 def test_error_limit_ends_the_run() -> None:
     """Check joint, time and error of the message against a run without the limit."""
     start = {'initial_position': [np.pi, np.pi / 2], 'initial_velocity': [np.pi, np.pi]}
@@ -309,12 +204,3 @@ def test_error_limit_ends_the_run() -> None:
     wide = _run(duration=1.0, law='compensation', plant=start, controller={
         'error_limit': np.abs(e).max(axis=0).tolist()})
     assert (wide.tau == free.tau).all()
-
-
-def test_error_limit_at_the_start_and_by_an_event() -> None:
-    """Check that the first sample counts, and that a limit acts from its sample on."""
-    with pytest.raises(CtcError, match=r'joint1 at t = 0 s, 3\.142 rad, .* 3 rad'):
-        _run(duration=0.1, controller={'error_limit': [3.0, 3.0]})
-    event = Event(0.05, 'controller', {'error_limit': [np.inf, 1e-6]})
-    with pytest.raises(CtcError, match=r'joint2 at t = 0\.05 s'):
-        _run(duration=0.1, events=(event,))

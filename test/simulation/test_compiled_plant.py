@@ -23,7 +23,6 @@ from ctc_chattering.compiled.build import build
 from ctc_chattering.compiled.records import packed
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.configuration.package_share import config_directory
-from ctc_chattering.control.controller import Controller
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.dynamics.registry import model_of
 from ctc_chattering.numerics.linear_algebra import Array
@@ -31,8 +30,6 @@ from ctc_chattering.simulation.compiled_loop import inputs
 from ctc_chattering.simulation.plant import Plant
 from ctc_chattering.simulation.plant_config import PlantConfig
 from ctc_chattering.simulation.plant_step import CompiledPlantStep
-from ctc_commands import python
-from machine_code import compile_step
 import numpy as np
 import pytest
 
@@ -130,24 +127,3 @@ def test_one_step_is_the_same(name: str, own: str, count: int, monkeypatch: pyte
         assert largest < 1e-10
         modes += seen
     assert modes > count
-
-
-#: What a process prints: peak of its memory [MB], whether it runs machine code, and has numba.
-MEMORY = """
-import sys
-from ctc_chattering.control.controller import Controller, ControllerConfig
-law = Controller(ControllerConfig(compiled={compiled}))
-x = [0.1, 0.2]
-law.step(x, x, x, x, x)
-peak = next(line.split()[1] for line in open('/proc/self/status') if line.startswith('VmHWM'))
-print(int(peak) / 1024, law.compiled, 'numba' in sys.modules)
-"""
-
-
-def test_memory() -> None:
-    """A process that runs machine code has LLVM in memory, and nothing else of a compiler."""
-    compile_step(Controller(parameter_file.load(None).controller))
-    found = [python('-c', MEMORY.format(compiled=x)).stdout.split() for x in (False, True)]
-    print(found)
-    assert [words[1:] for words in found] == [['False', 'False'], ['True', 'False']]
-    assert float(found[1][0]) < 160.0

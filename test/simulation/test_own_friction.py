@@ -22,14 +22,11 @@ import sys
 from types import SimpleNamespace
 from typing import Any, NamedTuple
 
-from ctc_chattering.analysis.result import simulate
 from ctc_chattering.compiled.compilable import record
-from ctc_chattering.configuration import parameter_file
 from ctc_chattering.errors import CtcError, ParameterError
 from ctc_chattering.simulation.friction import own_friction
 from ctc_chattering.simulation.plant import Plant
 from ctc_chattering.simulation.plant_config import PlantConfig
-from machine_code import compile_runs
 import numpy as np
 from oracles import Array, Masses
 import pytest
@@ -63,32 +60,6 @@ def test_the_fall_of_friction_against_scipy() -> None:
     for _ in range(500):
         plant.step(tau)
     assert (np.abs(plant.dq) < 0.5 * np.abs(exact.y[2:, -1])).all()
-
-
-@pytest.mark.slow  # The loop is compiled once more for it.
-def test_the_example_compiled() -> None:
-    """A marked friction is machine code, and the same."""
-    runs = []
-    for compiled in (False, True):
-        setup = parameter_file.load(None, {
-            'plant': {'duration': 0.3, 'friction_model': 'own_friction:Hyperbolic',
-                      'compiled': compiled}})
-        compile_runs(setup)
-        runs.append(simulate(setup).run)
-    assert [run.compiled for run in runs] == [False, True]
-    np.testing.assert_allclose(runs[1].q, runs[0].q, rtol=1e-9, atol=1e-9)
-
-
-def test_a_model_of_an_example() -> None:
-    setup = parameter_file.load(None, {
-        '/**': {'joint_names': ['swing'], 'model': 'own_model:Pendulum'},
-        'plant': {'duration': 3.0, 'coulomb_friction': [1.0]},
-        'controller': {'ka': [2.0], 'switching': 'implicit_observer'},
-        'reference': {'center': [0.0], 'start_duration': 1.0}})
-    compile_runs(setup)
-    run = simulate(setup).run
-    assert not run.compiled
-    assert np.abs(run.q_d - run.q)[2000:].max() < 1e-4
 
 
 @pytest.mark.parametrize(('values', 'error'), [

@@ -17,10 +17,7 @@
 from math import inf
 from typing import Any
 
-from ctc_chattering.dynamics.two_link import TwoLink
-from ctc_chattering.errors import CtcError, ParameterError
-from ctc_chattering.numerics.linear_algebra import Vector
-from ctc_chattering.simulation.motion import acting, total
+from ctc_chattering.errors import CtcError
 from ctc_chattering.simulation.plant import Plant
 from ctc_chattering.simulation.plant_config import PlantConfig
 import numpy as np
@@ -39,39 +36,24 @@ def _plant(**values: Any) -> Plant:
 
 
 def test_smooth_motion_with_disturbance_against_scipy() -> None:
-    """Check 2 s of free motion under a held torque and d(t) against an 8th-order method."""
+    """Check 1 s of free motion under a held torque and d(t) against an 8th-order method."""
     amplitude, frequency, tau = [5.0, -3.0], [3.0, 7.0], [20.0, -5.0]
     plant = _plant(coulomb_friction=[0, 0], initial_position=[0.5, -1.0],
                    initial_velocity=[1.0, -2.0], amplitude=amplitude, frequency=frequency,
                    control_period=5e-3, integration_step=1e-3)
-    for _ in range(400):
+    for _ in range(200):
         plant.step(tau)
-    assert plant.t == 2.0
+    assert plant.t == 1.0
 
     def push(t: float) -> Array:
         return np.array(amplitude) * np.sin(np.array(frequency) * t)
 
     start = [0.5, -1.0, 1.0, -2.0]
-    exact = solve_ivp(paper_field(tau, push), (0, 2), start, method='DOP853', rtol=1e-12,
+    exact = solve_ivp(paper_field(tau, push), (0, 1), start, method='DOP853', rtol=1e-12,
                       atol=1e-12).y[:, -1]
     np.testing.assert_allclose([*plant.q, *plant.dq], exact, atol=1e-8)
-    calm = solve_ivp(paper_field(tau), (0, 2), start, rtol=1e-9).y[:, -1]
+    calm = solve_ivp(paper_field(tau), (0, 1), start, rtol=1e-9).y[:, -1]
     assert np.abs(calm - exact).max() > 0.05
-
-
-def test_fourth_order() -> None:
-    """Check that the error falls 16-fold when integration_step is halved."""
-    exact = solve_ivp(paper_field([0.0, 0.0]), (0, 1), [2.0, 1.0, 0.0, 0.0], method='DOP853',
-                      rtol=1e-13, atol=1e-13).y[:, -1]
-    errors = []
-    for step in (0.02, 0.01, 0.005):
-        plant = _plant(coulomb_friction=[0, 0], initial_position=[2.0, 1.0], control_period=0.1,
-                       integration_step=step)
-        for _ in range(10):
-            plant.step([0.0, 0.0])
-        errors.append(np.linalg.norm(np.subtract([*plant.q, *plant.dq], exact)))
-    orders = np.log2(np.divide(errors[:-1], errors[1:]))
-    assert orders == pytest.approx([4.0, 4.0], abs=0.35)
 
 
 @pytest.mark.parametrize('step', [1e-3, 0.05])
@@ -94,43 +76,6 @@ def test_a_sliding_joint_stops_at_the_closed_form(step: float) -> None:
     assert list(plant.q) == list(rest)
 
 
-def test_breaks_away_within_a_step() -> None:
-    """Check A sin(w t) against Kf: still until the load exceeds it, then the integral."""
-    amplitude, w, kf, mass = 4.0, 2.0, 3.0, 2.0
-    go = np.arcsin(kf / amplitude) / w
-    plant = _plant(masses=SLIDERS, coulomb_friction=[kf, 9.9], amplitude=[amplitude, 0.0],
-                   frequency=[w, 0.0], control_period=1e-2, integration_step=1e-2)
-    for _ in range(70):
-        plant.step([0.0, 0.0])
-        if plant.t <= go:
-            assert list(plant.q) == [0.0, 0.0] == list(plant.dq)
-        else:
-            s = plant.t - go
-            v = (amplitude / w * (np.cos(w * go) - np.cos(w * plant.t)) - kf * s) / mass
-            assert plant.dq[0] == pytest.approx(v, abs=1e-9)
-    assert plant.dq[0] > 0.05
-    assert (plant.q[1], plant.dq[1]) == (0.0, 0.0)
-
-
-def test_stuck_is_bit_exact_until_the_load_exceeds_kf() -> None:
-    """Check that the arm holds still under gravity and ±Kf exactly, and moves above it."""
-    q = (0.3, -0.2)
-    gravity = TwoLink().gravity_torque(q)
-    plant = _plant(initial_position=list(q))
-    for load in (0.0, 9.89, -9.89):
-        for _ in range(300):
-            plant.step([gravity[0] + load, gravity[1] - load])
-            assert tuple(plant.q) == q
-            assert list(plant.dq) == [0.0, 0.0]
-            assert plant.modes == (0, 0)
-    plant.step([gravity[0] + 9.91, gravity[1]])
-    assert plant.dq[0] > 0.0
-    assert plant.modes[0] == 1
-    smooth = _plant(initial_position=list(q), coulomb_friction=[0, 0])
-    smooth.step([gravity[0] + 9.89, gravity[1]])
-    assert smooth.dq[0] > 0.0
-
-
 def test_passes_through_zero_when_the_load_is_large() -> None:
     """Check that a joint pushed back through rest reverses at once, by the closed form."""
     plant = _plant(masses=SLIDERS, coulomb_friction=[3.0, 0.0], initial_velocity=[1.0, 0.0],
@@ -142,10 +87,9 @@ def test_passes_through_zero_when_the_load_is_large() -> None:
     assert plant.modes[0] == -1
 
 
-@pytest.mark.parametrize('q', [[0.0, 0.0], [0.3, -0.2], [-0.5, 0.7]])
-def test_no_numerical_chatter(q: list[float]) -> None:
+def test_no_numerical_chatter() -> None:
     """Check that loads within rounding of ±Kf do not make one step a thousand."""
-    model = Counting()
+    model, q = Counting(), [0.3, -0.2]
     gravity = model.gravity_torque(q)
     plant = Plant(PlantConfig(initial_position=tuple(q)), model)
     worst = 0
@@ -157,20 +101,6 @@ def test_no_numerical_chatter(q: list[float]) -> None:
             worst = max(worst, model.calls - before)
     assert worst <= 500
     assert plant.q == pytest.approx(q, abs=1e-12)
-
-
-def test_swings_to_rest_with_few_changes_of_mode() -> None:
-    """Check that the arm, let go, comes to rest for good in a finite number of changes."""
-    plant = _plant(initial_position=[1.0, 0.5], control_period=4e-3, integration_step=4e-3)
-    seen = [plant.modes]
-    for _ in range(5_000):
-        plant.step([0.0, 0.0])
-        if plant.modes != seen[-1]:
-            seen.append(plant.modes)
-    assert seen[-1] == (0, 0)
-    assert 3 < len(seen) < 60
-    assert list(plant.dq) == [0.0, 0.0]
-    assert (np.abs(plant.model.gravity_torque(plant.q)) <= 9.9).all()
 
 
 def test_configure_acts_from_the_next_step() -> None:
@@ -193,10 +123,8 @@ def test_configure_acts_from_the_next_step() -> None:
 
 @pytest.mark.parametrize('tau', [
     [1e300, 0.0], [1e150, -1e150], [np.nan, 0.0], [0.0, np.inf], [-np.inf, np.inf]])
-@pytest.mark.parametrize('friction', [[9.9, 9.9], [0.0, 0.0]])
-@pytest.mark.parametrize('velocity', [[0.0, 0.0], [1.0, -1.0]])
-def test_divergence_is_an_error(
-        tau: list[float], friction: list[float], velocity: list[float]) -> None:
+@pytest.mark.parametrize(('friction', 'velocity'), [(9.9, 0.0), (0.0, 1.0)])
+def test_divergence_is_an_error(tau: list[float], friction: float, velocity: float) -> None:
     """Check that no torque leads to NaN, or is swallowed by friction, without an error."""
     plant = _plant(coulomb_friction=friction, initial_velocity=velocity)
     with pytest.raises(CtcError):
@@ -204,18 +132,9 @@ def test_divergence_is_an_error(
             plant.step(tau)
 
 
-def test_parameters() -> None:
-    """Check the paper's defaults and that the model's number of joints is required."""
-    config = PlantConfig()
-    assert config.coulomb_friction == (9.9, 9.9)
-    assert config.disturbance_amplitude == config.initial_position == (0.0, 0.0)
-    with pytest.raises(ParameterError, match='2 names for model two_link'):
-        PlantConfig(joint_names=('a', 'b', 'c'))
-
-
-@pytest.mark.parametrize('viscous', [0.0, 0.3])
-def test_brakes_are_viscous_friction(viscous: float) -> None:
+def test_brakes_are_viscous_friction() -> None:
     """Check dq exp(-(c + d) t / m) and the way with brakes on, and exp(-c t / m) with them off."""
+    viscous = 0.3
     plant = _plant(masses=SLIDERS, coulomb_friction=[0, 0], viscous_friction=[viscous, viscous],
                    fault_damping=[4.0, 2.5], initial_velocity=[1.0, -2.0])
     q, dq = np.zeros(2), np.array([1.0, -2.0])
@@ -230,46 +149,7 @@ def test_brakes_are_viscous_friction(viscous: float) -> None:
         q, dq = q - dq * np.expm1(-rate * 0.1) / rate, dq * np.exp(-rate * 0.1)
         np.testing.assert_allclose(plant.q, q, atol=1e-9)
         np.testing.assert_allclose(plant.dq, dq, atol=1e-9)
-    assert abs(dq[0]) < (0.7 if viscous == 0.0 else 0.65)
-
-
-def test_brakes_do_not_change_the_motion_unless_they_are_on() -> None:
-    """Check that fault_damping alone is bit for bit nothing, as is a brake of 0."""
-    motions = []
-    for damping, braking in ((20.0, False), (1e3, False), (0.0, True), (20.0, True)):
-        plant = _plant(initial_position=[2.0, 1.0], fault_damping=[damping, damping])
-        plant.brake(braking)
-        for _ in range(500):
-            plant.step([3.0, 1.0])
-        motions.append([*plant.q, *plant.dq])
-    assert motions[0] == motions[1] == motions[2]
-    assert np.abs(np.subtract(motions[0], motions[3])).max() > 0.1
-
-
-def test_brakes_and_coulomb_friction() -> None:
-    """
-    Check that a joint stops where dq = (v0 + Kf/c) exp(-c t / m) - Kf/c ends, and then sticks.
-
-    Without the brakes it slides for m v0 / Kf, which is longer.
-    """
-    mass, kf, c, v0 = 2.0, 3.0, 5.0, 1.5
-    stop = mass / c * np.log1p(c * v0 / kf)
-    plant = _plant(masses=SLIDERS, coulomb_friction=[kf, 1.0], fault_damping=[c, c],
-                   initial_velocity=[v0, 0.0])
-    plant.brake(True)
-    while plant.t < 1.2:
-        plant.step([0.0, 0.9])
-        left = min(plant.t, stop)
-        speed = (v0 + kf / c) * np.exp(-c * left / mass) - kf / c
-        assert plant.dq[0] == pytest.approx(speed, abs=1e-9)
-        assert (plant.modes[0] == 0) == (plant.t > stop)
-        assert (plant.q[1], plant.dq[1], plant.modes[1]) == (0.0, 0.0, 0)
-    way = (v0 + kf / c) * mass / c * -np.expm1(-c * stop / mass) - kf / c * stop
-    assert plant.q[0] == pytest.approx(way, abs=1e-9)
-    assert plant.dq[0] == 0.0
-    assert stop < 0.6 * mass * v0 / kf
-    plant.step([3.1, 1.1])
-    assert min(plant.dq) > 0.0
+    assert abs(dq[0]) < 0.65
 
 
 def test_configure_keeps_the_brakes() -> None:
@@ -281,21 +161,6 @@ def test_configure_keeps_the_brakes() -> None:
     assert plant.braking
     plant.step([0.0, 0.0])
     assert list(plant.dq) == pytest.approx([np.exp(-2e-3), 1.0], rel=1e-12)
-
-
-def disturbance(amplitude: Vector, frequency: Vector, t: float) -> Vector:
-    mechanics = Plant(PlantConfig()).parameters.mechanics._replace(
-        amplitude=np.array(amplitude), frequency=np.array(frequency))
-    nothing = np.zeros(len(amplitude))
-    loads: list[float] = total(
-        mechanics, acting(mechanics, nothing, nothing, 0), nothing, t, 0.0).tolist()
-    return loads
-
-
-def test_is_the_paper_s() -> None:
-    """Check d = [sin t, sin 2t] of the second experiment."""
-    for t in np.linspace(0.0, 10.0, 97).tolist():
-        assert disturbance((1.0, 1.0), (1.0, 2.0), t) == [np.sin(t), np.sin(2.0 * t)]
 
 
 def test_a_push_acts_for_its_duration_after_it_was_set() -> None:
@@ -312,16 +177,3 @@ def test_a_push_acts_for_its_duration_after_it_was_set() -> None:
         pushed.step((20.0, 5.0))
         driven.step((50.0, 1.0) if acts else (20.0, 5.0))
         assert [*pushed.q, *pushed.dq] == pytest.approx([*driven.q, *driven.dq], abs=1e-9)
-
-
-def test_a_push_in_a_file_acts_from_the_start() -> None:
-    config = PlantConfig(disturbance_push=(30.0, 0.0), coulomb_friction=(0.0, 0.0))
-    plant = Plant(config)
-    for _ in range(199):
-        plant.step((0.0, 0.0))
-    before = plant.dq[0]
-    plant.step((0.0, 0.0))
-    during = plant.dq[0] - before
-    plant.step((0.0, 0.0))
-    # 30 N·m on 8.77 kg·m² or more, and then gravity alone, which brings the arm back.
-    assert during > 0.0 > plant.dq[0] - before - during

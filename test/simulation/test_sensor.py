@@ -49,18 +49,6 @@ def measure(sensor: Sensor, q: Array, dq: Array, before: Measured | None = None)
                     *map(sensor.noise, noise))
 
 
-def test_perfect_sensors_return_the_very_state() -> None:
-    """Check that without imperfections nothing is drawn or rounded."""
-    sensor = Sensor(ZERO, ZERO, ZERO, 7)
-    q, dq = np.array([0.1, 0.2]), np.array([0.3, 0.4])
-    state = sensor.random.getstate()
-    for before in (None, Measured(dq, q)):
-        a, b = measure(sensor, q, dq, before)
-        assert a.tolist() == q.tolist()
-        assert b.tolist() == dq.tolist()
-    assert sensor.random.getstate() == state
-
-
 def test_seeds() -> None:
     """Check that the same seed gives the same noise bit for bit, and another one another."""
     noise = ((0.0, 1e-4), (1e-3, 2e-3), (5e-3, 1e-2))
@@ -72,12 +60,12 @@ def test_seeds() -> None:
 
 def test_statistics() -> None:
     """
-    Check mean, deviation, independence and normality of 40000 samples within 5 sigma.
+    Check mean, deviation, independence and normality of 10000 samples within 5 sigma.
 
     A mean has the deviation σ / √N, a deviation σ / √(2N), a correlation 1 / √N, and the share
     within ±σ the deviation √(p (1 - p) / N) around p = 0.6827.
     """
-    count, sigma = 40_000, np.array([1e-3, 3e-2, 5e-3, 0.4])
+    count, sigma = 10_000, np.array([1e-3, 3e-2, 5e-3, 0.4])
     sensor = Sensor(ZERO, (1e-3, 3e-2), (5e-3, 0.4), 11)
     noise = (_series(sensor, count) - [1.0, -2.0, 0.5, 3.0]) / sigma
     assert np.abs(noise.mean(axis=0)).max() < 5 / np.sqrt(count)
@@ -87,13 +75,6 @@ def test_statistics() -> None:
     assert np.abs((noise[1:] * noise[:-1]).mean(axis=0)).max() < 5 / np.sqrt(count)
     share = (np.abs(noise) < 1.0).mean(axis=0)
     assert np.abs(share - 0.6827).max() < 5 * np.sqrt(0.6827 * 0.3173 / count)
-
-
-def test_only_what_is_noisy_gets_noise() -> None:
-    """Check joint by joint and quantity by quantity."""
-    made = _series(Sensor(ZERO, (0.0, 1e-3), (1e-2, 0.0), 1), 50)
-    assert (made[:, [0, 3]] == [1.0, 3.0]).all()
-    assert (made[:, [1, 2]] != [-2.0, 0.5]).all()
 
 
 def test_resolution_rounds_to_multiples() -> None:
@@ -109,13 +90,6 @@ def test_resolution_rounds_to_multiples() -> None:
         assert list(speed) == dq.tolist()
     one, _ = Sensor((0.25, 0.0), ZERO, ZERO, 0).first(np.full(2, 0.4), np.zeros(2))
     assert list(one) == [0.5, 0.4]
-
-
-def test_noise_is_rounded_too() -> None:
-    """Check that an encoder shows multiples of its step whatever shakes it."""
-    made = _series(Sensor((0.25, 0.25), (0.3, 0.3), ZERO, 5), 300)
-    assert (made[:, :2] % 0.25 == 0.0).all()
-    assert len(np.unique(made[:, 0])) > 5
 
 
 @pytest.mark.parametrize('name', ['position_noise', 'velocity_noise', 'encoder_resolution'])
@@ -134,12 +108,6 @@ def test_the_plant_shows_but_does_not_feel_it(name: str) -> None:
         assert (off[row] > 0.0).all()
         assert (off[1 - row] == 0.0).all()
         assert off.max() < 8e-3
-
-
-def test_a_finest_resolution_is_no_resolution() -> None:
-    """Check that a step so small that it overflows the count of steps does no harm."""
-    q, _ = Sensor((1e-320, 5e-324), ZERO, ZERO, 0).first(np.array([0.4, -3.0]), np.zeros(2))
-    assert list(q) == pytest.approx([0.4, -3.0])
 
 
 def _walk(count: int, seed: int = 4) -> Array:

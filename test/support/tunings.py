@@ -36,7 +36,7 @@ tune:
   search: {pole: [5, 50]}
 """
 ROBOT = """
-/**: {ros__parameters: {control_period: 0.005}}
+/**: {ros__parameters: {control_period: 0.005, compiled: false}}
 plant: {ros__parameters: {duration: 10.0, integration_step: 0.005}}
 """
 

@@ -40,32 +40,6 @@ def _of(polys: list[np.poly1d], s: float) -> Point:
         tuple(float(p.deriv(order)(s)) for p in polys) for order in range(3))
 
 
-def test_a_limit_keeps_the_last_points() -> None:
-    """Feed a minute at 1 kHz in chunks of half a second: the end of it is kept, and right."""
-    trajectory = Trajectory()
-    for start in range(0, 60_000, 500):
-        times = range(start * MS, (start + 500) * MS, MS)
-        trajectory.extend(times, [((float(t),), (0.0,), (0.0,)) for t in times])
-        trajectory.limit(1000)
-        assert len(trajectory) <= 1000
-    last = 59_999 * MS
-    assert trajectory.end == last
-    assert trajectory.at(last - 999 * MS) == ((float(last - 999 * MS),), (0.0,), (0.0,))
-    assert trajectory.at(last - 1000 * MS) is None
-
-
-def test_on_a_point_it_is_that_point() -> None:
-    """Check that nothing is computed on a point: it comes back to the last bit."""
-    rng = np.random.default_rng(0)
-    times, points = [7 * MS * k for k in range(50)], [_point(rng) for _ in range(50)]
-    trajectory = Trajectory()
-    trajectory.extend(times, points)
-    assert len(trajectory) == 50
-    assert trajectory.end == times[-1]
-    for t, point in zip(times, points):
-        assert trajectory.at(t) == point
-
-
 @settings(max_examples=50)
 @given(st.integers(0, 2 ** 32 - 1), st.integers(1, 4000), st.integers(0, 10 ** 12))
 def test_between_points_it_is_the_quintic(seed: int, gap: int, start: int) -> None:
@@ -115,21 +89,6 @@ def test_a_new_piece_replaces_from_its_first_instant() -> None:
     assert (len(trajectory), trajectory.at(0), trajectory.end) == (1, new[0], 0)
 
 
-def test_a_gap_between_pieces_is_bridged() -> None:
-    """Check that the quintic joins the last point kept to the first of the new chunk."""
-    times = [0, 500 * MS]
-    polys, points = _quintics(9, times)
-    trajectory = Trajectory()
-    trajectory.extend([0, 300 * MS], [points[0], _point(np.random.default_rng(1), 3)])
-    trajectory.extend([200 * MS], [points[1]])
-    trajectory.extend([100 * MS], [points[1]])
-    trajectory.extend(times[:1], points[:1])
-    trajectory.extend(times[1:], points[1:])
-    found = trajectory.at(123 * MS)
-    assert found is not None
-    assert found[0] == pytest.approx(_of(polys, 0.123)[0])
-
-
 def test_forget_keeps_what_is_needed() -> None:
     """Check that every instant from `before` on is answered as if nothing were dropped."""
     rng = np.random.default_rng(5)
@@ -170,20 +129,6 @@ def test_grace_goes_on_at_the_last_velocity_and_then_holds(grace: int) -> None:
         assert tuple(found[2]) == (0.0, 0.0)
 
 
-def test_a_late_piece_ends_the_grace() -> None:
-    """Check that it replaces the motion that went on, and the gap before it is bridged."""
-    trajectory = Trajectory(100 * MS)
-    trajectory.extend([0], [MOVING])
-    on = trajectory.at(50 * MS)
-    assert on is not None
-    assert on[0] == pytest.approx([1.15, 1.8])
-    point: Point = (tuple(on[0]), MOVING[1], (0.0, 0.0))
-    trajectory.extend([50 * MS, 60 * MS], [point, MOVING])
-    assert trajectory.at(50 * MS) == point
-    assert not trajectory.overdue(160 * MS)
-    assert trajectory.overdue(160 * MS + 1)
-
-
 @pytest.mark.parametrize('grace', [0, 100 * MS])
 def test_overdue_begins_after_the_grace(grace: int) -> None:
     """Check both sides of it, and that nothing is overdue before there is any point."""
@@ -195,17 +140,3 @@ def test_overdue_begins_after_the_grace(grace: int) -> None:
     assert trajectory.overdue(20 * MS + grace + 1)
     trajectory.extend([20 * MS], [((1.0, 2.0), (0.0, 0.0), (0.0, 0.0))])
     assert not trajectory.overdue(10 ** 15)
-
-
-@pytest.mark.parametrize(('velocity', 'acceleration', 'rests'), [
-    ((0.0, 0.0), (0.0, 0.0), True), ((0.0, -0.0), (0.0, 0.0), True),
-    ((0.0, 1e-300), (0.0, 0.0), False), ((0.0, 0.0), (-1e-300, 0.0), False)])
-def test_ends_at_rest(
-        velocity: tuple[float, float], acceleration: tuple[float, float], rests: bool) -> None:
-    """Check the last point alone: a velocity or an acceleration means that more is to come."""
-    trajectory = Trajectory(MS)
-    assert not trajectory.ends_at_rest
-    trajectory.extend([0, 10], [MOVING, ((1.0, 1.0), velocity, acceleration)])
-    assert trajectory.ends_at_rest == rests
-    trajectory.extend([10], [MOVING])
-    assert not trajectory.ends_at_rest

@@ -17,7 +17,7 @@
 import math
 
 from ctc_chattering.errors import CtcError, ParameterError
-from ctc_chattering.trajectory.motions import Route, Waypoints
+from ctc_chattering.trajectory.motions import Route
 from ctc_chattering.trajectory.reference import (
     make_motion,
     reference_table,
@@ -53,16 +53,6 @@ def test_derivatives_are_finite_differences() -> None:
         now = np.array(motion.at(t))
         assert now[1] == pytest.approx((after[0] - before[0]) / (2 * h), abs=1e-4)
         assert now[2] == pytest.approx((after[1] - before[1]) / (2 * h), abs=1e-3)
-
-
-def test_frequency_zero_rests_at_the_phase() -> None:
-    """Check that a joint of frequency 0 stands still at centre + amplitude sin(phase)."""
-    motion = Sinusoid(ReferenceConfig(frequency=(0.0, 1.0), phase=(math.pi / 2, 0.0)))
-    for t in (0, 770_000_000, 5 * S):
-        q_d, dq_d, ddq_d = motion.at(t)
-        assert q_d[0] == pytest.approx(math.pi + 0.5)
-        assert dq_d[0] == pytest.approx(0.0, abs=1e-15)
-        assert ddq_d[0] == 0.0
 
 
 def test_the_trapezoid_accelerates_moves_brakes_and_rests() -> None:
@@ -118,16 +108,6 @@ def test_a_joint_without_a_state_begins_on_the_motion() -> None:
     route = make_motion(FULL, ROUTE, {'b': (9.0, 0.5)})
     assert route.at(0)[0] == (1.0, 9.0, 3.0)
     assert route.at(0)[1] == pytest.approx((0.0, 0.5, 0.0))
-
-
-def test_waypoints_in_place_of_the_sinusoid() -> None:
-    """Check the joints' order, the way to the first waypoint, and rest where none is known."""
-    points = (((1.0, 2.0, 3.0), (1.0, 0.0, 0.0), ()), ((4.0, 5.0, 6.0), (0.0, 0.0, 0.0), ()))
-    begin = ((0.1, 0.3, 0.5), (0.2, 0.4, 0.6), (0.0, 0.0, 0.0))
-    for state, start in ((None, None), (STATE, (0, begin))):
-        motion, exact = make_motion(FULL, ROUTE, state), Waypoints((S, 2 * S), points, start)
-        for t in (-1, 0, S // 2, S, S + S // 3, 2 * S, 3 * S):
-            assert motion.at(t) == exact.at(t)
 
 
 def test_refusals_of_a_motion() -> None:

@@ -16,7 +16,6 @@
 
 from __future__ import annotations
 
-from itertools import accumulate
 import math
 import re
 
@@ -30,15 +29,13 @@ from ctc_chattering.trajectory.motions import (
     smooth_start,
     TimedMotion,
     Transition,
-    Waypoints,
 )
-from ctc_chattering.trajectory.reference import make_motion, ReferenceConfig, shortest, Sinusoid
+from ctc_chattering.trajectory.reference import make_motion, ReferenceConfig, shortest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 import numpy as np
 import numpy.typing as npt
 import pytest
-from urdfs import two_links
 
 S = 1_000_000_000
 positions = st.floats(-5.0, 5.0)
@@ -89,47 +86,6 @@ def test_a_robot_that_moves_leaves_the_hull_by_its_braking_distance(
     assert np.abs(ddq).max() <= (
         max(push, 1.5 * abs(dq0) / brake) + 3.75 * (speed + abs(dq0)) / duration
         + 5.774 * far / duration ** 2) * (1 + 1e-9) + 1e-9
-
-
-def test_the_start_of_the_paper_s_motion_from_rest_at_zero() -> None:
-    """Check three seconds: no way back, no overshoot, hardly faster than the motion itself."""
-    motion = make_motion(ReferenceConfig(start_duration=3.0), None,
-                         {'joint1': (0.0, 0.0), 'joint2': (0.0, 0.0)})
-    q, dq, _ = np.moveaxis(_path(motion, 0, 3 * S, 3001), 1, 0)
-    assert (q.min(axis=0) >= 0.0).all()
-    assert (q.max(axis=0) <= [math.pi + 0.5, math.pi / 2 + 0.5]).all()
-    assert np.abs(dq).max() < 4.1  # The motion's: 3.14.
-
-
-@st.composite
-def routes(draw: st.DrawFn) -> Route:
-    """Waypoints of one joint: of positions alone, with velocities, or with accelerations too."""
-    times = list(accumulate(draw(st.lists(
-        st.integers(S // 20, 3 * S), min_size=1, max_size=4))))
-    rows = draw(st.integers(1, 3))
-    numbers = st.tuples(st.floats(-2.0, 2.0))
-    return Route(('a',), times, [
-        (draw(numbers), draw(numbers) if rows > 1 else (), draw(numbers) if rows > 2 else ())
-        for _ in times])
-
-
-@settings(max_examples=150)
-@given(routes(), positions, velocities, durations, st.integers(-S, 6 * S))
-def test_waypoints_are_joined_within_the_hull_as_well(
-        route: Route, q0: float, dq0: float, duration: float, t0: int) -> None:
-    """Of the start and of what they do anyway, the way to a first one that is to come included."""
-    config = ReferenceConfig(joint_names=('a',), center=(0.0,), start_duration=duration)
-    motion = make_motion(config, route, {'a': (q0, dq0)}, t0)
-    exact = Waypoints(route.times, route.points,
-                      (t0, ((q0,), (0.0,), (0.0,))))
-    assert motion.at(t0)[:2] == ((q0,), (dq0,))
-    end = t0 + round(duration * S)
-    found, own = (_path(x, t0, end)[:, 0, 0] for x in (motion, exact))
-    margin = 0.5 * abs(dq0) * min(duration, BRAKING_TIME)
-    assert found.min() >= min(q0, own.min()) - margin - 1e-9
-    assert found.max() <= max(q0, own.max()) + margin + 1e-9
-    for t in (end, end + S):
-        assert motion.at(t) == exact.at(t)
 
 
 @settings(max_examples=60)
@@ -185,18 +141,6 @@ def _limits(kind: str = 'revolute', **limits: float) -> DescribedLimits:
         f'{name}="{value}"' for name, value in values.items())), ('a',))
 
 
-def test_limits_are_those_of_the_urdf() -> None:
-    """Check the two-link arm's, a joint that it does not have, and the units."""
-    found = DescribedLimits(two_links(), ('b', 'x', 'a')).joints
-    inf = math.inf
-    assert found[0].position == (-inf, inf)
-    assert found[0].velocity == (-1.5, 1.5)
-    assert found[1][2:] == ((-inf, inf),) * 3
-    assert found[2].position == (-2.0, 3.0)
-    sliding = _limits('prismatic', acceleration=4.0, deceleration=3.0).joints[0]
-    assert (sliding.unit, sliding.acceleration) == ('m', (-3.0, 3.0))
-
-
 @settings(max_examples=60, deadline=None)
 @given(sinusoids, positions, velocities, st.floats(0.05, 3.0), instants, st.floats(0.5, 8.0),
        st.floats(0.5, 8.0), st.floats(1.0, 100.0))
@@ -239,24 +183,13 @@ def test_refusals_name_the_joint_and_by_how_much() -> None:
     for limits, start, message in (
             ({'upper': 1.4}, state, 'the motion is beyond the limits of the description: '
              'a: position 1.5 rad, 0.1 above its upper limit of 1.4'),
-            ({'velocity': 3.0}, state,
-             'the motion .* a: velocity 3.142 rad/s, 0.142 above its upper limit of 3$'),
-            ({'acceleration': 19.0}, state, 'a: acceleration 19.74 rad/s², 0.739 above'),
             ({'lower': -0.5}, {'a': (-0.6, 0.0)}, 'the start is beyond the limits of the '
              'description: a: position -0.6 rad, 0.1 below its lower limit of -0.5'),
-            ({'velocity': 3.5}, {'a': (0.0, -4.0)}, 'the start .* a: velocity -4 rad/s, 0.5 b'),
             ({'velocity': 3.2}, {'a': (-3.0, 0.0)}, r'start_duration 1 s: the start is beyond .* '
              r'a: velocity 6\.\d+ rad/s, .* above its upper limit of 3.2; \d+ s would do'),
             ({'lower': -0.1}, {'a': (0.0, -3.0)}, 'no other would do')):
-        with pytest.raises(CtcError, match=message.replace('²', '.')):
+        with pytest.raises(CtcError, match=message):
             make_motion(config, None, start, 0, _limits(**limits))  # type: ignore[arg-type]
-    rest = {'frequency': [0.0], 'phase': [0.5 * math.pi]}  # It stands at 1.5.
-    for upper, fits in ((1.6, True), (1.4, False)):
-        if fits:
-            make_motion(config.changed(rest), None, state, 0, _limits(upper=upper, velocity=9.0))
-            continue
-        with pytest.raises(CtcError, match=r'position 1\.5 rad, 0\.1 above'):
-            make_motion(config.changed(rest), None, state, 0, _limits(upper=upper))
     route = Route(('a',), (S, 2 * S), (((0.0,), (0.0,), ()), ((2.0,), (0.0,), ())))
     with pytest.raises(CtcError, match=r'the motion .* a: velocity 3 rad/s, 1 above its upper'):
         make_motion(config, route, state, 0, _limits(velocity=2.0))
@@ -274,27 +207,11 @@ def test_the_shortest_duration() -> None:
     assert shortest(move, 0.1, _limits(upper=2.0)) == math.inf
 
 
-def test_extremes_of_a_sinusoid() -> None:
-    """Check them against many points of it."""
-    config = ReferenceConfig(joint_names=('a', 'b', 'c'), center=(1.0, -2.0, 0.5),
-                             amplitude=(0.5, -1.5, 2.0), frequency=(1.0, 0.3, 0.0),
-                             phase=(0.0, 0.7, -2.0))
-    path = np.array([Sinusoid(config).at(t) for t in range(0, 20 * S + 1, S // 2000)])
-    found = np.array(Sinusoid(config).extremes())
-    assert found.max(axis=0) == pytest.approx(path.max(axis=0), abs=1e-4)
-    assert found.min(axis=0) == pytest.approx(path.min(axis=0), abs=1e-4)
-
-
 @pytest.mark.parametrize(('q0', 'dq0', 'duration', 'ddq0', 'name'), [
     ((0.0, 0.0), (0.0, 0.0), 0.0, (0.0, 0.0), 'duration'),
-    ((0.0, 0.0), (0.0, 0.0), -1.0, (0.0, 0.0), 'duration'),
-    ((0.0, 0.0), (0.0, 0.0), 1e-10, (0.0, 0.0), 'duration'),
-    ((0.0, 0.0), (0.0, 0.0), float('nan'), (0.0, 0.0), 'duration'),
-    ((0.0, 0.0), (0.0, 0.0), float('inf'), (0.0, 0.0), 'duration'),
+    ((0.0, 0.0), (0.0, 0.0), math.nan, (0.0, 0.0), 'duration'),
     ((0.0,), (0.0, 0.0), 1.0, (0.0, 0.0), 'start.positions'),
-    ((0.0, float('nan')), (0.0, 0.0), 1.0, (0.0, 0.0), 'start.positions'),
-    ((0.0, 0.0), (), 1.0, (0.0, 0.0), 'start.accelerations'),
-    ((0.0, 0.0), (0.0, float('inf')), 1.0, (0.0, 0.0), 'start.velocities'),
+    ((0.0, 0.0), (0.0, math.inf), 1.0, (0.0, 0.0), 'start.velocities'),
     ((0.0, 0.0), (0.0, 0.0), 1.0, (0.0,), 'start.accelerations')])
 def test_refusals(q0: tuple[float, ...], dq0: tuple[float, ...], duration: float,
                   ddq0: tuple[float, ...], name: str) -> None:

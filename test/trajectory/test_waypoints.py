@@ -16,14 +16,11 @@
 
 from __future__ import annotations
 
-from array import array
 from typing import Any
 
 from ctc_chattering.errors import ParameterError
 from ctc_chattering.trajectory.buffer import Point
 from ctc_chattering.trajectory.motions import Route, Waypoints
-from hypothesis import given, settings
-from hypothesis import strategies as st
 import numpy as np
 import pytest
 from scipy.interpolate import (  # type: ignore[import-untyped]
@@ -66,7 +63,7 @@ def _oracle(times: list[int], points: list[Point], given_: int, t: float, order:
 
 
 @pytest.mark.parametrize('given_', [1, 2, 3])
-@pytest.mark.parametrize('n', [1, 2, 7])
+@pytest.mark.parametrize('n', [1, 3])
 def test_segments_against_scipy(given_: int, n: int) -> None:
     """Check position, velocity and acceleration of every kind of segment."""
     times, points = _random(given_, given_, n=n)
@@ -76,23 +73,6 @@ def test_segments_against_scipy(given_: int, n: int) -> None:
             exact = _oracle(times, points, given_, t / S, order)
             np.testing.assert_allclose(row, exact, rtol=1e-7, atol=1e-7)
     assert motion.end == times[-1]
-
-
-@settings(max_examples=60)
-@given(st.integers(0, 2 ** 32 - 1), st.sampled_from([1, 2, 3]))
-def test_waypoints_are_met_and_continuity_is_as_promised(seed: int, given_: int) -> None:
-    """Check a nanosecond on both sides of every waypoint, and the waypoint itself."""
-    times, points = _random(seed, given_)
-    motion = Waypoints(times, points)
-    for i, (t, point) in enumerate(zip(times, points)):
-        here = motion.at(t)
-        assert here[0] == point[0]
-        for k in range(given_ if i + 1 < len(times) else 3):
-            if point[k]:
-                assert here[k] == pytest.approx(point[k], rel=1e-12, abs=1e-12)
-        for side in [-1] * (i > 0) + [1] * (i + 1 < len(times)):
-            for k in range(given_):
-                assert motion.at(t + side)[k] == pytest.approx(point[k], abs=1e-4)
 
 
 @pytest.mark.parametrize(('first', 'second', 'order'), [
@@ -147,32 +127,18 @@ def test_a_start_that_is_not_before_the_first_waypoint_is_passed_over() -> None:
         assert motion.at(times[0] - 1)[0] == points[0][0]
 
 
-def test_any_sequence_will_do() -> None:
-    """Check lists, arrays and integers."""
-    plain = Waypoints([0, S], [((0.0, 1.0), (1.0, 2.0), ()), ((2.0, 3.0), (0.0, 0.0), ())])
-    other = Waypoints((0, S), [([0, 1], array('d', [1, 2]), []),
-                               (np.array([2.0, 3.0]), [0, 0], ())])  # type: ignore[list-item]
-    for t in (0, S // 3, S, 2 * S):
-        assert plain.at(t) == other.at(t)
-
-
 GOOD: list[Any] = [((0.0, 1.0), (), ()), ((1.0, 2.0), (), ()), ((2.0, 0.0), (), ())]
 
 
 @pytest.mark.parametrize(('times', 'change', 'name', 'allowed'), [
     ([0, S, S], {}, 'points[2].time_from_start', '1.0 s'),
-    ([0, 2 * S, S], {}, 'points[2].time_from_start', '2.0 s'),
     ([5, 4, 6], {}, 'points[1].time_from_start', 'more than'),
     ([0, S], {}, 'times', '3'),
     ([0, 1, 2], {0: ((), (), ())}, 'points[0].positions', 'one per joint'),
-    ([0, 1, 2], {1: ((), (), ())}, 'points[1].positions', 'n = 2, got 0'),
     ([0, 1, 2], {1: ((1.0,), (), ())}, 'points[1].positions', 'n = 2, got 1'),
-    ([0, 1, 2], {2: ((1.0, 2.0, 3.0), (), ())}, 'points[2].positions', 'got 3'),
     ([0, 1, 2], {2: ((1.0, 2.0), (1.0,), ())}, 'points[2].velocities', 'got 1'),
-    ([0, 1, 2], {2: ((1.0, 2.0), (1.0, 2.0), (1.0,))}, 'points[2].accelerations', 'got 1'),
     ([0, 1, 2], {1: ((1.0, 2.0), (), (1.0, 2.0))}, 'points[1].accelerations', 'velocities'),
     ([0, 1, 2], {1: ((1.0, float('nan')), (), ())}, 'points[1].positions', 'finite'),
-    ([0, 1, 2], {1: ((1.0, 2.0), (float('inf'), 0.0), ())}, 'points[1].velocities', 'finite'),
     ([0, 1, 2], {1: ((1.0, 'x'), (), ())}, 'points[1].positions', 'list of finite numbers'),
     ([0, 1, 2], {1: (None, (), ())}, 'points[1].positions', 'list of finite numbers')])
 def test_refusals(times: list[int], change: dict[int, Any], name: str, allowed: str) -> None:
@@ -185,15 +151,6 @@ def test_refusals(times: list[int], change: dict[int, Any], name: str, allowed: 
     with pytest.raises(ParameterError) as error:
         Route(('a', 'b'), times, points).ordered(('b', 'a'))
     assert error.value.name == name
-
-
-def test_refusal_of_nothing_and_of_a_start() -> None:
-    for make in (lambda: Waypoints([], []), lambda: Route(('a',), [], []).ordered(('a',))):
-        with pytest.raises(ParameterError, match='one or more'):
-            make()
-    with pytest.raises(ParameterError) as error:
-        Waypoints([1, 2, 3], GOOD, (0, ((1.0,), (0.0,), (0.0,))))
-    assert error.value.name == 'start.positions'
 
 
 def test_joints_by_name() -> None:

@@ -19,7 +19,6 @@ from __future__ import annotations
 from typing import Any
 
 from ctc_chattering.control.controller import Controller, ControllerConfig, LAWS
-from ctc_chattering.control.laws.base import law_class
 from ctc_chattering.parameters import Parameter
 from laws import inputs
 import numpy as np
@@ -82,13 +81,3 @@ def test_a_parameter_changes_the_torque_of_the_laws_that_take_it(name: str) -> N
         else:
             assert gap == 0.0, law
         assert ControllerConfig(law=law).takes(name) == (not spec.laws or law in spec.laws)
-
-
-def test_every_law_is_found_by_its_name() -> None:
-    """Check one module a law, and one law a module."""
-    classes = [law_class(name) for name in LAWS]
-    assert len(set(classes)) == len(LAWS)
-    assert [kind.__module__.rpartition('.')[2] for kind in classes] == list(LAWS)
-    for kind in classes:
-        assert ''.join(part.title() for part in kind.__module__.rpartition('.')[2].split(
-            '_')) == kind.__name__
