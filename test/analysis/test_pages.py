@@ -240,10 +240,6 @@ def test_the_page_of_runs_in_a_browser(started_browser: Any, tmp_path: Path) -> 
         assert page.locator('.ctc-panel').first.inner_text().count(HOSTILE[:9]) == 0
         folded = page.locator('main details').last
         assert folded.get_attribute('open') is None
-        page.emulate_media(media='print')
-        eventually(lambda: folded.locator('figure').first.bounding_box()['height'], 'it', page)
-        page.emulate_media(media='screen')
-        assert folded.get_attribute('open') is None
         page.evaluate('id => location.hash = id', folded.get_attribute('id'))
         eventually(lambda: folded.get_attribute('open') is not None, 'the figures', page)
         assert page.locator('nav details').get_attribute('open') is None

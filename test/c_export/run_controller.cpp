@@ -1,7 +1,8 @@
 // Runs an exported controller of two joints as a controller manager does, by lines of commands:
 // `rate HZ`, `configure`, `activate`, `deactivate`, `gains NAME`, `publishers N`,
 // `reference T POINTS` and a line `T q q dq dq ddq ddq` for each, `update T q dq q dq`. After each
-// a line of what was returned (0 is good) and both torques; after an update also q_d and e.
+// a line of what was returned (0 is good) and both torques; after an update also q_d, e and
+// what ~/torques has.
 #include <cstdio>
 #include <iostream>
 
@@ -67,8 +68,12 @@ int main()
     const auto & tracking =
       realtime_tools::RealtimePublisher<sensor_msgs::msg::JointState>::last["joint2/error"];
     std::printf("%d %.17g %.17g", result, effort[0], effort[1]);
-    for (double x : tracking.position) {
-      std::printf(" %.17g", x);
+    const auto & torques =
+      realtime_tools::RealtimePublisher<sensor_msgs::msg::JointState>::last["V"];
+    for (auto & row : {tracking.position, torques.effort}) {
+      for (double x : row) {
+        std::printf(" %.17g", x);
+      }
     }
     std::printf("\n");
   }

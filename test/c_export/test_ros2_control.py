@@ -31,6 +31,7 @@ from ctc_chattering.numerics.linear_algebra import Vector
 from ctc_chattering.trajectory.buffer import Point, Trajectory
 from exported_laws import controller_of, watched
 from machine_code import compile_step
+import numpy as np
 import pytest
 
 HERE = Path(__file__).parent
@@ -108,7 +109,11 @@ def test_the_torques_are_those_of_the_controller(program: Path) -> None:
         q = desired[0][0] + 1e-3 * sin(k), desired[0][1]
         sample = controller.step(q, desired[1], *desired)
         commands.append(update(t, q, desired[1]))
-        expected.append([GOOD, *sample.tau, *desired[0], *sample.e])
+        mass = np.array(one.model.mass_matrix(q))
+        expected.append([
+            GOOD, *sample.tau, *desired[0], *sample.e, *sample.nominal,
+            *(-x for x in (*sample.compensation, *sample.robust)), *sample.tau,
+            pytest.approx(0.5 * np.array(sample.v) @ mass @ sample.v, rel=1e-12)])
     found = [x for x, line in zip(run(program, *commands), commands) if line[:6] == 'update']
     assert found == expected
 

@@ -130,11 +130,7 @@ def test_ctrl_c_ends_in_a_line(tmp_path: Path) -> None:
 
 
 def test_results(tmp_path: Path) -> None:
-    """
-    Check every file, and that the next one computes nothing but what is damaged.
-
-    Check that another map, and one while another process writes, is refused.
-    """
+    """Check every file; that of another map is refused."""
     out = tmp_path / 'out'
     spec = written(tmp_path / 'small.yaml', failure={'error_above': 1e-9}, repeats=1)
     words = ('map', spec, '--out', out, '--jobs', 1)
@@ -147,13 +143,6 @@ def test_results(tmp_path: Path) -> None:
     assert about['spec']['window'] == [0.05, 0.1]
     assert about['versions']['ctc_chattering'] == store.version()
     before = tables(out)
-    damaged = next(out.glob('shards/*.parquet'))
-    damaged.write_bytes(damaged.read_bytes()[:-1] + b'?')
-    again = ctc(*words)
-    lines = again.stdout.splitlines()
-    assert (again.returncode, lines[1]) == (0, '12 runs in 12 chunks, 11 of them computed')
-    assert lines[0].startswith(f'{damaged}: damaged, ')
-    assert tables(out) == before
     with locked(out):
         refused(ctc(*words), f'{out}: another process is writing there')
     written(spec, seed=8)

@@ -12,8 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-
-"""The scripts of `examples/`, run as a user runs them: what they print and write is right."""
+"""The scripts of `examples/`, run as a user runs them; its law and its switching."""
 
 from __future__ import annotations
 
@@ -23,7 +22,15 @@ import subprocess
 import sys
 
 from ctc_chattering import load_parameters
+from ctc_chattering.analysis.result import simulate
+from ctc_chattering.configuration import parameter_file
+from ctc_chattering.configuration.package_share import config_directory
+from ctc_chattering.control.controller import Controller, ControllerConfig
+from ctc_chattering.simulation.closed_loop import Run
 from identified_bags import recorded_bag, short
+from machine_code import compile_runs
+import numpy as np
+from oracles import paper_c, paper_g, paper_m
 import pytest
 
 EXAMPLES = Path(__file__).resolve().parents[2] / 'examples'
@@ -36,6 +43,7 @@ def said(name: str, beside: Path, *arguments: object) -> str:
         capture_output=True, check=True).stdout
 
 
+@pytest.mark.slow
 def test_the_paper_has_the_numbers_of_the_readme(tmp_path: Path) -> None:
     text = said('paper', tmp_path)
     assert re.findall(r'error ([\d.e-]+), ([\d.e-]+) rad', text) == [
@@ -88,3 +96,41 @@ def test_polars_reads_the_map(tmp_path: Path) -> None:
 def test_every_example_is_in_the_list() -> None:
     text = (EXAMPLES / 'README.md').read_text(encoding='utf-8')
     assert set(re.findall(r'\[(\w+\.py)\]', text)) == {x.name for x in EXAMPLES.glob('*.py')}
+
+
+@pytest.fixture(autouse=True)
+def _found(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(str(EXAMPLES))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('values', [
+    {'law': 'own_law:LeakyIntegral', 'ki': [400.0, 400.0]},
+    {'law': 'chattering', 'switching': 'own_switching:Smooth'}])
+def test_the_same_run_compiled(values: dict[str, object]) -> None:
+    def run(values: dict[str, object], plain: bool = False) -> Run:
+        setup = parameter_file.load(config_directory() / 'friction.yaml', {
+            'plant': {'duration': 0.5, 'compiled': not plain},
+            'controller': {**values, 'compiled': not plain}})
+        compile_runs(setup)
+        found = simulate(setup).run
+        assert found.compiled != plain
+        return found
+    plain, found, without = run(values, True), run(values), run({'law': 'compensation'})
+    np.testing.assert_allclose(found.tau, plain.tau, rtol=1e-9, atol=1e-9)
+    assert np.abs(without.tau - found.tau).max() > 1.0
+
+
+def test_the_terms_by_hand() -> None:
+    rng = np.random.default_rng(1)
+    q, dq, q_d, dq_d, ddq_d = rng.normal(size=(5, 2))
+    M, C, G, h = paper_m(q), paper_c(q, dq), paper_g(q), 1e-3
+    own = Controller(ControllerConfig(law='own_law:LeakyIntegral'))
+    e, de = q_d - q, dq_d - dq
+    N = M @ (ddq_d + 50.0 * de + 100.0 * e) + C @ dq + G
+    np.testing.assert_allclose(own.step(q, dq, q_d, dq_d, ddq_d).tau, N)
+    P = h * 100.0 * M @ (de + 2.0 * e)
+    np.testing.assert_allclose(own.step(q, dq, q_d, dq_d, ddq_d).tau, N + P)
+    smooth = Controller(ControllerConfig(switching='own_switching:Smooth'))
+    np.testing.assert_allclose(smooth.step(q, dq, q_d, dq_d, ddq_d).tau,
+                               N + C @ de - 10.0 * np.tanh(-de / 0.05))

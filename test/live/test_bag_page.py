@@ -152,15 +152,14 @@ def test_plots_show_known_samples(started_browser: Any, export: Path) -> None:
             page.wait_for_function('() => made.panels.every(x => x.lines[0].t?.length)')
             return page.evaluate_handle('() => made.panels[0]')
 
-        for values, unit in (('3e-9 * t', ' [10⁻⁹ rad]'), ('2', ' [rad]'),
-                             ('0.5234567 + 1e-9 * t', ', less 0.5234567 [10⁻⁹ rad]')):
+        for values, unit in (('2', ' [rad]'), ('0.5234567 + 1e-9 * t', ' [10⁻⁹ rad]')):
             panel = shown(values, 'e')
             page.wait_for_function('panel => panel.u.axes[1]._values?.length', arg=panel)
             *labels, title = panel.evaluate(
                 'it => [...it.u.axes[1]._values, it.title.textContent]')
             assert len(set(labels)) == len(labels) > 2, labels
             assert not {'-0', '−0', '−0.0'} & set(labels) and max(map(len, labels)) < 8
-            assert title.startswith('error of a') and title.endswith(unit.rpartition(' [')[2])
+            assert title.startswith('error of a') and title.endswith(unit)
         # A single sample is seen among 50 000, and alone after zooming to it.
         panel = shown('Math.abs(t - 20) < 1e-6 ? 1 : 0', 'e')
         with page.expect_download() as saved:

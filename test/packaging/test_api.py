@@ -157,11 +157,12 @@ def repeated(found: Iterable[tuple[str, str]]) -> Mapping[str, list[str]]:
 
 def test_no_two_classes_have_one_name_and_no_two_equations_one_number() -> None:
     """A class that is private to a module counts as any other."""
+    kinds = ast.Module, ast.ClassDef, ast.FunctionDef
     nodes = [(path.name, node) for _, path in modules()
-             for node in ast.walk(ast.parse(path.read_text(encoding='utf-8')))]
+             for node in ast.walk(ast.parse(path.read_text(encoding='utf-8')))
+             if isinstance(node, kinds)]
     assert not repeated((node.name.lstrip('_'), path) for path, node in nodes
                         if isinstance(node, ast.ClassDef))
     assert not repeated(
         (number, path) for path, node in nodes
-        if isinstance(node, (ast.Module, ast.ClassDef, ast.FunctionDef))
         for number in NUMBER.findall(ast.get_docstring(node) or ''))

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The package's laws beside programs that were written by hand from their docs."""
+"""The package's laws beside programs written by hand from their docs; what counts as worse."""
 
 from __future__ import annotations
 
@@ -21,6 +21,9 @@ from math import inf
 from typing import Any
 
 from ctc_chattering.control.controller import Controller, ControllerConfig
+from ctc_chattering.runs.recommended import recommended_setup
+from held_out_table import verdict
+from imperfections import Case
 from independent_laws import Array, Gains, Known, ObserverFeedback, Point
 from independent_rivals import RIVALS
 from independent_sliding import Sliding
@@ -145,3 +148,35 @@ def test_the_law_that_docs_paper_tries() -> None:
                          for _ in range(6)])
     np.testing.assert_allclose(expected[1], expected[0], rtol=1e-9, atol=1e-9)
     assert np.abs(np.subtract(expected[2], expected[0])).max() > 0.1
+
+
+@pytest.mark.parametrize('h, lag, delay, pole', [
+    (1e-3, 0.0, 0, 100.0), (1e-3, 2e-3, 1, 100.0), (1e-2, 0.0, 0, 40.0),
+    (2e-3, 6e-3, 2, 100.0 / 3.0)])
+def test_gains_follow_what_is_slow(h: float, lag: float, delay: int, pole: float) -> None:
+    """Check p (T + h (1 + delay)) <= 0.4, and what is made of p."""
+    case = Case('x', 'y', {'/**': {'control_period': h}, 'controller': {'input_delay': delay},
+                           'plant': {'actuator_lag': [lag, lag], 'duration': 1.0}})
+    config = recommended_setup(case.setup(), 'observer_feedback').controller
+    assert (config.kp[0], config.kv[0]) == pytest.approx((pole ** 2, 2.0 * pole))
+    assert config.estimator_bandwidth == pytest.approx(2.0 * pole)
+    setup = recommended_setup(case.setup(), 'integral')
+    p = 0.6 * pole
+    assert (setup.controller.kp[0], setup.controller.kv[0], setup.controller.ki[0]
+            ) == pytest.approx((3.0 * p ** 2, 3.0 * p, p ** 3))
+    assert setup.reference.start_duration == 2.0
+
+
+def row(telling: str, diverged: float | None, *rms: float, slips: float = 0.0) -> dict[str, Any]:
+    """Return a row of one condition."""
+    return {'label': 'x', 'seed': 1, 'telling': telling, 'diverged': diverged, 'rms': list(rms),
+            'slips': slips, 'condition': 'trapezoid',
+            'tripped': diverged and [0.5 * diverged, 1.0]}
+
+
+def test_what_counts_as_worse() -> None:
+    base = row('compensation', None, 0.1, 0.2)
+    assert verdict(row('rough', 3.0), base) == 'diverged'
+    assert verdict(row('rough', None, 0.01, 0.3), base) == 'worse'
+    assert verdict(row('rough', None, 0.11, 0.2), base) == 'held'
+    assert verdict(row('rough', None, 5.0, 5.0), row('compensation', 1.0)) == 'held'

@@ -100,7 +100,8 @@ public:
       [this](const JointTrajectory & message) { take(message); });
     tracking_ = publisher("tracking", {"/desired", "/error"}, 2 * N, 2 * N, 0);
     filter_ = publisher("filter", {""}, 0, N, 0);
-    torques_ = publisher("torques", {"/nominal", "/compensation", "/robust"}, 0, 0, 3 * N + 1);
+    torques_ = publisher(
+      "torques", {"/nominal", "/compensation", "/robust", "/commanded"}, 0, 0, 4 * N + 1);
     torques_->msg_.name.push_back("V");
     return CallbackReturn::SUCCESS;
   }
@@ -357,8 +358,9 @@ private:
         message.effort[i] = row(CTC_NOMINAL, i);
         message.effort[N + i] = -row(CTC_COMPENSATION, i);
         message.effort[2 * N + i] = -row(CTC_ROBUST, i);
+        message.effort[3 * N + i] = row(CTC_TAU, i);
       }
-      message.effort[3 * N] = ctc_lyapunov(&law_);
+      message.effort[4 * N] = ctc_lyapunov(&law_);
       torques_->unlockAndPublish();
     }
   }

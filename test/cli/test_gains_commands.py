@@ -12,18 +12,21 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""`ctc identify`: from a bag to all of its files."""
+"""`ctc identify` and `ctc tune`: from a bag, or a spec, to gains and all files."""
 
 from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any
 
 from ctc_chattering.cli.ctc import main
 from ctc_chattering.configuration import parameter_file
+from ctc_chattering.runs.tune_page import NAMES
 from identified_bags import recorded_bag, short
 import numpy as np
 import pytest
+from tunings import ROBOT, SPEC
 
 
 def test_a_bag_becomes_numbers_gains_figures_and_a_page(
@@ -55,23 +58,6 @@ def test_a_bag_becomes_numbers_gains_figures_and_a_page(
     assert 'exists already' in capsys.readouterr().err
 
 
-def test_what_the_effort_is(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Currents behind a gear become torques; a line says how to name them."""
-    made = short()
-    factor = np.array([100.0 * 0.12, -50.0 * 0.2])
-    rng = np.random.default_rng(1)
-    bag = str(recorded_bag(tmp_path / 'run', made, command=None,
-                           effort=made.run.tau / factor + rng.normal(0.0, 1e-3, (8001, 2))))
-    out = tmp_path / 'out'
-    command = ['identify', bag, '--model', 'two_link', '--trials', '0', '--out', str(out)]
-    assert main(command) == 1
-    assert '--effort current --torque-constant' in ''.join(capsys.readouterr())
-    assert main([*command, '--effort', 'current', '--torque-constant=12,-10']) == 0
-    found = json.loads((out / 'identify.json').read_text())
-    for friction, true in zip(found['friction'], made.plant.coulomb_friction):
-        assert friction['coulomb']['value'] == pytest.approx(true, rel=0.02)
-
-
 def test_no_usable_joint_is_status_1_and_one_line_and_everything_is_written(
         tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """A torque that depends on the position by more than friction is not that of friction."""
@@ -89,3 +75,58 @@ def test_no_usable_joint_is_status_1_and_one_line_and_everything_is_written(
     assert all(x['coulomb']['value'] is None for x in found['friction'])
     assert 'not usable' in (out / 'index.html').read_text()
     assert not (out / 'identified.yaml').exists()
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Return a directory with a spec and a robot, from another one."""
+    (tmp_path / 'elsewhere').mkdir()
+    monkeypatch.chdir(tmp_path / 'elsewhere')
+    (tmp_path / 'spec.yaml').write_text(SPEC)
+    (tmp_path / 'robot.yaml').write_text(ROBOT)
+    return tmp_path
+
+
+def numbers(out: Path) -> Any:
+    return json.loads((out / 'tune.json').read_text())
+
+
+def test_a_spec_becomes_gains(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    spec = folder / 'spec.yaml'
+    spec.write_text(SPEC.replace('5000', '[5000, 700]').replace(
+        'duration: 0.5', f'duration: 0.4\nseed: {2 ** 40}'))
+    command = ['tune', str(spec), '--trials', '3', '--jobs', '1', '--draws', '3',
+               '--percentile', '50']
+    assert main(command) == 0
+    text = capsys.readouterr().out
+    for words in ('chattering implicit_observer', '3 trials × 3 draws', '12 fresh draws',
+                  'uncertain friction:', 'uniform: [0.8, 1.2], factor: true', '5000',
+                  'file chattering sign', 'ctc simulate tuned/tuned.yaml'):
+        assert words in text
+    assert {x.name for x in Path('tuned').iterdir()} == set(NAMES)
+    found = numbers(Path('tuned'))
+    assert [found[x] for x in ('percentile', 'seed', 'law', 'duration_s')] == [
+        50.0, 2 ** 40, 'chattering', 0.4]
+    assert found['limits']['torque_nm'] == [5000.0, 700.0]
+    assert len(found['draws']['search']['values']) == 3
+    assert all(5.0 <= x['numbers']['pole'] <= 50.0 for x in found['trials'])
+    assert main(command) == 1
+    assert 'exists already' in capsys.readouterr().err
+
+
+def test_a_parameter_file_alone_is_enough(folder: Path) -> None:
+    file = folder / 'robot.yaml'
+    file.write_text(ROBOT.replace('10.0', '0.5'))
+    assert main(['tune', str(file), '--trials', '2', '--jobs', '1', '--draws', '2']) == 0
+    assert list(numbers(Path('tuned'))['uncertain']) == ['model', 'friction', 'lag', 'noise']
+
+
+def test_limits_that_nothing_keeps_are_a_failure_with_all_files(
+        folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (folder / 'spec.yaml').write_text(SPEC.replace('5000', '1'))
+    assert main(['tune', str(folder / 'spec.yaml'), '--trials', '2', '--jobs', '1']) == 1
+    error = capsys.readouterr().err.splitlines()[-1]
+    assert error.startswith('ctc tune: no trial keeps the limits; trial ')
+    assert error.endswith('see tuned/index.html')
+    assert not Path('tuned/tuned.yaml').exists()
+    assert len(numbers(Path('tuned'))['trials']) == 2
