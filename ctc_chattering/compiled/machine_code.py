@@ -121,8 +121,6 @@ class Code:
         As given.
     layouts : tuple of Layout
         Of the arguments.
-    places : array
-        Addresses of the arguments.
 
     """
 
@@ -130,7 +128,11 @@ class Code:
                  ) -> None:
         self.function, self.name, self.arguments = function, name, arguments
         self.layouts = tuple(map(layout, arguments))
-        self.places = places(arguments)
+
+    @cached_property
+    def places(self) -> npt.NDArray[np.int64]:
+        """Return the addresses of the arguments."""
+        return places(self._kept)
 
     @cached_property
     def path(self) -> Path:
