@@ -132,7 +132,7 @@ class Code:
     @cached_property
     def places(self) -> npt.NDArray[np.int64]:
         """Return the addresses of the arguments."""
-        return places(self._kept)
+        return places(self.arguments)
 
     @cached_property
     def path(self) -> Path:
