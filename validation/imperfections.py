@@ -102,6 +102,8 @@ QUANTITIES = (('rms', 'RMS e', 'rad', '.2e'),
               ('variation', 'torque variation', 'N·m/s', '.0f'))
 #: Laws of the study: with the gains of the file, or those that are recommended.
 EVERY_LAW = tuple(law for law in LAWS if law not in RIVALS)
+#: Those of them whose gains are by the rule of `runs/recommended.py`.
+BY_RULE = ('observer_feedback', 'integral')
 #: Title of the table that sums up the others.
 RANKING = 'Ranking'
 
@@ -116,11 +118,26 @@ class CaseOutcome(NamedTuple):
     score: Score
 
 
+def settled(setup: Setup, law: str) -> Setup:
+    """
+    Return a setup under a law that knows drives and friction, as docs/study/laws.md says.
+
+    `observer_feedback` and `integral` have their rule, other laws the gains of the file.
+    """
+    made = recommended_setup(setup, law)
+    if law in BY_RULE:
+        return made
+    values = made.controller.as_mapping()
+    return dataclasses.replace(setup, controller=setup.controller.changed({'law': law, **{
+        name: values[name] for name in (
+            'actuator_lag', 'torque_rate_limit', 'effort_rate_limit', 'friction_level')}}))
+
+
 def setup_of(case: Case, variant: str) -> Setup:
-    """Return a case under a switching, or under a law with its recommended settings."""
+    """Return a case under a switching, or under a law as `settled`."""
     setup = case.setup()
     if variant in LAWS:
-        return recommended_setup(setup, variant)
+        return settled(setup, variant)
     return dataclasses.replace(setup, controller=setup.controller.changed({'switching': variant}))
 
 

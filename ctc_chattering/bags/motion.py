@@ -124,7 +124,7 @@ class SignalTopic(NamedTuple):
             stamps.append(nanoseconds(stamp) if stamp else 0)
             logged.append(t)
         return Signal(np.array(logged), np.array(stamps), tuple(
-            np.array(x).reshape(-1, len(joints)) for x in columns))
+            np.frombuffer(x).reshape(-1, len(joints)) for x in columns))
 
 
 def _topics(bag: Bag, name: str, kind: str, fields: tuple[str, ...]) -> list[SignalTopic]:

@@ -205,11 +205,12 @@ def _placed(values: Array, place: Array, numbers: Indices, unsure: float) -> Ans
     is_there = numbers[which] == place
     which = which[is_there]
     found = np.zeros((len(numbers), values.shape[1]))
-    np.add.at(found, which, values[is_there])
-    count = np.bincount(which, minlength=len(numbers))
-    found /= np.maximum(count, 1)[:, None]
-    unlike = np.zeros(len(numbers))
-    np.maximum.at(unlike, which, np.abs(values[is_there] - found[which]).max(axis=1))
+    count, unlike = np.bincount(which, minlength=len(numbers)), np.zeros(len(numbers))
+    # Joint by joint, for long series.
+    for mean, column in zip(found.T, values.T):
+        np.add.at(mean, which, column[is_there])
+        mean /= np.maximum(count, 1)
+        np.maximum.at(unlike, which, np.abs(column[is_there] - mean[which]))
     last = np.maximum.accumulate(np.where(count > 0, np.arange(len(numbers)), -1))
     age = numbers - numbers[last]
     known = (last >= 0) & (age <= _HELD)

@@ -108,8 +108,6 @@ class Code:
     ----------
     layouts : tuple of Layout
         Of the arguments.
-    places : array
-        Addresses of the arguments.
 
     """
 
@@ -117,7 +115,11 @@ class Code:
                  ) -> None:
         self.function, self.name, self._kept = function, name, arguments
         self.layouts = tuple(map(layout, arguments))
-        self.places = places(arguments)
+
+    @cached_property
+    def places(self) -> npt.NDArray[np.int64]:
+        """Return the addresses of the arguments."""
+        return places(self._kept)
 
     @cached_property
     def path(self) -> Path:

@@ -25,6 +25,7 @@ from __future__ import annotations
 from typing import Any, TypeVar
 
 from ctc_chattering.numerics.linear_algebra import Array
+import numpy as np
 
 T = TypeVar('T', bound=Any)
 
@@ -68,5 +69,5 @@ def interpolated(t: Array, x: Array, at: Array) -> Array:
     Both times rise.
     """
     from scipy.interpolate import CubicSpline  # type: ignore[import-untyped]  # Takes time.
-    found: Array = CubicSpline(t, x)(at)
-    return found
+    # Joint by joint, for long series.
+    return np.column_stack([CubicSpline(t, column)(at) for column in x.T])

@@ -177,6 +177,8 @@ class Writer:
     def __init__(self, message: Any, sizes: Sequence[int]) -> None:
         self._data, self._struct = bytearray(serialize_message(message)), _row_struct(sizes)
         self._begin = self._data.index(struct.pack('<d', MARK))
+        # Where rows are empty, rclpy leaves bytes behind the message, which other readers refuse.
+        del self._data[self._begin + self._struct.size:]
 
     def write(self, *rows: Sequence[float], t: int | None = None) -> bytes:
         """Return the message with `rows` of their sizes, and stamp `t` [ns] if it has one."""

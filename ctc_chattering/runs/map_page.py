@@ -91,8 +91,8 @@ def write_map_page(data: MapData, files: Sequence[FigureFile], path: Path,
     boundaries = list(_boundaries(data))
     sobol = sobol_table(data)
     write_page(
-        path, _headline(data), _lead(data), [
-            Section('Result', [*files[:1], _failures(data), *_against_base(data)]),
+        path, headline(data), lead(data), [
+            Section('Result', [*files[:1], failures(data), *against_base(data)]),
             Section('Further figures', files[1:]),
             Section('Further numbers', [
                 *(Folded(x.title, [x._replace(title='')], len(boundaries) == 1)
@@ -101,7 +101,7 @@ def write_map_page(data: MapData, files: Sequence[FigureFile], path: Path,
         [(TABLE, f'{TABLE} (a row a run)'), (JSON, f'{JSON} (spec and versions)')], command)
 
 
-def _headline(data: MapData) -> str:
+def headline(data: MapData) -> str:
     """Return how often the best and the worst law fail."""
     failed = (data.rows['failure'] != '').groupby(data.rows['variant'], sort=False).mean()
     shown = dict.fromkeys((failed.idxmin(), failed.idxmax()))
@@ -109,7 +109,7 @@ def _headline(data: MapData) -> str:
                      for k, law in enumerate(shown)) + ' of the runs'
 
 
-def _lead(data: MapData) -> str:
+def lead(data: MapData) -> str:
     axes = ' × '.join(axis.name for axis in data.axes)
     return (f'{counted(len(data.variants), "law")}'
             + (f' over {axes}, {counted(int(np.prod(data.shape)), "point")}' if axes else '')
@@ -118,7 +118,7 @@ def _lead(data: MapData) -> str:
                'run, and shares are of the runs made.' if data.refined else '.'))
 
 
-def _failures(data: MapData) -> Table:
+def failures(data: MapData) -> Table:
     """Return the table of failures: a row a variant, a column a kind."""
     used = [kind for kind in KINDS if (data.rows['failure'] == kind).any()]
     rows = []
@@ -144,7 +144,7 @@ def _share(failed: Any, repeat: Any) -> str:
     return share if np.isnan(low) else two_lines(share, f'{low:.1f} to {high:.1f}')
 
 
-def _against_base(data: MapData) -> Iterator[Table]:
+def against_base(data: MapData) -> Iterator[Table]:
     """Yield the table of the laws against the base, if there are both."""
     if data.base is None or len(data.variants) == 1:
         return

@@ -102,8 +102,8 @@ def by_rule(setup: Setup) -> dict[str, Any]:
     reversal = max(f / r for f, r in zip(friction, config.torque_rate_limit))
     if config.law == 'chattering':
         ka = [_KA * x if x else y for x, y in zip(friction, config.ka)]
-        return {'ka': ka, 'observer_bandwidth': min(
-            _FASTEST_OBSERVER, _OBSERVER / max(config.assumed_lag))}
+        return {'ka': ka, 'observer_bandwidth': _OBSERVER / max(
+            *config.assumed_lag, _OBSERVER / _FASTEST_OBSERVER)}
     rule = RULES[config.law]
     p = min(rule.fastest, rule.speed / (late + rule.reversal * reversal))
     values: dict[str, Any] = {
@@ -150,26 +150,20 @@ def recommended(setup: Setup) -> dict[str, Any]:
 
 def recommended_setup(setup: Setup, law: str) -> Setup:
     """
-    Return a setup with a law and the settings that docs/laws.md recommends for it.
+    Return a setup with a law and its gains by the rule, for a controller that knows its drives.
 
-    What is known of drives and friction is taken from the plant. Laws that are not named here keep
-    the gains of the file.
+    What is known of drives and friction is taken from the plant.
     """
-    plant, config, reference = setup.plant, setup.controller, setup.reference
+    plant, config, start = setup.plant, setup.controller, setup.reference.start_duration
     known = {'law': law, 'actuator_lag': plant.actuator_lag,
-             'torque_rate_limit': plant.torque_rate_limit}
-    if law in _KNOW_FRICTION:
-        known['friction_level'] = plant.coulomb_friction
-    setup = dataclasses.replace(setup, controller=config.changed(known))
-    values: dict[str, Any] = {}
-    if law in (recommended_gains.LAW, 'integral'):
-        values = by_rule(setup.changed({'controller': {'friction_level': plant.coulomb_friction}}))
-    elif law == 'chattering':
-        values = {'switching': 'implicit_observer',
-                  'observer_bandwidth': config.parameters()['observer_bandwidth'].default}
-    if law == 'integral':
-        reference = reference.changed({'start_duration': max(reference.start_duration, _START)})
+             'torque_rate_limit': plant.torque_rate_limit,
+             **({'switching': 'implicit_observer'} if law == 'chattering' else {})}
+    friction = {'friction_level': plant.coulomb_friction}
+    values = {**known, **by_rule(setup.changed({'controller': {**known, **friction}})),
+              **(friction if law in _KNOW_FRICTION else {})}
     if law in UNBOUNDED:
         values['effort_rate_limit'] = plant.torque_rate_limit
-    return dataclasses.replace(
-        setup, controller=setup.controller.changed(values), reference=reference)
+    if law == 'integral':
+        setup = dataclasses.replace(setup, reference=setup.reference.changed(
+            {'start_duration': max(start, _START)}))
+    return dataclasses.replace(setup, controller=config.changed(values))

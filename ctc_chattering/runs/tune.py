@@ -36,9 +36,9 @@ from ctc_chattering.errors import ParameterError, UsageError
 from ctc_chattering.parameters import whole
 from ctc_chattering.runs.points import Runs
 from ctc_chattering.runs.pool import processes
-from ctc_chattering.runs.recommended import recommended, recommended_setup
+from ctc_chattering.runs.recommended import recommended
 from ctc_chattering.runs.score import Score, score
-from ctc_chattering.runs.tune_spec import BEST, Limits, Range, starts, tune_spec, TuneSpec
+from ctc_chattering.runs.tune_spec import Limits, Range, starts, tune_spec, TuneSpec
 
 #: Major version of Optuna from which on trials have constraints.
 _OPTUNA = 5
@@ -321,7 +321,7 @@ def searched(spec: TuneSpec, trials: int, percentile: float = 95.0, seed: int = 
     first = starts(spec.setup.controller, spec.setup.plant.coulomb_friction,
                    recommended(spec.setup), spec.ranges)
     found: list[Trial] = []
-    others = references(spec)
+    others = spec.references
     of_others = scores(others.values(), drawn)
 
     def answers(batch: list[Numbers]) -> Iterator[tuple[tuple[float, ...], dict[str, float]]]:
@@ -354,24 +354,10 @@ def recommended_of(candidates: Sequence[Candidate]) -> Candidate | None:
     return min(kept, key=lambda x: x.fresh.product, default=None)
 
 
-def references(spec: TuneSpec) -> dict[str, dict[str, Any]]:
-    """Return the gains of the file, which are the first, and the recommended settings, by name."""
-    file, law, tuned = spec.file, spec.setup.controller.law, spec.setup.controller.as_mapping()
-    setups = {'file': file, **{f'recommended {name}': recommended_setup(file, name)
-                               for name in dict.fromkeys((law, BEST))}}
-    found = {}
-    for name, setup in setups.items():
-        config = setup.controller
-        words = (name, '' if config.law in name else config.law, config.switching_in_force)
-        found[' '.join(filter(None, words))] = {
-            key: x for key, x in config.as_mapping().items() if x != tuned[key]}
-    return found
-
-
 def setups(spec: TuneSpec) -> list[Setup]:
-    """Return the laws that run: the one that is tuned, and those of `references`."""
+    """Return the laws that run: the one that is tuned, and its `references`."""
     return [dataclasses.replace(spec.setup, controller=spec.setup.controller.changed(values))
-            for values in ({}, *references(spec).values())]
+            for values in ({}, *spec.references.values())]
 
 
 def tune(spec: TuneSpec | Mapping[str, Any] | str | Path, trials: int = 200,

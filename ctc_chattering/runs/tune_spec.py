@@ -23,6 +23,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 import dataclasses
+from functools import cached_property
 import json
 from math import inf, sqrt
 from pathlib import Path
@@ -36,6 +37,7 @@ from ctc_chattering.configuration.yaml_file import mapping, read_yaml
 from ctc_chattering.control.controller import ControllerConfig
 from ctc_chattering.errors import CtcError, ParameterError, prefixed
 from ctc_chattering.parameters import LEAST
+from ctc_chattering.runs.recommended import recommended_setup
 from ctc_chattering.runs.score import limits
 from ctc_chattering.runs.spec import errors_of, KEYS, MapSpec, parse, read_law, read_value
 
@@ -198,6 +200,20 @@ class TuneSpec(MapSpec):
         """Return the parameters of the controller that numbers mean, to four digits."""
         found = gains(numbers, self.setup.controller, self.setup.plant.coulomb_friction)
         return {name: _rounded(x) for name, x in found.items()}
+
+    @cached_property
+    def references(self) -> dict[str, dict[str, Any]]:
+        """Return the gains of the file, the first, and recommended ones, by name."""
+        law, tuned = self.setup.controller.law, self.setup.controller.as_mapping()
+        setups = {'file': self.file, **{f'recommended {name}': recommended_setup(self.file, name)
+                                        for name in dict.fromkeys((law, BEST))}}
+        found = {}
+        for name, setup in setups.items():
+            config = setup.controller
+            words = (name, '' if config.law in name else config.law, config.switching_in_force)
+            found[' '.join(filter(None, words))] = {
+                key: x for key, x in config.as_mapping().items() if x != tuned[key]}
+        return found
 
     def fresh(self) -> TuneSpec:
         """Return the spec of the validation: more draws, of another seed and with other noise."""

@@ -103,7 +103,7 @@ IDL = """module my_msgs { module msg { struct Thing {
 
 
 @pytest.mark.parametrize(('encoding', 'definition'), [
-    ('ros2msg', 'std_msgs/Header header\nfloat64[] x'), ('ros2idl', IDL),
+    ('ros2msg', 'std_msgs/Header header\nfloat64[] x'),
     ('ros2idl', f'{"=" * 80}\nIDL: my_msgs/msg/Thing\n{IDL}')])
 def test_a_type_that_only_the_bag_defines(
         tmp_path: Path, encoding: str, definition: str) -> None:

@@ -40,7 +40,7 @@ COMMANDS, ORDERS = '/effort_controller/commands', '/forward_effort_controller/co
 
 @cache
 def made() -> Recorded:
-    return record('two_link', 1, 1.0)
+    return record('two_link', 1, 0.5)
 
 
 def messages(**fields: Any) -> list[tuple[str, int, Any]]:
@@ -132,7 +132,7 @@ def test_refusals(tmp_path: Path) -> None:
     with pytest.raises(CtcError, match='no torque'):
         read(tmp_path / 'idle', messages(command=None))
     q = x.q.copy()
-    q[500] = np.nan
+    q[300] = np.nan
     with pytest.raises(CtcError, match='a position that is not finite'):
         read(tmp_path / 'nan', messages(q=q))
     other = [('/joint_states', t, torques(x.q[0])) for t in range(2)]
@@ -142,7 +142,7 @@ def test_refusals(tmp_path: Path) -> None:
     assert read(tmp_path / 'both', [*other, *messages()]).recording.q == pytest.approx(x.q)
 
 
-def test_two_publishers_of_commands_or_states(tmp_path: Path) -> None:
+def test_two_publishers_of_commands(tmp_path: Path) -> None:
     x = made().recording
     twice = [y for z in messages() for y in [z] * (1 + (z[0] == COMMANDS))]
     with pytest.raises(CtcError, match='two publishers of commands'):
@@ -152,11 +152,6 @@ def test_two_publishers_of_commands_or_states(tmp_path: Path) -> None:
               for topic, t, message in messages() if topic == COMMANDS]
     with pytest.raises(CtcError, match='two publishers of commands'):
         read(tmp_path / 'others', by_time(*messages(), *others))
-    assert x.dq is not None
-    other = [(topic, t + 1, joint_state(t, x.joints, x.q[0] + 1.0, x.dq[0], None))
-             for topic, t, _ in messages() if topic == '/joint_states']
-    with pytest.raises(CtcError, match='two publishers of joint states'):
-        read(tmp_path / 'states', by_time(*messages(), *other))
 
 
 def test_commands_four_times_as_frequent_as_states_are_averaged(tmp_path: Path) -> None:
@@ -173,26 +168,14 @@ def test_commands_four_times_as_frequent_as_states_are_averaged(tmp_path: Path) 
     assert found.late[0] <= 0.0 and found.late[1] >= 0.25
 
 
-@pytest.mark.parametrize('both', [False, True])
-def test_a_clock_that_was_set_back_is_said(tmp_path: Path, both: bool) -> None:
-    """It is that of the stamps, or also that of the recorder, which sorts by it."""
-    x = made().recording
-    back = np.where(np.arange(len(x.t)) >= 600, x.t - 0.3504, x.t)
-    found: Messages = messages_of(back, x.joints, x.q, x.dq, None, x.command)
-    found = by_time(*found) if both else [
-        (topic, 10 ** 9 + k * 500_000, message) for k, (topic, _, message) in enumerate(found)]
-    with pytest.raises(CtcError, match=r'0\.2[45].* s after the first, .*: was a clock set back'):
-        read(tmp_path, found)
-
-
 def test_a_torque_that_is_no_longer_commanded_is_not_known(tmp_path: Path) -> None:
     command = made().recording.command
     found = read(tmp_path, [x for x in messages() if not (
-        x[0] == COMMANDS and 1.5e9 < x[1] < 1.7e9)]).recording.command
+        x[0] == COMMANDS and 1.2e9 < x[1] < 1.4e9)]).recording.command
     assert found is not None and command is not None
-    assert found[:500] == pytest.approx(command[:500])
-    assert np.isnan(found[530:695]).all()
-    assert found[701:] == pytest.approx(command[701:])
+    assert found[:200] == pytest.approx(command[:200])
+    assert np.isnan(found[230:395]).all()
+    assert found[401:] == pytest.approx(command[401:])
 
 
 # The robots that people have, each with its own topics and messages.
@@ -202,7 +185,7 @@ def test_commands_on_another_topic_are_those_that_the_user_names(tmp_path: Path)
     both = [*[('/gripper', t, torques(np.zeros(3))) for t in range(3)], *moved(bare), *(
         x for x in moved(bare, '/other/commands') if x[0] == '/other/commands')]
     with pytest.raises(CtcError, match=(
-            rf'no torque: .* effort_controller/commands.*; --commands may be: {ORDERS} .*1001 mess'
+            rf'no torque: .* effort_controller/commands.*; --commands may be: {ORDERS} .*501 mess'
             r'.*, /gripper .*, /other/commands .*, or TOPIC:FIELD')):
         read(tmp_path, both)
     path = tmp_path / 'bag'
@@ -220,7 +203,7 @@ def test_without_commands_the_effort_is_taken_and_said(tmp_path: Path) -> None:
     found = read(tmp_path, moved(messages(effort=made().recording.command, labels=False)))
     assert found.recording.command is None and found.recording.effort is not None
     (note,) = found.notes
-    assert f'--commands may be: {ORDERS} (std_msgs/msg/Float64MultiArray, 1001' in note
+    assert f'--commands may be: {ORDERS} (std_msgs/msg/Float64MultiArray, 501' in note
 
 
 def test_positions_are_no_torques(tmp_path: Path) -> None:
@@ -293,7 +276,7 @@ def test_output_of_a_trajectory_controller_by_its_stamps(tmp_path: Path) -> None
     assert found.recording.command == pytest.approx(made().recording.command)
     with pytest.raises(CtcError, match=r'no numbers in output\.effort'):
         read(tmp_path / 'a', trajectory_bag(effort=False), commands=TORQUES)
-    with pytest.raises(CtcError, match=r'51 torques on .* for 1001 states: .*state_publish_rate'):
+    with pytest.raises(CtcError, match=r'26 torques on .* for 501 states: .*state_publish_rate'):
         read(tmp_path / 'b', trajectory_bag(every=20), commands=TORQUES)
 
 

@@ -18,28 +18,19 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator
-from contextlib import closing
 import functools
-import os
 from pathlib import Path
 import random
-import re
-import resource
 import shutil
-import signal
 import struct
 from tempfile import TemporaryDirectory
-import time
 from typing import Any, NamedTuple
 
-from ctc_chattering.analysis.result import simulate
 from ctc_chattering.bags.reader import read_bag
 from ctc_chattering.bags.repair import open_bag, recover, repair
 from ctc_chattering.bags.writer import BagWriter
 from ctc_chattering.cli.ctc import main
-from ctc_chattering.configuration import parameter_file
 from ctc_chattering.errors import CtcError
-from faults import nodes_of
 from mcap.reader import make_reader
 from mcap.records import Chunk
 from mcap.stream_reader import StreamReader
@@ -47,8 +38,6 @@ from mcap.writer import CompressionType
 from mcap.writer import Writer as McapWriter
 from motion_bags import string
 from motion_bags import write as write_bag
-import numpy as np
-from processes import bringup, CONFIG, PATIENCE, run_bringup, Stopwatch, wait_for
 import pytest
 from recorded_runs import metadata
 from rosbags.rosbag2 import StoragePlugin
@@ -176,21 +165,6 @@ def test_wrong_bytes_anywhere_are_found_and_cost_their_chunks_only(
                 open_bag(original.bag(tmp_path / f'{k}', data, is_closed))
 
 
-def test_a_wrong_byte_in_the_metadata_is_found_or_does_no_harm(
-        original: Original, tmp_path: Path) -> None:
-    bag, dice, found = original.bag(tmp_path / 'bag', original.data), random.Random(1), 0
-    for place in dice.sample(range(len(original.metadata)), 12):
-        data = bytearray(original.metadata)
-        data[place] ^= dice.randint(1, 255)
-        (bag / 'metadata.yaml').write_bytes(data)
-        try:
-            with closing(open_bag(bag)) as reader:
-                assert [(x.topic, t, data) for x, t, data in reader.messages()] == original.rows
-        except CtcError:
-            found += 1
-    assert found > 2
-
-
 @pytest.mark.parametrize('options', [
     {}, {'compression': CompressionType.NONE}, {'compression': CompressionType.LZ4},
     {'enable_crcs': False}, {'use_chunking': False}])
@@ -293,45 +267,3 @@ def test_types_and_qos_of_other_recorders_are_recovered(tmp_path: Path) -> None:
     assert profiles == [[{
         **profile, 'history': 'keep_last', 'reliability': 'best_effort',
         'durability': 'transient_local', 'liveliness': 'automatic'}], [], []]
-
-
-@pytest.mark.ros
-def test_a_killed_recorder_leaves_all_but_the_last_second(tmp_path: Path) -> None:
-    bag = tmp_path / 'bag'
-    file = bag / 'bag_0.mcap'
-    with bringup('--params-file', str(CONFIG / 'friction.yaml'), '--pacing', 'real_time',
-                 '--control-period', '0.005', '--duration', '0', '--record', str(bag)) as process:
-        wait_for(lambda: file.exists() and file.stat().st_size > 40_000, 'a part of the bag')
-        nodes = nodes_of(process.pid)
-        watch, size = Stopwatch(*nodes.values()), file.stat().st_size
-        wait_for(lambda: file.stat().st_size > size, 'more of it')
-        waited = watch.waited()
-        os.kill(nodes['recorder'], signal.SIGKILL)
-        killed = time.time()
-        process.communicate(timeout=PATIENCE)
-    assert repair(bag) is not None
-    with closing(open_bag(bag)) as reader:
-        assert reader.end_time / 1e9 > killed - 1.0 - waited
-    assert len(read_bag(bag).run.t) > 50
-
-
-@pytest.mark.ros
-def test_a_full_disk_ends_the_recording_and_not_the_run(tmp_path: Path) -> None:
-    """Check with a limit on the size of files instead of a full disk."""
-    bag, file = tmp_path / 'bag', CONFIG / 'friction.yaml'
-    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (60_000, hard))
-    try:
-        status, output = run_bringup('--params-file', str(file), '--record', str(bag),
-                                     '--duration', '0.8')
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
-    assert 'the experiment has ended at t = 0.8 s after 801 samples' in output
-    assert re.search(r'recording has stopped: File too large', output)
-    assert status == 1
-    assert 'Traceback' not in output
-    assert repair(bag) is not None
-    run = read_bag(bag).run
-    expected = simulate(parameter_file.load(file, {'plant': {'duration': 0.8}})).run
-    assert 20 < len(run.t) < len(expected.t)
-    assert np.array_equal(run.q, expected.q[:len(run.t)])

@@ -12,15 +12,13 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Bags as the mcap library reads them, and their metadata in YAML."""
+"""Bags as the mcap library reads them, their metadata, log times, and messages that are lost."""
 
 from __future__ import annotations
 
 from collections import Counter
 from contextlib import closing
 import errno
-import importlib
-import json
 from pathlib import Path
 import random
 import resource
@@ -32,10 +30,12 @@ from unittest.mock import Mock
 from bags import entries, Entry, write_bag
 from ctc_chattering.analysis.result import simulate
 from ctc_chattering.bags.repair import open_bag, recover, repair
-from ctc_chattering.bags.writer import BagWriter, offered_qos
+from ctc_chattering.bags.writer import BagWriter, LogTime, offered_qos, SequenceTracker
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.errors import CtcError
-from ctc_chattering.ros.topics import TOPICS
+from ctc_chattering.numerics.time_grid import NANOSECONDS as S
+from hypothesis import given
+from hypothesis import strategies as st
 from mcap.reader import make_reader
 from mcap.records import Chunk
 from mcap.stream_reader import breakup_chunk, StreamReader
@@ -116,31 +116,6 @@ def test_metadata(bag: Path) -> None:
         assert topic['topic_metadata']['serialization_format'] == 'cdr'
     for name, kind in SEQUENCES.items():
         assert topics[name]['topic_metadata']['type'] == kind
-
-
-def test_hashes_of_types_are_those_that_ros_itself_has(tmp_path: Path) -> None:
-    """Check channels, which `ros2 bag convert` reads, and `metadata.yaml` for every topic."""
-    recording = BagWriter(tmp_path / 'bag')
-    for topic in TOPICS.values():
-        recording.write(f'/{topic.name}', topic.kind, 1, bytes(8), '')
-    recording.close()
-    with recording.file.open('rb') as stream:
-        summary = make_reader(stream).get_summary()
-    assert summary is not None
-    found = {x.topic: x.metadata['topic_type_hash'] for x in summary.channels.values()}
-    listed = {x['topic_metadata']['name']: x['topic_metadata']['type_description_hash']
-              for x in metadata(tmp_path / 'bag')['topics_with_message_count']}
-    expected = {f'/{topic.name}': type_hash(topic.kind) for topic in TOPICS.values()}
-    assert found == listed == expected
-
-
-def type_hash(kind: str) -> str:
-    """Return the hash of a type from the files of its package."""
-    package, _, name = kind.split('/')
-    prefix = Path(str(importlib.import_module(package).__file__)).parents[4]
-    file = prefix / 'share' / package / 'msg' / f'{name}.json'
-    hashes = json.loads(file.read_text(encoding='utf-8'))['type_hashes']
-    return {x['type_name']: str(x['hash_string']) for x in hashes}[kind]
 
 
 @pytest.mark.parametrize('limit', [8, *random.Random(1).sample(range(40_000), 12)])
@@ -273,3 +248,88 @@ def test_an_error_of_the_disk_is_reported(
             flushed(recording, 1)
     recording.abandon()
     assert recover(tmp_path / 'flushed', tmp_path / 'rewritten') > 0
+
+
+MS = S // 1000
+
+
+@given(st.lists(st.tuples(st.sampled_from('abc'), st.integers(0, S // 20)), max_size=100),
+       st.dictionaries(st.sampled_from('abc'), st.integers(0, S // 2)))
+def test_topics_that_are_behind_others_do_not_turn_it_back(
+        steps: list[tuple[str, int]], lags: dict[str, int]) -> None:
+    time, truth, before = LogTime(), S, 0
+    for topic, step in steps:
+        truth += step
+        time.note(topic, truth - lags.get(topic, 0))
+        assert before <= time.now <= truth
+        before = time.now
+    assert time.now >= truth - S // 2 or not steps
+
+
+def test_a_run_that_begins_again_is_believed_at_its_second_message() -> None:
+    time = LogTime()
+    for k in range(5000):
+        time.note('states', k * MS)
+    time.note('states', 0)
+    assert time.now == 4999 * MS
+    time.note('states', MS)
+    assert time.now == MS
+    time.note('clock', 10 * MS)
+    assert time.now == 10 * MS
+
+
+def test_what_was_not_heard_for_a_while_is_believed_at_its_second_message() -> None:
+    time = LogTime()
+    time.note('states', 5 * S)
+    assert time.now == 5 * S
+    time.note('states', 9 * S)
+    assert time.now == 5 * S
+    time.note('states', 9 * S + MS)
+    assert time.now == 9 * S + MS
+
+
+def test_a_stray_message_is_not() -> None:
+    time = LogTime()
+    time.note('clock', 10 * S)
+    for stray in (0, 5 * S, 10 ** 9 * S, S, 20 * S, -S):
+        time.note('clock', stray)
+        time.note('states', stray)
+        assert time.now == 10 * S
+        time.note('clock', 10 * S)
+        time.note('states', 10 * S)
+    assert time.now == 10 * S
+
+
+def lost(numbering: SequenceTracker, number: int, publishers: int) -> int:
+    """Return what the recorder counts."""
+    return numbering.lost(number, lambda: publishers)
+
+
+def test_what_one_publisher_loses_is_counted() -> None:
+    rng = random.Random(1)
+    numbering, found, expected = SequenceTracker(), 0, 0
+    lost(numbering, 41, 1)  # Who comes late has missed nothing.
+    for number in range(42, 1000):
+        if number < 999 and rng.random() < 0.3:
+            expected += 1
+        else:
+            found += lost(numbering, number, 1)
+    assert found == expected > 100
+
+
+def test_a_second_publisher_loses_nothing_by_coming_and_going() -> None:
+    """The last messages of one that has left are not taken for those of the other."""
+    numbering = SequenceTracker()
+    assert not any(lost(numbering, k, 1) for k in range(1, 1000))
+    for k in range(1, 50):
+        assert lost(numbering, 999 + k, 2) == lost(numbering, k, 2) == 0
+    # Messages of both still arrive, but the second one has left the graph.
+    assert not any(lost(numbering, k, 1) for k in (50, 1049, 1050))
+    assert lost(numbering, 1054, 1) == 3
+
+
+def test_a_publisher_that_restarts_loses_nothing() -> None:
+    numbering = SequenceTracker()
+    for _ in range(40):
+        assert not any(lost(numbering, k, 1) for k in range(1, 20))
+    assert lost(numbering, 22, 1) == 2

@@ -12,26 +12,44 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The life and death of the processes that bringup starts."""
+"""The life and death of the processes that bringup starts, and the launch file."""
 
 from __future__ import annotations
 
-import itertools
+import ast
+import importlib
 import os
 from pathlib import Path
 import signal
 import subprocess
 import time
 
+from ctc_chattering.cli.bringup import make_parser
+from ctc_chattering.cli.options import load_setup
+from ctc_chattering.errors import CtcError
+from ctc_chattering.launch.graph import node_values
 from ctc_chattering.launch.requests import graph_monitor
 from ctc_chattering.simulation.closed_loop import Event
-from processes import alive, bringup, CONFIG, descendants, PATIENCE, probe, run_bringup, wait_for
+from faults import nodes_of
+from processes import (
+    alive,
+    bringup,
+    CONFIG,
+    descriptors,
+    has_port,
+    PATIENCE,
+    probe,
+    RANGE,
+    run_bringup,
+    wait_for,
+)
 import pytest
 from rcl_interfaces.msg import SetParametersResult
 from rcl_interfaces.srv import SetParameters
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.parameter import parameter_value_to_python
 from rclpy.task import Future
+from rclpy.utilities import get_rmw_implementation_identifier
 from recorded_runs import reports_of
 
 pytestmark = pytest.mark.ros
@@ -41,24 +59,47 @@ NODES = ('plant', 'controller', 'reference', 'recorder')
 
 def running(process: subprocess.Popen[str], bag: Path) -> dict[str, int]:
     """Wait until all nodes run and the recorder has samples; return their processes by name."""
-    def found() -> dict[str, int]:
-        return {node: pid for pid, line in descendants(process.pid).items()
-                for node in NODES if f'ctc_chattering.cli.node {node} ' in line}
-    wait_for(lambda: len(found()) == len(NODES), 'the nodes')
+    wait_for(lambda: len(nodes_of(process.pid)) == len(NODES), 'the nodes')
     # Some samples: the recorder has been heard by all, and hears all.
     wait_for(lambda: sum(x.stat().st_size for x in bag.glob('*.mcap')) > 50_000, 'samples')
-    return found()
+    return nodes_of(process.pid)
 
 
-@pytest.mark.parametrize('numbers', [
-    (signal.SIGINT, signal.SIGTERM),
-    pytest.param((signal.SIGHUP, signal.SIGQUIT), marks=pytest.mark.slow)])
-def test_a_signal_stops_all_of_them_cleanly(
-        tmp_path: Path, numbers: tuple[signal.Signals, ...]) -> None:
-    """The first one does; a second one that is not handled would kill it."""
+def environment(pid: int) -> dict[str, str]:
+    """Return the environment that a process was started with."""
+    text = Path(f'/proc/{pid}/environ').read_text()
+    return dict(item.split('=', 1) for item in text.split('\0') if '=' in item)
+
+
+def multicast(pid: int, domain: int) -> bool:
+    """Return whether a process listens where others of the network announce themselves."""
+    port = 7400 + 250 * domain
+    rows = [line.split() for line in Path('/proc/net/udp').read_text().splitlines()[1:]]
+    inodes = {row[9] for row in rows if int(row[1].split(':')[1], 16) == port}
+    links = descriptors(pid)
+    return any(f'socket:[{inode}]' in links for inode in inodes)
+
+
+@pytest.mark.parametrize(('numbers', 'discovery'), [
+    ((signal.SIGINT, signal.SIGTERM), ''),
+    pytest.param((signal.SIGHUP, signal.SIGQUIT), 'SUBNET', marks=pytest.mark.slow)])
+def test_a_graph_is_confined_to_this_host_and_a_signal_stops_it_cleanly(
+        tmp_path: Path, numbers: tuple[signal.Signals, ...], discovery: str) -> None:
+    """
+    By its environment, and by its sockets; unless the environment says otherwise.
+
+    The first signal ends all; a second one that is not handled would kill bringup.
+    """
     bag = tmp_path / 'bag'
-    with bringup(*ENDLESS, '--record', str(bag)) as process:
+    with bringup(*ENDLESS, '--record', str(bag), discovery=discovery) as process:
         pids = running(process, bag)
+        assert {name: environment(pid)[RANGE] for name, pid in pids.items()} == (
+            dict.fromkeys(NODES, discovery or 'LOCALHOST'))
+        domain = int(environment(process.pid)['ROS_DOMAIN_ID'])
+        if get_rmw_implementation_identifier() == 'rmw_fastrtps_cpp':
+            everyone = (*pids.values(), process.pid)
+            assert not any(map(has_port, everyone))
+            assert [multicast(pid, domain) for pid in everyone] == [bool(discovery)] * 5
         for number in numbers:
             process.send_signal(number)
             time.sleep(0.05)  # Two at once are one.
@@ -71,7 +112,8 @@ def test_a_signal_stops_all_of_them_cleanly(
     assert reports_of(bag, 'bringup')[-1]['ended'] == f'stopped by {numbers[0].name}'
 
 
-@pytest.mark.parametrize('victim', ['plant', pytest.param('recorder', marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize('victim', ['plant', 'recorder'])
 def test_the_death_of_any_is_reported_and_ends_all(tmp_path: Path, victim: str) -> None:
     bag = tmp_path / 'bag'
     with bringup(*ENDLESS, '--record', str(bag)) as process:
@@ -98,19 +140,14 @@ def test_no_process_outlives_a_killed_bringup(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_real_time_takes_its_time(tmp_path: Path) -> None:
+def test_real_time_takes_its_time() -> None:
     begin = time.monotonic()
-    with bringup('--params-file', str(CONFIG / 'friction.yaml'), '--pacing', 'real_time',
-                 '--duration', '1.0', '--record', str(tmp_path / 'bag')) as process:
-        assert process.stdout is not None
-        said = 'the experiment has ended at t = 1 s after 1001 samples'
-        output = list(itertools.takewhile(lambda line: said not in line, process.stdout))
-        ended = time.monotonic()
-        last = list(process.stdout)
-        output += last
-        assert process.wait(PATIENCE) == 0, output
-        assert [line for line in last if '[ERROR]' in line] == []
-    assert ended - begin > 1.0
+    status, output = run_bringup('--params-file', 'friction', '--pacing', 'real_time',
+                                 '--duration', '1.0')
+    assert status == 0, output
+    assert 'the experiment has ended at t = 1 s after 1001 samples' in output
+    assert time.monotonic() - begin > 1.0
+    assert '[ERROR]' not in output.partition('the experiment has ended')[2]
 
 
 def test_a_trip_ends_lockstep_with_its_reason() -> None:
@@ -144,3 +181,37 @@ def test_an_event_is_asked_for_again_where_no_answer_comes() -> None:
                 return len(asked) == 3
             it.until(carried_out, 'the events')
     assert asked == [('lambda', 7.0), ('lambda', 7.0), ('lambda', 8.0)]
+
+
+FILE = Path(__file__).resolve().parents[2] / 'launch' / 'bringup.launch.py'
+
+
+def test_it_compiles_and_uses_what_there_is() -> None:
+    """Check its syntax, what it imports, and that its arguments are options of bringup."""
+    tree = ast.parse(FILE.read_text(encoding='utf-8'))
+    compile(tree, FILE, 'exec')
+    for line in (x for x in tree.body if isinstance(x, ast.ImportFrom)):
+        assert line.module is not None
+        if line.module.partition('.')[0] not in ('launch', 'launch_ros'):
+            module = importlib.import_module(line.module)
+            assert all(hasattr(module, x.name) for x in line.names)
+    (arguments,) = (ast.literal_eval(x.value) for x in tree.body if isinstance(x, ast.Assign)
+                    and ast.unparse(x.targets[0]) == 'ARGUMENTS')
+    options = vars(make_parser().parse_args([]))
+    assert set(options) - set(arguments) == {'live'}
+    assert set(arguments) <= set(options)
+
+
+def test_its_nodes_wait_for_one_another_and_not_for_bringup(tmp_path: Path) -> None:
+    bag = tmp_path / 'bag'
+    setup = load_setup(make_parser().parse_args(['--params-file', 'panda']))
+    values = node_values(setup, bag, with_bringup=False)
+    names = ['recorder', 'plant', 'controller', 'reference']
+    assert list(values) == names
+    assert [values[x]['wait_for'] for x in names[1:]] == [names] * 3
+    assert values['recorder']['bag'] == str(bag)
+    events = load_setup(make_parser().parse_args(['--params-file', 'switch']))
+    with pytest.raises(CtcError, match='events are not allowed in a launch file; run bringup'):
+        node_values(events, None, with_bringup=False)
+    with pytest.raises(CtcError, match='exists already'):
+        node_values(setup, tmp_path, with_bringup=False)

@@ -48,6 +48,8 @@ from urdfs import two_links
 pytestmark = pytest.mark.ros
 NODES = ('plant', 'controller', 'reference', 'recorder')
 S = 1000 * MS
+#: Security without a keystore.
+ENFORCED = {'ROS_SECURITY_ENABLE': 'true', 'ROS_SECURITY_STRATEGY': 'Enforce'}
 
 
 def test_the_controller_finds_its_joints_by_name_and_takes_what_is_set() -> None:
@@ -105,8 +107,10 @@ def test_the_controller_finds_its_joints_by_name_and_takes_what_is_set() -> None
         assert list(filtered.velocity) == list(tenth.v)
         named = dict(zip(parts.name, parts.effort))
         assert named.pop('V') == law.lyapunov((1.0, -0.3), tenth.v)
-        assert [sum(value for name, value in named.items() if name.startswith(joint))
-                for joint in ('joint1/', 'joint2/')] == pytest.approx(list(tenth.tau), rel=1e-12)
+        for joint, tau in zip(('joint1/', 'joint2/'), tenth.tau):
+            assert named.pop(f'{joint}commanded') == tau
+            assert sum(value for name, value in named.items() if name.startswith(joint)
+                       ) == pytest.approx(tau, rel=1e-12)
         latched = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
         told = it.listen(ParameterEvent, 'controller/parameters', latched)
         it.until(lambda: len(told) == 5, 'the parameters in force')
@@ -171,18 +175,22 @@ def test_a_wrong_start_is_refused_in_one_line(
         children = [(it.start(name, *arguments), status, message)
                     for name, arguments, status, message in (
             ('plant', ('-p', 'coulomb_friction:=[-1.0, .nan]'), 2, 'coulomb_friction: [-1.0, '),
-            ('recorder', ('-p', 'bag:=/'), 1, '/: exists already'),
             ('controller', (*arm, 'description:=no.urdf'), 1,
              'description: no.urdf: No such file or directory'))]
         monkeypatch.setenv('PYTHONPATH', str(stubs.parent), prepend=':')
         children.append((it.start('controller', *arm, f'description:={robot}'), 1,
                          'the model urdf needs Pinocchio (not here): pip install pin, or '))
+        for name, value in ENFORCED.items():
+            monkeypatch.setenv(name, value)
+        children.append((it.start('recorder', '-p', f'bag:={tmp_path / "bag"}'), 1,
+                         'ROS_SECURITY_KEYSTORE is not set'))
         for child, status, message in children:
             it.until(lambda child=child: child.status is not None, 'the end')  # type: ignore
             child.exit_report()
             assert (child.status, len(child.tail)) == (status, 1), child.tail
             assert child.tail[0].startswith(f'{child.name}: ')
             assert message in child.tail[0]
+    assert not (tmp_path / 'bag').exists()
 
 
 def test_the_plant_in_lockstep_takes_torques_by_label_and_holds_time() -> None:
@@ -224,14 +232,6 @@ def test_the_plant_in_lockstep_takes_torques_by_label_and_holds_time() -> None:
             it.lines[-1:])
 
 
-def assert_continuous(points: Sequence[JointTrajectoryPoint], h: float, jump: float) -> None:
-    """Check that positions and velocities, h [s] apart, do not jump, these by more than `jump`."""
-    q, dq, ddq = (np.array([getattr(p, x) for p in points])
-                  for x in ('positions', 'velocities', 'accelerations'))
-    np.testing.assert_allclose(np.diff(q, axis=0), 0.5 * h * (dq[1:] + dq[:-1]), atol=1e-2 * jump)
-    np.testing.assert_allclose(np.diff(dq, axis=0), 0.5 * h * (ddq[1:] + ddq[:-1]), atol=jump)
-
-
 def route(*points: tuple[float, Sequence[float], Sequence[float]]) -> JointTrajectory:
     """Return waypoints as MoveIt sends them: time [s], positions, and velocities, if any."""
     return JointTrajectory(joint_names=['joint2', 'joint1'], points=[
@@ -267,7 +267,6 @@ def test_the_reference_is_ahead_of_the_clock_and_goes_on_without_a_jump() -> Non
         node.run_to(6 * S)
         times = sorted(node.points)
         assert times == list(range(0, times[-1] + 1, h))
-        assert_continuous([node.points[t] for t in times], 1e-2, 2e-2)
         last = node.points[times[-1]]
         assert list(last.positions) == list(Sinusoid(other).at(times[-1])[0])
 
@@ -286,11 +285,10 @@ def test_the_reference_is_ahead_of_the_clock_and_goes_on_without_a_jump() -> Non
             return tuple(node.points[max(node.points)].positions) == b
         it.until(rests, 'the end of the waypoints')
         points = [p for t, p in sorted(node.points.items()) if t >= begun]
-        assert_continuous(points, 1e-2, 0.2)
         desired = np.array([p.positions for p in points])
+        assert np.abs(np.diff(desired, axis=0)).max() < 0.1  # Pure tests have what is between.
         end = int(np.flatnonzero((desired != b).any(axis=1))[-1]) + 1
         assert desired[end - 100] == pytest.approx(a, abs=1e-6)
-        assert not any(any(p.velocities) for p in points[end:])
 
 
 def test_the_reference_follows_the_time_of_the_states_where_there_is_no_clock() -> None:

@@ -199,6 +199,7 @@ def test_a_set_is_all_or_nothing_and_nothing_that_is_sent_ends_a_node(
         assert it.set('controller', 'law', 'picky:Law').successful
         assert_moving(it)
 
+        assert it.set('plant', 'hold_at', 1e-3).successful
         for node, setter in setters.items():
             for value in ODD:
                 results = setter.set(SetParameters, [

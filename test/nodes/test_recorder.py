@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What the recorder keeps while messages come without a pause, and what it loses and says so."""
+"""What the recorder keeps whatever ends it, and what it loses and says so."""
 
 from __future__ import annotations
 
@@ -21,11 +21,12 @@ from contextlib import closing
 import itertools
 import os
 from pathlib import Path
+import resource
 import signal
 from tempfile import TemporaryDirectory
 import time
 
-from ctc_chattering.bags.repair import open_bag, recover
+from ctc_chattering.bags.repair import open_bag, recover, repair
 from ctc_chattering.ros.topics import COMMANDS, JOINT_STATES
 from faults import Diagnostics, ERROR
 from processes import PATIENCE, probe, Stopwatch
@@ -45,7 +46,14 @@ def size(bag: Path) -> int:
     return file.stat().st_size if file.exists() else 0
 
 
-def test_messages_without_a_pause_do_not_keep_it_from_the_disk(tmp_path: Path) -> None:
+@pytest.mark.parametrize('full', [False, True])
+def test_what_was_heard_a_second_ago_is_kept_whatever_ends_the_recording(
+        tmp_path: Path, full: bool) -> None:
+    """
+    While messages come without a pause it is killed, or the disk is full, and the node stays.
+
+    A limit on the size of files stands for the full disk.
+    """
     bag = tmp_path / 'bag'
     with probe() as it:
         reports = Diagnostics(it)
@@ -59,20 +67,26 @@ def test_messages_without_a_pause_do_not_keep_it_from_the_disk(tmp_path: Path) -
             return True
 
         it.until(lambda: publish() and size(bag) > EMPTY, 'the first messages')
-        watch = Stopwatch(recorder.process.pid, os.getpid())
-        growth, reported, latest = [0.0], 0, size(bag)
-
-        def has_reported() -> bool:
-            nonlocal reported, latest
-            publish()
-            reported += reports.latest.pop('recorder', None) is not None
-            if size(bag) > latest:
-                latest = size(bag)
-                growth.append(watch.read())
-            return reported > 2
-
-        it.until(has_reported, 'reports')
-        assert max(b - a for a, b in itertools.pairwise([*growth, watch.read()])) < 1.0
+        if full:
+            resource.prlimit(recorder.process.pid, resource.RLIMIT_FSIZE, (size(bag) + 2000,) * 2)
+            said = 'recording has stopped: File too large; what was written before is kept'
+            it.until(lambda: publish() and 'recorder' in reports.latest
+                     and said in reports.latest['recorder'].message, 'the end of the recording')
+            assert reports.next('recorder').level == ERROR
+            recorder.signal(signal.SIGINT)
+            assert recorder.process.wait(PATIENCE) == 1
+            it.until(lambda: any(said in line for line in it.lines), 'the line')
+        else:
+            watch, end = Stopwatch(recorder.process.pid, os.getpid()), time.monotonic() + 2.5
+            it.until(lambda: publish() and time.monotonic() > end, 'the end of some seconds')
+            waited = watch.waited()
+            recorder.signal(signal.SIGKILL)
+            killed = time.time()
+            recorder.process.wait(PATIENCE)
+    assert repair(bag) is not None
+    with closing(open_bag(bag)) as reader:
+        assert reader.message_count > 9
+        assert full or reader.end_time / 1e9 > killed - 1.0 - waited
 
 
 def recorded_stamps(bag: Path) -> list[int]:

@@ -36,7 +36,7 @@ from std_srvs.srv import SetBool, Trigger
 pytestmark = pytest.mark.ros
 ZERO = [0.0, 0.0]
 #: Sample period of both [s].
-PERIOD = 0.01
+PERIOD = 0.02
 STATE, TORQUE, OTHER = ([0.1, -0.3], [0.2, 0.1]), [5.25, -5.25], [7.0, -7.0]
 
 
@@ -117,12 +117,12 @@ def test_without_states_the_torque_ends_and_the_law_restarts(robot: Robot) -> No
     law.reset(bumpless=True)
     begin = time.time_ns()
     for k in range(5):
-        t, q = begin + (10 * k + k * k % 3 - 1) * MS, [0.1 + 0.01 * k, -0.3]
+        t, q = begin + (20 * k + k * k % 3 - 1) * MS, [0.1 + 0.01 * k, -0.3]
         sample = law.step(q, STATE[1], [0.1, -0.3], ZERO, ZERO, t=t, at=law.instant(t))
         assert robot.answer(robot.state(t, q)) == list(sample.tau)
         assert k or list(sample.tau) == list(sample.nominal)
     robot.until_well()
-    assert any('states again, after' in line for line in robot.probe.lines)
+    robot.probe.until_said('states again, after')
     assert robot.diagnostics.next('controller').count('restarts') > before.count('restarts')
 
 
@@ -141,9 +141,14 @@ def test_without_a_reference_the_position_is_held(robot: Robot) -> None:
     robot.until_well()
 
 
-def test_an_error_beyond_its_limit_trips_until_reset(robot: Robot) -> None:
+def test_torques_at_their_limit_are_counted_and_an_error_beyond_its_own_trips_until_reset(
+        robot: Robot) -> None:
     it = robot.probe
     robot.until_well()
+    for limit in (0.5, float('inf')):
+        assert it.set('controller', 'effort_limit', [limit] * 2).successful
+        robot.diagnostics.next('controller')
+    assert robot.diagnostics.next('controller').count('saturated samples') > 5
     assert it.set('controller', 'error_limit', [1e-9, 1e-9]).successful
     robot.refer(1.0)
     report = robot.until_error('tripped')
@@ -185,17 +190,7 @@ def test_with_two_sources_of_states_none_is_answered_until_one_has_left(robot: R
     assert refused['second_publisher'] > report.refused('joint_states').get('second_publisher', 0)
     robot.probe.node.destroy_publisher(other)
     robot.until_well()
-    assert any('joint_states: obeyed again: /probe' in line for line in robot.probe.lines)
-
-
-def test_torques_at_their_limit_are_counted(robot: Robot) -> None:
-    robot.until_well()
-    before = robot.diagnostics.next('controller').count('saturated samples')
-    assert robot.probe.set('controller', 'effort_limit', [5.0, 4.0]).successful
-    robot.diagnostics.until(
-        'controller', lambda r: r.count('saturated samples') > before + 5, 'a count')
-    assert all(abs(x) <= most for x, most in zip(robot.commands[-1].data, (5.0, 4.0)))
-    assert robot.probe.set('controller', 'effort_limit', [float('inf')] * 2).successful
+    robot.probe.until_said('joint_states: obeyed again: /probe')
 
 
 class Commander:
@@ -216,11 +211,8 @@ class Commander:
     def until_well(self) -> None:
         self.silent = False
         self.diagnostics.until('plant', running, 'health')
-        self.probe.until(lambda: list(self.states[-1].effort) == TORQUE, 'torques')
-
-    def until_said(self, *words: str) -> None:
-        self.probe.until(lambda: any(
-            all(word in line for word in words) for line in self.probe.lines), words[-1])
+        self.probe.until(
+            lambda: self.states and list(self.states[-1].effort) == TORQUE, 'torques')
 
     def until_braked(self, words: str) -> Report:
         """Wait for the error, without torque and at rest; return what is reported."""
@@ -247,9 +239,9 @@ def test_without_commands_the_plant_brakes(commander: Commander) -> None:
     before = commander.diagnostics.next('plant').count('timeouts, command')
     commander.silent = True
     assert commander.until_braked('').count('timeouts, command') > before
-    commander.until_said('[ERROR]', 'no command for')
+    commander.probe.until_said('[ERROR]', 'no command for')
     commander.until_well()
-    commander.until_said('commands again, after')
+    commander.probe.until_said('commands again, after')
 
 
 def test_with_two_publishers_of_torques_none_is_obeyed_until_one_has_left(commander: Commander

@@ -121,8 +121,15 @@ def test_bringup_refuses_what_means_nothing(
     assert [word for word in words if word not in error] == []
 
 
-def test_bringup_overwrites_nothing_and_refuses_an_event_that_a_running_node_would(
-        file: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_bringup_overwrites_nothing_and_refuses_what_a_node_would(
+        file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str],
+        monkeypatch: pytest.MonkeyPatch) -> None:
+    with monkeypatch.context() as secure:
+        secure.setenv('ROS_SECURITY_ENABLE', 'true')
+        secure.setenv('ROS_SECURITY_STRATEGY', 'Enforce')
+        assert bringup.main(['--record', str(tmp_path / 'bag')]) == 1
+    error = capsys.readouterr().err
+    assert 'ROS_SECURITY_KEYSTORE is not set' in error and len(error.splitlines()) == 1
     assert bringup.main(['--record', '/']) == 1
     assert capsys.readouterr().err == 'bringup: /: exists already, not overwritten\n'
     file.write_text("bringup: {ros__parameters: {events: ['1.0 controller ka [-1.0, 0.0]']}}")
@@ -153,48 +160,54 @@ def test_one_number_for_all_joints_of_a_file() -> None:
     assert setup.controller.kp == (1.0, 2.5, 3.0, 4.0, 5.0, 6.0, 7.0)
 
 
-@pytest.mark.parametrize('name', NODE_DESCRIPTIONS)
-def test_help_and_version_need_no_ros(name: str) -> None:
-    """Check both in a Python that has none, and what is said there when the node is to run."""
-    code = ('import sys\n'
-            'class Without:\n'
-            '    def find_spec(self, name, path=None, target=None):\n'
-            '        if name.split(".")[0] == "rclpy" or name.split(".")[0].endswith("_msgs"):\n'
-            '            raise ModuleNotFoundError(name, name=name)\n'
-            'sys.meta_path.insert(0, Without())\n'
-            'from ctc_chattering.cli.node import main\n'
-            'for more in (["--version"], ["--help"], []):\n'
-            '    try:\n'
-            '        print("status", main(sys.argv[1], [sys.argv[1], *more]))\n'
-            '    except SystemExit as end:\n'
-            '        print("status", end.code)\n')
-    result = subprocess.run([sys.executable, '-c', code, name], cwd=ROOT, text=True, timeout=60,
-                            capture_output=True, check=True)
-    assert result.stdout.startswith(f'{__version__}\nstatus 0\nusage: {name} ')
-    assert result.stdout.endswith('status 0\nstatus 2\n')
-    assert NODE_DESCRIPTIONS[name] in result.stdout
-    assert 'parameters: ctc parameters' in result.stdout
-    assert result.stderr.startswith(f'{name}: ')
-    assert result.stderr.endswith(' is missing; docs/install.md says what to install\n')
-    assert len(result.stderr.splitlines()) == 1
+#: Hides packages, before anything is imported.
+WITHOUT = """
+import sys
+class Without:
+    def find_spec(self, name, path=None, target=None):
+        top = name.split('.')[0]
+        if top in {missing} or (top.endswith('_msgs') and 'rclpy' in {missing}):
+            raise ModuleNotFoundError(name, name=name)
+sys.meta_path.insert(0, Without())
+"""
+
+
+def python_without(missing: tuple[str, ...], code: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, '-c', WITHOUT.format(missing=missing) + code], cwd=ROOT, text=True,
+        timeout=60, capture_output=True, check=True)
+
+
+def test_help_and_version_need_no_ros() -> None:
+    """Check both in a Python that has none, and what is said there when a node is to run."""
+    names = list(NODE_DESCRIPTIONS)
+    result = python_without(('rclpy',), f"""
+from ctc_chattering.cli.node import main
+for name in {names}:
+    for more in (['--version'], ['--help'], []):
+        try:
+            print('status', main(name, [name, *more]))
+        except SystemExit as end:
+            print('status', end.code)
+""")
+    for name in names:
+        assert f'{__version__}\nstatus 0\nusage: {name} ' in result.stdout
+        assert NODE_DESCRIPTIONS[name] in result.stdout
+    assert result.stdout.count('parameters: ctc parameters\nstatus 0\nstatus 2\n') == len(names)
+    for name, line in zip(names, result.stderr.splitlines(), strict=True):
+        assert line.startswith(f'{name}: ')
+        assert line.endswith(' is missing; docs/install.md says what to install')
 
 
 def test_nodes_of_the_loop_need_no_tools() -> None:
     """Check that what only tools need is not imported, and is named with its command."""
-    code = ('import sys\n'
-            'class Without:\n'
-            '    def find_spec(self, name, path=None, target=None):\n'
-            '        if name.split(".")[0] in ("tqdm", "matplotlib", "rosbags", "mcap"):\n'
-            '            raise ModuleNotFoundError(name, name=name)\n'
-            'sys.meta_path.insert(0, Without())\n'
-            'import ctc_chattering.nodes.plant, ctc_chattering.nodes.controller\n'
-            'import ctc_chattering.nodes.reference\n'
-            'from ctc_chattering.cli import bringup, ctc\n'
-            'assert bringup.main([]) == 2\n'
-            'assert ctc.main(["map", "gains"]) == 2\n')
-    result = subprocess.run([sys.executable, '-c', code], cwd=ROOT, text=True, timeout=60,
-                            capture_output=True, check=False)
-    assert result.returncode == 0, result.stderr
+    result = python_without(('tqdm', 'matplotlib', 'rosbags', 'mcap'), """
+import ctc_chattering.nodes.plant, ctc_chattering.nodes.controller
+import ctc_chattering.nodes.reference
+from ctc_chattering.cli import bringup, ctc
+assert bringup.main([]) == 2
+assert ctc.main(['map', 'gains']) == 2
+""")
     assert result.stderr.splitlines() == [
         'bringup: tqdm is missing; docs/install.md says what to install',
         'ctc map: tqdm is missing; docs/install.md says what to install']

@@ -76,13 +76,12 @@ def test_all_nodes_hear_best_effort_publishers(tmp_path: Path) -> None:
             return len(torques) >= 10
         it.until(answered, 'torques')
         assert chunks
-        it.until(lambda: answered() and states.get_subscription_count() == 2
-                 and clock.get_subscription_count() == 2
-                 and description.get_subscription_count() == 2, 'the recorder')
-        count = len(torques)
-        it.until(lambda: answered() and len(torques) > count + 10, 'more torques')
+        # The recorder may find each of the publishers last, and has missed what they sent before.
+        file, topics = bag / 'bag_0.mcap', {
+            '/clock', '/joint_states', '/robot_description', f'/{COMMANDS}'}
+        it.until(lambda: answered() and all(
+            topic.encode() in file.read_bytes() for topic in topics), 'all topics in the bag')
         interrupt(recorder, signal.SIGINT)
         assert not any('Traceback' in line for line in it.lines), it.lines
     with closing(open_bag(bag)) as reader:
-        topics = {connection.topic for connection, _, _ in reader.messages()}
-    assert {'/clock', '/joint_states', '/robot_description', f'/{COMMANDS}'} <= topics
+        assert topics <= {connection.topic for connection, _, _ in reader.messages()}

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What we read and write against the (de)serialization of ROS."""
+"""What we read and write against the (de)serialization of ROS, and joints by name."""
 
 from __future__ import annotations
 
@@ -42,6 +42,8 @@ from ctc_chattering.ros.messages import (
 )
 from ctc_chattering.ros.topics import select
 from faults import KINDS
+from hypothesis import given
+from hypothesis import strategies as st
 import pytest
 from rclpy.serialization import deserialize_message, serialize_message
 from rosgraph_msgs.msg import Clock
@@ -143,20 +145,18 @@ def test_thousands_of_mutated_messages_do_no_harm() -> None:
 
 @pytest.mark.parametrize('names', NAMES)
 def test_states_that_are_sent(names: tuple[str, ...]) -> None:
-    """Check what ROS reads from them, odd numbers and negative stamps included."""
+    """Check what ROS reads from them, odd numbers and stamps included; no byte is behind them."""
     n = len(names)
     fields = ('position', 'velocity', 'effort')
     for chosen in (fields, ('velocity',), ('position', 'velocity'), ('effort',)):
         for k, t in enumerate((0, -1, -7 * 10 ** 9 + 5, 2 ** 31 * 10 ** 9 - 1)):
             rows = [[(ODD * 2)[k + i] + j for i in range(n)] for j in range(3)]
             by_field = dict(zip(chosen, rows))
-            expected = [bits(by_field.get(field, [])) for field in fields]
-            given = [by_field.get(x, ()) for x in fields[fields.index(chosen[0]):]]
-            data = state_writer(names, **dict.fromkeys(chosen, n)).write(*given, t=t)
-            assert read_state(data) == (t, names, *expected)
-            assert len(data) == len(serialize_message(JointState(name=names, **by_field)))
-            if chosen == fields:
-                assert len(data) == len(state(names, rows, (0, 0)))
+            all_rows = [by_field.get(field, ()) for field in fields]
+            data = state_writer(names, **dict.fromkeys(chosen, n)).write(
+                *all_rows[fields.index(chosen[0]):], t=t)
+            assert len(data) == len(state(names, all_rows))
+            assert read_state(data) == (t, names, *map(bits, all_rows))
             message = deserialize_message(effort_writer(names).write(rows[0]), Float64MultiArray)
             assert tuple(x.label for x in message.layout.dim) == names
             assert bits(message.data) == bits(rows[0])
@@ -219,3 +219,42 @@ def test_a_trajectory_that_is_sent() -> None:
         (700_000_000 * k, *map(bits, point)) for k, point in enumerate(points)]
     for t in (0, -1, 1_234_567_890_123_456_789, -5 * 10 ** 9):
         assert ns(stamp(t)) == nanoseconds(stamp(t)) == t
+
+
+names_of = st.lists(st.text('abc', min_size=1, max_size=2), unique=True, max_size=6)
+
+
+@given(names_of.filter(bool), names_of, st.data())
+def test_any_names(ours: list[str], extra: list[str], data: st.DataObject) -> None:
+    """Check against a dictionary, with subsets, supersets, and other orders."""
+    theirs = data.draw(st.permutations([*ours, *(x for x in extra if x not in ours)]))
+    values = {name: float(i) for i, name in enumerate(theirs)}
+    rows = [list(values.values()), [-x for x in values.values()]]
+    assert select(ours, tuple(theirs), *rows) == [
+        tuple(values[name] for name in ours), tuple(-values[name] for name in ours)]
+    if not set(ours) <= set(extra):
+        with pytest.raises(RejectedMessage) as refusal:
+            select(ours, tuple(extra), [0.0] * len(extra))
+        assert refusal.value.kind == 'joints'
+
+
+@pytest.mark.parametrize('names', [
+    (), ('x',), ('x', 'z'), ('x', 'y', 'y'), ('x', 'y', 'z', 'z'), ('x', 'x'), ('X', 'Y')])
+def test_joints_refused(names: tuple[str, ...]) -> None:
+    """Check missing joints and any name that stands there twice."""
+    with pytest.raises(RejectedMessage, match=r"needed: each of \['x', 'y'\] once") as refusal:
+        select(('x', 'y'), names, [0.0] * len(names))
+    assert refusal.value.kind == 'joints'
+
+
+@pytest.mark.parametrize(('rows', 'kind'), [
+    (([1.0, 2.0], [1.0]), 'length'), (([1.0, 2.0, 3.0],), 'length'), (([],), 'length'),
+    (([1.0, float('nan')],), 'not_finite'), (([1.0, 2.0], [float('inf'), 0.0]), 'not_finite')])
+def test_values_refused(rows: tuple[list[float], ...], kind: str) -> None:
+    with pytest.raises(RejectedMessage) as refusal:
+        select(('x', 'y'), ('y', 'x'), *rows)
+    assert refusal.value.kind == kind
+
+
+def test_a_value_that_is_not_ours_may_be_any() -> None:
+    assert select(('y',), ('x', 'y'), [float('nan'), 5.0]) == [(5.0,)]

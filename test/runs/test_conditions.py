@@ -16,7 +16,7 @@
 
 from __future__ import annotations
 
-from math import exp, inf
+from math import inf
 from pathlib import Path
 from typing import Any
 
@@ -25,9 +25,9 @@ from ctc_chattering.configuration.loop_setup import Setup
 from ctc_chattering.control.controller import ControllerConfig
 from ctc_chattering.errors import UsageError
 from ctc_chattering.runs.compare import tasks
-from ctc_chattering.runs.conditions import condition, CONDITIONS, torque_rates
-from ctc_chattering.simulation.plant import make_plant
+from ctc_chattering.runs.conditions import condition, CONDITIONS, held_out, LOST, torque_rates
 from ctc_chattering.simulation.plant_config import PlantConfig
+import numpy as np
 from processes import CONFIG
 import pytest
 import yaml
@@ -120,18 +120,6 @@ def test_events_of_the_file_are_left_out() -> None:
     assert not setups(CONFIG / 'switch.yaml', 'clean')[0].events
 
 
-@pytest.mark.parametrize(('name', 'first', 'second'), [
-    ('clean', 3.0, 3.0), ('delay', 0.0, 3.0), ('real_arm', 0.0, 1.0),
-    ('lag', 3.0 * (1.0 - exp(-0.5)), 3.0 * (1.0 - exp(-1.0)))])
-def test_the_plant_has_it(name: str, first: float, second: float) -> None:
-    """Check the torque of joint 2 after one and two periods; 1000 N·m/s are 1 N·m in one."""
-    robot = make_plant(setups(FRICTION, name)[0].plant)
-    for expected in (first, second):
-        robot.step((0.0, 3.0))
-        tolerance = 0.03 if name == 'real_arm' else 1e-9
-        assert robot.applied[1] == pytest.approx(expected, abs=tolerance)
-
-
 def test_rate_limits_are_the_file_s_the_paper_s_or_those_of_the_description() -> None:
     assert torque_rates(parameter_file.load(FRICTION)) == (5000.0, 1000.0)
     own = {'plant': {'torque_rate_limit': [300.0, inf]}}
@@ -157,3 +145,54 @@ def test_a_payload_is_for_robots_of_a_urdf() -> None:
         [path], ['all'], ['compensation'])]
         for path in (FRICTION, CONFIG / 'panda.yaml')}
     assert found == {'friction': list(SET), 'panda': list(CONDITIONS)}
+
+
+def drawn(file: Path, seed: int = 5, count: int = 24) -> list[Setup]:
+    nominal = parameter_file.load(file)
+    return [parameter_file.load(file, *x.overrides(nominal)) for x in held_out(count, seed)]
+
+
+def test_a_condition_depends_on_seed_and_index_only() -> None:
+    """Check that more conditions begin with the same ones."""
+    nominal = parameter_file.load(CONFIG / 'friction.yaml')
+    few, more, other = ([x.overrides(nominal) for x in held_out(n, seed)]
+                        for n, seed in ((3, 5), (9, 5), (3, 6)))
+    assert more[:3] == few
+    assert all(a != b for a, b in zip(few, other))
+    assert len({x.name for x in (*held_out(9, 5), *held_out(3, 6))}) == 12
+
+
+@pytest.mark.parametrize('robot', ['friction', 'panda', 'ur5'])
+def test_the_draws_are_within_what_is_documented(robot: str) -> None:
+    """Check the ratios of what the controller is told; both sides of right are drawn."""
+    file = CONFIG / f'{robot}.yaml'
+    nominal, found = parameter_file.load(file), drawn(file)
+    rates, ratios = np.array(torque_rates(nominal)), []
+    for setup in found:
+        plant, told = setup.plant, setup.controller
+        of_drives = np.array(plant.torque_rate_limit) / rates
+        friction = np.array(plant.coulomb_friction) / nominal.plant.coulomb_friction
+        assert np.ptp(of_drives) < 1e-9
+        assert 0.5 <= of_drives[0] <= 2.0
+        assert (friction >= 0.7).all()
+        assert (friction <= 1.3).all()
+        assert told.friction_level == nominal.plant.coulomb_friction
+        assert (np.array(plant.stribeck_friction) <= 0.3 * np.array(plant.coulomb_friction)).all()
+        assert told.input_delay == plant.input_delay <= 2
+        assert min(told.inertia_scale, told.gravity_scale) >= 0.85
+        assert max(told.inertia_scale, told.gravity_scale) <= 1.15
+        assert 1e-6 <= plant.encoder_resolution[0] <= 1e-4
+        assert 0.0 <= plant.sample_loss <= 0.1
+        assert 0.0 <= plant.sample_jitter <= 0.3 * plant.control_period
+        assert set(told.error_limit) == {LOST}
+        assert (plant.payload > 0.0) == nominal.plant.described
+        ratios.append((told.actuator_lag[0] / plant.actuator_lag[0],
+                       told.torque_rate_limit[0] / plant.torque_rate_limit[0]))
+    lag, rate = np.array(ratios).T
+    assert (lag >= 0.5).all() and (lag <= 1.5).all()
+    assert (rate >= 0.5).all() and (rate <= 2.0).all()
+    for ratio in (lag, rate):
+        assert ratio.min() < 0.8 < 1.2 < ratio.max()
+    assert max(x.plant.sample_loss for x in found) > 0.08
+    assert max(x.plant.sample_jitter for x in found) > 3e-4
+    assert {x.controller.control_period for x in found} == {5e-4, 1e-3, 2e-3}

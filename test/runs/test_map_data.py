@@ -12,18 +12,32 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Counts and quantiles of a map against loops over its rows."""
+"""Counts, quantiles, intervals, contrasts and Sobol indices of the rows of a map."""
 
 from __future__ import annotations
 
-from collections import defaultdict
+from math import pi
 from typing import Any
 
-from ctc_chattering.runs.map_data import COLUMNS, GridAxis, MapData, QUANTILES
+from ctc_chattering.runs.map_data import (
+    against,
+    MapData,
+    passing,
+    passing_ranges,
+    pooled,
+    QUANTILES,
+    share,
+    sobol_indices,
+    sobol_table,
+    wilson,
+)
+from ctc_chattering.runs.points import unit_draws
 from map_tables import made_up, table_of
 import numpy as np
+import numpy.typing as npt
 import pyarrow as pa
 import pytest
+from scipy.stats import binomtest, norm  # type: ignore[import-untyped]
 
 AXES = {'friction': [2.0, 10.0, 20.0], 'ka': [1.0, 5.0, 15.0, 40.0]}
 UNITS = {'friction': 'N*m', 'ka': 'N*m'}
@@ -44,71 +58,22 @@ def data(table: Any) -> MapData:
     return MapData(table, UNITS, ('model', 'noise'))
 
 
-def cells(table: Any) -> dict[tuple[str, float, float], list[dict[str, Any]]]:
-    found = defaultdict(list)
-    for row in table.to_pylist():
-        found[row['variant'], row['friction'], row['ka']].append(row)
-    return found
-
-
-def test_counts_are_those_of_the_rows(table: Any, data: MapData) -> None:
-    rows = cells(table)
-    assert data.shape == (3, 4)
-    assert data.variants == tuple(dict.fromkeys(table['variant'].to_pylist()))
-    for v, name in enumerate(data.variants):
-        for i, friction in enumerate(AXES['friction']):
-            for j, ka in enumerate(AXES['ka']):
-                mine = rows[name, friction, ka]
-                assert data.runs[v, i, j] == len(mine)
-                assert data.failed[v, i, j] == sum(row['failure'] != '' for row in mine)
-                expected = data.failed[v, i, j] / len(mine) if mine else np.nan
-                assert data.probability[v, i, j] == pytest.approx(expected, nan_ok=True)
-    assert data.runs.min() == 0, 'the test needs an empty cell'
-
-
-def test_quantiles_are_those_of_numpy(table: Any, data: MapData) -> None:
-    rows = cells(table)
-    infinite = 0
-    for v, name in enumerate(data.variants):
-        for i, friction in enumerate(AXES['friction']):
-            for j, ka in enumerate(AXES['ka']):
-                errors = np.array([np.inf if row['error'] is None else row['error']
-                                   for row in rows[name, friction, ka]])
-                # To numpy, a multiple of an infinite number is none.
-                expected = np.full(3, np.nan) if not len(errors) else np.quantile(
-                    np.where(np.isinf(errors), 1e300, errors), QUANTILES)
-                expected[expected > 1e290] = np.inf
-                infinite += int(np.isinf(expected).sum())
-                assert data.quantiles[:, v, i, j] == pytest.approx(expected, nan_ok=True)
-    assert infinite, 'the test needs runs that diverged'
-    assert np.array_equal(data.median, data.quantiles[1], equal_nan=True)
-
-
-def test_the_order_of_the_rows_does_not_matter(table: Any, data: MapData) -> None:
-    order = np.argsort(np.asarray(table['run']))
-    other = MapData(table.take(pa.array(order)), UNITS, ('model', 'noise'))
-    moved = [other.variants.index(name) for name in data.variants]
-    assert np.array_equal(other.runs[moved], data.runs)
-    assert np.array_equal(other.quantiles[:, moved], data.quantiles, equal_nan=True)
-
-
-def test_what_was_run(table: Any, data: MapData) -> None:
-    assert [axis.label for axis in data.axes] == ['friction [N·m]', 'ka [N·m]']
-    assert [axis.values for axis in data.axes] == [tuple(x) for x in AXES.values()]
-    assert data.runs.max() == 5
-    assert data.base is not None
-    assert data.variants[data.base] == 'compensation'
-    assert data.laws[data.variants.index('chattering sign')] == 'chattering'
-    assert set(COLUMNS) <= set(table.column_names)
-    small = table.select([*COLUMNS, *AXES, *data.uncertain])
-    assert np.array_equal(MapData(small, UNITS, data.uncertain).runs, data.runs)
-
-
-def test_an_axis_of_one_value_is_no_axis() -> None:
-    table = made_up({'friction': [8.0], 'ka': [5.0, 10.0]}, 3)
-    data = MapData(table, UNITS)
-    assert [axis.name for axis in data.axes] == ['ka']
-    assert data.runs.tolist() == [[3, 3]] * 6
+def test_each_cell_has_the_numbers_of_its_rows(table: Any, data: MapData) -> None:
+    """In whatever order rows are; to NumPy, a multiple of an infinite number is none."""
+    rows, infinite = table.to_pandas().fillna({'error': np.inf}), 0
+    assert data.variants == tuple(rows['variant'].unique())
+    for place in np.ndindex(data.runs.shape):
+        name, friction, ka = (x[k] for x, k in zip((data.variants, *AXES.values()), place))
+        mine = rows[(rows['variant'] == name) & (rows['friction'] == friction)
+                    & (rows['ka'] == ka)]
+        failed, errors = mine['failure'] != '', mine['error'].clip(upper=1e300)
+        assert (data.runs[place], data.failed[place]) == (len(mine), failed.sum())
+        assert data.probability[place] == pytest.approx(failed.mean(), nan_ok=True)
+        expected = errors.quantile(list(QUANTILES)).to_numpy()
+        expected = np.where(expected > 1e290, np.inf, expected)
+        infinite += int(np.isinf(expected).sum())
+        assert data.quantiles[(slice(None), *place)] == pytest.approx(expected, nan_ok=True)
+    assert data.runs.min() == 0 < infinite, 'the test needs an empty cell, and divergence'
 
 
 def test_without_axes_or_base() -> None:
@@ -127,8 +92,180 @@ def test_refused_runs_are_failures() -> None:
     assert data.median.tolist() == [[np.inf, pytest.approx(0.15)]]
 
 
-def test_words() -> None:
-    assert GridAxis('ka', (1.0, 2.0), 'N·m').label == 'ka [N·m]'
-    assert GridAxis('load', (1.0, 2.0)).label == 'load'
-    assert GridAxis('ka', (1.0, 2.5), 'N·m').at(1) == 'ka 2.5 N·m'
-    assert GridAxis('load', (1e-7, 2.0)).at(0) == 'load 1e-07'
+LAWS = ('compensation', 'chattering sign')
+
+
+def contrast(data: MapData, variant: int, base: int) -> Any:
+    """Return the row of a law."""
+    return against(data, base).loc[data.variants[variant]]
+
+
+def grid(failures: Any, errors: Any = None, axes: Any = None) -> Any:
+    """Return data of both laws over axes a and b; failures of shape (points, 2, repeats)."""
+    failures = np.asarray(failures)
+    axes = {'a': [1.0, 2.0], 'b': [10.0, 20.0, 40.0]} if axes is None else axes
+    table = table_of(LAWS, axes, {
+        'error': np.full(failures.shape, 0.01) if errors is None else errors,
+        'failure': np.where(failures, 'error', '')})
+    return MapData(table, {name: {'a': 'N*m'}.get(name, '') for name in axes})
+
+
+def test_runs_are_compared_one_by_one() -> None:
+    """Check counts against pairs of rows, some without a partner."""
+    table = made_up({'friction': [2.0, 10.0], 'ka': [1.0, 12.0, 40.0]}, 6)
+    table = table.take(pa.array(np.random.default_rng(0).permutation(len(table))[:150]))
+    data = MapData(table, {'friction': '', 'ka': ''})
+    rows = {(row['variant'], row['point'], row['repeat']): row['failure'] != ''
+            for row in table.to_pylist()}
+    base = {key[1:]: failed for key, failed in rows.items() if key[0] == 'compensation'}
+    assert data.base is not None
+    for v, name in enumerate(data.variants):
+        pairs = [(failed, base[point, repeat]) for (variant, point, repeat), failed in rows.items()
+                 if variant == name and (point, repeat) in base]
+        if v == data.base:
+            continue
+        found = contrast(data, v, data.base)
+        assert found.runs == len(pairs)
+        assert found.worse == sum(a and not b for a, b in pairs)
+        assert found.better == sum(b and not a for a, b in pairs)
+    assert found.worse + found.better
+
+
+def test_values_that_pass() -> None:
+    failures = np.zeros((2, 3, 2, 2), bool)
+    failures[0, 1, 0] = True
+    failures[:, :, 1] = True
+    failures[1, 2, 1, 0] = False  # Half of the runs fail: it does not pass.
+    failures[1, 1, 1] = False
+    data = grid(failures.reshape(6, 2, 2))
+    assert passing(data, 1) == ([('a 1 N·m', ['10, 40', 'none']),
+                                 ('a 2 N·m', ['10 to 40', '20'])], 2)
+    assert passing(data, 0) == ([('b 10', ['1 to 2', 'none']), ('b 20', ['2', '2']),
+                                 ('b 40', ['1 to 2', 'none'])], 3)
+
+
+def test_one_axis_and_three() -> None:
+    one = grid(np.zeros((3, 2, 1), bool), axes={'b': [1.0, 2.0, 3.0]})
+    assert passing(one, 0) == ([('', ['1 to 3', '1 to 3'])], 1)
+    axes = {'a': [1.0, 2.0], 'b': np.arange(50.0), 'c': [0.0, 1.0]}
+    failures = np.zeros((2, 50, 2, 2, 1), bool)
+    failures[1, 7, 1, 0] = True
+    data = grid(failures.reshape(200, 2, 1), axes=axes)
+    rows, count = passing(data, 0)
+    assert (len(rows), count) == (60, 100)
+    assert rows[0][0] == 'b 0, c 0' and rows[-1][0] == 'b 49, c 1'
+    rows, count = passing(data, 1)
+    assert [name for name, _ in rows] == ['a 1 N·m, c 0', 'a 1 N·m, c 1', 'a 2 N·m, c 0',
+                                          'a 2 N·m, c 1']
+    assert [cells[0] for _, cells in rows] == ['0 to 49'] * 3 + ['0 to 6, 8 to 49']
+
+
+def test_the_interval_is_that_of_scipy() -> None:
+    k, n = np.array([(k, n) for n in (1, 2, 3, 4, 16, 100) for k in range(n + 1)]).T
+    for i, (low, high) in enumerate(zip(*wilson(k, n))):
+        expected = binomtest(int(k[i]), int(n[i])).proportion_ci(0.95, 'wilson')
+        assert (low, high) == pytest.approx((expected.low, expected.high), abs=1e-12)
+        assert 0.0 <= low <= k[i] / n[i] <= high <= 1.0
+
+
+def test_without_a_run_nothing_is_known() -> None:
+    assert [float(x) for x in wilson(0, 0)] == [0.0, 1.0]
+    assert np.isnan(share(0, 0))
+    assert share([1, 0], [4, 2]).tolist() == [0.25, 0.0]
+
+
+POINTS = 60
+
+
+def shared(kind: str, size: float, draws: int, random: np.random.Generator
+           ) -> tuple[npt.NDArray[np.int_], float]:
+    """Return failures of each draw over 60 points of one axis, and the true probability."""
+    if kind == 'draw decides':
+        return POINTS * (random.random(draws) < size).astype(int), size
+    x = (np.arange(POINTS) + 0.5) / POINTS
+    moved = size * random.standard_normal((draws, 1))
+    return (x + moved > 0.7).sum(axis=1), float(norm.sf((0.7 - x) / size).mean())
+
+
+@pytest.mark.parametrize(('kind', 'size'), [
+    ('draw decides', 0.5), ('draw decides', 0.1), ('draw decides', 0.02), ('boundary moves', 0.2),
+    ('boundary moves', 0.5)])
+@pytest.mark.parametrize('draws', [8, 16, 64])
+def test_95_percent_are_95_percent_where_points_share_draws(kind: str, size: float, draws: int
+                                                            ) -> None:
+    """Check the coverage of 400 made-up maps; as if all runs were independent it is below 50 %."""
+    random, repeats = np.random.default_rng(0), 400
+    covered = np.zeros(2)
+    for _ in range(repeats):
+        failures, true = shared(kind, size, draws, random)
+        low, high = pooled(failures, [POINTS] * draws)
+        covered[0] += low <= true <= high
+        wrong = wilson(failures.sum(), POINTS * draws)
+        covered[1] += wrong[0] <= true <= wrong[1]
+    assert 0.9 <= covered[0] / repeats <= 1.0
+    assert covered[1] / repeats < 0.5
+
+
+def test_draws_of_one_run_are_independent_and_one_draw_says_nothing() -> None:
+    expected = binomtest(3, 8).proportion_ci(method='wilson')
+    assert pooled([1, 0, 0, 1, 1, 0, 0, 0], [1] * 8) == pytest.approx(
+        (expected.low, expected.high))
+    assert np.isnan(pooled([7], [9])).all()
+    assert np.isnan(pooled([7, 0], [9, 0])).all()
+
+
+def test_a_failure_that_no_draw_shows_is_not_excluded() -> None:
+    """Check that 16 draws without a failure exclude no less than 16 runs would."""
+    low, high = pooled([0] * 16, [100] * 16)
+    assert low == 0.0
+    assert high == pytest.approx(0.221, abs=1e-3)
+    assert pooled([100] * 16, [100] * 16) == pytest.approx((1.0 - high, 1.0))
+    assert high > binomtest(0, 16).proportion_ci(method='wilson').high
+
+
+@pytest.mark.parametrize(('probability', 'expected'), [
+    ([0.0, 0.1, 0.2], '1 to 3'), ([0.5, 0.6, 1.0], 'none'), ([0.0, 0.5, 0.4], '1, 3'),
+    ([np.nan, 0.0, 0.0], '2 to 3')])
+def test_ranges_are_the_values_that_pass(probability: list[float], expected: str) -> None:
+    assert passing_ranges([1.0, 2.0, 3.0], probability) == expected
+
+
+def test_of_ishigami() -> None:
+    """Its indices are known: 0.314, 0.442 and 0; in total 0.558, 0.442 and 0.244."""
+    x, y, z = pi * (2.0 * unit_draws('saltelli', 5 * 1024, 3, 0).T - 1.0)
+    values = np.sin(x) + 7.0 * np.sin(y) ** 2 + 0.1 * z ** 4 * np.sin(x)
+    indices, intervals = sobol_indices(values, 3)
+    for k, exact in enumerate(([0.3139, 0.4424, 0.0], [0.5576, 0.4424, 0.2437])):
+        value, ends = indices[:, k], intervals[..., k]
+        assert value == pytest.approx(exact, abs=0.03)
+        assert (ends[0] <= exact).all()
+        assert (exact <= ends[1]).all()
+        assert (ends[1] - ends[0] < 0.25).all()
+
+
+def test_draws_are_a_b_and_a_with_one_column_of_b() -> None:
+    A, B, *mixed = unit_draws('saltelli', 5 * 8, 3, 1).reshape(5, 8, 3)
+    for k, each in enumerate(mixed):
+        assert (each[:, k] == B[:, k]).all()
+        assert (np.delete(each, k, 1) == np.delete(A, k, 1)).all()
+
+
+def drawn(diverged: float) -> MapData:
+    """Return a map of errors that grow with the first of two draws, and diverge beyond."""
+    u = unit_draws('saltelli', 4 * 64, 2, 0)
+    error = np.where(u[:, 0] > diverged, np.nan, np.exp(u[:, 0])).reshape(1, 1, -1)
+    failure = np.where(np.isnan(error), 'diverged', np.where(error > 2.0, 'error', ''))
+    return MapData(table_of(['compensation'], {}, {'error': error, 'failure': failure},
+                            {'model': u[:, 0], 'lag': u[:, 1]}), {}, ['model', 'lag'],
+                   saltelli=True)
+
+
+def test_the_table_has_what_varies() -> None:
+    """The logarithm of an error is left out where a run has none."""
+    table = sobol_table(drawn(2.0))
+    assert [row[1] for row in table.rows] == ['log error', 'fails']
+    assert [row[1] for row in sobol_table(drawn(0.9)).rows] == ['fails']
+    assert table.heads == ['law', 'of', 'model', 'model, total', 'lag', 'lag, total']
+    assert table.rows[0][:2] == ['compensation', 'log error']
+    assert table.rows[0][3].startswith('1.0')
+    assert table.rows[0][5].startswith('0.00')

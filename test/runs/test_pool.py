@@ -12,21 +12,18 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Chunks over processes, and where bags of a reproduction are refused."""
+"""Tasks over processes, killed workers, and schedulers that do not answer."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
 import signal
-import socket
 import threading
 import time
 from typing import Any
 
-from ctc_chattering import reproduce
 from ctc_chattering.errors import CtcError, ParameterError
-from ctc_chattering.runs import pool
 from ctc_chattering.runs.pool import computed, in_parallel, processes, threads, workers
 from distributed import LocalCluster
 import pytest
@@ -113,18 +110,3 @@ def test_a_task_that_kills_every_worker_ends_the_map() -> None:
 def test_what_is_no_address(address: str) -> None:
     with pytest.raises(CtcError, match=f'--scheduler {address}: no scheduler answers: '):
         workers(1, address).__enter__()
-
-
-def test_no_scheduler_answers(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(pool, '_CONNECT', 0.2)
-    with socket.socket() as free:
-        free.bind(('127.0.0.1', 0))
-        address = f'tcp://127.0.0.1:{free.getsockname()[1]}'
-        with pytest.raises(CtcError, match=f'--scheduler {address}: no scheduler answers: '):
-            workers(1, address).__enter__()
-
-
-def test_bags_that_exist_are_refused(tmp_path: Path) -> None:
-    (tmp_path / 'bags').mkdir()
-    with pytest.raises(CtcError, match='bags: exists already'):
-        reproduce(str(tmp_path))

@@ -60,17 +60,6 @@ def test_a_boundary_takes_a_tenth_of_the_runs() -> None:
     assert (state != UNKNOWN).sum() < 257 ** 2 / 10
 
 
-def test_an_axis_of_values_is_not_refined() -> None:
-    """Every value of it has the coarse grid, and a boundary of its own."""
-    def rule(x: Any, k: Any, y: Any) -> Any:
-        return x + y < 20 * (k + 1)
-
-    state = refined(rule, (33, 3, 33), (8, 1, 8))
-    assert (filled(state, (1.0, 1e6, 1.0)) == rule(*np.indices((33, 3, 33)))).all()
-    assert (state[::8, :, ::8] != UNKNOWN).all()
-    assert (state != UNKNOWN).sum() < state.size / 3
-
-
 def test_a_boundary_between_two_points_of_the_coarse_grid_is_followed_from_elsewhere() -> None:
     """A tongue narrower than a cell that begins in a mixed one; an island alone is not found."""
     def tongue(x: Any, y: Any) -> Any:
@@ -124,9 +113,3 @@ def test_rows_are_those_of_the_whole_map_and_are_not_computed_again(tmp_path: Pa
     expected = np.greater.outer(np.arange(1, 34), np.arange(1, 34))
     assert (data.probability[0] == expected).all()
     assert (data.runs == 2).all()
-
-
-def test_a_map_that_is_not_refined_is_one_part() -> None:
-    made = runs(axes={'friction': {**AXIS, 'count': 3}, 'ka': {**KA, 'count': 2}})
-    assert next_runs(made, rows(made, [])).tolist() == list(range(24))
-    assert not len(next_runs(made, rows(made, range(24))))

@@ -17,16 +17,29 @@
 from __future__ import annotations
 
 from math import inf
+from pathlib import Path
 from typing import Any
 
+from ctc_chattering.analysis.compilation import compile_setups
 from ctc_chattering.analysis.metrics import metrics
 from ctc_chattering.analysis.result import Result, simulate
 from ctc_chattering.compiled.machine_code import MACHINE_CODE, PLAIN_PYTHON
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.configuration.loop_setup import Setup
 from ctc_chattering.errors import CtcError, MachineError
-from ctc_chattering.runs.score import over_simulation, Score, score, slips_at_rest, worst
+from ctc_chattering.runs.points import evaluate
+from ctc_chattering.runs.score import (
+    limits,
+    of_results,
+    over_simulation,
+    Score,
+    score,
+    slips_at_rest,
+    worst,
+)
+from ctc_chattering.runs.spec import Failure
 from ctc_chattering.simulation.closed_loop import Run
+from ctc_chattering.simulation.closed_loop import simulate as simulated
 from map_specs import ON_TRACK
 import numpy as np
 import pytest
@@ -110,3 +123,97 @@ def test_states_are_the_true_ones() -> None:
     assert (true.tau == seen.tau).all()
     assert seen.q[1:] == pytest.approx(0.01 * np.round(seen.q[1:] / 0.01), abs=1e-9)
     assert np.abs(true.q - seen.q).max() > 1e-3
+
+
+CONFIG = Path(__file__).parents[2] / 'config'
+LATE = (0.1, 0.2)
+NONE = Failure()
+
+
+def noisy(plant: dict[str, Any] | None = None, **controller: Any) -> Setup:
+    noise = {'velocity_noise': [1e-3, 1e-3], 'noise_seed': 4}
+    return parameter_file.load(None, {
+        'plant': {**ON_TRACK, **noise, 'duration': 0.2, **(plant or {})},
+        'controller': {'switching': 'implicit', **controller}})
+
+
+WAYS = pytest.mark.parametrize('way', [MACHINE_CODE, PLAIN_PYTHON])
+
+
+def setup_for(way: str, **controller: Any) -> Setup:
+    """Return a setup that is computed in a way."""
+    made = noisy({'compiled': way == MACHINE_CODE}, switching='sign', **controller)
+    compile_setups([made], print)
+    return made
+
+
+@WAYS
+def test_the_numbers_are_those_of_the_true_states(way: str) -> None:
+    """Compare with definitions written out, over a plain simulation of these parameters."""
+    made = setup_for(way)
+    row = evaluate(made, LATE, NONE)
+    made = setup_for(PLAIN_PYTHON)
+    run = simulated(made.plant, made.controller, made.reference, truth=True)
+    inside = slice(100, 201)
+    e, tau = (run.q_d - run.q)[inside], run.tau[inside]
+    step = np.abs(np.diff(tau, axis=0))
+    expected = {
+        'error': np.sqrt((e ** 2).mean(axis=0)).max(),
+        'variation': (step.sum(axis=0) / 0.1).max(), 'saturated': 0.0,
+        'rms_error_rad_1': np.sqrt((e[:, 0] ** 2).mean()),
+        'rms_torque_nm_2': np.sqrt((tau[:, 1] ** 2).mean()),
+        'max_torque_step_nm_2': step[:, 1].max(),
+        'max_torque_rate_nm_per_s_1': step[:, 0].max() / 1e-3,
+        'max_error_norm1_rad': np.abs(e).sum(axis=1).max(), 'missing_samples': 0}
+    np.testing.assert_allclose([row[key] for key in expected], list(expected.values()), rtol=1e-6)
+    assert (row['engine'], row['failure'], row['reason']) == (way, '', '')
+    assert list(row) == list(of_results(2))
+
+
+@WAYS
+def test_a_run_that_diverges_has_no_numbers(way: str) -> None:
+    row = evaluate(setup_for(way, error_limit=[1e-6, 1e-6]), LATE, NONE)
+    assert (row.pop('engine'), row.pop('failure')) == ('', 'diverged')
+    assert 'error_limit' in row.pop('reason')
+    assert set(row.values()) == {None}
+
+
+def middle_torque(made: Setup) -> float:
+    """Return the median torque of joint 1 in the window."""
+    run = simulated(made.plant, made.controller, made.reference, truth=True)
+    return float(np.median(np.abs(run.tau[100:, 0])))
+
+
+def test_the_first_limit_that_is_exceeded_is_named() -> None:
+    """Check each kind just above and just below what a run has."""
+    limit = middle_torque(noisy())
+    made = noisy(effort_limit=[limit, 1e3])
+    found = evaluate(made, LATE, NONE)
+    run = simulated(made.plant, made.controller, made.reference, truth=True)
+    part = float((np.abs(run.tau[100:, 0]) >= limit).mean())
+    assert 0.0 < part < 1.0
+    assert found['saturated'] == pytest.approx(part)
+
+    def kind(**most: Any) -> str:
+        return str(evaluate(made, LATE, Failure.from_mapping(most))['failure'])
+    error = found['error']
+    assert kind(error_above=0.99 * error) == 'error'
+    assert kind(error_above=1.01 * error) == ''
+    assert kind(saturated_above=0.99 * part) == 'saturated'
+    assert kind(saturated_above=1.01 * part) == ''
+    assert kind(saturated_above=0.99 * part, error_above=0.99 * error) == 'error'
+    far = noisy({'initial_velocity': [9.0, 9.0]}, law='compensation')
+    row = evaluate(far, LATE, Failure(not_reached=True))
+    assert (row['failure'], row['reason']) == ('not reached', 'v never stays within its band')
+
+
+def test_the_limit_of_a_torque_is_the_least_of_controller_model_and_drives() -> None:
+    limit = middle_torque(noisy())
+    for plant, controller in (({'torque_saturation': [limit, 1e3]}, {}),
+                              ({'torque_saturation': [5e3, 1e3]}, {'effort_limit': [limit, 1e3]})):
+        row = evaluate(noisy(plant, **controller), LATE, NONE)
+        assert 0.0 < row['saturated'] < 1.0
+    panda = parameter_file.load(CONFIG / 'panda.yaml', {
+        'controller': {'effort_limit': [np.inf, 50.0, *[np.inf] * 5]},
+        'plant': {'torque_saturation': [np.inf, np.inf, 60.0, *[np.inf] * 4]}})
+    assert limits(panda) == [87.0, 50.0, 60.0, 87.0, 12.0, 12.0, 12.0]

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Specs: what they say, and one line for everything that is wrong with them."""
+"""Specs and quantities: what they say, and one line for everything that is wrong with them."""
 
 from __future__ import annotations
 
@@ -22,67 +22,39 @@ import re
 from typing import Any
 
 from ctc_chattering.configuration import parameter_file
-from ctc_chattering.errors import CtcError
+from ctc_chattering.errors import CtcError, ParameterError
 from ctc_chattering.runs.recommended import recommended_setup
-from ctc_chattering.runs.spec import KEYS, read_spec
-from map_specs import ON_TRACK, SMALL, spec, written
+from ctc_chattering.runs.spec import applied, check, KEYS, read_axis, read_spec, read_uncertain
+from map_specs import SMALL, spec, written
+import numpy as np
 import pytest
 import yaml
 
 CONFIG = Path(__file__).parents[2] / 'config'
-#: Every key, as docs/maps.md explains them.
-FULL = """
-params_file: friction
-duration: 5.0
-window: [2.0, 5.0]
-overrides:
-  plant: {velocity_noise: [1.0e-3, 1.0e-3]}
-laws:
-  - compensation
-  - chattering sign
-  - {law: observer_feedback, recommended: true}
-  - {law: chattering, switching: implicit, name: 'soft', ka: [15.0, 15.0]}
-axes:
-  friction: {parameter: plant.coulomb_friction, values: [2, 5, 10, 20]}
-  ka: {parameter: controller.ka, range: [1, 40], count: 12, spacing: log}
-  rate: {parameter: control_period, values: [5.0e-4, 1.0e-3, 2.0e-3]}
-  delay: {parameters: [plant.input_delay, controller.input_delay], values: [0, 1, 2]}
-  load: {parameter: plant.coulomb_friction, values: [0.5, 1, 2], factor: true}
-uncertain:
-  model: {parameters: [controller.inertia_scale, controller.gravity_scale], uniform: [0.9, 1.1]}
-sampling: latin_hypercube
-repeats: 16
-seed: 3
-failure:
-  error_above: 0.01
-  saturated_above: 0.05
-  not_reached: true
-"""
 
 
-def test_every_key(tmp_path: Path) -> None:
-    (tmp_path / 'full.yaml').write_text(FULL, encoding='utf-8')
-    found = read_spec(tmp_path / 'full.yaml')
-    assert found.name == 'full'
+def test_every_key_is_in_the_docs_and_means_what_they_say(tmp_path: Path) -> None:
+    page = (CONFIG.parent / 'docs' / 'maps.md').read_text(encoding='utf-8')
+    text = re.search(r'```yaml\n(params_file.*?)```', page, re.DOTALL)
+    assert text
+    assert {*KEYS} - {*yaml.safe_load(text[1])} == {'tune'}
+    (tmp_path / 'docs.yaml').write_text(text[1], encoding='utf-8')
+    found = read_spec(tmp_path / 'docs.yaml')
+    assert found.name == 'docs'
     assert found.setup == parameter_file.load(CONFIG / 'friction.yaml', {
         'plant': {'duration': 5.0, 'velocity_noise': [1e-3, 1e-3]}})
-    assert found.window == (2.0, 5.0)
+    assert found.window == (2.5, 5.0)
     assert [x.name for x in found.axes] == ['friction', 'ka', 'rate', 'delay', 'load']
-    assert found.shape == (4, 12, 3, 3, 3)
-    assert found.runs == 4 * 12 * 3 * 3 * 3 * 4 * 16
-    assert [x.name for x in found.uncertain] == ['model']
-    assert found.repeats.as_mapping() == {
-        'sampling': 'latin_hypercube', 'repeats': 16, 'seed': 3}
+    assert (found.shape, found.runs) == ((4, 12, 3, 3, 3), 4 * 12 * 3 * 3 * 3 * 4 * 16)
+    assert [x.name for x in found.uncertain] == ['model', 'lag']
+    assert found.repeats.as_mapping() == {'sampling': 'sobol', 'repeats': 16, 'seed': 0}
     assert found.failure.as_mapping() == {
-        'error_above': 0.01, 'saturated_above': 0.05,
-        'not_reached': True, 'slips_above': inf}
+        'error_above': 0.01, 'saturated_above': 0.05, 'not_reached': True, 'slips_above': 1.0}
     assert [(x.name, x.law, x.switching, x.recommended) for x in found.variants] == [
         ('compensation', 'compensation', '', False),
         ('chattering sign', 'chattering', 'sign', False),
         ('observer_feedback recommended', 'observer_feedback', '', True),
         ('soft', 'chattering', 'implicit', False)]
-    assert found.variants[3].values == {
-        'law': 'chattering', 'switching': 'implicit', 'ka': [15.0, 15.0]}
 
 
 def test_defaults() -> None:
@@ -110,16 +82,6 @@ def test_specs_of_the_package(path: Path) -> None:
     assert read_spec(path).runs > 100
 
 
-def test_the_spec_of_the_docs_is_one(tmp_path: Path) -> None:
-    """Check that the page has every key, and nothing that is refused."""
-    page = (CONFIG.parent / 'docs' / 'maps.md').read_text(encoding='utf-8')
-    found = re.search(r'```yaml\n(params_file.*?)```', page, re.DOTALL)
-    assert found
-    (tmp_path / 'docs.yaml').write_text(found[1], encoding='utf-8')
-    assert read_spec(tmp_path / 'docs.yaml').runs == 4 * 12 * 3 * 3 * 3 * 4 * 16
-    assert {*KEYS} - {*yaml.safe_load(found[1])} == {'tune'}
-
-
 def test_a_law_is_recommended_as_docs_say() -> None:
     found = spec(laws=['compensation', {'law': 'chattering', 'recommended': True}])
     made = recommended_setup(found.setup, 'chattering').controller
@@ -130,24 +92,17 @@ def test_a_law_is_recommended_as_docs_say() -> None:
 @pytest.mark.parametrize(('changes', 'words'), [
     ({'axis': {}}, ["'axis'", 'params_file, duration']),
     ({'params_file': 'nowhere.yaml'}, ['nowhere.yaml', 'no such file']),
-    ({'params_file': 3}, ['params_file', '3', 'a string']),
     ({'duration': 0}, ['duration', 'a number > 0']),
-    ({'duration': 'long'}, ['plant: duration', "'long'", 'a finite number']),
     ({'window': [0.05]}, ['window', 'two times']), ({'window': 3}, ['window', 'a list']),
     ({'window': [0.05, 0.2]}, ['window', 'from 0 to 0.1 s']),
-    ({'window': [0.05, 0.05]}, ['window', 'ascending']),
     ({'overrides': [1]}, ['overrides', 'a mapping of nodes']),
-    ({'overrides': {'plant': 3}}, ['overrides', 'a mapping of nodes']),
     ({'overrides': {'plant': {'mass': 3}}}, ['overrides', 'plant has no parameter mass']),
     ({'laws': []}, ['laws', 'a list of laws']), ({'laws': 'chattering'}, ['laws', 'a list']),
     ({'laws': ['chatering']}, ['laws[0].law', "'chatering'", 'compensation | chattering']),
     ({'laws': ['chattering soft']}, ['laws[0].switching', "'soft'", 'sign']),
     ({'laws': ['integral sign']}, ['laws[0].switching', "'sign'", 'none under law integral']),
     ({'laws': ['chattering sign now']}, ['laws[0]', 'a law and a switching']),
-    ({'laws': [3]}, ['laws[0]', '3', 'a mapping']),
     ({'laws': [{'law': 'chattering', 'gain': 3}]}, ['laws[0].gain', 'one of']),
-    ({'laws': [{'ka': [1.0] * 3}]}, ['laws[0].ka', 'got 3 values']),
-    ({'laws': [{'recommended': 1}]}, ['laws[0].recommended', 'a boolean']),
     ({'laws': ['chattering', 'chattering sign']}, ['laws', 'give each a name']),
     ({'axes': [1]}, ['axes', 'a mapping of names']),
     ({'axes': {'error': {}}}, ['axes', "'error'", 'no column']),
@@ -158,10 +113,8 @@ def test_a_law_is_recommended_as_docs_say() -> None:
     ({'uncertain': {'x': {'parameter': 'plant.actuator_lag', 'uniform': [-1, 1]}}},
      ['x = -1', 'actuator_lag', '>= 0']),
     ({'sampling': 'halton'}, ['sampling', "'halton'", 'random | latin_hypercube | sobol']),
-    ({'repeats': 0}, ['repeats', '0', '>= 1']), ({'seed': -1}, ['seed', '-1', '>= 0']),
     ({'failure': 3}, ['failure', '3', 'error_above']),
     ({'failure': {'error': 3}}, ["'error'", 'error_above, saturated_above']),
-    ({'failure': {'error_above': -1}}, ['failure.error_above', '-1', '>= 0']),
     ({'repeats': 9_999_999}, ['119999988 runs', '6 points, 2 laws', 'allowed: 10000000'])])
 def test_bad_specs(tmp_path: Path, changes: dict[str, Any], words: list[str]) -> None:
     """Check a line with the file, the key, its value and what is allowed."""
@@ -184,10 +137,6 @@ def test_what_is_no_spec(tmp_path: Path, text: str, word: str) -> None:
         read_spec(tmp_path / 'none.yaml')
 
 
-def test_the_small_map_starts_on_track() -> None:
-    assert spec().setup.plant.initial_velocity == tuple(ON_TRACK['initial_velocity'])
-
-
 @pytest.mark.parametrize(('changes', 'words'), [
     ({'refine': 1}, 'refine: 1 is not allowed; allowed: 0, or an axis with a range'),
     ({'refine': -1}, 'refine: -1'),
@@ -207,3 +156,105 @@ def test_the_coarse_grid_is_of_axes_with_a_range() -> None:
     assert spec(axes=axes, refine=2).coarse == (4, 1)
     assert spec(axes=axes).coarse == (1, 1)
     assert spec(sampling='saltelli', axes=None, repeats=12).runs == 24
+
+
+SETUP = parameter_file.load(None, {'plant': {'duration': 1.0}})
+FRICTION = 'plant.coulomb_friction'
+
+
+def axis(parameter: str | list[str], values: list[float], **more: Any) -> Any:
+    key = 'parameter' if isinstance(parameter, str) else 'parameters'
+    return read_axis('x', {key: parameter, 'values': values, **more})
+
+
+def test_a_number_is_that_of_every_joint_and_of_every_node() -> None:
+    setup = applied(SETUP, [(axis(FRICTION, [3]), 3.0), (axis('control_period', [2e-3]), 2e-3)])
+    assert setup.plant.coulomb_friction == (3.0, 3.0)
+    periods = {x.control_period for x in (setup.plant, setup.controller, setup.reference)}
+    assert periods == {2e-3}
+    assert setup == parameter_file.load(None, {
+        'plant': {'duration': 1.0, 'coulomb_friction': [3, 3]}, '/**': {'control_period': 2e-3}})
+
+
+def test_an_integer_stays_one() -> None:
+    delay = axis(['plant.input_delay', 'controller.input_delay'], [0, 1, 2])
+    setup = applied(SETUP, [(delay, 2.0)])
+    assert (setup.plant.input_delay, setup.controller.input_delay) == (2, 2)
+    assert type(setup.plant.input_delay) is int
+    with pytest.raises(CtcError, match=r'input_delay: 1\.5 is not allowed; allowed: an integer'):
+        applied(SETUP, [(delay, 1.5)])
+
+
+def test_a_factor_multiplies_what_is_there() -> None:
+    file = SETUP.changed({'plant': {'coulomb_friction': [2.0, 4.0]}})
+    double, level = axis(FRICTION, [2], factor=True), axis(FRICTION, [3])
+    assert applied(file, [(double, 2.0)]).plant.coulomb_friction == (4.0, 8.0)
+    assert applied(file, [(level, 3.0), (double, 2.0)]).plant.coulomb_friction == (6.0, 6.0)
+    assert applied(file, [(double, 2.0), (double, 2.0)]).plant.coulomb_friction == (8.0, 16.0)
+    full = SETUP.changed({'controller': {'kp': [2.0, 0.5, 0.5, 3.0]}})
+    gain = axis('controller.kp', [2], factor=True)
+    assert applied(full, [(gain, 2.0)]).controller.kp == (4.0, 1.0, 1.0, 6.0)
+
+
+def test_a_range_is_a_grid() -> None:
+    """Check both spacings against their definition."""
+    linear = read_axis('x', {'parameter': FRICTION, 'range': [1, 3], 'count': 5})
+    assert linear.values == (1.0, 1.5, 2.0, 2.5, 3.0)
+    log = read_axis('x', {'parameter': FRICTION, 'range': [1, 100], 'count': 5, 'spacing': 'log'})
+    np.testing.assert_allclose(log.values, [10.0 ** (k / 2) for k in range(5)], rtol=1e-14)
+    assert (log.values[0], log.values[-1]) == (1.0, 100.0)
+
+
+@pytest.mark.parametrize(('tree', 'words'), [
+    ({'values': [1]}, ['one of parameter, parameters']),
+    ({'parameter': FRICTION, 'parameters': [FRICTION], 'values': [1]}, ['one of parameter']),
+    ({'parameters': [], 'values': [1]}, ['axes.x.parameters', 'one or more']),
+    ({'parameters': [FRICTION, FRICTION], 'values': [1]}, ['one or more, each once']),
+    ({'parameter': 'plant.coulomb', 'values': [1]}, ['plant.coulomb', 'such as plant.']),
+    ({'parameter': 'controller.law', 'values': [1]}, ['controller.law', 'that is a number']),
+    ({'parameter': 'plant.duration', 'values': [1]}, ['plant.duration', 'set others']),
+    ({'parameter': 'noise_seed', 'values': [1]}, ['noise_seed', 'set others']),
+    ({'parameter': FRICTION, 'values': [1], 'range': [1, 2]}, ['values', 'parameter, ']),
+    ({'parameter': FRICTION, 'values': []}, ['axes.x.values', 'one number or more']),
+    ({'parameter': FRICTION, 'values': [2, 1]}, ['ascending']),
+    ({'parameter': FRICTION, 'values': [1], 'count': 3}, ['count', 'factor, values']),
+    ({'parameter': FRICTION, 'range': [1, 2], 'count': 1}, ['axes.x.count', '1', '>= 2']),
+    ({'parameter': FRICTION, 'range': [2, 1], 'count': 3}, ['axes.x.range', 'ascending']),
+    ({'parameter': FRICTION, 'range': [0, 1], 'count': 3, 'spacing': 'log'}, ['range', '> 0']),
+    ({'parameter': FRICTION, 'range': [1, 2], 'count': 3, 'spacing': 'cubic'}, ['linear | log']),
+    ({'parameter': FRICTION, 'values': [1], 'factor': 2}, ['axes.x.factor', 'a boolean'])])
+def test_bad_axes(tree: Any, words: list[str]) -> None:
+    with pytest.raises(ParameterError) as error:
+        read_axis('x', tree)
+    assert [word for word in words if word not in str(error.value)] == []
+
+
+@pytest.mark.parametrize(('distribution', 'words'), [
+    ({}, ['one of uniform, log_uniform, normal, choice']),
+    ({'uniform': [1, 2], 'normal': [1, 2]}, ["['uniform', 'normal']", 'one of']),
+    ({'uniform': [2, 1]}, ['uncertain.x.uniform', 'two numbers, ascending']),
+    ({'uniform': [1]}, ['two numbers']), ({'uniform': 1}, ['uncertain.x.uniform', 'a list']),
+    ({'log_uniform': [0, 1]}, ['> 0']), ({'normal': [1, 0]}, ['standard deviation > 0']),
+    ({'choice': []}, ['different numbers']), ({'choice': [1, 1]}, ['different numbers']),
+    ({'values': [1]}, ['values', 'a mapping of parameter'])])
+def test_bad_distributions(distribution: dict[str, Any], words: list[str]) -> None:
+    with pytest.raises(ParameterError) as error:
+        read_uncertain('x', {'parameter': FRICTION, **distribution})
+    assert [word for word in words if word not in str(error.value)] == []
+
+
+def test_values_are_checked_before_anything_runs() -> None:
+    """Check the ends of a distribution, contradictions, and the order of what is set twice."""
+    level, factor = axis(FRICTION, [3]), axis(FRICTION, [2], factor=True)
+    check([(level, (3.0,)), (factor, (2.0,))], SETUP)
+    for quantities, words in (
+            ([(axis(FRICTION, [-1, 1]), (-1.0, 1.0))], ['x = -1', 'coulomb_friction', '>= 0']),
+            ([(axis('plant.control_period', [2e-3]), (2e-3,))], ['x = 0.002', 'put what nodes']),
+            ([(level, ()), (read_axis('y', {'parameter': FRICTION, 'values': [1]}), ())],
+             ['y', FRICTION, 'a factor, for x sets it'])):
+
+        with pytest.raises(CtcError) as error:
+            check(quantities, SETUP)
+        assert [word for word in words if word not in str(error.value)] == []
+    far = read_uncertain('x', {'parameter': FRICTION, 'normal': [1.0, 9.0]})
+    check([(far, far.typical)], SETUP)  # A draw below 0 is refused when it comes.

@@ -48,14 +48,6 @@ def test_a_chunk_has_so_many_control_steps() -> None:
     assert sizes(runs(**{**long, 'duration': 1000.0}, laws=['compensation'])) == [1] * 1000
 
 
-@pytest.mark.parametrize(('count', 'expected'), [
-    (1, [1]), (24, [1] * 24), (64, [1] * 64), (100, [2] * 50), (160, [3] * 53 + [1])])
-def test_few_runs_give_work_to_many_workers(count: int, expected: list[int]) -> None:
-    """Check 64 chunks at most, and no less than half as many where there are as many runs."""
-    few = {'axes': None, 'uncertain': None, 'repeats': count, 'laws': ['compensation']}
-    assert sizes(runs(**few)) == expected
-
-
 def test_rows_are_those_of_their_runs() -> None:
     made = runs()
     table = store.compute(made, store.version(), range(5, 9))
@@ -133,13 +125,6 @@ def only(made: Directory) -> Path:
     return path
 
 
-def test_rows_come_in_the_order_of_the_runs(tmp_path: Path) -> None:
-    made = Directory(tmp_path / 'map', ABOUT, SCHEMA)
-    table = made.merge(rows(2, 3, 0, 1))
-    assert table == parquet.read_table(tmp_path / 'map' / 'map.parquet')
-    assert table.to_pylist() == [{'run': k, 'error': k or None} for k in range(4)]
-
-
 def test_a_chunk_that_is_damaged_is_computed_again(tmp_path: Path) -> None:
     """Flip bits of pages and of the footer, and cut the file; the file as it was is read."""
     made, lines = Directory(tmp_path, ABOUT, SCHEMA), list[str]()
@@ -197,28 +182,6 @@ def test_a_map_goes_on_and_another_is_refused(tmp_path: Path) -> None:
     assert (tmp_path / 'mine.txt').exists()
 
 
-def test_what_is_there_is_not_overwritten(tmp_path: Path) -> None:
-    (tmp_path / 'map.parquet').touch()
-    with pytest.raises(CtcError, match=r'map\.parquet: exists already'):
-        Directory(tmp_path, ABOUT, SCHEMA)
-    assert not (tmp_path / 'map.json').exists()
-
-
-@pytest.mark.parametrize('content', [b'', b'PAR1 and no more', b'[1]'])
-def test_a_damaged_list_of_contents_is_named(tmp_path: Path, content: bytes) -> None:
-    (tmp_path / 'map.json').write_bytes(content)
-    with pytest.raises(CtcError, match=r'map\.json: cannot be read|a map of another'):
-        Directory(tmp_path, ABOUT, SCHEMA)
-
-
-def test_columns_have_units(tmp_path: Path) -> None:
-    made = runs()
-    directory = Directory(tmp_path, store.about(made), store.schema(made.spec))
-    directory.merge(store.compute(made, store.version(), range(2)))
-    found = parquet.read_schema(tmp_path / 'map.parquet')
-    assert found.field('error').metadata == {b'unit': b'rad'}
-
-
 TAKE = ('from pathlib import Path; from ctc_chattering.runs.store import locked; import os\n'
         'with locked(Path({0!r})): os.kill(os.getpid(), {1})')
 
@@ -235,9 +198,3 @@ def test_a_killed_process_leaves_no_lock(tmp_path: Path) -> None:
     assert python('-c', TAKE.format(str(tmp_path), 9)).returncode == -9
     with locked(tmp_path):
         assert (tmp_path / '.lock').exists()
-
-
-def test_a_place_that_cannot_be_written(tmp_path: Path) -> None:
-    (tmp_path / 'file').touch()
-    with pytest.raises(CtcError, match=r'cannot write .*file'), locked(tmp_path / 'file'):
-        pass

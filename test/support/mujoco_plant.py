@@ -37,14 +37,6 @@ from ctc_chattering.simulation.plant import Plant
 from ctc_chattering.simulation.plant_config import PlantConfig
 import mujoco
 
-#: Two wheels that know nothing of each other, of 2 and 0.5 kg·m².
-WHEELS = """
-<mujoco><worldbody>
-  <body><joint name="joint1" axis="1 0 0"/>
-    <inertial pos="0 0 0" mass="1" diaginertia="2 2 2"/></body>
-  <body pos="0 3 0"><joint name="joint2" axis="0 0 1"/>
-    <inertial pos="0 0 0" mass="1" diaginertia="0.5 0.5 0.5"/></body>
-</worldbody></mujoco>"""
 #: The largest impedance of a constraint that MuJoCo accepts.
 _IMPEDANCE = 0.9999
 #: Sweeps of the no-slip solver, and the improvement, relative to the inertia, below which it ends:

@@ -78,21 +78,13 @@ class Probe:
         """Spin until `done` says so."""
         deadline = time.monotonic() + PATIENCE
         while not done():
-            assert time.monotonic() < deadline, (
-                f'waited in vain for {what}: {self.lines}; {self.threads()}')
+            assert time.monotonic() < deadline, f'waited in vain for {what}: {self.lines}'
             self.executor.spin_once(timeout_sec=0.02)
 
-    def threads(self) -> list[str]:
-        """Return what all threads of the processes do, and how they are scheduled."""
-        found = []
-        tasks = [Path(f'/proc/{x.process.pid}/task') for x in self.children]
-        for path in (thread for task in tasks for thread in task.glob('*')):
-            with suppress(OSError):
-                state, waits = ((path / name).read_text() for name in ('stat', 'wchan'))
-                fields = state.rpartition(')')[2].split()
-                found.append(f'{path}: {fields[0]} in {waits}, {fields[11]} + {fields[12]} ticks, '
-                             f'processor {fields[36]}, priority {fields[37]}, policy {fields[38]}')
-        return found
+    def until_said(self, *words: str) -> None:
+        """Wait until a line with all words has come through the pipes."""
+        self.until(lambda: any(
+            all(word in line for word in words) for line in self.lines), words[-1])
 
     def listen(self, kind: Any, topic: str, qos: QoSProfile | int = 1000,
                raw: bool = False) -> list[Any]:
@@ -172,10 +164,17 @@ def probe() -> Iterator[Probe]:
             it.close()
 
 
+#: By which ROS confines a graph to this host.
+RANGE = 'ROS_AUTOMATIC_DISCOVERY_RANGE'
+
+
 @contextmanager
-def bringup(*arguments: str) -> Iterator[subprocess.Popen[str]]:
-    """Start bringup in a domain of its own; at the end nothing of it may be left."""
+def bringup(*arguments: str, discovery: str = '') -> Iterator[subprocess.Popen[str]]:
+    """Start bringup in a domain of its own, and confined by itself if not by the environment."""
     with own_domain():
+        del os.environ[RANGE]
+        if discovery:
+            os.environ[RANGE] = discovery
         process = subprocess.Popen(
             [sys.executable, '-m', 'ctc_chattering.cli.bringup', *arguments], text=True,
             stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
@@ -214,13 +213,6 @@ def descendants(pid: int) -> dict[int, str]:
         ring = [child for child, (parent, _) in parents.items() if parent in ring]
         found.update({child: parents[child][1] for child in ring})
     return found
-
-
-def use_plain_profile(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Have nodes that are started from now on use Fast DDS as it is by itself."""
-    profile = folder / 'profile.xml'
-    profile.write_text('<profiles><participant profile_name="plain"/></profiles>')
-    monkeypatch.setenv(VARIABLES[0], str(profile))
 
 
 def descriptors(pid: int) -> set[str]:

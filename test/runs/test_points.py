@@ -49,12 +49,6 @@ def test_the_order_is_point_law_repeat() -> None:
         assert found.place(run) == ((run // 8, run // 4 % 2), run // 2 % 2, run % 2)
 
 
-def test_without_axes_there_is_one_point() -> None:
-    found = runs(axes=None)
-    assert [found.place(run)[0] for run in range(len(found))] == [()] * 4
-    assert {found.columns(run)['point'] for run in range(len(found))} == {0}
-
-
 @pytest.mark.parametrize('run', [0, 6, 23])
 def test_a_setup_is_that_of_a_file_with_these_values(run: int) -> None:
     """Compare with the file loaded with all values as overrides."""
@@ -147,15 +141,10 @@ def test_what_has_one_value_may_be_left_out() -> None:
 
 @pytest.mark.parametrize(('text', 'words'), [
     ('24', ['run: 24', '<= 23']), ('-1', ['POINT', 'friction, rate, law']),
-    ('', ['POINT', 'friction, rate, law']), ('friction', ['friction', '2.0, 5.0, 10.0']),
     ('friction=', ['friction', '2.0, 5.0, 10.0']), ('load=3', ['load', 'friction, rate, law']),
     ('friction=5,law=compensation,repeat=0', ['rate', '0.001, 0.002']),
-    ('friction=5,rate=1e-3,repeat=0', ['law', 'compensation, chattering implicit']),
-    ('friction=5,rate=1e-3,law=compensation', ['repeat', '0, 1']),
     ('friction=much,rate=1e-3,law=compensation,repeat=0', ["'much'", '2.0, 5.0']),
-    ('friction=nan,rate=1e-3,law=compensation,repeat=0', ["'nan'", '2.0, 5.0']),
     ('friction=5,rate=1e-3,law=integral,repeat=0', ['integral', 'chattering implicit']),
-    ('friction=5,rate=1e-3,law=compensation,repeat=2', ["repeat: '2'", '0, 1']),
     ('friction=5,rate=1e-3,law=compensation,repeat=0.5', ["repeat: '0.5'", '0, 1'])])
 def test_what_is_no_point(text: str, words: list[str]) -> None:
     with pytest.raises(UsageError) as error:
@@ -201,8 +190,3 @@ def test_more_repeats_begin_with_the_same(method: str) -> None:
     many, few = unit_draws(method, 37, 2, 5), unit_draws(method, 5, 2, 5)
     assert many[:5].tobytes() == few.tobytes()
     assert not np.array_equal(unit_draws(method, 5, 2, 6), few)
-
-
-def test_nothing_uncertain() -> None:
-    assert draws([], Repeats('sobol', 4, 0)).shape == (4, 0)
-    assert draws([uncertain(normal=[0.0, 1.0])], Repeats('sobol', 1, 0)).shape == (1, 1)

@@ -12,18 +12,58 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""A process that hangs with the interpreter's lock held ends all the same."""
+"""A process in the graph: its end, Fast DDS, and security that is enforced."""
 
 from __future__ import annotations
 
+import os
+from pathlib import Path
 import signal
 import subprocess
 import sys
 import textwrap
 
+from ctc_chattering.ros.process import use_profile, VARIABLES
 from domains import own_domain
+from processes import CONFIG, has_port, PATIENCE, probe, Stopwatch
 import pytest
-from stopwatch import PATIENCE, Stopwatch
+from rclpy.utilities import get_rmw_implementation_identifier
+
+
+def test_it_is_used_unless_there_is_another_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in VARIABLES:
+        monkeypatch.setenv(name, 'before the test')  # To be put back afterwards.
+        monkeypatch.delenv(name)
+    use_profile()
+    assert os.environ[VARIABLES[0]] == str(CONFIG / 'fastdds.xml')
+    for name in VARIABLES:
+        monkeypatch.delenv(VARIABLES[0], raising=False)
+        monkeypatch.setenv(name, 'theirs.xml')
+        use_profile()
+        assert [os.environ.get(x) for x in VARIABLES] == [
+            'theirs.xml' if x == name else None for x in VARIABLES]
+        monkeypatch.delenv(name)
+
+
+@pytest.mark.ros
+@pytest.mark.parametrize('theirs', [False, pytest.param(True, marks=pytest.mark.slow)])
+def test_no_process_writes_into_the_memory_of_a_node_by_default(
+        theirs: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A node that has no port in shared memory cannot be cut off from it, nor hold others up."""
+    if get_rmw_implementation_identifier() != 'rmw_fastrtps_cpp':
+        pytest.skip('not Fast DDS')
+    for name in VARIABLES:
+        monkeypatch.delenv(name, raising=False)
+    if theirs:
+        profile = tmp_path / 'profile.xml'
+        profile.write_text('<profiles><participant profile_name="plain"/></profiles>')
+        monkeypatch.setenv(VARIABLES[0], str(profile))
+    with probe() as it:
+        child = it.start('reference')
+        it.until(lambda: 'reference' in it.node.get_node_names(), 'the node')
+        assert has_port(child.process.pid) == theirs
+        assert not has_port(os.getpid())  # Else a killed node may take the tests with it.
+
 
 #: Waits for ever and lets no thread of Python run.
 HANG = 'ctypes.PyDLL(None).pause()'

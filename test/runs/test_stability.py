@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Margins against the controller itself on robots that are written here."""
+"""Laws as linear systems, and margins against the controller itself on robots written here."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ from ctc_chattering.errors import CtcError
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.runs.score import score
 from ctc_chattering.runs.spec import read_spec
-from ctc_chattering.runs.stability import Frozen, Loops, loops_of, stable
+from ctc_chattering.runs.stability import Frozen, linear_law, Loops, loops_of, stable
 import numpy as np
 import pytest
 from scipy.linalg import expm  # type: ignore[import-untyped]
@@ -131,15 +131,6 @@ def test_bounds_that_have_a_closed_form(switching: str, bandwidth: float, most: 
     assert span.high == pytest.approx(most, rel=2e-3)
 
 
-def test_settings_that_differ_between_joints() -> None:
-    """With the same numbers on both joints, all M̂ give what one joint gives."""
-    one = loops(REAL_ARM, LAG, 1)
-    nearly = loops({**REAL_ARM, 'kp': [1e4, 1.0001e4]}, 2e-3, 1)
-    assert (len(one.laws), len(nearly.laws)) == (1, 5)
-    assert nearly.radius() == pytest.approx(one.radius(), abs=1e-3)
-    assert nearly.radius(1.5) == pytest.approx(one.radius(1.5), abs=1e-3)
-
-
 def test_lags_and_delays() -> None:
     found = loops(REAL_ARM, LAG, 1)
     span = found.lags()
@@ -161,3 +152,31 @@ def test_what_is_refused() -> None:
     with pytest.raises(CtcError, match='velocity_sensor: filtered is not allowed'):
         loops({'law': 'compensation'}, velocity_sensor='filtered', velocity_cutoff=500.0)
     assert loops(REAL_ARM, velocity_sensor='filtered', velocity_cutoff=500.0).radius() < 1.0
+
+
+#: A reference at rest.
+REST = (0.0, 0.0), (0.0, 0.0), (0.0, 0.0)
+MASS = np.array([[3.0, 0.8], [0.8, 0.5]])
+
+
+def test_computed_torque_has_its_gains() -> None:
+    found = linear_law(ControllerConfig(law='compensation'), MASS)
+    assert found.A.shape == (0, 0)
+    assert np.allclose(found.D, -MASS @ np.kron([[100.0, 50.0]], np.eye(2)), rtol=1e-5)
+
+
+@pytest.mark.parametrize('delay', [0, 2, 3])
+def test_it_answers_as_the_law_does(delay: int) -> None:
+    """Small noise on the positions of a robot at rest, through the law and through (LL1)."""
+    config = ControllerConfig().changed({
+        'law': 'observer_feedback', 'kp': [1e4] * 2, 'kv': [200.0] * 2, 'ka': [60.0, 30.0],
+        'actuator_lag': [2e-3, 1e-3], 'input_delay': delay, 'torque_rate_limit': [5000.0, 1000.0]})
+    found, controller = linear_law(config, MASS), Controller(config, Frozen(MASS))
+    assert len(found.A) == 2 * (5 + delay)
+    rng = np.random.default_rng(0)
+    x = np.zeros(len(found.A))
+    for k in range(40):
+        y = np.concatenate([1e-8 * rng.standard_normal(2), [0.0, 0.0]]) * (k > 5)
+        tau = controller.step(y[:2].tolist(), (0.0, 0.0), *REST, [REST] * delay).tau
+        assert tau == pytest.approx(found.C @ x + found.D @ y, rel=1e-3, abs=1e-7)
+        x = found.A @ x + found.B @ y
