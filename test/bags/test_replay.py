@@ -118,9 +118,7 @@ def test_everything_comes_again_with_its_own_timing(bag: Path) -> None:
 
 def test_topics_whose_types_are_not_installed_are_named_and_passed_over(
         tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """
-    As in many a bag of `ros2 bag record -a`; in a script, nodes and signals are as before.
-    """
+    """As in many a bag of `ros2 bag record -a`; nodes and signals of a script are as before."""
     topics = {'/thing': 'my_msgs/msg/Thing', '/other': 'my_msgs/msg/Other'}
     for kind in topics.values():
         STORE.register(get_types_from_msg('string data', kind))
