@@ -51,7 +51,8 @@ def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp('replay') / 'bag'
     compile_setups([SETUP], print)
     status, output = run_bringup('--params-file', str(CONFIG / 'friction.yaml'), '--duration',
-                                 '0.5', '--record', str(path))
+                                 '0.5', '--record', str(path), '--ros-args', '-p',
+                                 'state_decimation:=1')
     assert status == 0, output
     assert 'were dropped' not in output
     return path
@@ -70,7 +71,7 @@ def test_half_a_second_at_1_khz_holds_every_sample_and_equals_the_simulation(bag
     assert found['/effort_controller/commands'] >= 501
     assert found['/clock'] >= 51
     for topic in ('tracking', 'filter', 'torques'):
-        assert found[f'/controller/{topic}'] == 51
+        assert found[f'/controller/{topic}'] == 501
     assert not metadata(bag)['custom_data']
     said = reports_of(bag, 'recorder')
     assert said and {report['dropped'] for report in said} == {'0'}

@@ -56,7 +56,7 @@ plant:
     initial_position: [3.14159, 1.5708]}}
 controller:
   ros__parameters: {{law: {LAWS[0]}, compiled: false, switching: implicit_observer,
-    ka: [60.0, 30.0], actuator_lag: [0.002, 0.002], friction_level: [9.0, 9.0]}}
+    state_decimation: 1, ka: [60.0, 30.0], actuator_lag: [0.002, 0.002], friction_level: [9.0, 9.0]}}
 bringup:
   ros__parameters:
     events: {events}
@@ -98,7 +98,7 @@ plant:
     velocity_sensor: filtered, velocity_cutoff: 900.0, sample_loss: 0.1, late_samples: 0.1}}
 controller:
   ros__parameters: {{kp: [120.0, 5.0, 5.0, 90.0], ka: [4.0, 2.0], lambda: 5.0, b: 0.5,
-    effort_limit: [300.0, .inf], switching: implicit_observer, input_delay: 2,
+    state_decimation: 1, effort_limit: [300.0, .inf], switching: implicit_observer, input_delay: 2,
     inertia_scale: 0.95, gravity_scale: 1.05}}
 reference:
   ros__parameters: {{joint_names: [elbow, shoulder], trajectory_file: {waypoints}}}
@@ -132,7 +132,8 @@ def test_a_robot_of_a_urdf_and_the_bag_says_all(tmp_path: Path) -> None:
     where = next(x for x in text.split() if x.startswith('package://'))
     file.write_text(text.replace(where, str(robot)))
     expected = simulate(parameter_file.load(file, {'plant': {'duration': 0.2}}))
-    record(bag, '--params-file', str(file), '--duration', '0.2')
+    record(bag, '--params-file', str(file), '--duration', '0.2', '--ros-args', '-p',
+           'state_decimation:=1')  # Each torque is published with its stamp.
     robot.unlink()
     file.unlink()
     result = read_bag(bag)

@@ -295,7 +295,7 @@ def test_the_reference_follows_the_time_of_the_states_where_there_is_no_clock() 
     """
     As of a simulator that publishes none: it begins where the robot is.
 
-    A state with a stamp of another time does not begin it.
+    States with stamps of other times do not begin it.
     """
     with probe() as it:
         reports, chunks = Diagnostics(it), it.listen(JointTrajectory, 'reference')
@@ -303,11 +303,14 @@ def test_the_reference_follows_the_time_of_the_states_where_there_is_no_clock() 
         it.start('reference', '-p', 'start_duration:=2.0')
         count, begin = itertools.count(), time.monotonic_ns()
 
-        def begun() -> bool:
-            t = 5 * S + time.monotonic_ns() - begin if next(count) % 5 else 10 ** 9 * S
+        def sent(t: int) -> bool:
             states.publish(state(t, joint1=(0.4, 0.0), joint2=(-0.3, 0.0)))
-            return bool(chunks)
-        it.until(begun, 'the motion')
+            return True
+        it.until(states.get_subscription_count, 'the reference')
+        it.until(lambda: sent(next(count) * 10 ** 6 * S)
+                 and time.monotonic_ns() - begin > 2 * S, 'states of other times')
+        assert chunks == []
+        it.until(lambda: sent(5 * S + time.monotonic_ns() - begin) and chunks, 'the motion')
         assert 5 * S < ns(chunks[0].header.stamp) < 5 * S + time.monotonic_ns() - begin
         assert list(chunks[0].points[0].positions) == pytest.approx([0.4, -0.3], abs=0.02)
         report = reports.next('reference')
