@@ -19,10 +19,11 @@ from typing import Any
 
 from ctc_chattering.control.controller import Controller, ControllerConfig, Sample
 from ctc_chattering.control.controller_config import SWITCHINGS
+from ctc_chattering.control.switching import Perturbation
 from ctc_chattering.dynamics.two_link import TwoLink
 from laws import GAINS, inputs
 import numpy as np
-from oracles import Array, estimate_of, Masses, paper_c, paper_m
+from oracles import Array, Masses, paper_c, paper_m
 import pytest
 
 FULL = {**GAINS, 'ka': [10.0, 4.0]}
@@ -30,6 +31,13 @@ FULL = {**GAINS, 'ka': [10.0, 4.0]}
 
 def _config(**values: Any) -> ControllerConfig:
     return ControllerConfig.from_mapping(values)
+
+
+def estimate_of(controller: Controller) -> Array:
+    """Return P̂ of law chattering."""
+    memory = controller.memories.law
+    assert isinstance(memory, Perturbation)
+    return memory.perturbation
 
 
 @pytest.mark.parametrize('law', ['compensation', 'chattering'])
