@@ -11,7 +11,7 @@ READY := $(VENV)/.ready
 unexport PYTHONDONTWRITEBYTECODE
 
 .PHONY: demo live docs test suite compiled test-load slow lint validate benchmark map-benchmark \
-	latency live-cost soak dist clean
+	latency real-time live-cost soak dist clean
 
 demo: $(ROS)
 	@echo 'Six experiments of 10 s over ROS 2, faster than real time, then figures: about a minute.'
@@ -71,8 +71,9 @@ validate: $(READY)
 		$(BIN)/python validation/$$study.py $(ARGS) || exit; done
 
 # Lockstep over ROS beside a bare ping-pong, a control step, a simulation; compiled runs beside
-# plain ones and other simulators; period and answer time in real time; what an open page costs.
-benchmark map-benchmark latency live-cost: $(READY)
+# plain ones and other simulators; period and answer time in real time, also of an exported law;
+# what an open page costs.
+benchmark map-benchmark latency real-time live-cost: $(READY)
 	PYTHONPATH=test/support $(BIN)/python tools/benchmark/$(subst -,_,$@).py
 
 # Random faults on the whole graph in real time; see validation/README.md. More arguments: ARGS.

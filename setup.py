@@ -43,7 +43,8 @@ setup(
     cmdclass={'develop': Develop},
     version='1.0.0',
     packages=find_packages(include=[NAME, f'{NAME}.*']),
-    package_data={NAME: ['py.typed', '__init__.pyi'], '': ['*.html', 'web/*']},
+    package_data={NAME: ['py.typed', '__init__.pyi'],
+                  '': ['*.html', 'templates/*', 'templates/*/*', 'web/*']},
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{NAME}']),
         (f'share/{NAME}', ['package.xml', 'LICENSE']),

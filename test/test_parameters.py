@@ -54,7 +54,7 @@ REFUSED: list[tuple[type[Config], str, Any, str]] = [
         ('kp', [], 'got 0 values'), ('ka', [1.0] * 4, 'one per joint'),
         ('kp', [1.0, NAN], 'finite numbers >= 1e-09'), ('kp', [1.0, INF], 'finite numbers'),
         ('kp', [0.0, 1.0], '>= 1e-09'), ('ka', [-1e-9, 1.0], '>= 0'),
-        ('kp', [2.0, 1.0, 1.1, 2.0], 'symmetric positive definite'),
+        ('kp', [2.0, 1.0, 1.001, 2.0], 'symmetric positive definite'),
         ('kv', [1.0, 1.0, 1.0, 1.0], 'symmetric positive definite'),
         ('kv', [-1.0, 0.0, 0.0, -1.0], 'symmetric positive definite'),
         ('kp', [2.0, -1e10, -1e10, 1e300], 'symmetric'),

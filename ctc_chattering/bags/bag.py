@@ -148,6 +148,7 @@ def check(path: Path) -> None:
         end = begin + RECORD.size + length
         if kind == Opcode.CHUNK:
             chunk, _ = unpacked_chunk(data[begin + RECORD.size:end])
+            data.madvise(mmap.MADV_DONTNEED)  # It would stay in memory, else.
             chunks.add((begin, len(chunk.data), chunk.compression, chunk.uncompressed_size))
         begin = end
     if summary and not chunks >= {

@@ -31,6 +31,8 @@ COMMANDS = {
     'simulate': ('experiments', 'simulate an experiment without ROS'),
     'new-robot': ('robots', 'write a parameter file for the robot of a URDF'),
     'compile': ('experiments', 'compile a law and the plant, for nodes and simulation'),
+    'export-c': ('robots', 'write a law for one robot as a C library, or a controller of '
+                           'ros2_control'),
     'reproduce': ('experiments', "run the paper's experiments over ROS and draw its figures"),
     'compare': ('runs', 'compare all laws joint by joint, on any robot'),
     'map': ('runs', 'run laws over grids and random draws of parameters, and show which law fails '

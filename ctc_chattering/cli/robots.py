@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""`ctc new-robot`, `check-model`, `parameters`: robots, and what can be set of them."""
+"""`ctc new-robot`, `check-model`, `export-c`, `parameters`: robots, and what is set of them."""
 
 from __future__ import annotations
 
@@ -20,7 +20,13 @@ import argparse
 from pathlib import Path
 
 from ctc_chattering.analysis.output import prepare, writing
-from ctc_chattering.cli.options import add_number, add_urdf_options
+from ctc_chattering.cli.options import (
+    add_loop_options,
+    add_number,
+    add_overrides,
+    add_urdf_options,
+    load_setup,
+)
 from ctc_chattering.configuration.node_parameters import parameter_table
 from ctc_chattering.errors import CtcError, given_by_user, UsageError
 
@@ -112,6 +118,44 @@ def run_check_model(options: argparse.Namespace) -> int:
     for fault in inertia_faults(urdf, joints) if urdf else ():
         print(f'warning: {fault}')
     return 1 if failed else 0
+
+
+def export_c_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options of `ctc export-c`."""
+    add_loop_options(parser)
+    add_overrides(parser, 'switching')
+    parser.add_argument('--gain-sets', nargs='+', default=(), metavar='F',
+                        help='parameter files of the same robot and law, for ctc_set_gains')
+    parser.add_argument('--processor', default='host', metavar='CPU',
+                        help='as llc -mcpu names it, such as x86-64-v3; default: this one')
+    parser.add_argument('--ros2-control', default='', metavar='NAME',
+                        help='write an ament_cmake package of this name around the library')
+    parser.add_argument('--out', type=Path, metavar='DIR', required=True,
+                        help='directory to write')
+    parser.add_argument('--overwrite', action='store_true', help='replace an existing directory')
+
+
+def run_export_c(options: argparse.Namespace) -> int:
+    """
+    Run `ctc export-c`.
+
+    The library runs in hard real time, without Python, and answers a state with the torque of
+    this package to the last bit. docs/ros2_control.md has both.
+    """
+    from ctc_chattering.c_export.library import export, Robot
+    from ctc_chattering.dynamics.registry import model_of
+
+    robots = []
+    for file in (options.params_file, *options.gain_sets):
+        setup = load_setup(argparse.Namespace(**{**vars(options), 'params_file': file}))
+        robots.append(Robot(Path(file).stem, setup.controller, model_of(
+            setup.controller, setup.descriptions.get('controller', ''))))
+    out = options.out
+    prepare(out.parent, (out.name,), options.overwrite)
+    size = export(robots, out, options.processor, options.ros2_control)
+    print(f'wrote {out}: {robots[0].config.law}, {len(robots[0].config.joint_names)} joints, '
+          f'{size} bytes of code; next: see docs/ros2_control.md')
+    return 0
 
 
 def parameters_options(_parser: argparse.ArgumentParser) -> None:

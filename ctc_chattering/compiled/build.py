@@ -193,18 +193,18 @@ def build(code: Code) -> None:
     with code.path.with_suffix('.lock').open('w') as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
         if not code.compiled:
-            code.keep(*_machine_code(code))
+            made = compiled(code)
+            code.keep(made.fndesc.llvm_func_name, made.library._get_compiled_object())
 
 
-def _machine_code(code: Code) -> tuple[str, bytes]:
-    """Return the name of the function, and an object file."""
+def compiled(code: Code) -> Any:
+    """Return a function as numba has compiled it: with a name, a module of LLVM, and an object."""
     register()
     # Without numba's memory: what would allocate an array is refused here.
     options: Any = {'nogil': True, 'error_model': 'numpy', '_nrt': False,
                     'no_cpython_wrapper': True, 'no_cfunc_wrapper': True}
     made = numba.njit(types.int64(types.int64), **options)(_entry(code))
-    result: Any = made.overloads[made.signatures[0]]
-    return result.fndesc.llvm_func_name, result.library._get_compiled_object()
+    return made.overloads[made.signatures[0]]
 
 
 def _entry(code: Code) -> Any:

@@ -22,7 +22,7 @@ it computes it writes into them.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 import ctypes
 from functools import cached_property, lru_cache
@@ -90,6 +90,17 @@ def places(arguments: tuple[Any, ...]) -> npt.NDArray[np.int64]:
     return np.array(found, np.int64)
 
 
+def memory_of(argument: Any) -> Iterator[npt.NDArray[Any] | None]:
+    """Yield the memory that each of `places` is the address of; None for a length."""
+    if isinstance(argument, tuple):
+        for part in argument:
+            yield from memory_of(part)
+    elif isinstance(argument, np.ndarray):
+        yield from (argument, None)
+    else:
+        yield np.frombuffer(argument, np.uint8)
+
+
 class Code:
     """
     A function with its arguments, compiled if it has been.
@@ -106,6 +117,8 @@ class Code:
 
     Attributes
     ----------
+    function, arguments, name
+        As given.
     layouts : tuple of Layout
         Of the arguments.
 
@@ -113,13 +126,13 @@ class Code:
 
     def __init__(self, function: Callable[..., int], arguments: tuple[Any, ...], name: str
                  ) -> None:
-        self.function, self.name, self._kept = function, name, arguments
+        self.function, self.name, self.arguments = function, name, arguments
         self.layouts = tuple(map(layout, arguments))
 
     @cached_property
     def places(self) -> npt.NDArray[np.int64]:
         """Return the addresses of the arguments."""
-        return places(self._kept)
+        return places(self.arguments)
 
     @cached_property
     def path(self) -> Path:

@@ -674,6 +674,8 @@ class CompiledStep(Program):
         As `Arrival` is; that of a regular state until it is set.
     made : array, shape (8, n)
         What it computes.
+    calls : list
+        Of `CompiledArm`.
 
     """
 
@@ -688,6 +690,7 @@ class CompiledStep(Program):
             packed(settings), packed(law), packed(memories), self.arrival, *self._arm.model,
             *(self._arm.place() for _ in range(3)),  # type: ignore[call-arg]
             transit, np.zeros_like(self.points), self.measured, self.made)
+        self.calls = self._arm.calls
         super().__init__(self._arm.codes, stepped, (self._records, self.points),
                          f'control-{type(law).__name__}-{n}'.lower())
 

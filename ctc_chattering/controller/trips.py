@@ -70,11 +70,11 @@ def joint_beyond(e: Vector, limit: Vector) -> int | None:
 
 
 #: How long a loop may seem out of control [s], and how often that is read [ns].
-_PATIENCE, _INTERVAL = 0.2, NANOSECONDS // 50
+PATIENCE, _INTERVAL = 0.2, NANOSECONDS // 50
 #: Part of the bandwidth below which it is worth a word.
 _WORTH_A_WORD = 0.7
 #: The law whose errors must not grow, where `error_limit` is not set.
-_WATCHED = 'observer_feedback'
+WATCHED = 'observer_feedback'
 #: Why the error of a joint grows, or the feedback oscillates.
 _CAUSES = ('the drives may be slower than torque_rate_limit, or later than actuator_lag and '
            'input_delay say, or ka too small')
@@ -114,7 +114,7 @@ class TripMonitor:
         if config.law != self._law:
             self._law = config.law
             self.restart()
-        if config.law == _WATCHED and min(config.error_limit) == inf:
+        if config.law == WATCHED and min(config.error_limit) == inf:
             self._least = [min(abs(x), least) for x, least in zip(e, self._least)]
             grown, joint = max(
                 (abs(x) - least, i) for i, (x, least) in enumerate(zip(e, self._least)))
@@ -122,7 +122,7 @@ class TripMonitor:
                 return (f'the position error of {self._names[joint]} has grown by {grown:.2f} rad '
                         f'(set error_limit to allow more than {LARGEST_GROWTH:g} rad); {_CAUSES}')
         self._samples += 1
-        if self._samples % self._interval or law.stability[1] < _PATIENCE:
+        if self._samples % self._interval or law.stability[1] < PATIENCE:
             return ''
         return f'the feedback of {config.law} oscillated; {_CAUSES}'
 

@@ -117,6 +117,15 @@ def _rooms(n: int) -> tuple[Any, ...]:
             packed(KeptTerms(0, 0, zero, zero, square, square, zero)))
 
 
+class Call(NamedTuple):
+    """A call by its addresses: NumPy record with them, function, arguments and their places."""
+
+    record: Any
+    code: Code
+    arguments: tuple[Any, ...]
+    places: Any
+
+
 class CompiledArm:
     """
     The dynamics of an arm as machine code, compiled once for all laws and the plant.
@@ -134,6 +143,8 @@ class CompiledArm:
         What must be compiled.
     model : CompiledModel
         As compiled functions take it.
+    calls : list of Call
+        Of compiled functions.
 
     """
 
@@ -141,24 +152,23 @@ class CompiledArm:
         body, call, terms = (x.copy() for x in _rooms(n))
         self._n, self._bodies = n, (record_of(arm), body)
         self.model = CompiledModel(call, body)
-        self._kept: list[Any] = []
         self._terms = Code(set_terms, (*self._bodies, terms), f'dynamics-{n}')
         self._mass = Code(set_mass_and_bias, self._bodies, f'mass-{n}')
         self.codes = self._terms, self._mass
-        if self._mass.compiled:
-            self._set(call, self._mass, self._bodies)
+        self.calls: list[Call] = []
+        self._call(call, self._mass, self._bodies)
 
-    def _set(self, called: Any, code: Code, arguments: tuple[Any, ...]) -> None:
+    def _call(self, called: Any, code: Code, arguments: tuple[Any, ...]) -> None:
         """Set the addresses by which compiled code calls another one, with these arguments."""
-        at = places(arguments)
-        self._kept.append(at)
-        called['function'], called['places'] = code.address(), at.ctypes.data
+        made = Call(called, code, arguments, places(arguments))
+        self.calls.append(made)
+        if code.compiled:
+            called['function'], called['places'] = code.address(), made.places.ctypes.data
 
     def place(self) -> Any:
         """Return a place for the terms of a state."""
         place = _rooms(self._n)[-1].copy()
-        if self._terms.compiled:
-            self._set(place, self._terms, (*self._bodies, place))
+        self._call(place, self._terms, (*self._bodies, place))
         return place
 
 

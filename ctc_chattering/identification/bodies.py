@@ -176,7 +176,9 @@ def consistent(estimate: BodyEstimate, fixed: Sequence[int] = ()) -> ConsistentB
         negative or too large for what is expected beside it.
 
     """
-    n, known, about = len(estimate.names), estimate.known, estimate.about
+    n, about = len(estimate.names), estimate.about
+    # Gravity is nearest to the direction about which it is linear, turned or not.
+    known = np.append(estimate.known[:-3], about)
     if not all(np.isfinite(x).all() for x in (known, estimate.found, estimate.information)):
         raise CtcError('the estimate of inertial parameters is not finite')
     prior = known[:10 * n].reshape(n, 10)

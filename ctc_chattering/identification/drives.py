@@ -278,13 +278,14 @@ class DriveProfile:
                  for d in self._delays]
                 for mean in driven_by_lags(values, np.array(LAGS), rate, part.period)]))
         whole = np.concatenate(parts, axis=2) * self._known
-        found, middle = {}, max(len(self._delays) // 2, 1)
+        found = {}
         for i in self._joints:
             y = whole[:, :, self._used[:, i], i].swapaxes(0, 1)
             rest = self._unexplained(y.reshape(-1, y.shape[2]).T, i).T.reshape(y.shape)
             if self._uneven and len(rest) > 2:
-                # How the torque without a lag bends over the delay.
-                bend = np.array([1.0, -2.0, 1.0]) @ rest[middle - 1:middle + 2, 0]
+                # How the torque without a lag bends over the delay, where it fits best.
+                k = int(np.clip(np.argmin(np.square(rest[:, 0]).sum(axis=1)), 1, len(rest) - 2))
+                bend = np.array([1.0, -2.0, 1.0]) @ rest[k - 1:k + 2, 0]
                 rest = without(bend[:, None], rest.reshape(-1, len(bend)).T).T.reshape(y.shape)
             found[i] = rest
         return found

@@ -54,7 +54,7 @@ import numpy as np
 #: By how much the corrected model may explain the torque of a joint worse.
 _WORSE = 1.02
 #: Torque scale that is one, and no trifle.
-_SCALE = 0.003
+_SCALE = 0.01
 #: Part of a joint's torque, with friction, below which a correction is none.
 _LEAST = 0.01
 #: What is given of the drives: of `identify`, and of its command.

@@ -30,7 +30,6 @@ from typing import NamedTuple
 from ctc_chattering.identification.windows import BUILD_UP, joined, Rows, STRIBECK
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
-import numpy.typing as npt
 from scipy.interpolate import make_interp_spline  # type: ignore[import-untyped]
 from scipy.special import stdtrit  # type: ignore[import-untyped]
 
@@ -286,7 +285,6 @@ def inverted(normal: Array) -> Array:
     return found
 
 
-Flags = npt.NDArray[np.bool_]
 #: Distances of windows that do not overlap any more, and independent errors that a run has.
 _LAGS, _ERRORS = (5, 6, 7, 8), 20.0
 #: Blocks of at least so many correlation lengths, and at least so many of them in the data.
@@ -386,7 +384,7 @@ def _lasting(fit: Fit) -> Array:
     """Return the covariance of the scores that errors beyond an overlap make, shape (p, p)."""
     found = np.zeros((fit.design.shape[2],) * 2)
     for y, rows, weight in zip(fit.residual.T, fit.design.transpose(1, 0, 2), fit.weight):
-        used: Flags = np.asarray(rows.any(axis=1))
+        used = np.asarray(rows.any(axis=1))
         y, count = np.where(used, y, 0.0), max(int(used.sum()), 1)
         pairs = max(sum(int((used[lag:] & used[:-lag]).sum()) for lag in _LAGS), 1)
         products = sum(float(y[lag:] @ y[:-lag]) for lag in _LAGS)

@@ -115,30 +115,31 @@ class ModelVerdict:
         return [Estimate.none(reason if self._columns else 'the model has no regressor')
                 for _ in self._joints]
 
+    def _of(self, kind: CauseKind) -> Iterator[tuple[int, Estimate]]:
+        """Yield the joints of causes of a kind, each with its number."""
+        for cause, numbers in self._found:
+            if cause.kind == kind:
+                which = range(len(self._joints)) if cause.which == ALL else [cause.which]
+                yield from zip(which, numbers * (len(which) // len(numbers)))
+
     def rotor(self) -> list[Estimate]:
         """Return the inertia of rotors that the model lacks, length n [kg·m²]."""
         found = self._none()
         if any(cause.kind in BODIES for cause, _ in self._found):
             return [Estimate.none('beside another error of a body no motion tells it from that')
                     ] * len(found)
-        for cause, numbers in self._found:
-            if cause.kind == CauseKind.ROTOR:
-                for i, number in zip(
-                        range(len(found)) if cause.which == ALL else [cause.which], numbers):
-                    found[i] = dataclasses.replace(number, unit='kg*m^2')
+        for i, number in self._of(CauseKind.ROTOR):
+            found[i] = dataclasses.replace(number, unit='kg*m^2')
         return found
 
     def scale(self) -> list[Estimate]:
         """Return the torque at each joint per torque of the signal, length n."""
-        found, known = self._none(), self._selected.believed
-        projected = self._selected.projected
-        for i in projected.joints if projected and known else ():
-            assert projected is not None and known is not None
-            found[i] = Estimate(1.0, max(_TRUSTED, 2.0 * projected.deviation(known, i)))
-        for cause, (number, *_) in self._found:
-            if cause.kind == CauseKind.SCALE:
-                for i in range(len(found)) if cause.which == ALL else [cause.which]:
-                    found[i] = Estimate(1.0 + (number.value or 0.0), number.half)
+        found, known, projected = self._none(), self._selected.believed, self._selected.projected
+        if known is not None and projected is not None:
+            for i in projected.joints:
+                found[i] = Estimate(1.0, max(_TRUSTED, 2.0 * projected.deviation(known, i)))
+        for i, number in self._of(CauseKind.SCALE):
+            found[i] = dataclasses.replace(number, value=1.0 + number.number())
         return found
 
     def gravity(self) -> tuple[Estimate, ...]:
@@ -148,7 +149,7 @@ class ModelVerdict:
         shown, after, half = self._columns.directions, self._columns.prior[-3:], np.zeros(3)
         for cause, numbers in self._found:
             if cause.kind == CauseKind.GRAVITY:
-                after = after + shown @ [x.value or 0.0 for x in numbers]
+                after = after + shown @ [x.number() for x in numbers]
                 half = np.sqrt(np.square(shown) @ np.square([x.half for x in numbers]))
         # Of all directions, or of those of a planar arm.
         unseen = np.linalg.norm(shown, axis=1) < 1.0 - _PART
@@ -200,10 +201,10 @@ class ModelVerdict:
         if cause.kind == CauseKind.GRAVITY:
             assert self._columns is not None
             before = self._columns.directions.T @ self._columns.prior[-3:]
-            after = before + [x.value or 0.0 for x in numbers]
-            far = float(np.linalg.norm(after) * np.linalg.norm(before))
+            after = before + [x.number() for x in numbers]
+            turned = after @ before / float(np.linalg.norm(after) * np.linalg.norm(before))
             return (f'{cause.name}: the base is turned by '
-                    f'{np.degrees(np.arccos(min(after @ before / far, 1.0))):.2f} degrees')
+                    f'{np.degrees(np.arccos(min(turned, 1.0))):.2f} degrees')
         if cause.kind == CauseKind.SCALE:
-            shown = str(dataclasses.replace(numbers[0], value=1.0 + (numbers[0].value or 0.0)))
+            shown = str(dataclasses.replace(numbers[0], value=1.0 + numbers[0].number()))
         return f'{cause.name}: {shown} {what}'

@@ -46,8 +46,8 @@ class Clock:
 
     Attributes
     ----------
-    period, jitter, longest : float
-        Mean step, standard deviation of the steps, and the longest one [s].
+    period : float
+        Mean step [s].
     missing : int
         Samples that are missing.
     pauses : tuple of (float, float)
@@ -56,8 +56,6 @@ class Clock:
     """
 
     period: float
-    jitter: float
-    longest: float
     missing: int
     pauses: tuple[tuple[float, float], ...]
 
@@ -65,11 +63,10 @@ class Clock:
 def clock(recording: Recording) -> Clock:
     """Return what the stamps of a checked recording say."""
     step, period = np.diff(recording.t), recording.period
-    near = step[np.abs(step - period) < 0.5 * period]
     long = np.flatnonzero(step > (BRIDGED + 1.5) * period)
     missing = round(float(step.sum()) / period) - len(step)
-    return Clock(period, float(near.std()), float(step.max()), max(missing, 0),
-                 tuple((float(recording.t[k] - recording.t[0]), float(step[k])) for k in long))
+    return Clock(period, max(missing, 0), tuple(
+        (float(recording.t[k] - recording.t[0]), float(step[k])) for k in long))
 
 
 def encoder_step(q: Array) -> Estimate:

@@ -74,15 +74,11 @@ class Verdict(NamedTuple):
         """Return the verdict without its reasons."""
         return WORDS[self.severity]
 
-    @property
-    def reasons(self) -> tuple[str, ...]:
-        """Return the reasons for the verdict, with what to record or to give."""
-        return tuple(x.text for x in self.findings
-                     if x.severity == self.severity and x.severity > Severity.NOTE)
-
     def __str__(self) -> str:
-        """Return the verdict with its reasons."""
-        return ': '.join([self.word, *(['; '.join(self.reasons)] if self.reasons else [])])
+        """Return the verdict with its reasons, and what to record or to give."""
+        reasons = '; '.join(x.text for x in self.findings
+                            if x.severity == self.severity > Severity.NOTE)
+        return f'{self.word}: {reasons}' if reasons else self.word
 
     def as_mapping(self) -> dict[str, Any]:
         """Return it as JSON has it."""

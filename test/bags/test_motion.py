@@ -249,26 +249,16 @@ for _name, _text in {
     STORE.register(get_types_from_msg(_text, _name))
 
 
-def trajectory_bag(every: int = 1, effort: bool = True, topic: str = REPORTS) -> Messages:
+def trajectory_bag(every: int = 1, effort: bool = True) -> Messages:
     """Return what a joint_trajectory_controller publishes, recorded 3 ms late."""
     x = made().recording
     assert x.command is not None
     return by_time(*messages(effort=x.command, command=None), *(
-        (topic, t + 3_000_000, motion_bags.made(
+        (REPORTS, t + 3_000_000, motion_bags.made(
             TRAJECTORY_STATE, header=header(t), joint_names=list(x.joints[::-1]), scaling=1.0,
             error=point(0, x.q[k]), output=point(0, None, None, None, (
                 x.command[k, ::-1] if effort else None))))
         for k, (_, t, _) in enumerate(messages(command=None)) if k % every == 0))
-
-
-def test_a_decimated_state_of_the_controller_beside_its_commands_changes_nothing(
-        tmp_path: Path) -> None:
-    """Check a bag of our own controller in which another recorder has ``~/controller_state``."""
-    topic = '/controller/controller_state'
-    reports = [x for x in trajectory_bag(10, topic=topic) if x[0] == topic]
-    found = read(tmp_path, by_time(*messages(), *reports))
-    assert found.recording.command == pytest.approx(made().recording.command, abs=0.0)
-    assert found.notes == ()
 
 
 def test_output_of_a_trajectory_controller_by_its_stamps(tmp_path: Path) -> None:

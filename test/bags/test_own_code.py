@@ -21,7 +21,6 @@ import sys
 
 from bags import entries, Entry, parameters, write_bag
 from ctc_chattering.analysis.result import simulate
-from ctc_chattering.bags.motion import read_motion
 from ctc_chattering.bags.reader import read_bag
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.control.controller import Controller, ControllerConfig
@@ -84,15 +83,6 @@ def test_a_bag_runs_nothing(name: str, value: str, trap: Path) -> None:
     with pytest.raises(CtcError, match=f'(?s){name}.*(no code.*--{name} |not allowed)') as error:
         read_bag(bag(trap, name, value))
     assert str(error.value).startswith(str(trap))
-    assert untouched(trap)
-
-
-def test_what_is_of_no_use_is_not_asked_for(trap: Path) -> None:
-    """Only a plant makes its friction, and only a controller its law."""
-    assert len(read_bag(bag(trap, 'law', 'compensation')).t) == 301
-    motion = read_motion(bag(trap / 'other', 'law', 'trap:called'))
-    assert motion.controller is not None and motion.controller.law in ControllerConfig(
-        ).parameters()['law'].choices
     assert untouched(trap)
 
 

@@ -170,14 +170,20 @@ def test_wrong_bytes_anywhere_are_found_and_cost_their_chunks_only(
     {'enable_crcs': False}, {'use_chunking': False}])
 def test_files_of_other_recorders(
         original: Original, options: dict[str, Any], tmp_path: Path) -> None:
-    """The index has the types of a damaged first chunk; without chunks nothing has a checksum."""
-    file = tmp_path / 'file.mcap'
+    """
+    The index has the types of a damaged first chunk; without chunks nothing has a checksum.
+
+    The last message is a chunk itself, which is none of the file.
+    """
+    file, rows = tmp_path / 'file.mcap', [*original.rows]
+    if 'use_chunking' not in options:
+        rows.append(('/a', 10 ** 6, original.data[slice(*original.chunks[1][:2])]))
     with file.open('wb') as stream:
         writer: Any = McapWriter(stream, **options)
         writer.start('ros2')
         schema = writer.register_schema('std_msgs/msg/String', 'ros2msg', b'string data')
         register = functools.cache(lambda topic: writer.register_channel(topic, 'cdr', schema, {}))
-        for i, (topic, t, data) in enumerate(original.rows):
+        for i, (topic, t, data) in enumerate(rows):
             writer.add_message(register(topic), t, data, t)
             if i % 12 == 11:
                 writer.flush()
@@ -188,7 +194,7 @@ def test_files_of_other_recorders(
         with pytest.raises(CtcError, match='no message in a whole chunk'):
             original.recovered(bytes(whole))
     else:
-        assert original.recovered(bytes(whole)) == original.rows[12:]
+        assert original.recovered(bytes(whole)) == rows[12:]
 
 
 def test_a_repaired_bag_is_in_its_place_and_is_not_repaired_again(

@@ -21,24 +21,23 @@ from pathlib import Path
 import signal
 import subprocess
 import sys
-from typing import Any
 
 from ctc_chattering import replay
 from ctc_chattering.analysis.compilation import compile_setups
 from ctc_chattering.analysis.result import simulate
 from ctc_chattering.bags.reader import read_bag
-from ctc_chattering.bags.repair import open_bag, repair
+from ctc_chattering.bags.repair import open_bag
 from ctc_chattering.configuration import parameter_file
-from ctc_chattering.errors import CtcError
 from ctc_chattering.ros.messages import read_stamp
 from ctc_chattering.ros.process import STOP
 from ctc_chattering.ros.subscription import with_info
 from domains import own_domain
-from mcap.writer import Writer as McapWriter
+from motion_bags import made, STORE, string, write
 from processes import CONFIG, PATIENCE, probe, run_bringup, Stopwatch
 import pytest
 import rclpy
 from recorded_runs import assert_equal, counts, metadata, reports_of
+from rosbags.typesys import get_types_from_msg
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
@@ -119,30 +118,12 @@ def test_everything_comes_again_with_its_own_timing(bag: Path) -> None:
 
 def test_topics_whose_types_are_not_installed_are_named_and_passed_over(
         tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """
-    As in every bag of `ros2 bag record -a`: its own events, and those of services.
-
-    The definition of a service is written as that does, with an encoding of its own: then the bag
-    is repaired first. In a script, nodes and signals are as before.
-    """
-    topics = {'/events/write_split': 'rosbag2_interfaces/msg/WriteSplitEvent',
-              '/plant/_service_event': 'std_srvs/srv/Trigger_Event',
-              '/news': 'std_msgs/msg/String'}
-    service = '=' * 80 + '\nSRV: std_srvs/srv/Trigger\n---\nbool success\nstring message\n'
-    bag = tmp_path / 'bag'
-    bag.mkdir()
-    with (bag / 'bag_0.mcap').open('wb') as stream:
-        writer: Any = McapWriter(stream)
-        writer.start('ros2')
-        for topic, kind in topics.items():
-            schema = writer.register_schema(kind, *(
-                ('unknown', service.encode()) if '/srv/' in kind else ('ros2msg', b'string data')))
-            channel = writer.register_channel(topic, 'cdr', schema, {})
-            writer.add_message(channel, 1, b'\0\1\0\0\1\0\0\0\0', 1)
-        writer.finish()
-    with pytest.raises(CtcError, match='"ctc repair'):
-        open_bag(bag)
-    assert repair(bag) is not None
+    """As in many a bag of `ros2 bag record -a`; nodes and signals of a script are as before."""
+    topics = {'/thing': 'my_msgs/msg/Thing', '/other': 'my_msgs/msg/Other'}
+    for kind in topics.values():
+        STORE.register(get_types_from_msg('string data', kind))
+    bag = write(tmp_path / 'bag', [('/news', 1, string('')), *(
+        (topic, 1, made(kind, data='')) for topic, kind in topics.items())])
     handlers = [signal.getsignal(x) for x in STOP]
     with own_domain():
         context = rclpy.Context()
@@ -155,4 +136,4 @@ def test_topics_whose_types_are_not_installed_are_named_and_passed_over(
     assert [signal.getsignal(x) for x in STOP] == handlers
     assert capsys.readouterr().err.splitlines() == [
         f'not replayed, because its message type is not installed: {topic} ({topics[topic]})'
-        for topic in ('/events/write_split', '/plant/_service_event')]
+        for topic in topics]

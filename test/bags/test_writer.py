@@ -266,38 +266,19 @@ def test_topics_that_are_behind_others_do_not_turn_it_back(
     assert time.now >= truth - S // 2 or not steps
 
 
-def test_a_run_that_begins_again_is_believed_at_its_second_message() -> None:
+@pytest.mark.parametrize('heard', [
+    [('states', 4999 * MS, 4999), ('states', 0, 4999), ('states', MS, 1), ('clock', 10 * MS, 10)],
+    [('states', 5 * S, 5000), ('states', 9 * S, 5000), ('states', 9 * S + MS, 9001)],
+    [('clock', 10 * S, 10_000), *(
+        (topic, t, 10_000) for stray in (0, 5 * S, 10 ** 9 * S, S, 20 * S, -S)
+        for t in (stray, 10 * S) for topic in ('clock', 'states'))]])
+def test_a_run_that_begins_again_is_believed_at_its_second_message(
+        heard: list[tuple[str, int, int]]) -> None:
+    """And what was not heard for a while; a stray message is not believed."""
     time = LogTime()
-    for k in range(5000):
-        time.note('states', k * MS)
-    time.note('states', 0)
-    assert time.now == 4999 * MS
-    time.note('states', MS)
-    assert time.now == MS
-    time.note('clock', 10 * MS)
-    assert time.now == 10 * MS
-
-
-def test_what_was_not_heard_for_a_while_is_believed_at_its_second_message() -> None:
-    time = LogTime()
-    time.note('states', 5 * S)
-    assert time.now == 5 * S
-    time.note('states', 9 * S)
-    assert time.now == 5 * S
-    time.note('states', 9 * S + MS)
-    assert time.now == 9 * S + MS
-
-
-def test_a_stray_message_is_not() -> None:
-    time = LogTime()
-    time.note('clock', 10 * S)
-    for stray in (0, 5 * S, 10 ** 9 * S, S, 20 * S, -S):
-        time.note('clock', stray)
-        time.note('states', stray)
-        assert time.now == 10 * S
-        time.note('clock', 10 * S)
-        time.note('states', 10 * S)
-    assert time.now == 10 * S
+    for topic, stamp, now in heard:
+        time.note(topic, stamp)
+        assert time.now == now * MS
 
 
 def lost(numbering: SequenceTracker, number: int, publishers: int) -> int:

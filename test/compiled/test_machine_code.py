@@ -90,8 +90,8 @@ code, made = machine_code.Code(t.added, t._arguments(2), 'added'), t._arguments(
 compiled = []
 if not code.compiled:
     from ctc_chattering.compiled import build
-    make = build._machine_code
-    build._machine_code = lambda code: compiled.append(code) or make(code)
+    make = build.compiled
+    build.compiled = lambda code: compiled.append(code) or make(code)
     build.build(code)
 print(machine_code.Code(t.added, made, 'added').call()(), made[0].first.x.tolist(), len(compiled),
       'numba' in sys.modules)"""

@@ -22,7 +22,6 @@ import subprocess
 import sys
 
 import ctc_chattering
-from ctc_chattering.configuration.package_share import config_directory
 
 SHOW = 'from ctc_chattering.configuration.package_share import config_directory as c; print(c())'
 SOURCE = Path(__file__).parents[2]
@@ -41,12 +40,6 @@ def copied(site: Path) -> None:
     for name in ('__init__.py', 'errors.py', 'configuration/__init__.py',
                  'configuration/package_share.py'):
         shutil.copy(source / name, target / name)
-
-
-def test_directory_of_the_experiments() -> None:
-    """Check that the files of the paper's experiments are there."""
-    assert {'friction.yaml', 'disturbance.yaml', 'switch.yaml'} <= {
-        path.name for path in config_directory().iterdir()}
 
 
 def test_installed_below_a_prefix(tmp_path: Path) -> None:

@@ -255,7 +255,7 @@ WORDS = ['yes', 'null', '1e3', '1.5', '~', '5', 'a: b', '#', 'é', '', ' x ', '.
          '0x1F', '1_000', "it's", '"', 'a\nb', '=', '<<', '%', '-']
 
 
-@settings(max_examples=60)
+@settings(max_examples=25)
 @given(kp=rows, ka=rows, b=st.floats(1e-3, 1e3), position=st.lists(
     st.floats(-LARGEST, LARGEST), min_size=2, max_size=2))
 def test_dump_and_load(tmp_path_factory: pytest.TempPathFactory, kp: list[float], ka: list[float],

@@ -39,7 +39,7 @@ def slips(law: dict[str, Any], plant: dict[str, Any]) -> int:
     drives = {'actuator_lag': [2e-3, 2e-3], 'torque_rate_limit': [5e3, 1e3], 'compiled': False}
     motion = ReferenceConfig(profile='trapezoid', frequency=(0.6, 0.6), start_duration=0.0)
     run = simulate(
-        PlantConfig.from_mapping({**drives, 'duration': 2.4, 'encoder_resolution': [1e-5] * 2,
+        PlantConfig.from_mapping({**drives, 'duration': 2.1, 'encoder_resolution': [1e-5] * 2,
                                   'initial_position': list(Trapezoid(motion).at(0)[0]),
                                   **plant}),
         ControllerConfig.from_mapping({

@@ -21,27 +21,19 @@ import numpy as np
 from oracles import Array, box_by_enumeration, random_spd
 import pytest
 
+pytestmark = pytest.mark.filterwarnings('ignore::RuntimeWarning')  # Without a lag.
 H, BANDWIDTH = 1e-3, 150.0
 WIDE = np.full(2, 1e9)
 MASS = np.array([[8.8, 0.9], [0.9, 0.6]])
 NONE = np.zeros(2)
 
 
-def observer(bound: Array = WIDE, lag: float = 0.0, bandwidth: float = BANDWIDTH
-             ) -> StateObserver:
-    return state_observer(
-        drive_model(np.full(2, lag), np.full(2, math.inf), H), bandwidth, bound)
+def observer(bound: Array = WIDE) -> StateObserver:
+    return state_observer(drive_model(NONE, np.full(2, math.inf), H), BANDWIDTH, bound)
 
 
-def at(q: Array = NONE, dq: Array = NONE, P: Array = NONE, slope: Array = NONE,
-       torque: Array = NONE) -> Observed:
-    return Observed(q, dq, torque, P, slope)
-
-
-@pytest.fixture(autouse=True)
-def _quiet() -> object:
-    with np.errstate(all='ignore'):
-        yield
+def at(q: Array = NONE, dq: Array = NONE, P: Array = NONE, slope: Array = NONE) -> Observed:
+    return Observed(q, dq, NONE, P, slope)
 
 
 def test_all_poles_are_where_the_bandwidth_says() -> None:

@@ -25,7 +25,7 @@ from __future__ import annotations
 from functools import cache
 from typing import Any
 
-from ctc_chattering.control.controller import Controller, ControllerConfig, LAWS, Sample
+from ctc_chattering.control.controller import Controller, ControllerConfig, Sample
 from ctc_chattering.controller.loop import ControlLoop, JointSample
 from held_out_robots import nominal, PAPER
 from independent_arm import Arm, go_on, Motion, motion_from
@@ -147,8 +147,9 @@ def test_the_error_stays(irregular: dict[str, Any]) -> None:
 
 # What a step of a law remembers, an observer, a filter or an integral, goes by the stamps.
 @pytest.mark.parametrize('law', [
-    law for law in LAWS
-    if law not in ('observer_feedback', 'compensation', 'pd_gravity', 'friction_feedforward')])
+    'chattering', 'integral', 'momentum_observer', 'pid_kalman', *(
+        pytest.param(law, marks=pytest.mark.slow) for law in (
+            'extended_state_observer', 'slotine_li', 'super_twisting'))])
 def test_no_law_is_worse_for_lost_states_and_jitter(law: str) -> None:
     assert (run(law, loss=0.1, jitter=0.2) < 1.15 * regular(law)).all()
 
@@ -213,19 +214,3 @@ def test_in_real_time_predicted_torques_help_where_states_are_lost_for_long() ->
     found, without = RealTime(5, w=10.0), RealTime(0, w=10.0)
     assert (found.run() < 0.5 * without.run()).all()
     assert found.predicted > 100 > without.predicted == 0
-
-
-def test_late_states_may_come_at_any_instant_between_those_that_are_predicted() -> None:
-    """Whatever was predicted before, the law goes on from a state as of its stamp."""
-    rng = np.random.default_rng(0)
-    made, t, ahead = Controller(ControllerConfig()), 0, 0
-    for _ in range(300):
-        q, dq, _ = reference(1e-9 * t)
-        sample = made.step(q, dq, *reference(1e-9 * made.instant(t)), t=t, at=made.instant(t))
-        assert np.isfinite(sample.tau).all()
-        # On the reference, at whatever instant; it moves by 5e-4 rad in a period.
-        assert np.abs(sample.e).max() < 1e-3
-        for ahead in range(made.predicted_periods + 1, int(rng.integers(0, 7))):
-            point = reference(1e-9 * (made.instant(t) + ahead * H))
-            assert made.predicted_step(*point) is not None
-        t += int(H * rng.uniform(0.55, 4.0))

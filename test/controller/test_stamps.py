@@ -196,6 +196,14 @@ def test_clocks_that_drift_apart(rate: float) -> None:
     assert STALE in _drifting(5e-3, 1.0)
 
 
+@pytest.mark.parametrize('rate', [200e-6, -200e-6])
+def test_drift_over_an_outage(rate: float) -> None:
+    """Check that the first state after an hour of silence is taken, whatever the clocks did."""
+    stamps, start = Stamps(LIMIT), 3_600_000 * MS
+    stamps.classify(0, 0, False)
+    assert stamps.classify(round((1.0 + rate) * start), start, False) == GAP
+
+
 @pytest.mark.parametrize('limits', [40, 60])
 def test_a_delay_that_stays_is_believed_at_last(limits: int) -> None:
     """Check that a way that became longer is refused for fifty limits, and then goes on."""

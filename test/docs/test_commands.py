@@ -156,7 +156,7 @@ def test_what_can_run_here_runs(line: Line, folder: Path) -> None:
                     if 'waits for' in text:
                         break
                 process.send_signal(signal.SIGINT)
-            output, _ = process.communicate(timeout=PATIENCE)
+            output, _ = process.communicate(timeout=10 * PATIENCE)  # A comparison takes minutes.
         finally:
             process.kill()
     assert process.returncode == 0, ''.join(said) + output

@@ -17,6 +17,8 @@
 from __future__ import annotations
 
 from math import cos, sin
+import random
+import re
 import sys
 import types
 
@@ -31,29 +33,49 @@ from mujoco_plant import MujocoPlant
 import numpy as np
 from oracles import Array, states
 import pytest
-from urdfs import (
-    BOMBS,
-    chain,
-    I1,
-    I2,
-    joint,
-    L1,
-    link,
-    M1,
-    M2,
-    mutated,
-    PANDA,
-    panda,
-    R1,
-    R2,
-    two_links,
-    UR5,
-    ur5,
-    urdf,
-)
+from urdfs import I1, I2, joint, L1, link, M1, M2, PANDA, panda, R1, R2, two_links, UR5, ur5, urdf
 
 G = 9.81
 K = M2 * L1 * R2
+
+
+def mutated(text: str, seed: int) -> str:
+    """Return a description with a few random changes: numbers, names, elements, characters."""
+    dice = random.Random(seed)
+    odd = ('', 'nan', 'inf', '1e308', '5e-324', '-1', '0', '0 0 0', '1 2', 'x', 'world',
+           'universe', '\u00fc', 'fixed', 'floating', 'planar', 'prismatic', 'continuous')
+    for _ in range(dice.choice((1, 1, 2, 4))):
+        kind = dice.randrange(8)
+        pattern = r'="([^"]*)"' if kind < 5 else r'<(joint|link|inertial)\b.*?</\1>|<\w+[^>]*/>'
+        places = list(re.finditer(pattern, text, re.DOTALL))
+        if kind == 7 or not places:
+            i = dice.randrange(len(text))
+            text = text[:i] + dice.choice(('', '<', '"', '&', '\0', '<a/>')) + text[i + 1:]
+            continue
+        place, other = dice.choice(places), dice.choice(places)
+        if kind < 5:  # A value, in the place of which another's comes, or an odd one.
+            new = dice.choice((other[1], other[1], dice.choice(odd)))
+            text = text[:place.start(1)] + new + text[place.end(1):]
+        else:  # An element, which is left out or comes twice.
+            text = text[:place.start()] + dice.choice(('', 2 * place[0])) + text[place.end():]
+    return text
+
+
+def chain(count: int) -> str:
+    """Return a chain of links; only the first joint moves."""
+    return urdf([link('l0'), *(
+        part for i in range(count) for part in (
+            link(f'l{i + 1}', 1.0, (0, 0, -0.1), (0.1, 0.1, 0.1)),
+            joint(f'j{i}', 'fixed' if i else 'revolute', f'l{i}', f'l{i + 1}', '0 1 0')))])
+
+
+#: Descriptions that would cost a parser its memory, its stack, or minutes.
+BOMBS = {
+    'entities': '<!DOCTYPE robot [<!ENTITY a "aaaaaaaaaa">' + ''.join(
+        f'<!ENTITY {y} "{10 * f"&{x};"}">' for x, y in zip('abcdefgh', 'bcdefghi'))
+    + ']><robot name="&i;"/>',
+    'size': two_links().replace('</robot>', 10_000_000 * ' ' + '</robot>'),
+    'bodies': chain(600)}
 
 
 def hand_m(q: list[float]) -> Array:

@@ -69,7 +69,7 @@ def searched(command: Array, torque: Array, noise: float, seed: int,
     one = np.ones((len(centres), 1))
     weak = PHI.sums(command[:, None], PHI.over, centres)
     data = dataclasses.replace(Data.at(one, one, weak, np.empty((*one.shape, 0))),
-                               t=H * centres, centres=centres, base=base)
+                               t=np.asarray(H * centres, float), centres=centres, base=base)
     part = Stretch(0.0, H, np.zeros((COUNT, 1)), None, command[:, None])
     profile = DriveProfile([part], [data], data, lambda torque, _: torque, PHI, range(-1, 6),
                            np.array([True]))

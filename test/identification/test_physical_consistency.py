@@ -114,7 +114,7 @@ def test_the_torque_of_other_motions_is_right(name: str, noise: float) -> None:
         made = consistent(estimate)
         assert all(np.linalg.eigvalsh(pseudo_inertia(body))[0] > 0.0 for body in made.parameters)
         assert (made.rotor >= 0.0).all()
-        assert not list(physical_findings(made, name, np.zeros(len(prior))))
+        assert not list(physical_findings(made, name, [0.0] * len(prior)))
         error, before = (rms(unseen, y[:-3] - x) for y in (made.found, estimate.known))
         assert (error < np.maximum(0.4 * noise, 0.0) + 0.05 * before).all()
         better.append(error / rms(unseen, estimate.found[:-3] - x))
@@ -155,7 +155,7 @@ def test_what_no_body_can_have_is_refused(name: str, rotor: float, mass: float, 
     made = consistent(estimated(prior, rows, mass * prior, rotors, 0.05))
     assert all(np.linalg.eigvalsh(pseudo_inertia(body))[0] > 0.0 for body in made.parameters)
     findings = list(physical_findings(made, [f'joint{i}' for i in range(len(prior))],
-                                      np.zeros(len(prior))))
+                                      [0.0] * len(prior)))
     refused = {x.joint for x in findings if x.severity == Severity.REFUSED}
     assert len(prior) - 1 in refused and (rotor or len(refused) >= len(prior) - 1)
     assert 'what no body can have' in findings[0].reason and words in findings[0].reason

@@ -73,7 +73,7 @@ def results(refused: int = 2) -> IdentificationResults:
         rotor=numbers,
         rate=n * rate, tilt=(), bodies=None, side='', errors=[], duration=20.0,
         selected=SimpleNamespace(attributed=True, explanation=None),
-        clock=Clock(1e-3, 0.0, 1e-3, 0, ()),
+        clock=Clock(1e-3, 0, ()),
         data=SimpleNamespace(
             torque=np.zeros((1, n)), way=np.zeros((1, n))))
     recommended = SimpleNamespace(

@@ -29,7 +29,6 @@ from time import monotonic
 from ctc_chattering.launch.child_process import Child, node_command, stop
 from processes import alive, wait_for
 import pytest
-from stopwatch import Stopwatch
 
 FOREVER = 'import time\nprint("ready")\nwhile True: time.sleep(60)'
 IGNORE = 'import signal\nsignal.signal(signal.SIGINT, signal.SIG_IGN)\n'
@@ -125,20 +124,6 @@ def test_stop_lets_a_child_finish(start: Start, lines: list[str]) -> None:
     assert child.status == 0
     assert 'closed' in child.exit_report()
     assert lines[-1] == '[kid] closed'
-
-
-def test_stop_shares_its_patience(start: Start) -> None:
-    """Check that three stubborn children take no longer than one, and dead ones are no trouble."""
-    stubborn = IGNORE + 'signal.signal(signal.SIGTERM, signal.SIG_IGN)\n' + FOREVER
-    children = [start(stubborn) for _ in range(3)]
-    dead = start('print("bye")')
-    dead.process.wait(DEADLINE)
-    watch = Stopwatch(os.getpid())
-    stop([*children, dead], patience=0.5)
-    assert watch.read() < 2.0
-    assert [child.status for child in children] == [-signal.SIGKILL] * 3
-    assert dead.status == 0
-    stop([], patience=0.1)
 
 
 def test_children_outlive_no_parent() -> None:

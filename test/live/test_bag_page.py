@@ -79,6 +79,8 @@ def test_slider_moves_both_arms_to_the_recorded_poses(
         started_browser: Any, bags: list[Path]) -> None:
     runs = [read_bag(bag).run for bag in bags]
     with ctc_live('--port', 0, *bags) as (process, url), browser_page(started_browser) as page:
+        sent: list[Any] = []
+        page.on('websocket', lambda it: it.on('framesent', lambda x: sent.append(x)))
         page.goto(url)
         page.wait_for_selector('.ctc-numbers')
         pictures: list[Any] = []
@@ -91,6 +93,9 @@ def test_slider_moves_both_arms_to_the_recorded_poses(
         with page.expect_download() as saved:
             press(page, 'picture of the arm')
         assert saved.value.suggested_filename.endswith('.png')
+        view = page.frame(url=lambda it: '/view/' in it)
+        view.locator('canvas').first.dispatch_event('pointerdown')  # A hand turns the camera.
+        eventually(lambda: '{"moved":null}' in sent, 'the word of it', page)
         slide(page, 0)
         before = numbers(page)
         press(page, 'play')

@@ -18,7 +18,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-import itertools
 from pathlib import Path
 import random
 import signal
@@ -26,7 +25,7 @@ import threading
 import time
 
 from ctc_chattering.launch import child_process
-from faults import Diagnostics, ERROR, KINDS, load, WARN
+from faults import Diagnostics, KINDS, load, WARN
 from processes import interrupt, PATIENCE, Probe, probe, wait_for
 import pytest
 from ros_messages import COMMANDS, ns
@@ -66,55 +65,6 @@ def test_killed_nodes_started_again_heal_the_graph() -> None:
             assert all(child.status is None for child in children.values())
         assert diagnostics.until('plant', lambda r: 'running' in r.message, 'health')
         assert not any('Traceback' in line for line in it.lines)
-
-
-@pytest.mark.slow
-def test_in_real_time_who_was_away_for_longer_than_a_lease_is_heard_again() -> None:
-    """
-    Stop each node until the others have given it up; the plant's stamps never go back.
-
-    A second controller, which is killed, is a publisher until its lease has run out: meanwhile no
-    torque is obeyed.
-    """
-    period, little = ('-p', 'control_period:=0.004'), 1e-3
-    with probe() as it:
-        reports = Diagnostics(it)
-        states = it.listen(JointState, 'joint_states', 10_000)
-        children = {
-            'plant': it.start('plant', *period, '-p', 'command_timeout:=0.1'),
-            'controller': it.start('controller', *period, '-p', 'state_timeout:=0.25'),
-            'reference': it.start('reference')}
-
-        def well() -> None:
-            for node in children:
-                reports.until(node, lambda r: r.level < ERROR and r.message.startswith('running'),
-                              'health')
-            seen = len(states)
-            it.until(lambda: any(any(m.effort) for m in states[seen:]), 'torques')
-
-        well()
-        for node, child in children.items():
-            child.signal(signal.SIGSTOP)
-            try:
-                it.until(lambda node=node: node not in it.node.get_node_names(),  # type: ignore
-                         'the end of the lease')
-            finally:
-                child.signal(signal.SIGCONT)
-            well()
-        second = it.start('controller', '-r', '__node:=second', '-p',
-                          f'effort_limit:=[{little}, {little}]')
-        both = f'{COMMANDS} has several publishers, none is obeyed: /controller, /second'
-        reports.until('plant', lambda r: 'torque 0, brakes on' in r.message
-                      and r.message.endswith(both), 'both')
-        second.signal(signal.SIGKILL)
-        second.process.wait(PATIENCE)
-        reports.until('plant', lambda r: r.message.endswith(both), 'the dead')
-        well()
-        assert not any(0.0 < max(map(abs, m.effort)) <= little for m in states)
-        stamps = [ns(m.header.stamp) for m in states]
-        assert len(stamps) > 500
-        assert all(b > a for a, b in itertools.pairwise(stamps))
-        assert [child.status for child in children.values()] == [None] * 3
 
 
 NUMBERS = (signal.SIGINT, signal.SIGTERM)

@@ -56,7 +56,7 @@ def test_against_enumeration(n: int, decades: float) -> None:
     assert active > 5
 
 
-@settings(max_examples=300)
+@settings(max_examples=150)
 @given(st.integers(1, 6), st.integers(0, 2 ** 32 - 1), st.floats(0.0, 6.0),
        st.floats(-6.0, 6.0))
 def test_optimality_conditions(n: int, seed: int, decades: float, size: float) -> None:
@@ -68,7 +68,7 @@ def test_optimality_conditions(n: int, seed: int, decades: float, size: float) -
     _check_conditions(mass, point, bound, nearest(mass, point, bound))
 
 
-@settings(max_examples=200)
+@settings(max_examples=100)
 @given(st.lists(st.sampled_from([-2.0, -1.0, -0.5, 0.0, 0.5, 1.0, 2.0]), min_size=3, max_size=3),
        st.lists(st.sampled_from([0.0, 0.5, 1.0, 2.0]), min_size=3, max_size=3),
        st.sampled_from([-0.5, 0.0, 0.5, 0.9]))
@@ -79,3 +79,10 @@ def test_degenerate_problems(point: list[float], bound: list[float], c: float) -
     _check_conditions(mass, np.array(point), np.array(bound), z)
     np.testing.assert_allclose(
         z, inclusion_by_enumeration(mass, np.array(point), np.array(bound)), atol=1e-12)
+
+
+def test_a_point_at_the_end_of_the_numbers_gives_a_corner() -> None:
+    """Check that what would overflow in M⁻¹ leaves the box as little as any other."""
+    for point in ([1e308, -1e308], [np.inf, -1.0e300], [np.inf, -np.inf]):
+        z = nearest(np.array([[9.79, 1.27], [1.27, 0.62]]), np.array(point), np.array([10.0, 4.0]))
+        assert z.tolist() == [10.0, -4.0]

@@ -33,8 +33,8 @@ import pytest
 ROOT = Path(ctc_chattering.__file__).parent
 #: Each imports only what stands before it.
 ORDER = ('errors', 'parameters', 'compiled', 'numerics', 'dynamics', 'trajectory', 'control',
-         'controller', 'simulation', 'configuration', 'analysis', 'ros', 'bags', 'nodes', 'launch',
-         'runs', 'identification', 'live', 'cli')
+         'controller', 'simulation', 'configuration', 'analysis', 'c_export', 'ros', 'bags',
+         'nodes', 'launch', 'runs', 'identification', 'live', 'cli')
 #: These know nothing of ROS.
 NUMERIC = (*ORDER[:ORDER.index('ros')], 'identification')
 #: Packages that ROS brings.

@@ -46,7 +46,9 @@ def test_what_is_no_sample_is_refused_in_one_line(method: Callable[..., Any], co
     for value in (5j, 'nonsense'):
         with pytest.raises(ctc.CtcError, match=r'^[^\n]*$'):
             method(*[value] * count)
-    for wrong in (np.nan, 10 ** 400, None, [], ['a', 'b', 'c'], {}, np.zeros(3), range(3), Path()):
+    values: list[Any] = [
+        np.nan, 10 ** 400, None, [], ['a', 'b', 'c'], {}, np.zeros(3), range(3), Path()]
+    for wrong in values:
         with suppress(ctc.CtcError):  # Nothing else is raised; what is not used may be wrong.
             method(*[wrong] + [REST] * (count - 1))
 

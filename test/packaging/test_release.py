@@ -126,6 +126,7 @@ def test_a_build_has_all_files_of_the_package(tmp_path: Path) -> None:
     built = contents(tmp_path / 'lib' / 'ctc_chattering')
     assert built == contents(ROOT / 'ctc_chattering')
     assert Path('analysis/web/plots.js') in built
+    assert Path('c_export/templates/ros2_control/controller.cpp') in built
 
 
 def test_an_installation_has_the_license(tmp_path: Path) -> None:

@@ -153,13 +153,6 @@ def test_arguments_of_bringup_for_ros_stand_above_its_own(file: Path) -> None:
         bringup_values(parse(['--ros-args', '--params-file', str(file)])[1])
 
 
-def test_one_number_for_all_joints_of_a_file() -> None:
-    _, ros = parse(['--ros-args', '-p', 'ka:=12', '-p', 'kp:=[1, 2.5, 3, 4, 5, 6, 7]'])
-    setup = parameter_file.load(ROOT / 'config' / 'panda.yaml', bringup_values(ros))
-    assert setup.controller.ka == (12.0,) * 7
-    assert setup.controller.kp == (1.0, 2.5, 3.0, 4.0, 5.0, 6.0, 7.0)
-
-
 #: Hides packages, before anything is imported.
 WITHOUT = """
 import sys

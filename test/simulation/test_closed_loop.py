@@ -75,7 +75,8 @@ def test_grid_and_reference() -> None:
 def test_events_act_at_the_first_sample_at_or_after(time: float, sample: int) -> None:
     """Check that the law switches at the right sample: tau differs there and not before."""
     steady = _run(duration=0.4)
-    run = _run(duration=0.4, events=(Event(time, 'controller', {'law': 'compensation'}),))
+    before = [Event(0.5 * time, 'controller', {'law': 'chattering'})] * (time > 0.0)
+    run = _run(duration=0.4, events=(Event(time, 'controller', {'law': 'compensation'}), *before))
     same = (run.tau[:401] == steady.tau).all(axis=1)
     assert same[:sample].all()
     if sample <= 400:

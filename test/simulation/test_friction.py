@@ -14,6 +14,8 @@
 
 """Which joints stick and which slide, against enumeration of Coulomb's law."""
 
+import itertools
+
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.dynamics.two_link import TwoLink
 from ctc_chattering.numerics.linear_algebra import Vector
@@ -21,7 +23,7 @@ from ctc_chattering.simulation import friction
 from hypothesis import given, settings
 from hypothesis import strategies as st
 import numpy as np
-from oracles import friction_by_enumeration, Masses, paper_c, paper_g, paper_m, random_spd
+from oracles import Array, Masses, paper_c, paper_g, paper_m, random_spd
 import pytest
 
 ARM = TwoLink()
@@ -33,6 +35,22 @@ def modes(model: Model, q: Vector, dq: Vector, u: Vector, breakaway: Vector) -> 
     mode, stuck = friction.modes(model, *map(np.array, (q, dq, u, breakaway)))
     assert stuck.tolist() == [kf > 0.0 and not m for kf, m in zip(breakaway, mode)]
     return tuple(mode.tolist())
+
+
+def friction_by_enumeration(mass: Array, u: Array, level: Array) -> list[tuple[int, ...]]:
+    """Return every set of modes of joints at rest that obeys Coulomb's law; u less C dq and G."""
+    n, found = len(u), []
+    for mode in itertools.product((-1, 0, 1), repeat=n):
+        side = np.array(mode)
+        free = side != 0
+        ddq = np.zeros(n)
+        load = u - level * side
+        if free.any():
+            ddq[free] = np.linalg.solve(mass[np.ix_(free, free)], load[free])
+        need = load - mass @ ddq  # what the joints that stick must hold
+        if (ddq[free] * side[free] >= 0.0).all() and (np.abs(need[~free]) <= level[~free]).all():
+            found.append(mode)
+    return found
 
 
 @settings(max_examples=200)

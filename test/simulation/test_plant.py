@@ -17,15 +17,27 @@
 from math import inf
 from typing import Any
 
+from ctc_chattering.dynamics.two_link import TwoLink
 from ctc_chattering.errors import CtcError
 from ctc_chattering.simulation.plant import Plant
 from ctc_chattering.simulation.plant_config import PlantConfig
 import numpy as np
-from oracles import Array, Counting, Masses, paper_field
+from oracles import Array, Masses, paper_field
 import pytest
 from scipy.integrate import solve_ivp  # type: ignore[import-untyped]
 
 SLIDERS = [[2.0, 0.0], [0.0, 0.5]]  # two joints that know nothing of each other
+
+
+class Counting(TwoLink):
+    """The two-link arm that counts how often a plant asks for its dynamics."""
+
+    calls = 0
+
+    def mass_and_bias(self, q: Array, dq: Array) -> tuple[Array, Array]:
+        """Return M and C dq + G, and count."""
+        self.calls += 1
+        return super().mass_and_bias(q, dq)
 
 
 def _plant(**values: Any) -> Plant:

@@ -25,28 +25,19 @@ from scipy.signal import lfilter  # type: ignore[import-untyped]
 ZERO = (0.0, 0.0)
 
 
-def _series(sensor: Sensor, count: int, q: tuple[float, float] = (1.0, -2.0),
-            dq: tuple[float, float] = (0.5, 3.0)) -> Array:
+def _series(sensor: Sensor, count: int) -> Array:
     """Return `count` measurements of one state, as rows q1, q2, dq1, dq2."""
-    rows = series(sensor, np.tile(q, (count, 1)), np.array(dq))
+    rows = series(sensor, np.tile([1.0, -2.0], (count, 1)), np.array([0.5, 3.0]))
     return np.array([[*a, *b] for a, b in rows])
 
 
 def series(sensor: Sensor, q: Array, dq: Array) -> list[Measured]:
     """Return the measurements at positions, shape (N, 2), and one velocity."""
-    rows: list[Measured] = []
-    for x in q:
-        rows.append(measure(sensor, x, dq, rows[-1] if rows else None))
+    rows, shown = [sensor.first(q[0], dq)], sensor.encoders
+    for x in q[1:]:
+        noise = map(sensor.noise, (shown.position_noise, shown.velocity_noise))
+        rows.append(measured(shown, rows[-1], x, dq, shown.period, *noise))
     return rows
-
-
-def measure(sensor: Sensor, q: Array, dq: Array, before: Measured | None = None) -> Measured:
-    """Return what is measured a period after `before`, or at the start."""
-    if before is None:
-        return sensor.first(q, dq)
-    noise = sensor.encoders.position_noise, sensor.encoders.velocity_noise
-    return measured(sensor.encoders, before, q, dq, sensor.encoders.period,
-                    *map(sensor.noise, noise))
 
 
 def test_seeds() -> None:
@@ -83,7 +74,7 @@ def test_resolution_rounds_to_multiples() -> None:
     sensor, step = Sensor((1e-3, 2 * np.pi / 4096), ZERO, ZERO, 0), [1e-3, 2 * np.pi / 4096]
     for _ in range(200):
         q, dq = rng.uniform(-4.0, 4.0, 2), rng.normal(size=2)
-        made, speed = measure(sensor, q, dq)
+        made, speed = sensor.first(q, dq)
         turns = np.array(made) / step
         np.testing.assert_allclose(turns, np.round(turns), atol=1e-9)
         assert (np.abs(made - q) <= np.array(step) * (0.5 + 1e-9)).all()
@@ -110,17 +101,15 @@ def test_the_plant_shows_but_does_not_feel_it(name: str) -> None:
         assert off.max() < 8e-3
 
 
-def _walk(count: int, seed: int = 4) -> Array:
-    """Return positions that wander, shape (count, 2)."""
-    rows: Array = np.random.default_rng(seed).normal(size=(count, 2)).cumsum(axis=0) * 1e-3
-    return rows
+#: Positions that wander [rad].
+WALK = np.random.default_rng(4).normal(size=(300, 2)).cumsum(axis=0) * 1e-3
 
 
 def test_the_difference_of_positions() -> None:
     """Check (q[k] - q[k-1]) / h of what the encoders show, and that before the start q0 - h v0."""
     h, step, start = 2e-3, 1e-4, np.array([0.7, -0.3])
     sensor = Sensor((step, 0.0), ZERO, ZERO, 0, 'difference', 1.0, h)
-    q = _walk(100)
+    q = WALK[:100]
     made = series(sensor, q, start)
     shown = np.array([position for position, _ in made])
     assert shown == pytest.approx(np.stack([step * np.rint(q[:, 0] / step), q[:, 1]], axis=1))
@@ -136,8 +125,7 @@ def test_the_filter_against_scipy() -> None:
     gain = 1.0 - np.exp(-cutoff * h)
     plain, filtered = (Sensor((1e-4, 1e-4), ZERO, (0.1, 0.1), 3, kind, cutoff, h)
                        for kind in ('difference', 'filtered'))
-    q = _walk(300)
-    x, y = (np.array([speed for _, speed in series(sensor, q, np.array([0.5, 0.0]))])
+    x, y = (np.array([speed for _, speed in series(sensor, WALK, np.array([0.5, 0.0]))])
             for sensor in (plain, filtered))
     start = [(1.0 - gain) * x[0]]
     expected, _ = lfilter([gain], [1.0, gain - 1.0], x, axis=0, zi=np.array(start))

@@ -19,8 +19,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 import itertools
 
-from ctc_chattering.control.controller import Controller
-from ctc_chattering.control.switching import Perturbation
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.dynamics.two_link import TwoLink
 from ctc_chattering.numerics.linear_algebra import Rows, Vector
@@ -67,11 +65,6 @@ def states(count: int, n: int = 2, seed: int = 1) -> Iterator[tuple[list[float],
         yield rng.uniform(-4.0, 4.0, n).tolist(), rng.uniform(-3.0, 3.0, n).tolist()
 
 
-def kinetic_energy(model: Model, q: Vector, dq: Vector) -> float:
-    """Return ½ dqᵀ M(q) dq."""
-    return float(0.5 * np.array(dq) @ np.array(model.mass_matrix(q)) @ np.array(dq))
-
-
 def random_spd(rng: np.random.Generator, n: int, decades: float = 1.0) -> Array:
     """Return a random symmetric positive definite matrix whose eigenvalues span `decades`."""
     turn, _ = np.linalg.qr(rng.normal(size=(n, n)))
@@ -83,26 +76,9 @@ def random_spd(rng: np.random.Generator, n: int, decades: float = 1.0) -> Array:
 class Generic(Model):
     """The two-link arm with nothing but M, C, G and the potential: products are the base's."""
 
-    n = 2
-
-    def __init__(self) -> None:
-        self.closed = TwoLink()
-
-    def mass_matrix(self, q: Vector) -> Rows:
-        """Return M(q)."""
-        return self.closed.mass_matrix(q)
-
-    def coriolis_matrix(self, q: Vector, dq: Vector) -> Rows:
-        """Return C(q, dq)."""
-        return self.closed.coriolis_matrix(q, dq)
-
-    def gravity_torque(self, q: Vector) -> Vector:
-        """Return G(q)."""
-        return self.closed.gravity_torque(q)
-
-    def potential_energy(self, q: Vector) -> float:
-        """Return the potential energy."""
-        return self.closed.potential_energy(q)
+    n, _closed = 2, TwoLink()
+    mass_matrix, coriolis_matrix = _closed.mass_matrix, _closed.coriolis_matrix
+    gravity_torque, potential_energy = _closed.gravity_torque, _closed.potential_energy
 
 
 class Masses(Model):
@@ -133,17 +109,6 @@ class Masses(Model):
         return 0.0
 
 
-class Counting(TwoLink):
-    """The two-link arm that counts how often a plant asks for its dynamics."""
-
-    calls = 0
-
-    def mass_and_bias(self, q: Array, dq: Array) -> tuple[Array, Array]:
-        """Return M and C dq + G, and count."""
-        self.calls += 1
-        return super().mass_and_bias(q, dq)
-
-
 def box_by_enumeration(a: Array, b: Array, bound: Array) -> Array:
     """Return the minimum of ½ zᵀ A z + bᵀ z among the 3^n sets of active bounds."""
     n, best = len(b), np.zeros(len(b))
@@ -161,13 +126,6 @@ def box_by_enumeration(a: Array, b: Array, bound: Array) -> Array:
     return best
 
 
-def estimate_of(controller: Controller) -> Array:
-    """Return P̂ of law chattering."""
-    memory = controller.memories.law
-    assert isinstance(memory, Perturbation)
-    return memory.perturbation
-
-
 def inclusion_by_enumeration(mass: Array, wanted: Array, gain: Array) -> Array:
     """Return z ∈ Ka Sgn(x) with M x = wanted - z: the first of the 3^n sets of signs that fits."""
     size = 1e-9 * (1.0 + np.abs(wanted).max() + gain.max())
@@ -180,19 +138,3 @@ def inclusion_by_enumeration(mass: Array, wanted: Array, gain: Array) -> Array:
         if (np.abs(z) <= gain + size).all() and (x * side >= 0.0).all():
             return z
     raise AssertionError('no set of signs fits')
-
-
-def friction_by_enumeration(mass: Array, u: Array, level: Array) -> list[tuple[int, ...]]:
-    """Return every set of modes of joints at rest that obeys Coulomb's law; u less C dq and G."""
-    n, found = len(u), []
-    for mode in itertools.product((-1, 0, 1), repeat=n):
-        side = np.array(mode)
-        free = side != 0
-        ddq = np.zeros(n)
-        load = u - level * side
-        if free.any():
-            ddq[free] = np.linalg.solve(mass[np.ix_(free, free)], load[free])
-        need = load - mass @ ddq  # what the joints that stick must hold
-        if (ddq[free] * side[free] >= 0.0).all() and (np.abs(need[~free]) <= level[~free]).all():
-            found.append(mode)
-    return found

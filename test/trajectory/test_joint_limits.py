@@ -71,7 +71,7 @@ def test_without_a_perturbation_v_reaches_zero_and_stays(velocity: list[float]) 
     v0 = np.array(velocity) - np.pi
     bound = 2 * np.sqrt(0.5 * v0 @ mass @ v0) / (10.0 * np.sqrt(2 / alpha))
     bands: dict[str, list[float]] = {name: [] for name in ['sign', *IMPLICIT]}
-    for h in (2e-3, 1e-3, 5e-4):
+    for h in (2e-3, 1e-3):
         for name, found in bands.items():
             run = _run(name, h, 2.2 + bound, {**FREE, 'initial_velocity': velocity},
                        **{'lambda': 0.1})
@@ -84,9 +84,9 @@ def test_without_a_perturbation_v_reaches_zero_and_stays(velocity: list[float]) 
             elif name == 'sign':
                 assert _reached(run, 1000.0 * h * h) > len(run.t) - 50
     sign, plain, observed = (np.array(bands[name]) for name in ['sign', *IMPLICIT])
-    assert plain[:-1] / plain[1:] == pytest.approx([4.0, 4.0], rel=0.05)
+    assert plain[:-1] / plain[1:] == pytest.approx([4.0], rel=0.05)
     assert (observed[:-1] / observed[1:] > 3.8).all()
-    assert sign[:-1] / sign[1:] == pytest.approx([2.0, 2.0], rel=0.25)
+    assert sign[:-1] / sign[1:] == pytest.approx([2.0], rel=0.25)
     assert plain[1] < 2e-4
     assert observed[1] < 5e-6
     assert sign[1] > 0.015

@@ -55,6 +55,15 @@ def test_derivatives_are_finite_differences() -> None:
         assert now[2] == pytest.approx((after[1] - before[1]) / (2 * h), abs=1e-3)
 
 
+def test_extremes() -> None:
+    """Check them against many points, one joint being at rest."""
+    sinusoid = Sinusoid(FULL.changed({'frequency': [1.0, 0.3, 0.0]}))
+    path = np.array([sinusoid.at(t) for t in range(0, 20 * S, S // 200)])
+    found = np.array(sinusoid.extremes())
+    for extreme in ('max', 'min'):
+        assert getattr(found, extreme)(0) == pytest.approx(getattr(path, extreme)(0), abs=1e-2)
+
+
 def test_the_trapezoid_accelerates_moves_brakes_and_rests() -> None:
     """Check a cycle of each joint: integrals, parts of the time, and its largest values."""
     config = FULL.changed({'profile': 'trapezoid', 'phase': [0.0, 0.0, 0.0]})

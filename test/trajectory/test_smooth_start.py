@@ -68,7 +68,7 @@ def _ranges(config: ReferenceConfig) -> tuple[float, float, float, float]:
     return config.center[0], a, w * a, w * w * a
 
 
-@settings(max_examples=200)
+@settings(max_examples=100)
 @given(sinusoids, positions, velocities, durations, instants)
 def test_a_robot_that_moves_leaves_the_hull_by_its_braking_distance(
         config: ReferenceConfig, q0: float, dq0: float, duration: float, t0: int) -> None:
@@ -122,9 +122,9 @@ def test_braking_ends_at_rest_after_half_the_way() -> None:
     assert [row[0] for row in plain.at(2 * S)] == pytest.approx([1.5, 0.0, 0.0])
     assert np.abs(_path(plain, S, 2 * S, 2001)[:, 2]).max() == pytest.approx(1.5 * 2.0 / 0.5, 1e-3)
     speeding = braking(S, ((1.0,), (2.0,), (6.0,)), 0.5)
-    path = _path(speeding, S, S + S // 2, 20_001)
-    assert speeding.at(2 * S)[0][0] == pytest.approx(
-        1.0 + np.trapezoid(path[:, 1, 0], dx=0.5 / 20_000), abs=1e-8)
+    path = _path(speeding, S, S + S // 2, 201)
+    quartic = np.polyfit(np.linspace(0.0, 1.0, 201), path[:, 0, 0], 5)
+    assert quartic[0] == pytest.approx(0.0, abs=1e-9) and abs(quartic[1]) > 0.1
     assert path[-1].ravel().tolist() == pytest.approx([path[-1, 0, 0], 0.0, 0.0], abs=1e-9)
 
 
@@ -141,7 +141,7 @@ def _limits(kind: str = 'revolute', **limits: float) -> DescribedLimits:
         f'{name}="{value}"' for name, value in values.items())), ('a',))
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=20)
 @given(sinusoids, positions, velocities, st.floats(0.05, 3.0), instants, st.floats(0.5, 8.0),
        st.floats(0.5, 8.0), st.floats(1.0, 100.0))
 def test_what_is_not_refused_keeps_the_limits_and_what_is_named_would_do(

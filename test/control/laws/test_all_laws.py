@@ -38,7 +38,13 @@ def on_the_panda(law: str) -> Array:
         'controller': {'law': law}, 'plant': {'duration': 2.0}})).run)
 
 
-@pytest.mark.parametrize('law', [law for law in LAWS if law != 'chattering'])
+#: They have gains joint by joint, or observe; the others are computed torque with more.
+OWN_INERTIA = ('extended_state_observer', 'observer_feedback', 'pd_gravity', 'slotine_li')
+
+
+@pytest.mark.parametrize('law', [
+    law if law in OWN_INERTIA else pytest.param(law, marks=pytest.mark.slow)
+    for law in LAWS if law != 'chattering'])
 def test_none_rattles_on_an_arm_with_strongly_coupled_joints(law: str) -> None:
     """Check the Panda, where diag(M)⁻¹ M has an eigenvalue of 0.017, against law (2)."""
     assert (on_the_panda(law) < 3.0 * on_the_panda('compensation')).all()
@@ -48,8 +54,8 @@ def test_none_rattles_on_an_arm_with_strongly_coupled_joints(law: str) -> None:
 def test_a_known_delay_of_two_samples_costs_little(law: str) -> None:
     """Check error and torque variation on the two-link arm, with friction."""
     values: dict[str, Any] = {'switching': 'implicit_observer', 'ka': [12.0] * 2}
-    prompt = run(law, 1.5, **values)
-    late = run(law, 1.5, plant={'input_delay': 2}, input_delay=2, **values)
+    prompt = run(law, 1.2, **values)
+    late = run(law, 1.2, plant={'input_delay': 2}, input_delay=2, **values)
     assert (variation(late) < 1.5 * variation(prompt)).all()
     assert (error(late) < 1.5 * error(prompt) + 1e-3).all()
     assert np.isfinite(late.tau).all()

@@ -16,6 +16,7 @@
 
 from __future__ import annotations
 
+from functools import cache
 from typing import Any
 
 from ctc_chattering.control.controller import Controller, ControllerConfig, LAWS
@@ -59,6 +60,11 @@ def torques(law: str, values: dict[str, Any]) -> Array:
                      for k in range(30)])
 
 
+@cache
+def usual(law: str, switching: str) -> Array:
+    return torques(law, {'switching': switching})
+
+
 def another(spec: Parameter) -> Any:
     """Return another value of a parameter."""
     value = BASE.get(spec.name, spec.default_for(2))
@@ -72,9 +78,10 @@ def test_a_parameter_changes_the_torque_of_the_laws_that_take_it(name: str) -> N
     """And of these only."""
     spec = PARAMETERS[name]
     assert set(spec.laws) <= set(LAWS)
-    with_ = {'switching': SWITCHING.get(name, 'sign')}
+    switching = SWITCHING.get(name, 'sign')
     for law in LAWS:
-        before, after = torques(law, with_), torques(law, {**with_, name: another(spec)})
+        before = usual(law, switching)
+        after = torques(law, {'switching': switching, name: another(spec)})
         gap = np.abs(before - after).max()
         if not spec.laws or law in spec.laws:
             assert gap > 1e-6, law

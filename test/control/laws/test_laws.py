@@ -16,17 +16,48 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 import math
 from typing import Any
 
+from ctc_chattering.control.controller import Controller, ControllerConfig
 from ctc_chattering.control.laws.pid_kalman import kalman_gains
-from laws import B, check_by_hand, error, FilterByHand, H, KP, KV, LAMBDA, rattles, run, Terms
+from laws import B, error, GAINS, H, inputs, KP, KV, LAMBDA, rattles, run, Terms
 import numpy as np
 from oracles import Array, paper_m
 import pytest
 from scipy.optimize import brentq  # type: ignore[import-untyped]
 
 MOST = np.array([150.0, 20.0])
+
+
+class FilterByHand:
+    """The filter (3), as the paper has it, exact for its pole."""
+
+    def __init__(self) -> None:
+        self.xi = np.zeros(2)
+
+    def output(self, x: Terms) -> Array:
+        """Return v."""
+        v: Array = self.xi - B * x.de
+        return v
+
+    def advance(self, x: Terms) -> None:
+        """Go on by a period."""
+        decay = math.exp(-LAMBDA * H)
+        bracket = B * ((LAMBDA * np.eye(2) - KV) @ x.de - KP @ x.e)
+        self.xi = decay * self.xi + (1.0 - decay) / LAMBDA * bracket
+
+
+def check_by_hand(law: str, step: Callable[[Terms], Array], size: float = 0.3, **values: Any
+                  ) -> None:
+    """Compare 200 torques with those of `step`, which is called once a sample, to 1e-10."""
+    rng = np.random.default_rng(5)
+    controller = Controller(ControllerConfig.from_mapping({'law': law, **GAINS, **values}))
+    for _ in range(200):
+        rows = inputs(rng, size)
+        np.testing.assert_allclose(
+            controller.step(*rows).tau, step(Terms(rows)), rtol=1e-10, atol=1e-10)
 
 
 #: 1.33, the largest eigenvalue of M⁻¹ diag(D), 1 / D the diagonal of M⁻¹.

@@ -1,0 +1,166 @@
+/* The law of ctc_law.h around its object code; its numbers are in ctc_law_data.h. */
+#include "ctc_law.h"
+
+#include <fenv.h>
+#include <float.h>
+#include <math.h>
+#include <stddef.h>
+#include <string.h>
+
+#include "ctc_law_data.h"
+
+#if defined(__FINITE_MATH_ONLY__) && __FINITE_MATH_ONLY__
+#error "compile without -ffast-math: NaN and infinite states would not be found"
+#endif
+
+_Static_assert(sizeof(double) == 8 && sizeof(void *) == 8, "a processor of 64 bits");
+
+#define COUNT(x) (sizeof(x) / sizeof *(x))
+
+static int is_ready(const ctc_law *law) { return law != NULL && law->self == law; }
+
+/* Have a word of the memory hold an address. */
+static void point(ctc_law *law, uint32_t at, uintptr_t address) {
+  const uint64_t word = address;
+  memcpy(law->memory + at, &word, sizeof word);
+}
+
+static void begin(ctc_law *law) {
+  memcpy(law->memory, starts[law->gains], sizeof *starts);
+  memcpy(law->memory + START_WORDS, rest, sizeof rest);
+  for (size_t i = 0; i < COUNT(pointers); i++) {
+    point(law, pointers[i].at, (uintptr_t)(law->memory + pointers[i].to));
+  }
+  for (size_t i = 0; i < COUNT(calls); i++) {
+    point(law, calls[i].at, (uintptr_t)calls[i].function);
+  }
+  for (int i = 0; i < CTC_JOINTS; i++) {
+    law->least[i] = INFINITY;
+  }
+  law->stopped = CTC_OK;
+}
+
+int ctc_init(ctc_law *law) {
+  if (law == NULL) {
+    return CTC_WRONG_ARGUMENT;
+  }
+  law->self = law;
+  law->gains = 0;
+  begin(law);
+  return CTC_OK;
+}
+
+int ctc_reset(ctc_law *law) {
+  if (!is_ready(law)) {
+    return CTC_NOT_INITIALIZED;
+  }
+  begin(law);
+  return CTC_OK;
+}
+
+int ctc_set_gains(ctc_law *law, int set) {
+  if (!is_ready(law)) {
+    return CTC_NOT_INITIALIZED;
+  }
+  if (set < 0 || set >= CTC_GAIN_SETS) {
+    return CTC_WRONG_ARGUMENT;
+  }
+  law->gains = set;
+  memcpy(law->memory, starts[set], 8 * GAIN_WORDS);
+  for (size_t i = 1; i < COUNT(forgotten); i++) {
+    law->memory[forgotten[i]] = 0.0;
+  }
+  return CTC_OK;
+}
+
+/* Copy rows to every `stride`-th row from `to` on; return whether all numbers are finite. */
+static int take(double *to, int stride, const double *from, int rows) {
+  int finite = 1;
+  for (int k = 0; k < rows; k++) {
+    for (int i = 0; i < CTC_JOINTS; i++) {
+      to[(k * stride) * CTC_JOINTS + i] = from[k * CTC_JOINTS + i];
+      finite &= isfinite(from[k * CTC_JOINTS + i]) != 0;
+    }
+  }
+  return finite;
+}
+
+/* Return why the torque that was computed must not be sent; CTC_OK if it may be. */
+static int trip(ctc_law *law) {
+  const double *made = ctc_terms(law), *e = made + CTC_E * CTC_JOINTS;
+  const double *limit = error_limits[law->gains];
+  int watched = WATCHED;
+  for (int i = 0; i < 8 * CTC_JOINTS; i++) { /* Also what the limits have made finite. */
+    if (!isfinite(made[i])) {
+      return CTC_OVERFLOW;
+    }
+  }
+  for (int i = 0; i < CTC_JOINTS; i++) {
+    watched &= limit[i] > DBL_MAX;
+  }
+  for (int i = 0; i < CTC_JOINTS; i++) {
+    if (!(fabs(e[i]) <= limit[i])) {
+      return CTC_ERROR_LIMIT;
+    }
+    law->least[i] = fmin(law->least[i], fabs(e[i]));
+    if (watched && fabs(e[i]) - law->least[i] > LARGEST_GROWTH) {
+      return CTC_ERROR_GROWTH;
+    }
+  }
+  return STRAINED && law->memory[STRAINED] >= PATIENCE ? CTC_OSCILLATION : CTC_OK;
+}
+
+int ctc_step(ctc_law *law, const double *q, const double *dq, const double *q_d,
+             const double *dq_d, const double *ddq_d, double *tau) {
+  int64_t result;
+  void *error;
+  fenv_t environment;
+  if (tau == NULL) {
+    return CTC_WRONG_ARGUMENT;
+  }
+  if (!is_ready(law) || !q || !dq || !q_d || !dq_d || !ddq_d) {
+    memset(tau, 0, CTC_JOINTS * sizeof *tau);
+    return is_ready(law) ? CTC_WRONG_ARGUMENT : CTC_NOT_INITIALIZED;
+  }
+  if (law->stopped == CTC_OK) {
+    double *measured = law->memory + MEASURED, *points = law->memory + REFERENCE;
+    int finite = take(measured, 1, q, 1) & take(measured + CTC_JOINTS, 1, dq, 1) &
+                 take(points, 3, q_d, CTC_POINTS) & take(points + CTC_JOINTS, 3, dq_d, CTC_POINTS) &
+                 take(points + 2 * CTC_JOINTS, 3, ddq_d, CTC_POINTS);
+    if (finite) {
+      fegetenv(&environment);
+      fesetenv(FE_DFL_ENV);
+      law->stopped = ctc_control(&result, &error, (int64_t)(uintptr_t)(law->memory + PLACES))
+                         ? CTC_OVERFLOW : trip(law);
+      fesetenv(&environment);
+    } else {
+      law->stopped = CTC_NOT_FINITE;
+    }
+  }
+  for (int i = 0; i < CTC_JOINTS; i++) {
+    tau[i] = law->stopped == CTC_OK ? ctc_terms(law)[CTC_TAU * CTC_JOINTS + i] : 0.0;
+  }
+  return law->stopped;
+}
+
+const double *ctc_terms(const ctc_law *law) { return law->memory + MADE; }
+
+double ctc_lyapunov(const ctc_law *law) {
+  const double *v = ctc_terms(law) + CTC_V * CTC_JOINTS;
+  const double *mass = law->memory + MASS_MATRIX;
+  double twice = 0.0;
+  for (int i = 0; i < CTC_JOINTS; i++) {
+    for (int j = 0; j < CTC_JOINTS; j++) {
+      twice += v[i] * mass[i * CTC_JOINTS + j] * v[j];
+    }
+  }
+  return 0.5 * twice;
+}
+
+const char *ctc_message(int error) {
+  static const char *const messages[] = {
+      "no error", "the law is not initialized", "a wrong argument",
+      "a state or reference is not finite", "no finite torque", "a position error exceeded error_limit",
+      "a position error has grown too much", "the feedback oscillated"};
+  return error >= 0 && (size_t)error < COUNT(messages) ? messages[error] : "unknown error";
+}

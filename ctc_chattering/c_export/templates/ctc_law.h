@@ -1,0 +1,90 @@
+/* A control law of ctc_chattering for one robot, by `ctc export-c`.
+ *
+ * Law @LAW@, @JOINTS@ joints, every @PERIOD@ s. A step allocates nothing, takes no lock, calls
+ * nothing but sin, cos and the like of the C library, raises no floating-point exception, and
+ * leaves the floating-point environment of its caller alone. Vectors are arrays of CTC_JOINTS
+ * doubles in the order of CTC_JOINT_NAMES, in rad, rad/s, rad/s^2 and N*m (m and N of a prismatic
+ * joint).
+ */
+#ifndef CTC_LAW_H
+#define CTC_LAW_H
+
+#include <stdint.h>
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+#define CTC_LAW "@LAW@"
+#define CTC_JOINTS @JOINTS@
+#define CTC_JOINT_NAMES {@JOINT_NAMES@}
+/* Sample period [s], the same as in nanoseconds, and the known delay of the torque in samples. */
+#define CTC_PERIOD @PERIOD@
+#define CTC_PERIOD_NS @PERIOD_NS@
+#define CTC_DELAY @DELAY@
+/* Points of the reference that a step takes: of its sample, and of those of the delay. */
+#define CTC_POINTS (CTC_DELAY + 1)
+/* Sets of gains, by number; the first is in force after ctc_init. */
+#define CTC_GAIN_SETS @GAIN_SETS@
+#define CTC_GAIN_NAMES {@GAIN_NAMES@}
+
+/* What functions return. */
+enum {
+  CTC_OK = 0,
+  CTC_NOT_INITIALIZED = 1, /* no ctc_init, or the law was copied to another address */
+  CTC_WRONG_ARGUMENT = 2,  /* a null pointer, or no such set of gains */
+  CTC_NOT_FINITE = 3,      /* a state or reference that is NaN or infinite */
+  CTC_OVERFLOW = 4,        /* no finite torque for this state */
+  CTC_ERROR_LIMIT = 5,     /* |e| of a joint beyond error_limit */
+  CTC_ERROR_GROWTH = 6,    /* observer_feedback without error_limit: |e| has grown by @GROWTH@ rad */
+  CTC_OSCILLATION = 7      /* observer_feedback: the feedback oscillated for @PATIENCE@ s */
+};
+
+/* Rows of ctc_terms, each of shape (CTC_JOINTS,): torque, errors q_d - q and dq_d - dq, filtered
+ * error v, and the parts of the torque: nominal - compensation - robust - saturation error. */
+enum {
+  CTC_TAU, CTC_E, CTC_DE, CTC_V, CTC_NOMINAL, CTC_COMPENSATION, CTC_ROBUST, CTC_SATURATION_ERROR
+};
+
+/* A law with all its memory. Its address must not change after ctc_init. One thread at a time. */
+typedef struct ctc_law {
+  const struct ctc_law *self;
+  int32_t gains;   /* set in force */
+  int32_t stopped; /* why no torque is sent until ctc_reset; CTC_OK if it is */
+  double least[CTC_JOINTS];
+  double memory[@WORDS@];
+} ctc_law;
+
+/* Begin, with the first set of gains. */
+int ctc_init(ctc_law *law);
+
+/* Begin again with the gains in force: nothing estimated, no torque in transit, filter at 0. */
+int ctc_reset(ctc_law *law);
+
+/* Use another set of gains from the next step on; filter, integrals and estimates go on. */
+int ctc_set_gains(ctc_law *law, int set);
+
+/* Go on by one period.
+ *
+ * q, dq: measured position and velocity, shape (CTC_JOINTS,).
+ * q_d, dq_d, ddq_d: desired motion, shape (CTC_POINTS, CTC_JOINTS): row k of k periods from now.
+ * tau: torque to hold until the next step, shape (CTC_JOINTS,).
+ *
+ * On any error tau is 0, and so it is from then on, with the same error, until ctc_reset.
+ */
+int ctc_step(ctc_law *law, const double *q, const double *dq, const double *q_d,
+             const double *dq_d, const double *ddq_d, double *tau);
+
+/* What the last step computed, shape (8, CTC_JOINTS); 0 before the first. */
+const double *ctc_terms(const ctc_law *law);
+
+/* V = v^T M(q) v / 2 of the last step [J]. */
+double ctc_lyapunov(const ctc_law *law);
+
+/* What an error means, in a few words. */
+const char *ctc_message(int error);
+
+#ifdef __cplusplus
+}
+#endif
+#endif

@@ -1,0 +1,384 @@
+// A law of ctc_chattering as a controller of ros2_control, by `ctc export-c --ros2-control`.
+//
+// Every update answers the state with the torque of ctc_law, for the desired motion that
+// trajectory_msgs/JointTrajectory on ~/reference has given. A new message replaces all points from
+// its first instant on; between two points the motion is the quintic that meets both. Before the
+// first point the torque is 0. Where a state is not finite, an error is too large (ctc_law.h), or
+// the reference has ended in motion, the torque is 0 and the update fails: the controller manager
+// then deactivates the controller, and activating it begins anew.
+#include <algorithm>
+#include <array>
+#include <atomic>
+#include <cmath>
+#include <cstdint>
+#include <cstdlib>
+#include <limits>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "controller_interface/controller_interface.hpp"
+#include "ctc_law.h"
+#include "pluginlib/class_list_macros.hpp"
+#include "rclcpp/rclcpp.hpp"
+#include "rclcpp_lifecycle/state.hpp"
+#include "realtime_tools/realtime_buffer.hpp"
+#include "realtime_tools/realtime_publisher.hpp"
+#include "sensor_msgs/msg/joint_state.hpp"
+#include "trajectory_msgs/msg/joint_trajectory.hpp"
+
+namespace @PACKAGE@
+{
+using controller_interface::CallbackReturn;
+using controller_interface::InterfaceConfiguration;
+using controller_interface::interface_configuration_type;
+using controller_interface::return_type;
+using sensor_msgs::msg::JointState;
+using trajectory_msgs::msg::JointTrajectory;
+
+constexpr int N = CTC_JOINTS;
+/// Points of the reference that are kept, at most.
+constexpr size_t MOST_POINTS = 60000;
+const std::array<std::string, N> JOINTS = CTC_JOINT_NAMES;
+const std::array<std::string, CTC_GAIN_SETS> GAINS = CTC_GAIN_NAMES;
+
+/// Position, velocity and acceleration of all joints at an instant [ns].
+struct Point
+{
+  int64_t t;
+  std::array<double, N> q, dq, ddq;
+};
+
+/// Points that have come since the controller was activated for the `activation`-th time.
+struct Reference
+{
+  int activation = 0;
+  std::vector<Point> points;
+};
+
+class Controller : public controller_interface::ControllerInterface
+{
+public:
+  CallbackReturn on_init() override
+  {
+    auto_declare<std::string>("gains", GAINS[0]);
+    auto_declare<double>("reference_timeout", 0.1);
+    auto_declare<int>("state_decimation", 1);
+    return CallbackReturn::SUCCESS;
+  }
+
+  InterfaceConfiguration command_interface_configuration() const override
+  {
+    return {interface_configuration_type::INDIVIDUAL, interfaces({"effort"})};
+  }
+
+  InterfaceConfiguration state_interface_configuration() const override
+  {
+    return {interface_configuration_type::INDIVIDUAL, interfaces({"position", "velocity"})};
+  }
+
+  CallbackReturn on_configure(const rclcpp_lifecycle::State &) override
+  {
+    const auto node = get_node();
+    if (std::abs(1.0 / get_update_rate() - CTC_PERIOD) > 1e-6 * CTC_PERIOD) {
+      RCLCPP_ERROR(
+        node->get_logger(), "update_rate is %u Hz, but the law has a period of %g s",
+        get_update_rate(), CTC_PERIOD);
+      return CallbackReturn::ERROR;
+    }
+    grace_ = std::llround(1e9 * node->get_parameter("reference_timeout").as_double());
+    decimation_ = std::max<int64_t>(node->get_parameter("state_decimation").as_int(), 1);
+    gains_ = gain_set(node->get_parameter("gains").as_string());
+    if (gains_ < 0) {
+      RCLCPP_ERROR(node->get_logger(), "gains: there are no gains of this name");
+      return CallbackReturn::ERROR;
+    }
+    on_set_ = node->add_on_set_parameters_callback(
+      [this](const std::vector<rclcpp::Parameter> & parameters) { return set(parameters); });
+    subscription_ = node->create_subscription<JointTrajectory>(
+      "~/reference", rclcpp::QoS(100),
+      [this](const JointTrajectory & message) { take(message); });
+    tracking_ = publisher("tracking", {"/desired", "/error"}, 2 * N, 2 * N, 0);
+    filter_ = publisher("filter", {""}, 0, N, 0);
+    torques_ = publisher(
+      "torques", {"/nominal", "/compensation", "/robust", "/commanded"}, 0, 0, 4 * N + 1);
+    torques_->msg_.name.push_back("V");
+    return CallbackReturn::SUCCESS;
+  }
+
+  CallbackReturn on_activate(const rclcpp_lifecycle::State &) override
+  {
+    ctc_init(&law_);
+    samples_ = 0;
+    ++activation_;  // What was to be done before is forgotten.
+    return send({}) ? CallbackReturn::SUCCESS : CallbackReturn::ERROR;
+  }
+
+  CallbackReturn on_deactivate(const rclcpp_lifecycle::State &) override
+  {
+    return send({}) ? CallbackReturn::SUCCESS : CallbackReturn::ERROR;
+  }
+
+  return_type update(const rclcpp::Time & time, const rclcpp::Duration &) override
+  {
+    const int64_t t = time.nanoseconds();
+    const Reference & reference = *reference_.readFromRT();
+    now_ = t;
+    if (reference.activation != activation_ || t < reference.points.front().t) {
+      return send({}) ? return_type::OK : return_type::ERROR;
+    }
+    const Point & last = reference.points.back();
+    if (t > last.t + grace_ && !at_rest(last)) {
+      return stop("the reference has ended in motion");
+    }
+    for (int i = 0; i < N; ++i) {
+      q_[i] = measured(2 * i);
+      dq_[i] = measured(2 * i + 1);
+    }
+    for (int k = 0; k < CTC_POINTS; ++k) {
+      desired(reference.points, t + k * static_cast<int64_t>(CTC_PERIOD_NS), k * N);
+    }
+    if (law_.gains != gains_) {
+      ctc_set_gains(&law_, gains_);
+    }
+    std::array<double, N> tau;
+    const int error = ctc_step(
+      &law_, q_.data(), dq_.data(), q_d_.data(), dq_d_.data(), ddq_d_.data(), tau.data());
+    if (error != CTC_OK) {
+      return stop(ctc_message(error));
+    }
+    if (!send(tau)) {
+      return stop("a command was not taken");
+    }
+    if (samples_++ % decimation_ == 0) {
+      publish(time);
+    }
+    return return_type::OK;
+  }
+
+private:
+  using Publisher = realtime_tools::RealtimePublisher<JointState>;
+
+  static std::vector<std::string> interfaces(const std::vector<std::string> & kinds)
+  {
+    std::vector<std::string> names;
+    for (const auto & joint : JOINTS) {
+      for (const auto & kind : kinds) {
+        names.push_back(joint + "/" + kind);
+      }
+    }
+    return names;
+  }
+
+  static int gain_set(const std::string & name)
+  {
+    const auto found = std::find(GAINS.begin(), GAINS.end(), name);
+    return found == GAINS.end() ? -1 : static_cast<int>(found - GAINS.begin());
+  }
+
+  static bool at_rest(const Point & point)
+  {
+    const auto is_zero = [](double x) { return x == 0.0; };
+    return std::all_of(point.dq.begin(), point.dq.end(), is_zero) &&
+           std::all_of(point.ddq.begin(), point.ddq.end(), is_zero);
+  }
+
+  double measured(size_t i) const
+  {
+    return state_interfaces_[i].get_optional().value_or(std::numeric_limits<double>::quiet_NaN());
+  }
+
+  /// Command torques; return whether all were taken.
+  bool send(const std::array<double, N> & tau)
+  {
+    bool taken = true;
+    for (size_t i = 0; i < command_interfaces_.size(); ++i) {
+      taken = command_interfaces_[i].set_value(tau[i]) && taken;
+    }
+    return taken;
+  }
+
+  return_type stop(const char * why)
+  {
+    send({});
+    RCLCPP_ERROR(get_node()->get_logger(), "%s: no torque until it is activated again", why);
+    return return_type::ERROR;
+  }
+
+  /// Set the desired motion at an instant, from element `at` on.
+  void desired(const std::vector<Point> & points, int64_t t, int at)
+  {
+    const auto after = std::upper_bound(
+      points.begin(), points.end(), t, [](int64_t x, const Point & point) { return x < point.t; });
+    const Point & a = *(after - 1);
+    if (t == a.t || after == points.end()) {  // Late, it goes on at the last velocity, then rests.
+      const double h = static_cast<double>(std::min(t - a.t, grace_)) / 1e9;
+      for (int i = 0; i < N; ++i) {
+        q_d_[at + i] = a.q[i] + h * a.dq[i];
+        dq_d_[at + i] = t <= a.t + grace_ ? a.dq[i] : 0.0;
+        ddq_d_[at + i] = t == a.t ? a.ddq[i] : 0.0;
+      }
+      return;
+    }
+    const double h = static_cast<double>(after->t - a.t) / 1e9;
+    const double s = static_cast<double>(t - a.t) / 1e9 / h;
+    for (int i = 0; i < N; ++i) {
+      const double d = after->q[i] - a.q[i], v0 = a.dq[i] * h, v1 = after->dq[i] * h;
+      const double a0 = a.ddq[i] * h * h, a1 = after->ddq[i] * h * h;
+      const double c2 = 0.5 * a0;
+      const double c3 = 10.0 * d - 6.0 * v0 - 4.0 * v1 - 1.5 * a0 + 0.5 * a1;
+      const double c4 = -15.0 * d + 8.0 * v0 + 7.0 * v1 + 1.5 * a0 - a1;
+      const double c5 = 6.0 * d - 3.0 * (v0 + v1) - 0.5 * (a0 - a1);
+      q_d_[at + i] = a.q[i] + s * (v0 + s * (c2 + s * (c3 + s * (c4 + s * c5))));
+      dq_d_[at + i] = (v0 + s * (2.0 * c2 + s * (3.0 * c3 + s * (4.0 * c4 + s * 5.0 * c5)))) / h;
+      ddq_d_[at + i] = (2.0 * c2 + s * (6.0 * c3 + s * (12.0 * c4 + s * 20.0 * c5))) / (h * h);
+    }
+  }
+
+  rcl_interfaces::msg::SetParametersResult set(const std::vector<rclcpp::Parameter> & parameters)
+  {
+    rcl_interfaces::msg::SetParametersResult result;
+    result.successful = true;
+    for (const auto & parameter : parameters) {
+      if (parameter.get_name() == "gains") {
+        const int found = gain_set(parameter.as_string());
+        result.successful = found >= 0;
+        result.reason = found >= 0 ? "" : "there are no gains of this name";
+        gains_ = found >= 0 ? found : gains_.load();
+      }
+    }
+    return result;
+  }
+
+  /// Take a message of the reference, in a thread that is not real-time.
+  void take(const JointTrajectory & message)
+  {
+    const auto logger = get_node()->get_logger();
+    if (subscription_->get_publisher_count() > 1) {
+      RCLCPP_ERROR(logger, "~/reference has several publishers: none is obeyed");
+      return;
+    }
+    std::array<size_t, N> order;
+    for (int i = 0; i < N; ++i) {
+      const auto & names = message.joint_names;
+      order[i] = std::find(names.begin(), names.end(), JOINTS[i]) - names.begin();
+    }
+    const int64_t stamp = rclcpp::Time(message.header.stamp).nanoseconds();
+    const int64_t start = stamp == 0 ? get_node()->now().nanoseconds() : stamp;
+    std::vector<Point> chunk;
+    for (const auto & point : message.points) {
+      Point made{start + rclcpp::Duration(point.time_from_start).nanoseconds(), {}, {}, {}};
+      bool good = chunk.empty() || made.t > chunk.back().t;
+      for (int i = 0; i < N && good; ++i) {
+        const size_t j = order[i];
+        good = j < point.positions.size() && j < point.velocities.size() &&
+          j < point.accelerations.size();
+        if (good) {
+          made.q[i] = point.positions[j];
+          made.dq[i] = point.velocities[j];
+          made.ddq[i] = point.accelerations[j];
+          good = std::isfinite(made.q[i]) && std::isfinite(made.dq[i]) &&
+            std::isfinite(made.ddq[i]);
+        }
+      }
+      if (!good) {
+        RCLCPP_ERROR(
+          logger, "reference refused: every point needs a finite position, velocity and "
+          "acceleration of every joint, and times must increase");
+        return;
+      }
+      chunk.push_back(made);
+    }
+    if (chunk.empty()) {
+      return;
+    }
+    Reference merged{activation_, {}};
+    if (kept_.activation != merged.activation) {
+      kept_.points.clear();
+    }
+    for (size_t i = 0; i < kept_.points.size() && kept_.points[i].t < chunk.front().t; ++i) {
+      if (i + 1 == kept_.points.size() || kept_.points[i + 1].t > now_) {  // It is still needed.
+        merged.points.push_back(kept_.points[i]);
+      }
+    }
+    merged.points.insert(merged.points.end(), chunk.begin(), chunk.end());
+    if (merged.points.size() > MOST_POINTS) {
+      RCLCPP_ERROR(logger, "reference refused: more than %zu points", MOST_POINTS);
+      return;
+    }
+    kept_ = merged;
+    reference_.writeFromNonRT(merged);
+  }
+
+  /// Return what publishes on ~/`topic`: a row for each part, and so many numbers.
+  std::unique_ptr<Publisher> publisher(
+    const std::string & topic, const std::vector<std::string> & parts, int position, int velocity,
+    int effort)
+  {
+    auto made = std::make_unique<Publisher>(
+      get_node()->create_publisher<JointState>("~/" + topic, rclcpp::SystemDefaultsQoS()));
+    for (const auto & part : parts) {
+      for (const auto & joint : JOINTS) {
+        made->msg_.name.push_back(joint + part);
+      }
+    }
+    made->msg_.position.resize(position);
+    made->msg_.velocity.resize(velocity);
+    made->msg_.effort.resize(effort);
+    return made;
+  }
+
+  /// Publish as the node `controller` of ctc_chattering does; a busy publisher leaves a sample out.
+  void publish(const rclcpp::Time & time)
+  {
+    const auto row = [this](int k, int i) { return ctc_terms(&law_)[k * N + i]; };
+    if (tracking_->trylock()) {
+      auto & message = tracking_->msg_;
+      message.header.stamp = time;
+      for (int i = 0; i < N; ++i) {
+        message.position[i] = q_d_[i];
+        message.position[N + i] = row(CTC_E, i);
+        message.velocity[i] = dq_d_[i];
+        message.velocity[N + i] = row(CTC_DE, i);
+      }
+      tracking_->unlockAndPublish();
+    }
+    if (filter_->trylock()) {
+      auto & message = filter_->msg_;
+      message.header.stamp = time;
+      for (int i = 0; i < N; ++i) {
+        message.velocity[i] = row(CTC_V, i);
+      }
+      filter_->unlockAndPublish();
+    }
+    if (torques_->trylock()) {
+      auto & message = torques_->msg_;
+      message.header.stamp = time;
+      for (int i = 0; i < N; ++i) {
+        message.effort[i] = row(CTC_NOMINAL, i);
+        message.effort[N + i] = -row(CTC_COMPENSATION, i);
+        message.effort[2 * N + i] = -row(CTC_ROBUST, i);
+        message.effort[3 * N + i] = row(CTC_TAU, i);
+      }
+      message.effort[4 * N] = ctc_lyapunov(&law_);
+      torques_->unlockAndPublish();
+    }
+  }
+
+  ctc_law law_;
+  std::array<double, N> q_, dq_;
+  std::array<double, CTC_POINTS * N> q_d_, dq_d_, ddq_d_;
+  int64_t grace_ = 0, decimation_ = 1, samples_ = 0;
+  std::atomic<int64_t> now_ = 0;
+  std::atomic<int> gains_ = 0;
+  std::atomic<int> activation_ = 0;
+  /// The points that are kept, and the same for the update.
+  Reference kept_;
+  realtime_tools::RealtimeBuffer<Reference> reference_;
+  rclcpp::Subscription<JointTrajectory>::SharedPtr subscription_;
+  rclcpp::node_interfaces::OnSetParametersCallbackHandle::SharedPtr on_set_;
+  std::unique_ptr<Publisher> tracking_, filter_, torques_;
+};
+}  // namespace @PACKAGE@
+
+PLUGINLIB_EXPORT_CLASS(@PACKAGE@::Controller, controller_interface::ControllerInterface)

@@ -1,0 +1,81 @@
+// Runs an exported controller of two joints as a controller manager does, by lines of commands:
+// `rate HZ`, `configure`, `activate`, `deactivate`, `gains NAME`, `publishers N`,
+// `reference T POINTS` and a line `T q q dq dq ddq ddq` for each, `update T q dq q dq`. After each
+// a line of what was returned (0 is good) and both torques; after an update also q_d, e and
+// what ~/torques has.
+#include <cstdio>
+#include <iostream>
+
+#include "ros2_control_stub.hpp"
+#include "controller.cpp"
+
+int main()
+{
+  Exported controller;
+  double state[4] = {}, effort[2] = {7.0, 7.0};
+  for (auto & x : state) {
+    controller.state_interfaces_.push_back({&x});
+  }
+  for (auto & x : effort) {
+    controller.command_interfaces_.push_back({&x});
+  }
+  controller.on_init();
+  std::string command;
+  while (std::cin >> command) {
+    int result = 0;
+    if (command == "rate") {
+      std::cin >> controller.rate;
+    } else if (command == "configure") {
+      result = static_cast<int>(controller.on_configure({}));
+    } else if (command == "activate") {
+      result = static_cast<int>(controller.on_activate({}));
+    } else if (command == "deactivate") {
+      result = static_cast<int>(controller.on_deactivate({}));
+    } else if (command == "gains") {
+      std::string name;
+      std::cin >> name;
+      result = !controller.node->on_set({{"gains", name}}).successful;
+    } else if (command == "publishers") {
+      std::cin >> controller.node->subscription->publishers;
+    } else if (command == "reference") {
+      trajectory_msgs::msg::JointTrajectory message;
+      size_t count;
+      std::cin >> message.header.stamp.t >> count;
+      message.joint_names = {"joint2", "a gripper", "joint1"};
+      for (size_t k = 0; k < count; ++k) {
+        trajectory_msgs::msg::JointTrajectoryPoint point;
+        std::cin >> point.time_from_start.t;
+        for (auto * row : {&point.positions, &point.velocities, &point.accelerations}) {
+          row->resize(3);
+          std::string one, two;  // Streams do not read nan.
+          std::cin >> one >> two;
+          (*row)[2] = std::stod(one);
+          (*row)[0] = std::stod(two);
+        }
+        message.points.push_back(point);
+      }
+      controller.node->subscription->callback(message);
+    } else if (command == "update") {
+      int64_t t;
+      std::cin >> t;
+      for (auto & x : state) {
+        std::string text;
+        std::cin >> text;
+        x = std::stod(text);
+      }
+      result = static_cast<int>(controller.update(t, 1000000));
+    }
+    const auto & tracking =
+      realtime_tools::RealtimePublisher<sensor_msgs::msg::JointState>::last["joint2/error"];
+    std::printf("%d %.17g %.17g", result, effort[0], effort[1]);
+    const auto & torques =
+      realtime_tools::RealtimePublisher<sensor_msgs::msg::JointState>::last["V"];
+    for (auto & row : {tracking.position, torques.effort}) {
+      for (double x : row) {
+        std::printf(" %.17g", x);
+      }
+    }
+    std::printf("\n");
+  }
+  return 0;
+}

@@ -1,0 +1,159 @@
+# Copyright 2026 The ctc_chattering maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+The exported controller of ros2_control, compiled against a stub of what it uses of ROS 2.
+
+docs/ros2_control.md says what was compiled against the headers of Jazzy. Needs a C++ compiler.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from math import cos, inf, nan, sin
+from pathlib import Path
+import shutil
+import subprocess
+
+from ctc_chattering.c_export.library import export
+from ctc_chattering.numerics.linear_algebra import Vector
+from ctc_chattering.trajectory.buffer import Point, Trajectory
+from exported_laws import controller_of, watched
+from machine_code import compile_step
+import numpy as np
+import pytest
+
+HERE = Path(__file__).parent
+HEADERS = ('controller_interface/controller_interface', 'pluginlib/class_list_macros',
+           'rclcpp/rclcpp', 'rclcpp_lifecycle/state', 'realtime_tools/realtime_buffer',
+           'realtime_tools/realtime_publisher', 'sensor_msgs/msg/joint_state',
+           'trajectory_msgs/msg/joint_trajectory')
+MS = 1_000_000
+#: Begin of the reference, its last point, and how long it may be late [ns].
+BEGIN, END, GRACE = 1000 * MS, 1100 * MS, 100 * MS
+GOOD, FAILED = 0, 1
+
+
+def point_at(t: int) -> Point:
+    x = 3e-9 * t
+    return ((0.3 * sin(x), 0.2 * cos(x)), (0.9 * cos(x), -0.6 * sin(x)),
+            (-2.7 * sin(x), -1.8 * cos(x)))
+
+
+#: A point every 10 ms, in motion to the end.
+POINTS = [(t, point_at(t)) for t in range(BEGIN, END + 1, 10 * MS)]
+#: The same, with a point at rest after it.
+RESTING = [*POINTS, (END + 10 * MS, (POINTS[-1][1][0], (0.0, 0.0), (0.0, 0.0)))]
+
+
+def reference(points: Sequence[tuple[int, Point]] = POINTS, stamp: int = BEGIN) -> str:
+    lines = (f'{t - stamp} ' + ' '.join(repr(x) for row in rows for x in row)
+             for t, rows in points)
+    return f'reference {stamp} {len(points)} ' + ' '.join(lines)
+
+
+def update(t: int, q: Vector = (0.0, 0.2), dq: Vector = (0.9, 0.0)) -> str:
+    return f'update {t} {q[0]!r} {dq[0]!r} {q[1]!r} {dq[1]!r}'
+
+
+@pytest.fixture(scope='module')
+def program(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a program that runs the controller by commands."""
+    package = tmp_path_factory.mktemp('package')
+    export(watched(), package, package='two_link_ctc')
+    for name in HEADERS:
+        path = package / 'stub' / f'{name}.hpp'
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text('#include "ros2_control_stub.hpp"\n')
+    assert shutil.which('c++'), 'this test needs a C++ compiler: apt-get install g++'
+    subprocess.run(['cc', '-O2', '-c', 'ctc_law.c', '-o', 'ctc_law.o'], cwd=package / 'ctc_law',
+                   check=True)
+    subprocess.run(
+        ['c++', '-std=c++17', '-O1', '-Wall', '-Wextra', '-Werror', '-fsanitize=address,undefined',
+         f'-I{HERE}', '-Istub', '-I.', '-Ictc_law', HERE / 'run_controller.cpp',
+         'ctc_law/ctc_law.o', 'ctc_law/ctc_law_code.o', '-o', 'run'], cwd=package, check=True)
+    return package / 'run'
+
+
+def run(program: Path, *commands: str) -> list[list[float]]:
+    """Return what was returned by each command, with the torques, and more after an update."""
+    done = subprocess.run([program], input='\n'.join(commands), text=True, capture_output=True,
+                          check=True)
+    return [[float(x) for x in line.split()] for line in done.stdout.splitlines()]
+
+
+def test_the_torques_are_those_of_the_controller(program: Path) -> None:
+    """At and between points of the reference, with other gains, to the last bit."""
+    one, other = watched()
+    controller, trajectory = controller_of(one), Trajectory(GRACE)
+    trajectory.extend([t for t, _ in POINTS], [x for _, x in POINTS])
+    commands, expected = ['configure', 'activate', reference()], []
+    for k, t in enumerate(range(BEGIN, END + GRACE // 2, MS + 77)):
+        if k == 60:
+            controller.configure(other.config)
+            compile_step(controller)
+            commands.append('gains low')
+        desired = trajectory.at(t)
+        assert desired is not None
+        q = desired[0][0] + 1e-3 * sin(k), desired[0][1]
+        sample = controller.step(q, desired[1], *desired)
+        commands.append(update(t, q, desired[1]))
+        mass = np.array(one.model.mass_matrix(q))
+        expected.append([
+            GOOD, *sample.tau, *desired[0], *sample.e, *sample.nominal,
+            *(-x for x in (*sample.compensation, *sample.robust)), *sample.tau,
+            pytest.approx(0.5 * np.array(sample.v) @ mass @ sample.v, rel=1e-12)])
+    found = [x for x, line in zip(run(program, *commands), commands) if line[:6] == 'update']
+    assert found == expected
+
+
+@pytest.mark.parametrize(('commands', 'results'), [
+    ([update(BEGIN)], [GOOD]),                                        # No reference yet.
+    ([reference(), update(BEGIN - MS)], [GOOD]),                      # It is still to come.
+    ([reference(), update(BEGIN, (nan, 0.2))], [FAILED]),
+    ([reference(), update(BEGIN, dq=(0.0, inf))], [FAILED]),
+    ([reference(), update(BEGIN, (0.7, 0.2))], [FAILED]),             # Beyond error_limit.
+    ([reference(), update(BEGIN, (0.7, 0.2)), update(BEGIN + MS)], [FAILED, FAILED]),
+    ([reference(), update(END + GRACE + MS, POINTS[-1][1][0])], [FAILED]),
+    ([reference(), 'activate', update(BEGIN)], [GOOD]),               # It is forgotten.
+    (['publishers 2', reference(), update(BEGIN)], [GOOD]),           # None is obeyed.
+    ([reference([POINTS[1], POINTS[0]]), update(BEGIN + 10 * MS)], [GOOD]),
+    ([reference([(BEGIN, ((nan, 0.0), *POINTS[0][1][1:]))]), update(BEGIN)], [GOOD]),
+    ([reference(), update(BEGIN), 'deactivate'], [GOOD])])
+def test_where_there_is_no_torque(program: Path, commands: list[str], results: list[int]) -> None:
+    found = run(program, 'configure', 'activate', *commands)
+    returned = [x[0] for x, line in zip(found[2:], commands) if line[:6] == 'update']
+    assert returned == results
+    assert found[-1][1:3] == [0.0, 0.0]
+
+
+def test_a_reference_that_ends_at_rest_is_held(program: Path) -> None:
+    found = run(program, 'configure', 'activate', reference(RESTING),
+                update(END + 5000 * MS, RESTING[-1][1][0], (0.0, 0.0)))
+    assert found[-1][0] == GOOD
+    assert any(found[-1][1:3])
+
+
+def test_a_reference_goes_on_with_the_next_message(program: Path) -> None:
+    """The points of the first message are kept until those of the second begin."""
+    found = run(program, 'configure', 'activate', reference(POINTS[:6]), reference(POINTS[6:]),
+                *(update(t, *rows[:2]) for t, rows in POINTS))
+    assert [x[0] for x in found] == [GOOD] * len(found)
+    assert [x[3:5] for x in found[4:]] == [list(rows[0]) for _, rows in POINTS]
+
+
+def test_another_rate_or_unknown_gains_are_refused(program: Path) -> None:
+    found = run(program, 'rate 500', 'configure', 'rate 1000', 'configure', 'gains high',
+                'gains low')
+    assert [x[0] for x in found] == [GOOD, 2.0, GOOD, GOOD, FAILED, GOOD]
