@@ -68,8 +68,8 @@ def ordered(name: str, t: Array, *contents: Array) -> Indices:
     """
     found: Indices = np.argsort(t, kind='stable')
     repeated = np.diff(t[found]) == 0.0
-    for values in contents:
-        repeated &= (values[found[1:]] == values[found[:-1]]).all(axis=1)
+    for column in (column for values in contents for column in values.T):
+        repeated &= column[found[1:]] == column[found[:-1]]
     found = found[np.append(True, ~repeated)]
     stamps = t[found]
     step = np.diff(stamps)

@@ -121,9 +121,10 @@ def _table(runs: Runs, directory: store.Directory, jobs: int, scheduler: str | N
                 client = stack.enter_context(pool.workers(jobs, scheduler))
                 show(counted(pool.threads(client, show), 'worker'))
             try:
-                for name, table in pool.computed(client, store.compute, (runs, store.version()),
-                                                 left) if client and left else ():
-                    directory.write(chunks[name], table)
+                for (name, chunk), table in zip(left, pool.computed(
+                        client, store.compute, [x for _, x in left], runs, store.version())
+                        if client else ()):
+                    directory.write(chunk, table)
                     found[name] = table
                     done += len(table)
                     progress(done, len(some))

@@ -209,5 +209,5 @@ def figures(data: MapData) -> Iterator[tuple[str, Figure, str]]:
         if data.base is not None and len(data.variants) > 1:
             yield 'gain', gain_map(data, data.base), (
                 'log₁₀ of the ratio of median errors at the same point. Blue: the law has the '
-                'smaller one; 1 is ten times smaller. The darkest blue or red also where only '
+                'smaller one; 1 is ten times smaller. The strongest blue or red also where only '
                 f'one of both diverged; hatched where both did.{left_out}')

@@ -16,6 +16,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import CancelledError
 from contextlib import contextmanager
@@ -67,14 +68,7 @@ def processes(jobs: int) -> Iterator[Callable[..., Iterator[Any]]]:
         yield map
         return
     with workers(jobs) as client:
-        yield partial(_in_order, client)
-
-
-def _in_order(client: Client, function: Callable[[T], R], tasks: Iterable[T]) -> Iterator[R]:
-    """Yield what `function` makes of every task, in their order."""
-    with _refusals():
-        for future in client.map(function, list(tasks), pure=False):
-            yield future.result()  # It is computed again if its worker was killed.
+        yield partial(computed, client)
 
 
 @contextmanager
@@ -141,10 +135,10 @@ def threads(client: Client, say: Callable[[str], None]) -> int:
     return sum(client.nthreads().values())
 
 
-def computed(client: Client, function: Callable[..., Any], shared: Sequence[Any],
-             tasks: Iterable[tuple[str, Any]]) -> Iterator[tuple[str, Any]]:
+def computed(client: Client, function: Callable[..., R], tasks: Iterable[Any], *shared: Any
+             ) -> Iterator[R]:
     """
-    Yield name and result of every task, in the order in which they are done.
+    Yield what `function` makes of every task, in their order.
 
     The task of a worker that is killed goes to another, or waits for one.
 
@@ -153,11 +147,11 @@ def computed(client: Client, function: Callable[..., Any], shared: Sequence[Any]
     client : Client
         As `workers` yields it.
     function : callable
-        Of a module's top level; called with the elements of `shared`, then that of the task.
-    shared : sequence
+        Of a module's top level; called with `shared`, then the task.
+    tasks : iterable
+        Arguments.
+    shared : object
         Sent to every worker once.
-    tasks : iterable of (str, object)
-        Name and argument. Equal names mean equal results.
 
     Raises
     ------
@@ -165,13 +159,11 @@ def computed(client: Client, function: Callable[..., Any], shared: Sequence[Any]
         If a task raises one, kills one worker after the other, or the scheduler is lost.
 
     """
-    from distributed import as_completed
     with _refusals():
         common = [client.submit(copy, x, pure=False) for x in shared]
-        futures = [client.submit(function, *common, task, key=name) for name, task in tasks]
-        for future in as_completed(futures, loop=client.loop):
-            yield future.key, future.result()
-            future.release()
+        futures = deque(client.submit(function, *common, task, pure=False) for task in tasks)
+        while futures:
+            yield futures.popleft().result()
 
 
 @contextmanager

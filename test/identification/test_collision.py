@@ -73,7 +73,7 @@ def test_the_nearest_approach_of_balls_is_the_least_of_all_samples(seed: int) ->
     links, q = checked(balls()), path(seed)
     assert links.pairs == [('a', 'b')]
     expected = between(q)
-    spare, text = links.nearest(np.arange(len(q)), q)
+    spare, text = links.nearest(np.arange(float(len(q))), q)
     assert spare == pytest.approx(expected.min() / 0.02 - 1.0, abs=1e-4)
     assert f'{expected.min():.2g} m, a and b at {expected.argmin()}.0 s' in text
 

@@ -215,20 +215,6 @@ def test_files_of_parameters_give_the_same_run(arm: Path, tmp_path: Path) -> Non
         assert (one.tau == other.tau).all()
 
 
-def test_a_law_that_diverges_is_said_to_the_others_remain(arm: Path) -> None:
-    def run(setup: Setup) -> Result:
-        if setup.controller.law == 'integral':
-            raise CtcError('the motion diverged')
-        return over_simulation(setup)
-
-    todo = tasks([arm], ['clean'], ['integral', 'pd_gravity'])
-    outcomes = list(map(partial(evaluate, run=run), todo))
-    assert [x.score.failure for x in outcomes] == ['', 'the motion diverged', '']
-    assert '| integral |  | file | diverged |' in compare_page.to_markdown(outcomes)
-    csv = compare_page.to_csv(outcomes).splitlines()
-    assert csv[3].startswith('friction,clean,integral,,file,joint1,,,,,,,the motion')
-
-
 def test_held_out_conditions_have_the_gains_of_the_rule_there(arm: Path) -> None:
     """Check what survives, medians with a lost run as the worst, and the gains of each draw."""
     result = over_simulation(parameter_file.load(arm))

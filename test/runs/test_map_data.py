@@ -144,22 +144,6 @@ def test_values_that_pass() -> None:
                                  ('b 40', ['1 to 2', 'none'])], 3)
 
 
-def test_one_axis_and_three() -> None:
-    one = grid(np.zeros((3, 2, 1), bool), axes={'b': [1.0, 2.0, 3.0]})
-    assert passing(one, 0) == ([('', ['1 to 3', '1 to 3'])], 1)
-    axes = {'a': [1.0, 2.0], 'b': np.arange(50.0), 'c': [0.0, 1.0]}
-    failures = np.zeros((2, 50, 2, 2, 1), bool)
-    failures[1, 7, 1, 0] = True
-    data = grid(failures.reshape(200, 2, 1), axes=axes)
-    rows, count = passing(data, 0)
-    assert (len(rows), count) == (60, 100)
-    assert rows[0][0] == 'b 0, c 0' and rows[-1][0] == 'b 49, c 1'
-    rows, count = passing(data, 1)
-    assert [name for name, _ in rows] == ['a 1 N·m, c 0', 'a 1 N·m, c 1', 'a 2 N·m, c 0',
-                                          'a 2 N·m, c 1']
-    assert [cells[0] for _, cells in rows] == ['0 to 49'] * 3 + ['0 to 6, 8 to 49']
-
-
 def test_the_interval_is_that_of_scipy() -> None:
     k, n = np.array([(k, n) for n in (1, 2, 3, 4, 16, 100) for k in range(n + 1)]).T
     for i, (low, high) in enumerate(zip(*wilson(k, n))):

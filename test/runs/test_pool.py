@@ -36,21 +36,16 @@ def client() -> Iterator[Any]:
         yield made
 
 
-def named(count: int, what: str) -> list[tuple[str, int]]:
-    return [(f'{what}-{k}', k) for k in range(count)]
-
-
 def test_every_result_comes(client: Any) -> None:
-    assert dict(computed(client, add, (100, 1000), named(50, 'add'))) == {
-        f'add-{k}': 1100 + k for k in range(50)}
+    assert list(computed(client, add, range(50), 100, 1000)) == [1100 + k for k in range(50)]
 
 
 def test_what_a_task_raises_is_raised_here(client: Any) -> None:
     with pytest.raises(ParameterError, match=r'ka: -1\.0 is not allowed; allowed: a number'):
-        list(computed(client, fail, ('ours',), named(3, 'ours')))
+        list(computed(client, fail, range(3), 'ours'))
     with pytest.raises(CtcError, match=r'^a worker failed: ZeroDivisionError: a division by'):
-        list(computed(client, fail, ('other',), named(3, 'other')))
-    assert len(list(computed(client, add, (1, 2), named(3, 'more')))) == 3
+        list(computed(client, fail, range(3), 'other'))
+    assert len(list(computed(client, add, range(3), 1, 2))) == 3
 
 
 def test_results_come_in_the_order_of_their_tasks() -> None:
@@ -64,8 +59,7 @@ def test_results_come_in_the_order_of_their_tasks() -> None:
 
 def test_the_task_of_a_killed_worker_goes_to_another(client: Any, tmp_path: Path) -> None:
     """Check with the only worker killed, which holds what all tasks share; another replaces it."""
-    (name, process), = computed(client, die_once, (str(tmp_path),), [('dies', 7)])
-    assert name == 'dies'
+    process, = computed(client, die_once, [7], str(tmp_path))
     assert process != int((tmp_path / '7').read_text())
 
 
@@ -88,9 +82,8 @@ def test_without_workers_a_line_says_so(tmp_path: Path) -> None:
         assert threads(client, show) > 0
         assert lines == [f'waiting for workers at {cluster.scheduler_address}']
         threading.Thread(target=lose).start()
-        tasks = [('waits', str(tmp_path / 'lost'))]
-        assert list(computed(client, until_there, (str(tmp_path / 'begun'),), tasks)) == [
-            ('waits', 2)]
+        assert list(computed(client, until_there, [str(tmp_path / 'lost')],
+                             str(tmp_path / 'begun'))) == [2]
 
 
 def test_workers_leave_interrupts_to_this_process(client: Any) -> None:
@@ -103,7 +96,7 @@ def test_workers_leave_interrupts_to_this_process(client: Any) -> None:
 @pytest.mark.slow
 def test_a_task_that_kills_every_worker_ends_the_map() -> None:
     with (workers(2) as client, pytest.raises(CtcError, match='4 workers were killed while')):
-        list(computed(client, die, (), named(1, 'die')))
+        list(computed(client, die, [1]))
 
 
 @pytest.mark.parametrize('address', ['nowhere', 'tcp://127.0.0.1:'])

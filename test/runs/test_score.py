@@ -208,11 +208,6 @@ def test_the_first_limit_that_is_exceeded_is_named() -> None:
 
 
 def test_the_limit_of_a_torque_is_the_least_of_controller_model_and_drives() -> None:
-    limit = middle_torque(noisy())
-    for plant, controller in (({'torque_saturation': [limit, 1e3]}, {}),
-                              ({'torque_saturation': [5e3, 1e3]}, {'effort_limit': [limit, 1e3]})):
-        row = evaluate(noisy(plant, **controller), LATE, NONE)
-        assert 0.0 < row['saturated'] < 1.0
     panda = parameter_file.load(CONFIG / 'panda.yaml', {
         'controller': {'effort_limit': [np.inf, 50.0, *[np.inf] * 5]},
         'plant': {'torque_saturation': [np.inf, np.inf, 60.0, *[np.inf] * 4]}})

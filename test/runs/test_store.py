@@ -158,18 +158,6 @@ def test_rows_are_those_of_the_chunk(tmp_path: Path, there: tuple[int, ...]) -> 
     assert made.rows(range(1), print) is None
 
 
-def test_what_was_begun_and_killed_is_no_shard(tmp_path: Path) -> None:
-    """Check that the remains of a killed process are not read, and written anew."""
-    made = Directory(tmp_path, ABOUT, SCHEMA)
-    made.write(range(1), rows(0))
-    remains = only(made).with_name(f'.{only(made).name}.part')
-    only(made).rename(remains)
-    remains.write_bytes(b'half of a f')
-    assert made.rows(range(1), print) is None
-    made.write(range(1), rows(0))
-    assert list((tmp_path / 'shards').iterdir()) == [only(made)]
-
-
 def test_a_map_goes_on_and_another_is_refused(tmp_path: Path) -> None:
     Directory(tmp_path, ABOUT, SCHEMA).write(range(1), rows(0))
     assert Directory(tmp_path, ABOUT, SCHEMA).rows(range(1), print) is not None

@@ -122,14 +122,6 @@ def test_ranges_are_those_of_the_law_or_of_the_spec() -> None:
     assert chattering.switching == 'implicit_observer'
 
 
-def test_the_values_to_be_written_have_the_duration_of_the_file() -> None:
-    found = spec({'overrides': {'plant': {'velocity_noise': [1e-3, 1e-3]}}})
-    assert found.setup.plant.duration == 4.0
-    assert found.values['plant']['duration'] == 10.0
-    assert list(found.values['plant']['velocity_noise']) == [1e-3, 1e-3]
-    assert found.values['reference']['start_duration'] == 2.0
-
-
 @pytest.mark.parametrize(('tree', 'tune', 'words'), [
     ({'axes': {}}, {}, 'spec: .axes. is not allowed; allowed: a mapping of '),
     ({'sampling': 'saltelli', 'repeats': 8}, {}, 'saltelli'),
