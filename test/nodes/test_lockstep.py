@@ -56,7 +56,8 @@ plant:
     initial_position: [3.14159, 1.5708]}}
 controller:
   ros__parameters: {{law: {LAWS[0]}, compiled: false, switching: implicit_observer,
-    state_decimation: 1, ka: [60.0, 30.0], actuator_lag: [0.002, 0.002], friction_level: [9.0, 9.0]}}
+    state_decimation: 1, ka: [60.0, 30.0], actuator_lag: [0.002, 0.002],
+    friction_level: [9.0, 9.0]}}
 bringup:
   ros__parameters:
     events: {events}
