@@ -63,7 +63,7 @@ def test_a_slow_controller_answers_the_newest_state(
         still = [[0.1, 0.2], [0.0, 0.0], [0.0, 0.0]]
         controller.references.publish(reference(['joint1', 'joint2'], [still, still]))
         # A state that waits for it is neither answered nor skipped.
-        reports.until('controller', lambda r: r.count('points of the reference') == 2, 'its points')
+        reports.until('controller', lambda r: r.count('points of the reference') == 2, 'it')
         k = sent = 0
         while k < STATES or len(tracking) < TORQUES:
             k += 1
