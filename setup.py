@@ -69,8 +69,8 @@ setup(
         'compile': ['numba'],
         # `ctc map`, and several processes of the others; without numba it is slow.
         'map': ['numba', 'dask[distributed]', 'pandas>=2', 'pyarrow', 'scipy>=1.15'],
-        # `ctc tune`, and `ctc compare --trials`.
-        'tune': ['optuna>=5', 'scipy>=1.15'],
+        # `ctc tune`.
+        'tune': ['optuna>=5', 'pandas>=2', 'pyarrow', 'scipy>=1.15'],
         # Everything above.
         'all': ['ctc_chattering[compile,live,map,ros,tune,urdf]'],
         'test': ['dask[distributed]', 'example-robot-data', 'hypothesis', 'mujoco',

@@ -37,7 +37,7 @@ from ctc_chattering.configuration.package_share import config_directory
 from ctc_chattering.configuration.yaml_file import read_yaml
 from ctc_chattering.control.controller_config import LAWS, RIVALS
 from ctc_chattering.runs.conditions import read_cases as cases_of
-from ctc_chattering.runs.pool import in_parallel
+from ctc_chattering.runs.pool import processes
 from ctc_chattering.runs.recommended import recommended_setup
 from ctc_chattering.runs.score import Score, score
 
@@ -169,8 +169,8 @@ def run_cases(cases: Sequence[Case], variants: Sequence[str], jobs: int = 1
     """
     for case in cases:
         case.setup()
-    yield from in_parallel(evaluate,
-                           list(itertools.product(cases, variants)), jobs)
+    with processes(jobs) as each:
+        yield from each(evaluate, list(itertools.product(cases, variants)))
 
 
 def rows(outcomes: Sequence[CaseOutcome]) -> list[list[CaseOutcome]]:

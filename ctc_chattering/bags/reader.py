@@ -168,14 +168,17 @@ def _torques(bag: Bag, joints: tuple[str, ...], states: Signal) -> Array:
     """
     Return the torque that answers each state, shape (N, n); nan where it is unknown.
 
-    The controller publishes it with the stamp of the state, as a rule for each. Commands, which
-    have no stamps, stand only where `answers` is sure of them.
+    The controller publishes every Nth with the stamp of its state. Commands, which have no stamps,
+    stand where `answers` is sure of them, and not beside one that differs from what was published.
     """
     commands = _signal(bag, topics.COMMANDS, MULTI_ARRAY, ('data',), joints)
     found = answers(commands.values[0], commands.logged, states.stamps, states.logged)
     tau = np.where(found.own[:, None] & (found.late[1] == 0.0), found.command, np.nan)
-    answered = _signal(bag, f'controller/{topics.TORQUES}', JOINT_STATE, ('effort',),
-                       tuple(f'{joint}/commanded' for joint in joints))
-    _, mine, there = np.intersect1d(states.stamps, answered.stamps, return_indices=True)
-    tau[mine] = answered.values[0][there]
+    published = _signal(bag, f'controller/{topics.TORQUES}', JOINT_STATE, ('effort',),
+                        tuple(f'{joint}/commanded' for joint in joints))
+    _, mine, there = np.intersect1d(states.stamps, published.stamps, return_indices=True)
+    differ = (np.abs(tau[mine] - published.values[0][there]) > 0.0).any(axis=1)
+    after = np.searchsorted(mine, np.arange(len(tau)))
+    tau[np.append(differ, False)[after] | np.append(False, differ)[after]] = np.nan
+    tau[mine] = published.values[0][there]
     return tau

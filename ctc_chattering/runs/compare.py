@@ -29,7 +29,7 @@ from ctc_chattering.control.controller_config import SWITCHINGS
 from ctc_chattering.errors import CtcError, near, ParameterError
 from ctc_chattering.parameters import whole
 from ctc_chattering.runs.conditions import chosen, Condition, held_out, HeldOut, read_cases, SEED
-from ctc_chattering.runs.pool import in_parallel
+from ctc_chattering.runs.pool import processes
 from ctc_chattering.runs.recommended import by_rule
 from ctc_chattering.runs.score import over_simulation, Runner, Score, score, worst
 
@@ -236,8 +236,9 @@ def compare(files: Sequence[str | Path], laws: Sequence[str] = LAWS,
     todo = tasks(paths, conditions or ([] if more else ['']), laws, gains, held_out, seed, more)
     compile_setups(setups(todo), show)
     found: list[Outcome] = []
-    for outcome in in_parallel(evaluate, todo, jobs):
-        found.append(outcome)
-        if progress is not None:
-            progress(len(found), len(todo))
+    with processes(min(jobs, len(todo))) as each:
+        for outcome in each(evaluate, todo):
+            found.append(outcome)
+            if progress is not None:
+                progress(len(found), len(todo))
     return found

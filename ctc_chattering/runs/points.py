@@ -25,15 +25,14 @@ that were run, is not found if all of these agree.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from functools import cached_property
+from collections.abc import Mapping, Sequence
 from itertools import product
 from math import ceil, log2
 from typing import Any
 
 from ctc_chattering.configuration.loop_setup import Setup
 from ctc_chattering.configuration.yaml_file import mapping
-from ctc_chattering.errors import CtcError, ParameterError, UsageError
+from ctc_chattering.errors import CtcError, MachineError, ParameterError, UsageError
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.runs.recommended import recommended_setup
 from ctc_chattering.runs.score import of_results, OVERALL, PER_JOINT, Score, score
@@ -165,11 +164,6 @@ class Runs:
         known = tuple(x for quantity, x in settings[:len(indices)] if quantity.known)
         return applied(self._of_law(variant, known), settings, self._seed(repeat))
 
-    @cached_property
-    def setups(self) -> list[Setup]:
-        """Return what is run, one after the other."""
-        return list(map(self.setup, range(len(self))))
-
     def _seed(self, repeat: int) -> int:
         """Return the seed of the noise; the same for all repeats if differences count."""
         repeats = self.spec.repeats
@@ -227,37 +221,45 @@ def evaluate(setup: Setup, window: tuple[float, float], failure: Failure) -> dic
         If the machine cannot run it: that is no property of the run.
 
     """
-    row = {**dict.fromkeys(of_results(len(setup.controller.joint_names))), 'engine': ''}
-    found = score(setup, window)
+    return row_of(score(setup, window), len(setup.controller.joint_names), failure)
+
+
+def row_of(found: Score, n: int, failure: Failure, without: str = 'diverged') -> dict[str, Any]:
+    """Return these columns for `n` joints; `without` is the kind of a failure without numbers."""
+    row = {**dict.fromkeys(of_results(n)), 'engine': found.engine, 'failure': without,
+           'reason': found.failure}
     if found.failure:
-        return {**row, 'failure': 'diverged', 'reason': found.failure}
-    row.update({f'{key}_{i}': _finite(x) for name, key in PER_JOINT.items()
+        return row
+    row.update({f'{key}_{i}': x for name, (key, _) in PER_JOINT.items()
                 for i, x in enumerate(getattr(found, name), 1)})
-    row.update({key: _finite(getattr(found, name)) for name, key in OVERALL.items()})
-    row.update(engine=found.engine, error=found.error, variation=_finite(found.most_variation),
-               saturated=found.saturated, slips=found.most_slips)
-    row['failure'], row['reason'] = _judged(found, failure)
-    return row
+    row.update({key: getattr(found, name) for name, (key, _) in OVERALL.items()})
+    row.update(error=found.error, variation=max(found.variation), saturated=found.saturated,
+               slips=max(found.slips))
+    row['failure'], row['reason'] = _judged(row, failure)
+    return {name: x if isinstance(x, str) or (x is not None and np.isfinite(x)) else None
+            for name, x in row.items()}
 
 
-def refused(n: int, error: CtcError) -> dict[str, Any]:
-    """Return the columns of a run of `n` joints whose parameters are not allowed."""
-    return {**dict.fromkeys(of_results(n)), 'engine': '', 'failure': 'refused',
-            'reason': str(error)}
+def row(runs: Runs, run: int) -> dict[str, Any]:
+    """Return the row of a run."""
+    which = runs.columns(run)
+    try:
+        setup = runs.setup(run)
+    except MachineError:
+        raise
+    except CtcError as error:
+        n = len(runs.spec.setup.controller.joint_names)
+        return {**which, **row_of(Score(failure=str(error)), n, runs.spec.failure, 'refused')}
+    return {**which, **evaluate(setup, runs.spec.window, runs.spec.failure)}
 
 
-def _finite(x: float | None) -> float | None:
-    return x if x is not None and np.isfinite(x) else None
-
-
-def _judged(found: Score, failure: Failure) -> tuple[str, str]:
+def _judged(row: Mapping[str, Any], failure: Failure) -> tuple[str, str]:
     """Return kind and reason of a failure; empty for none."""
-    for kind, x, most in (('error', found.error, failure.error_above),
-                          ('saturated', found.saturated or 0.0, failure.saturated_above),
-                          ('slips', found.most_slips, failure.slips_above)):
-        if x > most:
-            return kind, f'{x:.3g} > {most:g}'
-    if failure.not_reached and found.reaching_time is None:
+    for kind, most in (('error', failure.error_above), ('saturated', failure.saturated_above),
+                       ('slips', failure.slips_above)):
+        if row[kind] > most:
+            return kind, f'{row[kind]:.3g} > {most:g}'
+    if failure.not_reached and row['reaching_time_s'] is None:
         return 'not reached', 'v never stays within its band'
     return '', ''
 

@@ -17,7 +17,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import CancelledError
 from contextlib import contextmanager
 from copy import copy
@@ -32,40 +32,29 @@ from ctc_chattering.errors import CtcError, refused_as
 if TYPE_CHECKING:
     from distributed import Client
 
-T = TypeVar('T')
 R = TypeVar('R')
 #: Time to connect [s].
 _CONNECT = 10
 
 
-def in_parallel(function: Callable[[T], R], tasks: Sequence[T], jobs: int) -> Iterator[R]:
-    """
-    Yield what `function` makes of every task, in their order.
-
-    Parameters
-    ----------
-    function : callable
-        Of a module's top level, as are its arguments and results.
-    tasks : sequence
-        Arguments.
-    jobs : int
-        Processes; 1 for this one alone.
-
-    Raises
-    ------
-    CtcError
-        As `computed` raises it.
-
-    """
-    with processes(min(jobs, len(tasks))) as each:
-        yield from each(function, tasks)
+def serially(function: Callable[..., R], tasks: Iterable[Any], *shared: Any) -> Iterator[R]:
+    """Return what `function` makes of `shared` and every task, in this process."""
+    return map(partial(function, *shared), tasks)
 
 
 @contextmanager
 def processes(jobs: int) -> Iterator[Callable[..., Iterator[Any]]]:
-    """Yield a `map` over processes, 1 for this one alone, for several calls of it."""
+    """
+    Yield what computes tasks, for several calls: `computed` by processes, or `serially`.
+
+    Parameters
+    ----------
+    jobs : int
+        Processes; 1 for this one alone.
+
+    """
     if jobs <= 1:
-        yield map
+        yield serially
         return
     with workers(jobs) as client:
         yield partial(computed, client)

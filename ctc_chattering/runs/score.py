@@ -30,12 +30,18 @@ from ctc_chattering.errors import CtcError, MachineError, refused_as
 from ctc_chattering.simulation.closed_loop import Array, Run
 import numpy as np
 
-#: Metrics of each joint, and of all, by their names in `Score`.
-PER_JOINT = {'rms': 'rms_error_rad', 'rms_torque': 'rms_torque_nm',
-             'variation': 'torque_variation_nm_per_s', 'step': 'max_torque_step_nm',
-             'rate': 'max_torque_rate_nm_per_s'}
-OVERALL = {'norm1': 'max_error_norm1_rad', 'reaching_time': 'reaching_time_s',
-           'missing': 'missing_samples'}
+INTEGER, TEXT, NUMBER = 'int64', 'string', 'float64'
+#: Columns and units of what each joint has, by its name in `Score`; `analysis.metrics` has the
+#: first five by the same names.
+PER_JOINT = {'rms': ('rms_error_rad', 'rad'), 'rms_torque': ('rms_torque_nm', 'N*m'),
+             'variation': ('torque_variation_nm_per_s', 'N*m/s'),
+             'step': ('max_torque_step_nm', 'N*m'), 'rate': ('max_torque_rate_nm_per_s', 'N*m/s'),
+             'peak': ('peak_torque_nm', 'N*m'),
+             'peak_rate': ('peak_torque_rate_nm_per_s', 'N*m/s'), 'slips': ('slips_per_s', '1/s')}
+#: Columns of what there is once, with type and unit, by its name in `Score`.
+OVERALL = {'norm1': ('max_error_norm1_rad', (NUMBER, 'rad')),
+           'reaching_time': ('reaching_time_s', (NUMBER, 's')),
+           'missing': ('missing_samples', (INTEGER, ''))}
 #: Rest of the reference after which slips count [s], and velocity of one [rad/s].
 _SETTLED, _SLIP = 0.3, 1e-3
 #: Part of a limit from which a torque is at it.
@@ -78,16 +84,6 @@ class Score(NamedTuple):
     def error(self) -> float:
         """Return the largest RMS error of any joint [rad]; inf if it failed."""
         return max(self.rms, default=inf)
-
-    @property
-    def most_slips(self) -> float:
-        """Return the most stick-slips a second of any joint at rest; inf if it failed."""
-        return max(self.slips, default=inf)
-
-    @property
-    def most_variation(self) -> float:
-        """Return the largest torque variation of any joint [N·m/s]; inf if it failed."""
-        return max(self.variation, default=inf)
 
 
 def over_simulation(setup: Setup) -> Result:
@@ -139,8 +135,9 @@ def _numbers(run: Run, setup: Setup, window: tuple[float, float], period: float 
     found = metrics(run, window, period=period)
     if found['rms_error_rad'] is None:
         raise CtcError(f'fewer than two samples from {window[0]:g} s to {window[1]:g} s')
-    values: dict[str, Any] = {name: tuple(found[key]) for name, key in PER_JOINT.items()}
-    made = Score(**values, **{name: found[key] for name, key in OVERALL.items()})
+    values: dict[str, Any] = {name: tuple(found[key]) for name, (key, _) in PER_JOINT.items()
+                              if key in found}
+    made = Score(**values, **{name: found[key] for name, (key, _) in OVERALL.items()})
     if not isfinite(made.error):
         raise CtcError('the error is not finite')
     tau = np.abs(run.tau)
@@ -186,11 +183,10 @@ def worst(scores: Iterable[Score]) -> Score:
             return each
         found.append(each)
     largest: dict[str, Any] = {name: tuple(map(max, zip(*(getattr(x, name) for x in found))))
-                               for name in (*PER_JOINT, 'slips', 'peak', 'peak_rate')}
+                               for name in PER_JOINT}
     return found[0]._replace(**largest)
 
 
-INTEGER, TEXT, NUMBER = 'int64', 'string', 'float64'
 #: Type and unit of the columns that say which run it is; before the axes and what is uncertain.
 _WHICH = {**dict.fromkeys(('run', 'point', 'repeat', 'seed'), (INTEGER, '')),
           **dict.fromkeys(('variant', 'law', 'switching'), (TEXT, ''))}
@@ -198,17 +194,13 @@ _WHICH = {**dict.fromkeys(('run', 'point', 'repeat', 'seed'), (INTEGER, '')),
 _RESULT = {**dict.fromkeys(('engine', 'failure', 'reason'), (TEXT, '')),
            'error': (NUMBER, 'rad'), 'variation': (NUMBER, 'N*m/s'), 'saturated': (NUMBER, ''),
            'slips': (NUMBER, '1/s')}
-#: Numbers of each joint, and of all, besides; as `analysis.metrics` has them.
-_OF_JOINTS = dict(zip(PER_JOINT.values(), ('rad', 'N*m', 'N*m/s', 'N*m', 'N*m/s')))
-_OVERALL = {'max_error_norm1_rad': (NUMBER, 'rad'), 'reaching_time_s': (NUMBER, 's'),
-            'missing_samples': (INTEGER, '')}
 
 
 def of_results(n: int) -> dict[str, tuple[str, str]]:
     """Return name, type and unit of the columns behind the axes, for `n` joints."""
-    joints = {f'{name}_{i}': (NUMBER, unit) for name, unit in _OF_JOINTS.items()
+    joints = {f'{name}_{i}': (NUMBER, unit) for name, unit in PER_JOINT.values()
               for i in range(1, n + 1)}
-    return {**_RESULT, **joints, **_OVERALL}
+    return {**_RESULT, **joints, **dict(OVERALL.values())}
 
 
 def of_map(units: Mapping[str, str], n: int) -> dict[str, tuple[str, str]]:

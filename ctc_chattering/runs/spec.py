@@ -391,6 +391,13 @@ class MapSpec:
         """Return the number of runs."""
         return prod(self.shape) * len(self.variants) * self.repeats.repeats
 
+    def under(self, candidates: Mapping[str, Mapping[str, Any]]) -> MapSpec:
+        """Return the spec with candidates, parameters of the controller by name, as its laws."""
+        configs = map(self.setup.controller.changed, candidates.values())
+        return dataclasses.replace(self, variants=tuple(
+            LawSettings(name, x.law, x.switching_in_force, values, False)
+            for (name, values), x in zip(candidates.items(), configs)))
+
 
 def read_spec(path: Path) -> MapSpec:
     """

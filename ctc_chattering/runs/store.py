@@ -35,8 +35,8 @@ from typing import Any
 import ctc_chattering
 from ctc_chattering.analysis.compilation import compile_setups
 from ctc_chattering.analysis.output import finite, prepare, write_text, writing
-from ctc_chattering.errors import CtcError, MachineError, refused_as
-from ctc_chattering.runs.points import evaluate, refused, Runs
+from ctc_chattering.errors import CtcError, refused_as
+from ctc_chattering.runs.points import row, Runs
 from ctc_chattering.runs.score import of_map
 from ctc_chattering.runs.spec import MapSpec
 import numpy as np
@@ -111,7 +111,7 @@ def compute(runs: Runs, made_by: str, chunk: Numbers) -> pyarrow.Table:
     Parameters
     ----------
     runs : Runs
-        The map.
+        The map, or candidates for gains on their draws.
     made_by : str
         `version` of the process that asks.
     chunk : sequence of int
@@ -134,18 +134,6 @@ def compute(runs: Runs, made_by: str, chunk: Numbers) -> pyarrow.Table:
 def _compile(runs: Runs) -> None:
     """Compile what the runs of a map need; a process that has many chunks of it asks once."""
     compile_setups(map(runs.example, range(len(runs.spec.variants))), lambda _: None)
-
-
-def row(runs: Runs, run: int) -> dict[str, Any]:
-    """Return the row of a run."""
-    which = runs.columns(run)
-    try:
-        setup = runs.setup(run)
-    except MachineError:
-        raise
-    except CtcError as error:
-        return {**which, **refused(len(runs.spec.setup.controller.joint_names), error)}
-    return {**which, **evaluate(setup, runs.spec.window, runs.spec.failure)}
 
 
 class Directory:

@@ -24,21 +24,23 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 import dataclasses
-from functools import partial
 from itertools import count
 import math
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from ctc_chattering.analysis.compilation import compile_setups
-from ctc_chattering.configuration.loop_setup import Setup
-from ctc_chattering.errors import ParameterError, UsageError
+from ctc_chattering.errors import CtcError, ParameterError, UsageError
 from ctc_chattering.parameters import whole
 from ctc_chattering.runs.points import Runs
-from ctc_chattering.runs.pool import processes
+from ctc_chattering.runs.pool import processes, serially
 from ctc_chattering.runs.recommended import recommended
-from ctc_chattering.runs.score import Score, score
+from ctc_chattering.runs.score import PER_JOINT
+from ctc_chattering.runs.store import compute, version
 from ctc_chattering.runs.tune_spec import Limits, Range, starts, tune_spec, TuneSpec
+import numpy as np
+import pandas  # type: ignore[import-untyped]
+import pyarrow
 
 #: Major version of Optuna from which on trials have constraints.
 _OPTUNA = 5
@@ -72,8 +74,6 @@ class OverDraws(NamedTuple):
     excess : dict of str to float
         By constraint: part of the runs that diverge; by how much the torque or its rate exceeds
         its limit, as a part of it. At most 0 where the constraint holds.
-    runs : tuple of Score
-        Every run, in the order of the draws.
 
     """
 
@@ -82,7 +82,6 @@ class OverDraws(NamedTuple):
     torque: tuple[float, ...]
     rate: tuple[float, ...]
     excess: dict[str, float]
-    runs: tuple[Score, ...]
 
     @property
     def objectives(self) -> tuple[float, ...]:
@@ -107,31 +106,38 @@ class Trial(NamedTuple):
     score: OverDraws
 
 
-def over_draws(runs: Sequence[Score], limits: Limits, percentile: float) -> OverDraws:
+def over_draws(runs: pandas.DataFrame, limits: Limits, percentile: float) -> OverDraws:
     """
     Return what gains do over all draws.
 
     Parameters
     ----------
-    runs : sequence of Score
-        One a draw.
+    runs : pandas.DataFrame
+        A row a draw, as `store.rows` has them.
     limits : Limits
         Of every run.
     percentile : float
         Part of the runs that error and variation do not exceed [%]; 100 for the worst run.
 
+    Raises
+    ------
+    CtcError
+        If the parameters of a run are not allowed: that is no property of the gains.
+
     """
-    good = [x for x in runs if not x.failure]
-    n = len(limits.torque)
+    refused = runs['reason'][runs['failure'] == 'refused']
+    if len(refused):
+        raise CtcError(refused.iloc[0])
+    good = runs[runs['failure'] == '']
     excess, largest = {DIVERGED: 1.0 - len(good) / len(runs)}, {}
-    for name, most, values in ((TORQUE, limits.torque, [x.peak for x in good]),
-                               (RATE, limits.rate, [x.peak_rate for x in good])):
-        excess[name] = max((x / y for row in values for x, y in zip(row, most)),
-                           default=1.0) - _WITHIN
-        largest[name] = tuple(map(max, zip(*values))) or (math.inf,) * n
-    return OverDraws(percentile_of([x.error for x in runs], percentile),
-                     percentile_of([x.most_variation for x in runs], percentile),
-                     largest[TORQUE], largest[RATE], excess, tuple(runs))
+    for name, (key, _), most in ((TORQUE, PER_JOINT['peak'], limits.torque),
+                                 (RATE, PER_JOINT['peak_rate'], limits.rate)):
+        values = good[[f'{key}_{i}' for i, _ in enumerate(most, 1)]].to_numpy()
+        excess[name] = float((values / most).max() if len(good) else 1.0) - _WITHIN
+        largest[name] = tuple(values.max(0).tolist()) if len(good) else (math.inf,) * len(most)
+    error, variation = (percentile_of(runs[name].fillna(math.inf).tolist(), percentile)
+                        for name in ('error', 'variation'))
+    return OverDraws(error, variation, largest[TORQUE], largest[RATE], excess)
 
 
 def percentile_of(values: Sequence[float], percentile: float) -> float:
@@ -258,6 +264,8 @@ class Tuning:
         The gains of the file, and the recommended settings of laws.
     drawn, fresh : Runs
         Draws of the search and of the validation.
+    table : pyarrow.Table
+        A row a run, as that of a map: of all candidates on all draws, then on fresh ones.
 
     """
 
@@ -271,20 +279,11 @@ class Tuning:
     others: tuple[Candidate, ...]
     drawn: Runs
     fresh: Runs
-
-
-def with_gains(draws: Runs, values: Mapping[str, Any]) -> list[Setup]:
-    """Return the setups of all draws with parameters of the controller."""
-    return [dataclasses.replace(x, controller=x.controller.changed(values)) for x in draws.setups]
-
-
-def scores_of(window: tuple[float, float], setups: Sequence[Setup]) -> list[Score]:
-    """Run setups; return the numbers of their true motion in a window."""
-    return [score(setup, window) for setup in setups]
+    table: pyarrow.Table
 
 
 def searched(spec: TuneSpec, trials: int, percentile: float = 95.0, seed: int = 0,
-             each: Callable[..., Iterator[Any]] = map, progress: Progress | None = None
+             each: Callable[..., Iterator[Any]] = serially, progress: Progress | None = None
              ) -> Tuning:
     """
     Search for gains, and validate what was found.
@@ -300,7 +299,7 @@ def searched(spec: TuneSpec, trials: int, percentile: float = 95.0, seed: int = 
     seed : int
         Of the sampler.
     each : callable
-        Map of a function over tasks, in their order.
+        `pool.computed` of a client, or `pool.serially`.
     progress : callable, optional
         Called with the number of trials that are done, and of all.
 
@@ -311,36 +310,42 @@ def searched(spec: TuneSpec, trials: int, percentile: float = 95.0, seed: int = 
 
     """
     drawn, fresh = Runs(spec), Runs(spec.fresh())
-    _ = drawn.setups, fresh.setups  # What is not allowed shows here.
+    for runs in (drawn, fresh):  # What is not allowed shows here.
+        list(map(runs.setup, range(len(runs))))
+    tables: list[pyarrow.Table] = []
 
-    def scores(candidates: Iterable[Mapping[str, Any]], draws: Runs) -> list[OverDraws]:
+    def scores(candidates: Mapping[str, Mapping[str, Any]], draws: Runs) -> list[OverDraws]:
         """Return what candidates, parameters of the controller, do over the same draws."""
-        return [over_draws(runs, spec.limits, percentile) for runs in each(
-            partial(scores_of, spec.window), [with_gains(draws, x) for x in candidates])]
+        runs = Runs(draws.spec.under(candidates))
+        chunks = np.split(np.arange(len(runs)), len(candidates))
+        tables.extend(each(compute, chunks, runs, version()))
+        return [over_draws(x.to_pandas(), spec.limits, percentile) for x in tables[-len(chunks):]]
 
     first = starts(spec.setup.controller, spec.setup.plant.coulomb_friction,
                    recommended(spec.setup), spec.ranges)
     found: list[Trial] = []
     others = spec.references
-    of_others = scores(others.values(), drawn)
+    of_others = scores(others, drawn)
 
     def answers(batch: list[Numbers]) -> Iterator[tuple[tuple[float, ...], dict[str, float]]]:
-        found.extend(map(Trial, batch, scores(map(spec.gains, batch), drawn)))
+        named = {f'trial {k}': spec.gains(x) for k, x in enumerate(batch, len(found))}
+        found.extend(map(Trial, batch, scores(named, drawn)))
         if progress is not None:
             progress(len(found), trials)
         return ((x.score.objectives, x.score.excess) for x in found[-len(batch):])
 
     search(answers, spec.ranges, first, trials, seed)
     chosen = front([trial.score for trial in found])
-    values = [spec.gains(found[k].numbers) for k in chosen]
-    validated = scores([*values, *others.values()], fresh)
-    points = tuple(map(Candidate, map(str, count(1)), values, (found[k].score for k in chosen),
-                       validated))
+    values = {f'trial {k}': spec.gains(found[k].numbers) for k in chosen}
+    validated = scores({**values, **others}, fresh)
+    points = tuple(map(Candidate, map(str, count(1)), values.values(),
+                       (found[k].score for k in chosen), validated))
     rest = tuple(map(Candidate, others, others.values(), of_others, validated[len(points):]))
-    config = spec.setup.controller
+    config, table = spec.setup.controller, pyarrow.concat_tables(tables)
+    table = table.set_column(0, 'run', pyarrow.array(range(len(table))))
     mine = [x for x in rest if points and config.changed(x.values).law == config.law]
     return Tuning(spec, percentile, seed, tuple(found), tuple(chosen), points,
-                  recommended_of([*points, *mine]), rest, drawn, fresh)
+                  recommended_of([*points, *mine]), rest, drawn, fresh, table)
 
 
 def recommended_of(candidates: Sequence[Candidate]) -> Candidate | None:
@@ -352,12 +357,6 @@ def recommended_of(candidates: Sequence[Candidate]) -> Candidate | None:
     """
     kept = [x for x in candidates if x.fresh.allowed] or candidates
     return min(kept, key=lambda x: x.fresh.product, default=None)
-
-
-def setups(spec: TuneSpec) -> list[Setup]:
-    """Return the laws that run: the one that is tuned, and its `references`."""
-    return [dataclasses.replace(spec.setup, controller=spec.setup.controller.changed(values))
-            for values in ({}, *spec.references.values())]
 
 
 def tune(spec: TuneSpec | Mapping[str, Any] | str | Path, trials: int = 200,
@@ -403,6 +402,7 @@ def tune(spec: TuneSpec | Mapping[str, Any] | str | Path, trials: int = 200,
     if not 0.0 < percentile <= 100.0:
         raise ParameterError('percentile', percentile, 'a number > 0 and <= 100')
     found = tune_spec(spec, identified)
-    compile_setups(setups(found), show)
+    runs = Runs(found.under({'tuned': {}, **found.references}))
+    compile_setups(map(runs.example, range(len(runs.spec.variants))), show)
     with processes(jobs) as each:
         return searched(found, trials, percentile, found.repeats.seed, each, progress)

@@ -29,6 +29,7 @@ from ctc_chattering.analysis.tables import columns, number_text, rounded, Table
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.runs.figures import Mark, panels, trade_off
 from ctc_chattering.runs.spec import rows_of
+from ctc_chattering.runs.store import write_table
 from ctc_chattering.runs.tune import Candidate, CONSTRAINTS, OverDraws, RATE, TORQUE, Trial, Tuning
 from ctc_chattering.runs.tune_spec import SPACE, space, TuneSpec
 from matplotlib.figure import Figure
@@ -36,8 +37,8 @@ from matplotlib.figure import Figure
 #: Most joints whose numbers are all shown.
 _MANY = 3
 #: Names in the directory.
-TUNED, NUMBERS, POINTS, FIGURES, PAGE = NAMES = (
-    'tuned.yaml', 'tune.json', 'front', 'figures', 'index.html')
+TUNED, NUMBERS, TABLE, POINTS, FIGURES, PAGE = NAMES = (
+    'tuned.yaml', 'tune.json', 'tune.parquet', 'front', 'figures', 'index.html')
 _LEAD = ('Gains with little error and little torque variation for a robot that is known in part: '
          'the best compromises of a search, and what they do on draws that it has not seen.')
 _CAPTION = (
@@ -155,7 +156,7 @@ def write_tuning(tuning: Tuning, out: str | Path, extra: str = 'svg', command: s
         What `tune` has found.
     out : str or Path
         Directory for ``tuned.yaml``, which `simulate` and all nodes take, ``front``, with those
-        of all points, ``tune.json``, ``figures``, ``index.html``.
+        of all points, ``tune.json``, ``tune.parquet``, a row a run, ``figures``, ``index.html``.
     extra : {'svg', 'pdf', 'png'}
         A second format for each figure.
     command : str
@@ -174,6 +175,7 @@ def write_tuning(tuning: Tuning, out: str | Path, extra: str = 'svg', command: s
     if tuning.best:
         write_parameters(tuning.spec, tuning.best, out / TUNED)
     write_json(as_mapping(tuning), out / NUMBERS)
+    write_table(tuning.table, out / TABLE)
     made = [('front', front_figure(tuning), _CAPTION)]
     write_page(tuning, drawing.save(made, out / FIGURES, ('svg', extra)), out / PAGE, command)
 

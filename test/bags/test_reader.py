@@ -129,11 +129,22 @@ def test_commands_with_the_log_time_of_another_state(tmp_path: Path) -> None:
     at = [i for i, x in enumerate(found) if x.topic == COMMANDS]
     for i in at[::7]:
         found[i] = found[i]._replace(t=found[i].t - 1_000_000 * (i > 20))
-    found.append(found[at[60]])
-    tau = read(tmp_path, found).run.tau
+    found.insert(at[60], found[at[60]])
+    check(read(tmp_path, found))
+
+
+@pytest.mark.parametrize('stamped', [True, False])
+def test_as_many_commands_as_states_that_do_not_answer_them(tmp_path: Path, stamped: bool) -> None:
+    """Check that one lost, and another one too many, show where some torques have stamps."""
+    found = messages()
+    at = [i for i, x in enumerate(found) if x.topic == COMMANDS]
+    found.insert(at[120], found[at[90]]._replace(t=found[at[120]].t))
+    del found[at[50]]
+    tau = read(tmp_path, found + (STAMPED[::10] if stamped else [])).run.tau
     known = np.isfinite(tau).all(axis=1)
-    assert tau[known].tobytes() == RESULT.run.tau[known].tobytes()
-    check(read(tmp_path / 'stamped', found + STAMPED))
+    assert (tau[known].tobytes() == RESULT.run.tau[known].tobytes()) == stamped
+    assert np.flatnonzero(~known).tolist() == [
+        k for k in range(41, 120) if k % 10] * stamped
 
 
 def test_without_the_plant(tmp_path: Path) -> None:

@@ -75,8 +75,10 @@ def check_bits(robot: Robot, library: Path, count: int) -> None:
     assert len(np.unique(torques[:, 0])) > count / 2
 
 
-@pytest.mark.parametrize('law', LAWS)
-@pytest.mark.parametrize('file', ['friction', 'panda', 'ur5'])
+@pytest.mark.parametrize('file, law', [
+    pytest.param(file, law, marks=() if law == always else pytest.mark.slow) for file, always in (
+        ('friction', 'implicit_observer'), ('panda', 'observer_feedback'), ('ur5', 'sign'))
+    for law in LAWS])
 def test_ten_thousand_torques_to_the_last_bit(tmp_path: Path, file: str, law: str) -> None:
     check_bits(robot_of(file, law), tmp_path, 10_000)
 

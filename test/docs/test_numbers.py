@@ -109,7 +109,7 @@ def test_a_study_has_every_case_and_both_files_have_the_same_numbers(
 
 
 @pytest.mark.parametrize('row', [*SAMPLE, *(pytest.param(
-    x, marks=pytest.mark.slow) for x in (*ROWS, *LAW_ROWS) if x not in SAMPLE)], ids=name_of)
+    x, marks=pytest.mark.slow) for x in (*ROWS, *LAW_ROWS)[::23] if x not in SAMPLE)], ids=name_of)
 def test_a_row_of_the_study(row: CaseOutcome) -> None:
     check(row)
 

@@ -80,6 +80,7 @@ def test_delay_and_lags_of_the_drives() -> None:
     assert found.timing.lag == pytest.approx([2e-3, 4e-3], rel=0.05)
 
 
+@pytest.mark.slow
 def test_friction_that_depends_on_direction_and_speed() -> None:
     made = record('two_link', 3, 20.0, plant={
         'friction_asymmetry': [0.1, 0.0], 'stribeck_friction': [2.0, 0.0],
@@ -119,6 +120,7 @@ def check_intervals(found: Identification, made: Recorded, scale: float = 1.0) -
             scale * coulomb, abs=friction.coulomb.half + 1e-4 * coulomb)
 
 
+@pytest.mark.slow
 def test_rotors_are_named_and_no_friction() -> None:
     made = record('two_link', 5, 12.0, truth=Rotors())
     found = of(made)
@@ -136,6 +138,7 @@ def test_a_wrong_torque_constant_of_one_joint_is_no_mass() -> None:
     assert found.errors == []
 
 
+@pytest.mark.slow
 def test_a_base_that_is_not_level() -> None:
     """An arm that is turned by an angle has an encoder that is off by it."""
     q = np.add(plain().recording.q, (0.05, 0.0))
@@ -163,6 +166,7 @@ def changed(**fields: Any) -> Recording:
     return dataclasses.replace(plain().recording, **fields)
 
 
+@pytest.mark.slow
 def test_a_pause_in_the_middle_changes_no_number() -> None:
     made = plain()
     t = made.recording.t.copy()
@@ -172,6 +176,7 @@ def test_a_pause_in_the_middle_changes_no_number() -> None:
     assert [length for _, length in found.clock.pauses] == pytest.approx([3.001])
 
 
+@pytest.mark.slow
 def test_without_velocities_their_noise_is_not_identifiable() -> None:
     found = of(plain(), changed(dq=None))
     check_friction(found, plain())
@@ -216,6 +221,7 @@ def test_a_robot_that_stands_still_is_refused() -> None:
         of(made, changed(q=q))
 
 
+@pytest.mark.slow
 def test_one_speed_does_not_show_viscous_friction() -> None:
     """There and back at nearly one speed: Coulomb and viscous friction look the same."""
     times = [0.0, 4.0, 8.0, 12.0, 16.0]

@@ -99,7 +99,8 @@ def rms(rows: Array, x: Array) -> Array:
     return found
 
 
-@pytest.mark.parametrize('name', list(ROBOTS))
+@pytest.mark.parametrize('name', ['two links', *(
+    pytest.param(x, marks=pytest.mark.slow) for x in ('panda', 'ur5'))])
 @pytest.mark.parametrize('noise', [0.01, 0.3])
 def test_the_torque_of_other_motions_is_right(name: str, noise: float) -> None:
     """Bodies can have the parameters; on average they are at least as good as least squares."""
@@ -145,7 +146,7 @@ def test_against_another_method() -> None:
     assert change @ A @ change * 1e-6 == pytest.approx(best, rel=2e-3)
 
 
-@pytest.mark.parametrize('name', ['panda', 'ur5'])
+@pytest.mark.parametrize('name', [pytest.param('panda', marks=pytest.mark.slow), 'ur5'])
 @pytest.mark.parametrize('rotor, mass, words', [(-0.6, 1.0, 'inertia'), (0.0, -1.0, 'mass of')])
 def test_what_no_body_can_have_is_refused(name: str, rotor: float, mass: float, words: str
                                           ) -> None:

@@ -115,6 +115,7 @@ def test_a_wrist_that_friction_holds_does_not_block_the_other_joints() -> None:
     assert 'Next: `ctc excite --for' in made.results.text()
 
 
+@pytest.mark.slow
 def test_a_known_payload_tells_torque_constants_from_masses() -> None:
     """All torque constants are 5 % off: one run says masses or torques, and two say which."""
     one = plain('two_link_urdf', 7700).with_physics(scale=0.95)

@@ -49,7 +49,7 @@ from ctc_chattering.runs.conditions import (
     LOST,
     read_cases,
 )
-from ctc_chattering.runs.pool import in_parallel
+from ctc_chattering.runs.pool import processes
 from ctc_chattering.runs.recommended import by_rule, recommended
 from ctc_chattering.runs.score import over_simulation, Runner, Score, score
 from ctc_commands import ctc, refused
@@ -196,7 +196,8 @@ def test_a_condition_has_the_worst_of_its_runs(arm: Path) -> None:
 def test_the_number_of_processes_changes_nothing(arm: Path) -> None:
     todo = tasks([arm], ['clean'], ['compensation', 'integral'], RECOMMENDED)
     outcomes = list(map(evaluate, todo))
-    assert list(in_parallel(evaluate, todo, 2)) == outcomes
+    with processes(2) as each:
+        assert list(each(evaluate, todo)) == outcomes
     assert [x.task.variant.settings for x in outcomes] == ['file', RECOMMENDED, RECOMMENDED]
     for outcome in outcomes:
         again = simulated_with(arm, outcome.runs[0]).metrics()

@@ -24,7 +24,7 @@ import time
 from typing import Any
 
 from ctc_chattering.errors import CtcError, ParameterError
-from ctc_chattering.runs.pool import computed, in_parallel, processes, threads, workers
+from ctc_chattering.runs.pool import computed, processes, threads, workers
 from distributed import LocalCluster
 import pytest
 from scheduler_tasks import add, die, die_once, fail, late, until_there
@@ -53,8 +53,10 @@ def test_results_come_in_the_order_of_their_tasks() -> None:
     with processes(2) as each:
         assert list(each(late, [0.2, 0.0, 0.1])) == [0.2, 0.0, 0.1]
         assert list(each(late, [0.01, 0.0])) == [0.01, 0.0]
-    assert list(in_parallel(late, [0.0, 0.01], 1)) == [0.0, 0.01]
-    assert list(in_parallel(late, [], 2)) == []
+        assert list(each(late, [])) == []
+    with processes(1) as each:
+        assert list(each(late, [0.0, 0.01])) == [0.0, 0.01]
+        assert list(each(add, [3, 4], 1, 2)) == [6, 7]
 
 
 def test_the_task_of_a_killed_worker_goes_to_another(client: Any, tmp_path: Path) -> None:

@@ -27,7 +27,7 @@ from ctc_chattering.compiled.machine_code import MACHINE_CODE, PLAIN_PYTHON
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.configuration.loop_setup import Setup
 from ctc_chattering.errors import CtcError, MachineError
-from ctc_chattering.runs.points import evaluate
+from ctc_chattering.runs.points import evaluate, row_of
 from ctc_chattering.runs.score import (
     limits,
     of_results,
@@ -62,7 +62,9 @@ def test_numbers_are_those_of_the_samples_with_none_missing_in_between() -> None
     assert found.variation == tuple(part['torque_variation_nm_per_s'])
     assert found.peak_rate == tuple(whole['max_torque_rate_nm_per_s'])
     assert found.peak == tuple(np.abs(run.tau).max(axis=0))
-    assert (found.error, found.most_variation) == (max(found.rms), max(found.variation))
+    row = row_of(found, 2, NONE)
+    assert (row['error'], row['variation']) == (max(found.rms), max(found.variation))
+    assert [row[f'peak_torque_nm_{i}'] for i in (1, 2)] == list(found.peak)
     assert (found.failure, found.engine) == (
         '', MACHINE_CODE if run.compiled else PLAIN_PYTHON)
     across = score(made, WINDOW, lambda _: result, across_gaps=True)
@@ -74,7 +76,7 @@ def test_a_failure_has_a_reason_and_no_numbers() -> None:
     found = score(setup(), (0.0501, 0.0502))
     assert found == Score(failure='fewer than two samples from 0.0501 s to 0.0502 s',
                           engine=found.engine)
-    assert (found.error, found.most_variation) == (inf, inf)
+    assert (found.error, row_of(found, 2, NONE)['variation']) == (inf, None)
 
 
 @pytest.mark.parametrize(('error', 'text'), [

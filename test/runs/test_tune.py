@@ -25,11 +25,13 @@ import random
 import sys
 
 from ctc_chattering.configuration import parameter_file
-from ctc_chattering.errors import UsageError
+from ctc_chattering.errors import CtcError, UsageError
 from ctc_chattering.runs import tune_page as report
+from ctc_chattering.runs.points import evaluate, row_of, Runs
 from ctc_chattering.runs.pool import processes
 from ctc_chattering.runs.recommended import recommended_setup
-from ctc_chattering.runs.score import Score
+from ctc_chattering.runs.score import of_results, Score
+from ctc_chattering.runs.spec import Failure
 from ctc_chattering.runs.tune import (
     Candidate,
     front,
@@ -38,10 +40,8 @@ from ctc_chattering.runs.tune import (
     OverDraws,
     percentile_of,
     recommended_of,
-    scores_of,
     search,
     searched,
-    setups,
     Trial,
     Tuning,
 )
@@ -53,6 +53,8 @@ from ctc_chattering.runs.tune_page import (
 from ctc_chattering.runs.tune_spec import Limits, Range
 from figure_layout import overlaps
 import optuna
+import pandas  # type: ignore[import-untyped]
+import pyarrow
 import pytest
 from tunings import short_spec, short_tuning
 
@@ -62,9 +64,17 @@ def tuning() -> Tuning:
     return short_tuning()
 
 
+def over(runs: list[Score], limits: Limits, percentile: float) -> OverDraws:
+    """Return what made-up runs come to, from their rows."""
+    n = len(limits.torque)
+    columns = pyarrow.schema([(name, kind) for name, (kind, _) in of_results(n).items()])
+    table = pyarrow.Table.from_pylist([row_of(x, n, Failure()) for x in runs], columns)
+    return over_draws(table.to_pandas(), limits, percentile)
+
+
 def trial(*torques: float, rate: float = 0.0, diverged: int = 0) -> Trial:
-    runs = [Score((1.0,), variation=(1.0,), peak=(x,), peak_rate=(rate,)) for x in torques]
-    return Trial({}, over_draws(runs + [GONE] * diverged, Limits((10.0,), (100.0,)), 100.0))
+    runs = [run(torque=(x,), rate=(rate,)) for x in torques]
+    return Trial({}, over(runs + [GONE] * diverged, Limits((10.0,), (100.0,)), 100.0))
 
 
 def test_trials_are_counted_under_each_limit_that_they_violate() -> None:
@@ -133,12 +143,17 @@ def test_a_parameter_file_has_the_gains_of_its_point(out: Path, tuning: Tuning) 
 
 def test_a_parameter_file_run_on_a_draw_gives_the_numbers_of_its_point(
         out: Path, tuning: Tuning) -> None:
-    point, draws = tuning.points[-1], tuning.drawn
-    for run, (friction,), setup in zip(point.drawn.runs, draws.draws.tolist(), draws.setups):
+    point, name, spec = tuning.points[-1], f'trial {tuning.front[-1]}', tuning.spec
+    rows = [x for x in tuning.table.to_pylist() if x['variant'] == name]
+    assert [x['friction'] for x in rows] == [
+        *tuning.drawn.draws[:, 0], *tuning.fresh.draws[:, 0]]
+    for row in rows:
+        friction = row['friction']
         loaded = parameter_file.load(out / 'front' / f'{point.name}.yaml', {'plant': {
             'coulomb_friction': [friction, friction], 'duration': 0.5,
-            'noise_seed': setup.plant.noise_seed}})
-        assert scores_of(tuning.spec.window, [loaded]) == [run]
+            'noise_seed': row['seed']}})
+        found = evaluate(loaded, spec.window, spec.failure)
+        assert {key: row[key] for key in found} == found
 
 
 def test_the_numbers_are_strict_json(out: Path, tuning: Tuning) -> None:
@@ -183,14 +198,16 @@ def test_the_result_does_not_depend_on_the_number_of_processes(tuning: Tuning) -
         again = searched(tuning.spec, 12, 100.0, 1, each)
     assert (again.trials, again.points, again.others, again.best) == (
         tuning.trials, tuning.points, tuning.others, tuning.best)
+    assert again.table.equals(tuning.table)
 
 
 def test_the_points_are_validated_on_all_fresh_draws(tuning: Tuning) -> None:
-    assert len(tuning.fresh.setups) == 8
+    assert len(tuning.fresh) == 8
     assert tuning.points
-    for x in (*tuning.points, *tuning.others):
-        assert len(x.drawn.runs) == 2
-        assert len(x.fresh.runs) == 8
+    seeds = tuning.table.to_pandas().groupby('variant')['seed']
+    for name in (*(f'trial {k}' for k in tuning.front), *(x.name for x in tuning.others)):
+        assert list(seeds.get_group(name)) == [*range(2), *range(2, 10)]
+    assert tuning.table['run'].to_pylist() == list(range(len(tuning.table)))
     for k, x in zip(tuning.front, tuning.points):
         assert x.drawn == tuning.trials[k].score
     errors = [x.drawn.error for x in tuning.points]
@@ -211,15 +228,16 @@ def test_others_are_the_file_and_the_recommended_settings(tuning: Tuning) -> Non
 
 def test_all_laws_that_run_are_compiled_first() -> None:
     """Check the law that is tuned, and those that it is compared with."""
+    spec = short_spec()
+    runs = Runs(spec.under({'tuned': {}, **spec.references}))
     assert [(x.controller.law, x.controller.switching_in_force)
-            for x in setups(short_spec())] == [
+            for x in map(runs.example, range(len(runs.spec.variants)))] == [
         ('chattering', 'implicit_observer'), ('chattering', 'sign'),
         ('chattering', 'implicit_observer'), ('observer_feedback', '')]
 
 
 def candidate(error: float, variation: float, torque: float) -> Candidate:
-    run = Score((error,), variation=(variation,), peak=(torque,), peak_rate=(0.0,))
-    found = over_draws([run], Limits((1.0,), (inf,)), 100.0)
+    found = over([run(error, variation, (torque,), (0.0,))], Limits((1.0,), (inf,)), 100.0)
     return Candidate('', {}, found, found)
 
 
@@ -238,7 +256,8 @@ RANGES = {'x': Range(0.1, 1e3), 'y': Range(1e-3, 10.0)}
 
 def run(error: float = 1.0, variation: float = 1.0, torque: tuple[float, ...] = (1.0, 2.0),
         rate: tuple[float, ...] = (3.0, 4.0)) -> Score:
-    return Score((error,), variation=(variation,), peak=torque, peak_rate=rate)
+    return Score((error,), variation=(variation,), peak=torque, peak_rate=rate, saturated=0.0,
+                 slips=(0.0,))
 
 
 GONE = Score(failure='diverged at t = 1 s')
@@ -246,8 +265,7 @@ GONE = Score(failure='diverged at t = 1 s')
 
 def point(error: float, variation: float, allowed: bool = True) -> OverDraws:
     torque = 1.0 if allowed else 9.0
-    return over_draws(
-        [run(error, variation, (torque, torque))], Limits((5.0, 5.0), (inf, inf)), 100.0)
+    return over([run(error, variation, (torque, torque))], Limits((5.0, 5.0), (inf, inf)), 100.0)
 
 
 @pytest.mark.parametrize('n', [1, 3, 20, 32])
@@ -261,30 +279,37 @@ def test_a_percentile_is_the_least_value_that_so_many_do_not_exceed(n: int) -> N
 def test_a_score_has_the_worst_of_what_is_limited_and_the_percentile_of_the_rest() -> None:
     runs = [run(1.0, 40.0), run(2.0, 30.0, (7.0, 1.0)), run(3.0, 20.0, (1.0, 1.0), (8.0, 2.0)),
             run(4.0, 10.0)]
-    found = over_draws(runs, Limits((10.0, 2.0), (4.0, 100.0)), 75.0)
+    found = over(runs, Limits((10.0, 2.0), (4.0, 100.0)), 75.0)
     assert (found.error, found.variation) == (3.0, 30.0)
     assert (found.torque, found.rate) == ((7.0, 2.0), (8.0, 4.0))
     assert found.excess == pytest.approx(
         {'diverged': 0.0, 'torque': 0.0, 'torque rate': 1.0}, abs=1e-8)
     assert not found.allowed
-    assert over_draws(runs, FREE, 75.0).allowed
-    assert over_draws(runs, FREE, 100.0).error == 4.0
+    assert over(runs, FREE, 75.0).allowed
+    assert over(runs, FREE, 100.0).error == 4.0
 
 
 def test_runs_that_diverge_count_as_infinite_and_violate() -> None:
-    found = over_draws([run(1.0), GONE, run(2.0), run(3.0)], FREE, 75.0)
+    found = over([run(1.0), GONE, run(2.0), run(3.0)], FREE, 75.0)
     assert (found.error, found.excess['diverged']) == (3.0, 0.25)
     assert not found.allowed
-    assert over_draws([run(1.0), GONE], FREE, 100.0).error == inf
-    none = over_draws([GONE, GONE], Limits((1.0, 1.0), (inf, inf)), 50.0)
+    assert over([run(1.0), GONE], FREE, 100.0).error == inf
+    none = over([GONE, GONE], Limits((1.0, 1.0), (inf, inf)), 50.0)
     assert (none.error, none.torque, none.excess['diverged']) == (inf, (inf, inf), 1.0)
+
+
+def test_a_draw_that_is_not_allowed_ends_the_search() -> None:
+    reason = 'plant: viscous_friction: not allowed'
+    rows = [row_of(x, 1, Failure(), 'refused') for x in (run(), Score(failure=reason))]
+    with pytest.raises(CtcError, match=reason):
+        over_draws(pandas.DataFrame(rows), Limits((1.0,), (1.0,)), 95.0)
 
 
 def test_the_rounding_of_a_rate_is_no_violation() -> None:
     limit = 1000.0
     limits = Limits((inf, inf), (limit, inf))
-    assert over_draws([run(rate=(limit * (1.0 + 1e-12), 1.0))], limits, 95.0).allowed
-    assert not over_draws([run(rate=(limit * 1.001, 1.0))], limits, 95.0).allowed
+    assert over([run(rate=(limit * (1.0 + 1e-12), 1.0))], limits, 95.0).allowed
+    assert not over([run(rate=(limit * 1.001, 1.0))], limits, 95.0).allowed
 
 
 @pytest.mark.parametrize('seed', range(5))
@@ -322,7 +347,7 @@ class Robot:
         off = log(numbers['y'] / 0.1) ** 2
         x = numbers['x'] / 10.0
         found = run(x + off, 1.0 / x + off, (x, x))
-        return over_draws([found], Limits((self.most, self.most), (inf, inf)), 100.0)
+        return over([found], Limits((self.most, self.most), (inf, inf)), 100.0)
 
 
 def found_by(robot: Robot, trials: int = 60, seed: int = 0) -> list[Trial]:

@@ -23,6 +23,7 @@ from typing import Any
 
 from ctc_chattering.cli.ctc import main
 from ctc_chattering.configuration import parameter_file
+from ctc_chattering.configuration.loop_setup import Setup
 from ctc_chattering.configuration.package_share import config_directory
 from ctc_chattering.control.controller import ControllerConfig
 from ctc_chattering.errors import CtcError
@@ -54,6 +55,10 @@ def spec(tree: dict[str, Any] | None = None, **tune: Any) -> TuneSpec:
                       Path('spec.yaml'))
 
 
+def setups_of(draws: Runs) -> list[Setup]:
+    return list(map(draws.setup, range(len(draws))))
+
+
 def test_by_default_the_recommended_law_is_tuned_for_friction_model_lag_and_noise() -> None:
     found = spec()
     config = found.setup.controller
@@ -63,7 +68,7 @@ def test_by_default_the_recommended_law_is_tuned_for_friction_model_lag_and_nois
     assert {x.name: (x.factor, x.numbers) for x in found.uncertain} == {
         'model': (False, (0.9, 1.1)), 'friction': (True, (0.8, 1.2)),
         'lag': (False, (0.0, 2e-3)), 'noise': (False, (1e-4, 2e-3))}
-    assert len(Runs(found).setups) == DRAWS
+    assert len(setups_of(Runs(found))) == DRAWS
     assert found.window == (2.0, 4.0)
     assert (found.file.controller.law, found.file.controller.switching) == ('chattering', 'sign')
 
@@ -80,7 +85,7 @@ def test_what_the_file_has_is_uncertain_by_a_factor() -> None:
 def test_every_run_starts_smoothly_and_has_no_events() -> None:
     found = parse_tune({'params_file': 'switch'}, Path('spec.yaml'))
     assert parameter_file.load(config_directory() / 'switch.yaml').events
-    for setup in (found.file, found.setup, *Runs(found).setups):
+    for setup in (found.file, found.setup, *setups_of(Runs(found))):
         assert setup.events == ()
         assert setup.reference.start_duration == 2.0
     slow = spec({'overrides': {'reference': {'start_duration': 3.0}}})
@@ -90,17 +95,17 @@ def test_every_run_starts_smoothly_and_has_no_events() -> None:
 def test_draws_are_robots_with_seeds_of_their_own_and_fresh_ones_are_others() -> None:
     found = spec({'uncertain': LOAD, 'repeats': 4, 'seed': 7})
     drawn, fresh = Runs(found), Runs(found.fresh())
-    assert len(drawn.setups) == 4
-    assert len(fresh.setups) == 16
+    assert len(setups_of(drawn)) == 4
+    assert len(setups_of(fresh)) == 16
     for draws in (drawn, fresh):
-        for k, ((x,), setup) in enumerate(zip(draws.draws.tolist(), draws.setups)):
+        for k, ((x,), setup) in enumerate(zip(draws.draws.tolist(), setups_of(draws))):
             assert 5.0 <= x <= 9.0
             assert setup.plant.coulomb_friction == (x, x)
             assert setup.plant.noise_seed == draws.spec.repeats.seed + k
-    seeds = [{x.plant.noise_seed for x in draws.setups} for draws in (drawn, fresh)]
+    seeds = [{x.plant.noise_seed for x in setups_of(draws)} for draws in (drawn, fresh)]
     assert not seeds[0] & seeds[1]
     assert not {*drawn.draws.ravel()} & {*fresh.draws.ravel()}
-    assert Runs(found).setups == drawn.setups
+    assert setups_of(Runs(found)) == setups_of(drawn)
 
 
 def test_limits_are_the_least_of_what_is_known() -> None:
@@ -296,7 +301,7 @@ def test_friction_is_drawn_within_its_widest_interval(tmp_path: Path) -> None:
     found = identified_spec(written(tmp_path, contents()), {'repeats': 64})
     assert ranges(found) == {'coulomb': (0.75, 1.25), 'viscous': (0.95, 1.05),
                              'lag': (1e-3, 6e-3), 'model': (0.95, 1.05)}
-    setups = Runs(found).setups
+    setups = setups_of(Runs(found))
     for k, (low, high) in enumerate(((7.5, 12.5), (3.0, 5.0))):
         drawn = [x.plant.coulomb_friction[k] for x in setups]
         assert low <= min(drawn) < low + 0.05 * low
@@ -312,7 +317,7 @@ def test_every_delay_that_is_possible_is_drawn_and_all_lags_with_any_of_them(
         possible(delay, *lags) for delay, lags in pairs.items()])), {'repeats': 64})
     assert ranges(spec)['delay'] == (0.0, 1.0, 2.0)
     assert ranges(spec)['lag'] == (0.0, 7e-3)
-    plants = [x.plant for x in Runs(spec).setups]
+    plants = [x.plant for x in setups_of(Runs(spec))]
     for delay in pairs:
         assert sum(x.input_delay == delay for x in plants) > 15
     drawn = [x.actuator_lag[0] for x in plants]
@@ -326,7 +331,7 @@ def test_errors_of_masses_widen_the_model_and_a_payload_is_carried(tmp_path: Pat
     spec = identified_spec(written(tmp_path, contents(model_errors=errors)), {})
     assert ranges(spec)['model'] == (0.88, 1.12)
     assert ranges(spec)['payload'] == (0.9, 1.1)
-    assert all(0.9 <= x.plant.payload <= 1.1 for x in Runs(spec).setups)
+    assert all(0.9 <= x.plant.payload <= 1.1 for x in setups_of(Runs(spec)))
     errors[2].update(number(-1.0, 0.1))
     spec = identified_spec(written(tmp_path, contents(model_errors=errors)), {})
     assert 'payload' not in ranges(spec)
@@ -362,7 +367,7 @@ def test_what_identify_writes_is_read(tmp_path: Path) -> None:
     for k, friction in enumerate(found['friction']):
         low, high = friction['coulomb']['interval_95']
         middle = friction['coulomb']['value']
-        drawn = [x.plant.coulomb_friction[k] for x in Runs(spec).setups]
+        drawn = [x.plant.coulomb_friction[k] for x in setups_of(Runs(spec))]
         assert min(drawn) > middle - 5.0 * (high - low)
         assert max(drawn) < middle + 5.0 * (high - low)
         assert len(set(drawn)) == 8
