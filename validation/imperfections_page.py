@@ -30,11 +30,11 @@ from typing import Any
 
 from ctc_chattering.analysis import drawing
 from ctc_chattering.analysis.compilation import compile_setups
-from ctc_chattering.analysis.drawing import FigureFile, legend
+from ctc_chattering.analysis.drawing import legend
 from ctc_chattering.analysis.markup import Markup
 from ctc_chattering.analysis.metrics import within
 from ctc_chattering.analysis.output import prepare, write_text
-from ctc_chattering.analysis.page import Folded, Section, write_page
+from ctc_chattering.analysis.page import FigureFile, Folded, Section, write_page
 from ctc_chattering.analysis.result import LAW_COLOURS, simulate
 from ctc_chattering.analysis.tables import markdown, markdown_table, Table
 from ctc_chattering.control.controller_config import LAWS, SWITCHINGS
@@ -188,7 +188,7 @@ def chattering(case: Case, switchings: Sequence[str] = SWITCHINGS) -> Figure:
 
 
 def save_study_figures(outcomes: Sequence[CaseOutcome], directory: Path, extra: str = 'png'
-                       ) -> list[drawing.FigureFile]:
+                       ) -> list[FigureFile]:
     """
     Write the figures of a study as PNG; return them in the order in which to show them.
 

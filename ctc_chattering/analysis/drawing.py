@@ -17,7 +17,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-import dataclasses
 import io
 from pathlib import Path
 import re
@@ -25,6 +24,7 @@ from textwrap import fill
 from typing import Any
 
 from ctc_chattering.analysis.output import file_stem, writing
+from ctc_chattering.analysis.page import FigureFile
 from ctc_chattering.analysis.tables import cut
 from ctc_chattering.numerics.time_grid import missing
 from ctc_chattering.simulation.closed_loop import Array
@@ -52,34 +52,6 @@ _METADATA = {'svg': {'Date': None}, 'pdf': {'CreationDate': None}, 'png': {'Soft
 
 #: Control codes, in a name for example, which no SVG may have.
 _NOT_XML = re.compile(rb'[\x00-\x08\x0b\x0c\x0e-\x1f]')
-
-
-@dataclasses.dataclass(frozen=True)
-class FigureFile:
-    """
-    A figure on disk.
-
-    Attributes
-    ----------
-    path : Path
-        The file that a page shows.
-    title, caption : str
-        What it shows, and under which condition.
-    others : tuple of Path
-        The same in other formats.
-    size : (float, float), optional
-        Width and height [pixel].
-    group : str
-        Name of the run whose figures are shown together; empty for none.
-
-    """
-
-    path: Path
-    title: str
-    caption: str
-    others: tuple[Path, ...] = ()
-    size: tuple[float, float] | None = None
-    group: str = ''
 
 
 def legend(figure: Figure, handles: Sequence[Any]) -> None:

@@ -24,6 +24,7 @@ from typing import Any
 from ctc_chattering.analysis import drawing
 from ctc_chattering.analysis.drawing import legend_of
 from ctc_chattering.analysis.output import check_format, file_stem
+from ctc_chattering.analysis.page import FigureFile
 from ctc_chattering.analysis.result import colour, colours, name, names, Result
 from ctc_chattering.control.laws.base import law_class
 from ctc_chattering.errors import CtcError
@@ -153,7 +154,7 @@ def _robust_term(result: Result) -> str:
 
 
 def save_figures(results: Sequence[Result], directory: str | Path, extra: str = 'svg'
-                 ) -> list[drawing.FigureFile]:
+                 ) -> list[FigureFile]:
     """
     Write every figure of `results` as SVG and return them in the order in which to show them.
 

@@ -17,6 +17,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+import dataclasses
 from itertools import count, pairwise
 import os
 from pathlib import Path
@@ -24,7 +25,6 @@ from typing import Any, NamedTuple
 
 import ctc_chattering
 from ctc_chattering.analysis import markup
-from ctc_chattering.analysis.drawing import FigureFile
 from ctc_chattering.analysis.markup import Markup
 from ctc_chattering.analysis.output import write_text
 from ctc_chattering.analysis.tables import Table
@@ -32,6 +32,34 @@ from ctc_chattering.analysis.tables import Table
 _PACKAGE = 'ctc_chattering.analysis'
 #: Entries from which on a page has an index.
 _INDEXED = 6
+
+
+@dataclasses.dataclass(frozen=True)
+class FigureFile:
+    """
+    A figure on disk.
+
+    Attributes
+    ----------
+    path : Path
+        The file that a page shows.
+    title, caption : str
+        What it shows, and under which condition.
+    others : tuple of Path
+        The same in other formats.
+    size : (float, float), optional
+        Width and height [pixel].
+    group : str
+        Name of the run whose figures are shown together; empty for none.
+
+    """
+
+    path: Path
+    title: str
+    caption: str
+    others: tuple[Path, ...] = ()
+    size: tuple[float, float] | None = None
+    group: str = ''
 
 
 class Card(NamedTuple):

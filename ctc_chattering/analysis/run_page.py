@@ -24,10 +24,10 @@ from pathlib import Path
 from typing import Any
 
 from ctc_chattering.analysis import page
-from ctc_chattering.analysis.drawing import FigureFile
 from ctc_chattering.analysis.markup import fragment, Markup
 from ctc_chattering.analysis.metrics import BAND
 from ctc_chattering.analysis.output import check_format, file_stem, finite, prepare, write_text
+from ctc_chattering.analysis.page import FigureFile
 from ctc_chattering.analysis.result import (
     coded,
     colours,

@@ -31,7 +31,14 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from ctc_chattering.bags.bag import Bag
-from ctc_chattering.bags.recording import Answers, answers, Indices, RecordedMotion, Recording
+from ctc_chattering.bags.recording import (
+    Answers,
+    answers,
+    Indices,
+    RecordedMotion,
+    Recording,
+    VELOCITIES,
+)
 from ctc_chattering.bags.repair import open_bag
 from ctc_chattering.control.controller import ControllerConfig, LAWS
 from ctc_chattering.control.controller_config import SWITCHINGS
@@ -108,15 +115,19 @@ class SignalTopic(NamedTuple):
 
     def read(self, joints: tuple[str, ...]) -> Signal:
         """Return the values of some joints; messages without each of them are left out."""
-        logged, stamps, wanted = array('q'), array('q'), set(joints)
+        logged, stamps = array('q'), array('q')
+        known: tuple[str, ...] = ()
+        picked: list[int] = []
         columns = [array('d') for _ in self.fields]
         unknown = np.full(len(joints), np.nan)
         for t, message in self.bag.read(self.connections):
             names = _names_of(message, self.fields[0]) or joints
+            if names != known:
+                known, whole = names, set(joints) <= set(names) and len(set(names)) == len(names)
+                picked = [names.index(x) for x in joints] if whole else []
             rows = [_numbers(message, field) for field in self.fields]
-            if rows[0] is None or not wanted <= set(names) or len(set(names)) < len(names):
+            if rows[0] is None or not picked:
                 continue
-            picked = [names.index(x) for x in joints]
             for column, row in zip(columns, rows):
                 column.frombytes((
                     unknown if row is None or len(row) != len(names) else row[picked]).tobytes())
@@ -237,7 +248,10 @@ def read_motion(path: str | Path, joints: Sequence[str] = (), description: str =
                 f'{path}: no state has the joints {shortened(names)}; joints of the bag: '
                 f'{", ".join(known)}{"".join(near(x, known) for x in names[:3])}')
         stamps = motion.stamps if np.ptp(motion.stamps) else motion.logged
-        q, dq, effort = motion.values
+        q, (dq, effort) = motion.values[0], map(_if_any, motion.values[1:])
+        # All are not needed, and long series are large.
+        dq = dq if dq is None or len(dq) <= VELOCITIES else dq[:VELOCITIES].copy()
+        motion = motion._replace(values=(q,) if dq is None else (q, dq))
         notes, found = [], None
         try:
             topic = _topic(bag, commands, '--commands', MULTI_ARRAY, ('data',))
@@ -245,16 +259,17 @@ def read_motion(path: str | Path, joints: Sequence[str] = (), description: str =
         except CtcError as error:
             if commands != COMMANDS:
                 raise
-            if _if_any(effort) is None:
+            if effort is None:
                 raise CtcError(f'no torque: no effort in the states, and {error}') from None
             if _topics(bag, '', MULTI_ARRAY, ()):
                 notes.append(f'no commands are used: {error}')
-        without = [name for name, x in zip(names, effort.T) if not np.isfinite(x).any()]
-        if 0 < len(without) < len(names):
+        without = [] if effort is None else [
+            name for name, x in zip(names, effort.T) if not np.isfinite(x).any()]
+        if without:
             notes.append(f'the effort is not used: there is none of {", ".join(without)}')
         recording = Recording(
-            path.resolve().name, names, (stamps - stamps[0]) / NANOSECONDS, q, _if_any(dq),
-            _if_any(effort), *((found.command, found.late) if found else ()))
+            path.resolve().name, names, (stamps - stamps[0]) / NANOSECONDS, q, dq,
+            effort, *((found.command, found.late) if found else ()))
         return RecordedMotion(recording.checked(), description, controller, tuple(notes))
 
 
@@ -273,7 +288,8 @@ def _command(topic: SignalTopic, names: tuple[str, ...], motion: Signal, stamps:
              ) -> Answers:
     """Return the torques commanded in answer to the states; raise `CtcError` if they are none."""
     found = topic.read(names)
-    found = found.where(np.isfinite(found.values[0]).all(axis=1))
+    complete = np.isfinite(found.values[0]).all(axis=1)
+    found = found if complete.all() else found.where(complete)
     values, count = found.values[0], len(motion.logged)
     if not len(values):
         labels, width = topic.names()
@@ -297,11 +313,12 @@ def _command(topic: SignalTopic, names: tuple[str, ...], motion: Signal, stamps:
             raise CtcError(f'{topic.bag.path}: {len(values)} commands for {count} states, uneven '
                            'or to and fro: two publishers of commands? If not, record more states')
     answered = answers(values, times, stamps, received)
-    for row, what in zip(motion.values[:2], ('positions', 'velocities')):
-        known = np.isfinite(answered.command).all(axis=1) & np.isfinite(row).all(axis=1)
+    for row, what in zip(motion.values, ('positions', 'velocities')):
+        command = answered.command[:len(row)]
+        known = np.isfinite(command).all(axis=1) & np.isfinite(row).all(axis=1)
         if known.any() and any(
                 np.abs(x[known] - y[known]).mean() < _LIKE_MOTION * y[known].std()
-                for x, y in zip(answered.command.T, row.T)):
+                for x, y in zip(command.T, row.T)):
             raise CtcError(
                 f'{topic.bag.path}: the commands on {topic.name} are {what}, no torques')
     return answered

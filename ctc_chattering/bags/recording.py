@@ -153,6 +153,13 @@ def answers(values: Array, times: Indices, stamps: Indices, received: Indices) -
         Stamps of the states, and times at which they were received, in this order [ns].
 
     """
+    values, place, numbers, unsure = _matched(values, times, stamps, received)
+    return _placed(values, place, numbers, unsure if unsure > _NEGLIGIBLE else 0.0)
+
+
+def _matched(values: Array, times: Indices, stamps: Indices, received: Indices
+             ) -> tuple[Array, Array, Indices, float]:
+    """Return commands in order, the number of the state of each, those of states, and a doubt."""
     step = np.diff(stamps)
     period = float(np.median(step[step > 0])) if (step > 0).any() else 1.0
     # Numbers of the states, counting those that were not recorded.
@@ -162,7 +169,7 @@ def answers(values: Array, times: Indices, stamps: Indices, received: Indices) -
     order = np.argsort(times, kind='stable')
     sent = times[order] - received[0]
     inside = (sent > -0.5 * wall) & (sent < got[-1] + 2.0 * wall)
-    values, sent = values[order[inside]], sent[inside]
+    values, sent = _taken(values, order[inside]), sent[inside]
     again = np.append(False, (values[1:] == values[:-1]).all(axis=1))
     if 0 < len(sent) - len(got) == again.sum() and np.array_equal(received, stamps):
         values, sent = values[~again], sent[~again]  # Of lockstep, repeated.
@@ -185,7 +192,7 @@ def answers(values: Array, times: Indices, stamps: Indices, received: Indices) -
         by_time, place = place, count + first
         if is_usual and not np.ptp(first):  # None is missing.
             unsure = float((by_time != place).mean() > _DOUBTFUL)
-    return _placed(values, place, numbers, unsure if unsure > _NEGLIGIBLE else 0.0)
+    return values, place, numbers, unsure
 
 
 def _placed(values: Array, place: Array, numbers: Indices, unsure: float) -> Answers:
@@ -209,18 +216,17 @@ def _placed(values: Array, place: Array, numbers: Indices, unsure: float) -> Ans
     which = which[is_there]
     found = np.zeros((len(numbers), values.shape[1]))
     count, unlike = np.bincount(which, minlength=len(numbers)), np.zeros(len(numbers))
+    last = np.maximum.accumulate(np.where(count > 0, np.arange(len(numbers)), -1))
+    known = (last >= 0) & (numbers - numbers[last] <= _HELD)
     # Joint by joint, for long series.
     for mean, column in zip(found.T, values.T):
         np.add.at(mean, which, column[is_there])
         mean /= np.maximum(count, 1)
         np.maximum.at(unlike, which, np.abs(column[is_there] - mean[which]))
-    last = np.maximum.accumulate(np.where(count > 0, np.arange(len(numbers)), -1))
-    age = numbers - numbers[last]
-    known = (last >= 0) & (age <= _HELD)
+        mean[:] = np.where(known, mean[last], np.nan)
     # Where a command was not recorded, one that is older stands in its place.
-    older = float(age[known].mean()) if known.any() else 0.0
-    return Answers(np.where(known[:, None], found[last], np.nan),
-                   (-unsure - (older if older > _NEGLIGIBLE else 0.0), unsure),
+    older = float((numbers - numbers[last])[known].mean()) if known.any() else 0.0
+    return Answers(found, (-unsure - (older if older > _NEGLIGIBLE else 0.0), unsure),
                    (count > 0) & (unlike < _ALIKE))
 
 
@@ -228,8 +234,10 @@ def _placed(values: Array, place: Array, numbers: Indices, unsure: float) -> Ans
 BRIDGED = 5
 #: Part of a period by which stamps may drift from a grid, and samples over which that is seen.
 _DRIFT, _SMOOTH = 0.3, 101
-#: Fewest samples of a run.
-_FEWEST = 200
+#: Part of a period by which stamps on a grid may differ from it: rounding.
+_EVEN = 1e-5
+#: Fewest samples of a run, and most velocities that are kept: they tell noise and unit only.
+_FEWEST, VELOCITIES = 200, 200_000
 
 
 @dataclasses.dataclass(frozen=True)
@@ -247,8 +255,10 @@ class Recording:
         Stamps of the states, in the order of their arrival [s].
     q : ndarray, shape (N, n)
         Positions [rad].
-    dq, effort : ndarray, shape (N, n), or None
-        Velocities [rad/s] and torques [N·m] of the same messages; None if they have none.
+    dq : ndarray, shape (M, n), or None
+        Velocities of the first M ≤ N samples, at least `VELOCITIES` [rad/s]; None without any.
+    effort : ndarray, shape (N, n), or None
+        Torques of the same messages [N·m]; None if they have none.
     command : ndarray, shape (N, n), or None
         Torque commanded in answer to each state [N·m], nan where it is unknown; None without any.
     late : tuple of (float, float)
@@ -274,7 +284,8 @@ class Recording:
         """Check the shapes."""
         shape = (*self.t.shape, len(self.joints))
         for x in (self.q, self.dq, self.effort, self.command):
-            if x is not None and x.shape != shape:
+            if x is not None and x.shape != shape and (
+                    x is not self.dq or x.shape[1:] != shape[1:] or len(x) < VELOCITIES):
                 raise CtcError(f'{self.name}: an array of shape {x.shape} is not allowed; '
                                f'allowed: {shape}, a row a sample, a column a joint')
 
@@ -298,11 +309,13 @@ class Recording:
                 f'{self.t[k]:.3f} s')
         keep = np.unique(self.t, return_index=True)[1]
         if len(keep) >= _FEWEST:
-            keep = ordered(self.name, self.t, self.q, *([] if self.dq is None else [self.dq]))
+            keep = ordered(self.name, self.t, *(
+                x for x in (self.q, self.dq) if x is not None and len(x) == len(self.t)))
         if len(keep) < _FEWEST:
             raise CtcError(f'{self.name}: {len(keep)} states; at least {_FEWEST} are needed')
+        dq = None if self.dq is None else _known(self.dq, keep[keep < len(self.dq)])
         found = dataclasses.replace(
-            self, t=self.t[keep], q=_taken(self.q, keep), dq=_known(self.dq, keep),
+            self, t=self.t[keep], q=_taken(self.q, keep), dq=dq,
             effort=_known(self.effort, keep), command=_known(self.command, keep))
         if found.effort is None and found.command is None:
             raise CtcError(f'{self.name}: no torque: neither effort in the states nor commands')
@@ -433,10 +446,17 @@ def _at(grid: Array, t: Array, q: Array) -> Array:
     the positions are smoother with what is true.
     """
     period = grid[1] - grid[0]
+    if len(t) == len(grid) and np.abs(t - grid).max() < _EVEN * period:
+        return q
     place, first = np.unique(np.rint((t - grid[0]) / period), return_index=True)
-    found = interpolated(t, q, grid), interpolated(grid[0] + period * place, q[first], grid)
-    rough = [np.mean([np.median(np.abs(np.diff(y, 3))) for y in x.T]) for x in found]
-    return found[int(rough[1] < rough[0])]
+    choices, rough = ((t, slice(None)), (grid[0] + period * place, first)), np.zeros(2)
+    # Joint by joint, for long series.
+    for i in range(q.shape[1]):
+        one = q[:, i:i + 1]
+        rough += [np.median(np.abs(np.diff(interpolated(at, one[rows], grid), 3, axis=0)))
+                  for at, rows in choices]
+    at, rows = choices[int(rough[1] < rough[0])]
+    return interpolated(at, q[rows], grid)
 
 
 def _without_drift(t: Array, period: float) -> Array:

@@ -174,15 +174,17 @@ def run_identify(options: argparse.Namespace) -> int:
     urdf = read_description(options.urdf) if options.urdf else ''
     motions = [read_motion(bag, options.joints, urdf, options.states, options.commands,
                            options.model) for bag in options.bags]
-    for note in (note for motion in motions for note in motion.notes):
+    for note in [note for motion in motions for note in motion.notes]:
         say(note)
     numbers = {name: x for name in ('torque_rate', 'torque_constant')
                if (x := getattr(options, name)) is not None}
     out = prepare(options.out, NAMES, options.overwrite)
     with given_by_user(numbers):
-        found = identify(motions, options.model, urdf, options.gravity,
-                         options.torque or '', options.effort or '', **numbers,
-                         payloads=options.payload)
+        # Motions are not kept here: long ones are large.
+        found = identify([motions.pop(0) for _ in options.bags], options.model, urdf,
+                         options.gravity, options.torque or '', options.effort or '',
+                         torque_rate=options.torque_rate or (),
+                         torque_constant=options.torque_constant, payloads=options.payload)
     return _show_robot(write_identified(found, out, options.trials, options.seed, say,
                                         options.format, options.said), out)
 

@@ -55,8 +55,8 @@ def parameters_of(matrix: Array) -> Array:
 
 
 def stacked(matrix: Array) -> Array:
-    """Return the elements of a symmetric matrix, shape (10,)."""
-    found: Array = matrix[ROW, COLUMN] * _STRETCH
+    """Return the elements of symmetric matrices, shape (..., 10)."""
+    found: Array = matrix[..., ROW, COLUMN] * _STRETCH
     return found
 
 

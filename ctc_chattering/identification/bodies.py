@@ -35,7 +35,7 @@ from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
 from scipy.linalg import block_diag, solve_triangular  # type: ignore[import-untyped]
 from scipy.optimize import least_squares  # type: ignore[import-untyped]
-from scipy.stats import chi2  # type: ignore[import-untyped]
+from scipy.special import gammaincinv  # type: ignore[import-untyped]
 
 #: The ten parameters of a body, in Pinocchio's order: mass [kg], first moments [kg·m], and moments
 #: of inertia about the joint's frame [kg·m²].
@@ -93,7 +93,8 @@ _TURNED, _LEVEL = 4.0, 3e-4
 _TURN, _STRENGTH = 0.05, 1e-7
 #: Elements of a lower triangle of four, and each of them alone.
 _LOWER = np.tril_indices(4)
-_ALONE = [np.where((np.arange(16) == 4 * i + j).reshape(4, 4), 1.0, 0.0) for i, j in zip(*_LOWER)]
+_ALONE = np.array([np.where((np.arange(16) == 4 * i + j).reshape(4, 4), 1.0, 0.0)
+                   for i, j in zip(*_LOWER)])
 
 
 @dataclasses.dataclass(frozen=True)
@@ -135,7 +136,7 @@ class ConsistentBodies:
         size = float(change @ self.estimate.information @ change)
         shown = np.linalg.matrix_rank(self.estimate.information, hermitian=True)
         part = self.torque(change) > _PART * self.torque(self.found)
-        return size > _CLEAR * chi2.ppf(_SURE, shown) and bool(part.any())
+        return size > _CLEAR * 2.0 * gammaincinv(0.5 * shown, _SURE) and bool(part.any())
 
     @property
     def tilt(self) -> Array:
@@ -239,20 +240,20 @@ def _keeps(x: Array, n: int) -> bool:
 
 def _search(lower: Array, wanted: Array, least: Array, n: int) -> Array:
     """Return the y within the bounds for which |lowerᵀ (y - wanted)| is least, shape (P,)."""
-    def factors(v: Array) -> list[Array]:
+    def factors(v: Array) -> Array:
         found = np.zeros((n, 4, 4))
         found[:, _LOWER[0], _LOWER[1]] = v[:10 * n].reshape(n, 10)
-        return list(found)
+        return found
 
     def rest(v: Array) -> Array:
-        parts = [stacked(L @ L.T) for L in factors(v)]
+        L = factors(v)
         found: Array = lower.T @ (np.concatenate(
-            [*parts, np.square(v[10 * n:-3]), v[-3:]]) - least - wanted)
+            [stacked(L @ L.mT).ravel(), np.square(v[10 * n:-3]), v[-3:]]) - least - wanted)
         return found
 
     def slope(v: Array) -> Array:
-        parts = [np.column_stack([stacked(E @ L.T + L @ E.T) for E in _ALONE])
-                 for L in factors(v)]
+        one = _ALONE @ factors(v)[:, None].mT
+        parts = stacked(one + one.mT).mT
         found: Array = lower.T @ block_diag(*parts, np.diag(2.0 * v[10 * n:-3]), np.eye(3))
         return found
 

@@ -44,7 +44,7 @@ COMMAND, EFFORT = 'command', 'effort'
 #: most; time before [s], and the fewest samples, after which it does not matter where they began.
 _CHUNK, _CHUNKS, _BEFORE, _FEWEST_BEFORE = 400, 1000, 0.5, 60
 #: Torques that are computed at once.
-_AT_ONCE = 4e6
+_AT_ONCE = 1e6
 #: In place of no rate limit [N·m/s].
 _UNLIMITED = 1e12
 
@@ -78,13 +78,12 @@ def driven(values: Array, lag: Array, rate: Array | float, period: float) -> Arr
     last = np.repeat(values[-1:], chunks * length - len(values), axis=0)
     padded = np.concatenate((np.repeat(values[:1], warm, axis=0), values, last))
     # All chunks at once, each from so long before that the drives have caught up.
-    pieces = np.ascontiguousarray(
-        sliding_window_view(padded, warm + length, axis=0)[::length].transpose(2, 0, 1))
+    pieces = sliding_window_view(padded, warm + length, axis=0)[::length].transpose(2, 0, 1)
     # Of one shape without gaps, for the speed of the loop.
     full = (*lag.shape[:-1], chunks, n)
     rate = np.broadcast_to(np.minimum(rate, _UNLIMITED), full).copy()
     lag = np.broadcast_to(np.maximum(lag, 1e-9 * period)[..., None, :], full).copy()
-    mean = np.empty((length, *full))
+    mean = np.empty((*full[:-1], length, n))
     tau = np.broadcast_to(pieces[0], full)
     for k, command in enumerate(pieces):
         gap = command - tau
@@ -93,10 +92,10 @@ def driven(values: Array, lag: Array, rate: Array | float, period: float) -> Arr
         left = gap - risen
         end = left * np.exp((ramp - period) / lag)
         if k >= warm:
-            mean[k - warm] = command - (
+            mean[..., k - warm, :] = command - (
                 ramp * (gap - 0.5 * risen) + lag * (left - end)) / period
         tau = command - end
-    return np.moveaxis(mean, 0, -2).reshape(*full[:-2], -1, n)[..., :len(values), :]
+    return mean.reshape(*full[:-2], -1, n)[..., :len(values), :]
 
 
 def driven_by_lags(values: Array, lags: Array, rate: Array, period: float) -> Iterator[Array]:
@@ -113,9 +112,10 @@ def has(stretch: Stretch, source: str) -> Array | None:
 
 def complete(values: Array, centres: Indices, before: int, after: int) -> Flags:
     """Return at which centres values, (N, n), are known from so many samples before to after."""
-    gone = np.cumsum(~np.isfinite(values), axis=0)
-    low, high = (np.clip(centres + x, 0, len(gone) - 1) for x in (-before - 1, after))
-    return np.asarray(gone[low] == gone[high])
+    low, high = (np.clip(centres + x, 0, len(values) - 1) for x in (-before - 1, after))
+    # Joint by joint, for long series.
+    gone = (np.cumsum(~np.isfinite(x)) for x in values.T)
+    return np.stack([x[low] == x[high] for x in gone], axis=1)
 
 
 def weak_torque(values: Array, delay: float, lag: Array, period: float, phi: TestFunction,
@@ -126,7 +126,7 @@ def weak_torque(values: Array, delay: float, lag: Array, period: float, phi: Tes
     Parameters
     ----------
     values : ndarray, shape (N, n)
-        Torque of each sample [N·m].
+        Torque of each sample [N·m]; nan counts as 0.
     delay : float
         Samples after which a torque acts: over the period from sample k + `delay` on. An effort
         that shows the torque of the period before has -1, one at the instant between both -0.5.
@@ -144,7 +144,7 @@ def weak_torque(values: Array, delay: float, lag: Array, period: float, phi: Tes
     lag, rate, found = np.broadcast_to(lag, n), np.broadcast_to(rate, n), []
     for i in range(n):  # One by one, for long series.
         one = slice(i, i + 1)
-        filtered = driven(values[:, one], lag[one], rate[one], period)
+        filtered = driven(np.nan_to_num(values[:, one]), lag[one], rate[one], period)
         found.append(phi.sums(filtered, phi.over, centres - whole))
         if delay != whole:
             found[-1] = 0.5 * (found[-1] + phi.sums(filtered, phi.over, centres - whole - 1))
@@ -270,14 +270,16 @@ class DriveProfile:
 
     def _rests(self, rate: Array) -> dict[int, Array]:
         """Return what is left of each joint for rate limits, (delays, lags, rows) [N·m]."""
-        parts = []
+        whole, first = np.empty((len(LAGS), len(self._delays), *self._known.shape)), 0
         for part, rows in zip(self._parts, self._rows):
             values = np.nan_to_num(np.asarray(has(part, COMMAND)))
-            parts.append(np.array([
-                [self._phi.sums(mean, self._phi.over, rows.centres - d) - rows.base
-                 for d in self._delays]
-                for mean in driven_by_lags(values, np.array(LAGS), rate, part.period)]))
-        whole = np.concatenate(parts, axis=2) * self._known
+            mine = slice(first, first := first + len(rows.centres))
+            for k, mean in enumerate(driven_by_lags(
+                    values, np.array(LAGS), rate, part.period)):
+                for j, d in enumerate(self._delays):
+                    whole[k, j, mine] = self._phi.sums(
+                        mean, self._phi.over, rows.centres - d) - rows.base
+        whole *= self._known
         found = {}
         for i in self._joints:
             y = whole[:, :, self._used[:, i], i].swapaxes(0, 1)
@@ -393,8 +395,8 @@ class DriveProfile:
             found[:, i] = self._rate(i, float(fastest[i]))
         return found
 
-    def _search_rates(self, fastest: Array) -> list[dict[int, Array]]:
-        """Add rate limits until lower ones are excluded, then between; return the last rests."""
+    def _search_rates(self, fastest: Array) -> list[Array]:
+        """Add rate limits until lower ones are excluded, then between; return the last ones."""
         rate, out = np.where(fastest > 0.0, _FIRST * fastest, np.inf), np.zeros(self._n)
         for _ in range(_COARSE):
             self._add(rate)
@@ -403,14 +405,16 @@ class DriveProfile:
             if (out >= _EXCLUDED).all():
                 break
             rate = rate / _RATIO
-        levels = []
+        rates: list[Array] = []
         for _ in range(_FINER):
             low, _, high = self._rate_table(fastest)
             high = np.where(np.isfinite(high), high, _RATIO * low)
             ratio = np.where(low > 0.0, high, 1.0) / np.where(low > 0.0, low, 1.0)
-            levels = [self._add(np.where(low > 0.0, low * ratio ** part, np.inf))
-                      for part in np.linspace(0.0, 1.0, _WITHIN)]
-        return levels
+            rates = [np.where(low > 0.0, low * ratio ** part, np.inf)
+                     for part in np.linspace(0.0, 1.0, _WITHIN)]
+            for rate in rates:
+                self._add(rate)
+        return rates
 
     def found(self, fastest: Array | None = None) -> DriveSet:
         """
@@ -423,9 +427,10 @@ class DriveProfile:
             without it none is looked for.
 
         """
-        levels = [] if fastest is None else self._search_rates(fastest)
+        last = [] if fastest is None else self._search_rates(fastest)
         rate = self._rate_table(np.full(self._n, np.nan) if fastest is None else fastest)
         limited = np.isfinite(rate[2]) & (rate[0] > 0.0)
+        levels = [self._rests(x) for x in last] if limited.any() else []
         delays, cost = {}, {}
         for delay in sorted({d for d, _ in self._allowed}):
             places = [x for x in self._allowed if x[0] == delay]

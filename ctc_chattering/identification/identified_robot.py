@@ -278,12 +278,13 @@ def identify(motions: Sequence[RecordedMotion], model: str = '', urdf: str = '',
         found, robot = (found, robot) if better is None else (better, other)
     found = dataclasses.replace(found, findings=(*found.findings, *(
         Finding(Kind.NOTE, ALL_JOINTS, note) for x in motions for note in x.notes)))
-    perturbed = perturbation(found)
     q = recordings[0].q if len(recordings) == 1 else np.concatenate([x.q for x in recordings])
+    name = ', '.join(x.name for x in recordings)
+    del motions, recordings  # Long ones are large.
+    perturbed = perturbation(found)
     recommended = recommend(found, perturbed, robot.model, q, rate or ())
     return IdentifiedRobot(IdentificationResults(
-        ', '.join(x.name for x in recordings), found, perturbed, recommended),
-        robot, q)
+        name, found, perturbed, recommended), robot, q)
 
 
 def _robot(motion: RecordedMotion, model: str, urdf: str, gravity: float | None) -> RobotModel:

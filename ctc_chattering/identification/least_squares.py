@@ -121,7 +121,7 @@ class Data(Rows):
             Weak sgn(tau) and tau |tau|.
 
         """
-        whole = vars(joined(rows))
+        whole = {**vars(joined(rows))}
         torque = np.concatenate(list(torques))
         known = np.isfinite(torque)
         whole['way'] = np.where(known, whole['way'], 0.0)

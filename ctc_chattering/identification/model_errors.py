@@ -143,6 +143,8 @@ class ErrorColumns:
         n, p = self.model.n, self.count
         step = max(1, int(_GRID / phi.period))
         grid = np.arange(0, len(place), step)
+        # Some may be between windows.
+        grid = grid[(np.abs(grid - centres[:, None]) < phi.half).any(axis=0)]
         momentum, rest = np.empty((2, len(grid), n, p))
         pull = np.empty((len(grid), n, 3))
         for k, sample in enumerate(grid):

@@ -34,7 +34,7 @@ from ctc_chattering.identification.least_squares import (
 from ctc_chattering.identification.windows import BUILD_UP
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
-from scipy.stats import chi2  # type: ignore[import-untyped]
+from scipy.special import chdtri  # type: ignore[import-untyped]
 
 
 class Guess(NamedTuple):
@@ -193,7 +193,7 @@ def effect(cause: Guess, friction: Array, others: Array, residual: Array) -> Eff
     degrees = max(len(residual) - len(s) - basis.shape[1], 1)
     noise = float(rest.dot(rest)) / degrees * correlation_length(rest)
     power = float(found.dot(found))
-    if power <= noise * float(chi2.isf(_CHANCE, max(len(s), 1))):
+    if power <= noise * float(chdtri(max(len(s), 1), _CHANCE)):
         return None
     shift = np.linalg.lstsq(friction, -columns @ (v.T @ (found / s)), rcond=1e-9)[0]
     return Effect(cause, float(np.sqrt(power / len(residual))), shift)
@@ -238,7 +238,7 @@ def _correlated(x: Array, used: Array) -> float:
     if count.min() < _FEWEST or not power:
         return 0.0
     covariance = np.array([x[k:] @ x[:-k] for k in _APART]) / count
-    if (count * np.square(covariance / power)).sum() <= chi2.isf(_CHANCE, len(_APART)):
+    if (count * np.square(covariance / power)).sum() <= chdtri(len(_APART), _CHANCE):
         return 0.0
     return float(np.sqrt(np.abs(covariance).mean()))
 

@@ -24,8 +24,8 @@ from pathlib import Path
 from typing import Any
 
 from ctc_chattering.analysis import page
-from ctc_chattering.analysis.drawing import FigureFile
 from ctc_chattering.analysis.markup import fragment
+from ctc_chattering.analysis.page import FigureFile
 from ctc_chattering.analysis.tables import fitted, paragraph, shown, Table
 from ctc_chattering.identification.findings import (
     ALL_JOINTS,

@@ -18,13 +18,17 @@ from __future__ import annotations
 
 import dataclasses
 
-from ctc_chattering.bags.recording import BRIDGED, Recording
+from ctc_chattering.bags.recording import BRIDGED, Recording, VELOCITIES
 from ctc_chattering.identification.findings import Estimate, Finding, Kind
 from ctc_chattering.identification.least_squares import coefficients
-from ctc_chattering.identification.weak_form import position_noise, smooth, velocity_deviation
+from ctc_chattering.identification.weak_form import (
+    deviation,
+    position_noise,
+    smooth,
+    velocity_deviation,
+)
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
-from scipy.stats import median_abs_deviation  # type: ignore[import-untyped]
 
 #: Part of the steps that must be a multiple of an encoder's.
 _MULTIPLES = 0.98
@@ -33,7 +37,7 @@ _ROUNDING = 1e-13
 #: Half an interval of a velocity over the change of the position, in deviations of independent
 #: samples: few are.
 _INDEPENDENT = 20.0
-#: Samples that noise and step are computed from, at most.
+#: Samples that a step is computed from, at most.
 _ENOUGH = 200_000
 #: RMS velocity of a joint that rests: in deviations of what positions show, and at least [rad/s].
 _RESTS, _STILL = 3.0, 1e-6
@@ -102,7 +106,7 @@ def velocity_noise(recording: Recording, period: float) -> tuple[list[Estimate],
     """
     if recording.dq is None:
         return [Estimate.none('no velocities in the bag')] * len(recording.joints), []
-    dq, q = recording.dq[:_ENOUGH], recording.q[:_ENOUGH]
+    dq, q = recording.dq[:VELOCITIES], recording.q[:VELOCITIES]
     known = velocity_deviation(period) * position_noise(q, period)
     noise, findings, most = [], [], Kind.VELOCITY_RATIO.refused
     for i, name in enumerate(recording.joints):
@@ -125,6 +129,6 @@ def velocity_noise(recording: Recording, period: float) -> tuple[list[Estimate],
                 abs(ratio - 1.0) - error))
             noise.append(Estimate.none(what))
             continue
-        spread = float(median_abs_deviation(rest, scale='normal'))
+        spread = deviation(rest)
         noise.append(Estimate(float(np.sqrt(max(spread ** 2 - known[i] ** 2, 0.0))), unit='rad/s'))
     return noise, findings

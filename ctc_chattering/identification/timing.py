@@ -146,7 +146,7 @@ class Profile:
     def torque(self, part: Stretch, rows: Rows, delay: float, lag: Array, rate: Array) -> Array:
         """Return the weak torque of a stretch, nan where it is not known."""
         values = np.asarray(has(part, self._source))
-        found = weak_torque(np.nan_to_num(values), delay, lag, part.period, self._phi,
+        found = weak_torque(values, delay, lag, part.period, self._phi,
                             rows.centres, rate)
         half = self._phi.half
         return np.where(complete(values, rows.centres, half, half), found, np.nan)
@@ -154,12 +154,13 @@ class Profile:
     def bent(self, part: Stretch, rows: Rows, delay: float, lag: Array) -> Array:
         """Return the weak sgn(tau) and tau |tau| of a stretch, shape (J, n, 2)."""
         found = []
-        for x, late in zip(np.nan_to_num(np.asarray(has(part, self._source))).T, lag):
-            sign = np.sign(x)
+        for x, late in zip(np.asarray(has(part, self._source)).T, lag):
+            sign = np.sign(np.nan_to_num(x))
             # Of commands that chatter neither shows.
             calm = (np.diff(sign) != 0.0).sum() < _CHATTERS * part.period * len(x)
-            found.append(weak_torque(calm * np.column_stack((sign, x * np.abs(x))), delay,
-                                     np.asarray(late), part.period, self._phi, rows.centres))
+            found.append(np.hstack([
+                weak_torque(calm * one[:, None], delay, np.asarray(late), part.period, self._phi,
+                            rows.centres) for one in (sign, x * np.abs(x))]))
         return np.stack(found, axis=1)
 
     def windows(self, delay: float, lag: Array, rate: Array) -> Data:

@@ -36,8 +36,8 @@ from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from scipy.interpolate import CubicSpline  # type: ignore[import-untyped]
-from scipy.signal import savgol_coeffs, savgol_filter  # type: ignore[import-untyped]
-from scipy.stats import median_abs_deviation  # type: ignore[import-untyped]
+from scipy.ndimage import correlate1d  # type: ignore[import-untyped]
+from scipy.special import perm  # type: ignore[import-untyped]
 
 #: Half the length of φ [s], and the fewest samples in it.
 HALF, FEWEST = 0.05, 12
@@ -49,6 +49,8 @@ _MOST_WINDOWS, _BLOCK = 3000, 200
 _SMOOTH, _FEWEST_SMOOTH = 0.012, 3
 #: Their order.
 _ORDER = 3
+#: Median magnitude of a normal variable with the deviation 1.
+_MEDIAN = 0.6744897501960817
 #: Longest step of the grid on which M, C and G are evaluated [s].
 _GRID = 0.004
 
@@ -125,27 +127,43 @@ def smooth(q: Array, period: float, order: int = 0) -> Array:
     """
     Return a derivative of some order of positions by local cubics, shape (N, ...).
 
-    That is the filter of Savitzky and Golay, without delay.
+    That is the filter of Savitzky and Golay, without delay (not SciPy's, which imports 25 MB).
     """
-    found: Array = savgol_filter(q, 2 * smoothing_half(period) + 1, _ORDER, order, period, axis=0)
+    m = smoothing_half(period)
+    found: Array = correlate1d(q, _local(period, order), axis=0)
+    for part, ends, at in ((found[:m], q[:2 * m + 1], range(-m, 0)),
+                           (found[-m:], q[-2 * m - 1:], range(1, m + 1))):
+        part[:] = [np.tensordot(_local(period, order, k), ends, 1) for k in at]
+    return found
+
+
+def _local(period: float, order: int, at: int = 0) -> Array:
+    """Return the weights of a derivative `at` samples off the middle, shape (2 m + 1,)."""
+    m, powers = smoothing_half(period), np.arange(_ORDER + 1)
+    cubic = np.linalg.pinv(np.vander(np.arange(-m, m + 1.0), _ORDER + 1, increasing=True))
+    value = perm(powers, order) * float(at) ** np.maximum(powers - order, 0)
+    found: Array = value @ cubic / period ** order
     return found
 
 
 def position_noise(q: Array, period: float) -> Array:
     """Return the deviation of the positions from local cubics, shape (n,) [rad]."""
     m = smoothing_half(period)
-    hat = savgol_coeffs(2 * m + 1, _ORDER)
+    hat = _local(period, 0)
     # Joint by joint, for long series. Robust: where a joint stops, no cubic fits.
-    spread = np.array([median_abs_deviation((x - smooth(x, period))[m:-m], scale='normal')
-                       for x in q.T])
+    spread = np.array([deviation((x - smooth(x, period))[m:-m]) for x in q.T])
     found: Array = spread / np.sqrt(1.0 - 2.0 * hat[m] + hat.dot(hat))
     return found
 
 
 def velocity_deviation(period: float) -> float:
     """Return the deviation of a smoothed velocity per deviation of white position noise [1/s]."""
-    row = savgol_coeffs(2 * smoothing_half(period) + 1, _ORDER, 1, period)
-    return float(np.linalg.norm(row))
+    return float(np.linalg.norm(_local(period, 1)))
+
+
+def deviation(x: Array) -> float:
+    """Return the deviation of a series, shape (N,), by its median: robust."""
+    return float(np.median(np.abs(x - np.median(x)))) / _MEDIAN
 
 
 @dataclasses.dataclass(frozen=True)

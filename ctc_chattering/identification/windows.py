@@ -100,9 +100,9 @@ class Rows:
         margin = max(smoothing_half(h), round(SETTLING / h)) + 1
         centres, least = phi.centres(len(q), margin), least_velocity(q, h)
         # Joint by joint, for long series.
-        since = np.stack([way_since_reversal(smooth(x, h), sliding(smooth(x, h, 1), v, h))
-                          for x, v in zip(q.T, least)], axis=1)
-        sides = [_sides(q, since, h, model, phi, errors, some, least)
+        turns = [reversals(smooth(x, h), sliding(smooth(x, h, 1), v, h))
+                 for x, v in zip(q.T, least)]
+        sides = [_sides(q, turns, h, model, phi, errors, some, least)
                  for some in phi.blocks(centres) if len(some)]
         shapes = (*[(n,)] * 7, (n, len(STRIBECK)), (n, len(BUILD_UP)), (n, 0))
         found = map(np.concatenate, zip(*sides)) if sides else (
@@ -117,16 +117,18 @@ class Rows:
 
 def joined(rows: Sequence[Rows]) -> Rows:
     """Return the windows of all stretches."""
+    if len(rows) == 1:  # Without a copy.
+        return rows[0]
     return Rows(**{field.name: np.concatenate([getattr(part, field.name) for part in rows])
                    for field in dataclasses.fields(Rows)})
 
 
-def _sides(q: Array, since: Array, period: float, model: Model, phi: TestFunction,
+def _sides(q: Array, turns: Sequence[Reversals], period: float, model: Model, phi: TestFunction,
            errors: ErrorColumns | None, centres: Indices, least: Array) -> tuple[Array, ...]:
     """
     Return what `Rows` have from `way` on, of windows that follow each other.
 
-    Positions q and the way since a reversal have shape (N, n).
+    Positions q have shape (N, n).
     """
     first, last = int(centres[0]) - phi.half, int(centres[-1]) + phi.half + 1
     # What a sample of the directions depends on.
@@ -139,7 +141,8 @@ def _sides(q: Array, since: Array, period: float, model: Model, phi: TestFunctio
     moved[0], moved[-1] = dq[0], dq[-1]
     place, dq, ddq, moved, slide = (x[first - begin:last - begin] for x in (
         place, dq, ddq, moved, sliding(dq, least, period)))
-    at, way = centres - first, np.sign(dq)
+    at, way, samples = centres - first, np.sign(dq), np.arange(first, first + len(dq))
+    since = np.stack([way_since_reversal(*x, samples) for x in zip(place.T, turns)], axis=1)
     dynamics = Dynamics.along(place, dq, period, model)
     more = errors.weak(place, dq, moved, phi, at) if errors else np.empty(
         (len(centres), place.shape[1], 0))
@@ -147,7 +150,7 @@ def _sides(q: Array, since: Array, period: float, model: Model, phi: TestFunctio
     low = windows.min(axis=-1)
     slow, turned = (
         np.stack([phi.sums(way * np.exp(-x), phi.at, at) for x in parts], axis=2) for parts in (
-            (np.square(dq / v) for v in STRIBECK), (since[first:last] / d for d in BUILD_UP)))
+            (np.square(dq / v) for v in STRIBECK), (since / d for d in BUILD_UP)))
     return (np.where(low == windows.max(axis=-1), low, 0.0), dynamics.weak(moved, phi, at),
             dynamics.weight(phi, at), dynamics.load(ddq, phi, at), phi.sums(moved, phi.at, at),
             phi.sums(place, phi.at, at), -phi.sums(moved, phi.slope, at), slow, turned, more)
@@ -174,9 +177,13 @@ def sliding(dq: Array, least: Array, period: float) -> Array:
     return np.where(low == high, way, 0.0)
 
 
-def way_since_reversal(q: Array, slide: Array) -> Array:
+#: Samples after which the direction of a joint changes, and its positions there [rad].
+Reversals = tuple[Indices, Array]
+
+
+def reversals(q: Array, slide: Array) -> Reversals:
     """
-    Return how far a joint has come since its direction changed; inf before, shape (N,) [rad].
+    Return where the direction of a joint changes.
 
     Parameters
     ----------
@@ -190,6 +197,11 @@ def way_since_reversal(q: Array, slide: Array) -> Array:
     turns = np.flatnonzero(np.diff(slide[moving])) if len(moving) else moving
     # The last sample of one direction is where the next one begins.
     ends = moving[turns]
-    counts = np.diff(np.concatenate(([0], ends + 1, [len(q)])))
-    since: Array = np.abs(q - np.repeat(np.append(np.inf, q[ends]), counts))
+    return ends, q[ends]
+
+
+def way_since_reversal(q: Array, turns: Reversals, samples: Indices) -> Array:
+    """Return how far a joint at q has come since its last reversal; inf without one [rad]."""
+    ends, places = turns
+    since: Array = np.abs(q - np.append(np.inf, places)[np.searchsorted(ends, samples)])
     return since

@@ -69,5 +69,8 @@ def interpolated(t: Array, x: Array, at: Array) -> Array:
     Both times rise.
     """
     from scipy.interpolate import CubicSpline  # type: ignore[import-untyped]  # Takes time.
+    found = np.empty((len(at), x.shape[1]))
     # Joint by joint, for long series.
-    return np.column_stack([CubicSpline(t, column)(at) for column in x.T])
+    for i, column in enumerate(x.T):
+        found[:, i] = CubicSpline(t, column)(at)
+    return found

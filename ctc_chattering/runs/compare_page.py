@@ -25,8 +25,8 @@ from pathlib import Path
 from statistics import geometric_mean, median
 
 from ctc_chattering.analysis import drawing, output, page
-from ctc_chattering.analysis.drawing import FigureFile
 from ctc_chattering.analysis.markup import Markup
+from ctc_chattering.analysis.page import FigureFile
 from ctc_chattering.analysis.tables import bold, csv_text, markdown, markdown_table, Table
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.parameters import check_some

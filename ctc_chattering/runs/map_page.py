@@ -20,8 +20,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from ctc_chattering.analysis.drawing import FigureFile, save
-from ctc_chattering.analysis.page import Folded, Section, write_page
+from ctc_chattering.analysis.drawing import save
+from ctc_chattering.analysis.page import FigureFile, Folded, Section, write_page
 from ctc_chattering.analysis.tables import counted, Table, two_lines
 from ctc_chattering.runs.map_data import against, KINDS, MapData, passing, pooled, sobol_table
 from ctc_chattering.runs.map_figures import figures

@@ -22,8 +22,9 @@ from pathlib import Path
 from typing import Any
 
 from ctc_chattering.analysis import drawing, page
-from ctc_chattering.analysis.drawing import FigureFile, legend_of
+from ctc_chattering.analysis.drawing import legend_of
 from ctc_chattering.analysis.output import check_format, prepare, write_json, writing
+from ctc_chattering.analysis.page import FigureFile
 from ctc_chattering.analysis.tables import columns, number_text, rounded, Table
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.runs.figures import Mark, panels, trade_off

@@ -23,10 +23,10 @@ from typing import Any, NoReturn
 from urllib.parse import unquote
 
 from browser import browser_page, eventually, inked
-from ctc_chattering.analysis.drawing import FigureFile
 from ctc_chattering.analysis.figures import internals
 from ctc_chattering.analysis.markup import component
 from ctc_chattering.analysis.page import (
+    FigureFile,
     Folded,
     Item,
     Listing,

@@ -28,7 +28,7 @@ from ctc_chattering.identification.residual_tests import (
     unexplained,
     widened,
 )
-from ctc_chattering.identification.windows import BUILD_UP, way_since_reversal
+from ctc_chattering.identification.windows import BUILD_UP, reversals, way_since_reversal
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
 import pytest
@@ -50,7 +50,8 @@ def motion(seed: int, torque: Torque | None = None, noise: float = NOISE) -> tup
     way = np.where(np.abs(dq) > 0.02, np.sign(dq), 0.0)
     weight = 20.0 * np.sin(q)
     base = weight + 3.0 * ddq + ddq[:, ::-1]
-    since = np.stack([way_since_reversal(*x) for x in zip(q.T, way.T)], axis=1)
+    since = np.stack([way_since_reversal(x, reversals(x, y), np.arange(len(x)))
+                      for x, y in zip(q.T, way.T)], axis=1)
     x = SimpleNamespace(q=q[:, 0], dq=dq[:, 0], ddq=ddq[:, 0], way=way[:, 0], t=t,
                         since=since[:, 0], base=base[:, 0], other=base[:, 1])
     used = way[:, 0] != 0.0
@@ -134,5 +135,5 @@ def test_what_depends_on_nothing_known_but_is_not_white_is_found(torque: Torque)
 def test_the_way_since_a_reversal() -> None:
     q = np.array([0.0, 1.0, 2.0, 3.0, 2.5, 2.0, 2.0, 1.0, 1.5])
     slide = np.array([0.0, 1.0, 1.0, 1.0, -1.0, 0.0, -1.0, -1.0, 1.0])
-    assert way_since_reversal(q, slide).tolist() == [
+    assert way_since_reversal(q, reversals(q, slide), np.arange(len(q))).tolist() == [
         np.inf, np.inf, np.inf, np.inf, 0.5, 1.0, 1.0, 2.0, 0.5]
