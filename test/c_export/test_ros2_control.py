@@ -34,6 +34,8 @@ from machine_code import compile_step
 import numpy as np
 import pytest
 
+#: The compiler takes half a minute; `.ci/run` runs them.
+pytestmark = pytest.mark.slow
 HERE = Path(__file__).parent
 HEADERS = ('controller_interface/controller_interface', 'pluginlib/class_list_macros',
            'rclcpp/rclcpp', 'rclcpp_lifecycle/state', 'realtime_tools/realtime_buffer',
