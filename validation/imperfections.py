@@ -130,7 +130,8 @@ def settled(setup: Setup, law: str) -> Setup:
     values = made.controller.as_mapping()
     return dataclasses.replace(setup, controller=setup.controller.changed({'law': law, **{
         name: values[name] for name in (
-            'actuator_lag', 'torque_rate_limit', 'effort_rate_limit', 'friction_level')}}))
+            'actuator_lag', 'torque_rate_limit', 'effort_rate_limit', 'friction_level',
+            'switching')}}))
 
 
 def setup_of(case: Case, variant: str) -> Setup:
