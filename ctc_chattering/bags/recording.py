@@ -217,7 +217,8 @@ def _placed(values: Array, place: Array, numbers: Indices, unsure: float) -> Ans
     found = np.zeros((len(numbers), values.shape[1]))
     count, unlike = np.bincount(which, minlength=len(numbers)), np.zeros(len(numbers))
     last = np.maximum.accumulate(np.where(count > 0, np.arange(len(numbers)), -1))
-    known = (last >= 0) & (numbers - numbers[last] <= _HELD)
+    age = numbers - numbers[last]
+    known = (last >= 0) & (age <= _HELD)
     # Joint by joint, for long series.
     for mean, column in zip(found.T, values.T):
         np.add.at(mean, which, column[is_there])
@@ -225,7 +226,7 @@ def _placed(values: Array, place: Array, numbers: Indices, unsure: float) -> Ans
         np.maximum.at(unlike, which, np.abs(column[is_there] - mean[which]))
         mean[:] = np.where(known, mean[last], np.nan)
     # Where a command was not recorded, one that is older stands in its place.
-    older = float((numbers - numbers[last])[known].mean()) if known.any() else 0.0
+    older = float(age[known].mean()) if known.any() else 0.0
     return Answers(found, (-unsure - (older if older > _NEGLIGIBLE else 0.0), unsure),
                    (count > 0) & (unlike < _ALIKE))
 

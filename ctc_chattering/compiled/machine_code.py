@@ -77,16 +77,10 @@ def layout(argument: Any) -> Layout:
 def places(arguments: tuple[Any, ...]) -> npt.NDArray[np.int64]:
     """Return the addresses of arguments, that of an array with its length, those in tuples too."""
     found: list[int] = []
-
-    def add(argument: Any) -> None:
-        if isinstance(argument, tuple):
-            for part in argument:
-                add(part)
-        elif isinstance(argument, np.ndarray):
-            found.extend((argument.ctypes.data, len(argument)))
-        else:  # The interface of a record describes all its fields, at each call anew.
-            found.append(np.frombuffer(argument, np.uint8).ctypes.data)
-    add(arguments)
+    last: Any = None
+    for memory in memory_of(arguments):
+        found.append(len(last) if memory is None else memory.ctypes.data)
+        last = memory
     return np.array(found, np.int64)
 
 
@@ -97,7 +91,7 @@ def memory_of(argument: Any) -> Iterator[npt.NDArray[Any] | None]:
             yield from memory_of(part)
     elif isinstance(argument, np.ndarray):
         yield from (argument, None)
-    else:
+    else:  # The interface of a record describes all its fields, at each call anew.
         yield np.frombuffer(argument, np.uint8)
 
 
