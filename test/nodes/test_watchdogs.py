@@ -20,8 +20,9 @@ The matrix of stamps, silences, owners, modes and trips is proved without ROS, i
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 import time
+from typing import TypeVar
 
 from controller_process import ControllerUnderTest
 from ctc_chattering.control.controller import Controller, ControllerConfig
@@ -34,6 +35,7 @@ from std_msgs.msg import Float64MultiArray
 from std_srvs.srv import SetBool, Trigger
 
 pytestmark = pytest.mark.ros
+T = TypeVar('T')
 ZERO = [0.0, 0.0]
 #: Sample period of both [s].
 PERIOD = 0.02
@@ -97,13 +99,17 @@ class Robot(ControllerUnderTest):
             SetBool, '/controller/enable', SetBool.Request(data=on)).success
 
 
-@pytest.fixture(scope='module')
-def robot() -> Iterator[Robot]:
-    """Yield a controller that every test leaves running."""
+def left_running(kind: Callable[[Probe], T]) -> Iterator[T]:
+    """Yield a node that every test leaves running."""
     with probe() as it:
-        yield Robot(it)
+        yield kind(it)
         assert [child.status for child in it.children] == [None]
         assert not any('Traceback' in line for line in it.lines)
+
+
+@pytest.fixture(scope='module')
+def robot() -> Iterator[Robot]:
+    yield from left_running(Robot)
 
 
 def test_without_states_the_torque_ends_and_the_law_restarts(robot: Robot) -> None:
@@ -230,10 +236,7 @@ class Commander:
 
 @pytest.fixture(scope='module')
 def commander() -> Iterator[Commander]:
-    with probe() as it:
-        yield Commander(it)
-        assert [child.status for child in it.children] == [None]
-        assert not any('Traceback' in line for line in it.lines)
+    yield from left_running(Commander)
 
 
 def test_without_commands_the_plant_brakes(commander: Commander) -> None:

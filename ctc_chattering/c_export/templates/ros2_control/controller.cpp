@@ -332,28 +332,27 @@ private:
   void publish(const rclcpp::Time & time)
   {
     const auto row = [this](int k, int i) { return ctc_terms(&law_)[k * N + i]; };
-    if (tracking_->trylock()) {
-      auto & message = tracking_->msg_;
-      message.header.stamp = time;
+    const auto send = [&time](Publisher & publisher, const auto & fill) {
+        if (publisher.trylock()) {
+          publisher.msg_.header.stamp = time;
+          fill(publisher.msg_);
+          publisher.unlockAndPublish();
+        }
+      };
+    send(*tracking_, [&](auto & message) {
       for (int i = 0; i < N; ++i) {
         message.position[i] = q_d_[i];
         message.position[N + i] = row(CTC_E, i);
         message.velocity[i] = dq_d_[i];
         message.velocity[N + i] = row(CTC_DE, i);
       }
-      tracking_->unlockAndPublish();
-    }
-    if (filter_->trylock()) {
-      auto & message = filter_->msg_;
-      message.header.stamp = time;
+    });
+    send(*filter_, [&](auto & message) {
       for (int i = 0; i < N; ++i) {
         message.velocity[i] = row(CTC_V, i);
       }
-      filter_->unlockAndPublish();
-    }
-    if (torques_->trylock()) {
-      auto & message = torques_->msg_;
-      message.header.stamp = time;
+    });
+    send(*torques_, [&](auto & message) {
       for (int i = 0; i < N; ++i) {
         message.effort[i] = row(CTC_NOMINAL, i);
         message.effort[N + i] = -row(CTC_COMPENSATION, i);
@@ -361,8 +360,7 @@ private:
         message.effort[3 * N + i] = row(CTC_TAU, i);
       }
       message.effort[4 * N] = ctc_lyapunov(&law_);
-      torques_->unlockAndPublish();
-    }
+    });
   }
 
   ctc_law law_;
