@@ -27,7 +27,6 @@ import argparse
 from collections import defaultdict
 from collections.abc import Iterator
 import dataclasses
-from functools import partial
 import json
 from pathlib import Path
 import re
@@ -81,10 +80,11 @@ def with_trials(made: Outcome, results: IdentificationResults, q: Any, trials: i
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / 'robot.urdf'
         file.write_text(made.urdf, encoding='utf-8')
-        values = partial(values_of, made, results, q, file)
-        compile_setups(setups_tried(results.recommended, values), lambda _: None)
-        recommended = trial_runs(results.found, results.run, results.recommended, values, None,
-                                 trials, 1)
+        setups = setups_tried(
+            results.recommended, values_of(made, results, q, file, results.recommended))
+        compile_setups(setups, lambda _: None)
+        recommended = trial_runs(
+            results.found, results.run, results.recommended, setups, trials, 1)
     results = dataclasses.replace(results, recommended=recommended)
     return made._replace(results=results, severity=tuple(x.severity for x in results.verdicts),
                          reasons=tuple(map(str, results.verdicts)))

@@ -176,10 +176,8 @@ def run_identify(options: argparse.Namespace) -> int:
                            options.model) for bag in options.bags]
     for note in [note for motion in motions for note in motion.notes]:
         say(note)
-    numbers = {name: x for name in ('torque_rate', 'torque_constant')
-               if (x := getattr(options, name)) is not None}
     out = prepare(options.out, NAMES, options.overwrite)
-    with given_by_user(numbers):
+    with given_by_user(('torque_rate', 'torque_constant')):
         # Motions are not kept here: long ones are large.
         found = identify([motions.pop(0) for _ in options.bags], options.model, urdf,
                          options.gravity, options.torque or '', options.effort or '',

@@ -181,7 +181,7 @@ def body_names(candidates: Sequence[ModelError], joints: Sequence[str]) -> list[
 #: Most causes.
 _MOST = 8
 #: Singular value below which an error as large as its size is less than noise.
-_SEEN = 1.0
+SEEN = 1.0
 #: Least size of a cause, as a part of the size of its numbers.
 _LEAST = 0.05
 #: Part by which no torque is off, and of a mass that no link lacks.
@@ -258,24 +258,23 @@ class Projected:
         self.joints: list[int] = []
         self.powers: list[float] = []
         for i in range(n):
-            used = data.way[:, i] != 0.0
-            mine = [term for term in terms if term.joint == i]
-            if len(mine) < 2 or used.sum() < _ROWS * (self._m + len(mine)):
+            used, own = data.of_joint(terms, i)
+            friction = own.shape[1]
+            if friction < 2 or len(own) < _ROWS * (self._m + friction):
                 continue
-            x = np.column_stack((data.columns(mine)[used, i], errors[used, i],
-                                 data.residual[used, i]))
+            x = np.column_stack((own, errors[used, i], data.residual[used, i]))
             q, r = np.linalg.qr(x, mode='reduced')
-            block = r[len(mine):, len(mine):]
-            left = q @ np.append(np.zeros(len(mine)), without(block[:, :-1], block[:, -1]))
+            block = r[friction:, friction:]
+            left = q @ np.append(np.zeros(friction), without(block[:, :-1], block[:, -1]))
             length = correlation_length(left)
             variance = float(left @ left) / max(len(left) - x.shape[1], 1) + data.floor[i] ** 2
             weight = 1.0 / (variance * length) if variance > 0.0 else 0.0
             self.joints.append(i)
             self._blocks.append(np.sqrt(weight) * block)
-            self.powers.append(float(weight * used.sum()))
+            self.powers.append(float(weight * len(own)))
             count += len(left) / length
         _, s, v = np.linalg.svd(np.concatenate(self._blocks)[:, :self._m], full_matrices=False)
-        shown = v[s > _SEEN].T
+        shown = v[s > SEEN].T
         self.saturated = np.tile(np.concatenate((shown, np.zeros((3, shown.shape[1])))), (n, 1, 1))
         self.cost = _COST * log(max(count, 2.0))
         self._right = np.concatenate([block[:, -1] for block in self._blocks])
@@ -340,10 +339,9 @@ def without_noise(data: Data, terms: Sequence[Term]) -> Data:
     """
     torque = data.torque.copy()
     for i in range(torque.shape[1]):
-        used = data.way[:, i] != 0.0
-        mine = [term for term in terms if term.joint == i]
-        x = np.concatenate((data.columns(mine)[used, i], data.more[used, i],
-                            data.base[used, i, None], data.bent[used, i]), axis=1)
+        used, own = data.of_joint(terms, i)
+        x = np.concatenate((own, data.more[used, i], data.base[used, i, None],
+                            data.bent[used, i]), axis=1)
         torque[used, i] -= without(x, data.residual[used, i])
     return dataclasses.replace(data, torque=torque)
 

@@ -27,7 +27,7 @@ from ctc_chattering.dynamics.pseudo_inertia import (
     unit,
 )
 from ctc_chattering.errors import CtcError
-from ctc_chattering.identification.attribution import DRIVE, Explanation, Projected
+from ctc_chattering.identification.attribution import DRIVE, Explanation, Projected, SEEN
 from ctc_chattering.identification.findings import ALL_JOINTS, Finding, Kind
 from ctc_chattering.identification.least_squares import Data, Term, without
 from ctc_chattering.identification.model_errors import ErrorColumns
@@ -307,10 +307,6 @@ def physical_findings(bodies: ConsistentBodies, joints: Sequence[str], friction:
                 'of its torque', _CURE, part)
 
 
-#: Singular value below which an error as large as its size is less than noise.
-_SEEN = 1.0
-
-
 def body_estimate(projected: Projected, found: Explanation | None, names: Sequence[str]
                   ) -> BodyEstimate | None:
     """
@@ -332,7 +328,7 @@ def body_estimate(projected: Projected, found: Explanation | None, names: Sequen
     sizes, prior = columns.sizes, columns.prior
     blocks, right = projected.whole(found)
     u, s, v = np.linalg.svd(np.concatenate(blocks) * sizes, full_matrices=False)
-    seen = s > _SEEN
+    seen = s > SEEN
     torque = np.zeros((n, len(prior), len(prior)))
     for i, block, power in zip(projected.joints, blocks, projected.powers):
         torque[i] = block.T @ block / power
@@ -415,12 +411,10 @@ def _ratios(data: Data, terms: Sequence[Term], torque: Array) -> Array:
     """Return the ratio of what is left of each joint with a torque and without, shape (n,)."""
     found = np.ones(data.way.shape[1])
     for i in range(len(found)):
-        used = data.way[:, i] != 0.0
-        mine = [term for term in terms if term.joint == i]
-        if used.any() and mine:
+        used, own = data.of_joint(terms, i)
+        if own.size:
             y = data.residual[used, i]
-            rest = without(data.columns(mine)[used, i],
-                           np.column_stack((y, y - torque[used, i])))
+            rest = without(own, np.column_stack((y, y - torque[used, i])))
             trifle = _TRIFLE * float(np.linalg.norm(data.torque[used, i]))
             before, after = np.hypot(np.linalg.norm(rest, axis=0), trifle)
             found[i] = after / before if before > 0.0 else 1.0

@@ -138,12 +138,10 @@ def _excluded(data: Data, terms: Sequence[Term], i: int, level: float) -> float 
 
 def coulomb_level(data: Data, terms: Sequence[Term], i: int) -> float:
     """Return about how large the Coulomb friction of joint i is [N·m]."""
-    used = data.way[:, i] != 0.0
     mine = [term for term in terms if term.joint == i]
     if not mine:
         return 0.0
-    x = np.concatenate((data.columns(mine)[used, i], data.more[used, i]), axis=1)
-    value = coefficients(x, data.residual[used, i])
+    value = coefficients(*_alone(data, mine, i))
     levels = [v for term, v in zip(mine, value)
               if term.kind in (TermKind.FORWARDS, TermKind.BACKWARDS)]
     return max(float(np.mean(levels)), 0.0)
@@ -153,7 +151,7 @@ def _best(data: Data, terms: Sequence[Term], options: Sequence[Term],
           least: Mapping[TermKind, float], i: int) -> Term | None:
     """Return the best of further terms of joint i above the least sizes, if it clearly helps."""
     rest, basis = _beside(data, terms, i)
-    whole = data.columns(options)[data.way[:, i] != 0.0, i]
+    _, whole = data.of_joint(options, i)
     columns = whole - basis @ (basis.T @ whole)
     power = np.square(columns).sum(axis=0)
     own = power > 1e-6 * np.square(whole).sum(axis=0)
@@ -168,11 +166,15 @@ def _best(data: Data, terms: Sequence[Term], options: Sequence[Term],
 
 def _beside(data: Data, terms: Sequence[Term], i: int) -> tuple[Array, Array]:
     """Return what terms and all errors of the model leave of joint i, and their basis."""
-    used = data.way[:, i] != 0.0
-    mine = [term for term in terms if term.joint == i]
-    y, basis = data.residual[used, i], orthonormal(
-        np.concatenate((data.columns(mine)[used, i], data.more[used, i]), axis=1), 1e-7)
+    columns, y = _alone(data, terms, i)
+    basis = orthonormal(columns, 1e-7)
     return y - basis @ (basis.T @ y), basis
+
+
+def _alone(data: Data, terms: Sequence[Term], i: int) -> tuple[Array, Array]:
+    """Return the columns of joint i beside all errors of the model, and what they explain."""
+    used, own = data.of_joint(terms, i)
+    return np.concatenate((own, data.more[used, i]), axis=1), data.residual[used, i]
 
 
 #: Most causes that are believed: with more, others would explain as much.

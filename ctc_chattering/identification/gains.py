@@ -211,22 +211,22 @@ def recommend(found: Identification, run: MeasuredPerturbation, model: Model, po
             ('torque_rate_limit', slope, 'what a reversal of friction within '
              f'{_REVERSAL:g} s and the fastest motion need, within the rate of the drives where '
              'it is known'))}}
-    options = tuple({**shared, **_poles(found, x, positions)} for x in SLOWER)
+    # The coarsest step of an encoder, or the noise of positions, if that is more.
+    resolution = max(float(position_noise(positions, found.clock.period).max()),
+                     *(x.value or 0.0 for x in found.encoder))
+    options = tuple({**shared, **_poles(found, x, resolution)} for x in SLOWER)
     return Recommendation(options[0], (
         *run.outliers(), *run.break_away(found.joints), *bound.findings, *slow,
         *inertia_findings(found, model, positions)), options)
 
 
-def _poles(found: Identification, slower: float, positions: Array) -> Gains:
+def _poles(found: Identification, slower: float, resolution: float) -> Gains:
     """Return the gains of `observer_feedback`, its pole as a part of the fastest."""
     period, lag, n = found.clock.period, found.timing.drive[1], len(found.joints)
     late, slowest, most = max(
         (lateness(float(x.max()), period, d), float(x.max()), d)
         for d, x in (found.timing.delays or {0: lag}).items())
     pole = in_digits(slower * largest_pole(late), 2, np.floor)
-    # The coarsest step of an encoder, or the noise of positions, if that is more.
-    resolution = max(float(position_noise(positions, period).max()),
-                     *(x.value or 0.0 for x in found.encoder))
     ratio = estimator_bandwidth(1.0, resolution)
     return {'kp': ([pole ** 2] * n, f'a double pole at p = {pole:g} rad/s, p (T + h (1 + d)) = '
                    f'{pole * late:.2g} ≤ {SLOWNESS:g} with T = {slowest:.3g} s, '

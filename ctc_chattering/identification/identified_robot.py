@@ -34,7 +34,7 @@ from ctc_chattering.identification import identify as regression
 from ctc_chattering.identification.attribution import CauseKind
 from ctc_chattering.identification.effort import CURRENT, in_torques, LINK, MOTOR
 from ctc_chattering.identification.findings import ALL_JOINTS, Finding, Kind, Severity
-from ctc_chattering.identification.gains import recommend, Recommendation
+from ctc_chattering.identification.gains import recommend
 from ctc_chattering.identification.identify import Identification
 from ctc_chattering.identification.model_errors import candidates
 from ctc_chattering.identification.perturbation import perturbation
@@ -199,14 +199,14 @@ class IdentifiedRobot:
         """Return the joints that are not usable: of these there are no gains."""
         return [x.joint for x in self.results.verdicts if not x.usable]
 
-    def parameters(self, directory: Path, recommended: Recommendation | None = None) -> Values:
+    def parameters(self, directory: Path) -> Values:
         """Return the values of the parameter file, by node; `directory` has the description."""
         shared = dict(self.robot.shared)
         if self.robot.files:
             shared['description'] = str((directory / list(self.robot.files)[-1]).resolve())
         return parameter_values(
-            self.results.found, recommended or self.results.recommended, self.robot.model, self.q,
-            shared, self.robot.gains)
+            self.results.found, self.results.recommended, self.robot.model, self.q, shared,
+            self.robot.gains)
 
 
 def identify(motions: Sequence[RecordedMotion], model: str = '', urdf: str = '',
@@ -352,12 +352,11 @@ def write_identified(identified: IdentifiedRobot, out: str | Path, trials: int |
         write_text(out / name, text)
     results = identified.results
     if whole('trials', trials, 0) and not identified.missing:
-        def values(recommended: Recommendation) -> Values:
-            return identified.parameters(out, recommended)
-        compile_setups(setups_tried(results.recommended, values), show)
+        setups = setups_tried(
+            results.recommended, identified.parameters(out), identified.robot.gains)
+        compile_setups(setups, show)
         results = dataclasses.replace(results, recommended=trial_runs(
-            results.found, results.run, results.recommended, values, identified.robot.gains,
-            trials, seed))
+            results.found, results.run, results.recommended, setups, trials, seed))
     tried = dataclasses.replace(identified, results=results)
     if not tried.missing:
         with writing(out / VALUES):

@@ -148,10 +148,12 @@ class Data(Rows):
         """
         zero, load = np.zeros_like(way), np.abs(torque)
         slow = way[:, :, None] * np.exp(-np.square(velocity[:, :, None] / STRIBECK))
-        return cls(zero[:, 0], np.arange(len(way)), way, zero, zero, load, velocity, zero, zero,
-                   slow, np.zeros((*way.shape, len(BUILD_UP))), more, torque, zero, zero,
-                   np.stack((np.sign(torque), torque * load), axis=2), (0,),
-                   np.zeros(way.shape[1]))
+        return cls(
+            t=zero[:, 0], centres=np.arange(len(way)), way=way, base=zero, gravity=zero, load=load,
+            velocity=velocity, position=zero, acceleration=zero, stribeck=slow,
+            build_up=np.zeros((*way.shape, len(BUILD_UP))), more=more, torque=torque,
+            residual=zero, late=zero, bent=np.stack((np.sign(torque), torque * load), axis=2),
+            starts=(0,), floor=np.zeros(way.shape[1]))
 
     @property
     def errors(self) -> Array:
@@ -183,6 +185,11 @@ class Data(Rows):
                 column = way * (way == (1.0 if kind == TermKind.FORWARDS else -1.0))
             found[:, mine, k] = column * (way != 0.0)
         return found
+
+    def of_joint(self, terms: Sequence[Term], i: int) -> tuple[Array, Array]:
+        """Return which windows joint i slides in, shape (J,), and its own columns there."""
+        used = self.way[:, i] != 0.0
+        return used, self.columns([term for term in terms if term.joint == i])[used, i]
 
     def used(self) -> Array:
         """Return which rows are used, shape (J, n)."""

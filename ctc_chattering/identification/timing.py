@@ -136,11 +136,11 @@ class Profile:
     def _bases(self) -> list[Array]:
         """Return an orthonormal basis of what explains the torque of each joint."""
         data, found = self.data, []
-        for i, used in enumerate(data.used().T):
-            terms = [Term(kind, i) for kind in FRICTION[:3]]
+        for i in range(data.way.shape[1]):
+            used, own = data.of_joint([Term(kind, i) for kind in FRICTION[:3]], i)
             found.append(orthonormal(np.concatenate(
-                (data.columns(terms)[used, i], data.stribeck[used, i, ::len(STRIBECK) // 3],
-                 data.more[used, i], data.bent[used, i]), axis=1), 1e-7))
+                (own, data.stribeck[used, i, ::len(STRIBECK) // 3], data.more[used, i],
+                 data.bent[used, i]), axis=1), 1e-7))
         return found
 
     def torque(self, part: Stretch, rows: Rows, delay: float, lag: Array, rate: Array) -> Array:

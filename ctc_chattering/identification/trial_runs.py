@@ -16,7 +16,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 import dataclasses
 from typing import Any, NamedTuple
 
@@ -161,9 +161,7 @@ class Draw(NamedTuple):
 
 
 def trial_runs(found: Identification, run: MeasuredPerturbation, recommended: Recommendation,
-               values_of: Callable[[Recommendation], Values],
-               gains: tuple[Any, Any] | None = None, count: int = COUNT, seed: int = 1
-               ) -> Recommendation:
+               setups: Sequence[Setup], count: int = COUNT, seed: int = 1) -> Recommendation:
     """
     Return the recommendation that survives all draws, with what the runs showed.
 
@@ -173,19 +171,17 @@ def trial_runs(found: Identification, run: MeasuredPerturbation, recommended: Re
         What was identified, and P of the run.
     recommended : Recommendation
         With its options.
-    values_of : callable
-        Returns the parameter file of a recommendation.
-    gains : (kp, kv) or None
-        Of the recorded run.
+    setups : sequence of Setup
+        As `setups_tried` returns them.
     count, seed : int
         Number of draws, and their seed.
 
     """
-    *setups, plain = setups_tried(recommended, values_of, gains)
+    *tried, plain = setups
     draws = list(draw_robots(found, run, plain.plant, count, seed))
     largest = [_largest_error(plain, _score(plain, draw)) for draw in draws]
     said: list[str] = []
-    for option, setup in zip(recommended.options, setups):
+    for option, setup in zip(recommended.options, tried):
         failure = ''
         for k, (draw, most) in enumerate(zip(draws, largest), 1):
             if failure := _failure(_score(setup, draw), most, found.joints):
@@ -203,18 +199,30 @@ def trial_runs(found: Identification, run: MeasuredPerturbation, recommended: Re
             'longer motion of `ctc excite`')))
 
 
-def setups_tried(recommended: Recommendation, values_of: Callable[[Recommendation], Values],
+def setups_tried(recommended: Recommendation, values: Values,
                  gains: tuple[Any, Any] | None = None) -> list[Setup]:
-    """Return the setup of each option and, last, that of `compensation`; as `trial_runs`."""
-    files = [values_of(dataclasses.replace(recommended, values=x)) for x in recommended.options]
-    first, n = files[0], len(files[0]['/**']['joint_names'])
-    plain = {'law': 'compensation', 'input_delay': first['controller']['input_delay'],
-             **_loop_gains(gains, n)}
-    short = {'plant': {**first['plant'], 'duration': _TRIAL,
-                       'initial_position': first['reference']['center']},
-             'reference': {**first['reference'], 'start_duration': _TRIAL_START}}
-    return [parameter_file.load(None, {**first, **short, 'controller': controller})
-            for controller in (*(x['controller'] for x in files), plain)]
+    """
+    Return the setup of each option and, last, that of `compensation`.
+
+    Parameters
+    ----------
+    recommended : Recommendation
+        With its options.
+    values : dict
+        What `parameter_values` returns for it.
+    gains : (kp, kv) or None
+        Of the recorded run.
+
+    """
+    plant, reference, mine = (values[name] for name in ('plant', 'reference', 'controller'))
+    plain = {'law': 'compensation', 'input_delay': mine['input_delay'],
+             **_loop_gains(gains, len(values['/**']['joint_names']))}
+    short = {'plant': {**plant, 'duration': _TRIAL, 'initial_position': reference['center']},
+             'reference': {**reference, 'start_duration': _TRIAL_START}}
+    options = [{**mine, **{name: x for name, (x, _) in option.items()}}
+               for option in recommended.options]
+    return [parameter_file.load(None, {**values, **short, 'controller': controller})
+            for controller in (*options, plain)]
 
 
 def draw_robots(found: Identification, run: MeasuredPerturbation, plant: PlantConfig,

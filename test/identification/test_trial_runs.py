@@ -27,7 +27,12 @@ from ctc_chattering.identification.findings import Severity
 from ctc_chattering.identification.gains import recommend, Recommendation
 from ctc_chattering.identification.identify import Identification
 from ctc_chattering.identification.perturbation import MeasuredPerturbation, perturbation
-from ctc_chattering.identification.trial_runs import draw_robots, parameter_values, trial_runs
+from ctc_chattering.identification.trial_runs import (
+    draw_robots,
+    parameter_values,
+    setups_tried,
+    trial_runs,
+)
 from ctc_chattering.runs.score import Score
 from identified_robots import identified, Recorded
 import numpy as np
@@ -58,6 +63,10 @@ def values_of(recommended: Recommendation) -> dict[str, dict[str, Any]]:
                             {'model': 'two_link', 'gravity': 9.81}, None)
 
 
+def setups() -> list[Setup]:
+    return setups_tried(gains(), values_of(gains()))
+
+
 def surviving(monkeypatch: pytest.MonkeyPatch, most: float) -> Recommendation:
     """Return what is recommended where poles above `most` diverge."""
     def run(setup: Setup, _window: Any) -> Score:
@@ -66,7 +75,7 @@ def surviving(monkeypatch: pytest.MonkeyPatch, most: float) -> Recommendation:
             return Score(failure='diverged')
         return Score(rms=(1e-4, 1e-4), saturated=0.0)
     monkeypatch.setattr(module, 'score', run)
-    return trial_runs(base(), measured(), gains(), values_of, count=6)
+    return trial_runs(base(), measured(), gains(), setups(), count=6)
 
 
 def test_the_pole_steps_down_until_all_draws_survive(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -104,5 +113,5 @@ def test_draws_have_the_corners_and_are_within_the_intervals() -> None:
 
 def test_the_identified_robot_survives(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(module, '_TRIAL', 1.3)
-    found = trial_runs(base(), measured(), gains(), values_of, count=1)
+    found = trial_runs(base(), measured(), gains(), setups(), count=1)
     assert '1 of 1 draws survived' in found.trials[0]
