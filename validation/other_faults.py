@@ -229,7 +229,7 @@ def _dead_band(robot: Faulty, rng: Rng, _duration: float) -> Case:
     def alter(x: Recording) -> Recording:
         assert x.command is not None
         return dataclasses.replace(x, command=x.command + band * np.sign(x.command))
-    return Case(robot, 'none', alter)
+    return Case(robot, 'none', alter, band=band)
 
 
 def _fading_torque(robot: Faulty, rng: Rng, _duration: float) -> Case:

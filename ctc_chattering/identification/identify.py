@@ -101,6 +101,9 @@ class Identification:
         Torque at the joint per torque of the signal.
     rotor : list of Estimate, length n
         Inertia of the rotors at the joint that the model lacks [kg·m²].
+    dead_band : list of Estimate, length n
+        Torque that each drive takes of its command; the reason says in which friction it is where
+        the motion does not show it [N·m].
     tilt : tuple of Estimate, length 3
         Gravity in the frame of the base [m/s²].
     bodies : ConsistentBodies or None
@@ -132,6 +135,7 @@ class Identification:
     findings: tuple[Finding, ...] = ()
     scale: list[Estimate] = dataclasses.field(default_factory=list)
     rotor: list[Estimate] = dataclasses.field(default_factory=list)
+    dead_band: list[Estimate] = dataclasses.field(default_factory=list)
     tilt: tuple[Estimate, ...] = ()
     bodies: ConsistentBodies | None = None
     rate: list[Estimate] = dataclasses.field(default_factory=list)
@@ -219,7 +223,7 @@ def identify(recordings: Sequence[Recording], model: Model, candidates: Sequence
         [widened(data, selected.fit, i, x, what) if what else x
          for i, (x, what) in enumerate(zip(friction, left))],
         named.errors(), data, selected, phi.period * sum(len(part.q) for part in parts), noticed,
-        scale=named.scale(), rotor=named.rotor(), tilt=named.gravity(), bodies=bodies,
+        scale=named.scale(), rotor=named.rotor(), dead_band=named.dead_band(data, levels), tilt=named.gravity(), bodies=bodies,
         rate=rate_limits(found, joints), side=side, columns=columns, unexplained=tuple(left),
         held_out=held_out)
 

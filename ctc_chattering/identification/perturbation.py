@@ -147,7 +147,8 @@ def perturbation(found: Identification) -> MeasuredPerturbation:
     trusted = np.convolve(far, np.ones(2 * _BESIDE + 1), 'same') < 0.5
     return MeasuredPerturbation(
         data.t, data.residual, predicted,
-        np.abs(error) + _largest_friction(found, data.velocity, data.load, 0.0), trusted,
+        np.abs(error) + _largest_friction(
+            found, data.velocity, np.maximum(data.load, np.abs(data.torque)), 0.0), trusted,
         np.array([tail_bound(x[np.isfinite(x) & trusted]) for x in rest.T]),
         np.abs(error[trusted]).max(axis=0, initial=0.0))
 
@@ -333,7 +334,7 @@ def perturbation_bound(found: Identification, run: MeasuredPerturbation, model: 
     error, most = _largest_error(found, tau, (q, dq, ddq)), np.abs(tau).max(axis=0)
     friction = _largest_friction(
         found, np.linspace(0.0, limits.velocity, _SPEEDS),
-        np.minimum(most + error, limits.effort), 1.0).max(axis=0)
+        np.minimum(most + error + run.peak, limits.effort), 1.0).max(axis=0)
     peak = np.maximum(run.peak, friction + error + run.tail)
     ka = np.array([in_digits(MARGIN * p, 3, np.ceil) for p in peak])
     usable = [x.usable for x in verdicts(found)]

@@ -48,8 +48,8 @@ from ctc_chattering.identification.verdict import (
 
 #: In place of a number that there is none of; why is in the verdict, or in the JSON file.
 NO_NUMBER = '-'
-#: With these begins the reason why there is a bound in place of a number.
-_BOUNDS = ('at least ', NONE_ABOVE)
+#: With these begins the reason why there is a bound, or another number, in place of a number.
+_BOUNDS = ('at least ', NONE_ABOVE, 'in ')
 #: Friction in the order of the table: field and heading.
 FRICTION = {'coulomb': 'Coulomb [N*m]', 'forwards': 'forwards', 'backwards': 'backwards',
             'viscous': 'viscous [N*m*s/rad]', 'stribeck': 'Stribeck [N*m]',
@@ -60,6 +60,7 @@ _SENSORS = (('encoder', 'encoder_step_rad', 'encoder step [rad]'),
             ('noise', 'velocity_noise_rad_per_s', 'velocity noise [rad/s]'))
 _DRIVES = (('scale', 'torque_scale', 'torque per torque unit'),
            ('rotor', 'rotor_inertia_kgm2', 'rotor inertia [kg*m^2]'),
+           ('dead_band', 'dead_band_nm', 'dead band [N*m]'),
            ('rate', 'torque_rate_nm_per_s', 'rate of the drive [N*m/s]'))
 _LEAD = ('Intervals are those of 95 %. P is the torque that the model lacks: friction and its own '
          'errors; ka holds it. σ is the deviation of the velocity.')

@@ -37,6 +37,9 @@ _ROUNDING = 1e-13
 #: Half an interval of a velocity over the change of the position, in deviations of independent
 #: samples: few are.
 _INDEPENDENT = 20.0
+#: Deviation of noise by differences of successive samples over that of the samples, least and
+#: most: a filter makes it smaller, and differences of positions larger.
+_WHITE = (0.8, 1.5)
 #: Samples that a step is computed from, at most.
 _ENOUGH = 200_000
 #: RMS velocity of a joint that rests: in deviations of what positions show, and at least [rad/s].
@@ -102,7 +105,8 @@ def velocity_noise(recording: Recording, period: float) -> tuple[list[Estimate],
     Return the noise of the measured velocity of each joint [rad/s], and findings.
 
     The velocity is compared with that of the smoothed positions, beside a lag. Where it is no such
-    velocity, its noise is not known, and the joint is refused.
+    velocity, its noise is not known, and the joint is refused. What is left is noise only where
+    successive samples differ as much as independent ones.
     """
     if recording.dq is None:
         return [Estimate.none('no velocities in the bag')] * len(recording.joints), []
@@ -129,6 +133,9 @@ def velocity_noise(recording: Recording, period: float) -> tuple[list[Estimate],
                 abs(ratio - 1.0) - error))
             noise.append(Estimate.none(what))
             continue
-        spread = deviation(rest)
-        noise.append(Estimate(float(np.sqrt(max(spread ** 2 - known[i] ** 2, 0.0))), unit='rad/s'))
+        size = float(np.sqrt(max(deviation(rest) ** 2 - known[i] ** 2, 0.0)))
+        apart = deviation(np.diff(rest)) / np.sqrt(2.0)
+        noise.append(Estimate(size, unit='rad/s') if _WHITE[0] * size <= apart <= _WHITE[1] * size
+                     else Estimate.none('what the velocity has beside the change of the position '
+                                        'is no noise of single samples, as after a filter'))
     return noise, findings
