@@ -264,7 +264,7 @@ def truths(one: Case, duration: float) -> dict[str, Any]:
              'viscous': _viscous(one), 'stribeck': x.stribeck,
              'load': np.outer((1.0, -1.0), x.load * x.load_bias) + x.load,
              'stribeck_velocity': x.stribeck_speed, 'scale': x.scale, 'rotor': x.rotor,
-             'rate': x.rate, 'band': np.asarray(one.band), 'lag': x.lag + one.robot.period * one.own_delay,
-             'noise': np.asarray(one.robot.velocity_noise)}
+             'rate': x.rate, 'lag': x.lag + one.robot.period * one.own_delay,
+             'band': np.asarray(one.band), 'noise': np.asarray(one.robot.velocity_noise)}
     return {name: np.sort(np.broadcast_to(value, (2, one.robot.n)), axis=0)
             for name, value in found.items()} | {'delay': one.robot.delay}

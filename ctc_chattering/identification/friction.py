@@ -189,8 +189,9 @@ _SCALE, _COMMON = 0.03, 0.066
 _TRIFLE = 1e-3
 #: Doubt of the load at its change of sign, in what the magnitude of the mean would change.
 _FORM = 3.0
-#: Part of the sign of the torque that friction must leave where a dead band shows.
-_SHOWN = 1e-4
+#: Part of the sign of the torque that friction must leave where a dead band shows, and part of
+#: the Coulomb friction up to which it must be known.
+_SHOWN, TOLD = 1e-4, 0.2
 #: Halves of an interval by which friction may differ beside causes and beside all errors.
 _AGREES = 2.0
 
@@ -379,7 +380,8 @@ def _with_bands(fit: Fit, errors: Spread, data: Data, projected: Projected, besi
     for i in projected.joints:
         half = errors.factor * projected.deviation(beside, i, kind=CauseKind.DEAD_BAND)
         column = fit.design[:, i].T @ (fit.weight[i] * data.bent[:, i, 0])
-        if half < 1.0 / _SHOWN:
+        # What is less well known is part of what is called friction.
+        if half < TOLD * coulomb_level(data, fit.terms, i):
             errors = errors.wider(half * inverse @ column)
     return errors
 

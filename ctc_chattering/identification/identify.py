@@ -146,7 +146,7 @@ class Identification:
 
 
 def identify(recordings: Sequence[Recording], model: Model, candidates: Sequence[ModelError],
-             source: str = '', side: str = '', loaded: Sequence[Model] = ()) -> Identification:
+             side: str = '', loaded: Sequence[Model] = ()) -> Identification:
     """
     Identify a robot from recordings of its motion.
 
@@ -158,11 +158,9 @@ def identify(recordings: Sequence[Recording], model: Model, candidates: Sequence
         To be corrected.
     candidates : sequence of ModelError
         Errors of it that are looked for.
-    source : {'', 'command', 'effort'}
-        Where torques are taken from; empty for the effort if it is that of the motor, else the
-        commands.
     side : {'', 'motor', 'link', 'current'}
-        What the effort is; empty where it is not known.
+        What the effort is; empty where it is not known. Torques are taken from it if it is that
+        of the motor, else from the commands.
     loaded : sequence of Model
         For each recording the model with its known payload; empty without one.
 
@@ -177,7 +175,7 @@ def identify(recordings: Sequence[Recording], model: Model, candidates: Sequence
     columns = ErrorColumns.of(model)
     joints = recordings[0].joints
     rows = _rows(parts, models, phi, columns, recordings[0].name)
-    source, signal = torque_source(parts, rows, phi, joints, side, source)
+    source, signal = torque_source(parts, rows, phi, joints, side)
     kept, found = _timed(parts, rows, phi, source, recordings[0].name)
     parts, rows = [parts[k] for k in kept], [rows[k] for k in kept]
     models = [models[k] for k in kept]
@@ -223,9 +221,9 @@ def identify(recordings: Sequence[Recording], model: Model, candidates: Sequence
         [widened(data, selected.fit, i, x, what) if what else x
          for i, (x, what) in enumerate(zip(friction, left))],
         named.errors(), data, selected, phi.period * sum(len(part.q) for part in parts), noticed,
-        scale=named.scale(), rotor=named.rotor(), dead_band=named.dead_band(data, levels), tilt=named.gravity(), bodies=bodies,
-        rate=rate_limits(found, joints), side=side, columns=columns, unexplained=tuple(left),
-        held_out=held_out)
+        scale=named.scale(), rotor=named.rotor(), dead_band=named.dead_band(data, levels),
+        tilt=named.gravity(), bodies=bodies, rate=rate_limits(found, joints), side=side,
+        columns=columns, unexplained=tuple(left), held_out=held_out)
 
 
 def _parts(recordings: Sequence[Recording]) -> tuple[list[Stretch], list[int], TestFunction]:

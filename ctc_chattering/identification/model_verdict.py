@@ -28,8 +28,15 @@ from ctc_chattering.identification.attribution import (
     Projected,
 )
 from ctc_chattering.identification.bodies import body_estimate, BodyEstimate
-from ctc_chattering.identification.findings import ALL_JOINTS, Estimate, Finding, Kind, NONE, NONE_ABOVE
-from ctc_chattering.identification.friction import Selected
+from ctc_chattering.identification.findings import (
+    ALL_JOINTS,
+    Estimate,
+    Finding,
+    Kind,
+    NONE,
+    NONE_ABOVE,
+)
+from ctc_chattering.identification.friction import Selected, TOLD
 from ctc_chattering.identification.least_squares import Data, Term, TermKind
 from ctc_chattering.identification.model_errors import ErrorColumns, ModelError
 from ctc_chattering.numerics.linear_algebra import Array
@@ -41,9 +48,8 @@ _TURN = 3e-3
 _PART = 1e-6
 #: Least half of an interval of a torque scale.
 _TRUSTED = 1e-4
-#: Part of the Coulomb friction from which on a dead band is told, and mean of the sign of a torque
-#: times its direction from which on it has that sign.
-_TOLD, _ALONG = 0.2, 0.9
+#: Mean of the sign of a torque, or of that times the direction, from which on it has that sign.
+_ALONG = 0.9
 _RECORD = 'record a motion with more speed and larger accelerations of all joints'
 _CORRECT = 'correct the description'
 #: What the numbers of a cause are, and what to do about it.
@@ -62,17 +68,6 @@ _WORDS = {
     CauseKind.CENTRE: ('m in x, y, z of its joint against the model; a wrong zero of the joint '
                        'looks like that', _CORRECT),
     CauseKind.BODY: ('not as in the model; a payload or a tool is fixed to it', _CORRECT)}
-
-
-def _hidden(data: Data, i: int) -> str:
-    """Return in which numbers of joint i a dead band of its drive is."""
-    used = (data.way[:, i] != 0.0) & data.bent[:, i].any(axis=1)
-    sign = np.sign(data.torque[used, i])
-    if len(sign) and float(np.mean(sign * data.way[used, i])) > _ALONG:
-        return 'in Coulomb friction (no torque is against the motion)'
-    if len(sign) and abs(float(np.mean(sign))) > _ALONG:
-        return 'in forwards, backwards (the torque has one sign)'
-    return 'the sign of the torque does not show it'
 
 
 def turned_gravity(selected: Selected, columns: ErrorColumns | None) -> Array | None:
@@ -166,8 +161,14 @@ class ModelVerdict:
         if known is not None and projected is not None:
             for i in projected.joints:
                 half = 2.0 * projected.deviation(known, i, kind=CauseKind.DEAD_BAND)
+                sign = np.sign(data.bent[:, i, 0]) * np.abs(data.way[:, i])
+                least = _ALONG * float(np.square(sign).sum())
                 found[i] = Estimate.none(
-                    f'{NONE_ABOVE}{half:.2g} N*m' if half < _TOLD * levels[i] else _hidden(data, i))
+                    f'{NONE_ABOVE}{half:.2g} N*m' if half < TOLD * levels[i] else
+                    'in Coulomb friction (no torque is against the motion)'
+                    if sign @ data.way[:, i] > least else
+                    'in forwards, backwards (the torque has one sign)'
+                    if abs(sign.sum()) > least else 'the sign of the torque does not show it')
         for i, number in self._of(CauseKind.DEAD_BAND):
             if number.half:
                 found[i] = dataclasses.replace(number, unit='N*m')

@@ -123,15 +123,6 @@ class MeasuredPerturbation:
                     'record slower reversals, as those of `ctc excite`',
                     beyond / max(level, 1e-300))
 
-    def misfit(self) -> tuple[Array, Array]:
-        """Return the RMS of P and of what is not predicted of it, each of shape (n,) [N·m]."""
-        known = np.isfinite(self.predicted)
-        count = np.maximum(known.sum(axis=0), 1)
-        rest = np.where(known, self.rest, 0.0)
-        whole = np.where(known, self.measured, 0.0)
-        return (np.sqrt(np.square(whole).sum(axis=0) / count),
-                np.sqrt(np.square(rest).sum(axis=0) / count))
-
 
 def perturbation(found: Identification) -> MeasuredPerturbation:
     """Return P of the identified run."""
@@ -340,9 +331,8 @@ def perturbation_bound(found: Identification, run: MeasuredPerturbation, model: 
     usable = [x.usable for x in verdicts(found)]
     speeds, *parts = (', '.join(f'{x:.3g}' if good else '-' for x, good in zip(values, usable))
                       for values in (limits.velocity, friction, error, run.tail, run.peak))
-    reason = (f'{MARGIN:g} times the largest |P| up to {speeds} rad/s, the limits of the '
-              'description, or the speed of the run where there is none: friction {}, errors of '
-              'the model {}, unexplained {} N*m; in the run |P| is at most {} N*m'.format(*parts))
+    reason = (f'{MARGIN:g} times the largest |P| up to {speeds} rad/s: friction {{}}, errors of '
+              'the model {}, unexplained {} N*m; in the run at most {} N*m').format(*parts)
     often = limits.acceleration / np.maximum(limits.velocity, 1e-12)
     return PerturbationBound(
         np.minimum(ka, limits.effort), peak, friction, often * most, reason,

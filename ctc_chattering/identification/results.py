@@ -64,8 +64,6 @@ _DRIVES = (('scale', 'torque_scale', 'torque per torque unit'),
            ('rate', 'torque_rate_nm_per_s', 'rate of the drive [N*m/s]'))
 _LEAD = ('Intervals are those of 95 %. P is the torque that the model lacks: friction and its own '
          'errors; ka holds it. σ is the deviation of the velocity.')
-#: Reasons of a joint on a terminal, at most.
-_REASONS = 3
 
 
 def cell(number: Estimate) -> str:
@@ -113,12 +111,9 @@ class IdentificationResults:
                 lag_in_words(found.timing, i) for i in range(len(found.joints))],
             **{name: list(map(cell, values)) for key, _, name in _DRIVES
                if (values := getattr(found, key))}})
-        whole, rest = self.run.misfit()
         yield self._table('Perturbation', {
             'largest |P| [N*m]': [f'{x:.4g}' for x in self.run.peak],
-            'ka [N*m]': [NO_NUMBER if x is None else f'{x:.4g}' for x in self.recommended.ka],
-            'RMS P [N*m]': [f'{x:.3g}' for x in whole],
-            'unexplained [N*m]': [f'{x:.2g}' for x in rest]})
+            'ka [N*m]': [NO_NUMBER if x is None else f'{x:.4g}' for x in self.recommended.ka]})
 
     def _table(self, title: str, columns: Mapping[str, Sequence[str]], every: bool = False
                ) -> Table:
@@ -140,11 +135,8 @@ class IdentificationResults:
             first, *others = verdict.own() or (None,)
             yield from paragraph(f'{verdict.joint}: {verdict.word}'
                                  + (f': {first.text}' if first else ''))
-            for other in others[:_REASONS - 1]:
+            for other in others:
                 yield from paragraph(f'- {other.text}', 4)
-            if len(others) >= _REASONS:
-                more = '; '.join(x.reason.split(':')[0] for x in others[_REASONS - 1:])
-                yield from paragraph(f'- on the page: {more}', 4)
 
     def sentences(self) -> Iterator[tuple[str, list[str]]]:
         """Yield headings and sentences."""
@@ -159,12 +151,6 @@ class IdentificationResults:
             f'delay of the torque: {known} samples' if known else
             'delay not identifiable: no commanded torque in the bag',
             f'torques are taken from the {timing.source}']
-        model = [f'{error.name}: {number}' + (
-            '' if number.value is None else ' more at the tip' if error.unit else
-            ' times its mass and inertia more') for error, number in found.errors]
-        if any(x.half for x in found.tilt):
-            model.append('gravity in the frame of the base: ' + ', '.join(map(str, found.tilt)))
-        yield 'Model', model
         yield 'Gains', [f'{name} = {shown(self._usable(value))}: {why}'
                         for name, (value, why) in self.recommended.values.items()]
         yield 'Trial runs', list(self.recommended.trials) or ['not tried']

@@ -18,7 +18,7 @@ from __future__ import annotations
 
 import dataclasses
 
-from ctc_chattering.bags.recording import BRIDGED, Recording, VELOCITIES
+from ctc_chattering.bags.recording import Recording, VELOCITIES
 from ctc_chattering.identification.findings import Estimate, Finding, Kind
 from ctc_chattering.identification.least_squares import coefficients
 from ctc_chattering.identification.weak_form import (
@@ -57,23 +57,17 @@ class Clock:
         Mean step [s].
     missing : int
         Samples that are missing.
-    pauses : tuple of (float, float)
-        Begin and length of gaps that are too long to be bridged [s].
 
     """
 
     period: float
     missing: int
-    pauses: tuple[tuple[float, float], ...]
 
 
 def clock(recording: Recording) -> Clock:
     """Return what the stamps of a checked recording say."""
     step, period = np.diff(recording.t), recording.period
-    long = np.flatnonzero(step > (BRIDGED + 1.5) * period)
-    missing = round(float(step.sum()) / period) - len(step)
-    return Clock(period, max(missing, 0), tuple(
-        (float(recording.t[k] - recording.t[0]), float(step[k])) for k in long))
+    return Clock(period, max(round(float(step.sum()) / period) - len(step), 0))
 
 
 def encoder_step(q: Array) -> Estimate:

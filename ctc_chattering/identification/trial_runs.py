@@ -18,7 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 import dataclasses
-from typing import Any, NamedTuple
+from typing import Any
 
 from ctc_chattering.analysis.tables import rounded
 from ctc_chattering.configuration import parameter_file
@@ -153,13 +153,6 @@ _SATURATED = 0.02
 _TRACKS, _STEPS = 0.5, 3.0
 
 
-class Draw(NamedTuple):
-    """A robot within the intervals: in words, and values of plant and controller."""
-
-    text: str
-    values: Values
-
-
 def trial_runs(found: Identification, run: MeasuredPerturbation, recommended: Recommendation,
                setups: Sequence[Setup], count: int = COUNT, seed: int = 1) -> Recommendation:
     """
@@ -185,7 +178,7 @@ def trial_runs(found: Identification, run: MeasuredPerturbation, recommended: Re
         failure = ''
         for k, (draw, most) in enumerate(zip(draws, largest), 1):
             if failure := _failure(_score(setup, draw), most, found.joints):
-                failure = f'fails in draw {k} of {count} ({draw.text}): {failure}'
+                failure = f'fails in draw {k} of {count} ({draw[0]}): {failure}'
                 break
         kv: Any = option['kv'][0]
         said.append(f'p = {0.5 * kv[0]:g} rad/s: '
@@ -226,9 +219,9 @@ def setups_tried(recommended: Recommendation, values: Values,
 
 
 def draw_robots(found: Identification, run: MeasuredPerturbation, plant: PlantConfig,
-                count: int, seed: int) -> Iterator[Draw]:
+                count: int, seed: int) -> Iterator[tuple[str, Values]]:
     """
-    Yield robots at the ends of the intervals.
+    Yield robots at the ends of the intervals: in words, and values of plant and controller.
 
     Parameters
     ----------
@@ -260,18 +253,18 @@ def draw_robots(found: Identification, run: MeasuredPerturbation, plant: PlantCo
                 for x, of in zip(plant.torque_rate_limit, found.rate)] or plant.torque_rate_limit
         text = (f"delay {samples}, lag {late.max():.3g} s, model {scale:.3g} of the robot's, "
                 f'friction {at:+.2g} of its interval')
-        yield Draw(text, {
+        yield text, {
             'plant': {**friction, 'torque_rate_limit': rate,
                       'input_delay': int(samples), 'actuator_lag': late.tolist(),
                       'disturbance.amplitude': (run.tail + run.error).tolist(),
                       'disturbance.frequency': rng.uniform(*_UNEXPLAINED, len(lag)).tolist(),
                       'noise_seed': int(rng.integers(2 ** 31))},
-            'controller': {'inertia_scale': scale, 'gravity_scale': scale}})
+            'controller': {'inertia_scale': scale, 'gravity_scale': scale}}
 
 
-def _score(setup: Setup, draw: Draw) -> Score:
+def _score(setup: Setup, draw: tuple[str, Values]) -> Score:
     """Return the numbers of a run of a draw."""
-    return score(setup.changed(draw.values), (_TRIAL_START, np.inf))
+    return score(setup.changed(draw[1]), (_TRIAL_START, np.inf))
 
 
 def _largest_error(setup: Setup, usual: Score) -> Array:
