@@ -17,7 +17,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from math import inf
+from math import inf, isfinite
 from typing import Any, NamedTuple
 
 from ctc_chattering.identification.drives import EFFORT
@@ -178,7 +178,8 @@ def _how_well(i: int, coulomb: Estimate, measured: bool, left: Unexplained | Non
     unexplained = left is not None and left.off > 0.0
     part = coulomb.half / max(abs(coulomb.number()), 1e-300)
     if not part < 1.0:
-        yield Finding(Kind.NO_NUMBER if measured or unexplained else Kind.DOUBT, i,
+        none = measured or unexplained or not isfinite(part)
+        yield Finding(Kind.NO_NUMBER if none else Kind.DOUBT, i,
                       f'no friction shows: Coulomb friction is {coulomb}', f'{_EXCITE}, and say '
                       'where the torque is measured: behind the gear friction is not in it')
     elif not unexplained:

@@ -25,6 +25,7 @@ from ctc_chattering.identification.bodies import left_over
 from ctc_chattering.identification.friction import joint_friction, select
 from ctc_chattering.identification.least_squares import Data, Term, TermKind
 from ctc_chattering.identification.model_errors import ErrorColumns
+from ctc_chattering.identification.model_verdict import ModelVerdict
 from ctc_chattering.identification.windows import STRIBECK
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
@@ -99,6 +100,27 @@ def test_a_load_that_is_not_known_at_its_change_of_sign_is_in_the_intervals(
     monkeypatch.setattr(friction, '_FORM', 0.0)
     monkeypatch.setattr(friction, '_TRUSTED', 0.0)
     assert not any(held(1.0, 0.1, 0.1))
+
+
+@pytest.mark.parametrize('band', [0.0, 0.3])
+def test_a_dead_band_has_a_number_or_is_in_coulomb_friction(band: float) -> None:
+    """The second joint has little load: no torque of its drive is against its motion."""
+    data, columns = random_windows(np.zeros(2))
+    base = data.base * (1.0, 0.02)
+    torque = base + data.residual
+    torque += band * np.sign(torque)
+    data = dataclasses.replace(data, base=base, load=np.abs(base), more=data.more * (
+        (1.0,), (0.02,)), torque=torque, residual=torque - base, bent=np.stack(
+            (np.sign(torque), torque * np.abs(torque)), axis=2))
+    found = select(data, ('a', 'b'), columns, causes(columns, ('a', 'b'), [], np.ones(2)))
+    seen, hidden = ModelVerdict(found, columns, [], ('a', 'b')).dead_band(data, [COULOMB] * 2)
+    if band:
+        assert seen.value == pytest.approx(band, rel=0.01)
+    else:
+        assert seen.reason.startswith('none above 0.00')
+    assert hidden.reason == 'in Coulomb friction (no torque is against the motion)'
+    for i, more in enumerate((0.0, band)):
+        assert joint_friction(found, i).coulomb.value == pytest.approx(COULOMB + more, rel=1e-3)
 
 
 TERMS = [Term(kind, i) for i in range(2) for kind in (TermKind.FORWARDS, TermKind.BACKWARDS)]
