@@ -379,10 +379,10 @@ def _with_bands(fit: Fit, errors: Spread, data: Data, projected: Projected, besi
     inverse = inverted(fit.normal())
     for i in projected.joints:
         half = errors.factor * projected.deviation(beside, i, kind=CauseKind.DEAD_BAND)
-        column = fit.design[:, i].T @ (fit.weight[i] * data.bent[:, i, 0])
         # What is less well known is part of what is called friction.
         if half < TOLD * coulomb_level(data, fit.terms, i):
-            errors = errors.wider(half * inverse @ column)
+            errors = errors.wider(
+                half * fit.weight[i] * inverse @ (fit.design[:, i].T @ data.bent[:, i, 0]))
     return errors
 
 

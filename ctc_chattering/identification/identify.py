@@ -110,8 +110,6 @@ class Identification:
         Inertial parameters that the moved bodies can have, nearest to the data.
     rate : list of Estimate, length n
         Rate limit of each drive [N·m/s].
-    side : {'', 'motor', 'link', 'current'}
-        What the effort is.
     columns : ErrorColumns or None
         Errors of the model that the regression has; `selected.design` is about these.
     unexplained : tuple of (Unexplained or None), length n
@@ -139,7 +137,6 @@ class Identification:
     tilt: tuple[Estimate, ...] = ()
     bodies: ConsistentBodies | None = None
     rate: list[Estimate] = dataclasses.field(default_factory=list)
-    side: str = ''
     columns: ErrorColumns | None = None
     unexplained: tuple[Unexplained | None, ...] = ()
     held_out: Array = dataclasses.field(default_factory=lambda: np.zeros(0))
@@ -199,7 +196,7 @@ def identify(recordings: Sequence[Recording], model: Model, candidates: Sequence
     named = ModelVerdict(selected, columns, candidates, joints)
     levels = [abs(x.coulomb.value or 0.0) for x in friction]
     bodies, impossible = judged(named.bodies(selected.projected), joints, levels)
-    noticed = (*velocities, *timing_findings(found, parts[0].late), *signal,
+    noticed = (*velocities, *timing_findings(found), *signal,
                *named.findings(), *physical(friction, joints), *impossible,
                *(x for i, what in enumerate(left) if what for x in findings(i, what)))
     held_out = np.zeros(0)
@@ -216,13 +213,13 @@ def identify(recordings: Sequence[Recording], model: Model, candidates: Sequence
         if bodies is not None and bodies.differ:
             held_out = left_over(others, selected.friction, columns, selected.believed, refused)
     return Identification(
-        joints, dataclasses.replace(clock(recordings[0]), period=phi.period),
+        joints, clock(recordings[0], phi.period),
         [encoder_step(x) for x in recordings[0].q.T], noise, found,
         [widened(data, selected.fit, i, x, what) if what else x
          for i, (x, what) in enumerate(zip(friction, left))],
         named.errors(), data, selected, phi.period * sum(len(part.q) for part in parts), noticed,
         scale=named.scale(), rotor=named.rotor(), dead_band=named.dead_band(data, levels),
-        tilt=named.gravity(), bodies=bodies, rate=rate_limits(found, joints), side=side,
+        tilt=named.gravity(), bodies=bodies, rate=rate_limits(found, joints),
         columns=columns, unexplained=tuple(left), held_out=held_out)
 
 

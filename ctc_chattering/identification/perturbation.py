@@ -127,7 +127,11 @@ class MeasuredPerturbation:
 def perturbation(found: Identification) -> MeasuredPerturbation:
     """Return P of the identified run."""
     data = found.data
-    used, error = data.used(), _error(found)
+    used, (error, _) = data.used(), found.selected.torque(data, (TermKind.MODEL,))
+    for i, mine in enumerate(used.T):
+        if mine.any():
+            # Of a window in which the joint does not slide: between those in which it does.
+            error[:, i] = np.interp(np.arange(len(mine)), np.flatnonzero(mine), error[mine, i])
     predicted = np.where(used, found.selected.torque(data)[0], np.nan)
     rest = np.abs(data.residual - predicted)
     bound = np.array([tail_bound(x[np.isfinite(x)]) for x in rest.T])
@@ -156,16 +160,6 @@ def tail_bound(sizes: Array) -> float:
         return largest
     most, high = np.percentile(sizes, (90.0, 99.0)).tolist()
     return min(largest, float(high + (high - most) * np.log10(len(sizes) / 100.0)))
-
-
-def _error(found: Identification) -> Array:
-    """Return the torque of errors of the model in each window, shape (J, n) [N·m]."""
-    error, _ = found.selected.torque(found.data, (TermKind.MODEL,))
-    for i, used in enumerate(found.data.used().T):
-        if used.any():
-            # Of a window in which the joint does not slide: between those in which it does.
-            error[:, i] = np.interp(np.arange(len(used)), np.flatnonzero(used), error[used, i])
-    return error
 
 
 def friction_at(found: Identification, velocity: Array, load: Array | float
@@ -331,8 +325,9 @@ def perturbation_bound(found: Identification, run: MeasuredPerturbation, model: 
     usable = [x.usable for x in verdicts(found)]
     speeds, *parts = (', '.join(f'{x:.3g}' if good else '-' for x, good in zip(values, usable))
                       for values in (limits.velocity, friction, error, run.tail, run.peak))
-    reason = (f'{MARGIN:g} times the largest |P| up to {speeds} rad/s: friction {{}}, errors of '
-              'the model {}, unexplained {} N*m; in the run at most {} N*m').format(*parts)
+    reason = (f'{MARGIN:g} times the largest |P| up to {speeds} rad/s, the limits of the '
+              'description, or the speed of the run where there is none: friction {}, errors of '
+              'the model {}, unexplained {} N*m; in the run |P| is at most {} N*m'.format(*parts))
     often = limits.acceleration / np.maximum(limits.velocity, 1e-12)
     return PerturbationBound(
         np.minimum(ka, limits.effort), peak, friction, often * most, reason,

@@ -132,11 +132,10 @@ class IdentificationResults:
         for text in self.shared():
             yield from paragraph(f'all joints: {text}')
         for verdict in self.verdicts:
-            first, *others = verdict.own() or (None,)
-            yield from paragraph(f'{verdict.joint}: {verdict.word}'
-                                 + (f': {first.text}' if first else ''))
-            for other in others:
-                yield from paragraph(f'- {other.text}', 4)
+            reasons = [x.text for x in verdict.own()]
+            yield from paragraph(': '.join((verdict.joint, verdict.word, *reasons[:1])))
+            for reason in reasons[1:]:
+                yield from paragraph(f'- {reason}', 4)
 
     def sentences(self) -> Iterator[tuple[str, list[str]]]:
         """Yield headings and sentences."""
@@ -180,7 +179,7 @@ class IdentificationResults:
         return {
             'bags': self.source, 'joint_names': list(found.joints),
             'clock': dataclasses.asdict(found.clock),
-            'torque_from': timing.source, 'effort_side': found.side,
+            'torque_from': timing.source,
             'delays_possible': [
                 {'delay_samples': delay, 'actuator_lag_s': self._usable(lags[1].tolist()),
                  'actuator_lag_interval_95_s': self._usable(lags[[0, 2]].T.tolist())}

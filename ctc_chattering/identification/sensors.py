@@ -19,7 +19,7 @@ from __future__ import annotations
 import dataclasses
 
 from ctc_chattering.bags.recording import Recording, VELOCITIES
-from ctc_chattering.identification.findings import Estimate, Finding, Kind
+from ctc_chattering.identification.findings import Estimate, Finding, Kind, NONE_ABOVE
 from ctc_chattering.identification.least_squares import coefficients
 from ctc_chattering.identification.weak_form import (
     deviation,
@@ -40,6 +40,8 @@ _INDEPENDENT = 20.0
 #: Deviation of noise by differences of successive samples over that of the samples, least and
 #: most: a filter makes it smaller, and differences of positions larger.
 _WHITE = (0.8, 1.5)
+#: Deviation of a velocity from the change of the position, as a part of it, that is rounding.
+_EXACT = 1e-3
 #: Samples that a step is computed from, at most.
 _ENOUGH = 200_000
 #: RMS velocity of a joint that rests: in deviations of what positions show, and at least [rad/s].
@@ -64,9 +66,9 @@ class Clock:
     missing: int
 
 
-def clock(recording: Recording) -> Clock:
+def clock(recording: Recording, period: float) -> Clock:
     """Return what the stamps of a checked recording say."""
-    step, period = np.diff(recording.t), recording.period
+    step = np.diff(recording.t)
     return Clock(period, max(round(float(step.sum()) / period) - len(step), 0))
 
 
@@ -127,9 +129,12 @@ def velocity_noise(recording: Recording, period: float) -> tuple[list[Estimate],
                 abs(ratio - 1.0) - error))
             noise.append(Estimate.none(what))
             continue
-        size = float(np.sqrt(max(deviation(rest) ** 2 - known[i] ** 2, 0.0)))
-        apart = deviation(np.diff(rest)) / np.sqrt(2.0)
-        noise.append(Estimate(size, unit='rad/s') if _WHITE[0] * size <= apart <= _WHITE[1] * size
-                     else Estimate.none('what the velocity has beside the change of the position '
-                                        'is no noise of single samples, as after a filter'))
+        spread, apart = deviation(rest), deviation(np.diff(rest)) / np.sqrt(2.0)
+        size = float(np.sqrt(max(spread ** 2 - known[i] ** 2, 0.0)))
+        small = spread <= max(_RESTS * known[i], _EXACT * length / np.sqrt(len(x)))
+        noise.append(
+            Estimate(size, unit='rad/s') if _WHITE[0] * size <= apart <= _WHITE[1] * size else
+            Estimate.none(f'{NONE_ABOVE}{spread:.2g} rad/s' if small else 'what the velocity has '
+                          'beside the change of the position is no noise of single samples, as '
+                          'after a filter'))
     return noise, findings

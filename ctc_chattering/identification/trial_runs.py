@@ -108,7 +108,7 @@ def _plant(found: Identification, q: Array) -> dict[str, Any]:
     # Positions have a step, or noise.
     noise = np.square(position_noise(q, found.clock.period)) - _STEP_NOISE * np.square(step)
     noise = np.sqrt(np.where(noise > _STEP_NOISE * np.square(step), noise, 0.0))
-    unknown = any(x.value is None for x in found.noise)
+    unknown = any(x.value is None and not x.shows_none for x in found.noise)
     return {
         'coulomb_friction': _rounded(coulomb), 'viscous_friction': _rounded(viscous),
         'stribeck_friction': _rounded(stribeck), 'load_friction': _rounded(np.minimum(load, 0.9)),
@@ -143,6 +143,7 @@ def _rounded(values: npt.ArrayLike, digits: int = 6) -> list[float]:
 COUNT, COUNT_PLAIN = 24, 8
 #: Smooth start and duration [s]: in it all joints reverse.
 _TRIAL_START, _TRIAL = 1.0, 2.5
+_WINDOW = _TRIAL_START, np.inf
 #: Part of M, C and G that may be wrong in any case, and at most.
 _MODEL, _MOST = 0.05, 0.2
 #: Frequencies of errors of the model and of what is not explained, as a disturbance [rad/s].
@@ -172,13 +173,13 @@ def trial_runs(found: Identification, run: MeasuredPerturbation, recommended: Re
     """
     *tried, plain = setups
     draws = list(draw_robots(found, run, plain.plant, count, seed))
-    largest = [_largest_error(plain, _score(plain, draw)) for draw in draws]
+    largest = [_largest_error(plain, score(plain.changed(x), _WINDOW)) for _, x in draws]
     said: list[str] = []
     for option, setup in zip(recommended.options, tried):
         failure = ''
-        for k, (draw, most) in enumerate(zip(draws, largest), 1):
-            if failure := _failure(_score(setup, draw), most, found.joints):
-                failure = f'fails in draw {k} of {count} ({draw[0]}): {failure}'
+        for k, ((text, x), most) in enumerate(zip(draws, largest), 1):
+            if failure := _failure(score(setup.changed(x), _WINDOW), most, found.joints):
+                failure = f'fails in draw {k} of {count} ({text}): {failure}'
                 break
         kv: Any = option['kv'][0]
         said.append(f'p = {0.5 * kv[0]:g} rad/s: '
@@ -260,11 +261,6 @@ def draw_robots(found: Identification, run: MeasuredPerturbation, plant: PlantCo
                       'disturbance.frequency': rng.uniform(*_UNEXPLAINED, len(lag)).tolist(),
                       'noise_seed': int(rng.integers(2 ** 31))},
             'controller': {'inertia_scale': scale, 'gravity_scale': scale}}
-
-
-def _score(setup: Setup, draw: tuple[str, Values]) -> Score:
-    """Return the numbers of a run of a draw."""
-    return score(setup.changed(draw[1]), (_TRIAL_START, np.inf))
 
 
 def _largest_error(setup: Setup, usual: Score) -> Array:

@@ -38,8 +38,8 @@ COUNT = 400
 COULOMB = 2.0
 
 
-def random_windows(rotor: Array, scale: float = 1.0, gear: float = 0.0, noise: float = 1e-3
-                   ) -> tuple[Data, ErrorColumns]:
+def random_windows(rotor: Array, scale: float = 1.0, gear: float = 0.0, noise: float = 1e-3,
+                   band: float = 0.0, part: float = 1.0) -> tuple[Data, ErrorColumns]:
     """
     Return windows, and the columns of the arm's errors.
 
@@ -53,6 +53,10 @@ def random_windows(rotor: Array, scale: float = 1.0, gear: float = 0.0, noise: f
         Part of what gears transmit that is friction.
     noise : float
         Of the torque [N·m].
+    band : float
+        What the drives take of each command [N·m].
+    part : float
+        By which the torque of the second joint is smaller.
 
     """
     model = UrdfModel(urdfs.two_links(), urdfs.TWO_LINKS)
@@ -61,11 +65,13 @@ def random_windows(rotor: Array, scale: float = 1.0, gear: float = 0.0, noise: f
     rng = np.random.default_rng(3)
     states = rng.normal(size=(COUNT, 3, 2))
     _, dq, ddq = states.transpose(1, 0, 2)
-    base = np.array([model.inverse_dynamics(*(x.tolist() for x in state)) for state in states])
+    parts = np.array([1.0, part])
+    base = parts * [model.inverse_dynamics(*(x.tolist() for x in state)) for state in states]
     way = np.sign(dq)
     friction = way * (COULOMB + gear * np.abs(base))
     torque = (base + rotor * ddq + friction + noise * rng.normal(size=(COUNT, 2))) / scale
-    more = np.array([columns.at(*state) for state in states])
+    torque += band * np.sign(torque)
+    more = parts[:, None] * [columns.at(*state) for state in states]
     return dataclasses.replace(
         Data.at(way, dq, torque, more), t=np.arange(float(COUNT)), base=base, load=np.abs(base),
         stribeck=np.zeros((COUNT, 2, len(STRIBECK))), residual=torque - base,
@@ -105,19 +111,11 @@ def test_a_load_that_is_not_known_at_its_change_of_sign_is_in_the_intervals(
 @pytest.mark.parametrize('band', [0.0, 0.3])
 def test_a_dead_band_has_a_number_or_is_in_coulomb_friction(band: float) -> None:
     """The second joint has little load: no torque of its drive is against its motion."""
-    data, columns = random_windows(np.zeros(2))
-    base = data.base * (1.0, 0.02)
-    torque = base + data.residual
-    torque += band * np.sign(torque)
-    data = dataclasses.replace(data, base=base, load=np.abs(base), more=data.more * (
-        (1.0,), (0.02,)), torque=torque, residual=torque - base, bent=np.stack(
-            (np.sign(torque), torque * np.abs(torque)), axis=2))
+    data, columns = random_windows(np.zeros(2), band=band, part=0.02)
     found = select(data, ('a', 'b'), columns, causes(columns, ('a', 'b'), [], np.ones(2)))
     seen, hidden = ModelVerdict(found, columns, [], ('a', 'b')).dead_band(data, [COULOMB] * 2)
-    if band:
-        assert seen.value == pytest.approx(band, rel=0.01)
-    else:
-        assert seen.reason.startswith('none above 0.00')
+    assert seen.reason.startswith('none above 0.00') if not band else (
+        seen.value == pytest.approx(band, rel=0.01))
     assert hidden.reason == 'in Coulomb friction (no torque is against the motion)'
     for i, more in enumerate((0.0, band)):
         assert joint_friction(found, i).coulomb.value == pytest.approx(COULOMB + more, rel=1e-3)

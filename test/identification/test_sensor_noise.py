@@ -73,6 +73,6 @@ def test_the_stamps() -> None:
     rng = np.random.default_rng(2)
     t = T + rng.normal(0.0, 2e-5, len(T))
     keep = np.r_[0:2000, 2002:5000, 6000:10_000]
-    found = clock(Recording('r', ('a',), t[keep], np.zeros((len(keep), 1))))
+    found = clock(Recording('r', ('a',), t[keep], np.zeros((len(keep), 1))), H)
     assert found.period == pytest.approx(H, rel=1e-3)
     assert found.missing == 1002
