@@ -193,6 +193,7 @@ def test_a_condition_has_the_worst_of_its_runs(arm: Path) -> None:
     assert outcome.score.rms == tuple(map(max, zip(*(score(x).rms for x in made))))
 
 
+@pytest.mark.slow
 def test_the_number_of_processes_changes_nothing(arm: Path) -> None:
     todo = tasks([arm], ['clean'], ['compensation', 'integral'], RECOMMENDED)
     outcomes = list(map(evaluate, todo))
