@@ -41,6 +41,7 @@ from ctc_chattering.identification.results import IdentificationResults
 from ctc_chattering.identification.trial_runs import (
     COUNT,
     parameter_values,
+    Positions,
     setups_tried,
     trial_runs,
 )
@@ -97,7 +98,8 @@ def values_of(made: Outcome, results: IdentificationResults, q: Any, file: Path,
     if made.urdf:
         shared = {'model': 'urdf', 'gravity': 9.81, 'description': str(file)}
     assert made.model is not None
-    return parameter_values(results.found, recommended, made.model, q, shared, None)
+    return parameter_values(results.found, recommended, made.model,
+                            Positions.of(q, results.found.clock.period), shared, None)
 
 
 def tried(one: Case, made: Outcome, results: IdentificationResults, seen: Played, seed: int,

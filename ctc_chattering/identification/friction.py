@@ -241,9 +241,12 @@ class Selected:
     def torque(self, data: Data, kinds: Sequence[TermKind] = tuple(TermKind)
                ) -> tuple[Array, Array]:
         """Return the torque of terms of some kinds, and half its interval, each (J, n) [N·m]."""
-        columns = data.mixed(self.design).columns(self.fit.terms)
-        columns = columns * [x.kind in kinds for x in self.fit.terms]
-        return columns @ self.fit.value, self.spread.half(columns)
+        data, wanted = data.mixed(self.design), [x.kind in kinds for x in self.fit.terms]
+        value, half = np.empty((2, *data.way.shape))
+        for i in range(value.shape[1]):  # Joint by joint, for long series.
+            columns = data.columns(self.fit.terms, i) * wanted
+            value[:, i], half[:, i] = columns @ self.fit.value, self.spread.half(columns)
+        return value, half
 
 
 def select(data: Data, joints: Sequence[str], columns: ErrorColumns | None = None,

@@ -142,7 +142,8 @@ class Identification:
 
 
 def identify(recordings: Sequence[Recording], model: Model, candidates: Sequence[ModelError],
-             source: str = '', side: str = '', loaded: Sequence[Model] = ()) -> Identification:
+             source: str = '', side: str = '', loaded: Sequence[Model] = (),
+             velocities: Noise | None = None) -> Identification:
     """
     Identify a robot from recordings of its motion.
 
@@ -161,6 +162,8 @@ def identify(recordings: Sequence[Recording], model: Model, candidates: Sequence
         What the effort is; empty where it is not known.
     loaded : sequence of Model
         For each recording the model with its known payload; empty without one.
+    velocities : (list of Estimate, list of Finding), optional
+        Noise of the measured velocities, where it is known: `noise_of`.
 
     Raises
     ------
@@ -171,7 +174,7 @@ def identify(recordings: Sequence[Recording], model: Model, candidates: Sequence
     parts, owners, phi = _parts(recordings)
     models = [loaded[k] if loaded else model for k in owners]
     columns = ErrorColumns.of(model)
-    joints = recordings[0].joints
+    joints, stamps = recordings[0].joints, clock(recordings[0])
     rows = _rows(parts, models, phi, columns, recordings[0].name)
     source, signal = torque_source(parts, rows, phi, joints, side, source)
     kept, found = _timed(parts, rows, phi, source, recordings[0].name)
@@ -191,13 +194,13 @@ def identify(recordings: Sequence[Recording], model: Model, candidates: Sequence
         columns = ErrorColumns.of(model, gravity)
         rows = _rows(parts, models, phi, columns, recordings[0].name)
         data, selected = selected_with(rows, columns)
-    noise, velocities = velocity_noise(recordings[0], phi.period)
+    noise, unlike = velocities or noise_of(recordings)
     friction = [joint_friction(selected, i) for i in range(len(joints))]
     left = [unexplained(data, selected.fit, i) for i in range(len(joints))]
     named = ModelVerdict(selected, columns, candidates, joints)
     levels = [abs(x.coulomb.value or 0.0) for x in friction]
     bodies, impossible = judged(named.bodies(selected.projected), joints, levels)
-    noticed = (*velocities, *timing_findings(found, parts[0].late), *signal,
+    noticed = (*unlike, *timing_findings(found, parts[0].late), *signal,
                *named.findings(), *physical(friction, joints), *impossible,
                *(x for i, what in enumerate(left) if what for x in findings(i, what)))
     held_out = np.zeros(0)
@@ -214,7 +217,7 @@ def identify(recordings: Sequence[Recording], model: Model, candidates: Sequence
         if bodies is not None and bodies.differ:
             held_out = left_over(others, selected.friction, columns, selected.believed, refused)
     return Identification(
-        joints, dataclasses.replace(clock(recordings[0]), period=phi.period),
+        joints, dataclasses.replace(stamps, period=phi.period),
         [encoder_step(x) for x in recordings[0].q.T], noise, found,
         [widened(data, selected.fit, i, x, what) if what else x
          for i, (x, what) in enumerate(zip(friction, left))],
@@ -222,6 +225,15 @@ def identify(recordings: Sequence[Recording], model: Model, candidates: Sequence
         scale=named.scale(), rotor=named.rotor(), tilt=named.gravity(), bodies=bodies,
         rate=rate_limits(found, joints), side=side, columns=columns, unexplained=tuple(left),
         held_out=held_out)
+
+
+#: Noise of the velocities of each joint, and findings.
+Noise = tuple[list[Estimate], list[Finding]]
+
+
+def noise_of(recordings: Sequence[Recording]) -> Noise:
+    """Return the noise of the velocities of the first recording, which it then may lack."""
+    return velocity_noise(recordings[0], _common_period(recordings))
 
 
 def _parts(recordings: Sequence[Recording]) -> tuple[list[Stretch], list[int], TestFunction]:

@@ -159,8 +159,8 @@ class Profile:
             # Of commands that chatter neither shows.
             calm = (np.diff(sign) != 0.0).sum() < _CHATTERS * part.period * len(x)
             found.append(np.hstack([
-                weak_torque(calm * one[:, None], delay, np.asarray(late), part.period, self._phi,
-                            rows.centres) for one in (sign, x * np.abs(x))]))
+                weak_torque((calm * sign * size)[:, None], delay, np.asarray(late), part.period,
+                            self._phi, rows.centres) for size in (1.0, np.square(x))]))
         return np.stack(found, axis=1)
 
     def windows(self, delay: float, lag: Array, rate: Array) -> Data:

@@ -48,8 +48,37 @@ _STRIBECK = 0.05
 Values = dict[str, dict[str, Any]]
 
 
-def parameter_values(found: Identification, recommended: Recommendation, model: Model, q: Array,
-                     shared: Mapping[str, Any], gains: tuple[Any, Any] | None) -> Values:
+class Positions(NamedTuple):
+    """
+    What is kept of recorded positions, which are large; n joints, arrays of shape (n,) [rad].
+
+    Attributes
+    ----------
+    first : ndarray
+        Of the first sample.
+    low, high : ndarray
+        Range, but for 2 % at both ends.
+    noise : ndarray
+        Deviation from local cubics.
+
+    """
+
+    first: Array
+    low: Array
+    high: Array
+    noise: Array
+
+    @classmethod
+    def of(cls, q: Array, period: float) -> Positions:
+        """Return that of positions, shape (N, n) [rad], every `period` [s]."""
+        # Joint by joint, for long series.
+        low, high = np.transpose([np.percentile(x, (2.0, 98.0)) for x in q.T])
+        return cls(q[0].copy(), low, high, position_noise(q, period))
+
+
+def parameter_values(found: Identification, recommended: Recommendation, model: Model,
+                     positions: Positions, shared: Mapping[str, Any],
+                     gains: tuple[Any, Any] | None) -> Values:
     """
     Return the values by node and parameter.
 
@@ -61,8 +90,8 @@ def parameter_values(found: Identification, recommended: Recommendation, model: 
         What follows from it.
     model : Model
         The controller's; its limits of position are kept.
-    q : ndarray, shape (N, n)
-        Recorded positions [rad]: the motion of the reference is within them.
+    positions : Positions
+        Recorded: the motion of the reference is within them.
     shared : mapping
         Values of all nodes: model, description, gravity, locked.
     gains : (kp, kv) or None
@@ -74,18 +103,17 @@ def parameter_values(found: Identification, recommended: Recommendation, model: 
         If the friction of a joint is not known.
 
     """
-    # Joint by joint, for long series.
-    low, high = np.transpose([np.percentile(x, (2.0, 98.0)) for x in q.T])
     limits = getattr(model, 'position_limits', None) or [(-np.inf, np.inf)]
-    start = np.clip(q[0], *np.array(limits).T)
+    start = np.clip(positions.first, *np.array(limits).T)
     return {
         '/**': {'joint_names': list(found.joints), 'control_period': round(found.clock.period, 9),
                 **shared},
         'plant': {'experiment': 'identified', 'pacing': 'lockstep', 'duration': _DURATION,
-                  'initial_position': _rounded(start), **_plant(found, q)},
-        'controller': {**_loop_gains(gains, q.shape[1]),
+                  'initial_position': _rounded(start), **_plant(found, positions.noise)},
+        'controller': {**_loop_gains(gains, len(start)),
                        **{name: value for name, (value, _) in recommended.values.items()}},
-        'reference': {'start_duration': _START, **_reference(found, low, high, model)}}
+        'reference': {'start_duration': _START, **_reference(
+            found, positions.low, positions.high, model)}}
 
 
 def _loop_gains(gains: tuple[Any, Any] | None, n: int) -> dict[str, Any]:
@@ -94,7 +122,7 @@ def _loop_gains(gains: tuple[Any, Any] | None, n: int) -> dict[str, Any]:
             for name, x in zip(('kp', 'kv'), gains or GAINS)}
 
 
-def _plant(found: Identification, q: Array) -> dict[str, Any]:
+def _plant(found: Identification, noise: Array) -> dict[str, Any]:
     """Return the friction, the sensors and the drives of the plant."""
     friction, (delay, lag) = found.friction, found.timing.drive
     coulomb = np.array([max(0.0, x.coulomb.number()) for x in friction])
@@ -106,7 +134,7 @@ def _plant(found: Identification, q: Array) -> dict[str, Any]:
         x.offset.half, 0.01 * f) else x.offset.value for x, f in zip(friction, coulomb)])
     step = np.array([x.value or 0.0 for x in found.encoder])
     # Positions have a step, or noise.
-    noise = np.square(position_noise(q, found.clock.period)) - _STEP_NOISE * np.square(step)
+    noise = np.square(noise) - _STEP_NOISE * np.square(step)
     noise = np.sqrt(np.where(noise > _STEP_NOISE * np.square(step), noise, 0.0))
     unknown = any(x.value is None for x in found.noise)
     return {

@@ -30,6 +30,7 @@ from ctc_chattering.identification.perturbation import MeasuredPerturbation, per
 from ctc_chattering.identification.trial_runs import (
     draw_robots,
     parameter_values,
+    Positions,
     setups_tried,
     trial_runs,
 )
@@ -59,7 +60,8 @@ def gains() -> Recommendation:
 
 
 def values_of(recommended: Recommendation) -> dict[str, dict[str, Any]]:
-    return parameter_values(base(), recommended, made().model, made().recording.q,
+    return parameter_values(base(), recommended, made().model,
+                            Positions.of(made().recording.q, base().clock.period),
                             {'model': 'two_link', 'gravity': 9.81}, None)
 
 
