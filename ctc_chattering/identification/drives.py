@@ -23,7 +23,6 @@ blocks of time: a delay, lag or rate limit is possible whose rest is not clearly
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-import dataclasses
 from itertools import product
 from typing import NamedTuple
 
@@ -176,8 +175,7 @@ _COARSE, _FIRST, _RATIO, _EXCLUDED = 30, 2.0, 2.0 ** 0.3, 4
 _FINER, _WITHIN = 5, 7
 
 
-@dataclasses.dataclass(frozen=True)
-class DriveSet:
+class DriveSet(NamedTuple):
     """
     Delays, lags and rate limits that the data allow; n joints.
 
@@ -275,8 +273,7 @@ class DriveProfile:
         for part, rows in zip(self._parts, self._rows):
             values = np.asarray(has(part, COMMAND))
             mine = slice(first, first := first + len(rows.centres))
-            for k, mean in enumerate(driven_by_lags(
-                    values, np.array(LAGS), rate, part.period)):
+            for k, mean in enumerate(driven_by_lags(values, np.array(LAGS), rate, part.period)):
                 for j, d in enumerate(self._delays):
                     whole[k, j, mine] = self._phi.sums(
                         mean, self._phi.over, rows.centres - d) - rows.base

@@ -30,8 +30,7 @@ _MEASURED, _FIT, _BAND = '#8aa6c1', '#b34a00', '#f3c9a8'
 _POINTS = 200
 
 
-def friction_figure(found: Identification, verdicts: Sequence[Verdict]
-                    ) -> tuple[str, Figure, str]:
+def friction_figure(found: Identification, verdicts: Sequence[Verdict]) -> tuple[str, Figure, str]:
     """Return friction against velocity; without a fit for a joint that is not usable."""
     data, fit = found.data, found.selected.fit
     figure, grid = sheet('Friction against velocity', (len(verdicts) + 1) // 2, (1.0, 1.0), 2.0)

@@ -39,17 +39,16 @@ from ctc_chattering.identification.identify import Identification
 from ctc_chattering.identification.model_errors import candidates
 from ctc_chattering.identification.perturbation import perturbation
 from ctc_chattering.identification.results import IdentificationResults, write_page
+from ctc_chattering.identification.sensors import Noise, velocity_noise
 from ctc_chattering.identification.trial_runs import (
     COUNT,
     COUNT_PLAIN,
     parameter_values,
-    Positions,
     setups_tried,
     trial_runs,
     Values,
 )
 from ctc_chattering.parameters import check_some, LEAST, Parameter, whole
-import numpy as np
 
 #: By how much the corrected model may explain the torque of a joint worse.
 _WORSE = 1.02
@@ -162,7 +161,7 @@ class RobotModel:
         return make_model('urdf', self.shared['gravity'], joints, text, self.locked)
 
     def identified(self, recordings: Sequence[Recording], torque: str, side: str,
-                   payloads: Sequence[tuple[float, str]], velocities: regression.Noise
+                   payloads: Sequence[tuple[float, str]], velocities: Noise
                    ) -> Identification:
         """Return what is identified with the model; arguments as of `identify` of both modules."""
         text, joints = ['', *self.files.values()][-1], recordings[0].joints
@@ -186,14 +185,11 @@ class IdentifiedRobot:
         ``results.as_mapping()`` what ``identify.json`` has.
     robot : RobotModel
         The model, corrected where that is better.
-    positions : Positions
-        What is kept of those in all recordings.
 
     """
 
     results: IdentificationResults
     robot: RobotModel
-    positions: Positions
 
     @property
     def missing(self) -> list[str]:
@@ -206,8 +202,8 @@ class IdentifiedRobot:
         if self.robot.files:
             shared['description'] = str((directory / list(self.robot.files)[-1]).resolve())
         return parameter_values(
-            self.results.found, self.results.recommended, self.robot.model, self.positions,
-            shared, self.robot.gains)
+            self.results.found, self.results.recommended, self.robot.model, shared,
+            self.robot.gains)
 
 
 def identify(motions: Sequence[RecordedMotion], model: str = '', urdf: str = '',
@@ -271,7 +267,7 @@ def identify(motions: Sequence[RecordedMotion], model: str = '', urdf: str = '',
                              f'{len(motions)}, one for each motion, of a URDF')
     notes = [note for x in motions for note in x.notes]
     # Velocities are needed no more: long ones are large.
-    velocities = regression.noise_of(recordings)
+    velocities = velocity_noise(recordings[0], regression.common_period(recordings))
     recordings = [dataclasses.replace(x, dq=None) for x in recordings]
     del motions
     found = robot.identified(recordings, torque, side, payloads, velocities)
@@ -284,13 +280,11 @@ def identify(motions: Sequence[RecordedMotion], model: str = '', urdf: str = '',
         found, robot = (found, robot) if better is None else (better, other)
     found = dataclasses.replace(found, findings=(*found.findings, *(
         Finding(Kind.NOTE, ALL_JOINTS, note) for note in notes)))
-    q = recordings[0].q if len(recordings) == 1 else np.concatenate([x.q for x in recordings])
     name = ', '.join(x.name for x in recordings)
     del recordings
     perturbed = perturbation(found)
-    recommended = recommend(found, perturbed, robot.model, q, rate or ())
-    return IdentifiedRobot(IdentificationResults(name, found, perturbed, recommended), robot,
-                           Positions.of(q, found.clock.period))
+    return IdentifiedRobot(IdentificationResults(
+        name, found, perturbed, recommend(found, perturbed, robot.model, rate or ())), robot)
 
 
 def _robot(motion: RecordedMotion, model: str, urdf: str, gravity: float | None) -> RobotModel:

@@ -190,8 +190,7 @@ class Data(Rows):
 
     def used(self) -> Array:
         """Return which rows are used, shape (J, n)."""
-        found: Array = self.way != 0.0
-        return found
+        return np.asarray(self.way != 0.0)
 
 
 class Fit(NamedTuple):
@@ -264,14 +263,12 @@ def orthonormal(columns: Array, least: float = 1e-9) -> Array:
 def without(columns: Array, y: Array, least: float = 1e-9) -> Array:
     """Return what columns leave of y, shape (rows,) or (rows, k)."""
     basis = orthonormal(columns, least)
-    found: Array = y - basis @ (basis.T @ y)
-    return found
+    return np.asarray(y - basis @ (basis.T @ y))
 
 
 def coefficients(columns: Array, y: Array) -> Array:
     """Return the coefficients of columns that leave least of y, shape (columns,)."""
-    found: Array = inverted(columns.T @ columns) @ (columns.T @ y)
-    return found
+    return np.asarray(inverted(columns.T @ columns) @ (columns.T @ y))
 
 
 def inverted(normal: Array) -> Array:
@@ -318,8 +315,7 @@ class Spread:
     def half(self, weights: Array) -> Array:
         """Return half the interval of sums of the coefficients with weights, shape (..., p)."""
         power = (weights @ self.covariance * weights).sum(axis=-1)
-        found: Array = self.factor * np.sqrt(np.maximum(power, 0.0))
-        return found
+        return np.asarray(self.factor * np.sqrt(np.maximum(power, 0.0)))
 
 
 def correlation_length(x: Array) -> float:

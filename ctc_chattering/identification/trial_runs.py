@@ -28,7 +28,6 @@ from ctc_chattering.identification.findings import ALL_JOINTS, Finding, Kind
 from ctc_chattering.identification.gains import GAINS, Recommendation
 from ctc_chattering.identification.identify import Identification
 from ctc_chattering.identification.perturbation import MeasuredPerturbation
-from ctc_chattering.identification.weak_form import position_noise
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.runs.score import Score, score
 from ctc_chattering.simulation.plant_config import PlantConfig
@@ -48,50 +47,19 @@ _STRIBECK = 0.05
 Values = dict[str, dict[str, Any]]
 
 
-class Positions(NamedTuple):
-    """
-    What is kept of recorded positions, which are large; n joints, arrays of shape (n,) [rad].
-
-    Attributes
-    ----------
-    first : ndarray
-        Of the first sample.
-    low, high : ndarray
-        Range, but for 2 % at both ends.
-    noise : ndarray
-        Deviation from local cubics.
-
-    """
-
-    first: Array
-    low: Array
-    high: Array
-    noise: Array
-
-    @classmethod
-    def of(cls, q: Array, period: float) -> Positions:
-        """Return that of positions, shape (N, n) [rad], every `period` [s]."""
-        # Joint by joint, for long series.
-        low, high = np.transpose([np.percentile(x, (2.0, 98.0)) for x in q.T])
-        return cls(q[0].copy(), low, high, position_noise(q, period))
-
-
 def parameter_values(found: Identification, recommended: Recommendation, model: Model,
-                     positions: Positions, shared: Mapping[str, Any],
-                     gains: tuple[Any, Any] | None) -> Values:
+                     shared: Mapping[str, Any], gains: tuple[Any, Any] | None) -> Values:
     """
     Return the values by node and parameter.
 
     Parameters
     ----------
     found : Identification
-        What was identified.
+        What was identified; the motion of the reference is within its positions.
     recommended : Recommendation
         What follows from it.
     model : Model
         The controller's; its limits of position are kept.
-    positions : Positions
-        Recorded: the motion of the reference is within them.
     shared : mapping
         Values of all nodes: model, description, gravity, locked.
     gains : (kp, kv) or None
@@ -104,16 +72,15 @@ def parameter_values(found: Identification, recommended: Recommendation, model: 
 
     """
     limits = getattr(model, 'position_limits', None) or [(-np.inf, np.inf)]
-    start = np.clip(positions.first, *np.array(limits).T)
+    start = np.clip(found.positions.poses[0], *np.array(limits).T)
     return {
         '/**': {'joint_names': list(found.joints), 'control_period': round(found.clock.period, 9),
                 **shared},
         'plant': {'experiment': 'identified', 'pacing': 'lockstep', 'duration': _DURATION,
-                  'initial_position': _rounded(start), **_plant(found, positions.noise)},
+                  'initial_position': _rounded(start), **_plant(found)},
         'controller': {**_loop_gains(gains, len(start)),
                        **{name: value for name, (value, _) in recommended.values.items()}},
-        'reference': {'start_duration': _START, **_reference(
-            found, positions.low, positions.high, model)}}
+        'reference': {'start_duration': _START, **_reference(found, model)}}
 
 
 def _loop_gains(gains: tuple[Any, Any] | None, n: int) -> dict[str, Any]:
@@ -122,7 +89,7 @@ def _loop_gains(gains: tuple[Any, Any] | None, n: int) -> dict[str, Any]:
             for name, x in zip(('kp', 'kv'), gains or GAINS)}
 
 
-def _plant(found: Identification, noise: Array) -> dict[str, Any]:
+def _plant(found: Identification) -> dict[str, Any]:
     """Return the friction, the sensors and the drives of the plant."""
     friction, (delay, lag) = found.friction, found.timing.drive
     coulomb = np.array([max(0.0, x.coulomb.number()) for x in friction])
@@ -134,7 +101,7 @@ def _plant(found: Identification, noise: Array) -> dict[str, Any]:
         x.offset.half, 0.01 * f) else x.offset.value for x, f in zip(friction, coulomb)])
     step = np.array([x.value or 0.0 for x in found.encoder])
     # Positions have a step, or noise.
-    noise = np.square(noise) - _STEP_NOISE * np.square(step)
+    noise = np.square(found.positions.noise) - _STEP_NOISE * np.square(step)
     noise = np.sqrt(np.where(noise > _STEP_NOISE * np.square(step), noise, 0.0))
     unknown = any(x.value is None for x in found.noise)
     return {
@@ -152,9 +119,10 @@ def _plant(found: Identification, noise: Array) -> dict[str, Any]:
            {'velocity_noise': _rounded([x.number() for x in found.noise])})}
 
 
-def _reference(found: Identification, low: Array, high: Array, model: Model) -> dict[str, Any]:
+def _reference(found: Identification, model: Model) -> dict[str, Any]:
     """Return a sinusoid for each joint, within the recorded range and speed, and its limit."""
-    n, limit = len(low), np.asarray(getattr(model, 'velocity_limits', None) or np.inf)
+    (low, high), n = found.positions.ends, len(found.joints)
+    limit = np.asarray(getattr(model, 'velocity_limits', None) or np.inf)
     fastest = np.minimum(np.abs(found.data.velocity).max(axis=0), limit)
     frequency = np.linspace(*_FREQUENCIES, n)
     amplitude = _PART * np.minimum(0.5 * (high - low), fastest / (2.0 * np.pi * frequency))

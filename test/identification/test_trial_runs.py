@@ -30,7 +30,6 @@ from ctc_chattering.identification.perturbation import MeasuredPerturbation, per
 from ctc_chattering.identification.trial_runs import (
     draw_robots,
     parameter_values,
-    Positions,
     setups_tried,
     trial_runs,
 )
@@ -56,12 +55,11 @@ def measured() -> MeasuredPerturbation:
 
 @cache
 def gains() -> Recommendation:
-    return recommend(base(), measured(), made().model, made().recording.q)
+    return recommend(base(), measured(), made().model)
 
 
 def values_of(recommended: Recommendation) -> dict[str, dict[str, Any]]:
     return parameter_values(base(), recommended, made().model,
-                            Positions.of(made().recording.q, base().clock.period),
                             {'model': 'two_link', 'gravity': 9.81}, None)
 
 
