@@ -169,7 +169,7 @@ class Directory:
         with refused_as(f'{file}: cannot be read'):
             there = json.loads(file.read_text(encoding='utf-8'))['key']
         if there != about['key']:
-            raise CtcError(f'{path}: the output of ctc {kind} with another spec or version is '
+            raise CtcError(f'{path}: the output of ctc {kind} of another spec or version is '
                            'there; choose another --out, or --overwrite')
 
     def file(self, chunk: Numbers) -> Path:

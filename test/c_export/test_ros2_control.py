@@ -73,7 +73,7 @@ def update(t: int, q: Vector = (0.0, 0.2), dq: Vector = (0.9, 0.0)) -> str:
 def program(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return a program that runs the controller by commands."""
     package = tmp_path_factory.mktemp('package')
-    export(watched(), package, package='two_link_ctc')
+    export(*watched(), package, package='two_link_ctc')
     for name in HEADERS:
         path = package / 'stub' / f'{name}.hpp'
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -97,21 +97,21 @@ def run(program: Path, *commands: str) -> list[list[float]]:
 
 def test_the_torques_are_those_of_the_controller(program: Path) -> None:
     """At and between points of the reference, with other gains, to the last bit."""
-    one, other = watched()
-    controller, trajectory = controller_of(one), Trajectory(GRACE)
+    robot = watched()
+    controller, trajectory = controller_of(robot), Trajectory(GRACE)
     trajectory.extend([t for t, _ in POINTS], [x for _, x in POINTS])
     commands, expected = ['configure', 'activate', reference()], []
     for k, t in enumerate(range(BEGIN, END + GRACE // 2, MS + 77)):
         if k == 60:
-            controller.configure(other.config)
+            controller.configure(robot.config.changed({'kp': [400.0, 300.0], 'ka': [3.0, 2.0]}))
             compile_step(controller)
-            commands.append('gains low')
+            commands += ['gain kp 400 300', 'gain ka 3 2']
         desired = trajectory.at(t)
         assert desired is not None
         q = desired[0][0] + 1e-3 * sin(k), desired[0][1]
         sample = controller.step(q, desired[1], *desired)
         commands.append(update(t, q, desired[1]))
-        mass = np.array(one.model.mass_matrix(q))
+        mass = np.array(robot.model.mass_matrix(q))
         expected.append([
             GOOD, *sample.tau, *desired[0], *sample.e, *sample.nominal,
             *(-x for x in (*sample.compensation, *sample.robust)), *sample.tau,
@@ -155,7 +155,9 @@ def test_a_reference_goes_on_with_the_next_message(program: Path) -> None:
     assert [x[3:5] for x in found[4:]] == [list(rows[0]) for _, rows in POINTS]
 
 
-def test_another_rate_or_unknown_gains_are_refused(program: Path) -> None:
-    found = run(program, 'rate 500', 'configure', 'rate 1000', 'configure', 'gains high',
-                'gains low')
-    assert [x[0] for x in found] == [GOOD, 2.0, GOOD, GOOD, FAILED, GOOD]
+def test_another_rate_and_wrong_gains_are_refused(program: Path) -> None:
+    found = run(program, 'rate 500', 'configure', 'rate 1000', 'configure', 'gain kp 200 1e5',
+                'gain kp nan 200', 'gain kv 0 50', 'gain ka 0 11', 'gain ka 2000 11',
+                'gain ka 900 11')
+    assert [x[0] for x in found] == [
+        GOOD, 2.0, GOOD, GOOD, FAILED, FAILED, FAILED, GOOD, FAILED, GOOD]
