@@ -31,8 +31,7 @@ from ctc_chattering.runs.compare import merged
 from ctc_chattering.runs.conditions import condition
 from ctc_chattering.runs.recommended import recommended
 from ctc_chattering.runs.score import PER_JOINT, Score, score
-from independent_laws import Array, Gains, Known
-from independent_sliding import Sliding
+from independent_laws import Array, Gains, Known, Sliding
 import numpy as np
 from reproduced_table import played
 
