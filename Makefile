@@ -34,7 +34,7 @@ test: $(READY)
 	$(MAKE) --no-print-directory --jobs=2 --output-sync lint suite; status=$$?; \
 	$(BIN)/python tools/calibration.py 'make test' $$begin; exit $$status
 
-# Threads of BLAS would wait for each other, for all processors have work; the commands have one, too.
+# All processors have work: BLAS has one thread, as in the commands.
 suite slow test-load: export OPENBLAS_NUM_THREADS = 1
 
 # "+" shows what it says at once, whatever else is made meanwhile.
