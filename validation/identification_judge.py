@@ -38,11 +38,10 @@ from ctc_chattering.identification.perturbation import perturbation
 from ctc_chattering.identification.results import IdentificationResults
 from faults_of_arms import truths
 from faulty_bags import bag_of
-from faulty_case import Case
-from faulty_robots import Played
-from identified_robots import arm
+from faulty_robots import Case, Played
 import numpy as np
 from rigid_bodies import Array
+from robots import arm
 
 #: A number is wrong if it is off by this many halves of its interval, and by this part.
 _HALVES, _PART = 1.5, 0.05

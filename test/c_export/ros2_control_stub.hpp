@@ -32,7 +32,7 @@ struct Parameter
   std::string name;
   std::any value;
   std::string get_name() const { return name; }
-  std::string as_string() const { return std::any_cast<std::string>(value); }
+  std::vector<double> as_double_array() const { return std::any_cast<std::vector<double>>(value); }
   double as_double() const { return std::any_cast<double>(value); }
   int64_t as_int() const { return std::any_cast<int>(value); }
 };

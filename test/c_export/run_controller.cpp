@@ -1,5 +1,5 @@
 // Runs an exported controller of two joints as a controller manager does, by lines of commands:
-// `rate HZ`, `configure`, `activate`, `deactivate`, `gains NAME`, `publishers N`,
+// `rate HZ`, `configure`, `activate`, `deactivate`, `gain NAME X X`, `publishers N`,
 // `reference T POINTS` and a line `T q q dq dq ddq ddq` for each, `update T q dq q dq`. After each
 // a line of what was returned (0 is good) and both torques; after an update also q_d, e and
 // what ~/torques has. An update that allocates or frees ends the program.
@@ -45,10 +45,11 @@ int main()
       result = static_cast<int>(controller.on_activate({}));
     } else if (command == "deactivate") {
       result = static_cast<int>(controller.on_deactivate({}));
-    } else if (command == "gains") {
-      std::string name;
-      std::cin >> name;
-      result = !controller.node->on_set({{"gains", name}}).successful;
+    } else if (command == "gain") {
+      std::string name, one, two;
+      std::cin >> name >> one >> two;
+      const std::vector<double> values{std::stod(one), std::stod(two)};
+      result = !controller.node->on_set({{name, values}}).successful;
     } else if (command == "publishers") {
       std::cin >> controller.node->subscription->publishers;
     } else if (command == "reference") {

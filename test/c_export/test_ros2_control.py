@@ -27,11 +27,11 @@ import re
 import shutil
 import subprocess
 
-from ctc_chattering.c_export.library import export, Robot
+from ctc_chattering.c_export.library import export
 from ctc_chattering.controller.trips import PATIENCE
 from ctc_chattering.numerics.linear_algebra import Vector
 from ctc_chattering.trajectory.buffer import Point, Trajectory
-from exported_laws import controller_of, robot_of, watched
+from exported_laws import controller_of, Robot, robot_of, watched
 from machine_code import compile_step
 import pytest
 
@@ -71,9 +71,9 @@ def program(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return built(watched(), tmp_path_factory.mktemp('package'))
 
 
-def built(robots: Sequence[Robot], package: Path) -> Path:
+def built(robot: Robot, package: Path) -> Path:
     """Return a program that runs the controller by commands."""
-    export(robots, package, package='two_link_ctc')
+    export(*robot, package, package='two_link_ctc')
     for name in re.findall('#include "(.*/.*)"', (package / 'controller.cpp').read_text()):
         path = package / 'stub' / name
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -101,16 +101,16 @@ def test_the_torques_are_those_of_the_controller(program: Path) -> None:
 
     The points of the first message are kept until those of the second begin.
     """
-    one, other = watched()
-    controller, trajectory = controller_of(one), Trajectory(GRACE)
+    robot = watched()
+    controller, trajectory = controller_of(robot), Trajectory(GRACE)
     trajectory.extend([t for t, _ in POINTS], [x for _, x in POINTS])
     commands, expected = [
         'configure', 'activate', reference(POINTS[:6]), reference(POINTS[6:])], []
     for k, t in enumerate(range(BEGIN, END + GRACE // 2, MS + 77)):
         if k == 60:
-            controller.configure(other.config)
+            controller.configure(robot.config.changed({'kp': [400.0, 300.0], 'ka': [3.0, 2.0]}))
             compile_step(controller)
-            commands.append('gains low')
+            commands += ['gain kp 400 300', 'gain ka 3 2']
         desired = trajectory.at(t)
         assert desired is not None
         q = desired[0][0] + 1e-3 * sin(k), desired[0][1]
@@ -153,7 +153,7 @@ def test_an_oscillating_feedback_trips_until_it_is_activated_again(tmp_path: Pat
     rest, times = RESTING[-1][1], range(END + 10 * MS, END + 3000 * MS, MS)
     states = [(rest[0][0] + 0.3 * (-1) ** k, rest[0][1]) for k in range(len(times))]
     found = run(
-        built([robot], tmp_path), 'configure', 'activate', reference(RESTING),
+        built(robot, tmp_path), 'configure', 'activate', reference(RESTING),
         *(update(t, q, rest[1]) for t, q in zip(times, states)), 'deactivate', 'activate',
         reference(RESTING), update(times[-1], *rest[:2]))
     controller, expected = controller_of(robot), []
@@ -164,6 +164,9 @@ def test_an_oscillating_feedback_trips_until_it_is_activated_again(tmp_path: Pat
     assert (found[-1][0], any(found[-1][1:3])) == (GOOD, True)
 
 
-def test_another_rate_or_unknown_gains_are_refused(program: Path) -> None:
-    assert [x[0] for x in run(program, 'rate 500', 'configure', 'rate 1000', 'configure',
-            'gains high', 'gains low')] == [GOOD, 2.0, GOOD, GOOD, FAILED, GOOD]
+def test_another_rate_and_wrong_gains_are_refused(program: Path) -> None:
+    found = run(program, 'rate 500', 'configure', 'rate 1000', 'configure', 'gain kp 200 1e5',
+                'gain kp nan 200', 'gain kv 0 50', 'gain ka 0 11', 'gain ka 2000 11',
+                'gain ka 900 11')
+    assert [x[0] for x in found] == [
+        GOOD, 2.0, GOOD, GOOD, FAILED, FAILED, FAILED, GOOD, FAILED, GOOD]

@@ -28,9 +28,9 @@ from ctc_chattering.identification.model_errors import candidates, ErrorColumns,
 from ctc_chattering.identification.weak_form import Dynamics, TestFunction
 from ctc_chattering.numerics.linear_algebra import Array
 from faults_of_arms import case, recorded
-from identified_robots import arm
 import numpy as np
 import pytest
+from robots import arm
 from scipy.spatial.transform import Rotation  # type: ignore[import-untyped]
 import urdfs
 
