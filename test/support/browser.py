@@ -37,10 +37,10 @@ _NO_NETWORK = ('--disable-background-networking', '--disable-component-update', 
                '--no-first-run', '--disable-quic')
 #: Pages are slow where the processor draws them; less so if they are small.
 SIZE = {'width': 1250, 'height': 520}
-#: The scene is drawn by the processor: five times a second instead of sixty.
+#: The scene is drawn by the processor: once a second instead of sixty times.
 _FEW_FRAMES = """(() => {
     const draw = window.requestAnimationFrame.bind(window);
-    window.requestAnimationFrame = done => setTimeout(() => draw(done), 400);
+    window.requestAnimationFrame = done => setTimeout(() => draw(done), 900);
     window.cancelAnimationFrame = clearTimeout;
 })()"""
 #: Columns of the scene, between plots and panel.
@@ -108,7 +108,7 @@ def eventually(done: Callable[[], Any], what: str, page: Any) -> None:
     deadline = time.monotonic() + PATIENCE
     while not done():
         assert time.monotonic() < deadline, (
-            f'waited in vain for {what}: {page.locator("body").inner_text()[:900]}')
+            f'waited in vain for {what}: {page.locator("body").inner_text()[:4000]}')
         page.wait_for_timeout(50)
 
 
@@ -125,8 +125,8 @@ def scene(page: Any) -> tuple[Any, Any]:
 
 
 def press(page: Any, name: str) -> None:
-    """Click a button; without waiting for the page to stand still, which it does not."""
-    page.get_by_role('button', name=name, exact=True).dispatch_event('click')
+    """Click a button once it is enabled; without waiting for the page to stand still."""
+    page.get_by_role('button', name=name, exact=True, disabled=False).dispatch_event('click')
 
 
 def unfold(page: Any, title: str) -> None:
