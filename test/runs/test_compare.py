@@ -134,11 +134,10 @@ def test_every_variant_is_run() -> None:
 
 def test_the_smallest_of_a_column_is_bold_whoever_has_it() -> None:
     """Check it among numbers that look the same as well, and one that diverged."""
+    one, other, lost = (Variant(x, '', FILE) for x in ('integral', 'pd_gravity', 'slotine_li'))
     text = compare_page.to_markdown(compared(
-        'friction', (BASE, 1e-2, 100.0, ''), (
-            Variant('integral', '', 'file'), 1.0001e-3, 300.0, ''), (
-            Variant('pd_gravity', '', 'file'), 1e-3, 200.0, ''),
-        (Variant('slotine_li', '', 'file'), 1e-9, 1.0, 'the motion diverged')))
+        'friction', (BASE, 1e-2, 100.0, ''), (one, 1.0001e-3, 300.0, ''),
+        (other, 1e-3, 200.0, ''), (lost, 1e-9, 1.0, 'the motion diverged')))
     rows = {cells(line)[0]: cells(line)[3:] for line in text.splitlines()[:9] if '|' in line}
     changes = {cells(line)[0]: cells(line)[3:] for line in text.splitlines()[9:] if '|' in line}
     assert rows['compensation'] == ['1.0e-02', '2.0e-02', '', '**9**']
