@@ -160,7 +160,7 @@ def outcome(one: Case, recording: Recording, seed: int) -> Outcome:
         found, model, urdf = _corrected(one, recording, found, model, urdf)
         run = perturbation(found)
         results = IdentificationResults(recording.name, found, run,
-                                        recommend(found, run, model, recording.q))
+                                        recommend(found, run, model))
     except CtcError as error:
         return Outcome(str(error))
     return Outcome('', results, tuple(x.severity for x in results.verdicts),

@@ -113,8 +113,7 @@ def identified() -> identification.IdentificationResults:
     recording = short(duration=3.0).recording
     found = identify([recording], TwoLink(), [], '')
     run = perturbation(found)
-    return identification.IdentificationResults(
-        '', found, run, recommend(found, run, TwoLink(), recording.q))
+    return identification.IdentificationResults('', found, run, recommend(found, run, TwoLink()))
 
 
 def of_an_identification(name: str, out: Path) -> None:

@@ -189,6 +189,7 @@ def test_a_condition_is_lost_with_any_of_its_runs(arm: Path, lost: int) -> None:
     assert (found['reason'], found['rms']) == ('the motion diverged', ())
 
 
+@pytest.mark.slow
 def test_the_number_of_processes_changes_nothing(arm: Path) -> None:
     arguments: dict[str, Any] = {'laws': ['compensation', 'integral'], 'conditions': ['clean'],
                                  'gains': RECOMMENDED, 'show': lambda _: None}
