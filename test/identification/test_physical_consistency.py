@@ -146,7 +146,8 @@ def test_against_another_method() -> None:
     assert change @ A @ change * 1e-6 == pytest.approx(best, rel=2e-3)
 
 
-@pytest.mark.parametrize('name', [pytest.param('panda', marks=pytest.mark.slow), 'ur5'])
+@pytest.mark.parametrize('name', ['two links', *(
+    pytest.param(x, marks=pytest.mark.slow) for x in ('panda', 'ur5'))])
 @pytest.mark.parametrize('rotor, mass, words', [(-0.6, 1.0, 'inertia'), (0.0, -1.0, 'mass of')])
 def test_what_no_body_can_have_is_refused(name: str, rotor: float, mass: float, words: str
                                           ) -> None:

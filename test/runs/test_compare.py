@@ -201,6 +201,7 @@ def test_a_condition_is_lost_with_any_of_its_runs(arm: Path, lost: int) -> None:
         'the motion diverged', (), float('inf'))
 
 
+@pytest.mark.slow
 def test_the_number_of_processes_changes_nothing(arm: Path, tmp_path: Path) -> None:
     arguments: dict[str, Any] = {'laws': ['compensation', 'integral'], 'conditions': ['clean'],
                                  'gains': RECOMMENDED, 'show': lambda _: None}
