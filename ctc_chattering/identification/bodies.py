@@ -228,8 +228,7 @@ def _turns(gravity: Array) -> Array:
         return np.eye(3)
     along = gravity[:, None] / np.linalg.norm(gravity)
     across = np.linalg.svd(along)[0][:, 1:]
-    found: Array = np.linalg.norm(gravity) * np.hstack((_TURN * across, _STRENGTH * along))
-    return found
+    return np.asarray(np.linalg.norm(gravity) * np.hstack((_TURN * across, _STRENGTH * along)))
 
 
 def _keeps(x: Array, n: int) -> bool:
@@ -254,8 +253,7 @@ def _search(lower: Array, wanted: Array, least: Array, n: int) -> Array:
     def slope(v: Array) -> Array:
         one = _ALONE @ factors(v)[:, None].mT
         parts = stacked(one + one.mT).mT
-        found: Array = lower.T @ block_diag(*parts, np.diag(2.0 * v[10 * n:-3]), np.eye(3))
-        return found
+        return np.asarray(lower.T @ block_diag(*parts, np.diag(2.0 * v[10 * n:-3]), np.eye(3)))
 
     begin = []
     for part in (least + wanted)[:10 * n].reshape(n, 10):

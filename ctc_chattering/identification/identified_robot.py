@@ -17,6 +17,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
+import ctypes
 import dataclasses
 from math import inf
 from pathlib import Path
@@ -278,6 +280,8 @@ def identify(motions: Sequence[RecordedMotion], model: str = '', urdf: str = '',
         Finding(Kind.NOTE, ALL_JOINTS, note) for note in notes)))
     name = ', '.join(x.name for x in recordings)
     del recordings
+    with suppress(AttributeError, OSError):  # The C library of Linux keeps freed memory.
+        ctypes.CDLL(None).malloc_trim(0)
     perturbed = perturbation(found)
     return IdentifiedRobot(IdentificationResults(
         name, found, perturbed, recommend(found, perturbed, robot.model, rate or ())), robot)

@@ -90,8 +90,7 @@ class MeasuredPerturbation:
         known = np.where(slides, self.envelope, 0.0).max(axis=0, initial=0.0) + self.tail
         held = [tail_bound(np.abs(x[self.trusted & ~mine]))
                 for x, mine in zip(self.measured.T, slides.T)]
-        found: Array = np.maximum(known, held)
-        return found
+        return np.asarray(np.maximum(known, held))
 
     def outliers(self) -> Iterator[Finding]:
         """Yield for each joint which windows were left out of the peak."""
@@ -256,8 +255,7 @@ def _largest_error(found: Identification, tau: Array, states: tuple[Array, Array
             else np.zeros((*tau.shape, 0)))
     value, half = found.selected.torque(
         Data.at(np.ones_like(tau), states[1], tau, more), (TermKind.MODEL,))
-    largest: Array = (np.abs(value) + half).max(axis=0)
-    return largest
+    return np.asarray((np.abs(value) + half).max(axis=0))
 
 
 #: ka over the largest |P|.
@@ -321,8 +319,9 @@ def perturbation_bound(found: Identification, run: MeasuredPerturbation, model: 
     peak = np.maximum(run.peak, friction + error + run.tail)
     ka = np.array([in_digits(MARGIN * p, 3, np.ceil) for p in peak])
     usable = [x.usable for x in verdicts(found)]
-    speeds, *parts = (', '.join(f'{x:.3g}' if good else '-' for x, good in zip(values, usable))
-                      for values in (limits.velocity, friction, error, run.tail, run.peak))
+    speeds, *parts = (', '.join(
+        f'{round(x, 6):.3g}' if good else '-' for x, good in zip(values, usable))
+        for values in (limits.velocity, friction, error, run.tail, run.peak))
     reason = (f'{MARGIN:g} times the largest |P| up to {speeds} rad/s, the limits of the '
               'description, or the speed of the run where there is none: friction {}, errors of '
               'the model {}, unexplained {} N*m; in the run |P| is at most {} N*m'.format(*parts))
