@@ -15,7 +15,7 @@
 """
 The exported controller of ros2_control, compiled against a stub of what it uses of ROS 2.
 
-docs/ros2_control.md says what was compiled against the headers of Jazzy. Needs a C++ compiler.
+validation/README.md says what was run in a controller manager. Needs a C++ compiler.
 """
 
 from __future__ import annotations
