@@ -76,7 +76,7 @@ def row(robot: str, fault: str, seed: int, duration: float, trials: int = COUNT
         return {'robot': robot, 'fault': fault, 'seed': seed, 'lost': 'the plant diverged'}
     made = outcome(one, recording, seed)
     if made.results is not None and trials and all(x.usable for x in made.results.verdicts):
-        made = with_trials(made, made.results, recording.q, trials)
+        made = with_trials(made, made.results, trials)
     found = {'robot': robot, 'fault': fault, 'seed': seed,
              **judged(one, fault, seen, made, duration)}
     if made.results is not None:
@@ -84,13 +84,13 @@ def row(robot: str, fault: str, seed: int, duration: float, trials: int = COUNT
     return found
 
 
-def with_trials(made: Outcome, results: IdentificationResults, q: Any, trials: int) -> Outcome:
+def with_trials(made: Outcome, results: IdentificationResults, trials: int) -> Outcome:
     """Return an outcome with gains that survive trial runs."""
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / 'robot.urdf'
         file.write_text(made.urdf, encoding='utf-8')
         setups = setups_tried(
-            results.recommended, values_of(made, results, q, file, results.recommended))
+            results.recommended, values_of(made, results, file, results.recommended))
         compile_setups(setups, lambda _: None)
         recommended = trial_runs(
             results.found, results.run, results.recommended, setups, trials, 1)
@@ -99,14 +99,14 @@ def with_trials(made: Outcome, results: IdentificationResults, q: Any, trials: i
                          reasons=tuple(map(str, results.verdicts)))
 
 
-def values_of(made: Outcome, results: IdentificationResults, q: Any, file: Path,
+def values_of(made: Outcome, results: IdentificationResults, file: Path,
               recommended: Recommendation) -> dict[str, dict[str, Any]]:
     """Return the parameter file of gains."""
     shared = {'model': 'two_link', 'gravity': 9.81}
     if made.urdf:
         shared = {'model': 'urdf', 'gravity': 9.81, 'description': str(file)}
     assert made.model is not None
-    return parameter_values(results.found, recommended, made.model, q, shared, None)
+    return parameter_values(results.found, recommended, made.model, shared, None)
 
 
 def tried(one: Case, made: Outcome, results: IdentificationResults, seen: Played, seed: int,
@@ -125,7 +125,7 @@ def tried(one: Case, made: Outcome, results: IdentificationResults, seen: Played
         if good and k is not None and p > 0.0]}
     if not gains or not all(usable):
         return found
-    values = values_of(made, results, seen.q, Path(), recommended)['controller']
+    values = values_of(made, results, Path(), recommended)['controller']
     kp, kv = lab_gains(robot)
     n = [1.0] * robot.n
     before = config_of(robot, {'law': 'compensation', 'kp': [kp * x for x in n],

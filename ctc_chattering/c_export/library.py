@@ -208,7 +208,7 @@ def _write(templates: Path, out: Path, values: Mapping[str, object]) -> None:
 
 def _values(config: ControllerConfig, settings: ControlSettings) -> dict[str, object]:
     """Return what the header says of a law."""
-    gains = settings.kp.diagonal(), settings.kv.diagonal(), config.ka
+    gains: tuple[Any, ...] = settings.kp.diagonal(), settings.kv.diagonal(), config.ka
     return {'LAW': config.law, 'JOINTS': len(config.joint_names),
             'JOINT_NAMES': json.dumps(config.joint_names, ensure_ascii=False)[1:-1],
             'DELAY': config.input_delay, 'PERIOD': config.control_period,

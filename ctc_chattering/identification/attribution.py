@@ -253,7 +253,7 @@ class Projected:
 
     def __init__(self, data: Data, terms: Sequence[Term], columns: ErrorColumns) -> None:
         self.columns, self._m = columns, data.more.shape[2]
-        n, count, errors = data.way.shape[1], 0.0, data.errors
+        n, count = data.way.shape[1], 0.0
         self._blocks = [np.zeros((0, self._m + 4))]
         self.joints: list[int] = []
         self.powers: list[float] = []
@@ -262,7 +262,7 @@ class Projected:
             friction = own.shape[1]
             if friction < 2 or len(own) < _ROWS * (self._m + friction):
                 continue
-            x = np.column_stack((own, errors[used, i], data.residual[used, i]))
+            x = np.column_stack((own, data.errors(i)[used], data.residual[used, i]))
             q, r = np.linalg.qr(x, mode='reduced')
             block = r[friction:, friction:]
             left = q @ np.append(np.zeros(friction), without(block[:, :-1], block[:, -1]))
@@ -301,10 +301,11 @@ class Projected:
                 [float(x @ x) for x in np.split(rest, rows)[1:]]) / np.maximum(
                     self.powers, 1e-300))
 
-    def deviation(self, found: Explanation, i: int, saturated: bool = False) -> float:
-        """Return how exactly the torque scale of joint i would be known beside causes."""
-        column = np.concatenate([block[:, self._m] * (i == k) for k, block in zip(
-            self.joints, self._blocks[1:])])
+    def deviation(self, found: Explanation, i: int, saturated: bool = False,
+                  kind: CauseKind = CauseKind.SCALE) -> float:
+        """Return how exactly one of `DRIVE` would be known of joint i beside causes."""
+        column = np.concatenate([block[:, self._m + DRIVE.index(kind)] * (i == k)
+                                 for k, block in zip(self.joints, self._blocks[1:])])
         length = float(np.linalg.norm(without(self._design(found.causes, saturated), column)))
         return 1.0 / length if length > 0.0 else np.inf
 

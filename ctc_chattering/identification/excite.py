@@ -28,7 +28,7 @@ from ctc_chattering.configuration.loop_setup import Setup, Values
 from ctc_chattering.configuration.yaml_file import write_trajectory
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.dynamics.registry import locked_positions, model_of
-from ctc_chattering.errors import CtcError, MachineError, near
+from ctc_chattering.errors import CtcError, MachineError
 from ctc_chattering.identification.collision import SelfCollision
 from ctc_chattering.identification.random_motions import (
     Bounds,
@@ -107,8 +107,7 @@ def sticking(model: Model, positions: Array, kp: Array, friction: AssumedFrictio
         Its Coulomb friction counts.
 
     """
-    inverse = np.array([np.linalg.inv(np.array(model.mass_matrix(q.tolist())))
-                        for q in positions])
+    inverse = np.array([np.linalg.inv(np.array(model.mass_matrix(q.tolist()))) for q in positions])
     distance: Array = (np.abs(inverse) @ friction.coulomb).max(axis=0) / kp
     return distance
 
@@ -213,16 +212,14 @@ def excite(setup: Setup, request: Mapping[str, Any] | None = None, joints: Seque
         'center': [center[name] for name in names], **(request or {})})
     for name in joints:
         if name not in names:
-            raise CtcError(f'joints: no joint is called {name}; allowed: {", ".join(names)}'
-                           f'{near(name, names)}')
+            raise CtcError(f'joints: no joint is called {name}; allowed: {", ".join(names)}')
     description = setup.descriptions.get('controller', '')
     model = model_of(controller, description)
     limits = (DescribedLimits(description, names).joints if description else
               [JointLimits(name) for name in names])
     bounds = bounds_of(config, limits)
     friction = AssumedFriction(np.array(config.friction), np.array(plant.viscous_friction))
-    effort = np.minimum(
-        controller.largest_torque(model.effort_limits), plant.torque_saturation)
+    effort = np.minimum(controller.largest_torque(model.effort_limits), plant.torque_saturation)
     links, reason = None, ''
     try:
         links = SelfCollision(

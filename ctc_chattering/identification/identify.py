@@ -47,6 +47,8 @@ from ctc_chattering.identification.sensors import (
     Clock,
     clock,
     encoder_step,
+    Noise,
+    Positions,
     velocity_noise,
 )
 from ctc_chattering.identification.timing import (
@@ -86,6 +88,8 @@ class Identification:
         Step of the encoder, and noise of the measured velocity.
     timing : Timing
         Delay and lag of the torque.
+    positions : Positions
+        What is kept of those of all recordings.
     friction : list of JointFriction, length n
     errors : list of (ModelError, Estimate)
         Errors of the model: those that are clear, and those that cannot be told.
@@ -101,14 +105,15 @@ class Identification:
         Torque at the joint per torque of the signal.
     rotor : list of Estimate, length n
         Inertia of the rotors at the joint that the model lacks [kg·m²].
+    dead_band : list of Estimate, length n
+        Torque that each drive takes of its command; the reason says in which friction it is where
+        the motion does not show it [N·m].
     tilt : tuple of Estimate, length 3
         Gravity in the frame of the base [m/s²].
     bodies : ConsistentBodies or None
         Inertial parameters that the moved bodies can have, nearest to the data.
     rate : list of Estimate, length n
         Rate limit of each drive [N·m/s].
-    side : {'', 'motor', 'link', 'current'}
-        What the effort is.
     columns : ErrorColumns or None
         Errors of the model that the regression has; `selected.design` is about these.
     unexplained : tuple of (Unexplained or None), length n
@@ -124,6 +129,7 @@ class Identification:
     encoder: list[Estimate]
     noise: list[Estimate]
     timing: Timing
+    positions: Positions
     friction: list[JointFriction]
     errors: list[tuple[ModelError, Estimate]]
     data: Data
@@ -132,17 +138,18 @@ class Identification:
     findings: tuple[Finding, ...] = ()
     scale: list[Estimate] = dataclasses.field(default_factory=list)
     rotor: list[Estimate] = dataclasses.field(default_factory=list)
+    dead_band: list[Estimate] = dataclasses.field(default_factory=list)
     tilt: tuple[Estimate, ...] = ()
     bodies: ConsistentBodies | None = None
     rate: list[Estimate] = dataclasses.field(default_factory=list)
-    side: str = ''
     columns: ErrorColumns | None = None
     unexplained: tuple[Unexplained | None, ...] = ()
     held_out: Array = dataclasses.field(default_factory=lambda: np.zeros(0))
 
 
 def identify(recordings: Sequence[Recording], model: Model, candidates: Sequence[ModelError],
-             source: str = '', side: str = '', loaded: Sequence[Model] = ()) -> Identification:
+             side: str = '', loaded: Sequence[Model] = (), velocities: Noise | None = None
+             ) -> Identification:
     """
     Identify a robot from recordings of its motion.
 
@@ -154,13 +161,13 @@ def identify(recordings: Sequence[Recording], model: Model, candidates: Sequence
         To be corrected.
     candidates : sequence of ModelError
         Errors of it that are looked for.
-    source : {'', 'command', 'effort'}
-        Where torques are taken from; empty for the effort if it is that of the motor, else the
-        commands.
     side : {'', 'motor', 'link', 'current'}
-        What the effort is; empty where it is not known.
+        What the effort is; empty where it is not known. Torques are taken from it if it is that
+        of the motor, else from the commands.
     loaded : sequence of Model
         For each recording the model with its known payload; empty without one.
+    velocities : (list of Estimate, list of Finding), optional
+        Noise of the measured velocities, where they are known, and the recordings may lack them.
 
     Raises
     ------
@@ -171,9 +178,10 @@ def identify(recordings: Sequence[Recording], model: Model, candidates: Sequence
     parts, owners, phi = _parts(recordings)
     models = [loaded[k] if loaded else model for k in owners]
     columns = ErrorColumns.of(model)
-    joints = recordings[0].joints
+    joints, stamps = recordings[0].joints, clock(recordings[0], phi.period)
+    positions = Positions.of(recordings, phi.period)
     rows = _rows(parts, models, phi, columns, recordings[0].name)
-    source, signal = torque_source(parts, rows, phi, joints, side, source)
+    source, signal = torque_source(parts, rows, phi, joints, side)
     kept, found = _timed(parts, rows, phi, source, recordings[0].name)
     parts, rows = [parts[k] for k in kept], [rows[k] for k in kept]
     models = [models[k] for k in kept]
@@ -191,13 +199,13 @@ def identify(recordings: Sequence[Recording], model: Model, candidates: Sequence
         columns = ErrorColumns.of(model, gravity)
         rows = _rows(parts, models, phi, columns, recordings[0].name)
         data, selected = selected_with(rows, columns)
-    noise, velocities = velocity_noise(recordings[0], phi.period)
+    noise, unlike = velocities or velocity_noise(recordings[0], phi.period)
     friction = [joint_friction(selected, i) for i in range(len(joints))]
     left = [unexplained(data, selected.fit, i) for i in range(len(joints))]
     named = ModelVerdict(selected, columns, candidates, joints)
     levels = [abs(x.coulomb.value or 0.0) for x in friction]
     bodies, impossible = judged(named.bodies(selected.projected), joints, levels)
-    noticed = (*velocities, *timing_findings(found, parts[0].late), *signal,
+    noticed = (*unlike, *timing_findings(found), *signal,
                *named.findings(), *physical(friction, joints), *impossible,
                *(x for i, what in enumerate(left) if what for x in findings(i, what)))
     held_out = np.zeros(0)
@@ -214,14 +222,13 @@ def identify(recordings: Sequence[Recording], model: Model, candidates: Sequence
         if bodies is not None and bodies.differ:
             held_out = left_over(others, selected.friction, columns, selected.believed, refused)
     return Identification(
-        joints, dataclasses.replace(clock(recordings[0]), period=phi.period),
-        [encoder_step(x) for x in recordings[0].q.T], noise, found,
+        joints, stamps, [encoder_step(x) for x in recordings[0].q.T], noise, found, positions,
         [widened(data, selected.fit, i, x, what) if what else x
          for i, (x, what) in enumerate(zip(friction, left))],
         named.errors(), data, selected, phi.period * sum(len(part.q) for part in parts), noticed,
-        scale=named.scale(), rotor=named.rotor(), tilt=named.gravity(), bodies=bodies,
-        rate=rate_limits(found, joints), side=side, columns=columns, unexplained=tuple(left),
-        held_out=held_out)
+        scale=named.scale(), rotor=named.rotor(), dead_band=named.dead_band(data, levels),
+        tilt=named.gravity(), bodies=bodies, rate=rate_limits(found, joints),
+        columns=columns, unexplained=tuple(left), held_out=held_out)
 
 
 def _parts(recordings: Sequence[Recording]) -> tuple[list[Stretch], list[int], TestFunction]:
@@ -234,7 +241,7 @@ def _parts(recordings: Sequence[Recording]) -> tuple[list[Stretch], list[int], T
         If they are too short.
 
     """
-    period = _common_period(recordings)
+    period = common_period(recordings)
     pairs = [(part, k) for k, recording in enumerate(recordings)
              for part in stretches(recording, period) if len(part.q) * period > 1.0]
     parts, owners = [part for part, _ in pairs], [k for _, k in pairs]
@@ -255,7 +262,7 @@ def _rows(parts: Sequence[Stretch], models: Sequence[Model], phi: TestFunction,
     return rows
 
 
-def _common_period(recordings: Sequence[Recording]) -> float:
+def common_period(recordings: Sequence[Recording]) -> float:
     """Return the period of recordings; raise `CtcError` if they do not belong together."""
     first, period = recordings[0], recordings[0].period
     for other in recordings[1:]:

@@ -71,7 +71,8 @@ def causes(data: Data, i: int) -> Iterator[Guess]:
     yield Guess('position and direction', 'friction that depends on the position',
                 'record the positions that you will use', turn * way[:, None])
     yield Guess('speed', 'a law of friction that is not Coulomb, viscous and Stribeck',
-                'record the speeds that you will use', _kinks(speed) * way[:, None])
+                'record the speeds that you will use', way[:, None] * np.maximum(
+                    speed[:, None] - np.quantile(speed, (0.1, 0.25, 0.5, 0.75)), 0.0))
     yield Guess('acceleration', 'an inertia of rotor or link that the model lacks, or a lag of '
                 'the drive', 'correct the inertia in the model',
                 np.column_stack((data.acceleration[used, i], base - data.gravity[used, i])))
@@ -93,12 +94,6 @@ def causes(data: Data, i: int) -> Iterator[Guess]:
         yield Guess('the torques of other joints', 'coupled joints, or sensors of torque that '
                     'mix axes', 'check --joints and the calibration of the torques',
                     np.column_stack((torque, data.acceleration[used][:, others])))
-
-
-def _kinks(speed: Array) -> Array:
-    """Return columns that are 0 up to a speed and linear above it."""
-    knots = np.quantile(speed, (0.1, 0.25, 0.5, 0.75))
-    return np.column_stack([np.maximum(speed - knot, 0.0) for knot in knots])
 
 
 #: Peak of an unexplained torque over its RMS: a ramp has 1.7.
@@ -205,7 +200,7 @@ def unexplained(data: Data, fit: Fit, i: int) -> Unexplained | None:
     mine = [k for k, term in enumerate(fit.terms) if term.joint == i]
     if used.sum() < _FEWEST or not mine:
         return None
-    friction, rest = fit.design[used, i][:, mine], fit.residual[used, i]
+    friction, rest = fit.columns(i)[used][:, mine], fit.residual[used, i]
     level = float(np.sqrt(np.square(friction @ fit.value[mine]).mean()))
     effects: list[Effect] = []
     others, options = np.zeros((len(rest), 0)), list(causes(data, i))

@@ -18,7 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 import dataclasses
-from typing import Any, NamedTuple
+from typing import Any
 
 from ctc_chattering.analysis.tables import rounded
 from ctc_chattering.configuration import parameter_file
@@ -28,7 +28,6 @@ from ctc_chattering.identification.findings import ALL_JOINTS, Finding, Kind
 from ctc_chattering.identification.gains import GAINS, Recommendation
 from ctc_chattering.identification.identify import Identification
 from ctc_chattering.identification.perturbation import MeasuredPerturbation
-from ctc_chattering.identification.weak_form import position_noise
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.runs.score import Score, score
 from ctc_chattering.simulation.plant_config import PlantConfig
@@ -48,7 +47,7 @@ _STRIBECK = 0.05
 Values = dict[str, dict[str, Any]]
 
 
-def parameter_values(found: Identification, recommended: Recommendation, model: Model, q: Array,
+def parameter_values(found: Identification, recommended: Recommendation, model: Model,
                      shared: Mapping[str, Any], gains: tuple[Any, Any] | None) -> Values:
     """
     Return the values by node and parameter.
@@ -56,13 +55,11 @@ def parameter_values(found: Identification, recommended: Recommendation, model: 
     Parameters
     ----------
     found : Identification
-        What was identified.
+        What was identified; the motion of the reference is within its positions.
     recommended : Recommendation
         What follows from it.
     model : Model
         The controller's; its limits of position are kept.
-    q : ndarray, shape (N, n)
-        Recorded positions [rad]: the motion of the reference is within them.
     shared : mapping
         Values of all nodes: model, description, gravity, locked.
     gains : (kp, kv) or None
@@ -74,18 +71,16 @@ def parameter_values(found: Identification, recommended: Recommendation, model: 
         If the friction of a joint is not known.
 
     """
-    # Joint by joint, for long series.
-    low, high = np.transpose([np.percentile(x, (2.0, 98.0)) for x in q.T])
     limits = getattr(model, 'position_limits', None) or [(-np.inf, np.inf)]
-    start = np.clip(q[0], *np.array(limits).T)
+    start = np.clip(found.positions.poses[0], *np.array(limits).T)
     return {
         '/**': {'joint_names': list(found.joints), 'control_period': round(found.clock.period, 9),
                 **shared},
         'plant': {'experiment': 'identified', 'pacing': 'lockstep', 'duration': _DURATION,
-                  'initial_position': _rounded(start), **_plant(found, q)},
-        'controller': {**_loop_gains(gains, q.shape[1]),
+                  'initial_position': _rounded(start), **_plant(found)},
+        'controller': {**_loop_gains(gains, len(start)),
                        **{name: value for name, (value, _) in recommended.values.items()}},
-        'reference': {'start_duration': _START, **_reference(found, low, high, model)}}
+        'reference': {'start_duration': _START, **_reference(found, model)}}
 
 
 def _loop_gains(gains: tuple[Any, Any] | None, n: int) -> dict[str, Any]:
@@ -94,7 +89,7 @@ def _loop_gains(gains: tuple[Any, Any] | None, n: int) -> dict[str, Any]:
             for name, x in zip(('kp', 'kv'), gains or GAINS)}
 
 
-def _plant(found: Identification, q: Array) -> dict[str, Any]:
+def _plant(found: Identification) -> dict[str, Any]:
     """Return the friction, the sensors and the drives of the plant."""
     friction, (delay, lag) = found.friction, found.timing.drive
     coulomb = np.array([max(0.0, x.coulomb.number()) for x in friction])
@@ -106,9 +101,9 @@ def _plant(found: Identification, q: Array) -> dict[str, Any]:
         x.offset.half, 0.01 * f) else x.offset.value for x, f in zip(friction, coulomb)])
     step = np.array([x.value or 0.0 for x in found.encoder])
     # Positions have a step, or noise.
-    noise = np.square(position_noise(q, found.clock.period)) - _STEP_NOISE * np.square(step)
+    noise = np.square(found.positions.noise) - _STEP_NOISE * np.square(step)
     noise = np.sqrt(np.where(noise > _STEP_NOISE * np.square(step), noise, 0.0))
-    unknown = any(x.value is None for x in found.noise)
+    unknown = any(x.value is None and not x.shows_none for x in found.noise)
     return {
         'coulomb_friction': _rounded(coulomb), 'viscous_friction': _rounded(viscous),
         'stribeck_friction': _rounded(stribeck), 'load_friction': _rounded(np.minimum(load, 0.9)),
@@ -124,9 +119,10 @@ def _plant(found: Identification, q: Array) -> dict[str, Any]:
            {'velocity_noise': _rounded([x.number() for x in found.noise])})}
 
 
-def _reference(found: Identification, low: Array, high: Array, model: Model) -> dict[str, Any]:
+def _reference(found: Identification, model: Model) -> dict[str, Any]:
     """Return a sinusoid for each joint, within the recorded range and speed, and its limit."""
-    n, limit = len(low), np.asarray(getattr(model, 'velocity_limits', None) or np.inf)
+    (low, high), n = found.positions.ends, len(found.joints)
+    limit = np.asarray(getattr(model, 'velocity_limits', None) or np.inf)
     fastest = np.minimum(np.abs(found.data.velocity).max(axis=0), limit)
     frequency = np.linspace(*_FREQUENCIES, n)
     amplitude = _PART * np.minimum(0.5 * (high - low), fastest / (2.0 * np.pi * frequency))
@@ -143,6 +139,7 @@ def _rounded(values: npt.ArrayLike, digits: int = 6) -> list[float]:
 COUNT, COUNT_PLAIN = 24, 8
 #: Smooth start and duration [s]: in it all joints reverse.
 _TRIAL_START, _TRIAL = 1.0, 2.5
+_WINDOW = _TRIAL_START, np.inf
 #: Part of M, C and G that may be wrong in any case, and at most.
 _MODEL, _MOST = 0.05, 0.2
 #: Frequencies of errors of the model and of what is not explained, as a disturbance [rad/s].
@@ -151,13 +148,6 @@ _UNEXPLAINED = (2.0, 20.0)
 _SATURATED = 0.02
 #: Part of the amplitude that an error may be, and steps of the encoder that are no error.
 _TRACKS, _STEPS = 0.5, 3.0
-
-
-class Draw(NamedTuple):
-    """A robot within the intervals: in words, and values of plant and controller."""
-
-    text: str
-    values: Values
 
 
 def trial_runs(found: Identification, run: MeasuredPerturbation, recommended: Recommendation,
@@ -179,13 +169,13 @@ def trial_runs(found: Identification, run: MeasuredPerturbation, recommended: Re
     """
     *tried, plain = setups
     draws = list(draw_robots(found, run, plain.plant, count, seed))
-    largest = [_largest_error(plain, _score(plain, draw)) for draw in draws]
+    largest = [_largest_error(plain, score(plain.changed(x), _WINDOW)) for _, x in draws]
     said: list[str] = []
     for option, setup in zip(recommended.options, tried):
         failure = ''
-        for k, (draw, most) in enumerate(zip(draws, largest), 1):
-            if failure := _failure(_score(setup, draw), most, found.joints):
-                failure = f'fails in draw {k} of {count} ({draw.text}): {failure}'
+        for k, ((text, x), most) in enumerate(zip(draws, largest), 1):
+            if failure := _failure(score(setup.changed(x), _WINDOW), most, found.joints):
+                failure = f'fails in draw {k} of {count} ({text}): {failure}'
                 break
         kv: Any = option['kv'][0]
         said.append(f'p = {0.5 * kv[0]:g} rad/s: '
@@ -226,9 +216,9 @@ def setups_tried(recommended: Recommendation, values: Values,
 
 
 def draw_robots(found: Identification, run: MeasuredPerturbation, plant: PlantConfig,
-                count: int, seed: int) -> Iterator[Draw]:
+                count: int, seed: int) -> Iterator[tuple[str, Values]]:
     """
-    Yield robots at the ends of the intervals.
+    Yield robots at the ends of the intervals: in words, and values of plant and controller.
 
     Parameters
     ----------
@@ -260,18 +250,13 @@ def draw_robots(found: Identification, run: MeasuredPerturbation, plant: PlantCo
                 for x, of in zip(plant.torque_rate_limit, found.rate)] or plant.torque_rate_limit
         text = (f"delay {samples}, lag {late.max():.3g} s, model {scale:.3g} of the robot's, "
                 f'friction {at:+.2g} of its interval')
-        yield Draw(text, {
+        yield text, {
             'plant': {**friction, 'torque_rate_limit': rate,
                       'input_delay': int(samples), 'actuator_lag': late.tolist(),
                       'disturbance.amplitude': (run.tail + run.error).tolist(),
                       'disturbance.frequency': rng.uniform(*_UNEXPLAINED, len(lag)).tolist(),
                       'noise_seed': int(rng.integers(2 ** 31))},
-            'controller': {'inertia_scale': scale, 'gravity_scale': scale}})
-
-
-def _score(setup: Setup, draw: Draw) -> Score:
-    """Return the numbers of a run of a draw."""
-    return score(setup.changed(draw.values), (_TRIAL_START, np.inf))
+            'controller': {'inertia_scale': scale, 'gravity_scale': scale}}
 
 
 def _largest_error(setup: Setup, usual: Score) -> Array:

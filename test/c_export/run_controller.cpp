@@ -2,15 +2,29 @@
 // `rate HZ`, `configure`, `activate`, `deactivate`, `gain NAME X X`, `publishers N`,
 // `reference T POINTS` and a line `T q q dq dq ddq ddq` for each, `update T q dq q dq`. After each
 // a line of what was returned (0 is good) and both torques; after an update also q_d, e and
-// what ~/torques has.
+// what ~/torques has. An update that allocates or frees ends the program.
 #include <cstdio>
+#include <cstdlib>
 #include <iostream>
 
 #include "ros2_control_stub.hpp"
 #include "controller.cpp"
 
+// Of the address sanitizer.
+extern "C" int __sanitizer_install_malloc_and_free_hooks(
+  void (*)(const volatile void *, size_t), void (*)(const volatile void *));
+
+static void refuse(const volatile void *, size_t = 0)
+{
+  if (in_update) {
+    std::abort();
+  }
+}
+
 int main()
 {
+  __sanitizer_install_malloc_and_free_hooks(
+    refuse, [](const volatile void * memory) { refuse(memory); });
   Exported controller;
   double state[4] = {}, effort[2] = {7.0, 7.0};
   for (auto & x : state) {
@@ -40,8 +54,10 @@ int main()
       std::cin >> controller.node->subscription->publishers;
     } else if (command == "reference") {
       trajectory_msgs::msg::JointTrajectory message;
+      int64_t stamp;
       size_t count;
-      std::cin >> message.header.stamp.t >> count;
+      std::cin >> stamp >> count;
+      message.header.stamp = stamp;
       message.joint_names = {"joint2", "a gripper", "joint1"};
       for (size_t k = 0; k < count; ++k) {
         trajectory_msgs::msg::JointTrajectoryPoint point;
@@ -64,7 +80,9 @@ int main()
         std::cin >> text;
         x = std::stod(text);
       }
+      in_update = true;
       result = static_cast<int>(controller.update(t, 1000000));
+      in_update = false;
     }
     const auto & tracking =
       realtime_tools::RealtimePublisher<sensor_msgs::msg::JointState>::last["joint2/error"];

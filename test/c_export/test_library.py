@@ -76,10 +76,9 @@ def check_bits(robot: Robot, library: Path, count: int) -> None:
     assert len(np.unique(torques[:, 0])) > count / 2
 
 
-@pytest.mark.parametrize('file, law', [
-    ('friction', 'implicit_observer'), *(
-        pytest.param(file, law, marks=pytest.mark.slow) for file in ('friction', 'panda', 'ur5')
-        for law in LAWS if (file, law) != ('friction', 'implicit_observer'))])
+@pytest.mark.slow
+@pytest.mark.parametrize('law', LAWS)
+@pytest.mark.parametrize('file', ['friction', 'panda', 'ur5'])
 def test_ten_thousand_torques_to_the_last_bit(tmp_path: Path, file: str, law: str) -> None:
     check_bits(robot_of(file, law), tmp_path, 10_000)
 

@@ -24,9 +24,8 @@ from ctc_chattering.control.controller import Controller, ControllerConfig
 from ctc_chattering.runs.recommended import recommended_setup
 from held_out_study import verdict
 from imperfections import Case
-from independent_laws import Array, Gains, Known, ObserverFeedback, Point
+from independent_laws import Array, Gains, Known, ObserverFeedback, Point, Sliding
 from independent_rivals import RIVALS
-from independent_sliding import Sliding
 import numpy as np
 import pytest
 from rigid_bodies import dynamics, PAPER, planar

@@ -88,7 +88,7 @@ int ctc_step(ctc_law *law, const double *q, const double *dq, const double *q_d,
 /* What the last step computed, shape (8, CTC_JOINTS); 0 before the first. */
 const double *ctc_terms(const ctc_law *law);
 
-/* V = v^T M(q) v / 2 of the last step [J]. */
+/* V = v^T M v / 2 of the last step [J]; M at q, or where the law has estimated it. */
 double ctc_lyapunov(const ctc_law *law);
 
 /* What an error means, in a few words. */

@@ -303,6 +303,10 @@ private:
       const auto & names = message.joint_names;
       order[i] = std::find(names.begin(), names.end(), JOINTS[i]) - names.begin();
     }
+    if (message.header.stamp.sec < 0) {  // Of which rclcpp::Time throws, and ends the manager.
+      RCLCPP_ERROR(logger, "reference refused: a negative stamp");
+      return;
+    }
     const int64_t stamp = rclcpp::Time(message.header.stamp).nanoseconds();
     const int64_t start = stamp == 0 ? get_node()->now().nanoseconds() : stamp;
     std::vector<Point> chunk;
