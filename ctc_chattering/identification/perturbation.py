@@ -122,20 +122,15 @@ class MeasuredPerturbation:
                     'record slower reversals, as those of `ctc excite`',
                     beyond / max(level, 1e-300))
 
-    def misfit(self) -> tuple[Array, Array]:
-        """Return the RMS of P and of what is not predicted of it, each of shape (n,) [N·m]."""
-        known = np.isfinite(self.predicted)
-        count = np.maximum(known.sum(axis=0), 1)
-        rest = np.where(known, self.rest, 0.0)
-        whole = np.where(known, self.measured, 0.0)
-        return (np.sqrt(np.square(whole).sum(axis=0) / count),
-                np.sqrt(np.square(rest).sum(axis=0) / count))
-
 
 def perturbation(found: Identification) -> MeasuredPerturbation:
     """Return P of the identified run."""
     data = found.data
-    used, error = data.used(), _error(found)
+    used, (error, _) = data.used(), found.selected.torque(data, (TermKind.MODEL,))
+    for i, mine in enumerate(used.T):
+        if mine.any():
+            # Of a window in which the joint does not slide: between those in which it does.
+            error[:, i] = np.interp(np.arange(len(mine)), np.flatnonzero(mine), error[mine, i])
     predicted = np.where(used, found.selected.torque(data)[0], np.nan)
     rest = np.abs(data.residual - predicted)
     bound = np.array([tail_bound(x[np.isfinite(x)]) for x in rest.T])
@@ -146,7 +141,8 @@ def perturbation(found: Identification) -> MeasuredPerturbation:
     trusted = np.convolve(far, np.ones(2 * _BESIDE + 1), 'same') < 0.5
     return MeasuredPerturbation(
         data.t, data.residual, predicted,
-        np.abs(error) + _largest_friction(found, data.velocity, data.load, 0.0), trusted,
+        np.abs(error) + _largest_friction(
+            found, data.velocity, np.maximum(data.load, np.abs(data.torque)), 0.0), trusted,
         np.array([tail_bound(x[np.isfinite(x) & trusted]) for x in rest.T]),
         np.abs(error[trusted]).max(axis=0, initial=0.0))
 
@@ -163,16 +159,6 @@ def tail_bound(sizes: Array) -> float:
         return largest
     most, high = np.percentile(sizes, (90.0, 99.0)).tolist()
     return min(largest, float(high + (high - most) * np.log10(len(sizes) / 100.0)))
-
-
-def _error(found: Identification) -> Array:
-    """Return the torque of errors of the model in each window, shape (J, n) [N·m]."""
-    error, _ = found.selected.torque(found.data, (TermKind.MODEL,))
-    for i, used in enumerate(found.data.used().T):
-        if used.any():
-            # Of a window in which the joint does not slide: between those in which it does.
-            error[:, i] = np.interp(np.arange(len(used)), np.flatnonzero(used), error[used, i])
-    return error
 
 
 def friction_at(found: Identification, velocity: Array, load: Array | float
@@ -329,7 +315,7 @@ def perturbation_bound(found: Identification, run: MeasuredPerturbation, model: 
     error, most = _largest_error(found, tau, (q, dq, ddq)), np.abs(tau).max(axis=0)
     friction = _largest_friction(
         found, np.linspace(0.0, limits.velocity, _SPEEDS),
-        np.minimum(most + error, limits.effort), 1.0).max(axis=0)
+        np.minimum(most + error + run.peak, limits.effort), 1.0).max(axis=0)
     peak = np.maximum(run.peak, friction + error + run.tail)
     ka = np.array([in_digits(MARGIN * p, 3, np.ceil) for p in peak])
     usable = [x.usable for x in verdicts(found)]
