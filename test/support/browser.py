@@ -37,10 +37,10 @@ _NO_NETWORK = ('--disable-background-networking', '--disable-component-update', 
                '--no-first-run', '--disable-quic')
 #: Pages are slow where the processor draws them; less so if they are small.
 SIZE = {'width': 1250, 'height': 520}
-#: The scene is drawn by the processor: once a second instead of sixty times.
+#: The scene is drawn by the processor: five times a second instead of sixty.
 _FEW_FRAMES = """(() => {
     const draw = window.requestAnimationFrame.bind(window);
-    window.requestAnimationFrame = done => setTimeout(() => draw(done), 900);
+    window.requestAnimationFrame = done => setTimeout(() => draw(done), 400);
     window.cancelAnimationFrame = clearTimeout;
 })()"""
 #: Columns of the scene, between plots and panel.
