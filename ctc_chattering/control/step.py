@@ -58,12 +58,13 @@ Filter and observer themselves advance with what is measured and applied.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from math import exp, expm1, inf
 from typing import Any, NamedTuple
 
 from ctc_chattering.compiled.compilable import dot, function, record, solve, some
 from ctc_chattering.compiled.machine_code import Program
-from ctc_chattering.compiled.records import load, packed, rows, store
+from ctc_chattering.compiled.records import fill, load, packed, rows, store
 from ctc_chattering.control.controller_config import ControllerConfig
 from ctc_chattering.dynamics.compiled_model import Arm, CompiledArm, CompiledModel, EvaluatedModel
 from ctc_chattering.dynamics.model import Model
@@ -693,6 +694,13 @@ class CompiledStep(Program):
         self.calls = self._arm.calls
         super().__init__(self._arm.codes, stepped, (self._records, self.points),
                          f'control-{type(law).__name__}-{n}'.lower())
+
+    def fill(self, arm: Arm, numbers: Sequence[tuple[Any, ...]], transit: Array) -> None:
+        """Go on from another controller of these layouts; as of `CompiledPlantStep`."""
+        self._arm.fill(arm)
+        for fields, values in zip(self._records[:3], numbers):
+            fill(fields, values)
+        self._records.transit[:] = transit
 
     @property
     def memories(self) -> Memories:

@@ -158,6 +158,10 @@ class CompiledArm:
         self.calls: list[Call] = []
         self._call(call, self._mass, self._bodies)
 
+    def fill(self, arm: Arm) -> None:
+        """Take the numbers of another arm of as many joints."""
+        self._bodies[0].base[0] = tuple(vars(arm).values())
+
     def _call(self, called: Any, code: Code, arguments: tuple[Any, ...]) -> None:
         """Set the addresses by which compiled code calls another one, with these arguments."""
         made = Call(called, code, arguments, places(arguments))

@@ -20,12 +20,13 @@ The simulated robot from sample to sample: drives, motion, sensors, and what is 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import lru_cache
 from typing import Any, NamedTuple
 
 from ctc_chattering.compiled.compilable import function, record
 from ctc_chattering.compiled.machine_code import Program
-from ctc_chattering.compiled.records import load, packed, rows, store, views
+from ctc_chattering.compiled.records import fill, load, packed, rows, store, views
 from ctc_chattering.dynamics.compiled_model import Arm, CompiledArm, CompiledModel
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.simulation.drive import Driven, driven, Drives
@@ -180,6 +181,13 @@ class CompiledPlantStep(Program):
             *self._arm.model, packed(own), packed(parameters), packed(state), self.transit)
         self.state: PlantState = views(self.records.state)
         super().__init__(self._arm.codes, called, (self.records, self.given), f'plant-{n}')
+
+    def fill(self, arm: Arm, numbers: Sequence[tuple[Any, ...]], transit: Array) -> None:
+        """Go on from another plant of these layouts; numbers as of `described`, in this order."""
+        self._arm.fill(arm)
+        for fields, values in zip(self.records[2:5], numbers):
+            fill(fields, values)
+        self.transit[:] = transit
 
     def go_on(self, given: PlantInput) -> None:
         """Go on by a sample."""
