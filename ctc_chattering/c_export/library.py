@@ -143,7 +143,7 @@ def image_of(step: CompiledStep) -> Image:
     block, (records, points) = Block(), step.code.arguments
     places = block.add(step.code.arguments, step.code.places)
     calls = []
-    for record, code, arguments, places_there in step.calls:
+    for record, code, arguments, places_there in step.arm.calls:
         target, at = block.add(arguments, places_there), block.at(record)
         block.set_pointer(at + _offset(record, 'places'), target)
         calls.append(((at + _offset(record, 'function')) // _WORD, _FUNCTIONS[code.function]))
@@ -220,7 +220,7 @@ def export(robots: Sequence[Robot], out: Path, processor: str = 'host', package:
                            'robot, law, switching, delay or period')
     from ctc_chattering.compiled.object_file import object_file
     code, text = object_file({'ctc_control': step.code, **{
-        _FUNCTIONS[x.code.function]: x.code for x in step.calls}}, processor)
+        _FUNCTIONS[x.code.function]: x.code for x in step.arm.calls}}, processor)
     starts = [image.start, *(x.start for x in others)]
     values = {**_values(robots), 'DATA': _data(image, starts, robots), 'PACKAGE': package,
               'WORDS': len(image.start + image.rest) // _WORD}

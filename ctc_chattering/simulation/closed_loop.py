@@ -173,8 +173,6 @@ def simulate(plant: PlantConfig, controller: ControllerConfig, reference: Refere
     return _run_of(stamps, rows, table, robot.period_ns, truth, compiled)
 
 
-#: Kept loops at the most.
-_MOST = 64
 #: Loops that are compiled, by thread and by what their layouts depend on.
 _LOOPS: dict[Any, CompiledLoop] = {}
 
@@ -193,17 +191,12 @@ def compiled_loop_of(robot: Plant, law: Controller) -> CompiledLoop | None:
                       (law.settings, law.law, law.memories))
     kinds, numbers = zip(*map(described, (*plant, *control)))
     key = get_ident(), len(robot.transit), len(law.transit), kinds
-    if key not in _LOOPS:
-        loop = CompiledLoop(CompiledPlantStep(arm, *plant, robot.transit),
-                            CompiledStep(*control, law.transit.copy(), model))
-        if not loop.compiled:
-            return loop
-        if len(_LOOPS) == _MOST:
-            _LOOPS.clear()
+    loop = _LOOPS.get(key) or CompiledLoop(
+        CompiledPlantStep(arm, *plant, robot.transit),
+        CompiledStep(*control, law.transit.copy(), model))
+    if loop.compiled:
         _LOOPS[key] = loop
-    loop = _LOOPS[key]
-    loop.plant_step.fill(arm, numbers[:3], robot.transit)
-    loop.step.fill(model, numbers[3:], law.transit)
+        loop.fill(numbers, (arm, robot.transit), (model, law.transit))
     return loop
 
 
@@ -214,7 +207,7 @@ def _by_machine_code(loop: CompiledLoop, table: Array, robot: Plant, law: Contro
         robot, table, np.array(law.config.error_limit), truth)
     t = seconds(last * robot.period_ns)
     if end == DIVERGED:
-        raise diverged(t, loop.commanded)
+        raise diverged(t, loop.plant_step.state.driven.commanded)
     if end == BEYOND:
         raise CtcError(_beyond(law.config, joint, t, loop.error[joint]))
     if end == NO_TORQUE:

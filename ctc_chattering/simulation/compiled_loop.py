@@ -16,6 +16,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import lru_cache
 from math import inf
 from random import Random
@@ -25,6 +26,7 @@ from ctc_chattering.compiled.compilable import every, first, function, some
 from ctc_chattering.compiled.machine_code import invoke, places, Program
 from ctc_chattering.compiled.records import fill, load, numpy_record, rows, store, value
 from ctc_chattering.control.step import CompiledStep, E, periods, TAU, V
+from ctc_chattering.dynamics.compiled_model import Arm
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.simulation.plant import Plant
 from ctc_chattering.simulation.plant_step import CompiledPlant, CompiledPlantStep, no_inputs
@@ -93,10 +95,26 @@ class CompiledLoop(Program):
                 calls[name] = code.address()
                 calls[f'{name}_places'] = code.places.ctypes.data
 
-    @property
-    def commanded(self) -> Array:
-        """Return what the drives were asked for last, shape (n,) [N·m]."""
-        return self.plant_step.state.driven.commanded
+    def fill(self, numbers: Sequence[tuple[Any, ...]], *of_steps: tuple[Arm, Array]) -> None:
+        """
+        Begin with a plant and a controller of these layouts.
+
+        Parameters
+        ----------
+        numbers : sequence
+            Values, as of `described`, of own friction, parameters and state of the plant, and of
+            settings, law and memories of the controller.
+        *of_steps
+            Model and torques in transit of the plant, then of the controller.
+
+        """
+        records = *self.plant_step.records[2:5], *self.step.records[:3]
+        for fields, values in zip(records, numbers):
+            fill(fields, values)
+        steps: tuple[Any, ...] = self.plant_step, self.step
+        for step, (arm, transit) in zip(steps, of_steps):
+            step.arm.fill(arm)
+            step.records.transit[:] = transit
 
     def run(self, plant: Plant, table: Array, error_limit: Array, truth: bool
             ) -> tuple[int, int, int, Any, Array]:
