@@ -67,7 +67,7 @@ setup(
         'urdf': ['example-robot-data', 'pin'],
         # `ctc compile`.
         'compile': ['numba'],
-        # `ctc map`, and several processes of the others; without numba it is slow.
+        # `ctc map`, `ctc compare`, several processes of the others; without numba they are slow.
         'map': ['numba', 'dask[distributed]', 'pandas>=2', 'pyarrow', 'scipy>=1.15'],
         # `ctc tune`.
         'tune': ['optuna>=5', 'pandas>=2', 'pyarrow', 'scipy>=1.15'],

@@ -51,8 +51,8 @@ its files. `read_motion` reads a bag of any recorder; arrays of your own are a `
 `RecordedMotion`. `identify` returns an `IdentifiedRobot`, `write_identified` a parameter file.
 
 **Which law, which gains.** `compare` runs all laws, `tune` searches for gains, `compute_map` shows
-where laws fail, `stability` which errors a loop stands; `write_comparison` and
-`write_tuning` write tables, figures and parameter files. `reproduce` runs the paper's experiments
+where laws fail, `stability` which errors a loop stands; `write_tuning` writes tables, figures and
+parameter files of a search, the others take a directory. `reproduce` runs the paper's experiments
 over ROS.
 
 **Parts.** `Controller` answers a state with a `Sample`, `Plant` takes the torque, `Sinusoid` and

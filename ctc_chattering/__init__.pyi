@@ -49,7 +49,6 @@ from ctc_chattering.identification.identified_robot import IdentifiedRobot as Id
 from ctc_chattering.identification.identified_robot import identify as identify
 from ctc_chattering.identification.identified_robot import write_identified as write_identified
 from ctc_chattering.runs.compare import compare as compare
-from ctc_chattering.runs.compare_page import write_comparison as write_comparison
 from ctc_chattering.runs.map import compute_map as compute_map
 from ctc_chattering.runs.reproduction import reproduce as reproduce
 from ctc_chattering.runs.stability import stability as stability

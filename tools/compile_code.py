@@ -23,10 +23,12 @@ from ctc_chattering.configuration import parameter_file
 
 def compile_plant() -> None:
     """Compile the plant with the faults of real arms."""
-    from faulty_robots import plain, Plant, record
+    from faults_of_arms import case, recorded
+    from faulty_robots import plant_of
 
-    record('two_link_urdf', 0, 0.1)
-    Plant(plain('two_link_urdf', 0), (0.0, 0.0)).step((0.0, 0.0))
+    one = case('two_link_urdf', 'plain', 0)
+    recorded(one, 0, 0.1)
+    plant_of(one.robot, (0.0, 0.0)).step((0.0, 0.0))
 
 
 if __name__ == '__main__':  # Other processes compile, too, and import this.

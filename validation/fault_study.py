@@ -35,6 +35,7 @@ import traceback
 from typing import Any
 
 from ctc_chattering.analysis.compilation import compile_setups
+from ctc_chattering.control.controller import Controller, ControllerConfig
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.identification.gains import Recommendation
 from ctc_chattering.identification.results import IdentificationResults
@@ -44,18 +45,26 @@ from ctc_chattering.identification.trial_runs import (
     setups_tried,
     trial_runs,
 )
+from ctc_chattering.trajectory.motions import Route
 from faults_of_arms import case, FAULTS, recorded
-from faulty_case import Case
-from faulty_robots import lab_gains, Played, played
+from faulty_robots import Case, Faulty, lab_gains, plant_of, Played, played, sampled
 from identification_judge import judged, model_of, Outcome, outcome
 import numpy as np
-from other_arms import DESCRIBED
-from unseen_motion import config_of, fast, speeds, tracked
+from rigid_bodies import Array, dynamics
+from robots import arm, DESCRIBED, motion
 
 #: Robots of the table.
 ROBOTS = ('two_link', 'two_link_urdf', 'panda', 'ur5')
 #: Duration of the unseen motion before it is made faster [s].
 _UNSEEN = 10.0
+#: Parts of the limits of velocity and torque that the motion takes.
+_PART = 0.9
+#: What Pinocchio has in place of a limit that a joint has not is above [rad/s].
+_NO_LIMIT = 100.0
+#: Acceleration over the limit of velocity [1/s], as URDFs have none.
+_ACCELERATION = 4.0
+#: Error at which a run has failed [rad].
+_FAILED = 1.5
 
 
 def row(robot: str, fault: str, seed: int, duration: float, trials: int = COUNT
@@ -67,7 +76,7 @@ def row(robot: str, fault: str, seed: int, duration: float, trials: int = COUNT
         return {'robot': robot, 'fault': fault, 'seed': seed, 'lost': 'the plant diverged'}
     made = outcome(one, recording, seed)
     if made.results is not None and trials and all(x.usable for x in made.results.verdicts):
-        made = with_trials(made, made.results, recording.q, trials)
+        made = with_trials(made, made.results, trials)
     found = {'robot': robot, 'fault': fault, 'seed': seed,
              **judged(one, fault, seen, made, duration)}
     if made.results is not None:
@@ -75,13 +84,13 @@ def row(robot: str, fault: str, seed: int, duration: float, trials: int = COUNT
     return found
 
 
-def with_trials(made: Outcome, results: IdentificationResults, q: Any, trials: int) -> Outcome:
+def with_trials(made: Outcome, results: IdentificationResults, trials: int) -> Outcome:
     """Return an outcome with gains that survive trial runs."""
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / 'robot.urdf'
         file.write_text(made.urdf, encoding='utf-8')
         setups = setups_tried(
-            results.recommended, values_of(made, results, q, file, results.recommended))
+            results.recommended, values_of(made, results, file, results.recommended))
         compile_setups(setups, lambda _: None)
         recommended = trial_runs(
             results.found, results.run, results.recommended, setups, trials, 1)
@@ -90,14 +99,14 @@ def with_trials(made: Outcome, results: IdentificationResults, q: Any, trials: i
                          reasons=tuple(map(str, results.verdicts)))
 
 
-def values_of(made: Outcome, results: IdentificationResults, q: Any, file: Path,
+def values_of(made: Outcome, results: IdentificationResults, file: Path,
               recommended: Recommendation) -> dict[str, dict[str, Any]]:
     """Return the parameter file of gains."""
     shared = {'model': 'two_link', 'gravity': 9.81}
     if made.urdf:
         shared = {'model': 'urdf', 'gravity': 9.81, 'description': str(file)}
     assert made.model is not None
-    return parameter_values(results.found, recommended, made.model, q, shared, None)
+    return parameter_values(results.found, recommended, made.model, shared, None)
 
 
 def tried(one: Case, made: Outcome, results: IdentificationResults, seen: Played, seed: int,
@@ -116,7 +125,7 @@ def tried(one: Case, made: Outcome, results: IdentificationResults, seen: Played
         if good and k is not None and p > 0.0]}
     if not gains or not all(usable):
         return found
-    values = values_of(made, results, seen.q, Path(), recommended)['controller']
+    values = values_of(made, results, Path(), recommended)['controller']
     kp, kv = lab_gains(robot)
     n = [1.0] * robot.n
     before = config_of(robot, {'law': 'compensation', 'kp': [kp * x for x in n],
@@ -127,6 +136,72 @@ def tried(one: Case, made: Outcome, results: IdentificationResults, seen: Played
         better = rms[0] / rms[1]
     return {**found, 'trials': list(recommended.trials),
             'better': np.nan_to_num(better, nan=0.0).round(2).tolist()}
+
+
+def speeds(robot: Faulty, known: Array) -> Array:
+    """Return the limits of velocity, shape (n,) [rad/s]; known speeds where there is none."""
+    limit = arm(robot.name).limits()[1]
+    return np.where((limit > 0.0) & (limit < _NO_LIMIT), limit, known)
+
+
+def fast(robot: Faulty, duration: float, seed: int, known: Array) -> Route:
+    """
+    Return a motion that was not recorded, as fast as the limits allow.
+
+    A joint without a limit of velocity is as fast as it was in the recorded motion, `known`.
+    """
+    route = motion(arm(robot.name), duration, seed + 500)
+    speed, torque = speeds(robot, known / _PART), arm(robot.name).limits()[0]
+    torque = np.where(torque > 0.0, torque, np.inf)
+    q, dq, ddq = sampled(route, 0.01).transpose(1, 0, 2)
+    times = min(float((_PART * speed / np.abs(dq).max(axis=0)).min()),
+                float(np.sqrt((_ACCELERATION * speed / np.abs(ddq).max(axis=0)).min())))
+    while (_torque(robot, q, times * dq, times ** 2 * ddq) > _PART * torque).any():
+        times *= 0.9
+    points = [(a, tuple(times * x for x in b), tuple(times ** 2 * x for x in c))
+              for a, b, c in route.points]
+    return Route(route.names, [round(t / times) for t in route.times], points)
+
+
+def _torque(robot: Faulty, q: Array, dq: Array, ddq: Array) -> Array:
+    """Return the largest torque of each joint with friction [N·m]."""
+    n = robot.n
+    mass, bias, most = np.empty((n, n)), np.empty(n), np.zeros(n)
+    for x, v, a in zip(q, dq, ddq):
+        dynamics(robot.nominal, x, v, mass, bias)
+        most = np.maximum(most, np.abs(mass @ a + bias))
+    found: Array = most + robot.physics.coulomb + robot.physics.viscous * np.abs(dq).max(axis=0)
+    return found
+
+
+def tracked(robot: Faulty, model: Model, config: ControllerConfig, route: Route, seed: int
+            ) -> Array:
+    """Return the RMS error of each joint under a law of this package; nan where it fails."""
+    wanted = sampled(route, robot.period)
+    plant = plant_of(robot, wanted[0, 0], seed)
+    controller = Controller(config, model)
+    delay, rows = config.input_delay, wanted.tolist()
+    rows += rows[-1:] * (delay + 1)
+    total = np.zeros(robot.n)
+    for k in range(len(wanted)):
+        q, dq = plant.measured()
+        q_d, dq_d, ddq_d = rows[k]
+        sample = controller.try_step(q.tolist(), dq.tolist(), q_d, dq_d, ddq_d,
+                                     rows[k + 1:k + 1 + delay])
+        error = plant.q - wanted[k, 0]
+        if sample is None or not (np.abs(error) < _FAILED).all():
+            return np.full(robot.n, np.nan)
+        total += np.square(error)
+        plant.step(sample.tau)
+    found: Array = np.sqrt(total / len(wanted))
+    return found
+
+
+def config_of(robot: Faulty, values: dict[str, Any]) -> ControllerConfig:
+    """Return the controller of a parameter file's values."""
+    return ControllerConfig.from_mapping({
+        'joint_names': list(robot.joints), 'control_period': robot.period,
+        'model': 'urdf' if arm(robot.name).urdf else 'two_link', **values})
 
 
 def perturbation_of(seen: Played, model: Model) -> tuple[Any, Any]:

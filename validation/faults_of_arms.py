@@ -16,18 +16,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 import dataclasses
 from typing import Any
 
 from ctc_chattering.bags.recording import Recording
 from ctc_chattering.trajectory.motions import Route
-from faulty_case import Case, Made, Rng
-from faulty_robots import Faulty, lab_gains, plain, Played, played, recording_of
-from identified_robots import arm, motion
+from faulty_robots import (
+    Case,
+    Faulty,
+    lab_gains,
+    Made,
+    plain,
+    Played,
+    played,
+    recording_of,
+    Rng,
+)
 import numpy as np
-from other_faults import OTHER_FAULTS
 from rigid_bodies import Array, dynamics
+from robots import arm, motion
+from scipy.signal import lfilter  # type: ignore[import-untyped]
 
 
 def case(name: str, fault: str, seed: int, duration: float = 25.0) -> Case:
@@ -53,10 +62,6 @@ def sizes(robot: Faulty) -> Array:
     return np.asarray(robot.physics.coulomb.mean() * 0.5 + robot.physics.coulomb * 0.5, float)
 
 
-def _plain(robot: Faulty, _rng: Rng, _duration: float) -> Faulty:
-    return robot
-
-
 def _link_torque(robot: Faulty, rng: Rng, duration: float) -> Case:
     return Case(_rotor(robot, rng, duration), 'link')
 
@@ -80,10 +85,6 @@ def _scale_one(robot: Faulty, rng: Rng, _duration: float) -> Faulty:
     scale = np.ones(robot.n)
     scale[rng.integers(robot.n)] = 0.95
     return robot.with_physics(scale=scale)
-
-
-def _scale_all(robot: Faulty, _rng: Rng, _duration: float) -> Faulty:
-    return robot.with_physics(scale=0.95)
 
 
 def _rotor(robot: Faulty, rng: Rng, _duration: float) -> Faulty:
@@ -136,26 +137,12 @@ def _springs(robot: Faulty, rng: Rng, gap: float, stiffness: float) -> Faulty:
     dynamics(robot.nominal, np.array(arm(robot.name).centre), np.zeros(robot.n), mass, bias)
     most = 0.6 * float((rotor / np.abs(mass).sum(axis=1)).min()) / robot.period
     return dataclasses.replace(
-        robot, caution=min(0.4, most / lab_gains(robot)[1]), ahead=0.8,
-        physics=robot.physics._replace(elastic=np.ones(1, int)))
-
-
-def _backlash(robot: Faulty, rng: Rng, _duration: float) -> Faulty:
-    return _springs(robot, rng, 2e-3, 10_000.0)
-
-
-def _elastic(robot: Faulty, rng: Rng, _duration: float) -> Faulty:
-    return _springs(robot, rng, 0.0, 2_000.0)
+        robot, caution=min(0.4, most / lab_gains(robot)[1]), ahead=0.8)
 
 
 def _delay_lag(robot: Faulty, rng: Rng, _duration: float) -> Case:
     robot = robot.with_physics(lag=rng.uniform(0.3e-3, 3e-3, robot.n))
     return Case(dataclasses.replace(robot, delay=int(rng.integers(3))), bag=True)
-
-
-def _slow_loop(robot: Faulty, _rng: Rng, _duration: float) -> Case:
-    return Case(dataclasses.replace(robot.with_physics(lag=3.8e-3), delay=1, period=4e-3),
-                bag=True)
 
 
 def _rate(robot: Faulty, rng: Rng, _duration: float) -> Faulty:
@@ -165,28 +152,11 @@ def _rate(robot: Faulty, rng: Rng, _duration: float) -> Faulty:
     return robot.with_physics(rate=rng.uniform(0.6, 1.0, robot.n) * fast)
 
 
-def _stribeck(robot: Faulty, rng: Rng, _duration: float) -> Faulty:
-    return robot.with_physics(stribeck=rng.uniform(0.2, 0.6, robot.n) * robot.physics.coulomb,
-                              stribeck_speed=rng.uniform(0.02, 0.1, robot.n))
-
-
-def _load(robot: Faulty, rng: Rng, _duration: float) -> Faulty:
-    return robot.with_physics(load=rng.uniform(0.03, 0.12, robot.n))
-
-
-def _offset(robot: Faulty, rng: Rng, _duration: float) -> Faulty:
-    return robot.with_physics(offset=rng.uniform(-0.2, 0.2, robot.n) * robot.physics.coulomb)
-
-
 def _ripple(robot: Faulty, rng: Rng, _duration: float) -> Faulty:
     return robot.with_physics(
         ripple=rng.uniform(0.1, 0.25, robot.n), waves=rng.uniform(4.0, 60.0, robot.n),
         phase=rng.uniform(0.0, 2.0 * np.pi, robot.n),
         cogging=rng.uniform(0.03, 0.08, robot.n) * robot.physics.coulomb)
-
-
-def _drift(robot: Faulty, rng: Rng, duration: float) -> Faulty:
-    return robot.with_physics(drift=rng.uniform(0.2, 0.4, robot.n), drift_time=0.6 * duration)
 
 
 def _wrong_order(robot: Faulty, rng: Rng, _duration: float) -> Case:
@@ -198,10 +168,6 @@ def _wrong_order(robot: Faulty, rng: Rng, _duration: float) -> Case:
         assert x.command is not None
         return dataclasses.replace(x, command=x.command[:, order])
     return Case(robot, 'none', alter)
-
-
-def _gravity_inside(robot: Faulty, _rng: Rng, _duration: float) -> Faulty:
-    return robot.with_physics(helped=1.0)
 
 
 def _currents(robot: Faulty, rng: Rng, _duration: float) -> Case:
@@ -237,16 +203,252 @@ def _everything(robot: Faulty, rng: Rng, duration: float) -> Case:
                 'motor')
 
 
+def _usual(robot: Faulty) -> Array:
+    """Return torques of the healthy robot in 6 s of its usual motion, shape (N, n) [N·m]."""
+    return played(robot, motion(arm(robot.name), 6.0, 0), 0).command
+
+
+def _end_stop(robot: Faulty, rng: Rng, _duration: float) -> Faulty:
+    stop = np.full(robot.n, np.inf)
+    i = int(rng.integers(robot.n))
+    stop[i] = arm(robot.name).centre[i] + 0.6 * arm(robot.name).amplitude[i]
+    return robot.with_physics(stop=stop)
+
+
+def _balance(robot: Faulty, rng: Rng, _duration: float) -> Faulty:
+    """Return a spring on joint 2 that carries a part of the weight."""
+    size = np.zeros(robot.n)
+    size[1] = rng.uniform(0.3, 0.8) * np.abs(_usual(robot)[:, 1]).max()
+    return robot.with_physics(cogging=size, waves=1.0)
+
+
+def _eccentric(robot: Faulty, rng: Rng, _duration: float) -> Case:
+    """Return encoders with an error once in a turn."""
+    size, phase = rng.uniform(1e-3, 5e-3, robot.n), rng.uniform(0.0, 6.28, robot.n)
+    return Case(robot, 'none', lambda x: dataclasses.replace(
+        x, q=x.q + size * np.sin(x.q + phase)))
+
+
+def _torque_ripple(robot: Faulty, rng: Rng, _duration: float) -> Case:
+    """Return drives whose torque per command varies with the angle."""
+    size, waves = rng.uniform(0.03, 0.08, robot.n), rng.uniform(4.0, 60.0, robot.n)
+
+    def alter(x: Recording) -> Recording:
+        assert x.command is not None
+        return dataclasses.replace(x, command=x.command / (1.0 + size * np.sin(waves * x.q)))
+    return Case(robot, 'none', alter)
+
+
+def _saturated(robot: Faulty, rng: Rng, _duration: float) -> Case:
+    """Return drives that silently do less than is commanded at the largest torques."""
+    most = np.abs(_usual(robot)).max(axis=0)
+    return Case(robot.with_physics(saturation=np.maximum(
+        rng.uniform(0.85, 0.95, robot.n) * most, 1.2 * robot.physics.coulomb)))
+
+
+def _lost_second(robot: Faulty, rng: Rng, duration: float) -> Case:
+    at = rng.uniform(0.2, 0.8) * duration
+
+    def alter(x: Recording) -> Recording:
+        kept = (x.t < at) | (x.t > at + 1.0)
+        assert x.dq is not None and x.command is not None
+        return dataclasses.replace(x, t=x.t[kept], q=x.q[kept], dq=x.dq[kept],
+                                   command=x.command[kept])
+    return Case(robot, 'none', alter)
+
+
+def _scaled(robot: Faulty, parts: Array) -> Callable[[Route], Route]:
+    """Return what makes a motion smaller, joint by joint."""
+    centre = np.array(arm(robot.name).centre)
+
+    def slower(route: Route) -> Route:
+        q, dq, ddq = np.array(route.points).transpose(1, 0, 2)
+        points = list(zip(*(tuple(map(tuple, x.tolist())) for x in (
+            centre + parts * (q - centre), parts * dq, parts * ddq))))
+        return Route(route.names, route.times, points)
+    return slower
+
+
+def _two_degrees(robot: Faulty, rng: Rng, _duration: float) -> Case:
+    """Return a motion in which one joint moves by 2 degrees only."""
+    parts = np.ones(robot.n)
+    i = int(rng.integers(robot.n))
+    parts[i] = np.radians(1.0) / arm(robot.name).amplitude[i]
+    return Case(robot, slower=_scaled(robot, parts))
+
+
+def _coarse_stamps(robot: Faulty, rng: Rng, _duration: float) -> Case:
+    """Return stamps of whole milliseconds of a clock that reads a little late."""
+    def alter(x: Recording) -> Recording:
+        return dataclasses.replace(
+            x, t=np.floor((x.t + 4e-4 * rng.random(len(x.t)) + 2e-4) * 1e3) * 1e-3)
+    return Case(robot, 'none', alter)
+
+
+def _filtered(robot: Faulty, _rng: Rng, _duration: float) -> Case:
+    """Return an effort that goes through a low-pass of 20 Hz."""
+    part = 1.0 - np.exp(-2.0 * np.pi * 20.0 * robot.period)
+
+    def alter(x: Recording) -> Recording:
+        assert x.effort is not None
+        first = (1.0 - part) * x.effort[:1]
+        return dataclasses.replace(x, command=None, effort=lfilter(
+            [part], [1.0, part - 1.0], x.effort, axis=0, zi=first)[0])
+    return Case(robot, 'motor', alter)
+
+
+def _zero_off(robot: Faulty, rng: Rng, _duration: float) -> Case:
+    """Return a robot of which one joint's zero is off by 3 degrees."""
+    shift = np.zeros(robot.n)
+    shift[rng.integers(robot.n)] = np.radians(3.0) * rng.choice((-1.0, 1.0))
+    return Case(robot, 'none', lambda x: dataclasses.replace(x, q=x.q + shift))
+
+
+def _clipped_late(robot: Faulty, rng: Rng, _duration: float) -> Case:
+    """Return an effort that is 3 samples late and clipped, without commands."""
+    part = rng.uniform(0.6, 0.85)
+
+    def alter(x: Recording) -> Recording:
+        assert x.effort is not None
+        most = part * np.abs(x.effort).max(axis=0)
+        late = np.concatenate((x.effort[:1].repeat(3, axis=0), x.effort[:-3]))
+        return dataclasses.replace(x, command=None, effort=np.clip(late, -most, most))
+    return Case(robot, 'motor', alter)
+
+
+def _slow_velocities(robot: Faulty, _rng: Rng, _duration: float) -> Case:
+    """Return velocities that go through a low-pass of 5 Hz, which positions do not."""
+    part = 1.0 - np.exp(-2.0 * np.pi * 5.0 * robot.period)
+    return Case(robot, 'none', lambda x: dataclasses.replace(
+        x, dq=lfilter([part], [1.0, part - 1.0], x.dq, axis=0)))
+
+
+def _velocity_times(factor: float, one: bool = False) -> Made:
+    """Return velocities in another unit, or with the other sign; of one joint or of all."""
+    def fault(robot: Faulty, rng: Rng, _duration: float) -> Case:
+        size = np.full(robot.n, factor)
+        if one:
+            size = np.where(np.arange(robot.n) == rng.integers(robot.n), factor, 1.0)
+
+        def alter(x: Recording) -> Recording:
+            assert x.dq is not None
+            return dataclasses.replace(x, dq=x.dq * size)
+        return Case(robot, 'none', alter)
+    return fault
+
+
+def _joint_delay(robot: Faulty, rng: Rng, _duration: float) -> Case:
+    """Return commands of which one joint's act some samples later than the others'."""
+    i, late = int(rng.integers(robot.n)), int(rng.integers(2, 6))
+
+    def alter(x: Recording) -> Recording:
+        assert x.command is not None
+        command = x.command.copy()
+        command[:-late, i] = x.command[late:, i]
+        return dataclasses.replace(x, command=command)
+    return Case(robot, 'none', alter, own_delay=np.eye(robot.n)[i] * late)
+
+
+def _dead_band(robot: Faulty, rng: Rng, _duration: float) -> Case:
+    """Return drives that do nothing for small commands, and less for larger ones."""
+    band = rng.uniform(0.08, 0.15, robot.n) * robot.physics.coulomb
+
+    def alter(x: Recording) -> Recording:
+        assert x.command is not None
+        return dataclasses.replace(x, command=x.command + band * np.sign(x.command))
+    return Case(robot, 'none', alter)
+
+
+def _fading_torque(robot: Faulty, rng: Rng, _duration: float) -> Case:
+    """Return motors whose torque per command falls with the torque, as iron saturates."""
+    most = np.abs(_usual(robot)).max(axis=0)
+    part = rng.uniform(0.1, 0.25, robot.n)
+
+    def alter(x: Recording) -> Recording:
+        assert x.command is not None
+        # Torque c (1 - a |c|) of a command c; the command for a torque is what is recorded.
+        a = part / most
+        size = np.minimum(np.abs(x.command), 0.24 / a)
+        return dataclasses.replace(x, command=np.sign(x.command) * (
+            1.0 - np.sqrt(1.0 - 4.0 * a * size)) / (2.0 * a))
+    return Case(robot, 'none', alter)
+
+
+def _real_arm(robot: Faulty, rng: Rng, _duration: float) -> Faulty:
+    """Return rotors, a tool, and a last joint that friction holds, at once."""
+    sizes = robot.physics.coulomb.mean() * 0.5 + robot.physics.coulomb * 0.5
+    coulomb, bodies = robot.physics.coulomb.copy(), robot.physics.bodies
+    coulomb[-1] *= 300.0
+    mass = bodies.mass.copy()
+    mass[-2] += rng.uniform(0.3, 0.8)
+    return robot.with_physics(rotor=rng.uniform(0.02, 0.08, robot.n) * sizes,
+                              coulomb=coulomb).with_bodies(mass=mass)
+
+
+#: What may be wrong besides, for which `ctc identify` was not built, by name.
+OTHER_FAULTS: Mapping[str, Made] = {
+    # Friction differs by 40 % with the direction.
+    'asymmetric': lambda robot, rng, _duration: robot.with_physics(
+        offset=0.2 * rng.choice((-1.0, 1.0), robot.n) * robot.physics.coulomb),
+    'quadratic': lambda robot, rng, _duration: robot.with_physics(
+        quadratic=rng.uniform(0.2, 0.5, robot.n) * robot.physics.coulomb,
+        band=rng.uniform(0.05, 0.3, robot.n)),
+    'end_stop': _end_stop, 'balance': _balance,
+    # Cables pull linearly with the angle.
+    'cable': lambda robot, rng, _duration: robot.with_physics(
+        cogging=rng.uniform(0.2, 0.6, robot.n) * robot.physics.coulomb / 0.05, waves=0.05),
+    'eccentric': _eccentric, 'torque_ripple': _torque_ripple, 'saturated': _saturated,
+    'lost_second': _lost_second,
+    'half_rate': lambda robot, _rng, _duration: dataclasses.replace(robot, period=2e-3),
+    'no_velocities': lambda robot, _rng, _duration: Case(
+        robot, 'none', lambda x: dataclasses.replace(x, dq=None)),
+    'two_degrees': _two_degrees,
+    # A tenth of the amplitude, so ten times as slow.
+    'slow_motion': lambda robot, _rng, _duration: Case(
+        robot, slower=_scaled(robot, np.full(robot.n, 0.1))),
+    'coarse_stamps': _coarse_stamps, 'filtered': _filtered,
+    # A robot that is given for another one with the same joints.
+    'wrong_robot': lambda robot, _rng, _duration: Case(
+        robot, believed={'ur5': 'ur10', 'ur10': 'ur5'}.get(robot.name, '')),
+    # Friction grows with the load in one direction only, as in worm gears.
+    'directed_load': lambda robot, rng, _duration: robot.with_physics(
+        load=rng.uniform(0.03, 0.08, robot.n), load_bias=rng.choice((-1.0, 1.0), robot.n)),
+    'zero_off': _zero_off, 'clipped_late': _clipped_late, 'slow_velocities': _slow_velocities,
+    # Friction rises below speeds at which the usual motion hardly is.
+    'creeping': lambda robot, rng, _duration: robot.with_physics(
+        stribeck=rng.uniform(0.3, 0.9, robot.n) * robot.physics.coulomb,
+        stribeck_speed=rng.uniform(4e-3, 0.02, robot.n)),
+    'velocity_degrees': _velocity_times(180.0 / np.pi),
+    'velocity_sign': _velocity_times(-1.0, True), 'velocity_scale': _velocity_times(1.25, True),
+    'joint_delay': _joint_delay, 'dead_band': _dead_band, 'fading_torque': _fading_torque,
+    'real_arm': _real_arm}
 #: What may be wrong, by name.
 FAULTS: Mapping[str, Made] = {
-    'plain': _plain, 'link_torque': _link_torque, 'stamps_back': _stamps_back,
-    'load_light': _load_light, 'scale_one': _scale_one, 'scale_all': _scale_all,
+    'plain': lambda robot, _rng, _duration: robot,
+    'link_torque': _link_torque, 'stamps_back': _stamps_back, 'load_light': _load_light,
+    'scale_one': _scale_one,
+    'scale_all': lambda robot, _rng, _duration: robot.with_physics(scale=0.95),
     'rotor': _rotor, 'tilt': _tilt, 'centres': _centres, 'forearm': _forearm,
-    'payload': _payload, 'backlash': _backlash, 'elastic': _elastic, 'delay_lag': _delay_lag,
-    'slow_loop': _slow_loop, 'rate': _rate, 'stribeck': _stribeck, 'load': _load,
-    'offset': _offset, 'ripple': _ripple, 'drift': _drift, 'wrong_order': _wrong_order,
-    'gravity_inside': _gravity_inside, 'currents': _currents, 'encoders': _encoders,
-    'everything': _everything, **OTHER_FAULTS}
+    'payload': _payload,
+    'backlash': lambda robot, rng, _duration: _springs(robot, rng, 2e-3, 10_000.0),
+    'elastic': lambda robot, rng, _duration: _springs(robot, rng, 0.0, 2_000.0),
+    'delay_lag': _delay_lag,
+    'slow_loop': lambda robot, _rng, _duration: Case(dataclasses.replace(
+        robot.with_physics(lag=3.8e-3), delay=1, period=4e-3), bag=True),
+    'rate': _rate,
+    'stribeck': lambda robot, rng, _duration: robot.with_physics(
+        stribeck=rng.uniform(0.2, 0.6, robot.n) * robot.physics.coulomb,
+        stribeck_speed=rng.uniform(0.02, 0.1, robot.n)),
+    'load': lambda robot, rng, _duration: robot.with_physics(
+        load=rng.uniform(0.03, 0.12, robot.n)),
+    'offset': lambda robot, rng, _duration: robot.with_physics(
+        offset=rng.uniform(-0.2, 0.2, robot.n) * robot.physics.coulomb),
+    'ripple': _ripple,
+    'drift': lambda robot, rng, duration: robot.with_physics(
+        drift=rng.uniform(0.2, 0.4, robot.n), drift_time=0.6 * duration),
+    'wrong_order': _wrong_order,
+    'gravity_inside': lambda robot, _rng, _duration: robot.with_physics(helped=1.0),
+    'currents': _currents, 'encoders': _encoders, 'everything': _everything, **OTHER_FAULTS}
 
 
 def _viscous(one: Case) -> Array:

@@ -13,30 +13,28 @@
 # limitations under the License.
 
 """
-An independent plant, with the faults of real arms, under a control loop of its own.
+Robots with the faults of real arms, on the independent plant, under a control loop of its own.
 
-Nothing here is of `ctc_chattering.simulation`, `control` or `dynamics`: bodies by Pinocchio's
-parser, dynamics by `rigid_bodies`, steps with set-valued friction by `faulty_dynamics`.
+Nothing here is of `ctc_chattering.simulation`, `control` or `dynamics`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Sequence
 import dataclasses
 from typing import Any, NamedTuple
 
 from ctc_chattering.bags.recording import Recording
-from ctc_chattering.live.skeleton import two_link_urdf
 from ctc_chattering.trajectory.motions import Route
-from faulty_dynamics import advance, Physics, play, State
-from identified_robots import arm, motion
+from independent_plant import advance, at_rest, ideal, Physics, Plant, State
 import numpy as np
-from rigid_bodies import Array, Bodies, bodies_of, dynamics
+from rigid_bodies import Array, Bodies, compiled, dynamics
+from robots import arm
+from scipy.interpolate import BPoly  # type: ignore[import-untyped]
 
 #: Longest step of the plant [s].
 _STEP = 2.5e-4
-#: The paper's arm has 0.76 kg m² in place of the 0.62 of bodies, beside its cosine.
-_COUPLING = 0.14
+Rng = np.random.Generator
 
 
 @dataclasses.dataclass(frozen=True)
@@ -47,7 +45,7 @@ class Faulty:
     Attributes
     ----------
     name : str
-        As `identified_robots.arm` has it.
+        As `robots.arm` has it.
     nominal : Bodies
         What the lab believes.
     physics : Physics
@@ -88,96 +86,65 @@ class Faulty:
 
     def with_physics(self, **values: Any) -> Faulty:
         """Return it with other values of `Physics`, numbers for all joints or arrays."""
-        full: dict[str, Any] = {key: x if key in ('bodies', 'helper') else np.array(
-            np.broadcast_to(x, self.n), float) for key, x in values.items()}
-        return dataclasses.replace(self, physics=self.physics._replace(**full))
+        return dataclasses.replace(self, physics=self.physics.changed(**values))
 
     def with_bodies(self, **values: Any) -> Faulty:
         """Return it with other values of its true `Bodies`."""
         return self.with_physics(bodies=self.physics.bodies._replace(**values))
 
 
-def description(name: str) -> str:
-    """Return the URDF of a robot; that of the paper's arm has the joints that it has."""
-    return arm(name).urdf or two_link_urdf(arm(name).joints)
+@dataclasses.dataclass(frozen=True)
+class Case:
+    """
+    A robot with a fault, and how it is recorded.
+
+    Attributes
+    ----------
+    robot : Faulty
+        The truth.
+    effort : str
+        What the states have: none, motor, or link.
+    alter : callable, optional
+        What the recorder makes of the recording.
+    bag : bool
+        Whether it must go through a bag with receive jitter.
+    slower : callable, optional
+        What the lab makes of the usual motion.
+    believed : str
+        The arm whose description the user gives, if it is another one.
+    own_delay : ndarray, shape (n,)
+        Samples by which commands of a joint act later than those of the others.
+
+    """
+
+    robot: Faulty
+    effort: str = 'none'
+    alter: Callable[[Recording], Recording] | None = None
+    bag: bool = False
+    slower: Callable[[Route], Route] | None = None
+    believed: str = ''
+    own_delay: Array | float = 0.0
+
+
+Made = Callable[[Faulty, Rng, float], Faulty | Case]
 
 
 def plain(name: str, seed: int) -> Faulty:
     """Return a robot without a fault, whose friction is drawn."""
     robot = arm(name)
-    n = len(robot.joints)
-    bodies = bodies_of(description(name), robot.joints)
-    if not robot.urdf:
-        bodies = bodies._replace(more=np.array([[0.0, _COUPLING], [_COUPLING, 0.0]]))
     rng = np.random.default_rng((seed, 1))
     coulomb = np.array([rng.uniform(*limits) for limits in robot.friction])
-    zero, one = np.zeros(n), np.ones(n)
-    return Faulty(name, bodies, Physics(
-        bodies=bodies, helper=bodies, coulomb=coulomb, offset=zero,
-        viscous=rng.uniform(0.1, 0.4, n) * coulomb, stribeck=zero, stribeck_speed=one, load=zero,
-        load_bias=zero,
-        ripple=zero, cogging=zero, waves=zero, phase=zero, drift=zero, drift_time=one,
-        rotor=zero, elastic=np.zeros(1, np.int64), stiffness=zero, damping=zero, gap=zero,
-        scale=one, lag=zero, rate=np.inf * one, saturation=np.inf * one, helped=zero,
-        quadratic=zero, band=zero, stop=np.inf * one),
-        encoder=robot.resolution * one, position_noise=zero, velocity_noise=1e-3 * one)
+    one, bodies = np.ones(robot.n), robot.bodies()
+    return Faulty(name, bodies, ideal(bodies).changed(
+        coulomb=coulomb, viscous=rng.uniform(0.1, 0.4, robot.n) * coulomb),
+        encoder=robot.resolution * one, position_noise=0.0 * one, velocity_noise=1e-3 * one)
 
 
-class Plant:
-    """
-    A faulty robot that receives one command a period.
-
-    Parameters
-    ----------
-    robot : Faulty
-        What it is.
-    start : sequence of float, shape (n,)
-        Position at rest [rad].
-    seed : int
-        Of the noise of its sensors.
-
-    Attributes
-    ----------
-    state : State
-        The truth.
-
-    """
-
-    def __init__(self, robot: Faulty, start: Sequence[float], seed: int = 0) -> None:
-        self.robot = robot
-        self.state = state_of(robot, start)
-        self._noise = np.random.default_rng((seed, 2))
-
-    def measured(self) -> tuple[Array, Array]:
-        """Return positions [rad] and velocities [rad/s] as the sensors have them now."""
-        robot, n = self.robot, self.robot.n
-        noise = self._noise.normal(size=(2, n))
-        q = self.state.x[:n] + robot.position_noise * noise[0]
-        step = np.where(robot.encoder > 0.0, robot.encoder, 1.0)
-        return (np.where(robot.encoder > 0.0, step * np.floor(q / step + 0.5), q),
-                self.state.v[:n] + robot.velocity_noise * noise[1])
-
-    def step(self, command: Sequence[float] | Array) -> None:
-        """Receive a command [N·m], and go on by a period."""
-        steps = round(np.ceil(self.robot.period / _STEP))
-        advance(self.robot.physics, self.state, np.array(command, float), steps,
-                self.robot.period / steps)
-
-
-def state_of(robot: Faulty, start: Sequence[float]) -> State:
-    """Return a robot at rest, held by the drives against its weight."""
-    n, physics = robot.n, robot.physics
-    x, still = np.array(start, float), np.zeros(n)
-    weight, inside, mass = np.zeros(n), np.zeros(n), np.zeros((n, n))
-    dynamics(physics.bodies, x, still, mass, weight)
-    dynamics(physics.helper, x, still, mass, inside)
-    torque = np.clip((weight - physics.helped * inside) / physics.scale, -physics.saturation,
-                     physics.saturation)
-    if physics.elastic[0]:
-        sag = np.where(weight > 0.0, 0.5, -0.5) * physics.gap + weight / physics.stiffness
-        x = np.concatenate((x, x - sag))
-    return State(np.zeros(1), x, np.zeros_like(x), np.zeros_like(x), torque, weight,
-                 np.tile(torque, (robot.delay + 1, 1)))
+def plant_of(robot: Faulty, start: Sequence[float], seed: int = 0) -> Plant:
+    """Return the plant of a robot, held at rest at a position [rad]."""
+    return Plant(robot.physics, start, robot.period, robot.delay, encoder=robot.encoder,
+                 position_noise=robot.position_noise, velocity_noise=robot.velocity_noise,
+                 longest=_STEP, seed=seed)
 
 
 class Played(NamedTuple):
@@ -208,17 +175,6 @@ class Played(NamedTuple):
     acceleration: Array
     wanted: Array
 
-    def perturbation(self, nominal: Bodies) -> Array:
-        """Return torque of the drives less inverse dynamics, means of 20 samples [N·m]."""
-        n = self.q.shape[1]
-        mass, bias, found = np.empty((n, n)), np.empty(n), self.drive.copy()
-        for k, (q, dq, ddq) in enumerate(zip(self.position, self.velocity, self.acceleration)):
-            dynamics(nominal, q, dq, mass, bias)
-            found[k] -= mass @ ddq + bias
-        whole = len(found) // 20
-        mean: Array = found[:20 * whole].reshape(whole, 20, n).mean(axis=1)
-        return mean
-
 
 def played(robot: Faulty, route: Route, seed: int, gains: tuple[float, float] | None = None
            ) -> Played:
@@ -231,7 +187,7 @@ def played(robot: Faulty, route: Route, seed: int, gains: tuple[float, float] | 
     kp, kv = gains or lab_gains(robot)
     steps = round(np.ceil(robot.period / _STEP))
     out = np.empty((len(wanted), 8, n))
-    play(robot.physics, state_of(robot, wanted[0, 0]), robot.nominal,
+    play(robot.physics, at_rest(robot.physics, wanted[0, 0], robot.delay), robot.nominal,
          np.stack((np.full(n, kp), np.full(n, kv), robot.ahead * robot.physics.coulomb)),
          wanted, noise, np.array(robot.encoder, float),
          robot.period, steps, out)
@@ -249,23 +205,9 @@ def lab_gains(robot: Faulty) -> tuple[float, float]:
 def sampled(route: Route, period: float) -> Array:
     """Return positions, velocities and accelerations of quintics, shape (N, 3, n)."""
     times = np.array(route.times) * 1e-9
-    points = np.array(route.points, float)
     t = period * np.arange(int(times[-1] / period + 1e-9) + 1)
-    k = np.clip(np.searchsorted(times, t, side='right') - 1, 0, len(times) - 2)
-    h = (times[k + 1] - times[k])[:, None]
-    s = (t - times[k])[:, None] / h
-    a, b = points[k], points[k + 1]
-    q0, v0, a0 = a[:, 0], a[:, 1] * h, a[:, 2] * h * h
-    q1, v1, a1 = b[:, 0], b[:, 1] * h, b[:, 2] * h * h
-    way, v, w = q1 - q0 - v0 - 0.5 * a0, v1 - v0 - a0, a1 - a0
-    c = (10.0 * way - 4.0 * v + 0.5 * w, -15.0 * way + 7.0 * v - w, 6.0 * way - 3.0 * v + 0.5 * w)
-    rest = [c[0] * s ** 3 + c[1] * s ** 4 + c[2] * s ** 5,
-            3.0 * c[0] * s ** 2 + 4.0 * c[1] * s ** 3 + 5.0 * c[2] * s ** 4,
-            6.0 * c[0] * s + 12.0 * c[1] * s ** 2 + 20.0 * c[2] * s ** 3]
-    found: Array = np.stack((
-        q0 + v0 * s + 0.5 * a0 * s * s + rest[0], (v0 + a0 * s + rest[1]) / h,
-        (a0 + rest[2]) / (h * h)), axis=1)
-    return found
+    motion = BPoly.from_derivatives(times, np.array(route.points, float))
+    return np.stack([motion(t, k) for k in range(3)], axis=1)
 
 
 def recording_of(robot: Faulty, seen: Played, effort: str = 'none') -> Recording:
@@ -274,9 +216,53 @@ def recording_of(robot: Faulty, seen: Played, effort: str = 'none') -> Recording
     return Recording(robot.name, robot.joints, seen.t, seen.q, seen.dq, measured, seen.command)
 
 
-def record(name: str, seed: int, duration: float = 25.0, **more: Mapping[str, Any]
-           ) -> tuple[Faulty, Recording]:
-    """Return a plain robot and a recording of it; `more` are values of `Physics`."""
-    robot = plain(name, seed).with_physics(**more)
-    route = motion(arm(name), duration, seed)
-    return robot, recording_of(robot, played(robot, route, seed))
+@compiled
+def play(plant: Physics, now: State, nominal: Bodies, gains: Array, wanted: Array, noise: Array,
+         resolution: Array, period: float, steps: int, out: Array) -> None:
+    """
+    Play a motion under computed torque with PD, and write what is recorded of it.
+
+    Parameters
+    ----------
+    plant, now : Physics, State
+        The robot, and where it is; `now` goes on.
+    nominal : Bodies
+        Of the computed torque.
+    gains : ndarray, shape (3, n)
+        kp [1/s²], kv [1/s], and the friction that is added ahead [N·m].
+    wanted : ndarray, shape (N, 3, n)
+        Positions, velocities and accelerations.
+    noise : ndarray, shape (N, 2, n)
+        Of positions, before they are quantised, and of velocities.
+    resolution : ndarray, shape (n,)
+        Of the encoders [rad]; 0 for none.
+    period, steps : float, int
+        Of the control [s], and of the integration within it.
+    out : ndarray, shape (N, 8, n)
+        Measured positions and velocities, torques of the drives and through the gears, commands,
+        true positions, velocities and accelerations.
+
+    """
+    n = len(plant.coulomb)
+    mass, bias, weight = np.empty((n, n)), np.empty(n), np.zeros(n)
+    command, still = np.empty(n), np.zeros(n)
+    for k in range(len(wanted)):
+        for i in range(n):
+            q = now.x[i] + noise[k, 0, i]
+            if resolution[i] > 0.0:
+                q = resolution[i] * np.floor(q / resolution[i] + 0.5)
+            out[k, 0, i], out[k, 1, i] = q, now.v[i] + noise[k, 1, i]
+            out[k, 2, i], out[k, 3, i] = now.torque[i], now.through[i]
+            out[k, 5, i], out[k, 6, i], out[k, 7, i] = now.x[i], now.v[i], now.a[i]
+        if plant.helped.any():
+            dynamics(nominal, out[k, 0], still, mass, weight)
+        dynamics(nominal, out[k, 0], out[k, 1], mass, bias)
+        for i in range(n):
+            command[i] = (bias[i] - plant.helped[i] * weight[i]
+                          + gains[2, i] * np.tanh(wanted[k, 1, i] / 0.02))
+            for j in range(n):
+                command[i] += mass[i, j] * (
+                    wanted[k, 2, j] + gains[1, j] * (wanted[k, 1, j] - out[k, 1, j])
+                    + gains[0, j] * (wanted[k, 0, j] - out[k, 0, j]))
+            out[k, 4, i] = command[i]
+        advance(plant, now, out[k, 4], steps, period / steps)

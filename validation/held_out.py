@@ -12,34 +12,20 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Held-out conditions, drawn by a seed, and runs of the package's controller in them."""
+"""Held-out conditions, drawn by a seed: robots, motions that they can do, what is told."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 import dataclasses
-from typing import Any
+from functools import cache
+from typing import Any, NamedTuple
 
-from ctc_chattering.control.controller import Controller, ControllerConfig
+from ctc_chattering.control.controller import ControllerConfig
 from ctc_chattering.control.recommended_gains import estimator_bandwidth, largest_pole, lateness
-from ctc_chattering.controller.trips import TripMonitor
-from ctc_chattering.dynamics.registry import make_model
-from ctc_chattering.numerics.time_grid import period_ns
-from held_out_robots import (
-    begun,
-    NAMES,
-    needed,
-    nominal,
-    Path3,
-    Robot,
-    robot,
-    sinusoid,
-    trapezoids,
-)
-from independent_arm import Arm, go_on, Motion, motion_from
-from machine_code import compile_step
+from independent_plant import ideal, Physics
 import numpy as np
-from rigid_bodies import Array
+from rigid_bodies import Array, Bodies, dynamics, PAPER, planar
+from robots import arm, DESCRIBED
 
 #: What the controller may be told: the law's name alone; `ka` and the limits of the torque as
 #: well, as docs/safety.md says of a robot of which nothing is known; the gains by the rule of
@@ -47,15 +33,100 @@ from rigid_bodies import Array
 TELLINGS = ('name', 'nothing', 'gains', 'rough')
 #: Rivals that are told what `rough` is, and the friction to 10 %.
 RIVALS = {'eso': 'extended_state_observer', 'integral': 'integral'}
-#: Duration, and the instant from which errors count [s]; largest error [rad].
-DURATION, COUNTS, DIVERGED = 9.0, 5.0, 3.0
-#: Longest steps of the plant of two joints, and of more [s].
-_FINE, _COARSE = 2e-5, 1e-4
+#: Duration [s].
+DURATION = 9.0
+#: Of the paper's arm: centre of the motion [rad], largest torques [N·m] and velocities [rad/s].
+_PAPER = (np.pi, np.pi / 2), (600.0, 120.0), (6.0, 6.0)
+#: Span of a window in which a change of torque is counted as a rate [s].
+_WINDOW = 0.05
 #: Part of the robots that is the two-link arm; part of a quantity that is drawn from all of its
 #: range, the others being ordinary.
 _TWO_LINK, _WIDE = 0.4, 0.45
 _QUANTITIES = ('lag', 'rate', 'encoder', 'delay', 'period', 'friction', 'stribeck', 'model',
                'payload', 'start', 'load')
+
+
+class Robot(NamedTuple):
+    """A robot as its lab knows it; tuples have a number for each joint."""
+
+    name: str
+    urdf: str
+    joints: tuple[str, ...]
+    centre: tuple[float, ...]
+    effort: tuple[float, ...]
+    speed: tuple[float, ...]
+
+    @property
+    def n(self) -> int:
+        """Return the number of joints."""
+        return len(self.joints)
+
+
+@cache
+def robot(name: str) -> Robot:
+    """Return the paper's arm, or a robot by its name."""
+    one = arm(name)
+    if not one.urdf:
+        return Robot(name, '', one.joints, *_PAPER)
+    effort, speed = (tuple(x.tolist()) for x in one.limits())
+    return Robot(name, one.urdf, one.joints, one.centre, effort, speed)
+
+
+class Path3(NamedTuple):
+    """A motion at its samples; q, dq and ddq have the shape (N, n)."""
+
+    q: Array
+    dq: Array
+    ddq: Array
+
+
+def sinusoid(t: Array, centre: Array, size: Array, frequency: Array, phase: Array) -> Path3:
+    """Return sinusoids of each joint."""
+    w = 2.0 * np.pi * frequency
+    angle = np.outer(t, w) + phase
+    return Path3(centre + size * np.sin(angle), size * w * np.cos(angle),
+                 -size * w * w * np.sin(angle))
+
+
+def trapezoids(t: Array, centre: Array, size: Array, move: float, stop: float) -> Path3:
+    """Return moves to and fro of `move` [s], a third of it for each ramp, with stops between."""
+    cycle = move + stop
+    k = np.floor(t / cycle)
+    s, ramp = np.minimum(t - k * cycle, move) / move, 1.0 / 3.0
+    peak = 1.0 / (1.0 - ramp)
+    early, late = s < ramp, s >= 1.0 - ramp
+    way = np.where(early, 0.5 * peak / ramp * s * s, np.where(
+        late, 1.0 - 0.5 * peak / ramp * (1.0 - s) ** 2, peak * (s - 0.5 * ramp)))
+    speed = np.where(early, peak / ramp * s, np.where(late, peak / ramp * (1.0 - s), peak))
+    moves = t - k * cycle < move
+    push = np.where(moves, np.where(early, peak / ramp, np.where(late, -peak / ramp, 0.0)), 0.0)
+    sign = np.where(k % 2 == 0, 1.0, -1.0)
+    return Path3(
+        centre + np.outer(sign * (2.0 * way - 1.0), size),
+        np.outer(sign * np.where(moves, 2.0 * speed / move, 0.0), size),
+        np.outer(sign * 2.0 * push / move ** 2, size))
+
+
+def begun(path: Path3, t: Array, start: Array, duration: float) -> Path3:
+    """Return a motion that begins smoothly at a position: q = (1 - σ) start + σ path."""
+    s = np.minimum(t / duration, 1.0)[:, np.newaxis]
+    a, da = s ** 3 * (10.0 - 15.0 * s + 6.0 * s * s), 30.0 * (s * (1.0 - s)) ** 2 / duration
+    dda = 60.0 * s * (1.0 - s) * (1.0 - 2.0 * s) / duration ** 2
+    gap = path.q - start
+    return Path3(start + a * gap, da * gap + a * path.dq,
+                 dda * gap + 2.0 * da * path.dq + a * path.ddq)
+
+
+def needed(bodies: Bodies, t: Array, path: Path3) -> tuple[Array, Array]:
+    """Return the largest torque without friction, and its largest rate over 50 ms."""
+    n, every = path.q.shape[1], max(int(0.01 / (t[1] - t[0])), 1)
+    mass, bias, torques = np.zeros((n, n)), np.zeros(n), []
+    for k in range(0, len(t), every):
+        dynamics(bodies, path.q[k], path.dq[k], mass, bias)
+        torques.append(mass @ path.ddq[k] + bias)
+    tau, span = np.array(torques), max(int(_WINDOW / (every * (t[1] - t[0]))), 1)
+    change = np.abs(tau[span:] - tau[:-span]).max(axis=0) / _WINDOW
+    return np.abs(tau).max(axis=0), change
 
 
 @dataclasses.dataclass
@@ -104,20 +175,20 @@ class Condition:
                 f'R x{self.told_rate:.2f}')
 
 
-def drawn(seed: int, irregular: bool = False) -> tuple[Condition, Arm, Path3, Array]:
+def drawn(seed: int, irregular: bool = False) -> tuple[Condition, Physics, Path3, Array]:
     """
     Return a condition, its robot and motion, and the position from which it starts.
 
     With `irregular`, states are lost and off the grid; the rest is the same.
     """
     rng = np.random.default_rng((seed, 24))
-    name = 'two_link' if rng.random() < _TWO_LINK else str(rng.choice(NAMES[1:]))
+    name = 'two_link' if rng.random() < _TWO_LINK else str(rng.choice(list(DESCRIBED)))
     known = robot(name)
     wide = dict(zip(_QUANTITIES, rng.random(len(_QUANTITIES)) < _WIDE))
     c = quantities(seed, known, wide, rng)
-    arm = true_arm(c, known, rng)
-    path, first = motion_of(c, known, arm, rng)
-    torque, change = needed(arm, times(c), path)
+    bodies = true_bodies(c, known, rng)
+    path, first = motion_of(c, known, bodies, rng)
+    torque, change = needed(bodies, times(c), path)
     weight = np.maximum(torque, 0.03 * np.array(known.effort))
     coulomb = c.friction * weight
     low, high = (150.0, 2e4) if wide['rate'] else (1e3, 8e3)
@@ -130,12 +201,12 @@ def drawn(seed: int, irregular: bool = False) -> tuple[Condition, Arm, Path3, Ar
     if irregular:
         c.lost, c.jitter = np.random.default_rng((seed, 26)).uniform(0.0, (0.1, 0.3)).tolist()
     c.told_friction = (coulomb * np.random.default_rng(seed).uniform(0.9, 1.1, known.n)).tolist()
-    arm = arm._replace(
-        coulomb=coulomb, stribeck=c.stribeck * coulomb, speed=np.full(known.n, c.stribeck_speed),
-        viscous=rng.uniform(0.0, 0.3) * coulomb, bristle=2e3 * coulomb * c.bristles,
-        lag=np.array(c.lag), rate=np.array(c.rate), load=load, rest=path.rest,
-        times=np.array([begin, begin + rng.uniform(0.5, 2.0)]))
-    return c, arm, path, first
+    physics = ideal(bodies).changed(
+        coulomb=coulomb, stribeck=c.stribeck * coulomb, stribeck_speed=c.stribeck_speed,
+        viscous=rng.uniform(0.0, 0.3) * coulomb, bristle=2e3 * coulomb * c.bristles, lag=c.lag,
+        rate=c.rate, saturation=known.effort, push=load,
+        pushed=(begin, begin + rng.uniform(0.5, 2.0)))
+    return c, physics, path, first
 
 
 def quantities(seed: int, known: Robot, wide: dict[str, np.bool_], rng: np.random.Generator
@@ -168,25 +239,22 @@ def times(c: Condition) -> Array:
     return t
 
 
-def true_arm(c: Condition, known: Robot, rng: np.random.Generator) -> Arm:
-    """Return the robot without friction, its bodies as they are."""
-    bodies, numbers = nominal(known.name)
-    n, zero = known.n, np.zeros(known.n)
+def true_bodies(c: Condition, known: Robot, rng: np.random.Generator) -> Bodies:
+    """Return the bodies as they are."""
+    n = known.n
     x = 1.0 + rng.uniform(-c.model, c.model, (3, max(n, 6)))
-    if len(numbers):
-        numbers = numbers.copy()
-        numbers[:6] *= x[0, :6]
+    if not known.urdf:
+        numbers = np.array(PAPER) * x[0, :6]
         numbers[[3, 5]] += c.payload * np.array([0.62, 0.63])
-    else:
-        inertia = bodies.inertia * x[1, :n, None, None]
-        mass = bodies.mass * x[0, :n]
-        mass[-1] += 10.0 * c.payload * bodies.mass.sum() / 25.0
-        bodies = bodies._replace(mass=mass, inertia=inertia, centre=bodies.centre * x[2, :n, None])
-    return Arm(bodies, numbers, zero, zero, zero, np.ones(n), zero, zero, np.full(n, np.inf),
-               np.array(known.effort), zero, np.zeros(2), np.zeros((0, 2)))
+        return planar(*numbers)
+    bodies = arm(known.name).bodies()
+    mass = bodies.mass * x[0, :n]
+    mass[-1] += 10.0 * c.payload * bodies.mass.sum() / 25.0
+    return bodies._replace(mass=mass, inertia=bodies.inertia * x[1, :n, None, None],
+                           centre=bodies.centre * x[2, :n, None])
 
 
-def motion_of(c: Condition, known: Robot, arm: Arm, rng: np.random.Generator
+def motion_of(c: Condition, known: Robot, bodies: Bodies, rng: np.random.Generator
               ) -> tuple[Path3, Array]:
     """Return a motion, as slow as the robot needs it, and the position from which it starts."""
     n, t, centre = known.n, times(c), np.array(known.centre)
@@ -195,7 +263,7 @@ def motion_of(c: Condition, known: Robot, arm: Arm, rng: np.random.Generator
     for _ in range(12):
         path = sinusoid(t, centre, size, c.slowed * frequency, phase) if (
             c.motion == 'sinusoid') else trapezoids(t, centre, size, move / c.slowed, stop)
-        torque, _ = needed(arm, t, path)
+        torque, _ = needed(bodies, t, path)
         most = (1.2 + 1.1 * c.friction * (1.0 + c.stribeck)) * torque
         if (most < known.effort).all() and (np.abs(path.dq) < known.speed).all():
             break
@@ -244,66 +312,3 @@ def rival(c: Condition, telling: str, lag: float) -> dict[str, Any]:
     late = max(f / (c.told_rate * r) for f, r in zip(c.told_friction, c.rate))
     p = 0.6 * largest_pole(late + lateness(lag, c.period, c.delay))  # docs/laws.md
     return {**known, 'kp': [3.0 * p ** 2] * n, 'kv': [3.0 * p] * n, 'ki': [p ** 3] * n}
-
-
-def controller(c: Condition, values: dict[str, Any]) -> Controller:
-    """Return the package's controller with the model that the lab believes, compiled."""
-    known = robot(c.robot)
-    kind = 'urdf' if known.urdf else 'two_link'
-    config = ControllerConfig.from_mapping(
-        {**values, 'joint_names': list(known.joints), 'model': kind})
-    made = Controller(config, make_model(kind, 9.81, known.joints, known.urdf))
-    compile_step(made)
-    return made
-
-
-def measured(c: Condition, now: Motion) -> Array:
-    """Return the positions as the encoders have them."""
-    q: Array = c.encoder * np.floor(now.q / c.encoder + 0.5)
-    return q
-
-
-def run(c: Condition, arm: Arm, path: Path3, first: Array, law: Controller) -> dict[str, Any]:
-    """
-    Return what happens, as a row; positions are true ones.
-
-    A trip does not end the run: the row has its instant [s] and the largest error by then [rad].
-    """
-    count, delay = int(DURATION / c.period), law.config.input_delay
-    steps = max(int(np.ceil(c.period / (_COARSE if len(first) > 2 else _FINE))), 1)
-    now = motion_from(first, np.zeros(len(first)), c.delay)
-    errors, torques, before = [], [], measured(c, now)
-    h, rng, lost = period_ns(c.period), np.random.default_rng((c.seed, 27)), 0
-    off = np.rint(h * c.jitter * rng.uniform(-1.0, 1.0, count + 1)).astype(int)
-    off[0] = 0
-    held: Sequence[float] = ()
-    monitor, tripped = TripMonitor(law.config.joint_names, period_ns(c.period)), None
-    for k in range(count):
-        q = measured(c, now)
-        x = 1e-9 * off[k]  # From the grid to the instant of this state [s].
-        points = [((path.q[j] + x * (path.dq[j] + 0.5 * x * path.ddq[j])).tolist(),
-                   (path.dq[j] + x * path.ddq[j]).tolist(), path.ddq[j].tolist())
-                  for j in range(k, k + delay + 1)]
-        error = np.array(points[0][0]) - now.q
-        errors.append(error)
-        lost = lost + 1 if k and lost < 2 and rng.random() < c.lost else 0
-        if not lost:
-            since = 1e-9 * (h + off[k] - off[max(k - 1, 0)])
-            sample = law.try_step(q.tolist(), ((q - before) / since).tolist(), *points[0],
-                                  ahead=points[1:], t=k * h + int(off[k]))
-            if sample is None or not np.isfinite(error).all() or np.abs(error).max() > DIVERGED:
-                return {'diverged': round(k * c.period, 3), 'tripped': tripped}
-            if tripped is None and monitor.check(law, sample):
-                tripped = [round(k * c.period, 3), float(np.abs(errors).max())]
-            held = sample.tau
-        torques.append(held)
-        before = q
-        go_on(arm, now, np.array(held), steps, (c.period + 1e-9 * (off[k + 1] - off[k])) / steps)
-    last = int(COUNTS / c.period)
-    e, tau = np.array(errors)[last:], np.array(torques)[last:]
-    rest = float(sum(b - a for a, b in path.rest if b <= DURATION))
-    return {'diverged': None, 'tripped': tripped, 'rms': np.sqrt((e * e).mean(axis=0)).tolist(),
-            'peak': float(np.abs(e).max()),
-            'slips': float(now.slips.max() / rest) if rest else 0.0,
-            'variation': (np.abs(np.diff(tau, axis=0)).sum(axis=0)
-                          / (DURATION - COUNTS)).tolist()}

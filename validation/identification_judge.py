@@ -37,12 +37,12 @@ from ctc_chattering.identification.model_errors import candidates
 from ctc_chattering.identification.perturbation import perturbation
 from ctc_chattering.identification.results import IdentificationResults
 from faults_of_arms import truths
-from faulty_bags import bag_of
-from faulty_case import Case
-from faulty_robots import Played
-from identified_robots import arm
+from faulty_robots import Case, Played
+from motion_bags import messages_of, write
 import numpy as np
 from rigid_bodies import Array
+from robots import arm
+from rosbags.rosbag2 import StoragePlugin
 
 #: A number is wrong if it is off by this many halves of its interval, and by this part.
 _HALVES, _PART = 1.5, 0.05
@@ -119,6 +119,32 @@ def model_of(one: Case) -> Model:
     return make_model('urdf' if urdf else 'two_link', 9.81, one.robot.joints, urdf)
 
 
+def bag_of(path: Path, recording: Recording, seed: int, urdf: str = '', loss: float = 0.0
+           ) -> Path:
+    """
+    Write a recording into a bag, MCAP or sqlite3 by the seed, and return its path.
+
+    Joints of the states are shuffled. Messages arrive up to a third of a period late, one in five
+    hundred two periods late, each topic in order; a part `loss` of them does not arrive.
+    """
+    rng = np.random.default_rng((seed, 5))
+    n = len(recording.joints)
+    sent = messages_of(recording.t, recording.joints, recording.q, recording.dq, recording.effort,
+                       recording.command, order=rng.permutation(n).tolist(), labels=False,
+                       urdf=urdf)
+    period = 1e9 * recording.period
+    late = period * (0.3 * rng.random(len(sent)) + 2.0 * (rng.random(len(sent)) < 0.002))
+    latest: dict[str, int] = {}
+    arrived: list[tuple[str, int, Any]] = []
+    for (topic, t, message), more, lost in zip(sent, late, rng.random(len(sent)) < loss):
+        if t and lost:
+            continue
+        latest[topic] = max(t + int(more), latest.get(topic, 0) + 1)
+        arrived.append((topic, latest[topic], message))
+    arrived.sort(key=lambda x: x[1])
+    return write(path, arrived, (StoragePlugin.MCAP, StoragePlugin.SQLITE3)[seed % 2])
+
+
 def outcome(one: Case, recording: Recording, seed: int) -> Outcome:
     """Return what `ctc identify` makes of a recording."""
     model, urdf = model_of(one), arm(one.believed or one.robot.name).urdf
@@ -134,7 +160,7 @@ def outcome(one: Case, recording: Recording, seed: int) -> Outcome:
         found, model, urdf = _corrected(one, recording, found, model, urdf)
         run = perturbation(found)
         results = IdentificationResults(recording.name, found, run,
-                                        recommend(found, run, model, recording.q))
+                                        recommend(found, run, model))
     except CtcError as error:
         return Outcome(str(error))
     return Outcome('', results, tuple(x.severity for x in results.verdicts),

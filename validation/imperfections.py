@@ -270,13 +270,15 @@ def ratio(outcome: CaseOutcome, base: CaseOutcome) -> float:
 def law_about(outcomes: Sequence[CaseOutcome]) -> Markup:
     """Return what the table shows."""
     return fragment(
-        'Output of <code>make validate</code>: RMS error of each law with its recommended '
-        'settings, over that of <code>{{ base }}</code> with the gains of the paper; of the two '
-        'joints the larger ratio. True errors, the second half of each run. Delay, lag and rate '
-        'limit of the drives are given where a law takes them, unless the case says otherwise; '
-        'Coulomb friction is given to <code>slotine_li</code> and '
-        '<code>friction_feedforward</code>. Bold: worse than <code>{{ base }}</code> by more than '
-        '1 %; inf: diverged. {{ engines }}.', base=BASE, engines=engines(outcomes))
+        'Output of <code>make validate</code>: RMS error of each law over that of '
+        '<code>{{ base }}</code>; of the two joints the larger ratio. True errors, the second '
+        'half of each run. Gains are those of the paper, of <code>observer_feedback</code> and '
+        '<code>integral</code> those of their rule; <code>chattering</code> has '
+        '<code>implicit_observer</code>. Delay, lag and rate limit of the drives are given where '
+        'a law takes them, unless the case says otherwise; Coulomb friction is given to '
+        '<code>slotine_li</code> and <code>friction_feedforward</code>. Bold: worse than '
+        '<code>{{ base }}</code> by more than 1 %; inf: diverged. {{ engines }}.', base=BASE,
+        engines=engines(outcomes))
 
 
 def law_tables(outcomes: Sequence[CaseOutcome]) -> Iterator[Table]:

@@ -65,6 +65,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 import numpy as np
+from PIL import Image
 
 _DASHED, _BROKEN, _DOTTED = (0, (5, 1.5)), (0, (2.5, 1.2)), (0, (1, 1))
 #: Colour, marker and dashes of each switching (after Okabe and Ito) and of each law, distinct
@@ -190,7 +191,7 @@ def chattering(case: Case, switchings: Sequence[str] = SWITCHINGS) -> Figure:
 def save_study_figures(outcomes: Sequence[CaseOutcome], directory: Path, extra: str = 'png'
                        ) -> list[FigureFile]:
     """
-    Write the figures of a study as PNG; return them in the order in which to show them.
+    Write the figures of a study as PNG of 64 colours; return them in the order to show them in.
 
     Parameters
     ----------
@@ -207,7 +208,11 @@ def save_study_figures(outcomes: Sequence[CaseOutcome], directory: Path, extra: 
         If a file cannot be written.
 
     """
-    return drawing.save(_all(outcomes), directory, ('png', extra))
+    figures = drawing.save(_all(outcomes), directory, ('png', extra))
+    for path in directory.glob('*.png'):
+        with Image.open(path) as image:
+            image.quantize(64).save(path, optimize=True)
+    return figures
 
 
 def _all(outcomes: Sequence[CaseOutcome]) -> Iterator[tuple[str, Figure, str]]:

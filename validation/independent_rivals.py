@@ -153,7 +153,7 @@ class SlotineLi(FrictionFeedforward):
 
     def start(self, numbers: Mapping[str, Any]) -> None:
         super().start(numbers)
-        self.gain, self.slide = np.array(numbers['adaptation_gain']), self.kp / self.kv
+        self.gain, self.slide = np.array(numbers.get('adaptation_gain', 100.0)), self.kp / self.kv
 
     def term(self, at: At) -> Array:
         # In place of M (ddq_d + u) + C dq + G: M ddq_r + C dq_r + G + D u.

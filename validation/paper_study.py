@@ -20,7 +20,7 @@ The first is of the package's laws, the second of the programs written by hand.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from typing import Any
 
 from ctc_chattering.analysis.compilation import compile_setups
@@ -30,9 +30,8 @@ from ctc_chattering.configuration.package_share import config_directory
 from ctc_chattering.runs.compare import merged
 from ctc_chattering.runs.conditions import condition
 from ctc_chattering.runs.recommended import recommended
-from ctc_chattering.runs.score import Score, score, worst
-from independent_laws import Array, Gains, Known
-from independent_sliding import Sliding
+from ctc_chattering.runs.score import PER_JOINT, Score, score
+from independent_laws import Array, Gains, Known, Sliding
 import numpy as np
 from reproduced_table import played
 
@@ -78,6 +77,18 @@ def setups(law: dict[str, Any], ka: str, column: str) -> list[Setup]:
             x if KA[ka] is None else KA[ka] for x in setup.controller.ka]
         found.append(parameter_file.load(path, merged(run, {'controller': {**told, **given}})))
     return found
+
+
+def worst(scores: Iterable[Score]) -> Score:
+    """Return the largest of every number of each joint, or the first score without numbers."""
+    found: list[Score] = []
+    for each in scores:
+        if each.failure:
+            return each
+        found.append(each)
+    largest: dict[str, Any] = {name: tuple(map(max, zip(*(getattr(x, name) for x in found))))
+                               for name in PER_JOINT}
+    return found[0]._replace(**largest)
 
 
 def cell(law: dict[str, Any], ka: str, column: str) -> str:

@@ -22,43 +22,39 @@ import json
 from pathlib import Path
 from typing import Any
 
-from held_out_robots import begun, nominal, PAPER, sinusoid
-from independent_arm import Arm, go_on, motion_from
+from held_out import begun, sinusoid
 from independent_laws import Gains, Known, ObserverFeedback, Point
+from independent_plant import ideal, Physics, Plant
 from independent_rivals import RIVALS
 import numpy as np
-from rigid_bodies import Array
+from rigid_bodies import Array, PAPER, planar
 
 _TABLE = Path(__file__).parents[1] / 'docs' / 'comparison' / 'two_link' / 'compare.csv'
 _SECONDS, _COUNTS = 10.0, 5.0
-#: Steps of the plant in a sample, and the encoders' [rad].
-_STEPS, _ENCODER = 50, 1e-5
+#: Longest step of the plant [s], and the encoders' [rad].
+_STEP, _ENCODER = 2e-5, 1e-5
 
 
-def real_arm() -> Arm:
+def real_arm() -> Physics:
     """Return the arm of the condition `real_arm`."""
-    bodies, _ = nominal('two_link')
-    zero, one = np.zeros(2), np.ones(2)
-    return Arm(bodies, PAPER, 9.9 * one, zero, zero, one, zero, 2e-3 * one, np.array([5e3, 1e3]),
-               np.array([5100.0, 850.0]), zero, np.zeros(2), np.zeros((0, 2)))
+    return ideal(planar(*PAPER)).changed(
+        coulomb=9.9, lag=2e-3, rate=(5e3, 1e3), saturation=(5100.0, 850.0))
 
 
 def played(law: Any) -> tuple[Array, Array]:
     """Return RMS errors [rad] and torque variation [N·m/s] from 5 to 10 s, shape (2,) each."""
-    arm, h, one = real_arm(), 1e-3, np.ones(2)
+    h, one = 1e-3, np.ones(2)
     t: Array = (h * np.arange(round(_SECONDS / h) + 8)).astype(np.float64)
     path = begun(sinusoid(t, np.array([np.pi, np.pi / 2]), 0.5 * one, one, 0.0 * one), t,
                  np.zeros(2), 2.0)
     points = [Point(*rows) for rows in zip(path.q, path.dq, path.ddq)]
-    now = motion_from(np.zeros(2), np.zeros(2), 1)
-    before, errors, torques = np.zeros(2), [], []
+    plant = Plant(real_arm(), np.zeros(2), h, 1, held=False, encoder=_ENCODER, longest=_STEP)
+    errors, torques = [], []
     for k in range(round(_SECONDS / h) + 1):
-        q = _ENCODER * np.floor(now.q / _ENCODER + 0.5)
-        tau = law.step(q, (q - before) / h, points[k:k + 2])
-        errors.append(points[k].q - now.q)
+        tau = law.step(*plant.measured(), points[k:k + 2])
+        errors.append(points[k].q - plant.q)
         torques.append(tau)
-        before = q
-        go_on(arm, now, tau, _STEPS, h / _STEPS)
+        plant.step(tau)
     first = round(_COUNTS / h)
     e, tau = np.array(errors)[first:], np.array(torques)[first:]
     return np.sqrt((e * e).mean(axis=0)), np.abs(np.diff(tau, axis=0)).sum(axis=0) / (

@@ -97,6 +97,30 @@ def bodies_of(urdf: str, joints: Sequence[str], gravity: float = 9.81,
         np.array([0.0, 0.0, -gravity]), np.zeros((len(place), len(place))))
 
 
+#: Of the paper's arm, as `planar` has them.
+PAPER = (8.77, 0.51, 0.76, 0.62, 7.6, 0.63)
+
+
+def planar(a: float, b: float, c: float, d: float, g1: float, g2: float, gravity: float = 9.81
+           ) -> Bodies:
+    """
+    Return bodies of two equal lengths with M and G of the paper; at 0 they hang.
+
+    M11 = a + 2 b cos q2, M12 = c + b cos q2, M22 = d, and G = g (g1 sin q1 + g2 sin(q1 + q2),
+    g2 sin(q1 + q2)). Two bodies have c = d; the rest of c is in `more`.
+    """
+    length = b / g2
+    half = 0.5 * length
+    mass = np.array([(g1 - g2 / half * length) / half, g2 / half])
+    about = np.array([a - d - mass[1] * length ** 2, d]) - mass * half ** 2
+    zero, down = np.zeros(2), np.array([0.0, 0.0, -1.0])
+    return Bodies(
+        np.array([-1, 0]), np.array([np.eye(3)] * 2), np.outer([0.0, length], down),
+        np.outer([1.0, 1.0], [0.0, -1.0, 0.0]), zero.astype(int), mass,
+        np.outer([half, half], down), about[:, None, None] * np.eye(3), gravity * down,
+        (c - d) * (1.0 - np.eye(2)))
+
+
 def _axis(model: Any, k: int) -> Array:
     """Return the axis of a joint, from its Jacobian in its own frame."""
     data = model.createData()

@@ -283,8 +283,7 @@ class Bag:
                 continue
             yield t, message
 
-    def parameters(self, node: str, kind: Any, own: Mapping[str, object]
-                   ) -> list[tuple[int, Any]]:
+    def parameters(self, node: str, kind: Any, own: Mapping[str, object]) -> list[tuple[int, Any]]:
         """
         Return the configurations of a node, each with the time [ns] from which it applies.
 

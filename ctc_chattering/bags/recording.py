@@ -462,8 +462,10 @@ def _at(grid: Array, t: Array, q: Array) -> Array:
 
 def _without_drift(t: Array, period: float) -> Array:
     """Return stamps [s] less what they slowly drift away from a grid, if that is much."""
-    turns = np.exp(2j * np.pi * (t - t[0]) / period)
-    smooth = np.convolve(turns, np.ones(min(_SMOOTH, len(t))), 'same')
-    phase = np.unwrap(np.angle(smooth)) / (2.0 * np.pi)
+    turns, mean = 2.0 * np.pi * (t - t[0]) / period, np.ones(min(_SMOOTH, len(t)))
+    # Not as complex numbers, for long series.
+    phase = np.arctan2(*(np.convolve(x(turns), mean, 'same') for x in (np.sin, np.cos)))
+    del turns
+    phase = np.unwrap(phase) / (2.0 * np.pi)
     found = t - period * (phase - phase[0])
     return found if np.ptp(phase) > _DRIFT and (np.diff(found) > 0.0).all() else t

@@ -22,7 +22,7 @@ text: `templates/ctc_law.c` copies the content, sets the pointers, and calls the
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 import json
 from math import isinf
 from pathlib import Path
@@ -31,16 +31,16 @@ import textwrap
 from typing import Any, NamedTuple
 
 from ctc_chattering.analysis.output import write_text, writing
-from ctc_chattering.compiled.machine_code import memory_of
+from ctc_chattering.compiled.machine_code import Code, memory_of
 from ctc_chattering.compiled.records import load, packed
 from ctc_chattering.control.controller import Controller, ControllerConfig
-from ctc_chattering.control.laws.base import Law
-from ctc_chattering.control.step import CompiledStep
+from ctc_chattering.control.step import CompiledStep, ControlSettings, regained
 from ctc_chattering.controller.trips import LARGEST_GROWTH, PATIENCE, WATCHED
 from ctc_chattering.dynamics.compiled_model import set_mass_and_bias, set_terms
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.errors import CtcError, UsageError
 from ctc_chattering.numerics.time_grid import period_ns
+from ctc_chattering.parameters import LARGEST, LEAST
 import numpy as np
 
 _TEMPLATES = Path(__file__).with_name('templates')
@@ -48,14 +48,8 @@ _TEMPLATES = Path(__file__).with_name('templates')
 _FUNCTIONS = {set_terms: 'ctc_dynamics', set_mass_and_bias: 'ctc_mass'}
 #: Parts of the block are words of so many bytes.
 _WORD = 8
-
-
-class Robot(NamedTuple):
-    """A law with its robot: name of the gains, configuration and model."""
-
-    name: str
-    config: ControllerConfig
-    model: Model
+#: What `ctc_set_gains` takes, and its function.
+_GAINS, _SET = ('kp', 'kv', 'ka'), 'ctc_gains'
 
 
 class Block:
@@ -105,12 +99,8 @@ class Image(NamedTuple):
 
     Attributes
     ----------
-    start, rest : bytes
-        Gains and memories, and what is the same for all gains.
-    gains : int
-        Words of the gains, which are first.
-    forgotten : list of int
-        What is set to 0 with other gains.
+    content : bytes
+        Numbers of the law, and what is remembered.
     pointers, calls : list of tuple
         Where there is a pointer, and to where; where there is the address of a function, and its
         name.
@@ -119,27 +109,37 @@ class Image(NamedTuple):
 
     """
 
-    start: bytes
-    rest: bytes
-    gains: int
-    forgotten: list[int]
+    content: bytes
     pointers: list[tuple[int, int]]
     calls: list[tuple[int, str]]
     named: dict[str, int]
 
 
-def step_of(robot: Robot) -> CompiledStep:
-    """Return the step of a robot's law at the start; raise `CtcError` where C cannot have it."""
-    config = robot.config
-    step = Controller(config.changed({'compiled': True}), robot.model).compiled_step()
+def step_of(config: ControllerConfig, model: Model) -> CompiledStep:
+    """Return the step of a law at the start; raise `CtcError` where C cannot have it."""
+    controller = Controller(config.changed({'compiled': True}), model)
+    step = controller.compiled_step()
     if step is None:
-        raise CtcError(f'{robot.name}: model {config.model} with law {config.law} cannot be '
-                       'exported; allowed: models two_link and urdf, laws of marked records')
+        raise CtcError(f'model {config.model} with law {config.law} cannot be exported; allowed: '
+                       'models two_link and urdf, laws of marked records')
+    for name, x in (('kp', controller.settings.kp), ('kv', controller.settings.kv)):
+        if np.count_nonzero(x) > model.n:
+            raise CtcError(f'{name}: a full matrix cannot be exported; allowed: one per joint')
     return step
 
 
-def image_of(step: CompiledStep) -> Image:
-    """Return the block of memory of a step that has not been called."""
+def takes_gains(step: CompiledStep, config: ControllerConfig, model: Model) -> bool:
+    """Return whether `regained` gives what a controller with other gains is made of."""
+    joints = np.arange(1.0, model.n + 1.0)
+    gains = {name: k * joints for k, name in enumerate(_GAINS, 3)}
+    other, now = Controller(config.changed(gains), model), load(step.code.arguments[0].law)
+    law = now.with_gains(other.settings.kp, other.settings.kv, gains['ka'])
+    return all(packed(a).tobytes() == packed(b).tobytes() for a, b in (
+        (law, other.law), (law.reconfigured(now.initial()), other.memories.law)))
+
+
+def image_of(step: CompiledStep, gains: Code) -> Image:
+    """Return the block of memory of a step that has not been called, and of `regained`."""
     block, (records, points) = Block(), step.code.arguments
     places = block.add(step.code.arguments, step.code.places)
     calls = []
@@ -149,18 +149,20 @@ def image_of(step: CompiledStep) -> Image:
         calls.append(((at + _offset(record, 'function')) // _WORD, _FUNCTIONS[code.function]))
     for at, _ in calls:
         block.content[_WORD * at:_WORD * (at + 1)] = bytes(_WORD)
-    gains, start = block.at(records.memories), block.at(records.arrival)
-    strained = (gains + _offset(records.memories, 'law', 'oscillation', 'strained')
-                if 'oscillation' in records.memories.dtype['law'].names else 0)
+    settings = block.at(records.settings)
+    strained = (block.at(records.memories) + _offset(
+        records.memories, 'law', 'oscillation', 'strained')
+        if 'oscillation' in records.memories.dtype['law'].names else 0)
     named = {'PLACES': places, 'MEASURED': block.at(records.measured), 'STRAINED': strained,
              'REFERENCE': block.at(points), 'MADE': block.at(records.made),
-             'MASS_MATRIX': block.at(records.now) + _offset(records.now, 'M')}
-    content = bytes(block.content)
+             'MASS_MATRIX': block.at(records.now) + _offset(records.now, 'M'),
+             'MEMORIES': block.at(records.memories), 'KP': settings + _offset(
+                 records.settings, 'kp'), 'KV': settings + _offset(records.settings, 'kv'),
+             'KA': block.at(gains.arguments[1]), 'GAIN_PLACES': block.add(
+                 gains.arguments, gains.places)}
     return Image(
-        content[:start], content[start:], gains // _WORD,
-        [gains // _WORD + word for word in _forgotten(step, load(records.law))],
-        [(at // _WORD, target // _WORD) for at, target in block.pointers], calls,
-        {name: at // _WORD for name, at in named.items()})
+        bytes(block.content), [(at // _WORD, target // _WORD) for at, target in block.pointers],
+        calls, {name: at // _WORD for name, at in named.items()})
 
 
 def _offset(record: Any, *names: str) -> int:
@@ -172,23 +174,17 @@ def _offset(record: Any, *names: str) -> int:
     return found
 
 
-def _forgotten(step: CompiledStep, law: Law) -> list[int]:
-    """Return the words of the memories that a law sets to 0 when it gets other gains."""
-    size = step.code.arguments[0].memories.dtype
-    full = load(np.ones(size.itemsize // _WORD).view(size)[0])
-    before, after = (np.frombuffer(packed(x).tobytes()) for x in (
-        full, full._replace(law=law.reconfigured(full.law))))
-    return [int(word) for word in np.flatnonzero(before != after)]
-
-
-def export(robots: Sequence[Robot], out: Path, processor: str = 'host', package: str = '') -> int:
+def export(config: ControllerConfig, model: Model, out: Path, processor: str = 'host',
+           package: str = '') -> int:
     """
-    Write the library of one robot with one or several sets of gains; return the size of its code.
+    Write the library of one robot; return the size of its code.
 
     Parameters
     ----------
-    robots : sequence of Robot
-        One for each set of gains.
+    config : ControllerConfig
+        Law and gains.
+    model : Model
+        Of the robot.
     out : Path
         Directory to make.
     processor : str
@@ -200,30 +196,23 @@ def export(robots: Sequence[Robot], out: Path, processor: str = 'host', package:
     Raises
     ------
     CtcError
-        If a robot cannot be exported, or they differ in more than gains.
+        If the law cannot be exported for this robot.
 
     """
     if package and not re.fullmatch('[a-z][a-z0-9_]*', package):
         raise UsageError(f'--ros2-control {package}: not allowed; allowed: small letters, digits '
                          'and _, as of ROS packages')
-    first = robots[0].config
-    if len(robots) > 1 and (':' in first.law + first.switching_in_force
-                            or len({robot.name for robot in robots}) < len(robots)):
-        raise CtcError('several sets of gains need files of different names, and no law or '
-                       'switching of your own')
-    step, *_ = made = [step_of(robot) for robot in robots]
-    image, *others = map(image_of, made)
-    for robot, x, other in zip(robots[1:], made[1:], others):
-        if (x.code.layouts, other.rest, robot.config.control_period, robot.config.joint_names) != (
-                step.code.layouts, image.rest, first.control_period, first.joint_names):
-            raise CtcError(f'{robot.name} differs from {robots[0].name} in more than gains: in '
-                           'robot, law, switching, delay or period')
+    step = step_of(config, model)
+    gains = Code(regained, (step.code.arguments[0], np.array(config.ka)), 'gains')
+    codes = {'ctc_control': step.code, **{
+        _FUNCTIONS[x.code.function]: x.code for x in step.arm.calls}}
+    if takes_gains(step, config, model):
+        codes[_SET] = gains
     from ctc_chattering.compiled.object_file import object_file
-    code, text = object_file({'ctc_control': step.code, **{
-        _FUNCTIONS[x.code.function]: x.code for x in step.arm.calls}}, processor)
-    starts = [image.start, *(x.start for x in others)]
-    values = {**_values(robots), 'DATA': _data(image, starts, robots), 'PACKAGE': package,
-              'WORDS': len(image.start + image.rest) // _WORD}
+    code, text = object_file(codes, processor)
+    values = {**_values(config, load(step.code.arguments[0].settings)), 'PACKAGE': package,
+              'DATA': _data(image := image_of(step, gains), list(codes), config),
+              'WORDS': len(image.content) // _WORD}
     library = out / 'ctc_law' if package else out
     _write(_TEMPLATES, library, values)
     if package:
@@ -241,43 +230,35 @@ def _write(templates: Path, out: Path, values: Mapping[str, object]) -> None:
             '@([A-Z0-9_]+)@', lambda x: str(values[x[1]]), path.read_text(encoding='utf-8')))
 
 
-def _values(robots: Sequence[Robot]) -> dict[str, object]:
+def _values(config: ControllerConfig, settings: ControlSettings) -> dict[str, object]:
     """Return what the header says of a law."""
-    config = robots[0].config
+    gains: tuple[Any, ...] = settings.kp.diagonal(), settings.kv.diagonal(), config.ka
     return {'LAW': config.law, 'JOINTS': len(config.joint_names),
-            'JOINT_NAMES': _strings(config.joint_names), 'DELAY': config.input_delay,
-            'PERIOD': config.control_period, 'PERIOD_NS': period_ns(config.control_period),
-            'GAIN_SETS': len(robots), 'GAIN_NAMES': _strings(x.name for x in robots),
-            'GROWTH': LARGEST_GROWTH, 'PATIENCE': PATIENCE,
-            'RATE': f'{1.0 / config.control_period:g}', 'FIRST_GAINS': _strings([robots[0].name])}
+            'JOINT_NAMES': json.dumps(config.joint_names, ensure_ascii=False)[1:-1],
+            'DELAY': config.input_delay, 'PERIOD': config.control_period,
+            'PERIOD_NS': period_ns(config.control_period),
+            'RATE': f'{1.0 / config.control_period:g}',
+            'GROWTH': LARGEST_GROWTH, 'PATIENCE': PATIENCE, 'LEAST': LEAST, 'LARGEST': LARGEST,
+            **{name.upper(): ', '.join(map(repr, map(float, x)))
+               for name, x in zip(_GAINS, gains)}}
 
 
-def _strings(texts: Iterable[str]) -> str:
-    return ', '.join(json.dumps(text, ensure_ascii=False) for text in texts)
-
-
-def _data(image: Image, starts: Sequence[bytes], robots: Sequence[Robot]) -> str:
+def _data(image: Image, functions: Sequence[str], config: ControllerConfig) -> str:
     """Return the numbers of a law in C."""
-    def words(content: bytes) -> str:
-        return ', '.join(f'{x:#x}' for x in np.frombuffer(content, np.uint64).tolist())
-
-    def limits(config: ControllerConfig) -> str:
-        return ', '.join('INFINITY' if isinf(x) else repr(x) for x in config.error_limit)
-
-    watched = int(robots[0].config.law == WATCHED)
     constants = image.named | {
-        'GAIN_WORDS': image.gains, 'START_WORDS': len(starts[0]) // _WORD, 'WATCHED': watched,
-        'LARGEST_GROWTH': LARGEST_GROWTH, 'PATIENCE': PATIENCE}
+        'WATCHED': int(config.law == WATCHED), 'LARGEST_GROWTH': LARGEST_GROWTH,
+        'PATIENCE': PATIENCE, 'GAINS_FUNCTION': _SET if _SET in functions else 'NULL'}
+    bounds = [config.parameters()[name].bounds for name in _GAINS]
+    words = np.frombuffer(image.content, np.uint64).tolist()
     tables = {
-        'uint64_t starts[][START_WORDS]': [f'{{{words(x)}}}' for x in starts],
-        'uint64_t rest[]': [words(image.rest)],
-        'double error_limits[][CTC_JOINTS]': [f'{{{limits(x.config)}}}' for x in robots],
-        'uint32_t forgotten[]': ['0', *map(str, image.forgotten)],
+        'uint64_t content[]': [f'{x:#x}' for x in words],
+        'double bounds[3][2]': [f'{{{low}, {high}}}' for low, high in bounds],
+        'double error_limit[CTC_JOINTS]': [
+            'INFINITY' if isinf(x) else repr(x) for x in config.error_limit],
         'struct { uint32_t at, to; } pointers[]': [f'{{{a}, {b}}}' for a, b in image.pointers],
         'struct { uint32_t at; code *function; } calls[]': [
             f'{{{at}, {name}}}' for at, name in image.calls]}
     lines = [f'#define {name} {value}' for name, value in constants.items()]
-    lines += [f'code {name};' for name in ('ctc_control', *_FUNCTIONS.values())]
-    for head, rows in tables.items():
-        lines += [f'static const {head} = {{', *(f'{row},' for row in rows), '};']
+    lines += [f'code {name};' for name in functions]
+    lines += [f'static const {head} = {{{", ".join(rows)}}};' for head, rows in tables.items()]
     return '\n'.join(line for text in lines for line in textwrap.wrap(text, 99))

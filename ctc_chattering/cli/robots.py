@@ -124,8 +124,6 @@ def export_c_options(parser: argparse.ArgumentParser) -> None:
     """Add the options of `ctc export-c`."""
     add_loop_options(parser)
     add_overrides(parser, 'switching')
-    parser.add_argument('--gain-sets', nargs='+', default=(), metavar='F',
-                        help='parameter files of the same robot and law, for ctc_set_gains')
     parser.add_argument('--processor', default='host', metavar='CPU',
                         help='as llc -mcpu names it, such as x86-64-v3; default: this one')
     parser.add_argument('--ros2-control', default='', metavar='NAME',
@@ -142,19 +140,16 @@ def run_export_c(options: argparse.Namespace) -> int:
     The library runs in hard real time, without Python, and answers a state with the torque of
     this package to the last bit. docs/ros2_control.md has both.
     """
-    from ctc_chattering.c_export.library import export, Robot
+    from ctc_chattering.c_export.library import export
     from ctc_chattering.dynamics.registry import model_of
 
-    robots = []
-    for file in (options.params_file, *options.gain_sets):
-        setup = load_setup(argparse.Namespace(**{**vars(options), 'params_file': file}))
-        robots.append(Robot(Path(file).stem, setup.controller, model_of(
-            setup.controller, setup.descriptions.get('controller', ''))))
-    out = options.out
+    setup, out = load_setup(options), options.out
+    config = setup.controller
     prepare(out.parent, (out.name,), options.overwrite)
-    size = export(robots, out, options.processor, options.ros2_control)
-    print(f'wrote {out}: {robots[0].config.law}, {len(robots[0].config.joint_names)} joints, '
-          f'{size} bytes of code; next: see docs/ros2_control.md')
+    size = export(config, model_of(config, setup.descriptions.get('controller', '')), out,
+                  options.processor, options.ros2_control)
+    print(f'wrote {out}: {config.law}, {len(config.joint_names)} joints, {size} bytes of code; '
+          'next: see docs/ros2_control.md')
     return 0
 
 

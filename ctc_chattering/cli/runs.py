@@ -35,7 +35,7 @@ from ctc_chattering.cli.presentation import print_page, progress
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.configuration.package_share import find_config
 from ctc_chattering.control.controller import LAWS
-from ctc_chattering.errors import CtcError, given_by_user
+from ctc_chattering.errors import CtcError, given_by_user, UsageError
 from ctc_chattering.parameters import LEAST
 
 if TYPE_CHECKING:
@@ -44,8 +44,8 @@ if TYPE_CHECKING:
 
 def compare_options(parser: argparse.ArgumentParser) -> None:
     """Add the options of `ctc compare`."""
-    from ctc_chattering.runs.compare import FILE, GAINS
     from ctc_chattering.runs.conditions import ALL, CONDITIONS, SEED
+    from ctc_chattering.runs.recommended import FILE, GAINS
     parser.add_argument('files', nargs='+', metavar='F',
                         help='parameter file, or the name of one in the package, such as panda')
     parser.add_argument('--condition', action='append', default=[], metavar='X',
@@ -72,23 +72,22 @@ def run_compare(options: argparse.Namespace) -> int:
     Run `ctc compare`.
 
     Run every parameter file with every law and, under law chattering, every switching; print the
-    RMS error of each joint. Write compare.md, compare.csv, figures, index.html, and a parameter
-    file of every run.
+    RMS error of each joint. Write compare.parquet, one row per run, compare.json, compare.md,
+    compare.csv, figures, index.html, and a parameter file of every run. An interrupted comparison
+    is continued.
     """
     from ctc_chattering.runs.compare import compare
-    from ctc_chattering.runs.compare_page import NAMES, PAGE, to_markdown, write_comparison
+    from ctc_chattering.runs.compare_page import outcomes, PAGE, to_markdown
 
-    files = list(map(find_config, options.files))
-    out = options.out and prepare(options.out, NAMES, options.overwrite)
-    with progress('compare', unit='law') as moved, given_by_user(
+    with progress('compare', unit='run') as moved, given_by_user(
             ('laws', 'condition', 'held_out', 'seed')):
-        outcomes = compare(
-            files, options.laws, options.condition, options.gains, options.held_out, options.seed,
-            options.jobs, say, moved, options.cases)
-    print(to_markdown(outcomes))
-    if out is not None:
-        write_comparison(outcomes, out, options.format, options.said)
-        print_page(out / PAGE)
+        rows = compare(
+            options.files, options.laws, options.condition, options.gains, options.held_out,
+            options.seed, options.jobs, say, moved, options.cases, options.out, options.overwrite,
+            options.format, options.said)
+    print(to_markdown(outcomes(rows)))
+    if options.out is not None:
+        print_page(options.out / PAGE)
     return 0
 
 
@@ -100,9 +99,9 @@ def map_options(parser: argparse.ArgumentParser) -> None:
     add_jobs(where)
     where.add_argument('--scheduler', metavar='ADDRESS',
                        help='address of a running dask cluster, tcp://host:port')
-    parser.add_argument('--explain', metavar='POINT',
-                        help='write the parameter file of one run, given by its number or by '
-                             'name=value,... of axes, law and repeat')
+    parser.add_argument('--explain', type=int, metavar='N',
+                        help='write the parameter file of one run, whose number is column run of '
+                             'map.parquet')
     add_output(parser, 'map')
 
 
@@ -114,22 +113,22 @@ def run_map(options: argparse.Namespace) -> int:
     continued.
     """
     from ctc_chattering.runs.map import compute_map, map_spec
-    from ctc_chattering.runs.points import find_run, Runs
+    from ctc_chattering.runs.points import Runs
     from ctc_chattering.runs.store import PAGE
 
-    spec = map_spec(options.spec)
     if options.explain is not None:
-        runs = Runs(spec)
-        return _explain(runs, find_run(runs, options.explain), options)
+        return _explain(Runs(map_spec(options.spec)), options)
     with progress('map', unit='run') as moved:
-        compute_map(spec, options.out, options.jobs, options.scheduler, options.overwrite,
+        compute_map(options.spec, options.out, options.jobs, options.scheduler, options.overwrite,
                     partial(print, flush=True), moved, options.format, options.said)
     print_page(options.out / PAGE)
     return 0
 
 
-def _explain(runs: Runs, run: int, options: argparse.Namespace) -> int:
+def _explain(runs: Runs, options: argparse.Namespace) -> int:
     """Write the parameter file of a run of a map, for `ctc simulate` and `bringup`."""
+    if not 0 <= (run := options.explain) < len(runs):
+        raise UsageError(f'--explain {run}: allowed: 0 to {len(runs) - 1}')
     print(', '.join(f'{name} {x:g}' if isinstance(x, float) else f'{name} {x}'
                     for name, x in runs.columns(run).items() if name not in ('law', 'switching')))
     values = {node: {
@@ -175,7 +174,7 @@ def run_tune(options: argparse.Namespace) -> int:
     from ctc_chattering.runs.tune_page import closest, NAMES, PAGE, text, TUNED, write_tuning
     from ctc_chattering.runs.tune_spec import tune_spec
 
-    require_optuna('ctc tune')
+    require_optuna()
     more = {} if options.draws is None else {'repeats': options.draws}
     with given_by_user(more):
         spec = tune_spec(more if options.identified else find_config(options.file),

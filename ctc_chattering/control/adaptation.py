@@ -211,6 +211,7 @@ class FeasibleReference(NamedTuple):
         return -w * (2.0 * by.dx + w * by.x)
 
 
+@function
 def feasible_reference(kp: Array, kv: Array, rate: Array, lag: Array, period: float
                        ) -> FeasibleReference:
     """
@@ -335,9 +336,9 @@ class Rest(NamedTuple):
 class Standstill(NamedTuple):
     """Decides which joints are held; made by `standstill`."""
 
-    #: h and the shortest stop [s], and W [s], shape (n,).
+    #: h [s], ω [rad/s], and W [s], shape (n,).
     period: float
-    shortest: float
+    bandwidth: float
     patience: Array
 
     def placed_at(self, rest: Rest, q: Array) -> Rest:
@@ -366,7 +367,7 @@ class Standstill(NamedTuple):
         """
         still, s = stands(at), rest.joint
         t = np.where(still, rest.reference + self.period, 0.0)
-        long = (s >= self.shortest) & (s * t >= self.patience * self.patience)
+        long = (s >= _SHORTEST / self.bandwidth) & (s * t >= self.patience * self.patience)
         sticks = level * s * s >= 4.0 * TOLERANCE * inertia
         return rest._replace(reference=t, held=np.where(still & long & sticks, 1.0, 0.0))
 
@@ -381,6 +382,7 @@ def kept(rest: Rest, before: Observed, after: Observed) -> Observed:
                           slope=np.where(held, 0.0, after.slope))
 
 
+@function
 def standstill(bandwidth: float, bound: Array, rate: Array, period: float) -> Standstill:
     """
     Return what holds joints.
@@ -395,7 +397,7 @@ def standstill(bandwidth: float, bound: Array, rate: Array, period: float) -> St
         h [s].
 
     """
-    return Standstill(period, _SHORTEST / bandwidth, _PATIENCE / bandwidth + bound / rate)
+    return Standstill(period, bandwidth, _PATIENCE / bandwidth + bound / rate)
 
 
 #: Least s.
@@ -473,6 +475,7 @@ class OscillationGuard(NamedTuple):
         return Oscillation(slow, extreme, f1, f2, max(retreat, _LN_LEAST), strained)
 
 
+@function
 def oscillation_guard(bound: Array, rate: Array, pole: Array, period: float) -> OscillationGuard:
     """Return a guard for Ka [N·m], R [N·m/s] and √Kp_ii [rad/s], shape (n,), and h [s]."""
     bound, followed = np.maximum(bound, _LEAST_BOUND), rate / pole

@@ -751,3 +751,23 @@ def stepped(p: ControlRecords, points: Array) -> int:
     made[NOMINAL], made[COMPENSATION] = terms.nominal, terms.compensation
     made[ROBUST], made[SATURATION_ERROR] = terms.robust, sent.saturation_error
     return 0
+
+
+@function
+def regained(p: ControlRecords, ka: Array) -> int:
+    """
+    Have law and memory follow other gains, as `Controller.configure` does with the same law.
+
+    Parameters
+    ----------
+    p : ControlRecords
+        With Kp and Kv in the settings.
+    ka : array, shape (n,)
+        Ka [N·m].
+
+    """
+    settings = load(p.settings)
+    law = load(p.law).with_gains(settings.kp, settings.kv, rows(ka, settings.zero)[0])
+    store(p.law, law)
+    store(p.memories.law, law.reconfigured(load(p.memories.law)))
+    return 0

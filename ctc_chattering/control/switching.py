@@ -146,6 +146,10 @@ class Sign(NamedTuple):
         """Return the switching of a configuration."""
         return cls(np.array(config.ka))
 
+    def with_gains(self, kp: Array, kv: Array, ka: Array) -> Sign:
+        """Return the switching with another Ka."""
+        return self._replace(ka=ka)
+
     def term(self, memory: Perturbation, at: State, compensation: Array) -> tuple[Array, Array]:
         """Return Ka sgn(v)."""
         return self.ka * np.sign(at.v), at.zero
@@ -164,6 +168,10 @@ class BoundaryLayer(NamedTuple):
         """Return the switching of a configuration."""
         return cls(np.array(config.ka), config.boundary_layer)
 
+    def with_gains(self, kp: Array, kv: Array, ka: Array) -> BoundaryLayer:
+        """Return the switching with another Ka."""
+        return self._replace(ka=ka)
+
     def term(self, memory: Perturbation, at: State, compensation: Array) -> tuple[Array, Array]:
         """Return Ka sat(v / width)."""
         return self.ka * np.minimum(np.maximum(at.v / self.width, -1.0), 1.0), at.zero
@@ -181,6 +189,10 @@ class Implicit(NamedTuple):
     def made(cls, config: ControllerConfig, period: float) -> Implicit:
         """Return the switching of a configuration."""
         return cls(np.array(config.ka), error_filter(config.lambda_, config.b, period))
+
+    def with_gains(self, kp: Array, kv: Array, ka: Array) -> Implicit:
+        """Return the switching with another Ka."""
+        return self._replace(ka=ka)
 
     def term(self, memory: Perturbation, at: State, compensation: Array) -> tuple[Array, Array]:
         """Return z for no perturbation."""
@@ -207,6 +219,10 @@ class ImplicitObserver(NamedTuple):
         """Return the switching of a configuration."""
         return cls(np.array(config.ka), error_filter(config.lambda_, config.b, period),
                    1.0 - exp(-config.observer_bandwidth * period))
+
+    def with_gains(self, kp: Array, kv: Array, ka: Array) -> ImplicitObserver:
+        """Return the switching with another Ka."""
+        return self._replace(ka=ka)
 
     def term(self, memory: Perturbation, at: State, compensation: Array) -> tuple[Array, Array]:
         """Return z for the estimated perturbation, and its clipping error."""

@@ -253,7 +253,7 @@ class Projected:
 
     def __init__(self, data: Data, terms: Sequence[Term], columns: ErrorColumns) -> None:
         self.columns, self._m = columns, data.more.shape[2]
-        n, count, errors = data.way.shape[1], 0.0, data.errors
+        n, count = data.way.shape[1], 0.0
         self._blocks = [np.zeros((0, self._m + 4))]
         self.joints: list[int] = []
         self.powers: list[float] = []
@@ -262,7 +262,7 @@ class Projected:
             friction = own.shape[1]
             if friction < 2 or len(own) < _ROWS * (self._m + friction):
                 continue
-            x = np.column_stack((own, errors[used, i], data.residual[used, i]))
+            x = np.column_stack((own, data.errors(i)[used], data.residual[used, i]))
             q, r = np.linalg.qr(x, mode='reduced')
             block = r[friction:, friction:]
             left = q @ np.append(np.zeros(friction), without(block[:, :-1], block[:, -1]))

@@ -23,7 +23,6 @@ blocks of time: a delay, lag or rate limit is possible whose rest is not clearly
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-import dataclasses
 from itertools import product
 from typing import NamedTuple
 
@@ -60,7 +59,7 @@ def driven(values: Array, lag: Array, rate: Array | float, period: float) -> Arr
     Parameters
     ----------
     values : ndarray, shape (N, n)
-        Commands c [N·m].
+        Commands c [N·m]; nan counts as 0.
     lag : ndarray, shape (..., n)
         T [s]; several are computed at once.
     rate : ndarray, shape (n,), or float
@@ -70,13 +69,14 @@ def driven(values: Array, lag: Array, rate: Array | float, period: float) -> Arr
 
     """
     if not lag.any() and not np.isfinite(rate).any():
-        return np.broadcast_to(values, (*lag.shape[:-1], *values.shape))
+        return np.broadcast_to(np.nan_to_num(values), (*lag.shape[:-1], *values.shape))
     n = values.shape[1]
     warm = max(_FEWEST_BEFORE, round(_BEFORE / period))
     length = max(_CHUNK, len(values) // _CHUNKS)
     chunks = -(-len(values) // length)
     last = np.repeat(values[-1:], chunks * length - len(values), axis=0)
-    padded = np.concatenate((np.repeat(values[:1], warm, axis=0), values, last))
+    padded = np.nan_to_num(
+        np.concatenate((np.repeat(values[:1], warm, axis=0), values, last)), copy=False)
     # All chunks at once, each from so long before that the drives have caught up.
     pieces = sliding_window_view(padded, warm + length, axis=0)[::length].transpose(2, 0, 1)
     # Of one shape without gaps, for the speed of the loop.
@@ -144,7 +144,7 @@ def weak_torque(values: Array, delay: float, lag: Array, period: float, phi: Tes
     lag, rate, found = np.broadcast_to(lag, n), np.broadcast_to(rate, n), []
     for i in range(n):  # One by one, for long series.
         one = slice(i, i + 1)
-        filtered = driven(np.nan_to_num(values[:, one]), lag[one], rate[one], period)
+        filtered = driven(values[:, one], lag[one], rate[one], period)
         found.append(phi.sums(filtered, phi.over, centres - whole))
         if delay != whole:
             found[-1] = 0.5 * (found[-1] + phi.sums(filtered, phi.over, centres - whole - 1))
@@ -175,8 +175,7 @@ _COARSE, _FIRST, _RATIO, _EXCLUDED = 30, 2.0, 2.0 ** 0.3, 4
 _FINER, _WITHIN = 5, 7
 
 
-@dataclasses.dataclass(frozen=True)
-class DriveSet:
+class DriveSet(NamedTuple):
     """
     Delays, lags and rate limits that the data allow; n joints.
 
@@ -272,10 +271,9 @@ class DriveProfile:
         """Return what is left of each joint for rate limits, (delays, lags, rows) [N·m]."""
         whole, first = np.empty((len(LAGS), len(self._delays), *self._known.shape)), 0
         for part, rows in zip(self._parts, self._rows):
-            values = np.nan_to_num(np.asarray(has(part, COMMAND)))
+            values = np.asarray(has(part, COMMAND))
             mine = slice(first, first := first + len(rows.centres))
-            for k, mean in enumerate(driven_by_lags(
-                    values, np.array(LAGS), rate, part.period)):
+            for k, mean in enumerate(driven_by_lags(values, np.array(LAGS), rate, part.period)):
                 for j, d in enumerate(self._delays):
                     whole[k, j, mine] = self._phi.sums(
                         mean, self._phi.over, rows.centres - d) - rows.base

@@ -107,8 +107,7 @@ def sticking(model: Model, positions: Array, kp: Array, friction: AssumedFrictio
         Its Coulomb friction counts.
 
     """
-    inverse = np.array([np.linalg.inv(np.array(model.mass_matrix(q.tolist())))
-                        for q in positions])
+    inverse = np.array([np.linalg.inv(np.array(model.mass_matrix(q.tolist()))) for q in positions])
     distance: Array = (np.abs(inverse) @ friction.coulomb).max(axis=0) / kp
     return distance
 
@@ -221,8 +220,7 @@ def excite(setup: Setup, request: Mapping[str, Any] | None = None, joints: Seque
               [JointLimits(name) for name in names])
     bounds = bounds_of(config, limits)
     friction = AssumedFriction(np.array(config.friction), np.array(plant.viscous_friction))
-    effort = np.minimum(
-        controller.largest_torque(model.effort_limits), plant.torque_saturation)
+    effort = np.minimum(controller.largest_torque(model.effort_limits), plant.torque_saturation)
     links, reason = None, ''
     try:
         links = SelfCollision(

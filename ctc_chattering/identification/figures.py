@@ -30,8 +30,7 @@ _MEASURED, _FIT, _BAND = '#8aa6c1', '#b34a00', '#f3c9a8'
 _POINTS = 200
 
 
-def friction_figure(found: Identification, verdicts: Sequence[Verdict]
-                    ) -> tuple[str, Figure, str]:
+def friction_figure(found: Identification, verdicts: Sequence[Verdict]) -> tuple[str, Figure, str]:
     """Return friction against velocity; without a fit for a joint that is not usable."""
     data, fit = found.data, found.selected.fit
     figure, grid = sheet('Friction against velocity', (len(verdicts) + 1) // 2, (1.0, 1.0), 2.0)
@@ -42,7 +41,7 @@ def friction_figure(found: Identification, verdicts: Sequence[Verdict]
         mine = [k for k, term in enumerate(fit.terms) if term.joint == i]
         speed = data.velocity[used, i]
         # Less errors of the model, and friction of the load.
-        rest = fit.residual[used, i] + fit.design[used, i][:, mine] @ fit.value[mine]
+        rest = fit.residual[used, i] + fit.columns(i)[used][:, mine] @ fit.value[mine]
         axes.plot(speed, rest, '.', markersize=2.0, color=_MEASURED, rasterized=len(speed) > 5000)
         axes.set_xlabel('velocity [rad/s]')
         for sign in (1.0, -1.0) if verdict.usable else ():

@@ -87,8 +87,7 @@ def friction_terms(data: Data, joints: Sequence[str]
                 terms.append(Term(kind, i))
             else:
                 missing[kind, i] = f'{name} hardly moves {kind.value}'
-        low, high = np.percentile(
-            np.abs(data.velocity[data.way[:, i] != 0.0, i]), (10.0, 90.0))
+        low, high = np.percentile(np.abs(data.velocity[data.way[:, i] != 0.0, i]), (10.0, 90.0))
         if high >= _RATIO * low:
             terms.append(Term(TermKind.VISCOUS, i))
         else:
@@ -241,9 +240,12 @@ class Selected:
     def torque(self, data: Data, kinds: Sequence[TermKind] = tuple(TermKind)
                ) -> tuple[Array, Array]:
         """Return the torque of terms of some kinds, and half its interval, each (J, n) [N·m]."""
-        columns = data.mixed(self.design).columns(self.fit.terms)
-        columns = columns * [x.kind in kinds for x in self.fit.terms]
-        return columns @ self.fit.value, self.spread.half(columns)
+        data, wanted = data.mixed(self.design), [x.kind in kinds for x in self.fit.terms]
+        value, half = np.empty((2, *data.way.shape))
+        for i in range(value.shape[1]):  # Joint by joint, for long series.
+            columns = data.columns(self.fit.terms, i) * wanted
+            value[:, i], half[:, i] = columns @ self.fit.value, self.spread.half(columns)
+        return value, half
 
 
 def select(data: Data, joints: Sequence[str], columns: ErrorColumns | None = None,
@@ -322,8 +324,7 @@ def _final(data: Data, terms: Sequence[Term], design: Array,
     """Return the fit of friction beside combinations of the model's errors, with its errors."""
     data, known = data.mixed(design), list(terms)
     # Intervals contain what the lag is uncertain by.
-    lags = [Term(TermKind.LAG_SLOPE, i) for i in range(data.way.shape[1])
-            if data.late[:, i].any()]
+    lags = [Term(TermKind.LAG_SLOPE, i) for i in range(data.way.shape[1]) if data.late[:, i].any()]
     while True:
         for _ in range(_REFINEMENTS):
             slopes = {x: x._replace(kind=TermKind.STRIBECK_SLOPE) for x in known

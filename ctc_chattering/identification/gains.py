@@ -38,7 +38,6 @@ from ctc_chattering.identification.perturbation import (
     perturbation_bound,
 )
 from ctc_chattering.identification.verdict import verdicts
-from ctc_chattering.identification.weak_form import position_noise
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
 
@@ -46,8 +45,6 @@ import numpy as np
 _REVERSAL, _LEAST = 0.02, 1.0
 #: Largest product of observer bandwidth and lag, and bandwidth without a lag [rad/s].
 _LAG, _BANDWIDTH = 0.3, 1200.0
-#: Positions at which ratios of inertias are looked up.
-_POSES = 20
 #: Parts of the fastest pole that are tried in turn.
 SLOWER = (1.0, 0.7, 0.5, 0.35, 0.25)
 #: Parameters of the controller, each with a reason.
@@ -101,11 +98,10 @@ def torque_rate(found: Identification, fastest: Array, given: Sequence[float] = 
 def longest_lag(found: Identification) -> Array:
     """Return the longest lag of each drive that is possible, shape (n,) [s]."""
     possible = [lags[2] for lags in found.timing.delays.values()] or [found.timing.drive[1]]
-    largest: Array = np.max(possible, axis=0)
-    return largest
+    return np.asarray(np.max(possible, axis=0))
 
 
-def inertia_findings(found: Identification, model: Model, positions: Array) -> Iterator[Finding]:
+def inertia_findings(found: Identification, model: Model) -> Iterator[Finding]:
     """
     Yield the joints whose inertia the model has wrong by more than a loop stands.
 
@@ -115,15 +111,13 @@ def inertia_findings(found: Identification, model: Model, positions: Array) -> I
         With errors of the model.
     model : Model
         As `identify` had it.
-    positions : ndarray, shape (N, n)
-        Of the run [rad].
 
     """
     n, most = model.n, Kind.INERTIA.refused
     if found.columns is None:
         return
     zero, ratios = np.zeros(n), []
-    for q in positions[::max(1, len(positions) // _POSES)]:
+    for q in found.positions.poses:
         rest = found.columns.at(q, zero, zero)
         columns = np.array([(found.columns.at(q, zero, x) - rest)[i]
                             for i, x in enumerate(np.eye(n))])
@@ -171,7 +165,7 @@ class Recommendation:
         return list(ka)
 
 
-def recommend(found: Identification, run: MeasuredPerturbation, model: Model, positions: Array,
+def recommend(found: Identification, run: MeasuredPerturbation, model: Model,
               rate: Sequence[float] = ()) -> Recommendation:
     """
     Return gains.
@@ -184,8 +178,6 @@ def recommend(found: Identification, run: MeasuredPerturbation, model: Model, po
         P of the run.
     model : Model
         The controller's.
-    positions : ndarray, shape (N, n)
-        Of the run [rad].
     rate : sequence of float, shape (n,), optional
         Rate that the drives allow [N·m/s].
 
@@ -212,12 +204,11 @@ def recommend(found: Identification, run: MeasuredPerturbation, model: Model, po
              f'{_REVERSAL:g} s and the fastest motion need, within the rate of the drives where '
              'it is known'))}}
     # The coarsest step of an encoder, or the noise of positions, if that is more.
-    resolution = max(float(position_noise(positions, found.clock.period).max()),
-                     *(x.value or 0.0 for x in found.encoder))
+    resolution = max(float(found.positions.noise.max()), *(x.value or 0.0 for x in found.encoder))
     options = tuple({**shared, **_poles(found, x, resolution)} for x in SLOWER)
     return Recommendation(options[0], (
         *run.outliers(), *run.break_away(found.joints), *bound.findings, *slow,
-        *inertia_findings(found, model, positions)), options)
+        *inertia_findings(found, model)), options)
 
 
 def _poles(found: Identification, slower: float, resolution: float) -> Gains:

@@ -39,6 +39,7 @@ from ctc_chattering.identification.identify import Identification
 from ctc_chattering.identification.model_errors import candidates
 from ctc_chattering.identification.perturbation import perturbation
 from ctc_chattering.identification.results import IdentificationResults, write_page
+from ctc_chattering.identification.sensors import Noise, velocity_noise
 from ctc_chattering.identification.trial_runs import (
     COUNT,
     COUNT_PLAIN,
@@ -47,9 +48,7 @@ from ctc_chattering.identification.trial_runs import (
     trial_runs,
     Values,
 )
-from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.parameters import check_some, LEAST, Parameter, whole
-import numpy as np
 
 #: By how much the corrected model may explain the torque of a joint worse.
 _WORSE = 1.02
@@ -162,13 +161,14 @@ class RobotModel:
         return make_model('urdf', self.shared['gravity'], joints, text, self.locked)
 
     def identified(self, recordings: Sequence[Recording], torque: str, side: str,
-                   payloads: Sequence[tuple[float, str]]) -> Identification:
-        """Return what is identified with the model; arguments as of `identify`."""
+                   payloads: Sequence[tuple[float, str]], velocities: Noise
+                   ) -> Identification:
+        """Return what is identified with the model; arguments as of `identify` of both modules."""
         text, joints = ['', *self.files.values()][-1], recordings[0].joints
         loaded = [self.described(with_payload(text, joints, mass, link) if mass else text, joints)
                   for mass, link in payloads] if any(mass for mass, _ in payloads) else []
         return regression.identify(recordings, self.model, candidates(
-            self.model, text, self.locked), torque, side, loaded)
+            self.model, text, self.locked), torque, side, loaded, velocities)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -185,14 +185,11 @@ class IdentifiedRobot:
         ``results.as_mapping()`` what ``identify.json`` has.
     robot : RobotModel
         The model, corrected where that is better.
-    q : ndarray, shape (N, n)
-        Positions in all recordings [rad].
 
     """
 
     results: IdentificationResults
     robot: RobotModel
-    q: Array
 
     @property
     def missing(self) -> list[str]:
@@ -205,7 +202,7 @@ class IdentifiedRobot:
         if self.robot.files:
             shared['description'] = str((directory / list(self.robot.files)[-1]).resolve())
         return parameter_values(
-            self.results.found, self.results.recommended, self.robot.model, self.q, shared,
+            self.results.found, self.results.recommended, self.robot.model, shared,
             self.robot.gains)
 
 
@@ -268,23 +265,26 @@ def identify(motions: Sequence[RecordedMotion], model: str = '', urdf: str = '',
     if payloads and (len(payloads) != len(motions) or not robot.files):
         raise ParameterError('payloads', payloads,
                              f'{len(motions)}, one for each motion, of a URDF')
-    found = robot.identified(recordings, torque, side, payloads)
+    notes = [note for x in motions for note in x.notes]
+    # Velocities are needed no more: long ones are large.
+    velocities = velocity_noise(recordings[0], regression.common_period(recordings))
+    recordings = [dataclasses.replace(x, dq=None) for x in recordings]
+    del motions
+    found = robot.identified(recordings, torque, side, payloads, velocities)
     # Where the URDF is clearly wrong, all again with a corrected one.
     if text := corrected_description(found, robot.files.get(ROBOT, ''), robot.locked):
         other = dataclasses.replace(robot, model=robot.described(text, joints),
                                     files={**robot.files, CORRECTED: text})
         better = with_correction(
-            found, other.identified(recordings, torque, side, payloads), CORRECTED)
+            found, other.identified(recordings, torque, side, payloads, velocities), CORRECTED)
         found, robot = (found, robot) if better is None else (better, other)
     found = dataclasses.replace(found, findings=(*found.findings, *(
-        Finding(Kind.NOTE, ALL_JOINTS, note) for x in motions for note in x.notes)))
-    q = recordings[0].q if len(recordings) == 1 else np.concatenate([x.q for x in recordings])
+        Finding(Kind.NOTE, ALL_JOINTS, note) for note in notes)))
     name = ', '.join(x.name for x in recordings)
-    del motions, recordings  # Long ones are large.
+    del recordings
     perturbed = perturbation(found)
-    recommended = recommend(found, perturbed, robot.model, q, rate or ())
     return IdentifiedRobot(IdentificationResults(
-        name, found, perturbed, recommended), robot, q)
+        name, found, perturbed, recommend(found, perturbed, robot.model, rate or ())), robot)
 
 
 def _robot(motion: RecordedMotion, model: str, urdf: str, gravity: float | None) -> RobotModel:

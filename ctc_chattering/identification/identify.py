@@ -47,6 +47,8 @@ from ctc_chattering.identification.sensors import (
     Clock,
     clock,
     encoder_step,
+    Noise,
+    Positions,
     velocity_noise,
 )
 from ctc_chattering.identification.timing import (
@@ -86,6 +88,8 @@ class Identification:
         Step of the encoder, and noise of the measured velocity.
     timing : Timing
         Delay and lag of the torque.
+    positions : Positions
+        What is kept of those of all recordings.
     friction : list of JointFriction, length n
     errors : list of (ModelError, Estimate)
         Errors of the model: those that are clear, and those that cannot be told.
@@ -124,6 +128,7 @@ class Identification:
     encoder: list[Estimate]
     noise: list[Estimate]
     timing: Timing
+    positions: Positions
     friction: list[JointFriction]
     errors: list[tuple[ModelError, Estimate]]
     data: Data
@@ -142,7 +147,8 @@ class Identification:
 
 
 def identify(recordings: Sequence[Recording], model: Model, candidates: Sequence[ModelError],
-             source: str = '', side: str = '', loaded: Sequence[Model] = ()) -> Identification:
+             source: str = '', side: str = '', loaded: Sequence[Model] = (),
+             velocities: Noise | None = None) -> Identification:
     """
     Identify a robot from recordings of its motion.
 
@@ -161,6 +167,8 @@ def identify(recordings: Sequence[Recording], model: Model, candidates: Sequence
         What the effort is; empty where it is not known.
     loaded : sequence of Model
         For each recording the model with its known payload; empty without one.
+    velocities : (list of Estimate, list of Finding), optional
+        Noise of the measured velocities, where they are known, and the recordings may lack them.
 
     Raises
     ------
@@ -171,7 +179,8 @@ def identify(recordings: Sequence[Recording], model: Model, candidates: Sequence
     parts, owners, phi = _parts(recordings)
     models = [loaded[k] if loaded else model for k in owners]
     columns = ErrorColumns.of(model)
-    joints = recordings[0].joints
+    joints, stamps = recordings[0].joints, clock(recordings[0])
+    positions = Positions.of(recordings, phi.period)
     rows = _rows(parts, models, phi, columns, recordings[0].name)
     source, signal = torque_source(parts, rows, phi, joints, side, source)
     kept, found = _timed(parts, rows, phi, source, recordings[0].name)
@@ -191,13 +200,13 @@ def identify(recordings: Sequence[Recording], model: Model, candidates: Sequence
         columns = ErrorColumns.of(model, gravity)
         rows = _rows(parts, models, phi, columns, recordings[0].name)
         data, selected = selected_with(rows, columns)
-    noise, velocities = velocity_noise(recordings[0], phi.period)
+    noise, unlike = velocities or velocity_noise(recordings[0], phi.period)
     friction = [joint_friction(selected, i) for i in range(len(joints))]
     left = [unexplained(data, selected.fit, i) for i in range(len(joints))]
     named = ModelVerdict(selected, columns, candidates, joints)
     levels = [abs(x.coulomb.value or 0.0) for x in friction]
     bodies, impossible = judged(named.bodies(selected.projected), joints, levels)
-    noticed = (*velocities, *timing_findings(found, parts[0].late), *signal,
+    noticed = (*unlike, *timing_findings(found, parts[0].late), *signal,
                *named.findings(), *physical(friction, joints), *impossible,
                *(x for i, what in enumerate(left) if what for x in findings(i, what)))
     held_out = np.zeros(0)
@@ -214,8 +223,8 @@ def identify(recordings: Sequence[Recording], model: Model, candidates: Sequence
         if bodies is not None and bodies.differ:
             held_out = left_over(others, selected.friction, columns, selected.believed, refused)
     return Identification(
-        joints, dataclasses.replace(clock(recordings[0]), period=phi.period),
-        [encoder_step(x) for x in recordings[0].q.T], noise, found,
+        joints, dataclasses.replace(stamps, period=phi.period),
+        [encoder_step(x) for x in recordings[0].q.T], noise, found, positions,
         [widened(data, selected.fit, i, x, what) if what else x
          for i, (x, what) in enumerate(zip(friction, left))],
         named.errors(), data, selected, phi.period * sum(len(part.q) for part in parts), noticed,
@@ -234,7 +243,7 @@ def _parts(recordings: Sequence[Recording]) -> tuple[list[Stretch], list[int], T
         If they are too short.
 
     """
-    period = _common_period(recordings)
+    period = common_period(recordings)
     pairs = [(part, k) for k, recording in enumerate(recordings)
              for part in stretches(recording, period) if len(part.q) * period > 1.0]
     parts, owners = [part for part, _ in pairs], [k for _, k in pairs]
@@ -255,7 +264,7 @@ def _rows(parts: Sequence[Stretch], models: Sequence[Model], phi: TestFunction,
     return rows
 
 
-def _common_period(recordings: Sequence[Recording]) -> float:
+def common_period(recordings: Sequence[Recording]) -> float:
     """Return the period of recordings; raise `CtcError` if they do not belong together."""
     first, period = recordings[0], recordings[0].period
     for other in recordings[1:]:

@@ -155,54 +155,52 @@ class Data(Rows):
             residual=zero, late=zero, bent=np.stack((np.sign(torque), torque * load), axis=2),
             starts=(0,), floor=np.zeros(way.shape[1]))
 
-    @property
-    def errors(self) -> Array:
-        """Return the columns of errors of the model, and three of drives, shape (J, n, m + 3)."""
-        return np.concatenate((self.more, -self.torque[:, :, None], self.bent), axis=2)
+    def errors(self, i: int) -> Array:
+        """Return the columns of errors of the model, and three of drive i, shape (J, m + 3)."""
+        return np.column_stack((self.more[:, i], -self.torque[:, i], self.bent[:, i]))
 
     def mixed(self, design: Array) -> Data:
         """Return it with combinations of `errors` in place of `more`; design (n, m + 3, k)."""
-        errors = self.errors
         return dataclasses.replace(self, more=np.stack(
-            [errors[:, i] @ x for i, x in enumerate(design)], axis=1))
+            [self.errors(i) @ x for i, x in enumerate(design)], axis=1))
 
-    def columns(self, terms: Sequence[Term]) -> Array:
-        """Return the design, shape (J, n, terms); 0 in rows that are not used."""
-        found = np.zeros((*self.way.shape, len(terms)))
-        for k, (kind, i, which) in enumerate(terms):
-            mine = slice(None) if i < 0 else slice(i, i + 1)
-            way = self.way[:, mine]
+    def columns(self, terms: Sequence[Term], i: int) -> Array:
+        """Return the columns of joint i, shape (J, terms); 0 in rows that are not used."""
+        way, found = self.way[:, i], np.zeros((len(self.way), len(terms)))
+        for k, (kind, joint, which) in enumerate(terms):
+            if joint not in (i, -1):
+                continue
             if kind == TermKind.MODEL:
-                column = self.more[:, mine, int(which)]
+                column = self.more[:, i, int(which)]
             elif kind in (TermKind.STRIBECK, TermKind.STRIBECK_SLOPE):
-                column = self.stribeck[:, mine] @ BETWEEN(
-                    which, int(kind == TermKind.STRIBECK_SLOPE))
+                column = self.stribeck[:, i] @ BETWEEN(which, int(kind == TermKind.STRIBECK_SLOPE))
             elif kind == TermKind.LOAD:
-                column = way * self.load[:, mine]
+                column = way * self.load[:, i]
             elif kind in (TermKind.LAG_SLOPE, TermKind.VISCOUS):
-                column = (self.late if kind == TermKind.LAG_SLOPE else self.velocity)[:, mine]
+                column = (self.late if kind == TermKind.LAG_SLOPE else self.velocity)[:, i]
             else:
                 column = way * (way == (1.0 if kind == TermKind.FORWARDS else -1.0))
-            found[:, mine, k] = column * (way != 0.0)
+            found[:, k] = column * (way != 0.0)
         return found
 
     def of_joint(self, terms: Sequence[Term], i: int) -> tuple[Array, Array]:
         """Return which windows joint i slides in, shape (J,), and its own columns there."""
         used = self.way[:, i] != 0.0
-        return used, self.columns([term for term in terms if term.joint == i])[used, i]
+        return used, self.columns([term for term in terms if term.joint == i], i)[used]
 
     def used(self) -> Array:
         """Return which rows are used, shape (J, n)."""
-        found: Array = self.way != 0.0
-        return found
+        return np.asarray(self.way != 0.0)
 
 
 class Fit(NamedTuple):
     """
-    A solution.
+    A solution. The columns are made joint by joint where they are used: all together are large.
 
     Attributes
     ----------
+    data : Data
+        The windows, with the columns of the model's errors that the terms are about.
     terms : tuple of Term
         Columns.
     value : ndarray, shape (terms,)
@@ -211,51 +209,42 @@ class Fit(NamedTuple):
         Of the rows of each joint [1/(N·m)²].
     residual : ndarray, shape (J, n)
         What is left, 0 in rows that are not used [N·m].
-    design : ndarray, shape (J, n, terms)
-        The columns.
 
     """
 
+    data: Data
     terms: tuple[Term, ...]
     value: Array
     weight: Array
     residual: Array
-    design: Array
 
     def of(self, term: Term) -> float:
         """Return the coefficient of a term, 0 if it is none of the fit."""
         return float(self.value[self.terms.index(term)]) if term in self.terms else 0.0
 
-    def scores(self) -> Array:
-        """Return Xᵀ W r of each window, r what is left, shape (J, p)."""
-        found: Array = np.einsum('jip,ji->jp', self.design, self.weight * self.residual)
-        return found
-
-    def normal(self) -> Array:
-        """Return Xᵀ W X of all windows, shape (p, p)."""
-        return sum((weight * self.design[:, i].T @ self.design[:, i]
-                    for i, weight in enumerate(self.weight)), np.zeros(()))
+    def columns(self, i: int) -> Array:
+        """Return the columns of joint i, shape (J, terms)."""
+        return self.data.columns(self.terms, i)
 
 
 def solve(data: Data, terms: Sequence[Term]) -> Fit:
     """Return the weighted least-squares fit of these columns, which must be independent."""
-    design, used = data.columns(terms), data.used()
+    used, joints = data.used(), range(data.way.shape[1])
     y = data.residual * used
     counts = np.maximum(used.sum(axis=0), 1.0)
     scale = np.square(y).sum(axis=0) / counts
     weight = 1.0 / np.where(scale > 0.0, scale, 1.0)
     value = np.zeros(len(terms))
     residual = y
-    joints = design.transpose(1, 0, 2)
-    normals, rights = (np.array([x.T @ z for x, z in zip(joints, others)])
-                       for others in (joints, y.T))
+    normals, rights = map(np.array, zip(*(
+        (x.T @ x, x.T @ y[:, i]) for i in joints for x in [data.columns(terms, i)])))
     for _ in range(_ITERATIONS):
         value = inverted(np.tensordot(weight, normals, 1)) @ (weight @ rights)
-        residual = y - design @ value
+        residual = y - np.stack([data.columns(terms, i) @ value for i in joints], axis=1)
         scale = np.square(residual).sum(axis=0) / counts + np.square(data.floor)
         weight = 1.0 / np.where(scale > 0.0, scale, np.inf)
         weight = np.where(weight > 0.0, weight, 1.0)
-    return Fit(tuple(terms), value, weight, residual, design)
+    return Fit(data, tuple(terms), value, weight, residual)
 
 
 def scaled(columns: Array) -> tuple[Array, Array]:
@@ -274,14 +263,12 @@ def orthonormal(columns: Array, least: float = 1e-9) -> Array:
 def without(columns: Array, y: Array, least: float = 1e-9) -> Array:
     """Return what columns leave of y, shape (rows,) or (rows, k)."""
     basis = orthonormal(columns, least)
-    found: Array = y - basis @ (basis.T @ y)
-    return found
+    return np.asarray(y - basis @ (basis.T @ y))
 
 
 def coefficients(columns: Array, y: Array) -> Array:
     """Return the coefficients of columns that leave least of y, shape (columns,)."""
-    found: Array = inverted(columns.T @ columns) @ (columns.T @ y)
-    return found
+    return np.asarray(inverted(columns.T @ columns) @ (columns.T @ y))
 
 
 def inverted(normal: Array) -> Array:
@@ -328,8 +315,7 @@ class Spread:
     def half(self, weights: Array) -> Array:
         """Return half the interval of sums of the coefficients with weights, shape (..., p)."""
         power = (weights @ self.covariance * weights).sum(axis=-1)
-        found: Array = self.factor * np.sqrt(np.maximum(power, 0.0))
-        return found
+        return np.asarray(self.factor * np.sqrt(np.maximum(power, 0.0)))
 
 
 def correlation_length(x: Array) -> float:
@@ -365,7 +351,7 @@ def spread(fit: Fit, starts: tuple[int, ...]) -> Spread:
         First window of each stretch; no block goes over one.
 
     """
-    scores = fit.scores()
+    scores, normal, lasting = _sums(fit)
     count, longest = len(scores), max(map(correlation_length, scores.T), default=1.0)
     # A block is long enough for all scores.
     length = int(min(max(_LENGTHS * max(longest, 2.0), count ** (1.0 / 3.0)),
@@ -378,24 +364,38 @@ def spread(fit: Fit, starts: tuple[int, ...]) -> Spread:
     sums = before[first + length] - before[first]
     # Blocks are drawn around their own mean, which takes a share of the variance.
     correction = blocks / (blocks - 1.0)
-    inverse = inverted(fit.normal())
+    inverse = inverted(normal)
     root = (sums - sums.mean(axis=0)) @ inverse
     covariance = correction * blocks * root.T @ root / len(root)
-    lasting = (inverse @ _lasting(fit) @ inverse).diagonal()
     chance = np.maximum(covariance.diagonal(), 1e-300)
-    wider = np.sqrt(np.maximum(1.0, lasting / chance))
+    wider = np.sqrt(np.maximum(1.0, (inverse @ lasting @ inverse).diagonal() / chance))
     return Spread(covariance * np.outer(wider, wider), float(stdtrit(blocks - 1.0, 0.975)))
 
 
-def _lasting(fit: Fit) -> Array:
-    """Return the covariance of the scores that errors beyond an overlap make, shape (p, p)."""
-    found = np.zeros((fit.design.shape[2],) * 2)
-    for y, rows, weight in zip(fit.residual.T, fit.design.transpose(1, 0, 2), fit.weight):
+def _sums(fit: Fit) -> tuple[Array, Array, Array]:
+    """
+    Return what intervals come from.
+
+    Returns
+    -------
+    scores : ndarray, shape (J, p)
+        Xᵀ W r of each window, r what is left.
+    normal, lasting : ndarray, shape (p, p)
+        Xᵀ W X of all windows, and the covariance of the scores that errors beyond an overlap make.
+
+    """
+    count, p = len(fit.residual), len(fit.terms)
+    scores, normal, lasting = np.zeros((count, p)), np.zeros((p, p)), np.zeros((p, p))
+    for i, (y, weight) in enumerate(zip(fit.residual.T, fit.weight)):
+        rows = fit.columns(i)
+        scores += (weight * y)[:, None] * rows
+        square = rows.T @ rows
+        normal += weight * square
         used = np.asarray(rows.any(axis=1))
         y, count = np.where(used, y, 0.0), max(int(used.sum()), 1)
         pairs = max(sum(int((used[lag:] & used[:-lag]).sum()) for lag in _LAGS), 1)
         products = sum(float(y[lag:] @ y[:-lag]) for lag in _LAGS)
         chance = 2.0 * float(y @ y) / count / np.sqrt(pairs / 4.0)
         variance = max(0.0, products / pairs - chance)
-        found += weight ** 2 * variance * count / _ERRORS * (rows.T @ rows)
-    return found
+        lasting += weight ** 2 * variance * count / _ERRORS * square
+    return scores, normal, lasting

@@ -232,8 +232,7 @@ class MotionLimits(NamedTuple):
     effort: Array
 
 
-def motion_limits(model: Model, found: Identification, run: MeasuredPerturbation
-                  ) -> MotionLimits:
+def motion_limits(model: Model, found: Identification, run: MeasuredPerturbation) -> MotionLimits:
     """
     Return the limits that a model has from its description; of the run where it has none.
 
@@ -255,8 +254,7 @@ def _states(limits: MotionLimits, rng: np.random.Generator) -> tuple[Array, Arra
     shape = (_STATES, len(limits.velocity))
     q = rng.uniform(limits.position[:, 0], limits.position[:, 1], shape)
     fast = np.arange(_STATES)[:, None] % 2 == 0
-    speed, change = (np.where(fast, np.sign(x), x)
-                     for x in rng.uniform(-1.0, 1.0, (2, *shape)))
+    speed, change = (np.where(fast, np.sign(x), x) for x in rng.uniform(-1.0, 1.0, (2, *shape)))
     return q, speed * limits.velocity, change * limits.acceleration
 
 

@@ -156,8 +156,7 @@ def bounds_of(config: ExcitationConfig, limits: Sequence[JointLimits]) -> Bounds
         room.append(min(config.position_range[i], center - low, high - center))
         scale, fastest, strongest = config.velocity_scale, joint.velocity[1], joint.acceleration[1]
         velocity.append(scale * (fastest if fastest < inf else _VELOCITY))
-        acceleration.append(
-            scale * strongest if strongest < inf else _ACCELERATION * velocity[-1])
+        acceleration.append(scale * strongest if strongest < inf else _ACCELERATION * velocity[-1])
     return Bounds(np.array(config.center), *map(np.array, (room, velocity, acceleration)))
 
 

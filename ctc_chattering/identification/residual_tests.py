@@ -205,7 +205,7 @@ def unexplained(data: Data, fit: Fit, i: int) -> Unexplained | None:
     mine = [k for k, term in enumerate(fit.terms) if term.joint == i]
     if used.sum() < _FEWEST or not mine:
         return None
-    friction, rest = fit.design[used, i][:, mine], fit.residual[used, i]
+    friction, rest = fit.columns(i)[used][:, mine], fit.residual[used, i]
     level = float(np.sqrt(np.square(friction @ fit.value[mine]).mean()))
     effects: list[Effect] = []
     others, options = np.zeros((len(rest), 0)), list(causes(data, i))

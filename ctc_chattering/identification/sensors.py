@@ -16,7 +16,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 import dataclasses
+from typing import NamedTuple
 
 from ctc_chattering.bags.recording import BRIDGED, Recording, VELOCITIES
 from ctc_chattering.identification.findings import Estimate, Finding, Kind
@@ -39,6 +41,8 @@ _ROUNDING = 1e-13
 _INDEPENDENT = 20.0
 #: Samples that a step is computed from, at most.
 _ENOUGH = 200_000
+#: Poses that are kept.
+_POSES = 20
 #: RMS velocity of a joint that rests: in deviations of what positions show, and at least [rad/s].
 _RESTS, _STILL = 3.0, 1e-6
 
@@ -97,7 +101,42 @@ def encoder_step(q: Array) -> Estimate:
     return Estimate(least, unit='rad')
 
 
-def velocity_noise(recording: Recording, period: float) -> tuple[list[Estimate], list[Finding]]:
+class Positions(NamedTuple):
+    """
+    What is kept of recorded positions, which are large; n joints [rad].
+
+    Attributes
+    ----------
+    ends : ndarray, shape (2, n)
+        Of the range, but for 2 % at both.
+    noise : ndarray, shape (n,)
+        Deviation from local cubics.
+    poses : ndarray, shape (K, n)
+        Some of them, the first one first.
+
+    """
+
+    ends: Array
+    noise: Array
+    poses: Array
+
+    @classmethod
+    def of(cls, recordings: Sequence[Recording], period: float) -> Positions:
+        """Return that of recordings with about this period [s]."""
+        found, step = [], max(1, sum(len(x.q) for x in recordings) // _POSES)
+        for i in range(len(recordings[0].joints)):  # Joint by joint, for long series.
+            q = np.concatenate([x.q[:, i] for x in recordings])
+            found.append((np.percentile(q, (2.0, 98.0)), position_noise(q[:, None], period)[0],
+                          q[::step].copy()))
+        ends, noise, poses = map(np.array, zip(*found))
+        return cls(ends.T, noise, poses.T)
+
+
+#: Noise of the velocities of each joint, and findings.
+Noise = tuple[list[Estimate], list[Finding]]
+
+
+def velocity_noise(recording: Recording, period: float) -> Noise:
     """
     Return the noise of the measured velocity of each joint [rad/s], and findings.
 

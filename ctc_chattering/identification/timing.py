@@ -146,8 +146,7 @@ class Profile:
     def torque(self, part: Stretch, rows: Rows, delay: float, lag: Array, rate: Array) -> Array:
         """Return the weak torque of a stretch, nan where it is not known."""
         values = np.asarray(has(part, self._source))
-        found = weak_torque(values, delay, lag, part.period, self._phi,
-                            rows.centres, rate)
+        found = weak_torque(values, delay, lag, part.period, self._phi, rows.centres, rate)
         half = self._phi.half
         return np.where(complete(values, rows.centres, half, half), found, np.nan)
 
@@ -159,8 +158,8 @@ class Profile:
             # Of commands that chatter neither shows.
             calm = (np.diff(sign) != 0.0).sum() < _CHATTERS * part.period * len(x)
             found.append(np.hstack([
-                weak_torque(calm * one[:, None], delay, np.asarray(late), part.period, self._phi,
-                            rows.centres) for one in (sign, x * np.abs(x))]))
+                weak_torque((calm * sign * size)[:, None], delay, np.asarray(late), part.period,
+                            self._phi, rows.centres) for size in (1.0, np.square(x))]))
         return np.stack(found, axis=1)
 
     def windows(self, delay: float, lag: Array, rate: Array) -> Data:
@@ -281,8 +280,7 @@ def rate_limits(timing: Timing, joints: Sequence[str]) -> list[Estimate]:
     for (low, _, high), moving, lag in zip(known.rate.T, known.moving, longest):
         known_lag = lag < _END * LAGS[-1]
         if known_lag and np.isfinite(high):
-            found.append(Estimate(float(0.5 * (low + high)), float(0.5 * (high - low)),
-                                  'N*m/s'))
+            found.append(Estimate(float(0.5 * (low + high)), float(0.5 * (high - low)), 'N*m/s'))
         elif known_lag and moving and low > 0.0:
             found.append(Estimate.none(f'at least {low:.3g} N*m/s: the drive follows commands '
                                        'that change so fast'))

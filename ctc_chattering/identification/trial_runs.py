@@ -28,7 +28,6 @@ from ctc_chattering.identification.findings import ALL_JOINTS, Finding, Kind
 from ctc_chattering.identification.gains import GAINS, Recommendation
 from ctc_chattering.identification.identify import Identification
 from ctc_chattering.identification.perturbation import MeasuredPerturbation
-from ctc_chattering.identification.weak_form import position_noise
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.runs.score import Score, score
 from ctc_chattering.simulation.plant_config import PlantConfig
@@ -48,7 +47,7 @@ _STRIBECK = 0.05
 Values = dict[str, dict[str, Any]]
 
 
-def parameter_values(found: Identification, recommended: Recommendation, model: Model, q: Array,
+def parameter_values(found: Identification, recommended: Recommendation, model: Model,
                      shared: Mapping[str, Any], gains: tuple[Any, Any] | None) -> Values:
     """
     Return the values by node and parameter.
@@ -56,13 +55,11 @@ def parameter_values(found: Identification, recommended: Recommendation, model: 
     Parameters
     ----------
     found : Identification
-        What was identified.
+        What was identified; the motion of the reference is within its positions.
     recommended : Recommendation
         What follows from it.
     model : Model
         The controller's; its limits of position are kept.
-    q : ndarray, shape (N, n)
-        Recorded positions [rad]: the motion of the reference is within them.
     shared : mapping
         Values of all nodes: model, description, gravity, locked.
     gains : (kp, kv) or None
@@ -74,18 +71,16 @@ def parameter_values(found: Identification, recommended: Recommendation, model: 
         If the friction of a joint is not known.
 
     """
-    # Joint by joint, for long series.
-    low, high = np.transpose([np.percentile(x, (2.0, 98.0)) for x in q.T])
     limits = getattr(model, 'position_limits', None) or [(-np.inf, np.inf)]
-    start = np.clip(q[0], *np.array(limits).T)
+    start = np.clip(found.positions.poses[0], *np.array(limits).T)
     return {
         '/**': {'joint_names': list(found.joints), 'control_period': round(found.clock.period, 9),
                 **shared},
         'plant': {'experiment': 'identified', 'pacing': 'lockstep', 'duration': _DURATION,
-                  'initial_position': _rounded(start), **_plant(found, q)},
-        'controller': {**_loop_gains(gains, q.shape[1]),
+                  'initial_position': _rounded(start), **_plant(found)},
+        'controller': {**_loop_gains(gains, len(start)),
                        **{name: value for name, (value, _) in recommended.values.items()}},
-        'reference': {'start_duration': _START, **_reference(found, low, high, model)}}
+        'reference': {'start_duration': _START, **_reference(found, model)}}
 
 
 def _loop_gains(gains: tuple[Any, Any] | None, n: int) -> dict[str, Any]:
@@ -94,7 +89,7 @@ def _loop_gains(gains: tuple[Any, Any] | None, n: int) -> dict[str, Any]:
             for name, x in zip(('kp', 'kv'), gains or GAINS)}
 
 
-def _plant(found: Identification, q: Array) -> dict[str, Any]:
+def _plant(found: Identification) -> dict[str, Any]:
     """Return the friction, the sensors and the drives of the plant."""
     friction, (delay, lag) = found.friction, found.timing.drive
     coulomb = np.array([max(0.0, x.coulomb.number()) for x in friction])
@@ -106,7 +101,7 @@ def _plant(found: Identification, q: Array) -> dict[str, Any]:
         x.offset.half, 0.01 * f) else x.offset.value for x, f in zip(friction, coulomb)])
     step = np.array([x.value or 0.0 for x in found.encoder])
     # Positions have a step, or noise.
-    noise = np.square(position_noise(q, found.clock.period)) - _STEP_NOISE * np.square(step)
+    noise = np.square(found.positions.noise) - _STEP_NOISE * np.square(step)
     noise = np.sqrt(np.where(noise > _STEP_NOISE * np.square(step), noise, 0.0))
     unknown = any(x.value is None for x in found.noise)
     return {
@@ -124,9 +119,10 @@ def _plant(found: Identification, q: Array) -> dict[str, Any]:
            {'velocity_noise': _rounded([x.number() for x in found.noise])})}
 
 
-def _reference(found: Identification, low: Array, high: Array, model: Model) -> dict[str, Any]:
+def _reference(found: Identification, model: Model) -> dict[str, Any]:
     """Return a sinusoid for each joint, within the recorded range and speed, and its limit."""
-    n, limit = len(low), np.asarray(getattr(model, 'velocity_limits', None) or np.inf)
+    (low, high), n = found.positions.ends, len(found.joints)
+    limit = np.asarray(getattr(model, 'velocity_limits', None) or np.inf)
     fastest = np.minimum(np.abs(found.data.velocity).max(axis=0), limit)
     frequency = np.linspace(*_FREQUENCIES, n)
     amplitude = _PART * np.minimum(0.5 * (high - low), fastest / (2.0 * np.pi * frequency))

@@ -142,8 +142,7 @@ def _local(period: float, order: int, at: int = 0) -> Array:
     m, powers = smoothing_half(period), np.arange(_ORDER + 1)
     cubic = np.linalg.pinv(np.vander(np.arange(-m, m + 1.0), _ORDER + 1, increasing=True))
     value = perm(powers, order) * float(at) ** np.maximum(powers - order, 0)
-    found: Array = value @ cubic / period ** order
-    return found
+    return np.asarray(value @ cubic / period ** order)
 
 
 def position_noise(q: Array, period: float) -> Array:
@@ -152,8 +151,7 @@ def position_noise(q: Array, period: float) -> Array:
     hat = _local(period, 0)
     # Joint by joint, for long series. Robust: where a joint stops, no cubic fits.
     spread = np.array([deviation((x - smooth(x, period))[m:-m]) for x in q.T])
-    found: Array = spread / np.sqrt(1.0 - 2.0 * hat[m] + hat.dot(hat))
-    return found
+    return np.asarray(spread / np.sqrt(1.0 - 2.0 * hat[m] + hat.dot(hat)))
 
 
 def velocity_deviation(period: float) -> float:
@@ -232,5 +230,4 @@ class Dynamics:
 
     def _full(self, values: Array) -> Array:
         """Return values of the coarse grid at all samples."""
-        found: Array = CubicSpline(self.index, values)(np.arange(self.count))
-        return found
+        return np.asarray(CubicSpline(self.index, values)(np.arange(self.count)))

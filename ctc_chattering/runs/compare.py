@@ -16,25 +16,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+import json
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from ctc_chattering.analysis.compilation import compile_setups
+from ctc_chattering.analysis.output import check_format, finite
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.configuration.loop_setup import Overrides, Setup
 from ctc_chattering.configuration.package_share import find_config
 from ctc_chattering.control.controller import ControllerConfig, LAWS
 from ctc_chattering.control.controller_config import SWITCHINGS
 from ctc_chattering.errors import CtcError, near, ParameterError
-from ctc_chattering.parameters import whole
-from ctc_chattering.runs.conditions import chosen, Condition, held_out, HeldOut, read_cases, SEED
-from ctc_chattering.runs.pool import processes
-from ctc_chattering.runs.recommended import by_rule
-from ctc_chattering.runs.score import over_simulation, Runner, Score, score, worst
-
-#: Where gains come from.
-GAINS = FILE, RECOMMENDED = 'file', 'recommended'
+from ctc_chattering.parameters import check_some, whole
+from ctc_chattering.runs.conditions import chosen, Condition, HeldOut, read_cases, SEED
+from ctc_chattering.runs.conditions import held_out as drawn
+from ctc_chattering.runs.map import computed
+from ctc_chattering.runs.points import Points
+from ctc_chattering.runs.recommended import by_rule, FILE, GAINS, RECOMMENDED
+from ctc_chattering.runs.score import over_simulation, Runner
+import pandas  # type: ignore[import-untyped]
 
 
 class Variant(NamedTuple):
@@ -65,111 +66,51 @@ def variants(laws: Sequence[str] = LAWS, gains: str = FILE) -> list[Variant]:
     return list(dict.fromkeys([BASE, *found]))
 
 
-class Task(NamedTuple):
-    """One row of a table: a law on the robot of a file under a condition."""
-
-    path: Path
-    condition: Condition
-    variant: Variant
-
-    @property
-    def held_out(self) -> bool:
-        """Return whether nothing was chosen for the condition."""
-        return isinstance(self.condition, HeldOut)
-
-
-def tasks(paths: Sequence[Path], conditions: Sequence[str],
-          laws: Sequence[str] = LAWS, gains: str = FILE, others: int = 0, seed: int = SEED,
-          cases: Sequence[Condition] = ()
-          ) -> list[Task]:
+def tasks(paths: Iterable[Path], conditions: Sequence[str], laws: Sequence[str] = LAWS,
+          gains: str = FILE, more: Sequence[Condition] = ()
+          ) -> Iterator[tuple[dict[str, Any], Setup]]:
     """
-    Return what to run: every variant on every robot under every condition.
+    Yield what to run: every variant on every robot under every condition.
 
     Parameters
     ----------
-    paths : sequence of Path
+    paths : iterable of Path
         Parameter files.
     conditions : sequence of str
         Names, `ALL` for each that the robot can have, '' for the robot as it is in the file.
     laws, gains
         As `variants` has them.
-    others, seed : int
-        How many held-out conditions, and the seed of their draws.
-    cases : sequence of Condition
-        Further conditions.
+    more : sequence of Condition
+        Further conditions: cases, then those held out.
 
-    """
-    return [Task(path, condition, variant) for path in paths
-            for condition in (*chosen(conditions, parameter_file.load(path)), *cases,
-                              *held_out(others, seed))
-            for variant in variants(laws, gains)]
-
-
-class Outcome(NamedTuple):
-    """
-    What came of a task.
-
-    Attributes
-    ----------
-    task : Task
-        What was run.
-    experiment : str
-        Its name.
-    joints : tuple of str, shape (n,)
-        Names.
-    runs : tuple of mapping
-        The overrides of each run.
-    score : Score
-        The worst of the runs, joint by joint.
-
-    """
-
-    task: Task
-    experiment: str
-    joints: tuple[str, ...]
-    runs: tuple[Overrides, ...]
-    score: Score
-
-    @property
-    def name(self) -> str:
-        """Return robot and condition."""
-        return ', '.join(filter(None, (self.experiment, self.task.condition.name)))
-
-
-def runs_of(task: Task) -> tuple[Overrides, ...]:
-    """Return the overrides of each run of a task, with the file's gains or those by rule."""
-    under = task.condition.overrides(parameter_file.load(task.path))
-    runs = tuple(merged(x, {'controller': task.variant.values}) for x in under)
-    if task.variant.settings == RECOMMENDED:
-        gains = by_rule(parameter_file.load(task.path, runs[0]))
-        runs = tuple(merged(x, {'controller': gains}) for x in runs)
-    return runs
-
-
-def setups(todo: Sequence[Task]) -> Iterator[Setup]:
-    """Yield what runs of every task that is not held out: these are refused nothing."""
-    for task in todo:
-        for run in () if task.held_out else runs_of(task):
-            yield parameter_file.load(task.path, run)
-
-
-def evaluate(task: Task, run: Runner = over_simulation) -> Outcome:
-    """
-    Run a task, by `run`.
-
-    Raises
+    Yields
     ------
-    CtcError
-        If parameters are not allowed, or `BASE` has no numbers.
+    columns : dict
+        Which run it is; names of joints and parameters of the controller as JSON has them. `part`
+        tells the runs of a condition that has several.
+    setup : Setup
+        What is run.
 
     """
-    runs = runs_of(task)
-    loaded = [parameter_file.load(task.path, x) for x in runs]
-    found = worst(score(x, run=run) for x in loaded)
-    if task.variant == BASE and found.failure and not task.held_out:
-        raise CtcError(f'{task.path}: {found.failure}')
-    plant = loaded[0].plant
-    return Outcome(task, plant.experiment, plant.joint_names, runs, found)
+    for path in paths:
+        file = parameter_file.load(path)
+        for condition in (*chosen(conditions, file), *more):
+            under = condition.overrides(file)
+            for variant in variants(laws, gains):
+                values = variant.values
+                if variant.settings == RECOMMENDED:
+                    values |= by_rule(parameter_file.load(
+                        path, merged(under[0], {'controller': values})))
+                for factor, run in zip(condition.factors, under):
+                    run = merged(run, {'controller': values})
+                    setup = parameter_file.load(path, run)
+                    yield {
+                        'file': str(path), 'experiment': setup.plant.experiment,
+                        'condition': condition.name,
+                        'held_out': int(isinstance(condition, HeldOut)), **variant._asdict(),
+                        'part': f'model_{factor:g}' if len(under) > 1 else '',
+                        'joints': json.dumps(setup.plant.joint_names), 'controller': json.dumps(
+                            finite(run['controller']), sort_keys=True)}, setup
 
 
 def merged(*parts: Overrides) -> Overrides:
@@ -179,12 +120,24 @@ def merged(*parts: Overrides) -> Overrides:
             for node in nodes}
 
 
+class Comparison(Points):
+    """The runs of `tasks`."""
+
+    def row(self, run: int, runner: Runner = over_simulation) -> dict[str, Any]:
+        """Return the row of a run; raise `CtcError` if `BASE` has no numbers."""
+        x = super().row(run, runner)
+        if x['failure'] and not x['held_out'] and (x['law'], x['settings']) == (BASE.law, FILE):
+            raise CtcError(f'{x["file"]}: {x["reason"]}')
+        return x
+
+
 def compare(files: Sequence[str | Path], laws: Sequence[str] = LAWS,
             conditions: Sequence[str] = (), gains: str = FILE, held_out: int = 0,
             seed: int = SEED, jobs: int = 1,
             show: Callable[[str], None] = print,
-            progress: Callable[[int, int], None] | None = None, cases: str | Path = ''
-            ) -> list[Outcome]:
+            progress: Callable[[int, int], None] | None = None, cases: str | Path = '',
+            out: str | Path | None = None, overwrite: bool = False, extra: str = 'svg',
+            command: str = '') -> pandas.DataFrame:
     """
     Run parameter files with every law and, under law chattering, every switching.
 
@@ -206,22 +159,33 @@ def compare(files: Sequence[str | Path], laws: Sequence[str] = LAWS,
     jobs : int
         Processes; with more than 1 a script needs ``if __name__ == '__main__'``.
     show : callable
-        Takes lines about what is compiled.
+        Takes lines about what is compiled and done.
     progress : callable, optional
-        Called with the number of outcomes that are there, and of all.
+        Called with the number of runs that are there, and of all.
     cases : str or Path
         File of further conditions, or the name of one in the package, ``imperfections``.
+    out : str or Path, optional
+        Directory for ``compare.parquet``, a row a run, ``compare.json``, ``compare.md``,
+        ``compare.csv``, ``figures``, ``index.html``, and ``parameters``, a file of every run. What
+        is there of the same comparison is not computed again.
+    overwrite : bool
+        Replace what another comparison has written there.
+    extra : {'svg', 'pdf', 'png'}
+        A second format for each figure.
+    command : str
+        What was run, for the page.
 
     Returns
     -------
-    list of Outcome
-        One a law, file and condition, each with ``task`` and ``score``; for `write_comparison`.
+    pandas.DataFrame
+        The rows of ``compare.parquet``: law, condition, and which of its runs (`part`), then the
+        columns of a map.
 
     Raises
     ------
     CtcError
-        If an argument is not allowed, before anything is run; or if the law to which all others
-        are compared has no numbers.
+        If an argument is not allowed, before anything is run; if the law to which all others
+        are compared has no numbers; or if another comparison is in the directory.
 
     """
     for name in laws:
@@ -229,16 +193,17 @@ def compare(files: Sequence[str | Path], laws: Sequence[str] = LAWS,
             raise ParameterError('laws', name, ' | '.join(LAWS) + near(name, LAWS))
     if gains not in GAINS:
         raise ParameterError('gains', gains, ' | '.join(GAINS))
-    held_out, seed, jobs = whole('held_out', held_out, 0), whole('seed', seed, 0), whole(
-        'jobs', jobs, 1)
+    check_some('files', files)
+    check_format(extra)
+    jobs = whole('jobs', jobs, 1)
     paths = [find_config(x) if isinstance(x, str) else x for x in files]
-    more = read_cases(find_config(str(cases), folder='cases')) if str(cases) else ()
-    todo = tasks(paths, conditions or ([] if more else ['']), laws, gains, held_out, seed, more)
-    compile_setups(setups(todo), show)
-    found: list[Outcome] = []
-    with processes(min(jobs, len(todo))) as each:
-        for outcome in each(evaluate, todo):
-            found.append(outcome)
-            if progress is not None:
-                progress(len(found), len(todo))
-    return found
+    given = read_cases(find_config(str(cases), folder='cases')) if str(cases) else ()
+    runs = Comparison(tasks(paths, conditions or ([] if given else ['']), laws, gains, (
+        *given, *drawn(whole('held_out', held_out, 0), whole('seed', seed, 0)))))
+    path = Path(out) if out else None
+    with computed(runs, path, jobs, None, overwrite, show, progress) as table:
+        rows = table.to_pandas()
+        if path:
+            from ctc_chattering.runs.compare_page import write_comparison  # Takes time.
+            write_comparison(runs, rows, path, extra, command)
+    return rows

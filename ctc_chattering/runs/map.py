@@ -12,13 +12,15 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The runs of a map that are missing, and what is made of all."""
+"""The runs of a table that are missing; maps."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from contextlib import ExitStack
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, ExitStack
+from functools import partial
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 from ctc_chattering.analysis.compilation import codes, compile_setups
@@ -28,7 +30,7 @@ from ctc_chattering.configuration.package_share import find_config
 from ctc_chattering.errors import CtcError
 from ctc_chattering.parameters import whole
 from ctc_chattering.runs import pool, store
-from ctc_chattering.runs.points import next_runs, Runs
+from ctc_chattering.runs.points import Points, Runs
 from ctc_chattering.runs.spec import MapSpec, parse, read_spec
 import pyarrow
 
@@ -36,16 +38,14 @@ import pyarrow
 _FOLDER = 'maps'
 
 
-def map_spec(spec: MapSpec | Mapping[str, Any] | str | Path) -> MapSpec:
+def map_spec(spec: Mapping[str, Any] | str | Path) -> MapSpec:
     """Return what is run; argument and errors as of `compute_map`."""
-    if isinstance(spec, MapSpec):
-        return spec
     if isinstance(spec, Mapping):
         return parse(dict(spec), Path('map'))
     return read_spec(find_config(spec, folder=_FOLDER) if isinstance(spec, str) else spec)
 
 
-def compute_map(spec: MapSpec | Mapping[str, Any] | str | Path, out: str | Path, jobs: int = 1,
+def compute_map(spec: Mapping[str, Any] | str | Path, out: str | Path, jobs: int = 1,
                 scheduler: str | None = None, overwrite: bool = False,
                 show: Callable[[str], None] = print,
                 progress: Callable[[int, int], None] | None = None, extra: str = 'svg',
@@ -92,11 +92,7 @@ def compute_map(spec: MapSpec | Mapping[str, Any] | str | Path, out: str | Path,
     jobs = whole('jobs', jobs, 1)
     check_format(extra)
     runs, out = Runs(map_spec(spec)), Path(out)
-    for i in range(len(runs.spec.variants)):  # What is missing shows here.
-        codes(runs.example(i))
-    with store.locked(out):
-        directory = store.Directory(out, store.about(runs), store.schema(runs.spec), overwrite)
-        table = _table(runs, directory, jobs, scheduler, show, progress or (lambda *_: None))
+    with computed(runs, out, jobs, scheduler, overwrite, show, progress) as table:
         failed = len(table) - table['failure'].to_pylist().count('')
         show(f'{len(table)} runs, {failed} failed: {out / store.TABLE}; drawing ...')
         from ctc_chattering.runs.map_page import write_report  # Takes time.
@@ -104,33 +100,49 @@ def compute_map(spec: MapSpec | Mapping[str, Any] | str | Path, out: str | Path,
     return table
 
 
-def _table(runs: Runs, directory: store.Directory, jobs: int, scheduler: str | None,
-           show: Callable[[str], None], progress: Callable[[int, int], None]) -> pyarrow.Table:
-    """Compute the runs that are missing; return the rows of all."""
-    rows, client = store.schema(runs.spec).empty_table(), None
+@contextmanager
+def computed(points: Points, out: Path | None, jobs: int, scheduler: str | None, overwrite: bool,
+             show: Callable[[str], None], progress: Callable[[int, int], None] | None
+             ) -> Iterator[pyarrow.Table]:
+    """
+    Compute the runs that are missing in a directory, of which None keeps nothing; yield all rows.
+
+    Until the end of the context no other process writes there; arguments and errors as of
+    `compute_map`.
+    """
+    codes(points.robot)  # What is missing shows here.
     with ExitStack() as stack:
-        while len(some := next_runs(runs, rows)):
-            chunks = {directory.name(x): x for x in store.chunks(runs, some)}
-            found = {name: directory.rows(x, show) for name, x in chunks.items()}
-            left = [(name, x) for name, x in chunks.items() if found[name] is None]
-            done = len(some) - sum(len(x) for _, x in left)
+        path = out or Path(stack.enter_context(TemporaryDirectory()))
+        stack.enter_context(store.locked(path))
+        directory = store.Directory(
+            path, store.about(points), store.schema(points), overwrite, points.kind)
+        rows, each = store.schema(points).empty_table(), None
+        while len(some := points.next_runs(rows)):
+            chunks = {directory.file(x): x for x in store.chunks(points, some)}
+            found = {file: directory.rows(x, show) for file, x in chunks.items()}
+            left = {file: x for file, x in chunks.items() if found[file] is None}
+            done = len(some) - sum(map(len, left.values()))
             show(f'{len(some)} runs in {counted(len(chunks), "chunk")}, {done} of them computed')
-            if left and client is None:
+            if left and each is None:
                 if scheduler is None:
-                    compile_setups(map(runs.example, range(len(runs.spec.variants))), show)
-                client = stack.enter_context(pool.workers(jobs, scheduler))
-                show(counted(pool.threads(client, show), 'worker'))
+                    compile_setups(points.examples(), show)
+                each = pool.serially
+                if jobs > 1 or scheduler is not None:
+                    client = stack.enter_context(pool.workers(jobs, scheduler))
+                    show(counted(pool.threads(client, show), 'worker'))
+                    each = partial(pool.computed, client)
             try:
-                for (name, chunk), table in zip(left, pool.computed(
-                        client, store.compute, [x for _, x in left], runs, store.version())
-                        if client else ()):
-                    directory.write(chunk, table)
-                    found[name] = table
+                for file, table in zip(left, each(
+                        store.compute, left.values(), points, scheduler and store.version())
+                        if each else ()):
+                    store.write_table(table, file)
+                    found[file] = table
                     done += len(table)
-                    progress(done, len(some))
+                    if progress is not None:
+                        progress(done, len(some))
             except (CtcError, KeyboardInterrupt) as error:
                 raise (CtcError if isinstance(error, CtcError) else KeyboardInterrupt)(
-                    f'{str(error) or "stopped"}; {done} of {len(some)} runs are in '
-                    f'{directory.path}, run the same command to continue') from None
+                    f'{str(error) or "stopped"}; {done} of {len(some)} runs are '
+                    + (f'in {out}, run the same command to continue' if out else 'done')) from None
             rows = pyarrow.concat_tables([rows, *found.values()])
-    return directory.merge(rows)
+        yield directory.merge(rows)

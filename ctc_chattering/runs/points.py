@@ -13,7 +13,9 @@
 # limitations under the License.
 
 """
-The runs of a map: point of the grid, law and draw; their setups and rows, and which come next.
+What a table has a row of: runs of any kind, those of a map, their setups, and which come next.
+
+A run of a map is a point of the grid, a law and a draw.
 
 Of a refined grid, every 2ᴸth value of its axes is run first. A cell of points that were run, of
 any size, is mixed if some of the points in it or on its sides fail and others do not; mixed cells
@@ -25,23 +27,33 @@ that were run, is not found if all of these agree.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+import hashlib
 from itertools import product
+import json
 from math import ceil, isfinite, log2
 from typing import Any
 
+from ctc_chattering.analysis.metrics import WINDOW
 from ctc_chattering.configuration.loop_setup import Setup
-from ctc_chattering.configuration.yaml_file import mapping
-from ctc_chattering.errors import CtcError, MachineError, ParameterError, UsageError
+from ctc_chattering.errors import CtcError, MachineError
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.runs.recommended import recommended_setup
-from ctc_chattering.runs.score import of_results, OVERALL, PER_JOINT, Score, score
+from ctc_chattering.runs.score import (
+    of_results,
+    over_simulation,
+    OVERALL,
+    PER_JOINT,
+    Runner,
+    Score,
+    score,
+    TYPES,
+)
 from ctc_chattering.runs.spec import (
     applied,
     Failure,
     MapSpec,
     Quantity,
-    read_value,
     Repeats,
     Uncertain,
 )
@@ -101,7 +113,93 @@ def quantile(x: Uncertain, u: Array) -> Array:
     return np.asarray(values[(u * len(values)).astype(int)])
 
 
-class Runs:
+class Points:
+    """
+    Runs with numbers from 0, of each of which a table has a row; here they are listed.
+
+    Parameters
+    ----------
+    listed : iterable of (mapping, Setup)
+        Of each run, which it is, as its row says, whether it is `held_out` among it; what is run.
+
+    Attributes
+    ----------
+    kind : str
+        The subcommand of `ctc` that makes them.
+    window : (float, float)
+        Evaluated interval [s].
+    failure : Failure
+        What counts as one.
+    units : mapping
+        Units of columns that say which run it is.
+    robot : Setup
+        One with as many joints as the table has columns for.
+    contents : mapping
+        All that the rows depend on besides the text of the package, as JSON takes it.
+
+    """
+
+    kind = 'compare'
+    window: tuple[float, float] = WINDOW
+    failure = Failure()
+    units: Mapping[str, str] = {}
+
+    def __init__(self, listed: Iterable[tuple[dict[str, Any], Setup]]) -> None:
+        self.listed = tuple(listed)
+        self.robot = max((x for _, x in self.listed), key=lambda x: len(x.plant.joint_names))
+        text = json.dumps([[which, described(x)] for which, x in self.listed],
+                          sort_keys=True, default=str)
+        self.contents: Mapping[str, Any] = {
+            'runs': len(self), 'sha256': hashlib.sha256(text.encode()).hexdigest()}
+
+    def __len__(self) -> int:
+        """Return the number of runs."""
+        return len(self.listed)
+
+    def columns(self, run: int) -> dict[str, Any]:
+        """Return which run it is, as its row of the results says."""
+        return {'run': run, **self.listed[run][0]}
+
+    def setup(self, run: int) -> Setup:
+        """Return what is run; raise `CtcError` if that is not allowed."""
+        return self.listed[run][1]
+
+    def examples(self) -> Iterator[Setup]:
+        """Yield setups that need as machine code what all runs need: those not held out."""
+        return (setup for which, setup in self.listed if not which['held_out'])
+
+    @property
+    def types(self) -> dict[str, tuple[str, str]]:
+        """Return name, type and unit of the columns of the table, in order."""
+        which = {name: (TYPES[type(x)], self.units.get(name, ''))
+                 for name, x in self.columns(0).items()}
+        return {**which, **of_results(len(self.robot.controller.joint_names))}
+
+    def next_runs(self, table: Any) -> npt.NDArray[np.int64]:
+        """
+        Return the next runs, ascending; none if all that count are there.
+
+        Parameters
+        ----------
+        table : pyarrow.Table
+            The rows of those before, in any order.
+
+        """
+        return np.arange(0 if len(table) else len(self))
+
+    def row(self, run: int, runner: Runner = over_simulation) -> dict[str, Any]:
+        """Return the row of a run; raise `MachineError` if the machine cannot run it."""
+        which, n = self.columns(run), len(self.robot.controller.joint_names)
+        try:
+            setup = self.setup(run)
+        except MachineError:
+            raise
+        except CtcError as error:
+            return {**which, **row_of(Score(failure=str(error)), n, self.failure, 'refused')}
+        return {**which, **row_of(score(setup, self.window, runner), n, self.failure)}
+
+
+class Runs(Points):
     """
     Numbers, columns and setups of the runs of a spec: point of the grid, law and draw.
 
@@ -124,12 +222,20 @@ class Runs:
 
     """
 
+    kind = 'map'
+
     def __init__(self, spec: MapSpec) -> None:
-        self.spec = spec
+        self.spec, self.robot, self.window, self.failure = (
+            spec, spec.setup, spec.window, spec.failure)
         self.shape = (*spec.shape, len(spec.variants), spec.repeats.repeats)
         self.draws = draws(spec.uncertain, spec.repeats)
         #: Setup of each law at values of the axes that it knows.
         self._of_laws: dict[tuple[int, tuple[float, ...]], Setup] = {}
+        quantities = (*spec.axes, *spec.uncertain)
+        self.units = {x.name: x.unit for x in quantities}
+        self.contents = {
+            **spec.tree, **described(spec.setup), 'window': spec.window,
+            'order': [x.name for x in quantities], 'draws': self.draws.tolist()}
 
     def __len__(self) -> int:
         """Return the number of runs."""
@@ -169,12 +275,27 @@ class Runs:
         repeats = self.spec.repeats
         return repeats.seed + (0 if repeats.sampling == 'saltelli' else repeat)
 
-    def example(self, variant: int) -> Setup:
-        """Return a setup of a law: that of its first run, if it is allowed."""
-        try:
-            return self.setup(variant * self.shape[-1])
-        except CtcError:
-            return self.spec.setup.changed({'controller': self.spec.variants[variant].values})
+    def examples(self) -> Iterator[Setup]:
+        """Yield a setup of every law: that of its first run, if it is allowed."""
+        for k, variant in enumerate(self.spec.variants):
+            try:
+                yield self.setup(k * self.shape[-1])
+            except CtcError:
+                yield self.spec.setup.changed({'controller': variant.values})
+
+    def next_runs(self, table: Any) -> npt.NDArray[np.int64]:
+        """Return the next runs; without a coarse grid all at once."""
+        laws, repeats = self.shape[-2:]
+        state = np.full((laws, *self.spec.shape), UNKNOWN, np.int8)
+        place, index = np.unique(np.asarray(table['run']) // repeats, return_inverse=True)
+        failed = np.bincount(index, np.asarray(table['failure']) != '')
+        point, variant = np.divmod(place, laws)
+        state.reshape(laws, -1)[variant, point] = np.where(2 * failed >= repeats, FAILS, PASSES)
+        firsts = np.sort(np.concatenate([
+            (np.flatnonzero(wanted(each, self.spec.coarse)) * laws + v) * repeats
+            for v, each in enumerate(state)]))
+        found: npt.NDArray[np.int64] = (firsts[:, np.newaxis] + np.arange(repeats)).ravel()
+        return found
 
     def _settings(self, indices: tuple[int, ...], repeat: int) -> list[tuple[Quantity, float]]:
         """Return the numbers of all quantities at a place, in the order in which they are set."""
@@ -202,30 +323,29 @@ class Runs:
         return self._of_laws[key]
 
 
-def evaluate(setup: Setup, window: tuple[float, float], failure: Failure) -> dict[str, Any]:
+def described(setup: Setup) -> dict[str, Any]:
+    """Return all that a setup has from files, as JSON takes it."""
+    return {'parameters': dict(setup.values), 'route': setup.route, 'descriptions': {
+        node: hashlib.sha256(text.encode()).hexdigest()
+        for node, text in setup.descriptions.items()}}
+
+
+def row_of(found: Score, n: int, failure: Failure, without: str = 'diverged') -> dict[str, Any]:
     """
     Return the columns of a run's results, `of_results`; None where there is no number.
 
     Parameters
     ----------
-    setup : Setup
-        What to run.
-    window : (float, float)
-        Evaluated interval [s].
+    found : Score
+        Of the run.
+    n : int
+        Number of joints that the table has columns for.
     failure : Failure
         What counts as one.
-
-    Raises
-    ------
-    MachineError
-        If the machine cannot run it: that is no property of the run.
+    without : str
+        Kind of a failure without numbers.
 
     """
-    return row_of(score(setup, window), len(setup.controller.joint_names), failure)
-
-
-def row_of(found: Score, n: int, failure: Failure, without: str = 'diverged') -> dict[str, Any]:
-    """Return these columns for `n` joints; `without` is the kind of a failure without numbers."""
     row = {**dict.fromkeys(of_results(n)), 'engine': found.engine, 'failure': without,
            'reason': found.failure}
     if found.failure:
@@ -240,19 +360,6 @@ def row_of(found: Score, n: int, failure: Failure, without: str = 'diverged') ->
             for name, x in row.items()}
 
 
-def row(runs: Runs, run: int) -> dict[str, Any]:
-    """Return the row of a run."""
-    which = runs.columns(run)
-    try:
-        setup = runs.setup(run)
-    except MachineError:
-        raise
-    except CtcError as error:
-        n = len(runs.spec.setup.controller.joint_names)
-        return {**which, **row_of(Score(failure=str(error)), n, runs.spec.failure, 'refused')}
-    return {**which, **evaluate(setup, runs.spec.window, runs.spec.failure)}
-
-
 def _judged(row: Mapping[str, Any], failure: Failure) -> tuple[str, str]:
     """Return kind and reason of a failure; empty for none."""
     for kind, most in (('error', failure.error_above), ('saturated', failure.saturated_above),
@@ -262,54 +369,6 @@ def _judged(row: Mapping[str, Any], failure: Failure) -> tuple[str, str]:
     if failure.not_reached and row['reaching_time_s'] is None:
         return 'not reached', 'v never stays within its band'
     return '', ''
-
-
-def find_run(runs: Runs, text: str) -> int:
-    """
-    Return the number of the run that a text names.
-
-    Parameters
-    ----------
-    runs : Runs
-        Of the map.
-    text : str
-        A number, or ``name=value,...`` of the axes, law and repeat; the value of an axis that is
-        nearest is taken. What has one value only may be left out.
-
-    Raises
-    ------
-    UsageError
-        If it names no run, or more than one.
-
-    """
-    spec = runs.spec
-    choices: dict[str, Sequence[Any]] = {
-        **{axis.name: axis.values for axis in spec.axes},
-        'law': [x.name for x in spec.variants], 'repeat': range(spec.repeats.repeats)}
-    try:
-        if text.strip().isdecimal():
-            return int(read_value('run', 'int', int(text), minimum=0, maximum=len(runs) - 1))
-        words = (word.partition('=') for word in text.split(','))
-        given = mapping('POINT', {name.strip(): value.strip() for name, _, value in words},
-                        tuple(choices))
-        place = [_index(name, given.get(name), x) for name, x in choices.items()]
-    except ParameterError as error:
-        raise UsageError(f'--explain {text}: {error}') from None
-    return int(np.ravel_multi_index(place, runs.shape))
-
-
-def _index(name: str, text: str | None, values: Sequence[Any]) -> int:
-    """Return the index of a value, or of the nearest number; of the only one without a text."""
-    shown = list(map(str, values))
-    if text in shown or (text is None and len(shown) == 1):
-        return shown.index(text or shown[0])
-    try:
-        if text is None or not isinstance(values, tuple):
-            raise ValueError
-        x = read_value(name, 'float', float(text))
-    except ValueError:
-        raise ParameterError(name, text, ', '.join(shown[:20])) from None
-    return min(range(len(values)), key=lambda k: abs(values[k] - x))
 
 
 Mask = npt.NDArray[np.bool_]
@@ -344,32 +403,3 @@ def wanted(state: npt.NDArray[np.int8], coarse: tuple[int, ...]) -> Mask:
                 found[cell][halves] = True
         coarse = tuple(max(step // 2, 1) for step in coarse)
     return np.logical_and(found, unknown)
-
-
-def next_runs(runs: Runs, table: Any) -> npt.NDArray[np.int64]:
-    """
-    Return the next runs of a map, ascending; without a coarse grid all at once.
-
-    Parameters
-    ----------
-    runs : Runs
-        Of the map.
-    table : pyarrow.Table
-        The rows of those before, in any order.
-
-    Returns
-    -------
-    array
-        Their numbers; none when the boundary of every law is found.
-
-    """
-    laws, repeats = runs.shape[-2:]
-    state = np.full((laws, *runs.spec.shape), UNKNOWN, np.int8)
-    place, index = np.unique(np.asarray(table['run']) // repeats, return_inverse=True)
-    failed = np.bincount(index, np.asarray(table['failure']) != '')
-    point, variant = np.divmod(place, laws)
-    state.reshape(laws, -1)[variant, point] = np.where(2 * failed >= repeats, FAILS, PASSES)
-    firsts = np.concatenate([(np.flatnonzero(wanted(each, runs.spec.coarse)) * laws + v) * repeats
-                             for v, each in enumerate(state)])
-    found: npt.NDArray[np.int64] = (np.sort(firsts)[:, np.newaxis] + np.arange(repeats)).ravel()
-    return found

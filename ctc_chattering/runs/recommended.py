@@ -38,6 +38,8 @@ from ctc_chattering.dynamics.registry import model_of
 from ctc_chattering.trajectory.reference import make_motion
 import numpy as np
 
+#: Where the gains of a comparison come from.
+GAINS = FILE, RECOMMENDED = 'file', 'recommended'
 #: Part of the model's torque that may be wrong, and instants at which it is evaluated.
 _MODEL_ERROR, _INSTANTS = 0.2, 500
 #: Weights of F / R and late in the lead of friction that is fed forward, and its bound [s].

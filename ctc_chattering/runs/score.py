@@ -16,7 +16,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable
 import dataclasses
 from math import inf, isfinite
 from typing import Any, NamedTuple
@@ -30,7 +30,9 @@ from ctc_chattering.errors import CtcError, MachineError, refused_as
 from ctc_chattering.simulation.closed_loop import Array, Run
 import numpy as np
 
-INTEGER, TEXT, NUMBER = 'int64', 'string', 'float64'
+#: Types of columns by those of Python.
+TYPES = {int: 'int64', str: 'string', float: 'float64'}
+INTEGER, TEXT, NUMBER = TYPES.values()
 #: Columns and units of what each joint has, by its name in `Score`; `analysis.metrics` has the
 #: first five by the same names.
 PER_JOINT = {'rms': ('rms_error_rad', 'rad'), 'rms_torque': ('rms_torque_nm', 'N*m'),
@@ -175,21 +177,8 @@ def limits(setup: Setup) -> list[float]:
     return list(map(min, config.largest_torque(model.effort_limits), plant.torque_saturation))
 
 
-def worst(scores: Iterable[Score]) -> Score:
-    """Return the largest of every number of each joint, or the first score without numbers."""
-    found: list[Score] = []
-    for each in scores:
-        if each.failure:
-            return each
-        found.append(each)
-    largest: dict[str, Any] = {name: tuple(map(max, zip(*(getattr(x, name) for x in found))))
-                               for name in PER_JOINT}
-    return found[0]._replace(**largest)
-
-
-#: Type and unit of the columns that say which run it is; before the axes and what is uncertain.
-_WHICH = {**dict.fromkeys(('run', 'point', 'repeat', 'seed'), (INTEGER, '')),
-          **dict.fromkeys(('variant', 'law', 'switching'), (TEXT, ''))}
+#: Columns that say which run of a map it is; before the axes and what is uncertain.
+WHICH = ('run', 'point', 'repeat', 'seed', 'variant', 'law', 'switching')
 #: What came of it, and the numbers that sum it up; without a number where it failed.
 _RESULT = {**dict.fromkeys(('engine', 'failure', 'reason'), (TEXT, '')),
            'error': (NUMBER, 'rad'), 'variation': (NUMBER, 'N*m/s'), 'saturated': (NUMBER, ''),
@@ -201,18 +190,3 @@ def of_results(n: int) -> dict[str, tuple[str, str]]:
     joints = {f'{name}_{i}': (NUMBER, unit) for name, unit in PER_JOINT.values()
               for i in range(1, n + 1)}
     return {**_RESULT, **joints, **dict(OVERALL.values())}
-
-
-def of_map(units: Mapping[str, str], n: int) -> dict[str, tuple[str, str]]:
-    """
-    Return name, type and unit of all columns, in order.
-
-    Parameters
-    ----------
-    units : mapping of str to str
-        Names of the axes, then of what is uncertain, and their units.
-    n : int
-        Number of joints.
-
-    """
-    return {**_WHICH, **{name: (NUMBER, unit) for name, unit in units.items()}, **of_results(n)}

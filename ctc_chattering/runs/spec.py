@@ -32,7 +32,7 @@ from ctc_chattering.configuration.yaml_file import mapping, read_yaml
 from ctc_chattering.errors import CtcError, ParameterError, prefixed
 from ctc_chattering.parameters import Config, Parameter, parameter
 from ctc_chattering.runs.recommended import recommended_setup
-from ctc_chattering.runs.score import of_map
+from ctc_chattering.runs.score import of_results, WHICH
 import numpy as np
 import yaml
 
@@ -440,9 +440,10 @@ def parse(tree: object, path: Path) -> MapSpec:
     values = mapping('spec', tree, KEYS)
     setup = _setup(values, path.parent)
     n = len(setup.controller.joint_names)
-    axes = _quantities(values, 'axes', read_axis, of_map({}, n))
-    uncertain = _quantities(values, 'uncertain', read_uncertain, of_map(
-        {axis.name: axis.unit for axis in axes}, n))
+    taken = (*WHICH, *of_results(n))
+    axes = _quantities(values, 'axes', read_axis, taken)
+    uncertain = _quantities(values, 'uncertain', read_uncertain, (
+        *taken, *(axis.name for axis in axes)))
     with prefixed('failure.'):
         failure = Failure.from_mapping(mapping(
             'failure', values.get('failure', {}), tuple(Failure.parameters())))

@@ -13,7 +13,7 @@
 # limitations under the License.
 
 """
-The directory of a map: a parquet file per chunk of runs, one of all rows, and what they are of.
+The directory of a table: a parquet file per chunk of runs, one of all rows, and what they are of.
 
 Every file is written under another name and renamed, so that a process that is killed leaves whole
 files only. The name of a chunk's file is a key of all that its rows depend on, the text of the
@@ -36,9 +36,7 @@ import ctc_chattering
 from ctc_chattering.analysis.compilation import compile_setups
 from ctc_chattering.analysis.output import finite, prepare, write_text, writing
 from ctc_chattering.errors import CtcError, refused_as
-from ctc_chattering.runs.points import row, Runs
-from ctc_chattering.runs.score import of_map
-from ctc_chattering.runs.spec import MapSpec
+from ctc_chattering.runs.points import Points
 import numpy as np
 import numpy.typing as npt
 import pyarrow
@@ -47,7 +45,10 @@ from pyarrow import parquet
 #: Names in the directory.
 LOCK, SHARDS, TABLE, JSON, FIGURES, PAGE = (
     '.lock', 'shards', 'map.parquet', 'map.json', 'figures', 'index.html')
-_NAMES = (SHARDS, TABLE, JSON, FIGURES, PAGE)
+#: All of them, by what `Points` are; those that are there are not replaced.
+NAMES = {'map': (SHARDS, TABLE, JSON, FIGURES, PAGE), 'compare': (
+    SHARDS, 'compare.parquet', 'compare.json', FIGURES, PAGE, 'compare.csv', 'compare.md',
+    'parameters')}
 #: Control steps of a chunk, with the step of the file, times the square of the number of joints:
 #: a second of work, half a minute where it is plain Python.
 _STEPS = 4e6
@@ -66,54 +67,49 @@ def version() -> str:
     return f'{ctc_chattering.__version__}+{text.hexdigest()[:12]}'
 
 
-def schema(spec: MapSpec) -> pyarrow.Schema:
+def schema(points: Points) -> pyarrow.Schema:
     """Return the columns of the results, with the unit of each that has one."""
-    units = {quantity.name: quantity.unit for quantity in (*spec.axes, *spec.uncertain)}
     return pyarrow.schema([
         pyarrow.field(name, pyarrow.type_for_alias(kind),
                       metadata={'unit': unit} if unit else None)
-        for name, (kind, unit) in of_map(units, len(spec.setup.controller.joint_names)).items()])
+        for name, (kind, unit) in points.types.items()])
 
 
-def about(runs: Runs) -> dict[str, Any]:
-    """Return what a map is of, as JSON has it; its ``key`` tells it from all others."""
-    spec, setup = runs.spec, runs.spec.setup
-    contents = {
-        **spec.tree, 'parameters': dict(setup.values), 'route': setup.route,
-        'descriptions': {node: hashlib.sha256(text.encode()).hexdigest()
-                         for node, text in setup.descriptions.items()}, 'window': spec.window,
-        'order': [x.name for x in (*spec.axes, *spec.uncertain)], 'draws': runs.draws.tolist()}
+def about(points: Points) -> dict[str, Any]:
+    """Return what a table is of, as JSON has it; its ``key`` tells it from all others."""
     versions = {'ctc_chattering': version(), 'numpy': np.__version__,
                 'pyarrow': pyarrow.__version__}
-    return {'key': _key([contents, version()]), 'spec': finite(contents), 'versions': versions}
+    return {'key': _key([points.contents, version()]), 'spec': finite(points.contents),
+            'versions': versions}
 
 
 def _key(value: Any) -> str:
     return hashlib.sha256(json.dumps(value, sort_keys=True, default=str).encode()).hexdigest()[:32]
 
 
-def chunks(runs: Runs, numbers: Numbers) -> list[npt.NDArray[np.int64]]:
+def chunks(points: Points, numbers: Numbers) -> list[npt.NDArray[np.int64]]:
     """
-    Return runs of a map, ascending numbers, in chunks of so many steps each, fewer of few runs.
+    Return runs, ascending numbers, in chunks of so many steps each, fewer of few runs.
 
-    Their size depends on nothing but the spec and the number of runs.
+    Their size depends on nothing but what is run and the number of runs.
     """
-    n, plant = len(runs.spec.setup.controller.joint_names), runs.spec.setup.plant
+    n, plant = len(points.robot.controller.joint_names), points.robot.plant
     steps = plant.duration / min(plant.control_period, plant.integration_step)
     size = max(1, min(int(_STEPS / (n ** 2 * steps)), -(-len(numbers) // _FEWEST)))
     return np.split(np.asarray(numbers), range(size, len(numbers), size))
 
 
-def compute(runs: Runs, made_by: str, chunk: Numbers) -> pyarrow.Table:
+def compute(points: Points, made_by: str, chunk: Numbers) -> pyarrow.Table:
     """
     Return the rows of a chunk; what they need is compiled first, if it is not on this machine.
 
     Parameters
     ----------
-    runs : Runs
-        The map, or candidates for gains on their draws.
+    points : Points
+        A map, a comparison, or candidates for gains on their draws.
     made_by : str
-        `version` of the process that asks.
+        `version` of the process that asks, and may be on another machine; empty for one that has
+        compiled what is needed.
     chunk : sequence of int
         Numbers of the runs.
 
@@ -123,22 +119,23 @@ def compute(runs: Runs, made_by: str, chunk: Numbers) -> pyarrow.Table:
         If this process has another version of the package.
 
     """
-    if made_by != version():
+    if made_by and made_by != version():
         raise CtcError(f'a worker has version {version()} of ctc_chattering, not {made_by}; '
                        'install the same one everywhere')
-    _compile(runs)
-    return pyarrow.Table.from_pylist([row(runs, int(run)) for run in chunk], schema(runs.spec))
+    if made_by:
+        _compile(points)
+    return pyarrow.Table.from_pylist([points.row(int(run)) for run in chunk], schema(points))
 
 
 @lru_cache(1)
-def _compile(runs: Runs) -> None:
-    """Compile what the runs of a map need; a process that has many chunks of it asks once."""
-    compile_setups(map(runs.example, range(len(runs.spec.variants))), lambda _: None)
+def _compile(points: Any) -> None:
+    """Compile what runs need; a process that has many chunks of them asks once."""
+    compile_setups(points.examples(), lambda _: None)
 
 
 class Directory:
     """
-    The directory of a map.
+    The directory of a table.
 
     Parameters
     ----------
@@ -149,43 +146,39 @@ class Directory:
     columns : pyarrow.Schema
         Of all rows.
     overwrite : bool
-        Remove what is there, of this map or of another, first.
+        Remove what is there, of this table or of another, first.
+    kind : str
+        The subcommand of `ctc` that makes it.
 
     Raises
     ------
     CtcError
-        If another map is there, or the directory cannot be written.
+        If another table is there, or the directory cannot be written.
 
     """
 
     def __init__(self, path: Path, about: Mapping[str, Any], columns: pyarrow.Schema,
-                 overwrite: bool = False) -> None:
-        self.path, self.key, self._columns = path, about['key'], columns
-        if overwrite or not (path / JSON).exists():
-            prepare(path, _NAMES, overwrite)
-            with _replacing(path / JSON) as temporary:
+                 overwrite: bool = False, kind: str = 'map') -> None:
+        self.path, self.key, self._columns, self._kind = path, about['key'], columns, kind
+        file = path / f'{kind}.json'
+        if overwrite or not file.exists():
+            prepare(path, NAMES[kind], overwrite)
+            with _replacing(file) as temporary:
                 write_text(temporary, json.dumps(about, indent=2, ensure_ascii=False) + '\n')
             return
-        with refused_as(f'{path / JSON}: cannot be read'):
-            there = json.loads((path / JSON).read_text(encoding='utf-8'))['key']
+        with refused_as(f'{file}: cannot be read'):
+            there = json.loads(file.read_text(encoding='utf-8'))['key']
         if there != about['key']:
-            raise CtcError(f'{path}: a map of another spec or version is there; choose another '
-                           '--out, or --overwrite')
+            raise CtcError(f'{path}: the output of ctc {kind} of another spec or version is '
+                           'there; choose another --out, or --overwrite')
 
-    def name(self, chunk: Numbers) -> str:
-        """Return a word that changes with all that the rows of a chunk depend on."""
-        return _key([self.key, *map(int, chunk)])
-
-    def _file(self, chunk: Numbers) -> Path:
-        return self.path / SHARDS / f'{self.name(chunk)}.parquet'
-
-    def write(self, chunk: Numbers, table: pyarrow.Table) -> None:
-        """Write the rows of a chunk."""
-        write_table(table, self._file(chunk))
+    def file(self, chunk: Numbers) -> Path:
+        """Return the file of a chunk, whose name changes with all that the rows depend on."""
+        return self.path / SHARDS / f'{_key([self.key, *map(int, chunk)])}.parquet'
 
     def rows(self, chunk: Numbers, show: Callable[[str], None]) -> pyarrow.Table | None:
         """Return the rows of a chunk; None if it is not there, or damaged: `show` takes a line."""
-        path = self._file(chunk)
+        path = self.file(chunk)
         if not path.exists():
             return None
         try:
@@ -201,7 +194,7 @@ class Directory:
     def merge(self, table: pyarrow.Table) -> pyarrow.Table:
         """Write and return all rows in the order of the runs."""
         table = table.sort_by('run').combine_chunks()
-        write_table(table, self.path / TABLE)
+        write_table(table, self.path / f'{self._kind}.parquet')
         return table
 
 

@@ -36,7 +36,7 @@ from ctc_chattering.runs.points import Runs
 from ctc_chattering.runs.pool import processes, serially
 from ctc_chattering.runs.recommended import recommended
 from ctc_chattering.runs.score import PER_JOINT
-from ctc_chattering.runs.store import compute, version
+from ctc_chattering.runs.store import compute
 from ctc_chattering.runs.tune_spec import Limits, Range, starts, tune_spec, TuneSpec
 import numpy as np
 import pandas  # type: ignore[import-untyped]
@@ -87,11 +87,6 @@ class OverDraws(NamedTuple):
     def objectives(self) -> tuple[float, ...]:
         """Return the logarithms of error and variation."""
         return tuple(math.log(min(max(x, _LEAST), _LARGEST)) for x in (self.error, self.variation))
-
-    @property
-    def product(self) -> float:
-        """Return error times variation."""
-        return self.error * self.variation
 
     @property
     def allowed(self) -> bool:
@@ -181,10 +176,10 @@ def search(answers: Answers, ranges: Mapping[str, Range], first: Iterable[Mappin
     Raises
     ------
     UsageError
-        If Optuna is not installed, or too old.
+        If Optuna is too old.
 
     """
-    optuna = require_optuna('a search')
+    optuna = require_optuna()
     optuna.logging.set_verbosity(optuna.logging.ERROR)
     study = optuna.create_study(
         directions=['minimize'] * 2, sampler=optuna.samplers.TPESampler(
@@ -204,15 +199,11 @@ def search(answers: Answers, ranges: Mapping[str, Range], first: Iterable[Mappin
     return found
 
 
-def require_optuna(what: str) -> Any:
-    """Return the library, or raise `UsageError` that says how to install it."""
-    try:
-        import optuna
-    except ImportError:
-        raise UsageError(f"{what} needs Optuna: pip install optuna, or '.[tune]' from the "
-                         'checkout') from None
+def require_optuna() -> Any:
+    """Return the library; raise `UsageError` if it is too old."""
+    import optuna
     if int(optuna.__version__.partition('.')[0]) < _OPTUNA:
-        raise UsageError(f'{what} needs Optuna {_OPTUNA}, this is {optuna.__version__}: '
+        raise UsageError(f'Optuna {_OPTUNA} is needed, this is {optuna.__version__}: '
                          f"pip install 'optuna>={_OPTUNA}'")
     return optuna
 
@@ -318,7 +309,7 @@ def searched(spec: TuneSpec, trials: int, percentile: float = 95.0, seed: int = 
         """Return what candidates, parameters of the controller, do over the same draws."""
         runs = Runs(draws.spec.under(candidates))
         chunks = np.split(np.arange(len(runs)), len(candidates))
-        tables.extend(each(compute, chunks, runs, version()))
+        tables.extend(each(compute, chunks, runs, ''))
         return [over_draws(x.to_pandas(), spec.limits, percentile) for x in tables[-len(chunks):]]
 
     first = starts(spec.setup.controller, spec.setup.plant.coulomb_friction,
@@ -356,7 +347,7 @@ def recommended_of(candidates: Sequence[Candidate]) -> Candidate | None:
     those that keep the limits there, or of all.
     """
     kept = [x for x in candidates if x.fresh.allowed] or candidates
-    return min(kept, key=lambda x: x.fresh.product, default=None)
+    return min(kept, key=lambda x: x.fresh.error * x.fresh.variation, default=None)
 
 
 def tune(spec: TuneSpec | Mapping[str, Any] | str | Path, trials: int = 200,
@@ -397,12 +388,12 @@ def tune(spec: TuneSpec | Mapping[str, Any] | str | Path, trials: int = 200,
         If something in the spec, or an argument, is not allowed, before anything is run.
 
     """
-    require_optuna('tune')
+    require_optuna()
     trials, jobs = whole('trials', trials, 1), whole('jobs', jobs, 1)
     if not 0.0 < percentile <= 100.0:
         raise ParameterError('percentile', percentile, 'a number > 0 and <= 100')
     found = tune_spec(spec, identified)
     runs = Runs(found.under({'tuned': {}, **found.references}))
-    compile_setups(map(runs.example, range(len(runs.spec.variants))), show)
+    compile_setups(runs.examples(), show)
     with processes(jobs) as each:
         return searched(found, trials, percentile, found.repeats.seed, each, progress)

@@ -20,6 +20,7 @@ from collections.abc import Callable
 import dataclasses
 from functools import lru_cache
 from itertools import pairwise
+import json
 from pathlib import Path
 import re
 from xml.etree import ElementTree
@@ -37,13 +38,14 @@ from ctc_chattering.identification import results as identification
 from ctc_chattering.identification.gains import recommend
 from ctc_chattering.identification.identify import identify
 from ctc_chattering.identification.perturbation import perturbation
-from ctc_chattering.runs.compare import BASE, Outcome, Task, Variant
-from ctc_chattering.runs.compare_page import to_markdown
+from ctc_chattering.runs.compare import BASE, Comparison, Variant
+from ctc_chattering.runs.compare_page import Outcome, to_markdown
+from ctc_chattering.runs.compare_page import outcomes as outcomes_of
 from ctc_chattering.runs.compare_page import write_page as write_comparison_page
-from ctc_chattering.runs.conditions import condition
 from ctc_chattering.runs.map_data import MapData
 from ctc_chattering.runs.map_figures import lines
 from ctc_chattering.runs.map_page import write_map_page
+from ctc_chattering.runs.points import row_of
 from ctc_chattering.runs.score import Score
 from ctc_chattering.runs.tune import searched, Tuning
 from ctc_chattering.runs.tune_page import write_page as write_search_page
@@ -52,6 +54,7 @@ from jinja2 import UndefinedError
 from made_up_runs import made_up
 from map_tables import table_of
 from pages import Page
+import pandas  # type: ignore[import-untyped]
 import pytest
 from tunings import short_spec
 
@@ -114,8 +117,7 @@ def identified() -> identification.IdentificationResults:
     recording = short(duration=3.0).recording
     found = identify([recording], TwoLink(), [], '')
     run = perturbation(found)
-    return identification.IdentificationResults(
-        '', found, run, recommend(found, run, TwoLink(), recording.q))
+    return identification.IdentificationResults('', found, run, recommend(found, run, TwoLink()))
 
 
 def of_an_identification(name: str, out: Path) -> None:
@@ -126,10 +128,12 @@ def of_an_identification(name: str, out: Path) -> None:
 
 
 def outcomes(name: str) -> list[Outcome]:
-    measured = Score((1e-3, 2e-3), (), (1.0, 2.0), (0.1, 0.2), (3.0, 4.0), (9.0, 9.0), engine=name)
-    return [Outcome(Task(Path('friction'), condition(''), variant), name,
-                    (f'1{name}', f'2{name}'), (), measured)
-            for variant in (BASE, Variant('chattering', 'sign', 'file'))]
+    row = row_of(Score((1e-3, 2e-3), (1.0, 1.0), (1.0, 2.0), (0.1, 0.2), (3.0, 4.0), (9.0, 9.0),
+                       (1.0, 1.0), saturated=0.0, slips=(0.0, 0.0)), 2, Comparison.failure)
+    return outcomes_of(pandas.DataFrame([{
+        'file': 'friction', 'experiment': name, 'condition': '', 'held_out': 0,
+        **variant._asdict(), 'joints': json.dumps((f'1{name}', f'2{name}')),
+        'controller': '{}', **row} for variant in (BASE, Variant('chattering', 'sign', 'file'))]))
 
 
 def of_a_comparison(name: str, out: Path) -> None:

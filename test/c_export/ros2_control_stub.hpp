@@ -12,12 +12,16 @@
 #define RCLCPP_ERROR(logger, ...) (static_cast<void>(logger), std::fprintf(stderr, __VA_ARGS__))
 #define PLUGINLIB_EXPORT_CLASS(kind, base) using Exported = kind;
 
+/// Whether the control loop runs, which must not allocate; what is published is another thread's.
+inline bool in_update = false;
+
 namespace rclcpp
 {
 struct Time
 {
-  int64_t t = 0;
-  Time(int64_t x = 0) : t(x) {}
+  int64_t t;
+  int32_t sec;
+  Time(int64_t x = 0) : t(x), sec(static_cast<int32_t>(x / 1000000000)) {}
   int64_t nanoseconds() const { return t; }
 };
 using Duration = Time;
@@ -28,7 +32,7 @@ struct Parameter
   std::string name;
   std::any value;
   std::string get_name() const { return name; }
-  std::string as_string() const { return std::any_cast<std::string>(value); }
+  std::vector<double> as_double_array() const { return std::any_cast<std::vector<double>>(value); }
   double as_double() const { return std::any_cast<double>(value); }
   int64_t as_int() const { return std::any_cast<int>(value); }
 };
@@ -87,7 +91,12 @@ struct RealtimePublisher
   explicit RealtimePublisher(std::shared_ptr<rclcpp::Publisher<T>>) {}
   T msg_;
   bool trylock() { return true; }
-  void unlockAndPublish() { last[msg_.name.back()] = msg_; }
+  void unlockAndPublish()
+  {
+    in_update = false;
+    last[msg_.name.back()] = msg_;
+    in_update = true;
+  }
   static inline std::map<std::string, T> last;
 };
 }  // namespace realtime_tools

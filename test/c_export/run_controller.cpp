@@ -1,16 +1,30 @@
 // Runs an exported controller of two joints as a controller manager does, by lines of commands:
-// `rate HZ`, `configure`, `activate`, `deactivate`, `gains NAME`, `publishers N`,
+// `rate HZ`, `configure`, `activate`, `deactivate`, `gain NAME X X`, `publishers N`,
 // `reference T POINTS` and a line `T q q dq dq ddq ddq` for each, `update T q dq q dq`. After each
 // a line of what was returned (0 is good) and both torques; after an update also q_d, e and
-// what ~/torques has.
+// what ~/torques has. An update that allocates or frees ends the program.
 #include <cstdio>
+#include <cstdlib>
 #include <iostream>
 
 #include "ros2_control_stub.hpp"
 #include "controller.cpp"
 
+// Of the address sanitizer.
+extern "C" int __sanitizer_install_malloc_and_free_hooks(
+  void (*)(const volatile void *, size_t), void (*)(const volatile void *));
+
+static void refuse(const volatile void *, size_t = 0)
+{
+  if (in_update) {
+    std::abort();
+  }
+}
+
 int main()
 {
+  __sanitizer_install_malloc_and_free_hooks(
+    refuse, [](const volatile void * memory) { refuse(memory); });
   Exported controller;
   double state[4] = {}, effort[2] = {7.0, 7.0};
   for (auto & x : state) {
@@ -31,16 +45,19 @@ int main()
       result = static_cast<int>(controller.on_activate({}));
     } else if (command == "deactivate") {
       result = static_cast<int>(controller.on_deactivate({}));
-    } else if (command == "gains") {
-      std::string name;
-      std::cin >> name;
-      result = !controller.node->on_set({{"gains", name}}).successful;
+    } else if (command == "gain") {
+      std::string name, one, two;
+      std::cin >> name >> one >> two;
+      const std::vector<double> values{std::stod(one), std::stod(two)};
+      result = !controller.node->on_set({{name, values}}).successful;
     } else if (command == "publishers") {
       std::cin >> controller.node->subscription->publishers;
     } else if (command == "reference") {
       trajectory_msgs::msg::JointTrajectory message;
+      int64_t stamp;
       size_t count;
-      std::cin >> message.header.stamp.t >> count;
+      std::cin >> stamp >> count;
+      message.header.stamp = stamp;
       message.joint_names = {"joint2", "a gripper", "joint1"};
       for (size_t k = 0; k < count; ++k) {
         trajectory_msgs::msg::JointTrajectoryPoint point;
@@ -63,7 +80,9 @@ int main()
         std::cin >> text;
         x = std::stod(text);
       }
+      in_update = true;
       result = static_cast<int>(controller.update(t, 1000000));
+      in_update = false;
     }
     const auto & tracking =
       realtime_tools::RealtimePublisher<sensor_msgs::msg::JointState>::last["joint2/error"];

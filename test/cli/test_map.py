@@ -74,11 +74,11 @@ def shards(out: Path) -> set[str]:
 def in_one_process(spec: Path, out: Path) -> dict[str, bytes]:
     """Compute a map run by run here; return the bytes of its tables."""
     runs = Runs(read_spec(spec))
-    directory = store.Directory(out, store.about(runs), store.schema(runs.spec))
+    directory = store.Directory(out, store.about(runs), store.schema(runs))
     parts = []
     for chunk in reversed(store.chunks(runs, range(len(runs)))):
         parts.append(store.compute(runs, store.version(), chunk))
-        directory.write(chunk, parts[-1])
+        store.write_table(parts[-1], directory.file(chunk))
     directory.merge(pyarrow.concat_tables(parts))
     return tables(out)
 
@@ -146,7 +146,8 @@ def test_results(tmp_path: Path) -> None:
     with locked(out):
         refused(ctc(*words), f'{out}: another process is writing there')
     written(spec, seed=8)
-    refused(ctc(*words), str(out), 'a map of another spec or version', '--overwrite')
+    refused(ctc(*words), f'{out}: the output of ctc map of another spec or version',
+            '--overwrite')
     assert tables(out) == before
 
 
@@ -154,7 +155,7 @@ def test_the_parameter_file_of_a_run_is_its_setup(tmp_path: Path) -> None:
     """Check the run that `--explain` writes."""
     spec, out = written(tmp_path / 'small.yaml'), tmp_path / 'out'
     words = ('map', spec, '--out', out, '--explain')
-    result = ctc(*words, 'friction=6,rate=2e-3,law=chattering implicit,repeat=1')
+    result = ctc(*words, '15')
     assert result.returncode == 0, result.stderr
     assert 'run 15, point 3, repeat 1, seed 8, variant chattering implicit' in result.stdout
     file = out / 'explain' / 'run_15.yaml'
@@ -162,6 +163,7 @@ def test_the_parameter_file_of_a_run_is_its_setup(tmp_path: Path) -> None:
     named = Runs(read_spec(spec)).setup(15).changed({'plant': {'experiment': 'run_15'}})
     assert parameter_file.load(file).values == named.values
     refused(ctc(*words, '15'), 'run_15.yaml: exists already', '--overwrite')
+    refused(ctc(*words, '24'), '--explain 24', '0 to 23')
 
 
 @pytest.mark.slow

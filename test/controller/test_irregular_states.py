@@ -15,7 +15,7 @@
 """
 States that are lost, off the grid or late: the package's laws on a plant of its own.
 
-The plant (`independent_arm`) shares no code with the package. Its sticking friction, rate limit,
+The plant (`independent_plant`) shares no code with the package. Its sticking friction, rate limit,
 lag and delay are those of `real_arm`; its encoders have 1e-5 rad. Errors are RMS over the second
 half of 6 s, joint by joint, relative to those of a run with regular states.
 """
@@ -27,12 +27,12 @@ from typing import Any
 
 from ctc_chattering.control.controller import Controller, ControllerConfig, Sample
 from ctc_chattering.controller.loop import ControlLoop, JointSample
-from held_out_robots import nominal, PAPER
-from independent_arm import Arm, go_on, Motion, motion_from
+import independent_plant
 from machine_code import compile_step
 import numpy as np
 from oracles import Array
 import pytest
+from rigid_bodies import PAPER, planar
 
 H, COUNT, DELAY = 1_000_000, 6_000, 1
 CENTRE = np.array([np.pi, np.pi / 2.0])
@@ -84,26 +84,20 @@ class Plant:
     """The arm, its encoders, and its error at the instants of the samples."""
 
     def __init__(self, w: float = 1.0) -> None:
-        bodies, zero = nominal('two_link')[0], np.zeros(2)
-        friction = np.full(2, 9.9)
-        self._arm = Arm(bodies, PAPER, friction, zero, zero, np.ones(2), zero, np.full(2, 2e-3),
-                        np.array([5e3, 1e3]), np.full(2, np.inf), zero, np.zeros(2),
-                        np.zeros((0, 2)))
-        self.motion: Motion = motion_from(CENTRE, zero, DELAY)
+        physics = independent_plant.ideal(planar(*PAPER)).changed(
+            coulomb=9.9, lag=2e-3, rate=(5e3, 1e3))
+        self._plant = independent_plant.Plant(
+            physics, CENTRE, 1e-9 * H, DELAY, held=False, encoder=1e-5, longest=2.5e-5)
         self.t, self._errors, self._w = 0, list[Array](), w
-        self._before: tuple[int, Array] | None = None
 
     def measured(self) -> tuple[list[float], list[float]]:
         """Return what the encoders show, and the difference quotient of it."""
-        q = 1e-5 * np.rint(self.motion.q / 1e-5)
-        at, last = self._before or (self.t - H, q)
-        self._before = self.t, q
-        self._errors.append(np.array(reference(1e-9 * self.t, self._w)[0]) - self.motion.q)
-        return q.tolist(), ((q - last) * 1e9 / (self.t - at)).tolist()
+        q, dq = self._plant.measured()
+        self._errors.append(np.array(reference(1e-9 * self.t, self._w)[0]) - self._plant.q)
+        return q.tolist(), dq.tolist()
 
     def go_on(self, torque: list[float], t: int) -> None:
-        h, steps = 1e-9 * (t - self.t), max(-(-(t - self.t) // 25_000), 1)
-        go_on(self._arm, self.motion, np.array(torque), steps, h / steps)
+        self._plant.step(torque, 1e-9 * (t - self.t))
         self.t = t
 
     def rms(self) -> Array:

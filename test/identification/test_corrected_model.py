@@ -28,10 +28,10 @@ from ctc_chattering.identification.model_errors import candidates
 from ctc_chattering.numerics.linear_algebra import Array
 from faults_of_arms import case, recorded
 from faulty_robots import Faulty, sampled
-from identified_robots import arm, motion
 import numpy as np
 import pytest
 from rigid_bodies import dynamics
+from robots import arm, motion
 
 
 def errors(robot: Faulty, texts: list[str], seed: int) -> list[Array]:

@@ -22,12 +22,10 @@ from math import sin
 
 from ctc_chattering.bags.recording import Recording
 from ctc_chattering.identification.findings import Estimate, Severity
-from faults_of_arms import case, FAULTS, recorded
-from faulty_case import Case
-from faulty_robots import plain, Plant, Played
+from faults_of_arms import case, FAULTS, OTHER_FAULTS, recorded
+from faulty_robots import Case, plain, plant_of, Played
 from identification_judge import judged, Number, Outcome, outcome
 import numpy as np
-from other_faults import OTHER_FAULTS
 import pinocchio as pin
 import pytest
 from rigid_bodies import bodies_of, dynamics
@@ -57,7 +55,7 @@ def test_friction_holds_a_joint_exactly_and_lets_it_go_at_its_limit() -> None:
     held = 9.81 * sin(angle) * np.array((
         urdfs.M1 * urdfs.R1 + urdfs.M2 * urdfs.L1 + urdfs.M2 * urdfs.R2, urdfs.M2 * urdfs.R2))
     for more, moves in ((0.999, False), (-0.999, False), (1.001, True)):
-        plant = Plant(robot, (angle, 0.0))
+        plant = plant_of(robot, (angle, 0.0))
         for _ in range(100):
             plant.step(held + more * np.array((3.0, 1.0)))
         assert (plant.state.v[0] != 0.0) == moves

@@ -28,9 +28,10 @@ from ctc_chattering.identification.identify import Identification, identify
 from ctc_chattering.identification.model_errors import candidates
 from ctc_chattering.numerics.linear_algebra import Array, Rows, Vector
 from ctc_chattering.trajectory.motions import Route
-from identified_robots import arm, motion, record, Recorded
+from identified_robots import record, Recorded
 import numpy as np
 import pytest
+from robots import arm, motion
 
 #: Duration of the runs [s].
 SHORT = 15.0

@@ -78,9 +78,9 @@ def test_the_weights_are_those_of_the_noise_of_each_joint() -> None:
     noise = RNG.normal(size=(COUNT, 2)) * (0.01, 1.0)
     found = data(torque() + noise)
     fit = solve(found, TERMS)
-    rows = found.columns(TERMS) * np.sqrt(fit.weight)[:, None]
-    plain = np.linalg.lstsq(rows.reshape(-1, len(TERMS)),
-                            (found.residual * np.sqrt(fit.weight)).reshape(-1), rcond=None)[0]
+    rows = np.concatenate([found.columns(TERMS, i) * np.sqrt(fit.weight[i]) for i in range(2)])
+    plain = np.linalg.lstsq(rows, (found.residual * np.sqrt(fit.weight)).T.reshape(-1),
+                            rcond=None)[0]
     assert fit.value == pytest.approx(plain, rel=1e-8)
     used = (WAY != 0.0).sum(axis=0)
     assert 1.0 / np.sqrt(fit.weight) == pytest.approx(
@@ -90,7 +90,7 @@ def test_the_weights_are_those_of_the_noise_of_each_joint() -> None:
 @pytest.mark.parametrize('place', [2.4, 10.6, 25.4])
 def test_a_stribeck_column_between_two_velocities(place: float) -> None:
     velocity = STRIBECK[0] * (STRIBECK[1] / STRIBECK[0]) ** place
-    column = data(torque()).columns([Term(TermKind.STRIBECK, 0, place)])[:, 0, 0]
+    column = data(torque()).columns([Term(TermKind.STRIBECK, 0, place)], 0)[:, 0]
     exact = np.sign(V[:, 0]) * np.exp(-np.square(V[:, 0] / velocity))
     assert column == pytest.approx(exact * (WAY[:, 0] != 0.0), abs=1e-4)
     step = 1e-5

@@ -28,9 +28,9 @@ from ctc_chattering.identification.model_errors import candidates, ErrorColumns,
 from ctc_chattering.identification.weak_form import Dynamics, TestFunction
 from ctc_chattering.numerics.linear_algebra import Array
 from faults_of_arms import case, recorded
-from identified_robots import arm
 import numpy as np
 import pytest
+from robots import arm
 from scipy.spatial.transform import Rotation  # type: ignore[import-untyped]
 import urdfs
 
@@ -200,6 +200,6 @@ def test_a_rotor_that_the_model_lacks_is_compared_with_its_inertia() -> None:
                        for q in recording.q[::200]], axis=0)
     true = 1.0 + one.robot.physics.rotor / every
     assert true[0] < 1.9 and true[1] > 2.1
-    (finding,) = inertia_findings(found, model, recording.q)
+    (finding,) = inertia_findings(found, model)
     assert (finding.severity, finding.joint) == (Severity.REFUSED, 1)
     assert float(finding.reason.split()[5]) == pytest.approx(true[1], rel=0.02)

@@ -52,7 +52,7 @@ def measured() -> MeasuredPerturbation:
 
 
 def recommended(found: Identification | None = None) -> Recommendation:
-    return recommend(found or base(), measured(), made().model, made().recording.q)
+    return recommend(found or base(), measured(), made().model)
 
 
 def test_ka_holds_the_largest_perturbation() -> None:
@@ -79,7 +79,7 @@ def test_lag_and_delay_slow_the_gains_down() -> None:
 
 def test_the_values_make_a_parameter_file_that_beats_compensation(tmp_path: Path) -> None:
     """On a motion that was not recorded, tenfold on every joint."""
-    values = parameter_values(base(), recommended(), made().model, made().recording.q,
+    values = parameter_values(base(), recommended(), made().model,
                               {'model': 'two_link', 'gravity': 9.81}, None)
     file = tmp_path / 'identified.yaml'
     parameter_file.dump(values, file)
@@ -123,15 +123,13 @@ def test_a_joint_that_hardly_moves_has_no_gains_and_no_file() -> None:
     assert not verdict.usable
     assert 'hardly moves' in str(verdict) and 'raise its kp' in str(verdict)
     with pytest.raises(CtcError, match='joint2 hardly moves'):
-        parameter_values(found, gains, made().model, made().recording.q, {'model': 'two_link'},
-                         None)
+        parameter_values(found, gains, made().model, {'model': 'two_link'}, None)
 
 
 def test_without_velocities_the_plant_takes_differences() -> None:
     found = dataclasses.replace(base(), noise=[Estimate.none('no velocities in the bag')] * 2)
     gains = recommended(found)
-    plant = parameter_values(found, gains, made().model, made().recording.q, {'model': 'two_link'},
-                             None)['plant']
+    plant = parameter_values(found, gains, made().model, {'model': 'two_link'}, None)['plant']
     assert plant['velocity_sensor'] == 'difference' and 'velocity_noise' not in plant
 
 
@@ -150,8 +148,7 @@ def test_the_motion_keeps_limits_that_the_recorded_one_did_not_keep() -> None:
     class Slow(TwoLink):
         velocity_limits = (0.2, 0.4)
 
-    q = made().recording.q
-    values = parameter_values(base(), recommended(), Slow(9.81), q, {'model': 'two_link'}, None)
+    values = parameter_values(base(), recommended(), Slow(9.81), {'model': 'two_link'}, None)
     motion = values['reference']
     speed = 2.0 * np.pi * np.array(motion['amplitude']) * motion['frequency']
     assert (speed <= (0.2, 0.4)).all() and (np.abs(base().data.velocity).max(axis=0) > 0.4).all()

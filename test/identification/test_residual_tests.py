@@ -67,7 +67,8 @@ def motion(seed: int, torque: Torque | None = None, noise: float = NOISE) -> tup
     data = SimpleNamespace(
         t=t, velocity=dq, way=way, residual=residual, base=base, gravity=weight, position=q,
         acceleration=ddq, build_up=np.stack([way * np.exp(-since / d) for d in BUILD_UP], axis=2))
-    return data, SimpleNamespace(terms=TERMS, design=design, value=value, residual=rest)
+    return data, SimpleNamespace(
+        terms=TERMS, columns=lambda i: design[:, i], value=value, residual=rest)
 
 
 CAUSES: dict[str, Torque] = {

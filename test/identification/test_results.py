@@ -151,7 +151,8 @@ def test_nothing_is_over_a_label_and_a_joint_that_is_not_usable_has_no_fit(
     """Check joints of long names."""
     monkeypatch.setattr(figures, 'friction_at', lambda _, v, __: (0.0 * v, 0.0 * v + 1.0))
     way = np.ones((50, n))
-    fit = SimpleNamespace(terms=(), residual=way, design=np.zeros((50, n, 0)), value=np.zeros(0))
+    fit = SimpleNamespace(
+        terms=(), residual=way, columns=lambda _: np.zeros((50, 0)), value=np.zeros(0))
     found = SimpleNamespace(data=SimpleNamespace(way=way, velocity=way), unexplained=(),
                             selected=SimpleNamespace(fit=fit))
     verdicts = [Verdict(f'a_joint_of_the_left_arm_of_a_robot_{k}', (

@@ -31,9 +31,9 @@ from ctc_chattering.identification.model_errors import candidates
 from faults_of_arms import case, recorded
 from faulty_robots import plain, played, recording_of
 from identification_judge import judged, Outcome, outcome
-from identified_robots import arm, motion
 import numpy as np
 import pytest
+from robots import arm, motion
 import urdfs
 
 DURATION = 15.0

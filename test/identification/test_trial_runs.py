@@ -55,11 +55,11 @@ def measured() -> MeasuredPerturbation:
 
 @cache
 def gains() -> Recommendation:
-    return recommend(base(), measured(), made().model, made().recording.q)
+    return recommend(base(), measured(), made().model)
 
 
 def values_of(recommended: Recommendation) -> dict[str, dict[str, Any]]:
-    return parameter_values(base(), recommended, made().model, made().recording.q,
+    return parameter_values(base(), recommended, made().model,
                             {'model': 'two_link', 'gravity': 9.81}, None)
 
 

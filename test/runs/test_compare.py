@@ -16,45 +16,35 @@
 
 from __future__ import annotations
 
-from functools import partial
+import json
 from pathlib import Path
 import re
+import subprocess
+import sys
+import time
 from typing import Any
 
 from ctc_chattering import compare
+from ctc_chattering.analysis.output import finite
 from ctc_chattering.analysis.result import Result, simulate
 from ctc_chattering.configuration import parameter_file
-from ctc_chattering.configuration.loop_setup import Overrides, Setup
+from ctc_chattering.configuration.loop_setup import Setup
 from ctc_chattering.configuration.package_share import config_directory, find_config
 from ctc_chattering.control.controller import LAWS
 from ctc_chattering.control.controller_config import RIVALS, SWITCHINGS
 from ctc_chattering.errors import CtcError
 from ctc_chattering.runs import compare_page
-from ctc_chattering.runs.compare import (
-    BASE,
-    evaluate,
-    Outcome,
-    RECOMMENDED,
-    setups,
-    Task,
-    tasks,
-    Variant,
-    variants,
-)
-from ctc_chattering.runs.compare_page import write_parameters
-from ctc_chattering.runs.conditions import (
-    condition,
-    CONDITIONS,
-    held_out,
-    LOST,
-    read_cases,
-)
-from ctc_chattering.runs.pool import processes
-from ctc_chattering.runs.recommended import by_rule, recommended
-from ctc_chattering.runs.score import over_simulation, Runner, Score, score
+from ctc_chattering.runs.compare import BASE, Comparison, tasks, Variant, variants
+from ctc_chattering.runs.compare_page import Outcome, outcomes, write_parameters
+from ctc_chattering.runs.conditions import Condition, CONDITIONS, held_out, LOST, read_cases
+from ctc_chattering.runs.points import row_of
+from ctc_chattering.runs.recommended import by_rule, FILE, RECOMMENDED, recommended
+from ctc_chattering.runs.score import over_simulation, PER_JOINT, Runner, Score, score
+from ctc_chattering.runs.store import NAMES as FILES
 from ctc_commands import ctc, refused
 from mujoco_plant import simulated_by_mujoco
 import numpy as np
+import pandas  # type: ignore[import-untyped]
 from processes import CONFIG
 import pytest
 from urdfs import PANDA, UR5
@@ -67,37 +57,31 @@ PLANTS: dict[str, Runner] = {
     'builtin': over_simulation, 'mujoco': lambda setup: simulated_by_mujoco(setup, truth=True)}
 
 
+def evaluated(made: Comparison, run: Runner = over_simulation) -> list[Outcome]:
+    """Return the outcomes of a comparison, each run made by `run`, here."""
+    return outcomes(pandas.DataFrame([made.row(k, run) for k in range(len(made))]))
+
+
 def compared_robot(robot: str, plant: str) -> None:
     """Run all laws on a robot with the file's gains; every claim about it holds."""
-    todo = tasks([CONFIG / f'{robot}.yaml'], [''])
-    outcomes = list(map(partial(evaluate, run=PLANTS[plant]), todo))
-    assert [x.task.variant for x in outcomes] == variants()
-    for outcome in outcomes:
-        assert (outcome.experiment, outcome.joints) == (robot, NAMES[robot])
-        assert (np.array(measured(outcome).peak) < LIMITS[robot]).all()  # Nothing is cut off.
-    assert_gains(outcomes)
-    assert_documented(outcomes, 0.05 if plant == 'mujoco' else 0.1)
+    found = evaluated(Comparison(tasks([CONFIG / f'{robot}.yaml'], [''])), PLANTS[plant])
+    assert [x['variant'] for x in found] == variants()
+    for x in found:
+        assert (x['experiment'], tuple(x['joints'])) == (robot, NAMES[robot])
+        assert not x['reason']
+        assert (np.array(x['peak']) < LIMITS[robot]).all()  # Nothing is cut off.
+    assert_gains(found)
+    assert_documented(found, 0.05 if plant == 'mujoco' else 0.1)
 
 
-def assert_gains(outcomes: list[Outcome]) -> None:
+def assert_gains(found: list[Outcome]) -> None:
     """Check by how much the switchings, and what is recommended, are better than the original."""
-    original = measured(outcomes[0])
-    for outcome in outcomes:
-        variant = outcome.task.variant
-        if variant.law == 'chattering' or variant.settings == RECOMMENDED:
-            least = min(a / b for a, b in zip(original.rms, measured(outcome).rms))
-            claimed = (500.0 if variant.settings == RECOMMENDED else
-                       1000.0 if variant.switching == 'implicit_observer' else 10.0)
-            assert least >= claimed, outcome
-
-
-def measured(outcome: Outcome) -> Score:
-    assert not outcome.score.failure
-    return outcome.score
-
-
-def simulated_with(path: Path, overrides: Overrides) -> Result:
-    return over_simulation(parameter_file.load(path, overrides))
+    for x in found:
+        if x['law'] == 'chattering' or x['settings'] == RECOMMENDED:
+            least = min(a / b for a, b in zip(found[0]['rms'], x['rms']))
+            claimed = (500.0 if x['settings'] == RECOMMENDED else
+                       1000.0 if x['switching'] == 'implicit_observer' else 10.0)
+            assert least >= claimed, x
 
 
 @pytest.mark.slow
@@ -108,21 +92,19 @@ def test_every_switching_wins_ten_times_on_every_joint(robot: str, plant: str) -
     compared_robot(robot, plant)
 
 
-def assert_documented(outcomes: list[Outcome], tolerance: float) -> None:
+def assert_documented(found: list[Outcome], tolerance: float) -> None:
     """Compare the columns of a robot in validation/README.md, which are of MuJoCo's plant."""
     page = (CONFIG.parent / 'validation' / 'README.md').read_text(encoding='utf-8')
     table = page[page.index('| law | switching |'):].split('\n\n')[0].replace('`', '')
     rows = {tuple(row[:3]): row[3:] for row in map(cells, table.splitlines()[2:])}
     assert list(rows) == variants([law for law in LAWS if law not in RIVALS])
-    first = 3 * list(NAMES).index(outcomes[0].experiment)
-    original = measured(outcomes[0]).rms
-    for outcome in outcomes:
-        found = measured(outcome)
-        least = min(a / b for a, b in zip(original, found.rms))
-        if outcome.task.variant in rows:
-            shown = rows[outcome.task.variant][first:first + 3]
-            assert [float(x.strip('×')) for x in shown] == pytest.approx(
-                [max(found.rms), least, max(found.peak)], rel=tolerance)
+    first = 3 * list(NAMES).index(found[0]['experiment'])
+    for x in found:
+        least = min(a / b for a, b in zip(found[0]['rms'], x['rms']))
+        if x['variant'] in rows:
+            shown = rows[x['variant']][first:first + 3]
+            assert [float(text.strip('×')) for text in shown] == pytest.approx(
+                [max(x['rms']), least, max(x['peak'])], rel=tolerance)
 
 
 def cells(line: str) -> list[str]:
@@ -138,31 +120,35 @@ def test_every_variant_is_run() -> None:
         seen.append(setup)
         return result
 
-    outcomes = list(map(partial(evaluate, run=run), tasks([file], [''])))
-    assert [x.runs[0]['controller'] for x in outcomes[:-1]] == [
+    made = Comparison(tasks([file], ['']))
+    given = [json.loads(x['controller']) for x in evaluated(made, run)]
+    assert given[:-1] == [
         {'law': law, **({'switching': switching} if switching else {})}
         for law in LAWS for switching in (SWITCHINGS if law == 'chattering' else [''])]
-    assert outcomes[-1].runs[0]['controller'] == recommended(parameter_file.load(file))
+    assert given[-1] == finite(recommended(parameter_file.load(file)))
     assert [x.controller for x in seen] == [
-        parameter_file.load(file, x.runs[0]).controller for x in outcomes]
-    assert not any('plant' in x.runs[0] for x in outcomes)
-    assert [x.controller for x in setups(tasks([file], ['']))] == [x.controller for x in seen]
+        parameter_file.load(file, {'controller': x}).controller for x in given]
+    assert {x.plant for x in seen} == {parameter_file.load(file).plant}
+    assert list(made.examples()) == seen
 
 
-def made_up(variant: Variant, rms: float, variation: float, failure: str = '') -> Outcome:
-    """Return the outcome of a made-up run of the two-link arm."""
-    found = Score((rms, 2.0 * rms), (), (variation, 50.0), (1.0, 2.0), (1e3, 2e3), (9.0, 3.0))
-    task = Task(CONFIG / 'friction.yaml', condition(''), variant)
-    return Outcome(task, 'friction', ('joint1', 'joint2'), ({},),
-                   Score(failure=failure) if failure else found)
+def made_up(*found: tuple[Variant, float, float, str]) -> list[Outcome]:
+    """Return the outcomes of made-up runs of the two-link arm: RMS error, variation, failure."""
+    return outcomes(pandas.DataFrame([{
+        'run': k, 'file': 'friction.yaml', 'experiment': 'friction', 'condition': '',
+        'held_out': 0, **x._asdict(), 'part': '', 'joints': '["joint1", "joint2"]',
+        'controller': '{}', **row_of(Score(failure=failure) if failure else Score(
+            (rms, 2.0 * rms), (1.0, 1.0), (variation, 50.0), (1.0, 2.0), (1e3, 2e3), (9.0, 3.0),
+            (1.0, 1.0), saturated=0.0, slips=(0.0, 0.0)), 2, Comparison.failure)}
+        for k, (x, rms, variation, failure) in enumerate(found)]))
 
 
 def test_the_smallest_of_a_column_is_bold_whoever_has_it() -> None:
     """Check it among numbers that look the same as well, and one that diverged."""
-    text = compare_page.to_markdown([
-        made_up(BASE, 1e-2, 100.0), made_up(Variant('integral', '', 'file'), 1.0001e-3, 300.0),
-        made_up(Variant('pd_gravity', '', 'file'), 1e-3, 200.0),
-        made_up(Variant('slotine_li', '', 'file'), 1e-9, 1.0, 'the motion diverged')])
+    text = compare_page.to_markdown(made_up(
+        (BASE, 1e-2, 100.0, ''), (Variant('integral', '', 'file'), 1.0001e-3, 300.0, ''),
+        (Variant('pd_gravity', '', 'file'), 1e-3, 200.0, ''),
+        (Variant('slotine_li', '', 'file'), 1e-9, 1.0, 'the motion diverged')))
     rows = {cells(line)[0]: cells(line)[3:] for line in text.splitlines()[:9] if '|' in line}
     changes = {cells(line)[0]: cells(line)[3:] for line in text.splitlines()[9:] if '|' in line}
     assert rows['compensation'] == ['1.0e-02', '2.0e-02', '', '**9**']
@@ -186,33 +172,58 @@ def arm(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return file
 
 
+def of_law(law: str, settings: str = FILE, *, arm: Path, under: Condition) -> Comparison:
+    """Return the runs of one law under a condition."""
+    return Comparison(x for x in tasks([arm], [], [law], settings, [under])
+                      if (x[0]['law'], x[0]['settings']) == (law, settings))
+
+
 def test_a_condition_has_the_worst_of_its_runs(arm: Path) -> None:
-    outcome = evaluate(Task(arm, CONDITIONS['model_error'], Variant('integral', '', 'file')))
-    made = [parameter_file.load(arm, x) for x in outcome.runs]
-    assert [x.controller.inertia_scale for x in made] == [0.9, 1.1]
-    assert outcome.score.rms == tuple(map(max, zip(*(score(x).rms for x in made))))
+    made = of_law('integral', arm=arm, under=CONDITIONS['model_error'])
+    assert [x.controller.inertia_scale for _, x in made.listed] == [0.9, 1.1]
+    (found,) = evaluated(made)
+    scores = [score(x) for _, x in made.listed]
+    for name in PER_JOINT:
+        assert found[name] == tuple(map(max, zip(*(getattr(x, name) for x in scores))))
+    assert found['error'] == max(x.error for x in scores)
 
 
-def test_the_number_of_processes_changes_nothing(arm: Path) -> None:
-    todo = tasks([arm], ['clean'], ['compensation', 'integral'], RECOMMENDED)
-    outcomes = list(map(evaluate, todo))
-    with processes(2) as each:
-        assert list(each(evaluate, todo)) == outcomes
-    assert [x.task.variant.settings for x in outcomes] == ['file', RECOMMENDED, RECOMMENDED]
-    for outcome in outcomes:
-        again = simulated_with(arm, outcome.runs[0]).metrics()
-        assert tuple(again['rms_error_rad']) == measured(outcome).rms
+@pytest.mark.parametrize('lost', [0, 1])
+def test_a_condition_is_lost_with_any_of_its_runs(arm: Path, lost: int) -> None:
+    def run(setup: Setup) -> Result:
+        if setup == made.setup(lost):
+            raise CtcError('the motion diverged')
+        return over_simulation(setup)
+
+    made = of_law('integral', arm=arm, under=CONDITIONS['model_error'])
+    (found,) = evaluated(made, run)
+    assert (found['reason'], found['rms'], found['error']) == (
+        'the motion diverged', (), float('inf'))
+
+
+def test_the_number_of_processes_changes_nothing(arm: Path, tmp_path: Path) -> None:
+    arguments: dict[str, Any] = {'laws': ['compensation', 'integral'], 'conditions': ['clean'],
+                                 'gains': RECOMMENDED, 'show': lambda _: None}
+    one, two = (compare([arm], **arguments, jobs=jobs, out=tmp_path / f'{jobs}')
+                for jobs in (1, 2))
+    assert one.equals(two)
+    assert [(tmp_path / f'{jobs}' / 'compare.parquet').read_bytes() for jobs in (1, 2)] == [
+        (tmp_path / '1' / 'compare.parquet').read_bytes()] * 2
+    assert list(one['settings']) == ['file', RECOMMENDED, RECOMMENDED]
+    for x, (_, setup) in zip(outcomes(one), tasks([arm], ['clean'], arguments['laws'],
+                                                  RECOMMENDED)):
+        again = simulate(setup, truth=True).metrics()
+        assert tuple(again['rms_error_rad']) == x['rms']
 
 
 def test_files_of_parameters_give_the_same_run(arm: Path, tmp_path: Path) -> None:
-    task = Task(arm, CONDITIONS['real_arm'], Variant('slotine_li', '', RECOMMENDED))
-    outcome = evaluate(task)
-    write_parameters([outcome], tmp_path)
+    made = of_law('slotine_li', RECOMMENDED, arm=arm, under=CONDITIONS['real_arm'])
+    write_parameters(made, tmp_path)
     paths = sorted(tmp_path.iterdir())
     assert [x.name for x in paths] == [
         f'friction_real_arm_slotine_li_recommended_model_{x}.yaml' for x in ('0.9', '1.1')]
-    for path, run in zip(paths, outcome.runs):
-        one, other = simulated_with(path, {}).run, simulated_with(arm, run).run
+    for path, (_, setup) in zip(paths, made.listed):
+        one, other = over_simulation(parameter_file.load(path)).run, over_simulation(setup).run
         assert (one.tau == other.tau).all()
 
 
@@ -228,30 +239,29 @@ def test_held_out_conditions_have_the_gains_of_the_rule_there(arm: Path) -> None
         return result
 
     seen: list[Setup] = []
-    todo = tasks([arm], ['clean'], ['integral'], RECOMMENDED, 3, 3)
-    outcomes = list(map(partial(evaluate, run=run), todo))
-    mine = [x for x in outcomes if x.task.variant.law == 'integral'][1:]
-    assert [x.task.condition for x in mine] == list(held_out(3, 3))
-    assert [x.score.failure for x in mine] == ['', 'the motion diverged', '']
+    found = evaluated(Comparison(tasks(
+        [arm], ['clean'], ['integral'], RECOMMENDED, held_out(3, 3))), run)
+    mine = [x for x in found if x['law'] == 'integral'][1:]
+    assert [x['condition'] for x in mine] == [x.name for x in held_out(3, 3)]
+    assert [x['reason'] for x in mine] == ['', 'the motion diverged', '']
     own = [x for x in seen if x.controller.law == 'integral']
     for outcome, setup in zip(mine, own, strict=True):
-        rule, (made,) = by_rule(setup), outcome.runs
-        assert {name: made['controller'][name] for name in rule} == rule
-        assert setup.plant.actuator_lag == tuple(made['plant']['actuator_lag'])
-    text = compare_page.to_markdown(outcomes)
+        rule, made = by_rule(setup), json.loads(outcome['controller'])
+        assert {name: made[name] for name in rule} == rule
+    text = compare_page.to_markdown(found)
     (row,) = [cells(x) for x in text.splitlines() if '2 of 3' in x]
     assert row[:5] == ['integral', '', RECOMMENDED, '2 of 3', 'lost']
     assert float(row[5]) == pytest.approx(
-        sorted(x.score.error for x in mine)[1], rel=0.06)
-    lines = compare_page.to_csv(outcomes).splitlines()
-    assert sum(',held_out_3_' in x for x in lines) == 2 * (len(outcomes) - 2)
+        sorted(x['error'] for x in mine)[1], rel=0.06)
+    lines = compare_page.to_csv(found).splitlines()
+    assert sum(',held_out_3_' in x for x in lines) == 2 * (len(found) - 2)
 
 
 def test_a_run_that_ends_too_early_is_refused(tmp_path: Path) -> None:
     file = tmp_path / 'short.yaml'
     file.write_text('plant: {ros__parameters: {duration: 0.01}}')
     with pytest.raises(CtcError, match=r'short\.yaml: fewer than two samples from 5 s to 10 s'):
-        evaluate(tasks([file], [''])[0])
+        compare([file], ['compensation'])
 
 
 def test_the_command_prints_the_table_and_writes_it_once(arm: Path, tmp_path: Path) -> None:
@@ -270,6 +280,7 @@ def test_the_command_prints_the_table_and_writes_it_once(arm: Path, tmp_path: Pa
     assert rows == ([8] * 4 + [6] * 4) * 2
     assert len((out / 'compare.csv').read_text().splitlines()) == 1 + 2 * 2 * 2
     assert {x.name for x in (out / 'figures').iterdir()} == {'friction.svg'}
+    assert {x.name for x in out.iterdir()} == {*FILES['compare'], '.lock'}
     assert len(list((out / 'parameters').iterdir())) == 4
     page = (out / 'index.html').read_text(encoding='utf-8')
     assert page.count('<img ') == 1
@@ -277,7 +288,33 @@ def test_the_command_prints_the_table_and_writes_it_once(arm: Path, tmp_path: Pa
     numbers = page[page.index('<h2>Numbers'):]
     assert re.findall(r'<b>(.*?)</b>', numbers) == re.findall(r'\*\*(.*?)\*\*', text)
     assert text in ctc(*arguments).stdout
-    refused(ctc(*arguments, '--out', out), 'compare.md', '--overwrite')
+    (out / 'compare.csv').write_text('')
+    again = ctc(*arguments, '--out', out)
+    assert '4 runs in 4 chunks, 4 of them computed' in again.stderr
+    assert len((out / 'compare.csv').read_text().splitlines()) == 1 + 2 * 2 * 2
+    refused(ctc(*arguments, '--seed', 3, '--held-out', 1, '--out', out),
+            'the output of ctc compare of another spec or version', '--overwrite')
+
+
+def test_a_comparison_that_is_killed_goes_on(arm: Path, tmp_path: Path) -> None:
+    """Kill the command in the middle; what is left is computed, to the same bytes."""
+    names = [x for name in ('clean', 'lag', 'delay', 'encoder') for x in ('--condition', name)]
+    words = ['compare', arm, *names, '--laws', 'pd_gravity,integral', '--jobs', 1, '--out']
+    whole, out = tmp_path / 'whole', tmp_path / 'out'
+    assert ctc(*words, whole).returncode == 0
+    with subprocess.Popen([sys.executable, '-m', 'ctc_chattering.cli.ctc', *map(str, words), out],
+                          stderr=subprocess.DEVNULL) as process:
+        while len(list(out.glob('shards/*.parquet'))) < 3:
+            assert process.poll() is None
+            time.sleep(0.01)
+        process.kill()
+    there = {x: x.stat().st_mtime_ns for x in out.glob('shards/*.parquet')}
+    assert 3 <= len(there) < 12
+    result = ctc(*words, out)
+    assert f'12 runs in 12 chunks, {len(there)} of them computed' in result.stderr
+    assert {x: x.stat().st_mtime_ns for x in there} == there
+    for name in ('compare.parquet', 'compare.csv', 'compare.md'):
+        assert (out / name).read_bytes() == (whole / name).read_bytes()
 
 
 @pytest.mark.parametrize(('arguments', 'words'), [
@@ -310,8 +347,8 @@ cases:
 def test_a_case_is_above_what_all_have_and_that_above_the_file(tmp_path: Path) -> None:
     file = tmp_path / 'mine.yaml'
     file.write_text(CASES)
-    found = compare(['friction'], ['compensation'], cases=file)
-    assert [x.task.condition.name for x in found] == [
+    found = outcomes(compare(['friction'], ['compensation'], cases=file))
+    assert [x['condition'] for x in found] == [
         'Drive lag: 2 ms', 'Sample period: 5 ms']
     given: tuple[dict[str, Any], ...] = (
         {'plant': {'duration': 6.0, 'compiled': False, 'actuator_lag': [2e-3, 2e-3]}},
@@ -319,7 +356,9 @@ def test_a_case_is_above_what_all_have_and_that_above_the_file(tmp_path: Path) -
     for outcome, values in zip(found, given, strict=True):
         setup = parameter_file.load(config_directory() / 'friction.yaml',
                                     {**values, 'controller': {'law': 'compensation'}})
-        assert outcome.score == score(setup)
+        expected = score(setup)
+        assert [outcome[name] for name in PER_JOINT] == [
+            getattr(expected, name) for name in PER_JOINT]
 
 
 @pytest.mark.parametrize('old, new, words', [

@@ -141,8 +141,8 @@ def test_a_payload_is_for_robots_of_a_urdf() -> None:
         setups(FRICTION, 'payload')
     (setup,) = setups(CONFIG / 'panda.yaml', 'payload')
     assert setup.plant.payload == 1.0
-    found = {path.stem: [x.condition.name for x in tasks(
-        [path], ['all'], ['compensation'])]
+    found = {path.stem: list(dict.fromkeys(x['condition'] for x, _ in tasks(
+        [path], ['all'], ['compensation'])))
         for path in (FRICTION, CONFIG / 'panda.yaml')}
     assert found == {'friction': list(SET), 'panda': list(CONDITIONS)}
 

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Runs of a map: their order, their setups, the run that a text names, and their draws."""
+"""Runs of a map: their order, their setups, and their draws."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ from typing import Any
 
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.configuration.loop_setup import Setup
-from ctc_chattering.errors import CtcError, UsageError
-from ctc_chattering.runs.points import draws, find_run, unit_draws
+from ctc_chattering.errors import CtcError
+from ctc_chattering.runs.points import draws, unit_draws
 from ctc_chattering.runs.recommended import recommended_setup
 from ctc_chattering.runs.spec import read_uncertain, Repeats, Uncertain
 from map_specs import ON_TRACK, runs
@@ -111,45 +111,13 @@ def test_a_draw_that_is_not_allowed_is_refused_when_it_comes() -> None:
 def test_an_example_is_a_run_without_its_draw() -> None:
     """Check one at the first point, and one whose values contradict each other there."""
     made = runs(uncertain=None, repeats=1)
-    assert made.example(1) == made.setup(1)
+    assert list(made.examples()) == [made.setup(0), made.setup(1)]
     friction = {'parameter': 'plant.coulomb_friction', 'values': [1e9]}
     axes = {'level': friction, 'factor': {**friction, 'values': [2.0], 'factor': True}}
     made = runs(axes=axes, uncertain=None)
     with pytest.raises(CtcError, match='coulomb_friction'):
         made.setup(0)
-    assert made.example(0).controller.law == 'compensation'
-
-
-RUNS = runs()
-
-
-@pytest.mark.parametrize('run', [0, 5, 13, 23])
-def test_a_run_by_its_number_and_by_what_its_row_says(run: int) -> None:
-    row = RUNS.columns(run)
-    text = 'friction={friction},rate={rate}, law={variant} , repeat={repeat}'.format(**row)
-    assert find_run(RUNS, str(run)) == find_run(RUNS, text) == run
-
-
-def test_the_nearest_value_is_taken() -> None:
-    assert find_run(RUNS, 'friction=6.9,rate=0.1,law=compensation,repeat=1') == find_run(
-        RUNS, 'friction=5,rate=2e-3,law=compensation,repeat=1')
-
-
-def test_what_has_one_value_may_be_left_out() -> None:
-    assert find_run(runs(axes=None, laws=['compensation']), 'repeat=1') == 1
-
-
-@pytest.mark.parametrize(('text', 'words'), [
-    ('24', ['run: 24', '<= 23']), ('-1', ['POINT', 'friction, rate, law']),
-    ('friction=', ['friction', '2.0, 5.0, 10.0']), ('load=3', ['load', 'friction, rate, law']),
-    ('friction=5,law=compensation,repeat=0', ['rate', '0.001, 0.002']),
-    ('friction=much,rate=1e-3,law=compensation,repeat=0', ["'much'", '2.0, 5.0']),
-    ('friction=5,rate=1e-3,law=integral,repeat=0', ['integral', 'chattering implicit']),
-    ('friction=5,rate=1e-3,law=compensation,repeat=0.5', ["repeat: '0.5'", '0, 1'])])
-def test_what_is_no_point(text: str, words: list[str]) -> None:
-    with pytest.raises(UsageError) as error:
-        find_run(RUNS, text)
-    assert [word for word in (f'--explain {text}', *words) if word not in str(error.value)] == []
+    assert next(made.examples()).controller.law == 'compensation'
 
 
 def uncertain(**distribution: Any) -> Uncertain:

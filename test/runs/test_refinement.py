@@ -22,7 +22,7 @@ from typing import Any
 
 from ctc_chattering.runs import store
 from ctc_chattering.runs.map_data import MapData
-from ctc_chattering.runs.points import FAILS, next_runs, PASSES, Runs, UNKNOWN, wanted
+from ctc_chattering.runs.points import FAILS, PASSES, Runs, UNKNOWN, wanted
 from ctc_chattering.runs.store import Directory
 from map_specs import runs
 import numpy as np
@@ -78,16 +78,16 @@ def rows(made: Runs, numbers: Any) -> pyarrow.Table:
         return 'error' * bool(x['friction'] > x['ka'] * (1 + (x['law'] == 'chattering')))
     return pyarrow.Table.from_pylist([
         {**which, 'failure': failure(which), 'error': 1.0} for which in map(
-            made.columns, numbers)], store.schema(made.spec))
+            made.columns, numbers)], store.schema(made))
 
 
 def mapped(made: Runs, directory: Directory, computed: list[Any]) -> pyarrow.Table:
     """Refine a map as `ctc map` does, chunks in reverse; return its rows."""
-    table = store.schema(made.spec).empty_table()
-    while len(some := next_runs(made, table)):
+    table = store.schema(made).empty_table()
+    while len(some := made.next_runs(table)):
         chunks = store.chunks(made, some)
         for part in reversed([x for x in chunks if directory.rows(x, print) is None]):
-            directory.write(part, rows(made, part))
+            store.write_table(rows(made, part), directory.file(part))
             computed.append(part)
         table = pyarrow.concat_tables([table, *(directory.rows(x, print) for x in chunks)])
     return directory.merge(table)
@@ -96,12 +96,12 @@ def mapped(made: Runs, directory: Directory, computed: list[Any]) -> pyarrow.Tab
 def test_rows_are_those_of_the_whole_map_and_are_not_computed_again(tmp_path: Path) -> None:
     made = runs(axes={'friction': AXIS, 'ka': KA}, refine=3, laws=['compensation', 'chattering'])
     about, first, again = store.about(made), list[Any](), list[Any]()
-    directory = Directory(tmp_path, about, store.schema(made.spec))
+    directory = Directory(tmp_path, about, store.schema(made))
     table = mapped(made, directory, first)
     before = (tmp_path / 'map.parquet').read_bytes()
     next(tmp_path.glob('shards/*.parquet')).unlink()
     assert mapped(made, Directory(
-        tmp_path, about, store.schema(made.spec)), again).equals(table)
+        tmp_path, about, store.schema(made)), again).equals(table)
     assert (tmp_path / 'map.parquet').read_bytes() == before
     assert len(again) == 1 < len(first)
     number = table['run'].to_numpy()

@@ -27,7 +27,7 @@ from ctc_chattering.compiled.machine_code import MACHINE_CODE, PLAIN_PYTHON
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.configuration.loop_setup import Setup
 from ctc_chattering.errors import CtcError, MachineError
-from ctc_chattering.runs.points import evaluate, row_of
+from ctc_chattering.runs.points import row_of
 from ctc_chattering.runs.score import (
     limits,
     of_results,
@@ -35,12 +35,11 @@ from ctc_chattering.runs.score import (
     Score,
     score,
     slips_at_rest,
-    worst,
 )
 from ctc_chattering.runs.spec import Failure
 from ctc_chattering.simulation.closed_loop import Run
 from ctc_chattering.simulation.closed_loop import simulate as simulated
-from map_specs import ON_TRACK
+from map_specs import evaluate, ON_TRACK
 import numpy as np
 import pytest
 
@@ -96,12 +95,6 @@ def test_what_the_machine_cannot_do_is_none(error: BaseException) -> None:
 
     with pytest.raises((MachineError, KeyboardInterrupt)):
         score(setup(), run=run)
-
-
-def test_the_worst_of_runs_is_the_first_that_fails_and_no_further_one_is_made() -> None:
-    made = iter([Score((1.0,)), Score(failure='diverged'), Score((2.0,))])
-    assert worst(made).failure == 'diverged'
-    assert next(made).rms == (2.0,)
 
 
 def test_slips_are_those_at_rest() -> None:

@@ -22,10 +22,10 @@ from typing import Any
 
 from ctc_chattering.errors import CtcError
 from ctc_chattering.runs import store
-from ctc_chattering.runs.points import evaluate, Runs
-from ctc_chattering.runs.store import Directory, locked
+from ctc_chattering.runs.points import Runs
+from ctc_chattering.runs.store import Directory, locked, write_table
 from ctc_commands import python
-from map_specs import runs, SMALL
+from map_specs import evaluate, runs, SMALL
 import numpy as np
 import pyarrow
 from pyarrow import parquet
@@ -51,7 +51,7 @@ def test_a_chunk_has_so_many_control_steps() -> None:
 def test_rows_are_those_of_their_runs() -> None:
     made = runs()
     table = store.compute(made, store.version(), range(5, 9))
-    assert table.schema == store.schema(made.spec)
+    assert table.schema == store.schema(made)
     for run, row in zip(range(5, 9), table.to_pylist()):
         assert row == {**made.columns(run), **evaluate(
             made.setup(run), made.spec.window, made.spec.failure)}
@@ -97,7 +97,7 @@ CHANGES: list[dict[str, Any]] = [
 def test_keys_change_with_everything_that_matters(tmp_path: Path) -> None:
     keys = [store.about(runs(**change))['key'] for change in [{}, *CHANGES]]
     made = Directory(tmp_path, ABOUT, SCHEMA)
-    keys += [made.name(chunk) for chunk in (range(2), range(3), range(1, 3))]
+    keys += [made.file(chunk).name for chunk in (range(2), range(3), range(1, 3))]
     assert len(set(keys)) == len(keys)
     assert store.about(runs())['key'] == keys[0]
 
@@ -129,7 +129,8 @@ def test_a_chunk_that_is_damaged_is_computed_again(tmp_path: Path) -> None:
     """Flip bits of pages and of the footer, and cut the file; the file as it was is read."""
     made, lines = Directory(tmp_path, ABOUT, SCHEMA), list[str]()
     values = np.random.default_rng(0).random(500)
-    made.write(range(500), pyarrow.table({'run': np.arange(500), 'error': values}, SCHEMA))
+    write_table(pyarrow.table({'run': np.arange(500), 'error': values}, SCHEMA),
+                made.file(range(500)))
     path = only(made)
     content = path.read_bytes()
     column = parquet.ParquetFile(path).metadata.row_group(0).column(1)
@@ -152,14 +153,14 @@ def test_rows_are_those_of_the_chunk(tmp_path: Path, there: tuple[int, ...]) -> 
     """Check whole files with other runs, and with other columns, than they must have."""
     made, lines = Directory(tmp_path, ABOUT, SCHEMA), list[str]()
     for table in (rows(*there), rows(0, 1, 2).append_column('more', pyarrow.array((0, 1, 2)))):
-        made.write(range(3), table)
+        write_table(table, made.file(range(3)))
         assert made.rows(range(3), lines.append) is None
         assert 'it has other rows or columns' in lines.pop()
     assert made.rows(range(1), print) is None
 
 
 def test_a_map_goes_on_and_another_is_refused(tmp_path: Path) -> None:
-    Directory(tmp_path, ABOUT, SCHEMA).write(range(1), rows(0))
+    write_table(rows(0), Directory(tmp_path, ABOUT, SCHEMA).file(range(1)))
     assert Directory(tmp_path, ABOUT, SCHEMA).rows(range(1), print) is not None
     with pytest.raises(CtcError, match=r'of another spec or version.* --overwrite'):
         Directory(tmp_path, {**ABOUT, 'key': 'two'}, SCHEMA)

@@ -27,7 +27,7 @@ import sys
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.errors import CtcError, UsageError
 from ctc_chattering.runs import tune_page as report
-from ctc_chattering.runs.points import evaluate, row_of, Runs
+from ctc_chattering.runs.points import row_of, Runs
 from ctc_chattering.runs.pool import processes
 from ctc_chattering.runs.recommended import recommended_setup
 from ctc_chattering.runs.score import of_results, Score
@@ -52,6 +52,7 @@ from ctc_chattering.runs.tune_page import (
 )
 from ctc_chattering.runs.tune_spec import Limits, Range
 from figure_layout import overlaps
+from map_specs import evaluate
 import optuna
 import pandas  # type: ignore[import-untyped]
 import pyarrow
@@ -231,7 +232,7 @@ def test_all_laws_that_run_are_compiled_first() -> None:
     spec = short_spec()
     runs = Runs(spec.under({'tuned': {}, **spec.references}))
     assert [(x.controller.law, x.controller.switching_in_force)
-            for x in map(runs.example, range(len(runs.spec.variants)))] == [
+            for x in runs.examples()] == [
         ('chattering', 'implicit_observer'), ('chattering', 'sign'),
         ('chattering', 'implicit_observer'), ('observer_feedback', '')]
 
@@ -378,10 +379,10 @@ def test_numbers_that_are_given_stay(capsys: pytest.CaptureFixture[str]) -> None
 def test_what_is_missing_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
     with monkeypatch.context() as context:
         context.setattr(optuna, '__version__', '4.9.0')
-        with pytest.raises(UsageError, match=r"needs Optuna 5, .* pip install 'optuna>=5'"):
+        with pytest.raises(UsageError, match=r"Optuna 5 is needed, .* pip install 'optuna>=5'"):
             found_by(Robot())
     monkeypatch.setitem(sys.modules, 'optuna', None)
-    with pytest.raises(UsageError, match='a search needs Optuna: pip install optuna'):
+    with pytest.raises(ModuleNotFoundError, match='optuna'):
         found_by(Robot())
 
 

@@ -27,10 +27,9 @@ from ctc_chattering.configuration.loop_setup import Setup
 from ctc_chattering.configuration.package_share import config_directory
 from ctc_chattering.control.controller import ControllerConfig
 from ctc_chattering.errors import CtcError
-from ctc_chattering.runs.compare import FILE, Variant, variants
+from ctc_chattering.runs.compare import Variant, variants
 from ctc_chattering.runs.points import Runs
-from ctc_chattering.runs.recommended import by_rule, recommended, RULES
-from ctc_chattering.runs.score import Score, worst
+from ctc_chattering.runs.recommended import by_rule, FILE, recommended, RULES
 from ctc_chattering.runs.tune_spec import (
     DRAWS,
     gains,
@@ -152,17 +151,6 @@ def test_what_is_wrong_is_one_line(tree: dict[str, Any], tune: dict[str, Any], w
 
 FRICTION = (9.9, 4.0)
 TUNED = [x for x in variants() if x.settings == FILE]
-
-
-def measurement(rms: float, variation: float, rate: float) -> Score:
-    return Score((rms, 2.0 * rms), (), (variation,) * 2, (1.0, 1.0), (rate,) * 2, (5.0, 5.0))
-
-
-def test_the_worst_of_runs_counts_joint_by_joint() -> None:
-    a, b = measurement(1.0, 5.0, 7.0), measurement(0.5, 9.0, 6.0)
-    found = worst([a, b._replace(rms=(0.5, 8.0))])
-    assert found.rms == (1.0, 8.0)
-    assert (found.variation, found.rate) == ((9.0, 9.0), (7.0, 7.0))
 
 
 def config_of(variant: Variant) -> ControllerConfig:

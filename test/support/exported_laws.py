@@ -19,24 +19,31 @@ from __future__ import annotations
 from pathlib import Path
 import shutil
 import subprocess
-from typing import Any
+from typing import Any, NamedTuple
 
-from ctc_chattering.c_export.library import Robot
 from ctc_chattering.configuration.package_share import find_config
 from ctc_chattering.configuration.parameter_file import load
 from ctc_chattering.control.controller import Controller
-from ctc_chattering.control.controller_config import SWITCHINGS
+from ctc_chattering.control.controller_config import ControllerConfig, SWITCHINGS
+from ctc_chattering.dynamics.model import Model
 from ctc_chattering.dynamics.registry import model_of
 from machine_code import compile_step
 
 FLAGS = ('-O2', '-std=c11', '-Wall', '-Wextra', '-Wpedantic', '-Werror')
 
 
+class Robot(NamedTuple):
+    """What is exported."""
+
+    config: ControllerConfig
+    model: Model
+
+
 def robot_of(file: str, law: str, **values: Any) -> Robot:
     """Return a robot under a law, or under law (6) with a switching."""
     named = {'law': 'chattering', 'switching': law} if law in SWITCHINGS else {'law': law}
     setup = load(find_config(file), {'controller': {**named, **values}})
-    return Robot(file, setup.controller, model_of(
+    return Robot(setup.controller, model_of(
         setup.controller, setup.descriptions.get('controller', '')))
 
 
@@ -56,7 +63,6 @@ def controller_of(robot: Robot) -> Controller:
     return controller
 
 
-def watched() -> tuple[Robot, Robot]:
-    """Return law (6) with an observer and an error limit, and the same with other gains."""
-    return robot_of('friction', 'implicit_observer', error_limit=[0.5, 0.5]), robot_of(
-        'friction', 'implicit_observer', kp=[400.0, 300.0], ka=[3.0, 2.0])._replace(name='low')
+def watched() -> Robot:
+    """Return law (6) with an observer and an error limit."""
+    return robot_of('friction', 'implicit_observer', error_limit=[0.5, 0.5])

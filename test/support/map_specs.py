@@ -19,8 +19,10 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from ctc_chattering.runs.points import Runs
-from ctc_chattering.runs.spec import MapSpec, parse
+from ctc_chattering.configuration.loop_setup import Setup
+from ctc_chattering.runs.points import row_of, Runs
+from ctc_chattering.runs.score import score
+from ctc_chattering.runs.spec import Failure, MapSpec, parse
 import yaml
 
 #: On the reference at the start, so that short runs have small errors.
@@ -47,6 +49,11 @@ def spec(**changes: Any) -> MapSpec:
 def runs(**changes: Any) -> Runs:
     """Return the runs of `spec`."""
     return Runs(spec(**changes))
+
+
+def evaluate(setup: Setup, window: tuple[float, float], failure: Failure) -> dict[str, Any]:
+    """Return the columns of a run's results."""
+    return row_of(score(setup, window), len(setup.controller.joint_names), failure)
 
 
 def written(path: Path, **changes: Any) -> Path:

@@ -32,7 +32,7 @@ UR5 = ('shoulder_pan_joint', 'shoulder_lift_joint', 'elbow_joint', 'wrist_1_join
 def robot(name: str) -> str:
     """Return the URDF of a robot of the package example-robot-data."""
     files = importlib.metadata.files('example-robot-data') or []
-    found = [file for file in files if file.match(f'robots/*/urdf/{name}.urdf')]
+    found = [file for file in files if file.name == f'{name}.urdf']
     return Path(str(found[0].locate())).read_text(encoding='utf-8')
 
 

@@ -40,7 +40,8 @@ from ctc_chattering.analysis.result import simulate
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.configuration.loop_setup import Setup
 from ctc_chattering.configuration.package_share import config_directory
-from ctc_chattering.runs.points import evaluate
+from ctc_chattering.runs.points import row_of
+from ctc_chattering.runs.score import score
 from ctc_chattering.runs.spec import Failure
 from ctc_chattering.simulation.closed_loop import Run
 from fixed_case import by_jax, by_numba, Floats, FRICTION, PERIOD
@@ -138,7 +139,7 @@ def contestants(case: Case) -> dict[str, Contestant]:
         return float(simulate(setup).run.t[-1])
 
     def row() -> float:
-        evaluate(setup, WINDOW, Failure())
+        row_of(score(setup, WINDOW), len(setup.plant.joint_names), Failure())
         return DURATION
 
     found = {COLUMNS[0]: Contestant(partial(by, setup)),

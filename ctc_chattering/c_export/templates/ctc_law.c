@@ -15,6 +15,9 @@
 
 _Static_assert(sizeof(double) == 8 && sizeof(void *) == 8, "a processor of 64 bits");
 
+/* Has the law follow gains that have changed; NULL if it cannot. */
+static code *const gains_function = GAINS_FUNCTION;
+
 #define COUNT(x) (sizeof(x) / sizeof *(x))
 
 static int is_ready(const ctc_law *law) { return law != NULL && law->self == law; }
@@ -25,9 +28,9 @@ static void point(ctc_law *law, uint32_t at, uintptr_t address) {
   memcpy(law->memory + at, &word, sizeof word);
 }
 
-static void begin(ctc_law *law) {
-  memcpy(law->memory, starts[law->gains], sizeof *starts);
-  memcpy(law->memory + START_WORDS, rest, sizeof rest);
+/* Have the memory be as at the start, from a word on. */
+static void begin(ctc_law *law, size_t from) {
+  memcpy(law->memory + from, content + from, sizeof content - from * sizeof *content);
   for (size_t i = 0; i < COUNT(pointers); i++) {
     point(law, pointers[i].at, (uintptr_t)(law->memory + pointers[i].to));
   }
@@ -45,8 +48,7 @@ int ctc_init(ctc_law *law) {
     return CTC_WRONG_ARGUMENT;
   }
   law->self = law;
-  law->gains = 0;
-  begin(law);
+  begin(law, 0);
   return CTC_OK;
 }
 
@@ -54,22 +56,48 @@ int ctc_reset(ctc_law *law) {
   if (!is_ready(law)) {
     return CTC_NOT_INITIALIZED;
   }
-  begin(law);
+  begin(law, MEMORIES);
   return CTC_OK;
 }
 
-int ctc_set_gains(ctc_law *law, int set) {
-  if (!is_ready(law)) {
-    return CTC_NOT_INITIALIZED;
-  }
-  if (set < 0 || set >= CTC_GAIN_SETS) {
+/* Call compiled code in the floating-point environment for which it is made. */
+static int run(code *function, const ctc_law *law, size_t places) {
+  int64_t result;
+  void *error;
+  fenv_t environment;
+  fegetenv(&environment);
+  fesetenv(FE_DFL_ENV);
+  int failed = function(&result, &error, (int64_t)(uintptr_t)(law->memory + places));
+  fesetenv(&environment);
+  return failed;
+}
+
+int ctc_check_gains(const double *kp, const double *kv, const double *ka) {
+  const double *const gains[] = {kp, kv, ka};
+  if (!kp || !kv || !ka) {
     return CTC_WRONG_ARGUMENT;
   }
-  law->gains = set;
-  memcpy(law->memory, starts[set], 8 * GAIN_WORDS);
-  for (size_t i = 1; i < COUNT(forgotten); i++) {
-    law->memory[forgotten[i]] = 0.0;
+  for (int k = 0; k < 3; k++) {
+    for (int i = 0; i < CTC_JOINTS; i++) {
+      if (!(gains[k][i] >= bounds[k][0] && gains[k][i] <= bounds[k][1])) { /* So is NaN. */
+        return CTC_WRONG_GAIN;
+      }
+    }
   }
+  return gains_function ? CTC_OK : CTC_FIXED_GAINS;
+}
+
+int ctc_set_gains(ctc_law *law, const double *kp, const double *kv, const double *ka) {
+  int error = is_ready(law) ? ctc_check_gains(kp, kv, ka) : CTC_NOT_INITIALIZED;
+  if (error != CTC_OK) {
+    return error;
+  }
+  for (int i = 0; i < CTC_JOINTS; i++) {
+    law->memory[KP + i * (CTC_JOINTS + 1)] = kp[i];
+    law->memory[KV + i * (CTC_JOINTS + 1)] = kv[i];
+    law->memory[KA + i] = ka[i];
+  }
+  run(gains_function, law, GAIN_PLACES);
   return CTC_OK;
 }
 
@@ -88,7 +116,6 @@ static int take(double *to, int stride, const double *from, int rows) {
 /* Return why the torque that was computed must not be sent; CTC_OK if it may be. */
 static int trip(ctc_law *law) {
   const double *made = ctc_terms(law), *e = made + CTC_E * CTC_JOINTS;
-  const double *limit = error_limits[law->gains];
   int watched = WATCHED;
   for (int i = 0; i < 8 * CTC_JOINTS; i++) { /* Also what the limits have made finite. */
     if (!isfinite(made[i])) {
@@ -96,10 +123,10 @@ static int trip(ctc_law *law) {
     }
   }
   for (int i = 0; i < CTC_JOINTS; i++) {
-    watched &= limit[i] > DBL_MAX;
+    watched &= error_limit[i] > DBL_MAX;
   }
   for (int i = 0; i < CTC_JOINTS; i++) {
-    if (!(fabs(e[i]) <= limit[i])) {
+    if (!(fabs(e[i]) <= error_limit[i])) {
       return CTC_ERROR_LIMIT;
     }
     law->least[i] = fmin(law->least[i], fabs(e[i]));
@@ -112,9 +139,6 @@ static int trip(ctc_law *law) {
 
 int ctc_step(ctc_law *law, const double *q, const double *dq, const double *q_d,
              const double *dq_d, const double *ddq_d, double *tau) {
-  int64_t result;
-  void *error;
-  fenv_t environment;
   if (tau == NULL) {
     return CTC_WRONG_ARGUMENT;
   }
@@ -128,11 +152,7 @@ int ctc_step(ctc_law *law, const double *q, const double *dq, const double *q_d,
                  take(points, 3, q_d, CTC_POINTS) & take(points + CTC_JOINTS, 3, dq_d, CTC_POINTS) &
                  take(points + 2 * CTC_JOINTS, 3, ddq_d, CTC_POINTS);
     if (finite) {
-      fegetenv(&environment);
-      fesetenv(FE_DFL_ENV);
-      law->stopped = ctc_control(&result, &error, (int64_t)(uintptr_t)(law->memory + PLACES))
-                         ? CTC_OVERFLOW : trip(law);
-      fesetenv(&environment);
+      law->stopped = run(ctc_control, law, PLACES) ? CTC_OVERFLOW : trip(law);
     } else {
       law->stopped = CTC_NOT_FINITE;
     }
@@ -161,6 +181,7 @@ const char *ctc_message(int error) {
   static const char *const messages[] = {
       "no error", "the law is not initialized", "a wrong argument",
       "a state or reference is not finite", "no finite torque", "a position error exceeded error_limit",
-      "a position error has grown too much", "the feedback oscillated"};
+      "a position error has grown too much", "the feedback oscillated",
+      "a gain is not finite or out of range", "the gains of this law are fixed"};
   return error >= 0 && (size_t)error < COUNT(messages) ? messages[error] : "unknown error";
 }

@@ -24,20 +24,23 @@ extern "C" {
 #define CTC_DELAY @DELAY@
 /* Points of the reference that a step takes: of its sample, and of those of the delay. */
 #define CTC_POINTS (CTC_DELAY + 1)
-/* Sets of gains, by number; the first is in force after ctc_init. */
-#define CTC_GAIN_SETS @GAIN_SETS@
-#define CTC_GAIN_NAMES {@GAIN_NAMES@}
+/* Gains in force after ctc_init: kp [1/s^2], kv [1/s] and ka [N*m, or N], shape (CTC_JOINTS,). */
+#define CTC_KP {@KP@}
+#define CTC_KV {@KV@}
+#define CTC_KA {@KA@}
 
 /* What functions return. */
 enum {
   CTC_OK = 0,
   CTC_NOT_INITIALIZED = 1, /* no ctc_init, or the law was copied to another address */
-  CTC_WRONG_ARGUMENT = 2,  /* a null pointer, or no such set of gains */
+  CTC_WRONG_ARGUMENT = 2,  /* a null pointer */
   CTC_NOT_FINITE = 3,      /* a state or reference that is NaN or infinite */
   CTC_OVERFLOW = 4,        /* no finite torque for this state */
   CTC_ERROR_LIMIT = 5,     /* |e| of a joint beyond error_limit */
   CTC_ERROR_GROWTH = 6,    /* observer_feedback without error_limit: |e| has grown by @GROWTH@ rad */
-  CTC_OSCILLATION = 7      /* observer_feedback: the feedback oscillated for @PATIENCE@ s */
+  CTC_OSCILLATION = 7,     /* observer_feedback: the feedback oscillated for @PATIENCE@ s */
+  CTC_WRONG_GAIN = 8,      /* a gain that is not finite, or out of range */
+  CTC_FIXED_GAINS = 9      /* other numbers of this law depend on its gains: export it again */
 };
 
 /* Rows of ctc_terms, each of shape (CTC_JOINTS,): torque, errors q_d - q and dq_d - dq, filtered
@@ -49,20 +52,27 @@ enum {
 /* A law with all its memory. Its address must not change after ctc_init. One thread at a time. */
 typedef struct ctc_law {
   const struct ctc_law *self;
-  int32_t gains;   /* set in force */
   int32_t stopped; /* why no torque is sent until ctc_reset; CTC_OK if it is */
   double least[CTC_JOINTS];
   double memory[@WORDS@];
 } ctc_law;
 
-/* Begin, with the first set of gains. */
+/* Begin, with the gains of the export. */
 int ctc_init(ctc_law *law);
 
 /* Begin again with the gains in force: nothing estimated, no torque in transit, filter at 0. */
 int ctc_reset(ctc_law *law);
 
-/* Use another set of gains from the next step on; filter, integrals and estimates go on. */
-int ctc_set_gains(ctc_law *law, int set);
+/* Use other gains from the next step on; filter, integrals and estimates go on.
+ *
+ * kp: position gains [1/s^2], kv: velocity gains [1/s], both @LEAST@ to @LARGEST@;
+ * ka: chattering gains, or bounds of the estimate [N*m, or N], 0 to @LARGEST@. Each has shape
+ * (CTC_JOINTS,). On any error nothing is changed.
+ */
+int ctc_set_gains(ctc_law *law, const double *kp, const double *kv, const double *ka);
+
+/* Return what ctc_set_gains would, without a law: in any thread. */
+int ctc_check_gains(const double *kp, const double *kv, const double *ka);
 
 /* Go on by one period.
  *
@@ -78,7 +88,7 @@ int ctc_step(ctc_law *law, const double *q, const double *dq, const double *q_d,
 /* What the last step computed, shape (8, CTC_JOINTS); 0 before the first. */
 const double *ctc_terms(const ctc_law *law);
 
-/* V = v^T M(q) v / 2 of the last step [J]. */
+/* V = v^T M v / 2 of the last step [J]; M at q, or where the law has estimated it. */
 double ctc_lyapunov(const ctc_law *law);
 
 /* What an error means, in a few words. */

@@ -51,6 +51,20 @@ class Estimator:
     #: Whether there is one.
     estimates = False
 
+    def with_gains(self, kp: Array, kv: Array, ka: Array) -> Any:
+        """
+        Return the same with other gains; by default none of its numbers depends on them.
+
+        Parameters
+        ----------
+        kp, kv : array, shape (n, n)
+            Kp [1/s²] and Kv [1/s].
+        ka : array, shape (n,)
+            Ka [N·m].
+
+        """
+        return self
+
     def updated(self, memory: T, now: State) -> T:
         """Return the memory improved by what the measured state has become."""
         return memory

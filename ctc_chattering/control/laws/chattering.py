@@ -51,6 +51,10 @@ class Chattering(NamedTuple):
         """Return the law of a configuration."""
         return cls(np.array(config.ka), switching_class(config.switching).made(config, period))
 
+    def with_gains(self, kp: Array, kv: Array, ka: Array) -> Chattering:
+        """Return the law with another Ka."""
+        return self._replace(ka=ka, switching=self.switching.with_gains(kp, kv, ka))
+
     @property
     def estimates(self) -> bool:
         """Whether the switching has an estimate."""

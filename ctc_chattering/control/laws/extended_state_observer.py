@@ -82,6 +82,10 @@ class ExtendedStateObserver(NamedTuple):
                    np.array(config.friction_level), config.friction_velocity,
                    config.friction_lead, state_observer(drives, config.estimator_bandwidth, ka))
 
+    def with_gains(self, kp: Array, kv: Array, ka: Array) -> ExtendedStateObserver:
+        """Return the law with other gains; Ka bounds the estimate, too."""
+        return self._replace(kp=kp, kv=kv, ka=ka, observer=self.observer._replace(bound=ka))
+
     def initial(self) -> ExtendedState:
         """Return the memory with nothing observed."""
         zero = 0.0 * self.friction

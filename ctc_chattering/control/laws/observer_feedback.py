@@ -113,17 +113,18 @@ class ObserverFeedback(NamedTuple):
     def made(cls, config: ControllerConfig, period: float) -> ObserverFeedback:
         """Return the law of a configuration."""
         n, bandwidth, ka = len(config.joint_names), config.estimator_bandwidth, np.array(config.ka)
-        kp, kv = np.array(matrix(config.kp, n)), np.array(matrix(config.kv, n))
-        lag, rate = np.array(config.assumed_lag), np.array(config.torque_rate_limit)
-        return cls(
-            kp=kp, kv=kv, ka=ka, given=np.array(config.friction_level),
-            observer=state_observer(drive_model(lag, rate, period), bandwidth, ka),
-            reference=adaptation.feasible_reference(
-                kp.diagonal(), kv.diagonal(), rate, lag, period),
-            learning=adaptation.friction_level(config.friction_learning, bandwidth, period, ka),
-            standstill=adaptation.standstill(bandwidth, ka, rate, period),
-            guard=adaptation.oscillation_guard(ka, rate, np.sqrt(kp.diagonal()), period),
-            part=1.0, least=float(min(1.0, _STIFF / np.sqrt(kp.diagonal().max()))))
+        drives = drive_model(np.array(config.assumed_lag), np.array(config.torque_rate_limit),
+                             period)
+        return with_parts(
+            np.array(matrix(config.kp, n)), np.array(matrix(config.kv, n)), ka,
+            np.array(config.friction_level), state_observer(drives, bandwidth, ka),
+            adaptation.friction_level(config.friction_learning, bandwidth, period, ka), bandwidth)
+
+    def with_gains(self, kp: Array, kv: Array, ka: Array) -> ObserverFeedback:
+        """Return the law with other gains, and with what depends on them."""
+        return with_parts(
+            kp, kv, ka, self.given, self.observer._replace(bound=ka),
+            self.learning._replace(bound=ka), self.standstill.bandwidth)
 
     def stability(self, memory: Memory) -> tuple[float, float]:
         """Return s of (OG1), and how long less bandwidth has not helped [s]."""
@@ -236,6 +237,20 @@ class ObserverFeedback(NamedTuple):
     def estimate(self, memory: Memory, now: State) -> Array:
         """Return P̂ with the friction of sliding."""
         return memory.observed.perturbation + memory.learned.level * np.sign(now.dq)
+
+
+@function
+def with_parts(kp: Array, kv: Array, ka: Array, given: Array, observer: StateObserver,
+               learning: adaptation.FrictionLevel, bandwidth: float) -> ObserverFeedback:
+    """Return the law with its gains, and ω [rad/s] of the observer; the rest follows from them."""
+    drives, stiffness = observer.drives, diagonal(kp)
+    pole, h, rate = np.sqrt(stiffness), drives.period, drives.rate
+    return ObserverFeedback(
+        kp=kp, kv=kv, ka=ka, given=given, observer=observer,
+        reference=adaptation.feasible_reference(stiffness, diagonal(kv), rate, drives.lag, h),
+        learning=learning, standstill=adaptation.standstill(bandwidth, ka, rate, h),
+        guard=adaptation.oscillation_guard(ka, rate, pole, h),
+        part=1.0, least=min(1.0, float(_STIFF / pole.max())))
 
 
 @function

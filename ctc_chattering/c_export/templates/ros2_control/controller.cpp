@@ -40,7 +40,19 @@ constexpr int N = CTC_JOINTS;
 /// Points of the reference that are kept, at most.
 constexpr size_t MOST_POINTS = 60000;
 const std::array<std::string, N> JOINTS = CTC_JOINT_NAMES;
-const std::array<std::string, CTC_GAIN_SETS> GAINS = CTC_GAIN_NAMES;
+/// Largest factor by which a gain changes at once, counted from this where it is 0; as of the node.
+constexpr double MOST_CHANGE = 101.0, FROM_ZERO = 10.0;
+
+/// kp [1/s^2], kv [1/s] and ka [N m], as the parameters of these names.
+struct Gains
+{
+  std::array<double, N> kp = CTC_KP, kv = CTC_KV, ka = CTC_KA;
+  bool operator==(const Gains & x) const { return kp == x.kp && kv == x.kv && ka == x.ka; }
+  std::array<double, N> * named(const std::string & name)
+  {
+    return name == "kp" ? &kp : name == "kv" ? &kv : name == "ka" ? &ka : nullptr;
+  }
+};
 
 /// Position, velocity and acceleration of all joints at an instant [ns].
 struct Point
@@ -61,7 +73,10 @@ class Controller : public controller_interface::ControllerInterface
 public:
   CallbackReturn on_init() override
   {
-    auto_declare<std::string>("gains", GAINS[0]);
+    for (const std::string name : {"kp", "kv", "ka"}) {
+      const auto & values = *set_gains_.named(name);
+      auto_declare<std::vector<double>>(name, {values.begin(), values.end()});
+    }
     auto_declare<double>("reference_timeout", 0.1);
     auto_declare<int>("state_decimation", 1);
     return CallbackReturn::SUCCESS;
@@ -88,11 +103,15 @@ public:
     }
     grace_ = std::llround(1e9 * node->get_parameter("reference_timeout").as_double());
     decimation_ = std::max<int64_t>(node->get_parameter("state_decimation").as_int(), 1);
-    gains_ = gain_set(node->get_parameter("gains").as_string());
-    if (gains_ < 0) {
-      RCLCPP_ERROR(node->get_logger(), "gains: there are no gains of this name");
+    Gains gains;
+    const auto wrong = taken(
+      {node->get_parameter("kp"), node->get_parameter("kv"), node->get_parameter("ka")}, gains);
+    if (!wrong.empty()) {
+      RCLCPP_ERROR(node->get_logger(), "%s", wrong.c_str());
       return CallbackReturn::ERROR;
     }
+    set_gains_ = gains;
+    gains_.writeFromNonRT(gains);
     on_set_ = node->add_on_set_parameters_callback(
       [this](const std::vector<rclcpp::Parameter> & parameters) { return set(parameters); });
     subscription_ = node->create_subscription<JointTrajectory>(
@@ -109,6 +128,7 @@ public:
   CallbackReturn on_activate(const rclcpp_lifecycle::State &) override
   {
     ctc_init(&law_);
+    gains_in_force_ = Gains();
     samples_ = 0;
     ++activation_;  // What was to be done before is forgotten.
     return send({}) ? CallbackReturn::SUCCESS : CallbackReturn::ERROR;
@@ -138,8 +158,10 @@ public:
     for (int k = 0; k < CTC_POINTS; ++k) {
       desired(reference.points, t + k * static_cast<int64_t>(CTC_PERIOD_NS), k * N);
     }
-    if (law_.gains != gains_) {
-      ctc_set_gains(&law_, gains_);
+    const Gains & gains = *gains_.readFromRT();
+    if (!(gains == gains_in_force_)) {
+      ctc_set_gains(&law_, gains.kp.data(), gains.kv.data(), gains.ka.data());
+      gains_in_force_ = gains;
     }
     std::array<double, N> tau;
     const int error = ctc_step(
@@ -170,10 +192,21 @@ private:
     return names;
   }
 
-  static int gain_set(const std::string & name)
+  /// Take parameters into gains; return why not, empty if they are taken.
+  static std::string taken(const std::vector<rclcpp::Parameter> & parameters, Gains & gains)
   {
-    const auto found = std::find(GAINS.begin(), GAINS.end(), name);
-    return found == GAINS.end() ? -1 : static_cast<int>(found - GAINS.begin());
+    for (const auto & parameter : parameters) {
+      if (auto * values = gains.named(parameter.get_name())) {
+        const auto given = parameter.as_double_array();
+        if (given.size() != N) {
+          return parameter.get_name() + ": one number for each joint";
+        }
+        std::copy(given.begin(), given.end(), values->begin());
+      }
+    }
+    const int error = gains == Gains() ? CTC_OK :
+      ctc_check_gains(gains.kp.data(), gains.kv.data(), gains.ka.data());
+    return error == CTC_OK ? "" : ctc_message(error);
   }
 
   static bool at_rest(const Point & point)
@@ -237,15 +270,22 @@ private:
 
   rcl_interfaces::msg::SetParametersResult set(const std::vector<rclcpp::Parameter> & parameters)
   {
+    Gains gains = set_gains_;
     rcl_interfaces::msg::SetParametersResult result;
-    result.successful = true;
-    for (const auto & parameter : parameters) {
-      if (parameter.get_name() == "gains") {
-        const int found = gain_set(parameter.as_string());
-        result.successful = found >= 0;
-        result.reason = found >= 0 ? "" : "there are no gains of this name";
-        gains_ = found >= 0 ? found : gains_.load();
+    result.reason = taken(parameters, gains);
+    for (const std::string name : {"kp", "kv", "ka"}) {
+      const auto & before = *set_gains_.named(name), & after = *gains.named(name);
+      for (int i = 0; i < N; ++i) {
+        const double from = before[i] > 0.0 ? before[i] : FROM_ZERO;
+        if (after[i] > 0.0 && std::max(from / after[i], after[i] / from) > MOST_CHANGE) {
+          result.reason = name + ": a change by a factor of at most 100 at once";
+        }
       }
+    }
+    result.successful = result.reason.empty();
+    if (result.successful) {
+      set_gains_ = gains;
+      gains_.writeFromNonRT(gains);
     }
     return result;
   }
@@ -262,6 +302,10 @@ private:
     for (int i = 0; i < N; ++i) {
       const auto & names = message.joint_names;
       order[i] = std::find(names.begin(), names.end(), JOINTS[i]) - names.begin();
+    }
+    if (message.header.stamp.sec < 0) {  // Of which rclcpp::Time throws, and ends the manager.
+      RCLCPP_ERROR(logger, "reference refused: a negative stamp");
+      return;
     }
     const int64_t stamp = rclcpp::Time(message.header.stamp).nanoseconds();
     const int64_t start = stamp == 0 ? get_node()->now().nanoseconds() : stamp;
@@ -368,8 +412,11 @@ private:
   std::array<double, CTC_POINTS * N> q_d_, dq_d_, ddq_d_;
   int64_t grace_ = 0, decimation_ = 1, samples_ = 0;
   std::atomic<int64_t> now_ = 0;
-  std::atomic<int> gains_ = 0;
   std::atomic<int> activation_ = 0;
+  /// Gains of the parameters, the same for the update, and those of the law.
+  Gains set_gains_;
+  realtime_tools::RealtimeBuffer<Gains> gains_;
+  Gains gains_in_force_;
   /// The points that are kept, and the same for the update.
   Reference kept_;
   realtime_tools::RealtimeBuffer<Reference> reference_;
