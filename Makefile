@@ -26,15 +26,19 @@ docs: $(VENV)/.docs
 	rm -rf docs/_api site
 	$(BIN)/python -m sphinx -W --keep-going --quiet -c docs -d build/doctrees . site
 
-# Processes that run tests: more than two processors have, for many tests mostly wait.
-WORKERS ?= 6
+# Processes that run tests: more than two processors have, for some tests mostly wait; each takes
+# seconds to import all tests.
+WORKERS ?= 4
 test: $(READY)
 	@begin=$$(date +%s); \
 	$(MAKE) --no-print-directory --jobs=2 --output-sync lint suite; status=$$?; \
 	$(BIN)/python tools/calibration.py 'make test' $$begin; exit $$status
 
+# All processors have work: BLAS has one thread, as in the commands.
+suite slow test-load: export OPENBLAS_NUM_THREADS = 1
+
 # "+" shows what it says at once, whatever else is made meanwhile.
-suite: compiled
+suite: compiled $(VENV)/.collected
 	+$(BIN)/python -m pytest --numprocesses=$(WORKERS) --dist=worksteal --durations=10
 
 # The tests with ROS processes beside LOOPS busy loops, ROUNDS times.
@@ -42,6 +46,11 @@ LOOPS ?= 2
 ROUNDS ?= 1
 test-load: $(READY)
 	PYTHONPATH=test/support $(BIN)/python tools/load.py --loops $(LOOPS) --rounds $(ROUNDS)
+
+# Tests are compiled for Python once, not by each of the processes.
+$(VENV)/.collected: $(READY) $(shell find test -name '*.py')
+	$(BIN)/python -m pytest --collect-only --quiet > /dev/null
+	touch $@
 
 compiled: $(READY)
 	PYTHONPATH=test/support:validation $(BIN)/python tools/compile_code.py

@@ -356,7 +356,7 @@ def _dead_band(robot: Faulty, rng: Rng, _duration: float) -> Case:
     def alter(x: Recording) -> Recording:
         assert x.command is not None
         return dataclasses.replace(x, command=x.command + band * np.sign(x.command))
-    return Case(robot, 'none', alter)
+    return Case(robot, 'none', alter, band=band)
 
 
 def _fading_torque(robot: Faulty, rng: Rng, _duration: float) -> Case:
@@ -467,6 +467,6 @@ def truths(one: Case, duration: float) -> dict[str, Any]:
              'load': np.outer((1.0, -1.0), x.load * x.load_bias) + x.load,
              'stribeck_velocity': x.stribeck_speed, 'scale': x.scale, 'rotor': x.rotor,
              'rate': x.rate, 'lag': x.lag + one.robot.period * one.own_delay,
-             'noise': np.asarray(one.robot.velocity_noise)}
+             'band': np.asarray(one.band), 'noise': np.asarray(one.robot.velocity_noise)}
     return {name: np.sort(np.broadcast_to(value, (2, one.robot.n)), axis=0)
             for name, value in found.items()} | {'delay': one.robot.delay}

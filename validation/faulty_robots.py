@@ -114,6 +114,8 @@ class Case:
         The arm whose description the user gives, if it is another one.
     own_delay : ndarray, shape (n,)
         Samples by which commands of a joint act later than those of the others.
+    band : ndarray, shape (n,)
+        Torque that each drive takes of its command [N·m].
 
     """
 
@@ -124,6 +126,7 @@ class Case:
     slower: Callable[[Route], Route] | None = None
     believed: str = ''
     own_delay: Array | float = 0.0
+    band: Array | float = 0.0
 
 
 Made = Callable[[Faulty, Rng, float], Faulty | Case]

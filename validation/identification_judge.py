@@ -186,11 +186,17 @@ def numbers(one: Case, found: Identification, seen: Played, duration: float) -> 
     for k, x in enumerate(found.tilt):
         pull = np.full(2, one.robot.physics.bodies.gravity[k])
         yield from _number(f'gravity {"xyz"[k]}', -1, x, pull, 9.81)
-    for i, friction in enumerate(found.friction):
+    for i, (friction, band) in enumerate(zip(found.friction, found.dead_band)):
         coulomb = float(true['coulomb'][1, i])
-        for name, scale in (('coulomb', 0.0), ('forwards', 0.0), ('backwards', 0.0),
-                            ('viscous', 0.0), ('load', coulomb / through[i])):
-            yield from _number(name, i, getattr(friction, name), true[name][:, i], scale)
+        # Where it is said that a dead band is in Coulomb friction, their sum is the truth.
+        hidden = band.reason.startswith('in Coulomb friction') * true['band'][:, i]
+        for name, more, scale in (
+                ('coulomb', hidden, 0.0), ('forwards', hidden, 0.0), ('backwards', hidden, 0.0),
+                ('viscous', 0.0, 0.0), ('load', 0.0, coulomb / through[i])):
+            yield from _number(name, i, getattr(friction, name), true[name][:, i] + more, scale)
+        none = re.match(r'none above ([\d.e-]+) N', band.reason)
+        yield from _number('dead band', i, Estimate(0.0, float(none[1])) if none else band,
+                           true['band'][:, i], coulomb)
         yield from _slow_friction(i, friction, true, coulomb)
         noise, size = found.noise[i].value, _NOISE * float(true['noise'][0, i])
         if noise is not None:

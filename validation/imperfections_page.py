@@ -15,7 +15,7 @@
 """
 The switchings, and the laws, under one imperfection at a time: the pages of docs/study.
 
-Tables, CSV, figures and a page of each.
+Tables, CSV and figures of each.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ from ctc_chattering.analysis.drawing import legend
 from ctc_chattering.analysis.markup import Markup
 from ctc_chattering.analysis.metrics import within
 from ctc_chattering.analysis.output import prepare, write_text
-from ctc_chattering.analysis.page import FigureFile, Folded, Section, write_page
+from ctc_chattering.analysis.page import FigureFile
 from ctc_chattering.analysis.result import LAW_COLOURS, simulate
 from ctc_chattering.analysis.tables import markdown, markdown_table, Table
 from ctc_chattering.control.controller_config import LAWS, SWITCHINGS
@@ -52,7 +52,6 @@ from imperfections import (
     law_tables,
     NOISE,
     PERIOD,
-    RANKING,
     rows,
     run_cases,
     setup_of,
@@ -188,30 +187,12 @@ def chattering(case: Case, switchings: Sequence[str] = SWITCHINGS) -> Figure:
     return figure
 
 
-def save_study_figures(outcomes: Sequence[CaseOutcome], directory: Path, extra: str = 'png'
-                       ) -> list[FigureFile]:
-    """
-    Write the figures of a study as PNG of 64 colours; return them in the order to show them in.
-
-    Parameters
-    ----------
-    outcomes : sequence of Outcome
-        Result of `run_cases`; a figure without any of its cases is left out.
-    directory : Path
-        Created if necessary.
-    extra : str
-        A second format: ``svg`` or ``pdf``.
-
-    Raises
-    ------
-    CtcError
-        If a file cannot be written.
-
-    """
-    figures = drawing.save(_all(outcomes), directory, ('png', extra))
-    for path in directory.glob('*.png'):
-        with Image.open(path) as image:
-            image.quantize(64).save(path, optimize=True)
+def save_study_figures(outcomes: Sequence[CaseOutcome], directory: Path) -> list[FigureFile]:
+    """Write the figures that have cases as PNG of 64 colours; return them in their order."""
+    figures = drawing.save(_all(outcomes), directory, ('png',))
+    for figure in figures:
+        with Image.open(figure.path) as image:
+            image.quantize(64).save(figure.path, optimize=True)
     return figures
 
 
@@ -285,7 +266,7 @@ class StudyKind:
     @property
     def names(self) -> tuple[str, ...]:
         """Return what is written."""
-        return (f'{self.name}.md', f'{self.name}.csv', f'{self.name}.html', self.figures)
+        return (f'{self.name}.md', f'{self.name}.csv', self.figures)
 
 
 OF_SWITCHINGS = StudyKind('switching', SWITCHINGS, 'study', 'figures', about, tables)
@@ -297,40 +278,30 @@ def kind_of(outcomes: Sequence[CaseOutcome]) -> StudyKind:
     return OF_LAWS if outcomes[0].variant in LAWS else OF_SWITCHINGS
 
 
-def write_study(outcomes: Sequence[CaseOutcome], out: str | Path, extra: str = 'png',
-                command: str = '') -> None:
+def write_study(outcomes: Sequence[CaseOutcome], out: str | Path) -> None:
     """
-    Write tables, figures and page.
+    Write tables and figures.
 
     Parameters
     ----------
     outcomes : sequence of CaseOutcome
-        What `study` has returned.
+        What `run_cases` has returned.
     out : str or Path
-        Directory for ``study.md``, ``study.csv``, ``figures``, ``study.html``; of laws
-        ``laws.md``, ``laws.csv``, ``laws_figures``, ``laws.html``.
-    extra : {'svg', 'pdf', 'png'}
-        A format for each figure besides PNG.
-    command : str
-        What was run, for the page.
+        Directory for ``study.md``, ``study.csv``, ``figures``; of laws ``laws.md``, ``laws.csv``,
+        ``laws_figures``.
 
     Raises
     ------
     CtcError
-        If there is no outcome, a file exists already, or cannot be written.
+        If there is no outcome, or a file cannot be written.
 
     """
     kind = kind_of(outcomes)
     out = prepare(Path(out), kind.names, overwrite=True)
-    text, table, page = (out / name for name in kind.names[:3])
+    text, table = (out / name for name in kind.names[:2])
     write_text(table, to_csv(outcomes, kind.what))
-    figures = save_study_figures(outcomes, out / kind.figures, extra)
-    write_text(text, to_markdown(kind, outcomes, figures, out))
-    numbers = [Folded(x.title or 'All cases', [x._replace(title='')], x.title == RANKING)
-               for x in kind.tables(outcomes)]
-    write_page(page, _title(kind), kind.about(outcomes), [
-        Section('Figures', figures), Section('Numbers', numbers)],
-        [(x, x) for x in kind.names[:2]], command)
+    write_text(text, to_markdown(kind, outcomes, save_study_figures(outcomes, out / kind.figures),
+                                 out))
 
 
 def to_markdown(kind: StudyKind, outcomes: Sequence[CaseOutcome],
@@ -361,7 +332,7 @@ def main() -> None:
     for variants in (SWITCHINGS, EVERY_LAW):
         compile_setups((setup_of(case, x) for case in CASES for x in variants), print)
         outcomes = list(run_cases(CASES, variants, os.cpu_count() or 1))
-        write_study(outcomes, _PAGES, command='make validate')
+        write_study(outcomes, _PAGES)
         print(f'{len(outcomes)} runs. {engines(outcomes)}.')
 
 

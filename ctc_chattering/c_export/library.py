@@ -28,7 +28,7 @@ from math import isinf
 from pathlib import Path
 import re
 import textwrap
-from typing import Any, NamedTuple
+from typing import Any
 
 from ctc_chattering.analysis.output import write_text, writing
 from ctc_chattering.compiled.machine_code import Code, memory_of
@@ -54,65 +54,53 @@ _GAINS, _SET = ('kp', 'kv', 'ka'), 'ctc_gains'
 
 class Block:
     """
-    Content of the block of memory on which machine code works.
+    The block of memory on which machine code works, in words of 8 bytes.
 
     Attributes
     ----------
-    content : bytearray
-        As it is at the start; 0 where a pointer is.
-    pointers : list of (int, int)
-        Where there is a pointer within the block, and to where [bytes].
+    words : list of int
+        Content at the start.
+    pointers, calls : list of tuple
+        Where there is a pointer within the block, and to where; where there is the address of a
+        function, and its name.
 
     """
 
     def __init__(self) -> None:
-        self.content = bytearray()
+        self.words: list[int] = []
         self.pointers: list[tuple[int, int]] = []
+        self.calls: list[tuple[int, str]] = []
         self._at: dict[int, int] = {}
 
-    def at(self, part: Any) -> int:
-        """Return where a record or array is in the block [bytes]; the first time, it is added."""
+    def at(self, part: Any, *fields: str) -> int:
+        """
+        Return where a record or array is in the block; the first time, it is added.
+
+        Parameters
+        ----------
+        part : NumPy record or array
+            Which one.
+        *fields : str
+            A field of it, a field of that one, and so on, which then is what is sought.
+
+        """
         memory: Any = next(memory_of(part))
         if memory.ctypes.data not in self._at:
-            self._at[memory.ctypes.data] = len(self.content)
-            self.content += memory.tobytes() + bytes(-memory.nbytes % _WORD)
-        return self._at[memory.ctypes.data]
+            self._at[memory.ctypes.data] = len(self.words)
+            content = memory.tobytes() + bytes(-memory.nbytes % _WORD)
+            self.words += np.frombuffer(content, np.uint64).tolist()
+        found, kind = self._at[memory.ctypes.data], part.dtype
+        for name in fields:
+            kind, offset = kind.fields[name][:2]
+            found += offset // _WORD
+        return found
 
     def add(self, arguments: tuple[Any, ...], places: Any) -> int:
-        """Add arguments of a function, and their places; return where these are [bytes]."""
+        """Add arguments of a function, and their places; return where these are."""
         targets = [x if x is None else self.at(x) for x in memory_of(arguments)]
         start = self.at(places)
-        for k, target in enumerate(targets):
-            if target is not None:
-                self.set_pointer(start + _WORD * k, target)
+        self.pointers += [(k, x) for k, x in enumerate(targets, start) if x is not None]
         return start
-
-    def set_pointer(self, at: int, target: int) -> None:
-        """Have a pointer to `target` at a place [bytes]."""
-        self.content[at:at + _WORD] = bytes(_WORD)
-        self.pointers.append((at, target))
-
-
-class Image(NamedTuple):
-    """
-    A law as the block of memory is at the start; all places are in words of 8 bytes.
-
-    Attributes
-    ----------
-    content : bytes
-        Numbers of the law, and what is remembered.
-    pointers, calls : list of tuple
-        Where there is a pointer, and to where; where there is the address of a function, and its
-        name.
-    named : dict of str to int
-        Where steps read and write, by the names in ``ctc_law.c``.
-
-    """
-
-    content: bytes
-    pointers: list[tuple[int, int]]
-    calls: list[tuple[int, str]]
-    named: dict[str, int]
 
 
 def step_of(config: ControllerConfig, model: Model) -> CompiledStep:
@@ -122,9 +110,9 @@ def step_of(config: ControllerConfig, model: Model) -> CompiledStep:
     if step is None:
         raise CtcError(f'model {config.model} with law {config.law} cannot be exported; allowed: '
                        'models two_link and urdf, laws of marked records')
-    for name, x in (('kp', controller.settings.kp), ('kv', controller.settings.kv)):
-        if np.count_nonzero(x) > model.n:
-            raise CtcError(f'{name}: a full matrix cannot be exported; allowed: one per joint')
+    settings = controller.settings
+    if any(np.count_nonzero(x) > model.n for x in (settings.kp, settings.kv)):
+        raise CtcError('kp, kv: a full matrix cannot be exported; allowed: one per joint')
     return step
 
 
@@ -138,40 +126,29 @@ def takes_gains(step: CompiledStep, config: ControllerConfig, model: Model) -> b
         (law, other.law), (law.reconfigured(now.initial()), other.memories.law)))
 
 
-def image_of(step: CompiledStep, gains: Code) -> Image:
-    """Return the block of memory of a step that has not been called, and of `regained`."""
+def block_of(step: CompiledStep, gains: Code) -> tuple[Block, dict[str, int]]:
+    """
+    Return the memory of a step that has not been called, and of `regained`.
+
+    With it where steps read and write, by the names in ``ctc_law.c``; 0 for what a law lacks.
+    """
     block, (records, points) = Block(), step.code.arguments
-    places = block.add(step.code.arguments, step.code.places)
-    calls = []
-    for record, code, arguments, places_there in step.arm.calls:
-        target, at = block.add(arguments, places_there), block.at(record)
-        block.set_pointer(at + _offset(record, 'places'), target)
-        calls.append(((at + _offset(record, 'function')) // _WORD, _FUNCTIONS[code.function]))
-    for at, _ in calls:
-        block.content[_WORD * at:_WORD * (at + 1)] = bytes(_WORD)
-    settings = block.at(records.settings)
-    strained = (block.at(records.memories) + _offset(
-        records.memories, 'law', 'oscillation', 'strained')
-        if 'oscillation' in records.memories.dtype['law'].names else 0)
-    named = {'PLACES': places, 'MEASURED': block.at(records.measured), 'STRAINED': strained,
-             'REFERENCE': block.at(points), 'MADE': block.at(records.made),
-             'MASS_MATRIX': block.at(records.now) + _offset(records.now, 'M'),
-             'MEMORIES': block.at(records.memories), 'KP': settings + _offset(
-                 records.settings, 'kp'), 'KV': settings + _offset(records.settings, 'kv'),
-             'KA': block.at(gains.arguments[1]), 'GAIN_PLACES': block.add(
-                 gains.arguments, gains.places)}
-    return Image(
-        bytes(block.content), [(at // _WORD, target // _WORD) for at, target in block.pointers],
-        calls, {name: at // _WORD for name, at in named.items()})
-
-
-def _offset(record: Any, *names: str) -> int:
-    """Return where a field of a field of a record is [bytes]."""
-    kind, found = record.dtype, 0
-    for name in names:
-        kind, offset = kind.fields[name][:2]
-        found += offset
-    return found
+    settings, memories = records.settings, records.memories
+    observes = 'oscillation' in memories.dtype['law'].names
+    named = {
+        'PLACES': block.add(step.code.arguments, step.code.places),
+        'GAIN_PLACES': block.add(gains.arguments, gains.places),
+        'MEMORIES': block.at(memories), 'MEASURED': block.at(records.measured),
+        'REFERENCE': block.at(points), 'MADE': block.at(records.made),
+        'MASS_MATRIX': block.at(records.now, 'M'), 'KP': block.at(settings, 'kp'),
+        'KV': block.at(settings, 'kv'), 'KA': block.at(gains.arguments[1]),
+        'STRAINED': block.at(memories, 'law', 'oscillation', 'strained') if observes else 0}
+    for record, code, arguments, places in step.arm.calls:
+        block.pointers.append((block.at(record, 'places'), block.add(arguments, places)))
+        block.calls.append((block.at(record, 'function'), _FUNCTIONS[code.function]))
+    for at, _ in (*block.pointers, *block.calls):
+        block.words[at] = 0
+    return block, named
 
 
 def export(config: ControllerConfig, model: Model, out: Path, processor: str = 'host',
@@ -204,15 +181,14 @@ def export(config: ControllerConfig, model: Model, out: Path, processor: str = '
                          'and _, as of ROS packages')
     step = step_of(config, model)
     gains = Code(regained, (step.code.arguments[0], np.array(config.ka)), 'gains')
-    codes = {'ctc_control': step.code, **{
-        _FUNCTIONS[x.code.function]: x.code for x in step.arm.calls}}
+    codes = {'ctc_control': step.code, **{_FUNCTIONS[x.code.function]: x.code for x in step.arm.calls}}
     if takes_gains(step, config, model):
         codes[_SET] = gains
     from ctc_chattering.compiled.object_file import object_file
     code, text = object_file(codes, processor)
+    block, named = block_of(step, gains)
     values = {**_values(config, load(step.code.arguments[0].settings)), 'PACKAGE': package,
-              'DATA': _data(image := image_of(step, gains), list(codes), config),
-              'WORDS': len(image.content) // _WORD}
+              'DATA': _data(block, named, list(codes), config), 'WORDS': len(block.words)}
     library = out / 'ctc_law' if package else out
     _write(_TEMPLATES, library, values)
     if package:
@@ -243,21 +219,21 @@ def _values(config: ControllerConfig, settings: ControlSettings) -> dict[str, ob
                for name, x in zip(_GAINS, gains)}}
 
 
-def _data(image: Image, functions: Sequence[str], config: ControllerConfig) -> str:
+def _data(block: Block, named: dict[str, int], functions: Sequence[str],
+          config: ControllerConfig) -> str:
     """Return the numbers of a law in C."""
-    constants = image.named | {
+    constants = named | {
         'WATCHED': int(config.law == WATCHED), 'LARGEST_GROWTH': LARGEST_GROWTH,
         'PATIENCE': PATIENCE, 'GAINS_FUNCTION': _SET if _SET in functions else 'NULL'}
     bounds = [config.parameters()[name].bounds for name in _GAINS]
-    words = np.frombuffer(image.content, np.uint64).tolist()
     tables = {
-        'uint64_t content[]': [f'{x:#x}' for x in words],
+        'uint64_t content[]': [f'{x:#x}' for x in block.words],
         'double bounds[3][2]': [f'{{{low}, {high}}}' for low, high in bounds],
         'double error_limit[CTC_JOINTS]': [
             'INFINITY' if isinf(x) else repr(x) for x in config.error_limit],
-        'struct { uint32_t at, to; } pointers[]': [f'{{{a}, {b}}}' for a, b in image.pointers],
+        'struct { uint32_t at, to; } pointers[]': [f'{{{a}, {b}}}' for a, b in block.pointers],
         'struct { uint32_t at; code *function; } calls[]': [
-            f'{{{at}, {name}}}' for at, name in image.calls]}
+            f'{{{at}, {name}}}' for at, name in block.calls]}
     lines = [f'#define {name} {value}' for name, value in constants.items()]
     lines += [f'code {name};' for name in functions]
     lines += [f'static const {head} = {{{", ".join(rows)}}};' for head, rows in tables.items()]

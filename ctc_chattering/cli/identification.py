@@ -142,8 +142,6 @@ def identify_options(parser: argparse.ArgumentParser) -> None:
                         help="joints in the order of the commands, default: the bag's")
     parser.add_argument('--gravity', type=float, metavar='G',
                         help="acceleration of gravity [m/s²], default: the bag's, or 9.81")
-    parser.add_argument('--torque', choices=('command', 'effort'),
-                        help='source of the torques, default: what explains the motion better')
     parser.add_argument('--effort', choices=(MOTOR, LINK, CURRENT),
                         help='what the effort is: the torque of the motor, that of the link '
                              '(sensor behind the gear), or a current; needed without commands')
@@ -160,7 +158,6 @@ def identify_options(parser: argparse.ArgumentParser) -> None:
                              'constants from masses')
     add_number(parser, '--trials', 'number of simulated robots, drawn within the intervals, on '
                'which the gains are tried; default: 24, or 8 without numba; 0 for none', minimum=0)
-    add_number(parser, '--seed', 'seed of the trials', 1, minimum=0)
     add_output(parser, 'identified')
 
 
@@ -180,11 +177,10 @@ def run_identify(options: argparse.Namespace) -> int:
     with given_by_user(('torque_rate', 'torque_constant')):
         # Motions are not kept here: long ones are large.
         found = identify([motions.pop(0) for _ in options.bags], options.model, urdf,
-                         options.gravity, options.torque or '', options.effort or '',
-                         torque_rate=options.torque_rate or (),
-                         torque_constant=options.torque_constant, payloads=options.payload)
-    return _show_robot(write_identified(found, out, options.trials, options.seed, say,
-                                        options.format, options.said), out)
+                         options.gravity, options.effort or '', options.torque_rate or (),
+                         options.torque_constant, options.payload)
+    return _show_robot(write_identified(found, out, options.trials, say, options.format,
+                                        options.said), out)
 
 
 def payload(text: str) -> tuple[float, str]:

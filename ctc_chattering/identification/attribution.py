@@ -301,10 +301,11 @@ class Projected:
                 [float(x @ x) for x in np.split(rest, rows)[1:]]) / np.maximum(
                     self.powers, 1e-300))
 
-    def deviation(self, found: Explanation, i: int, saturated: bool = False) -> float:
-        """Return how exactly the torque scale of joint i would be known beside causes."""
-        column = np.concatenate([block[:, self._m] * (i == k) for k, block in zip(
-            self.joints, self._blocks[1:])])
+    def deviation(self, found: Explanation, i: int, saturated: bool = False,
+                  kind: CauseKind = CauseKind.SCALE) -> float:
+        """Return how exactly one of `DRIVE` would be known of joint i beside causes."""
+        column = np.concatenate([block[:, self._m + DRIVE.index(kind)] * (i == k)
+                                 for k, block in zip(self.joints, self._blocks[1:])])
         length = float(np.linalg.norm(without(self._design(found.causes, saturated), column)))
         return 1.0 / length if length > 0.0 else np.inf
 

@@ -228,8 +228,7 @@ def _turns(gravity: Array) -> Array:
         return np.eye(3)
     along = gravity[:, None] / np.linalg.norm(gravity)
     across = np.linalg.svd(along)[0][:, 1:]
-    found: Array = np.linalg.norm(gravity) * np.hstack((_TURN * across, _STRENGTH * along))
-    return found
+    return np.asarray(np.linalg.norm(gravity) * np.hstack((_TURN * across, _STRENGTH * along)))
 
 
 def _keeps(x: Array, n: int) -> bool:
@@ -254,8 +253,7 @@ def _search(lower: Array, wanted: Array, least: Array, n: int) -> Array:
     def slope(v: Array) -> Array:
         one = _ALONE @ factors(v)[:, None].mT
         parts = stacked(one + one.mT).mT
-        found: Array = lower.T @ block_diag(*parts, np.diag(2.0 * v[10 * n:-3]), np.eye(3))
-        return found
+        return np.asarray(lower.T @ block_diag(*parts, np.diag(2.0 * v[10 * n:-3]), np.eye(3)))
 
     begin = []
     for part in (least + wanted)[:10 * n].reshape(n, 10):
@@ -288,23 +286,17 @@ def physical_findings(bodies: ConsistentBodies, joints: Sequence[str], friction:
         That is in the torque as well [N·m].
 
     """
-    change, names = bodies.found - bodies.wanted, bodies.estimate.names
+    change = bodies.found - bodies.wanted
     if float(change @ bodies.estimate.information @ change) < _CONTRADICTION:
         return
-    n = len(names)
-    asked = [f'{name} with a mass of {x[0]:.3g} kg and its moments of inertia'
-             for name, x in zip(names, bodies.wanted[:10 * n].reshape(n, 10))
-             if np.linalg.eigvalsh(pseudo_inertia(x))[0] < 0.0]
-    asked += [f'a rotor inertia of {x:.3g} kg*m^2 at {joint}'
-              for joint, x in zip(joints, bodies.wanted[10 * n:-3]) if x < 0.0]
     size, whole = bodies.torque(change), bodies.torque(bodies.found) + np.asarray(friction)
     for i, name in enumerate(joints):
         part = size[i] / whole[i] if whole[i] > 0.0 else 0.0
         if part > Kind.IMPOSSIBLE_BODY.care:
             yield Finding(
-                Kind.IMPOSSIBLE_BODY, i, f'the torque of {name} asks for what no body can have: '
-                f'{"; ".join(asked)}; bodies that can be differ by {size[i]:.2g} N*m, {part:.0%} '
-                'of its torque', _CURE, part)
+                Kind.IMPOSSIBLE_BODY, i, f'the torque of {name} asks for inertial parameters that '
+                f'no body can have; those of bodies differ by {size[i]:.2g} N*m, {part:.0%} of it',
+                _CURE, part)
 
 
 def body_estimate(projected: Projected, found: Explanation | None, names: Sequence[str]

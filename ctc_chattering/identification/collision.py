@@ -91,7 +91,10 @@ class SelfCollision:
         self._order: Any = np.argsort(back)
         joined = {frozenset(tree.ends[name]) for name in joints}
         shapes = self._shapes.geometryObjects.tolist()
-        names = [link_of(list(tree.links), shape.name) for shape in shapes]
+        # `Tree.bare` and Pinocchio made the names.
+        links = list(tree.links)
+        names = [FLOOR if x.name == FLOOR else links[int(x.name.split()[1].split('_')[0])]
+                 for x in shapes]
         pairs = [(a, b) for (a, x), (b, y) in combinations(enumerate(shapes), 2)
                  if x.parentJoint != y.parentJoint
                  and frozenset((names[a], names[b])) not in joined]
@@ -163,11 +166,6 @@ def shaped(tree: Tree) -> tuple[str, list[str]]:
         if not all(paths) or (not shapes and link.find('visual') is not None):
             unseen.append(link.get('name', ''))
     return ET.tostring(robot, encoding='unicode'), unseen
-
-
-def link_of(links: Sequence[str], shape: str) -> str:
-    """Return the link of a shape, whose name `Tree.bare` and Pinocchio made."""
-    return FLOOR if shape == FLOOR else links[int(shape.split()[1].split('_')[0])]
 
 
 def geometry(pin: Any, text: str, stand: Mapping[str, float], floor: float) -> Any:

@@ -36,8 +36,8 @@ from ctc_chattering.parameters import vector
 import numpy as np
 from scipy.optimize import linear_sum_assignment  # type: ignore[import-untyped]
 
-#: Fewest and most windows of a joint that are used.
-_FEWEST, _MOST = 30, 4000
+#: Fewest windows of a joint that are used.
+_FEWEST = 30
 #: Part of a signal's variance that may be left for it to say something.
 _UNEXPLAINED = 0.3
 #: Ratio of the variances left, in the order given and in the one found, on each moved joint.
@@ -72,7 +72,6 @@ class TorqueShape(NamedTuple):
 def _columns(rows: Rows, i: int, torque: Array) -> tuple[Array, Array]:
     """Return the columns of joint i, shape (K, 5), and its torque where it slides."""
     used = np.flatnonzero((rows.way[:, i] != 0.0) & np.isfinite(torque))
-    used = used[::len(used) // _MOST + 1]
     weight = rows.gravity[used, i]
     return np.column_stack((weight, rows.base[used, i] - weight, rows.way[used, i],
                             rows.velocity[used, i], np.ones(len(used)))), torque[used]
@@ -134,8 +133,7 @@ _EXACT = 0.06
 
 
 def torque_source(parts: Sequence[Stretch], rows: Sequence[Rows], phi: TestFunction,
-                  joints: Sequence[str], declared: str = '', source: str = ''
-                  ) -> tuple[str, tuple[Finding, ...]]:
+                  joints: Sequence[str], declared: str = '') -> tuple[str, tuple[Finding, ...]]:
     """
     Return which torque is used, and findings: an effort only if the user says that it is one.
 
@@ -149,8 +147,6 @@ def torque_source(parts: Sequence[Stretch], rows: Sequence[Rows], phi: TestFunct
         Names.
     declared : {'', 'motor', 'link', 'current'}
         Side of the effort that the user gives; 'motor' for currents that were converted.
-    source : {'', 'command', 'effort'}
-        Signal that the user asks for.
 
     Raises
     ------
@@ -162,12 +158,12 @@ def torque_source(parts: Sequence[Stretch], rows: Sequence[Rows], phi: TestFunct
     whole = joined(rows)
     command, effort = (_weak(parts, rows, phi, kind) for kind in (COMMAND, EFFORT))
     theirs = None
-    if command is not None and source != EFFORT:
+    if command is not None:
         check_order(whole, command, joints)
         theirs = torque_shape(whole, command)
         check_commands(theirs)
-    if effort is None or source == COMMAND or (declared != MOTOR and theirs is not None):
-        return source or COMMAND, ()
+    if effort is None or (declared != MOTOR and theirs is not None):
+        return COMMAND, ()
     if declared != MOTOR:
         raise CtcError(
             'torques would be those of the effort: if it is the torque of the motors, in N*m at '

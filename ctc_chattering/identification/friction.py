@@ -50,6 +50,7 @@ from ctc_chattering.identification.least_squares import (
     spread,
     Term,
     TermKind,
+    without,
 )
 from ctc_chattering.identification.model_errors import ErrorColumns
 from ctc_chattering.identification.windows import STRIBECK
@@ -107,8 +108,9 @@ def further_terms(data: Data, terms: Sequence[Term], joints: Sequence[str],
         least = {TermKind.STRIBECK: _NEGLIGIBLE * level, TermKind.LOAD: _NEGLIGIBLE * level / max(
             float(data.load[used, i].max()), 1e-12)}
         options = [*(Term(TermKind.STRIBECK, i, k) for k, v in enumerate(STRIBECK)
-                     if (speed < v).sum() >= _SLOW), Term(TermKind.LOAD, i)]
-        slow = len(options) > 1
+                     if (speed < v).sum() >= _SLOW)]
+        slow = bool(options)
+        options += [Term(TermKind.LOAD, i, of_drive) for of_drive in (0, 1)]
         while options and (best := _best(data, [*terms, *found], options, least, i)):
             found.append(best)
             options = [x for x in options if x.kind != best.kind]
@@ -185,6 +187,9 @@ _SCALE, _COMMON = 0.03, 0.066
 _TRIFLE = 1e-3
 #: Doubt of the load at its change of sign, in what the magnitude of the mean would change.
 _FORM = 3.0
+#: Part of the sign of the torque that friction must leave where a dead band shows, and part of
+#: the Coulomb friction up to which it must be known.
+_SHOWN, TOLD = 1e-4, 0.2
 #: Halves of an interval by which friction may differ beside causes and beside all errors.
 _AGREES = 2.0
 
@@ -268,10 +273,11 @@ def select(data: Data, joints: Sequence[str], columns: ErrorColumns | None = Non
 
     """
     terms, missing = friction_terms(data, joints)
+    measured = data
+    data = without_noise(measured, terms)
     terms += further_terms(data, terms, joints, missing)
+    data = _shown(without_noise(measured, terms), terms)
     none = np.zeros((len(joints), data.more.shape[2] + 3, 0))
-    if columns is not None and terms:
-        data = without_noise(data, terms)
     projected = Projected(data, terms, columns) if columns else None
     if projected is None or not projected.joints:
         return Selected(*_final(data, terms, none, missing), missing, none)
@@ -297,6 +303,7 @@ def select(data: Data, joints: Sequence[str], columns: ErrorColumns | None = Non
             others.append(solve(data.mixed(mine), _all(named[0].terms, mine.shape[2])))
         for fit in others:
             named = named[0], _containing(*named, fit)
+        named = named[0], _with_bands(*named, data, projected, causes)
         return Selected(*named, missing, design, causes, True, alike, projected, tuple(terms))
     whole = whole[0], _in_doubt(*whole, projected, beside, loaded)
     return Selected(*whole, missing, saturated, causes, False, (), projected, tuple(terms))
@@ -348,6 +355,33 @@ def _final(data: Data, terms: Sequence[Term], design: Array,
     other = solve(dataclasses.replace(data, load=np.abs(data.base)), fit.terms)
     return fit, errors.wider(_FORM * np.where(
         [term.joint >= 0 for term in fit.terms], other.value - fit.value, 0.0))
+
+
+def _shown(data: Data, terms: Sequence[Term]) -> Data:
+    """
+    Return the windows without the dead bands that look like friction.
+
+    Where no torque is against the motion a dead band of the drive is a part of Coulomb friction,
+    and where the torque has one sign, of the difference of both directions.
+    """
+    bent = data.bent.copy()
+    for i in {term.joint: None for term in terms}:
+        used, own = data.of_joint(terms, i)
+        column = bent[used, i, 0]
+        if np.linalg.norm(without(own, column)) <= _SHOWN * np.linalg.norm(column):
+            bent[:, i, 0] = 0.0
+    return dataclasses.replace(data, bent=bent)
+
+
+def _with_bands(fit: Fit, errors: Spread, data: Data, projected: Projected, beside: Explanation
+                ) -> Spread:
+    """Return the spread with what friction would change by the dead bands that may be there."""
+    for i in projected.joints:
+        half = errors.factor * projected.deviation(beside, i, kind=CauseKind.DEAD_BAND)
+        # What is less well known is part of what is called friction.
+        if half < TOLD * coulomb_level(data, fit.terms, i):
+            errors = errors.wider(half * coefficients(fit.columns(i), data.bent[:, i, 0]))
+    return errors
 
 
 def _containing(fit: Fit, errors: Spread, other: Fit) -> Spread:
@@ -428,7 +462,8 @@ class JointFriction:
     stribeck, stribeck_velocity : Estimate
         Ks [N·m] and v_s [rad/s].
     load : Estimate
-        Part of the torque's magnitude.
+        Part of the magnitude of the torque: through the gear, or of the drive, whichever explains
+        more.
 
     """
 

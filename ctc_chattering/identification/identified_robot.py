@@ -17,6 +17,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
+import ctypes
 import dataclasses
 from math import inf
 from pathlib import Path
@@ -62,7 +64,7 @@ TORQUE_RATE = Parameter('torque_rate', 'float[]', None, 'rate limit of the drive
 TORQUE_CONSTANT = Parameter('torque_constant', 'float[]', None, 'torque at the joint per ampere '
                             'of a current [N·m/A], or per N·m of the motor: gear ratio included',
                             shape='n')
-_CHOICES = {'torque': ('', 'command', 'effort'), 'side': ('', MOTOR, LINK, CURRENT)}
+_SIDES = ('', MOTOR, LINK, CURRENT)
 
 
 def corrected_description(found: Identification, description: str,
@@ -160,7 +162,7 @@ class RobotModel:
         """Return the model of a description in the place of its own."""
         return make_model('urdf', self.shared['gravity'], joints, text, self.locked)
 
-    def identified(self, recordings: Sequence[Recording], torque: str, side: str,
+    def identified(self, recordings: Sequence[Recording], side: str,
                    payloads: Sequence[tuple[float, str]], velocities: Noise
                    ) -> Identification:
         """Return what is identified with the model; arguments as of `identify` of both modules."""
@@ -168,7 +170,7 @@ class RobotModel:
         loaded = [self.described(with_payload(text, joints, mass, link) if mass else text, joints)
                   for mass, link in payloads] if any(mass for mass, _ in payloads) else []
         return regression.identify(recordings, self.model, candidates(
-            self.model, text, self.locked), torque, side, loaded, velocities)
+            self.model, text, self.locked), side, loaded, velocities)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -207,8 +209,7 @@ class IdentifiedRobot:
 
 
 def identify(motions: Sequence[RecordedMotion], model: str = '', urdf: str = '',
-             gravity: float | None = None, torque: str = '', side: str = '',
-             torque_rate: Sequence[float] = (),
+             gravity: float | None = None, side: str = '', torque_rate: Sequence[float] = (),
              torque_constant: Sequence[float] | None = None,
              payloads: Sequence[tuple[float, str]] = ()) -> IdentifiedRobot:
     """
@@ -224,11 +225,9 @@ def identify(motions: Sequence[RecordedMotion], model: str = '', urdf: str = '',
         Text of the URDF in place of that of the recording.
     gravity : float, optional
         In place of that of the recording, or 9.81 [m/s²].
-    torque : {'', 'command', 'effort'}
-        Where torques are taken from; empty for what explains more.
     side : {'', 'motor', 'link', 'current'}
         What the effort is: torque of the motor, torque of a sensor behind the gear, or a current;
-        empty for what it looks like.
+        empty where it is not used.
     torque_rate : sequence of float, length n
         Rate that the drives allow [N·m/s]; empty where it is not known.
     torque_constant : sequence of float, length n, optional
@@ -251,9 +250,8 @@ def identify(motions: Sequence[RecordedMotion], model: str = '', urdf: str = '',
 
     """
     check_some('motions', motions)
-    for (name, choices), value in zip(_CHOICES.items(), (torque, side)):
-        if value not in choices:
-            raise ParameterError(name, value, ' | '.join(map(repr, choices)))
+    if side not in _SIDES:
+        raise ParameterError('side', side, ' | '.join(map(repr, _SIDES)))
     joints = motions[0].recording.joints
     constant, rate = (
         x if x is None or not len(x) else spec.checked(x, len(joints))
@@ -270,18 +268,20 @@ def identify(motions: Sequence[RecordedMotion], model: str = '', urdf: str = '',
     velocities = velocity_noise(recordings[0], regression.common_period(recordings))
     recordings = [dataclasses.replace(x, dq=None) for x in recordings]
     del motions
-    found = robot.identified(recordings, torque, side, payloads, velocities)
+    found = robot.identified(recordings, side, payloads, velocities)
     # Where the URDF is clearly wrong, all again with a corrected one.
     if text := corrected_description(found, robot.files.get(ROBOT, ''), robot.locked):
         other = dataclasses.replace(robot, model=robot.described(text, joints),
                                     files={**robot.files, CORRECTED: text})
         better = with_correction(
-            found, other.identified(recordings, torque, side, payloads, velocities), CORRECTED)
+            found, other.identified(recordings, side, payloads, velocities), CORRECTED)
         found, robot = (found, robot) if better is None else (better, other)
     found = dataclasses.replace(found, findings=(*found.findings, *(
         Finding(Kind.NOTE, ALL_JOINTS, note) for note in notes)))
     name = ', '.join(x.name for x in recordings)
     del recordings
+    with suppress(AttributeError, OSError):  # The C library of Linux keeps freed memory.
+        ctypes.CDLL(None).malloc_trim(0)
     perturbed = perturbation(found)
     return IdentifiedRobot(IdentificationResults(
         name, found, perturbed, recommend(found, perturbed, robot.model, rate or ())), robot)
@@ -308,7 +308,7 @@ def _robot(motion: RecordedMotion, model: str, urdf: str, gravity: float | None)
 
 
 def write_identified(identified: IdentifiedRobot, out: str | Path, trials: int | None = None,
-                     seed: int = 1, show: Callable[[str], None] = print, extra: str = 'svg',
+                     show: Callable[[str], None] = print, extra: str = 'svg',
                      command: str = '') -> IdentifiedRobot:
     """
     Try the gains in simulation, and write parameter file, numbers, figures and page.
@@ -324,8 +324,6 @@ def write_identified(identified: IdentifiedRobot, out: str | Path, trials: int |
     trials : int, optional
         Robots within the intervals on which the gains are tried; by default 24, or 8 without
         numba; 0 for none.
-    seed : int
-        Of the trials.
     show : callable
         Takes lines about what is compiled for them.
     extra : {'svg', 'pdf', 'png'}
@@ -345,7 +343,7 @@ def write_identified(identified: IdentifiedRobot, out: str | Path, trials: int |
 
     """
     check_format(extra)
-    out, seed = prepare(Path(out), NAMES), whole('seed', seed, 0)
+    out = prepare(Path(out), NAMES)
     if trials is None:
         trials = COUNT if has_compiler() else COUNT_PLAIN
     for name, text in identified.robot.files.items():
@@ -356,7 +354,7 @@ def write_identified(identified: IdentifiedRobot, out: str | Path, trials: int |
             results.recommended, identified.parameters(out), identified.robot.gains)
         compile_setups(setups, show)
         results = dataclasses.replace(results, recommended=trial_runs(
-            results.found, results.run, results.recommended, setups, trials, seed))
+            results.found, results.run, results.recommended, setups, trials))
     tried = dataclasses.replace(identified, results=results)
     if not tried.missing:
         with writing(out / VALUES):

@@ -105,14 +105,15 @@ class Identification:
         Torque at the joint per torque of the signal.
     rotor : list of Estimate, length n
         Inertia of the rotors at the joint that the model lacks [kg·m²].
+    dead_band : list of Estimate, length n
+        Torque that each drive takes of its command; the reason says in which friction it is where
+        the motion does not show it [N·m].
     tilt : tuple of Estimate, length 3
         Gravity in the frame of the base [m/s²].
     bodies : ConsistentBodies or None
         Inertial parameters that the moved bodies can have, nearest to the data.
     rate : list of Estimate, length n
         Rate limit of each drive [N·m/s].
-    side : {'', 'motor', 'link', 'current'}
-        What the effort is.
     columns : ErrorColumns or None
         Errors of the model that the regression has; `selected.design` is about these.
     unexplained : tuple of (Unexplained or None), length n
@@ -137,18 +138,18 @@ class Identification:
     findings: tuple[Finding, ...] = ()
     scale: list[Estimate] = dataclasses.field(default_factory=list)
     rotor: list[Estimate] = dataclasses.field(default_factory=list)
+    dead_band: list[Estimate] = dataclasses.field(default_factory=list)
     tilt: tuple[Estimate, ...] = ()
     bodies: ConsistentBodies | None = None
     rate: list[Estimate] = dataclasses.field(default_factory=list)
-    side: str = ''
     columns: ErrorColumns | None = None
     unexplained: tuple[Unexplained | None, ...] = ()
     held_out: Array = dataclasses.field(default_factory=lambda: np.zeros(0))
 
 
 def identify(recordings: Sequence[Recording], model: Model, candidates: Sequence[ModelError],
-             source: str = '', side: str = '', loaded: Sequence[Model] = (),
-             velocities: Noise | None = None) -> Identification:
+             side: str = '', loaded: Sequence[Model] = (), velocities: Noise | None = None
+             ) -> Identification:
     """
     Identify a robot from recordings of its motion.
 
@@ -160,11 +161,9 @@ def identify(recordings: Sequence[Recording], model: Model, candidates: Sequence
         To be corrected.
     candidates : sequence of ModelError
         Errors of it that are looked for.
-    source : {'', 'command', 'effort'}
-        Where torques are taken from; empty for the effort if it is that of the motor, else the
-        commands.
     side : {'', 'motor', 'link', 'current'}
-        What the effort is; empty where it is not known.
+        What the effort is; empty where it is not known. Torques are taken from it if it is that
+        of the motor, else from the commands.
     loaded : sequence of Model
         For each recording the model with its known payload; empty without one.
     velocities : (list of Estimate, list of Finding), optional
@@ -179,10 +178,10 @@ def identify(recordings: Sequence[Recording], model: Model, candidates: Sequence
     parts, owners, phi = _parts(recordings)
     models = [loaded[k] if loaded else model for k in owners]
     columns = ErrorColumns.of(model)
-    joints, stamps = recordings[0].joints, clock(recordings[0])
+    joints, stamps = recordings[0].joints, clock(recordings[0], phi.period)
     positions = Positions.of(recordings, phi.period)
     rows = _rows(parts, models, phi, columns, recordings[0].name)
-    source, signal = torque_source(parts, rows, phi, joints, side, source)
+    source, signal = torque_source(parts, rows, phi, joints, side)
     kept, found = _timed(parts, rows, phi, source, recordings[0].name)
     parts, rows = [parts[k] for k in kept], [rows[k] for k in kept]
     models = [models[k] for k in kept]
@@ -206,7 +205,7 @@ def identify(recordings: Sequence[Recording], model: Model, candidates: Sequence
     named = ModelVerdict(selected, columns, candidates, joints)
     levels = [abs(x.coulomb.value or 0.0) for x in friction]
     bodies, impossible = judged(named.bodies(selected.projected), joints, levels)
-    noticed = (*unlike, *timing_findings(found, parts[0].late), *signal,
+    noticed = (*unlike, *timing_findings(found), *signal,
                *named.findings(), *physical(friction, joints), *impossible,
                *(x for i, what in enumerate(left) if what for x in findings(i, what)))
     held_out = np.zeros(0)
@@ -223,14 +222,13 @@ def identify(recordings: Sequence[Recording], model: Model, candidates: Sequence
         if bodies is not None and bodies.differ:
             held_out = left_over(others, selected.friction, columns, selected.believed, refused)
     return Identification(
-        joints, dataclasses.replace(stamps, period=phi.period),
-        [encoder_step(x) for x in recordings[0].q.T], noise, found, positions,
+        joints, stamps, [encoder_step(x) for x in recordings[0].q.T], noise, found, positions,
         [widened(data, selected.fit, i, x, what) if what else x
          for i, (x, what) in enumerate(zip(friction, left))],
         named.errors(), data, selected, phi.period * sum(len(part.q) for part in parts), noticed,
-        scale=named.scale(), rotor=named.rotor(), tilt=named.gravity(), bodies=bodies,
-        rate=rate_limits(found, joints), side=side, columns=columns, unexplained=tuple(left),
-        held_out=held_out)
+        scale=named.scale(), rotor=named.rotor(), dead_band=named.dead_band(data, levels),
+        tilt=named.gravity(), bodies=bodies, rate=rate_limits(found, joints),
+        columns=columns, unexplained=tuple(left), held_out=held_out)
 
 
 def _parts(recordings: Sequence[Recording]) -> tuple[list[Stretch], list[int], TestFunction]:

@@ -64,9 +64,10 @@ class Term(NamedTuple):
     A column: what it stands for, its joint, and which one of several.
 
     The joint of an error of model or drives is -1, and `which` its index. That of Stribeck
-    friction is the index of its velocity among `STRIBECK`, between two of them as well. The slope
-    is the derivative of the column by that, and that of the lag the derivative of the torque by
-    the lag: both are 0 in a fit, and there for the sake of intervals.
+    friction is the index of its velocity among `STRIBECK`, between two of them as well; that of
+    the load is 0 for the torque through the gear, and 1 for that of the drive, in which friction
+    is. The slope is the derivative of the column by that, and that of the lag the derivative of
+    the torque by the lag: both are 0 in a fit, and there for the sake of intervals.
     """
 
     kind: TermKind
@@ -175,7 +176,7 @@ class Data(Rows):
             elif kind in (TermKind.STRIBECK, TermKind.STRIBECK_SLOPE):
                 column = self.stribeck[:, i] @ BETWEEN(which, int(kind == TermKind.STRIBECK_SLOPE))
             elif kind == TermKind.LOAD:
-                column = way * self.load[:, i]
+                column = way * (np.abs(self.torque) if which else self.load)[:, i]
             elif kind in (TermKind.LAG_SLOPE, TermKind.VISCOUS):
                 column = (self.late if kind == TermKind.LAG_SLOPE else self.velocity)[:, i]
             else:

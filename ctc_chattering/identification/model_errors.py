@@ -122,8 +122,7 @@ class ErrorColumns:
 
     def coordinates(self, x: Array) -> Array:
         """Return errors x, shape (p + n + 3, ...), as coefficients of the columns."""
-        found: Array = self.basis.T @ (x.T / self.sizes).T
-        return found
+        return np.asarray(self.basis.T @ (x.T / self.sizes).T)
 
     def weak(self, place: Array, dq: Array, moved: Array, phi: TestFunction,
              centres: Indices) -> Array:

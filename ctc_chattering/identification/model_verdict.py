@@ -28,9 +28,16 @@ from ctc_chattering.identification.attribution import (
     Projected,
 )
 from ctc_chattering.identification.bodies import body_estimate, BodyEstimate
-from ctc_chattering.identification.findings import ALL_JOINTS, Estimate, Finding, Kind, NONE
-from ctc_chattering.identification.friction import Selected
-from ctc_chattering.identification.least_squares import Term, TermKind
+from ctc_chattering.identification.findings import (
+    ALL_JOINTS,
+    Estimate,
+    Finding,
+    Kind,
+    NONE,
+    NONE_ABOVE,
+)
+from ctc_chattering.identification.friction import Selected, TOLD
+from ctc_chattering.identification.least_squares import Data, Term, TermKind
 from ctc_chattering.identification.model_errors import ErrorColumns, ModelError
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
@@ -41,6 +48,8 @@ _TURN = 3e-3
 _PART = 1e-6
 #: Least half of an interval of a torque scale.
 _TRUSTED = 1e-4
+#: Mean of the sign of a torque, or of that times the direction, from which on it has that sign.
+_ALONG = 0.9
 _RECORD = 'record a motion with more speed and larger accelerations of all joints'
 _CORRECT = 'correct the description'
 #: What the numbers of a cause are, and what to do about it.
@@ -140,6 +149,29 @@ class ModelVerdict:
                 found[i] = Estimate(1.0, max(_TRUSTED, 2.0 * projected.deviation(known, i)))
         for i, number in self._of(CauseKind.SCALE):
             found[i] = dataclasses.replace(number, value=1.0 + number.number())
+        return found
+
+    def dead_band(self, data: Data, levels: Sequence[float]) -> list[Estimate]:
+        """
+        Return what each drive takes of its command, length n [N·m].
+
+        Where the motion does not tell it from friction, the reason says in which number it is.
+        """
+        found, known, projected = self._none(), self._selected.believed, self._selected.projected
+        if known is not None and projected is not None:
+            for i in projected.joints:
+                half = 2.0 * projected.deviation(known, i, kind=CauseKind.DEAD_BAND)
+                sign = np.sign(data.bent[:, i, 0]) * np.abs(data.way[:, i])
+                least = _ALONG * float(np.square(sign).sum())
+                found[i] = Estimate.none(
+                    f'{NONE_ABOVE}{half:.2g} N*m' if half < TOLD * levels[i] else
+                    'in Coulomb friction (no torque is against the motion)'
+                    if sign @ data.way[:, i] > least else
+                    'in forwards, backwards (the torque has one sign)'
+                    if abs(sign.sum()) > least else 'the sign of the torque does not show it')
+        for i, number in self._of(CauseKind.DEAD_BAND):
+            if number.half:
+                found[i] = dataclasses.replace(number, unit='N*m')
         return found
 
     def gravity(self) -> tuple[Estimate, ...]:

@@ -90,8 +90,7 @@ class MeasuredPerturbation:
         known = np.where(slides, self.envelope, 0.0).max(axis=0, initial=0.0) + self.tail
         held = [tail_bound(np.abs(x[self.trusted & ~mine]))
                 for x, mine in zip(self.measured.T, slides.T)]
-        found: Array = np.maximum(known, held)
-        return found
+        return np.asarray(np.maximum(known, held))
 
     def outliers(self) -> Iterator[Finding]:
         """Yield for each joint which windows were left out of the peak."""
@@ -123,20 +122,15 @@ class MeasuredPerturbation:
                     'record slower reversals, as those of `ctc excite`',
                     beyond / max(level, 1e-300))
 
-    def misfit(self) -> tuple[Array, Array]:
-        """Return the RMS of P and of what is not predicted of it, each of shape (n,) [N·m]."""
-        known = np.isfinite(self.predicted)
-        count = np.maximum(known.sum(axis=0), 1)
-        rest = np.where(known, self.rest, 0.0)
-        whole = np.where(known, self.measured, 0.0)
-        return (np.sqrt(np.square(whole).sum(axis=0) / count),
-                np.sqrt(np.square(rest).sum(axis=0) / count))
-
 
 def perturbation(found: Identification) -> MeasuredPerturbation:
     """Return P of the identified run."""
     data = found.data
-    used, error = data.used(), _error(found)
+    used, (error, _) = data.used(), found.selected.torque(data, (TermKind.MODEL,))
+    for i, mine in enumerate(used.T):
+        if mine.any():
+            # Of a window in which the joint does not slide: between those in which it does.
+            error[:, i] = np.interp(np.arange(len(mine)), np.flatnonzero(mine), error[mine, i])
     predicted = np.where(used, found.selected.torque(data)[0], np.nan)
     rest = np.abs(data.residual - predicted)
     bound = np.array([tail_bound(x[np.isfinite(x)]) for x in rest.T])
@@ -147,7 +141,8 @@ def perturbation(found: Identification) -> MeasuredPerturbation:
     trusted = np.convolve(far, np.ones(2 * _BESIDE + 1), 'same') < 0.5
     return MeasuredPerturbation(
         data.t, data.residual, predicted,
-        np.abs(error) + _largest_friction(found, data.velocity, data.load, 0.0), trusted,
+        np.abs(error) + _largest_friction(
+            found, data.velocity, np.maximum(data.load, np.abs(data.torque)), 0.0), trusted,
         np.array([tail_bound(x[np.isfinite(x) & trusted]) for x in rest.T]),
         np.abs(error[trusted]).max(axis=0, initial=0.0))
 
@@ -164,16 +159,6 @@ def tail_bound(sizes: Array) -> float:
         return largest
     most, high = np.percentile(sizes, (90.0, 99.0)).tolist()
     return min(largest, float(high + (high - most) * np.log10(len(sizes) / 100.0)))
-
-
-def _error(found: Identification) -> Array:
-    """Return the torque of errors of the model in each window, shape (J, n) [N·m]."""
-    error, _ = found.selected.torque(found.data, (TermKind.MODEL,))
-    for i, used in enumerate(found.data.used().T):
-        if used.any():
-            # Of a window in which the joint does not slide: between those in which it does.
-            error[:, i] = np.interp(np.arange(len(used)), np.flatnonzero(used), error[used, i])
-    return error
 
 
 def friction_at(found: Identification, velocity: Array, load: Array | float
@@ -270,8 +255,7 @@ def _largest_error(found: Identification, tau: Array, states: tuple[Array, Array
             else np.zeros((*tau.shape, 0)))
     value, half = found.selected.torque(
         Data.at(np.ones_like(tau), states[1], tau, more), (TermKind.MODEL,))
-    largest: Array = (np.abs(value) + half).max(axis=0)
-    return largest
+    return np.asarray((np.abs(value) + half).max(axis=0))
 
 
 #: ka over the largest |P|.
@@ -331,12 +315,13 @@ def perturbation_bound(found: Identification, run: MeasuredPerturbation, model: 
     error, most = _largest_error(found, tau, (q, dq, ddq)), np.abs(tau).max(axis=0)
     friction = _largest_friction(
         found, np.linspace(0.0, limits.velocity, _SPEEDS),
-        np.minimum(most + error, limits.effort), 1.0).max(axis=0)
+        np.minimum(most + error + run.peak, limits.effort), 1.0).max(axis=0)
     peak = np.maximum(run.peak, friction + error + run.tail)
     ka = np.array([in_digits(MARGIN * p, 3, np.ceil) for p in peak])
     usable = [x.usable for x in verdicts(found)]
-    speeds, *parts = (', '.join(f'{x:.3g}' if good else '-' for x, good in zip(values, usable))
-                      for values in (limits.velocity, friction, error, run.tail, run.peak))
+    speeds, *parts = (', '.join(
+        f'{round(x, 6):.3g}' if good else '-' for x, good in zip(values, usable))
+        for values in (limits.velocity, friction, error, run.tail, run.peak))
     reason = (f'{MARGIN:g} times the largest |P| up to {speeds} rad/s, the limits of the '
               'description, or the speed of the run where there is none: friction {}, errors of '
               'the model {}, unexplained {} N*m; in the run |P| is at most {} N*m'.format(*parts))

@@ -71,7 +71,8 @@ def causes(data: Data, i: int) -> Iterator[Guess]:
     yield Guess('position and direction', 'friction that depends on the position',
                 'record the positions that you will use', turn * way[:, None])
     yield Guess('speed', 'a law of friction that is not Coulomb, viscous and Stribeck',
-                'record the speeds that you will use', _kinks(speed) * way[:, None])
+                'record the speeds that you will use', way[:, None] * np.maximum(
+                    speed[:, None] - np.quantile(speed, (0.1, 0.25, 0.5, 0.75)), 0.0))
     yield Guess('acceleration', 'an inertia of rotor or link that the model lacks, or a lag of '
                 'the drive', 'correct the inertia in the model',
                 np.column_stack((data.acceleration[used, i], base - data.gravity[used, i])))
@@ -93,12 +94,6 @@ def causes(data: Data, i: int) -> Iterator[Guess]:
         yield Guess('the torques of other joints', 'coupled joints, or sensors of torque that '
                     'mix axes', 'check --joints and the calibration of the torques',
                     np.column_stack((torque, data.acceleration[used][:, others])))
-
-
-def _kinks(speed: Array) -> Array:
-    """Return columns that are 0 up to a speed and linear above it."""
-    knots = np.quantile(speed, (0.1, 0.25, 0.5, 0.75))
-    return np.column_stack([np.maximum(speed - knot, 0.0) for knot in knots])
 
 
 #: Peak of an unexplained torque over its RMS: a ramp has 1.7.

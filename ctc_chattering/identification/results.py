@@ -48,8 +48,8 @@ from ctc_chattering.identification.verdict import (
 
 #: In place of a number that there is none of; why is in the verdict, or in the JSON file.
 NO_NUMBER = '-'
-#: With these begins the reason why there is a bound in place of a number.
-_BOUNDS = ('at least ', NONE_ABOVE)
+#: With these begins the reason why there is a bound, or another number, in place of a number.
+_BOUNDS = ('at least ', NONE_ABOVE, 'in ')
 #: Friction in the order of the table: field and heading.
 FRICTION = {'coulomb': 'Coulomb [N*m]', 'forwards': 'forwards', 'backwards': 'backwards',
             'viscous': 'viscous [N*m*s/rad]', 'stribeck': 'Stribeck [N*m]',
@@ -60,11 +60,10 @@ _SENSORS = (('encoder', 'encoder_step_rad', 'encoder step [rad]'),
             ('noise', 'velocity_noise_rad_per_s', 'velocity noise [rad/s]'))
 _DRIVES = (('scale', 'torque_scale', 'torque per torque unit'),
            ('rotor', 'rotor_inertia_kgm2', 'rotor inertia [kg*m^2]'),
+           ('dead_band', 'dead_band_nm', 'dead band [N*m]'),
            ('rate', 'torque_rate_nm_per_s', 'rate of the drive [N*m/s]'))
 _LEAD = ('Intervals are those of 95 %. P is the torque that the model lacks: friction and its own '
          'errors; ka holds it. σ is the deviation of the velocity.')
-#: Reasons of a joint on a terminal, at most.
-_REASONS = 3
 
 
 def cell(number: Estimate) -> str:
@@ -112,12 +111,9 @@ class IdentificationResults:
                 lag_in_words(found.timing, i) for i in range(len(found.joints))],
             **{name: list(map(cell, values)) for key, _, name in _DRIVES
                if (values := getattr(found, key))}})
-        whole, rest = self.run.misfit()
         yield self._table('Perturbation', {
             'largest |P| [N*m]': [f'{x:.4g}' for x in self.run.peak],
-            'ka [N*m]': [NO_NUMBER if x is None else f'{x:.4g}' for x in self.recommended.ka],
-            'RMS P [N*m]': [f'{x:.3g}' for x in whole],
-            'unexplained [N*m]': [f'{x:.2g}' for x in rest]})
+            'ka [N*m]': [NO_NUMBER if x is None else f'{x:.4g}' for x in self.recommended.ka]})
 
     def _table(self, title: str, columns: Mapping[str, Sequence[str]], every: bool = False
                ) -> Table:
@@ -136,14 +132,10 @@ class IdentificationResults:
         for text in self.shared():
             yield from paragraph(f'all joints: {text}')
         for verdict in self.verdicts:
-            first, *others = verdict.own() or (None,)
-            yield from paragraph(f'{verdict.joint}: {verdict.word}'
-                                 + (f': {first.text}' if first else ''))
-            for other in others[:_REASONS - 1]:
-                yield from paragraph(f'- {other.text}', 4)
-            if len(others) >= _REASONS:
-                more = '; '.join(x.reason.split(':')[0] for x in others[_REASONS - 1:])
-                yield from paragraph(f'- on the page: {more}', 4)
+            reasons = [x.text for x in verdict.own()]
+            yield from paragraph(': '.join((verdict.joint, verdict.word, *reasons[:1])))
+            for reason in reasons[1:]:
+                yield from paragraph(f'- {reason}', 4)
 
     def sentences(self) -> Iterator[tuple[str, list[str]]]:
         """Yield headings and sentences."""
@@ -158,12 +150,6 @@ class IdentificationResults:
             f'delay of the torque: {known} samples' if known else
             'delay not identifiable: no commanded torque in the bag',
             f'torques are taken from the {timing.source}']
-        model = [f'{error.name}: {number}' + (
-            '' if number.value is None else ' more at the tip' if error.unit else
-            ' times its mass and inertia more') for error, number in found.errors]
-        if any(x.half for x in found.tilt):
-            model.append('gravity in the frame of the base: ' + ', '.join(map(str, found.tilt)))
-        yield 'Model', model
         yield 'Gains', [f'{name} = {shown(self._usable(value))}: {why}'
                         for name, (value, why) in self.recommended.values.items()]
         yield 'Trial runs', list(self.recommended.trials) or ['not tried']
@@ -193,7 +179,7 @@ class IdentificationResults:
         return {
             'bags': self.source, 'joint_names': list(found.joints),
             'clock': dataclasses.asdict(found.clock),
-            'torque_from': timing.source, 'effort_side': found.side,
+            'torque_from': timing.source,
             'delays_possible': [
                 {'delay_samples': delay, 'actuator_lag_s': self._usable(lags[1].tolist()),
                  'actuator_lag_interval_95_s': self._usable(lags[[0, 2]].T.tolist())}

@@ -20,8 +20,8 @@ from collections.abc import Sequence
 import dataclasses
 from typing import NamedTuple
 
-from ctc_chattering.bags.recording import BRIDGED, Recording, VELOCITIES
-from ctc_chattering.identification.findings import Estimate, Finding, Kind
+from ctc_chattering.bags.recording import Recording, VELOCITIES
+from ctc_chattering.identification.findings import Estimate, Finding, Kind, NONE_ABOVE
 from ctc_chattering.identification.least_squares import coefficients
 from ctc_chattering.identification.weak_form import (
     deviation,
@@ -39,6 +39,11 @@ _ROUNDING = 1e-13
 #: Half an interval of a velocity over the change of the position, in deviations of independent
 #: samples: few are.
 _INDEPENDENT = 20.0
+#: Deviation of noise by differences of successive samples over that of the samples, least and
+#: most: a filter makes it smaller, and differences of positions larger.
+_WHITE = (0.8, 1.5)
+#: Deviation of a velocity from the change of the position, as a part of it, that is rounding.
+_EXACT = 1e-3
 #: Samples that a step is computed from, at most.
 _ENOUGH = 200_000
 #: Poses that are kept.
@@ -58,23 +63,17 @@ class Clock:
         Mean step [s].
     missing : int
         Samples that are missing.
-    pauses : tuple of (float, float)
-        Begin and length of gaps that are too long to be bridged [s].
 
     """
 
     period: float
     missing: int
-    pauses: tuple[tuple[float, float], ...]
 
 
-def clock(recording: Recording) -> Clock:
+def clock(recording: Recording, period: float) -> Clock:
     """Return what the stamps of a checked recording say."""
-    step, period = np.diff(recording.t), recording.period
-    long = np.flatnonzero(step > (BRIDGED + 1.5) * period)
-    missing = round(float(step.sum()) / period) - len(step)
-    return Clock(period, max(missing, 0), tuple(
-        (float(recording.t[k] - recording.t[0]), float(step[k])) for k in long))
+    step = np.diff(recording.t)
+    return Clock(period, max(round(float(step.sum()) / period) - len(step), 0))
 
 
 def encoder_step(q: Array) -> Estimate:
@@ -141,7 +140,8 @@ def velocity_noise(recording: Recording, period: float) -> Noise:
     Return the noise of the measured velocity of each joint [rad/s], and findings.
 
     The velocity is compared with that of the smoothed positions, beside a lag. Where it is no such
-    velocity, its noise is not known, and the joint is refused.
+    velocity, its noise is not known, and the joint is refused. What is left is noise only where
+    successive samples differ as much as independent ones.
     """
     if recording.dq is None:
         return [Estimate.none('no velocities in the bag')] * len(recording.joints), []
@@ -168,6 +168,12 @@ def velocity_noise(recording: Recording, period: float) -> Noise:
                 abs(ratio - 1.0) - error))
             noise.append(Estimate.none(what))
             continue
-        spread = deviation(rest)
-        noise.append(Estimate(float(np.sqrt(max(spread ** 2 - known[i] ** 2, 0.0))), unit='rad/s'))
+        spread, apart = deviation(rest), deviation(np.diff(rest)) / np.sqrt(2.0)
+        size = float(np.sqrt(max(spread ** 2 - known[i] ** 2, 0.0)))
+        small = spread <= max(_RESTS * known[i], _EXACT * length / np.sqrt(len(x)))
+        noise.append(
+            Estimate(size, unit='rad/s') if _WHITE[0] * size <= apart <= _WHITE[1] * size else
+            Estimate.none(f'{NONE_ABOVE}{spread:.2g} rad/s' if small else 'what the velocity has '
+                          'beside the change of the position is no noise of single samples, as '
+                          'after a filter'))
     return noise, findings

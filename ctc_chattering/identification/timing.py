@@ -290,25 +290,11 @@ def rate_limits(timing: Timing, joints: Sequence[str]) -> list[Estimate]:
     return found
 
 
-def timing_findings(timing: Timing, late: tuple[float, float]) -> Iterator[Finding]:
-    """
-    Yield what is doubtful of delay and lag.
-
-    Parameters
-    ----------
-    timing : Timing
-        As identified.
-    late : (float, float)
-        Samples by which commands may be later than the recording has them.
-
-    """
+def timing_findings(timing: Timing) -> Iterator[Finding]:
+    """Yield what is doubtful of delay and lag."""
     known = timing.of_commands
     if known is None or not known.delays:
         return
-    if late[1] > late[0]:
-        yield Finding(Kind.NOTE, ALL_JOINTS, 'commands have no stamps, and arrived at the '
-                      f'recorder unevenly: by up to {max(-late[0], late[1]):.2g} samples their '
-                      'delay is uncertain')
     delays = sorted(known.delays)
     if len(delays) > 1:
         far = max(delays) - min(delays) > Kind.DELAYS.care

@@ -18,7 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 import dataclasses
-from typing import Any, NamedTuple
+from typing import Any
 
 from ctc_chattering.analysis.tables import rounded
 from ctc_chattering.configuration import parameter_file
@@ -103,7 +103,7 @@ def _plant(found: Identification) -> dict[str, Any]:
     # Positions have a step, or noise.
     noise = np.square(found.positions.noise) - _STEP_NOISE * np.square(step)
     noise = np.sqrt(np.where(noise > _STEP_NOISE * np.square(step), noise, 0.0))
-    unknown = any(x.value is None for x in found.noise)
+    unknown = any(x.value is None and not x.shows_none for x in found.noise)
     return {
         'coulomb_friction': _rounded(coulomb), 'viscous_friction': _rounded(viscous),
         'stribeck_friction': _rounded(stribeck), 'load_friction': _rounded(np.minimum(load, 0.9)),
@@ -139,6 +139,7 @@ def _rounded(values: npt.ArrayLike, digits: int = 6) -> list[float]:
 COUNT, COUNT_PLAIN = 24, 8
 #: Smooth start and duration [s]: in it all joints reverse.
 _TRIAL_START, _TRIAL = 1.0, 2.5
+_WINDOW = _TRIAL_START, np.inf
 #: Part of M, C and G that may be wrong in any case, and at most.
 _MODEL, _MOST = 0.05, 0.2
 #: Frequencies of errors of the model and of what is not explained, as a disturbance [rad/s].
@@ -147,13 +148,6 @@ _UNEXPLAINED = (2.0, 20.0)
 _SATURATED = 0.02
 #: Part of the amplitude that an error may be, and steps of the encoder that are no error.
 _TRACKS, _STEPS = 0.5, 3.0
-
-
-class Draw(NamedTuple):
-    """A robot within the intervals: in words, and values of plant and controller."""
-
-    text: str
-    values: Values
 
 
 def trial_runs(found: Identification, run: MeasuredPerturbation, recommended: Recommendation,
@@ -175,13 +169,13 @@ def trial_runs(found: Identification, run: MeasuredPerturbation, recommended: Re
     """
     *tried, plain = setups
     draws = list(draw_robots(found, run, plain.plant, count, seed))
-    largest = [_largest_error(plain, _score(plain, draw)) for draw in draws]
+    largest = [_largest_error(plain, score(plain.changed(x), _WINDOW)) for _, x in draws]
     said: list[str] = []
     for option, setup in zip(recommended.options, tried):
         failure = ''
-        for k, (draw, most) in enumerate(zip(draws, largest), 1):
-            if failure := _failure(_score(setup, draw), most, found.joints):
-                failure = f'fails in draw {k} of {count} ({draw.text}): {failure}'
+        for k, ((text, x), most) in enumerate(zip(draws, largest), 1):
+            if failure := _failure(score(setup.changed(x), _WINDOW), most, found.joints):
+                failure = f'fails in draw {k} of {count} ({text}): {failure}'
                 break
         kv: Any = option['kv'][0]
         said.append(f'p = {0.5 * kv[0]:g} rad/s: '
@@ -222,9 +216,9 @@ def setups_tried(recommended: Recommendation, values: Values,
 
 
 def draw_robots(found: Identification, run: MeasuredPerturbation, plant: PlantConfig,
-                count: int, seed: int) -> Iterator[Draw]:
+                count: int, seed: int) -> Iterator[tuple[str, Values]]:
     """
-    Yield robots at the ends of the intervals.
+    Yield robots at the ends of the intervals: in words, and values of plant and controller.
 
     Parameters
     ----------
@@ -256,18 +250,13 @@ def draw_robots(found: Identification, run: MeasuredPerturbation, plant: PlantCo
                 for x, of in zip(plant.torque_rate_limit, found.rate)] or plant.torque_rate_limit
         text = (f"delay {samples}, lag {late.max():.3g} s, model {scale:.3g} of the robot's, "
                 f'friction {at:+.2g} of its interval')
-        yield Draw(text, {
+        yield text, {
             'plant': {**friction, 'torque_rate_limit': rate,
                       'input_delay': int(samples), 'actuator_lag': late.tolist(),
                       'disturbance.amplitude': (run.tail + run.error).tolist(),
                       'disturbance.frequency': rng.uniform(*_UNEXPLAINED, len(lag)).tolist(),
                       'noise_seed': int(rng.integers(2 ** 31))},
-            'controller': {'inertia_scale': scale, 'gravity_scale': scale}})
-
-
-def _score(setup: Setup, draw: Draw) -> Score:
-    """Return the numbers of a run of a draw."""
-    return score(setup.changed(draw.values), (_TRIAL_START, np.inf))
+            'controller': {'inertia_scale': scale, 'gravity_scale': scale}}
 
 
 def _largest_error(setup: Setup, usual: Score) -> Array:

@@ -177,13 +177,11 @@ def _how_well(i: int, coulomb: Estimate, measured: bool, left: Unexplained | Non
     """Yield that the Coulomb friction of a joint is not known well."""
     unexplained = left is not None and left.off > 0.0
     part = coulomb.half / max(abs(coulomb.number()), 1e-300)
-    if (unexplained and part >= 1.0) or not isfinite(part):
-        yield Finding(Kind.NO_NUMBER, i, f'Coulomb friction is not known: {coulomb} with what '
-                      'is not explained', _EXCITE)
-    elif part >= 1.0:
-        yield Finding(Kind.NO_NUMBER if measured else Kind.DOUBT, i, 'no friction shows: '
-                      f'Coulomb friction is {coulomb}', 'say where the torque is measured; behind '
-                      'the gear friction is not in it')
+    if not part < 1.0:
+        none = measured or unexplained or not isfinite(part)
+        yield Finding(Kind.NO_NUMBER if none else Kind.DOUBT, i,
+                      f'no friction shows: Coulomb friction is {coulomb}', f'{_EXCITE}, and say '
+                      'where the torque is measured: behind the gear friction is not in it')
     elif not unexplained:
         yield Finding(Kind.COULOMB_INTERVAL, i, f'Coulomb friction is known to {coulomb} only',
                       'record a longer motion', part)

@@ -100,10 +100,9 @@ def tables(found: Sequence[Outcome]) -> Iterator[Table]:
             bold(first['name']) + ': RMS error [rad], 5 s ≤ t ≤ 10 s',
             [*_HEAD, *first['joints'], 'least', 'peak torque [N·m]'],
             _rows(group, partial(_errors, base=first)), len(_HEAD))
-        slips = ' / stick-slips at rest [1/s]' if stops else ''
         yield Table(
             bold(first['name']) + ': torque variation [N·m/s] / largest step [N·m] / largest rate '
-            f'[N·m/s]{slips}', [*_HEAD, *first['joints']],
+            f'[N·m/s]{" / stick-slips at rest [1/s]" * stops}', [*_HEAD, *first['joints']],
             _rows(group, partial(_changes, stops=stops)), len(_HEAD))
 
 
@@ -147,10 +146,9 @@ def _errors(outcome: Outcome, base: Outcome) -> list[list[Number]]:
 
 def _changes(outcome: Outcome, stops: bool) -> list[list[Number]]:
     """Return the numbers of each cell of the second table."""
-    columns = [('variation', '.0f'), ('step', '.2g'), ('rate', '.0f'),
-               *([('slips', '.2g')] if stops else [])]
+    columns = [('variation', '.0f'), ('step', '.2g'), ('rate', '.0f'), ('slips', '.2g')]
     return [list(cell) for cell in zip(*([(x, f'{x:{form}}') for x in outcome[name]]
-                                         for name, form in columns))]
+                                         for name, form in columns[:3 + stops]))]
 
 
 def _rows(group: Sequence[Outcome], cells: Callable[[Outcome], list[list[Number]]]
@@ -247,9 +245,15 @@ def write_comparison(comparison: Comparison, rows: pandas.DataFrame, out: Path,
 
 def write_page(found: Sequence[Outcome], files: Sequence[FigureFile], path: Path,
                command: str = '') -> None:
-    """Write the page; raise `CtcError` if that cannot be done."""
-    few = len(groups(found)) <= _MANY
-    numbers = [page.Folded(x.title, [x._replace(title='')], few) for x in tables(found)]
+    """
+    Write the page; raise `CtcError` if that cannot be done.
+
+    Law, switching and settings are one column, which stays where a table scrolls sideways.
+    """
+    numbers = [page.Folded(x.title, [x._replace(
+        title='', heads=['law', *x.heads[len(_HEAD):]], names=1, rows=[
+            [f'{" ".join(row[:2]).strip()}, {row[2]}', *row[len(_HEAD):]] for row in x.rows])],
+        len(groups(found)) <= _MANY) for x in tables(found)]
     page.write_page(path, 'The laws compared', _LEAD, [
         page.Section('Figures', files), page.Section('Numbers', numbers)],
         [(name, name) for name in (CSV, TABLE, ROWS, PARAMETERS)], command)

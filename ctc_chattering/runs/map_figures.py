@@ -32,8 +32,9 @@ from ctc_chattering.runs.map_data import (
     spaced,
     wilson,
 )
+from matplotlib import colormaps
 from matplotlib.axes import Axes
-from matplotlib.colors import LogNorm, Normalize
+from matplotlib.colors import ListedColormap, LogNorm, Normalize
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
@@ -53,6 +54,8 @@ LINES: dict[str, dict[str, Any]] = {
     'beyond, more than half fail (95 %)': {'linestyle': '--', 'linewidth': 1.1},
     'within, less than half fail (95 %)': {'linestyle': ':', 'linewidth': 1.4}}
 _BLACK = '#111111'
+#: Colours of shares, of which the boundary is distinct.
+_SHARES = ListedColormap(colormaps['Oranges'](np.linspace(0.0, 0.6, 256)))
 
 
 def _ruled(ax: Axes, axis: str, grid: GridAxis, most: int) -> None:
@@ -174,7 +177,7 @@ def error_map(data: MapData) -> Figure:
 def failure_map(data: MapData) -> Figure:
     """Draw the share of failures with its boundary, and the interval of this."""
     return maps(data, 'Failure probability', data.probability, 'share of runs that fail',
-                range(len(data.variants)), True, cmap='Oranges', norm=Normalize(0.0, 1.0))
+                range(len(data.variants)), True, cmap=_SHARES, norm=Normalize(0.0, 1.0))
 
 
 def gain_map(data: MapData, base: int) -> Figure:

@@ -192,8 +192,8 @@ def write_page(tuning: Tuning, files: Sequence[FigureFile], path: Path, command:
     page.write_page(path, 'Gains that were tuned', _LEAD, [
         page.Section('Result', [*files, *map(page.Note, notes(tuning)), numbers]),
         page.Section('What was run', [Table('', (), list(facts(tuning)))])],
-        [(name, name) for name in (TUNED, POINTS, NUMBERS) if tuning.best or name == NUMBERS],
-        command)
+        [(name, name) for name in (TUNED, POINTS, NUMBERS, TABLE) if (
+            tuning.best or name in (NUMBERS, TABLE))], command)
 
 
 def write_parameters(spec: TuneSpec, point: Candidate, path: Path) -> None:

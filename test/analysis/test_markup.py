@@ -20,7 +20,6 @@ from collections.abc import Callable
 import dataclasses
 from functools import lru_cache
 from itertools import pairwise
-import json
 from pathlib import Path
 import re
 from xml.etree import ElementTree
@@ -38,23 +37,20 @@ from ctc_chattering.identification import results as identification
 from ctc_chattering.identification.gains import recommend
 from ctc_chattering.identification.identify import identify
 from ctc_chattering.identification.perturbation import perturbation
-from ctc_chattering.runs.compare import BASE, Comparison, Variant
+from ctc_chattering.runs.compare import BASE, Variant
 from ctc_chattering.runs.compare_page import Outcome, to_markdown
-from ctc_chattering.runs.compare_page import outcomes as outcomes_of
 from ctc_chattering.runs.compare_page import write_page as write_comparison_page
 from ctc_chattering.runs.map_data import MapData
 from ctc_chattering.runs.map_figures import lines
 from ctc_chattering.runs.map_page import write_map_page
-from ctc_chattering.runs.points import row_of
-from ctc_chattering.runs.score import Score
 from ctc_chattering.runs.tune import searched, Tuning
 from ctc_chattering.runs.tune_page import write_page as write_search_page
 from identified_bags import short
 from jinja2 import UndefinedError
 from made_up_runs import made_up
+from map_specs import compared
 from map_tables import table_of
 from pages import Page
-import pandas  # type: ignore[import-untyped]
 import pytest
 from tunings import short_spec
 
@@ -128,12 +124,8 @@ def of_an_identification(name: str, out: Path) -> None:
 
 
 def outcomes(name: str) -> list[Outcome]:
-    row = row_of(Score((1e-3, 2e-3), (1.0, 1.0), (1.0, 2.0), (0.1, 0.2), (3.0, 4.0), (9.0, 9.0),
-                       (1.0, 1.0), saturated=0.0, slips=(0.0, 0.0)), 2, Comparison.failure)
-    return outcomes_of(pandas.DataFrame([{
-        'file': 'friction', 'experiment': name, 'condition': '', 'held_out': 0,
-        **variant._asdict(), 'joints': json.dumps((f'1{name}', f'2{name}')),
-        'controller': '{}', **row} for variant in (BASE, Variant('chattering', 'sign', 'file'))]))
+    return compared(
+        name, (BASE, 1e-3, 1.0, ''), (Variant('chattering', 'sign', 'file'), 1.0, 2.0, ''))
 
 
 def of_a_comparison(name: str, out: Path) -> None:

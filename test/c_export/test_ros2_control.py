@@ -15,7 +15,7 @@
 """
 The exported controller of ros2_control, compiled against a stub of what it uses of ROS 2.
 
-docs/ros2_control.md says what was compiled against the headers of Jazzy. Needs a C++ compiler.
+validation/README.md says what was run in a controller manager. Needs a C++ compiler.
 """
 
 from __future__ import annotations
@@ -156,7 +156,7 @@ def test_an_oscillating_feedback_trips_until_it_is_activated_again(tmp_path: Pat
         built(robot, tmp_path), 'configure', 'activate', reference(RESTING),
         *(update(t, q, rest[1]) for t, q in zip(times, states)), 'deactivate', 'activate',
         reference(RESTING), update(times[-1], *rest[:2]))
-    controller, expected = controller_of(robot), []
+    controller, expected = controller_of(robot), list[list[float]]()
     while controller.stability[1] < PATIENCE:
         expected.append([GOOD, *controller.step(states[len(expected)], rest[1], *rest).tau])
     expected[-1:] = [[FAILED, 0.0, 0.0]] * (len(times) - len(expected) + 1)

@@ -116,7 +116,7 @@ def test_a_map_that_is_killed_goes_on_to_the_same_bytes(tmp_path: Path) -> None:
 def test_ctrl_c_ends_in_a_line(tmp_path: Path) -> None:
     """Send it to all processes, as a terminal does."""
     spec, out = written(tmp_path / 'brief.yaml', **BRIEF), tmp_path / 'out'
-    with mapped(spec, out, '--jobs', 1) as process:
+    with mapped(spec, out, '--jobs', 2) as process:
         until(lambda: shards(out), process)
         workers = psutil.Process(process.pid).children(recursive=True)
         os.killpg(process.pid, signal.SIGINT)

@@ -34,7 +34,7 @@ from urdfs import PANDA, panda
 VARIANTS = [(law, switching) for law in LAWS
             for switching in (SWITCHINGS if law == 'chattering' else ('sign',))]
 COMPILED = [('compensation', 'sign'), ('chattering', 'sign'), ('chattering', 'implicit_observer'),
-            ('observer_feedback', 'sign'), ('integral', 'sign')]
+            ('observer_feedback', 'sign')]
 #: At its sample; before it; lost, with another reference; not come; late.
 ARRIVALS = (REGULAR, Arrival(-3e-4, 0.0, 1.0, 0.0), Arrival(0.0, -2e-3, 0.0, 1.0),
             Arrival(0.0, 0.0, 0.0, 0.0), Arrival(2e-4, 1e-4, 1.0, 1.0))
@@ -125,7 +125,7 @@ def check(law: str, switching: str, n: int, seed: int) -> None:
         assert not plain.compiled
 
 
-# What other tests need is compiled, too; the rest, half a minute each, by `make slow`.
+# What other tests need is compiled, too; the rest, half a minute each, by `.ci/run`.
 @pytest.mark.parametrize(('law', 'switching', 'n'), [
     *((*variant, 2) for variant in VARIANTS if variant in COMPILED),
     *(pytest.param(*variant, 2, marks=pytest.mark.slow)

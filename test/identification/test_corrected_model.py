@@ -59,7 +59,8 @@ def identified(name: str, fault: str, seed: int, duration: float = 15.0
     return one.robot, urdf, identify([recording], model, candidates(model, urdf, {}))
 
 
-@pytest.mark.parametrize('fault', ['forearm', 'tilt', 'plain'])
+@pytest.mark.parametrize('fault', [
+    'forearm', pytest.param('tilt', marks=pytest.mark.slow), 'plain'])
 def test_two_links(fault: str) -> None:
     """The right model stays; 1 kg more, or a turned base, is in the corrected one."""
     robot, urdf, found = identified('two_link_urdf', fault, 1, 10.0)

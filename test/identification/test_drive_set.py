@@ -80,10 +80,12 @@ def late(torque: Array, delay: int) -> Array:
     return np.concatenate((np.full(delay, torque[0]), torque[:len(torque) - delay]))
 
 
-def test_sets_contain_the_truth() -> None:
+@pytest.mark.parametrize('robots, most', [
+    (range(6), 1), pytest.param(range(30), 2, marks=pytest.mark.slow)])
+def test_sets_contain_the_truth(robots: range, most: int) -> None:
     """Of 30 robots, at most two may have a lag outside, and none a delay that is wrong."""
     outside = 0
-    for seed in range(30):
+    for seed in robots:
         rng = np.random.default_rng((seed, 1))
         delay, lag = int(rng.integers(0, 4)), float(rng.choice([0.0, rng.uniform(3e-4, 5e-3)]))
         command = commands(seed, rng.uniform(0.0, 5.0))
@@ -92,7 +94,7 @@ def test_sets_contain_the_truth() -> None:
         assert delay in found.delays, f'{seed}: {delay}, {lag}: {found.delays}'
         low, _, high = found.delays[delay][:, 0]
         outside += not low - 1e-6 <= lag <= high + 1e-6
-    assert outside <= 2
+    assert outside <= most
 
 
 def test_where_two_fit_both_are_in_the_set() -> None:
@@ -104,7 +106,8 @@ def test_where_two_fit_both_are_in_the_set() -> None:
         assert lags[0, 0] <= max(3e-3 - delay * H, 0.0) <= lags[2, 0]
 
 
-@pytest.mark.parametrize('rate', [150.0, 600.0, np.inf])
+@pytest.mark.parametrize('rate', [
+    150.0, pytest.param(600.0, marks=pytest.mark.slow), np.inf])
 def test_the_rate_limit(rate: float) -> None:
     command = commands(3, 6.0)
     found = searched(command, late(driven_torque(command, 1e-3, rate), 1), 0.01, 3, True)
@@ -146,15 +149,14 @@ def test_a_set_in_words() -> None:
     assert drives_in_words(found) == (
         'delay 1 with lag 3.1 to 4.4 ms, or delay 2 with lag 0 to 0.6 ms')
     assert lag_in_words(found, 0) == '3.1 to 4.4 ms with delay 1'
-    (one,) = timing_findings(found, (0.0, 0.0))
+    (one,) = timing_findings(found)
     assert one.severity == Severity.NOTE and 'delay 2' in one.reason
     assert lag_in_words(timing({0: ms((0, 0), (0, 0), (0.1, 0.1))}), 1) == 'none, at most 0.1 ms'
 
 
 def test_a_lag_at_the_end_is_refused_with_its_cause() -> None:
     end = 1e3 * LAGS[-1]
-    (one, other) = timing_findings(timing({0: ms((30.0, 0.0), (38.0, 0.0), (end, end))}),
-                                   (0.0, 0.0))
+    (one, other) = timing_findings(timing({0: ms((30.0, 0.0), (38.0, 0.0), (end, end))}))
     assert (one.severity, one.joint) == (Severity.REFUSED, 0)
     assert 'rotor' in one.reason
     assert (other.severity, other.joint) == (Severity.CARE, 1)
@@ -169,8 +171,6 @@ def test_rate_limits_with_intervals_or_bounds() -> None:
     assert second.value is None and 'at least 50 N*m/s' in second.reason
 
 
-def test_jitter_and_many_delays_are_said() -> None:
-    found = timing(dict.fromkeys(range(4), NONE))
-    jitter, many = timing_findings(found, (-0.2, 0.1))
-    assert '0.2 samples' in jitter.reason
+def test_many_delays_are_said() -> None:
+    (many,) = timing_findings(timing(dict.fromkeys(range(4), NONE)))
     assert many.severity == Severity.CARE and many.cure

@@ -104,12 +104,12 @@ def rows() -> tuple[Rows, TestFunction]:
     return Rows.of(part, made().model, phi), phi
 
 
-def source(command: Array | None, effort: Array | None, declared: str = '', wanted: str = ''
+def source(command: Array | None, effort: Array | None, declared: str = ''
            ) -> tuple[str, tuple[Finding, ...]]:
     recording = dataclasses.replace(made().recording, command=command, effort=effort).checked()
     mine, phi = rows()
     return torque_source(list(stretches(recording, 1e-3)), [mine], phi, made().recording.joints,
-                         declared, wanted)
+                         declared)
 
 
 def test_an_effort_counts_only_if_the_user_says_that_it_is_of_the_motor() -> None:
@@ -118,7 +118,6 @@ def test_an_effort_counts_only_if_the_user_says_that_it_is_of_the_motor() -> Non
     for declared in ('', 'link', 'current'):
         assert source(tau, measured(tau), declared) == (COMMAND, ())
     assert source(tau, measured(tau), 'motor') == (EFFORT, ())
-    assert source(tau, measured(tau), 'motor', COMMAND) == (COMMAND, ())
 
 
 def test_an_effort_alone_is_refused_unless_it_is_that_of_the_motor() -> None:
@@ -126,9 +125,6 @@ def test_an_effort_alone_is_refused_unless_it_is_that_of_the_motor() -> None:
     for declared in ('', 'link', 'current'):
         with pytest.raises(CtcError, match=r'give --effort motor; .*record the commanded'):
             source(None, measured(tau), declared)
-        # Commands that the user does not want do not help.
-        with pytest.raises(CtcError, match='--torque-constant'):
-            source(tau, measured(tau), declared, EFFORT)
     assert source(None, measured(tau), 'motor') == (EFFORT, ())
 
 

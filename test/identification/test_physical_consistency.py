@@ -146,10 +146,10 @@ def test_against_another_method() -> None:
     assert change @ A @ change * 1e-6 == pytest.approx(best, rel=2e-3)
 
 
-@pytest.mark.parametrize('name', [pytest.param('panda', marks=pytest.mark.slow), 'ur5'])
-@pytest.mark.parametrize('rotor, mass, words', [(-0.6, 1.0, 'inertia'), (0.0, -1.0, 'mass of')])
-def test_what_no_body_can_have_is_refused(name: str, rotor: float, mass: float, words: str
-                                          ) -> None:
+@pytest.mark.parametrize('name', ['two links', *(
+    pytest.param(x, marks=pytest.mark.slow) for x in ('panda', 'ur5'))])
+@pytest.mark.parametrize('rotor, mass', [(-0.6, 1.0), (0.0, -1.0)])
+def test_what_no_body_can_have_is_refused(name: str, rotor: float, mass: float) -> None:
     """The torque of the last joint with a negative inertia; of all joints with links of -1 kg."""
     prior, rows = robot(name)
     rotors = np.append(np.zeros(len(prior) - 1), rotor)
@@ -159,7 +159,7 @@ def test_what_no_body_can_have_is_refused(name: str, rotor: float, mass: float, 
                                       [0.0] * len(prior)))
     refused = {x.joint for x in findings if x.severity == Severity.REFUSED}
     assert len(prior) - 1 in refused and (rotor or len(refused) >= len(prior) - 1)
-    assert 'what no body can have' in findings[0].reason and words in findings[0].reason
+    assert 'no body can have' in findings[0].reason
     assert f'joint{findings[0].joint}' in findings[0].reason and 'N*m' in findings[0].reason
 
 

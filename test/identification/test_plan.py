@@ -75,8 +75,10 @@ def made(robot: str) -> Plan:
     return excite(setup, {'duration': DURATION, 'evaluations': EVALUATIONS, 'seed': 1})
 
 
-@pytest.fixture(scope='module', params=[
-    'friction', 'panda', pytest.param('ur5', marks=pytest.mark.slow)])
+ROBOTS = ['friction', *(pytest.param(x, marks=pytest.mark.slow) for x in ('panda', 'ur5'))]
+
+
+@pytest.fixture(scope='module', params=ROBOTS)
 def motion(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Motion:
     """Return the motion of a robot, written, read, and played from where the plant is."""
     return of(request.param, tmp_path_factory.mktemp(request.param))
@@ -209,8 +211,7 @@ def assert_identifiable(motion: Motion, run: Run) -> None:
                                          abs=0.05)
 
 
-@pytest.mark.parametrize('robot', ['friction', pytest.param('panda', marks=pytest.mark.slow),
-                                   pytest.param('ur5', marks=pytest.mark.slow)])
+@pytest.mark.parametrize('robot', ROBOTS)
 def test_the_robot_under_friction_reverses_where_the_motion_does(robot: str, tmp_path: Path
                                                                  ) -> None:
     """Check a run under law compensation: no joint sticks through the slow reversals."""
@@ -292,6 +293,7 @@ def test_what_cannot_be_kept_is_refused(
     assert not list(tmp_path.rglob('*.yaml'))
 
 
+@pytest.mark.slow
 def test_the_duration_that_a_refusal_names_would_do(tmp_path: Path) -> None:
     result = ctc('excite', '--params-file', 'panda', '--evaluations', '1', '--duration', '20',
                  '--velocity-scale', '0.2', '--out', tmp_path / 'short')

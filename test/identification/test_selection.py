@@ -25,6 +25,7 @@ from ctc_chattering.identification.bodies import left_over
 from ctc_chattering.identification.friction import joint_friction, select
 from ctc_chattering.identification.least_squares import Data, Term, TermKind
 from ctc_chattering.identification.model_errors import ErrorColumns
+from ctc_chattering.identification.model_verdict import ModelVerdict
 from ctc_chattering.identification.windows import STRIBECK
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
@@ -37,8 +38,8 @@ COUNT = 400
 COULOMB = 2.0
 
 
-def random_windows(rotor: Array, scale: float = 1.0, gear: float = 0.0, noise: float = 1e-3
-                   ) -> tuple[Data, ErrorColumns]:
+def random_windows(rotor: Array, scale: float = 1.0, gear: float = 0.0, noise: float = 1e-3,
+                   band: float = 0.0, part: float = 1.0) -> tuple[Data, ErrorColumns]:
     """
     Return windows, and the columns of the arm's errors.
 
@@ -52,6 +53,10 @@ def random_windows(rotor: Array, scale: float = 1.0, gear: float = 0.0, noise: f
         Part of what gears transmit that is friction.
     noise : float
         Of the torque [N·m].
+    band : float
+        What the drives take of each command [N·m].
+    part : float
+        By which the torque of the second joint is smaller.
 
     """
     model = UrdfModel(urdfs.two_links(), urdfs.TWO_LINKS)
@@ -60,11 +65,13 @@ def random_windows(rotor: Array, scale: float = 1.0, gear: float = 0.0, noise: f
     rng = np.random.default_rng(3)
     states = rng.normal(size=(COUNT, 3, 2))
     _, dq, ddq = states.transpose(1, 0, 2)
-    base = np.array([model.inverse_dynamics(*(x.tolist() for x in state)) for state in states])
+    parts = np.array([1.0, part])
+    base = parts * [model.inverse_dynamics(*(x.tolist() for x in state)) for state in states]
     way = np.sign(dq)
     friction = way * (COULOMB + gear * np.abs(base))
     torque = (base + rotor * ddq + friction + noise * rng.normal(size=(COUNT, 2))) / scale
-    more = np.array([columns.at(*state) for state in states])
+    torque += band * np.sign(torque)
+    more = parts[:, None] * [columns.at(*state) for state in states]
     return dataclasses.replace(
         Data.at(way, dq, torque, more), t=np.arange(float(COUNT)), base=base, load=np.abs(base),
         stribeck=np.zeros((COUNT, 2, len(STRIBECK))), residual=torque - base,
@@ -99,6 +106,19 @@ def test_a_load_that_is_not_known_at_its_change_of_sign_is_in_the_intervals(
     monkeypatch.setattr(friction, '_FORM', 0.0)
     monkeypatch.setattr(friction, '_TRUSTED', 0.0)
     assert not any(held(1.0, 0.1, 0.1))
+
+
+@pytest.mark.parametrize('band', [0.0, 0.3])
+def test_a_dead_band_has_a_number_or_is_in_coulomb_friction(band: float) -> None:
+    """The second joint has little load: no torque of its drive is against its motion."""
+    data, columns = random_windows(np.zeros(2), band=band, part=0.02)
+    found = select(data, ('a', 'b'), columns, causes(columns, ('a', 'b'), [], np.ones(2)))
+    seen, hidden = ModelVerdict(found, columns, [], ('a', 'b')).dead_band(data, [COULOMB] * 2)
+    assert seen.reason.startswith('none above 0.00') if not band else (
+        seen.value == pytest.approx(band, rel=0.01))
+    assert hidden.reason == 'in Coulomb friction (no torque is against the motion)'
+    for i, more in enumerate((0.0, band)):
+        assert joint_friction(found, i).coulomb.value == pytest.approx(COULOMB + more, rel=1e-3)
 
 
 TERMS = [Term(kind, i) for i in range(2) for kind in (TermKind.FORWARDS, TermKind.BACKWARDS)]

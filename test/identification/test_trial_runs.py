@@ -100,15 +100,15 @@ def test_draws_have_the_corners_and_are_within_the_intervals() -> None:
     plant = parameter_file.load(None, values_of(gains())).plant
     found = dataclasses.replace(base(), timing=timing)
     draws = list(draw_robots(found, measured(), plant, 20, 1))
-    assert [x.values['plant']['input_delay'] for x in draws[:8]] == [0] * 4 + [2] * 4
-    scales = {round(x.values['controller']['inertia_scale'], 6) for x in draws[:4]}
+    assert [x['plant']['input_delay'] for _, x in draws[:8]] == [0] * 4 + [2] * 4
+    scales = {round(x['controller']['inertia_scale'], 6) for _, x in draws[:4]}
     assert scales == {0.95, 1.05}
-    for draw in draws:
-        lag = np.array(draw.values['plant']['actuator_lag'])
-        low, _, high = timing.delays[draw.values['plant']['input_delay']]
+    for _, x in draws:
+        lag = np.array(x['plant']['actuator_lag'])
+        low, _, high = timing.delays[x['plant']['input_delay']]
         assert (lag >= low).all() and (lag <= high).all()
     again = draw_robots(found, measured(), plant, 20, 1)
-    assert [x.values for x in again] == [x.values for x in draws]
+    assert list(again) == draws
 
 
 def test_the_identified_robot_survives(monkeypatch: pytest.MonkeyPatch) -> None:

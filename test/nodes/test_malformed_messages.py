@@ -91,6 +91,7 @@ def test_a_controller_alone_refuses_counts_and_runs_on() -> None:
         assert not any('Traceback' in line for line in it.lines)
 
 
+@pytest.mark.slow
 def test_a_second_publisher_of_everything_changes_nothing_in_lockstep(tmp_path: Path) -> None:
     """The run waits until it has left, equals the simulation, and the bag can be read."""
     bag, file = tmp_path / 'bag', tmp_path / 'params.yaml'

@@ -56,17 +56,17 @@ WRONG: dict[str, list[tuple[str, Any]]] = {
                    ('law', 'os:system'), ('kp', [100.0, 1.1e7])],
     'reference': [('amplitude', [NAN, 0.0]), ('horizon', 1.0), ('use_sim_time', 'yes')],
     'recorder': [('bag', 'other'), ('unknown', True), ('use_sim_time', None)]}
-#: Values of each type, of none, and of types that do not exist.
+#: Values of no type, of a type that does not exist, and of some types.
 ODD = [
-    *(ParameterValue(type=kind) for kind in (*range(11), 77, 255)),
-    *(ParameterValue(type=ParameterType.PARAMETER_INTEGER, integer_value=x)
-      for x in (-1, 2 ** 63 - 1, -2 ** 63)),
-    *(ParameterValue(type=ParameterType.PARAMETER_DOUBLE, double_value=x)
-      for x in (NAN, INF, -INF, 1e308, 5e-324, -1.0)),
+    *(ParameterValue(type=kind) for kind in (
+        ParameterType.PARAMETER_NOT_SET, ParameterType.PARAMETER_BYTE_ARRAY,
+        ParameterType.PARAMETER_STRING_ARRAY, 77)),
+    ParameterValue(type=ParameterType.PARAMETER_INTEGER, integer_value=-2 ** 63),
+    *(ParameterValue(type=ParameterType.PARAMETER_DOUBLE, double_value=x) for x in (NAN, 1e308)),
     *(ParameterValue(type=ParameterType.PARAMETER_STRING, string_value=x)
-      for x in ('1.0', '\0', '\u00fc' * 300, 'x' * 10_000)),
+      for x in ('\0', '\u00fc' * 5000)),
     *(ParameterValue(type=ParameterType.PARAMETER_DOUBLE_ARRAY, double_array_value=x)
-      for x in ([NAN, 1.0], [1e308] * 2, [1.0] * 3000))]
+      for x in ([INF, 1.0], [1.0] * 3000))]
 #: Names that no node has.
 NO_NAMES = ('', 'kp.x', ' kp', 'KP', '\u03bb', 'bag' * 100, 'qos_overrides./x')
 #: A law that cannot be made with every gain, and a module that says that it was imported.

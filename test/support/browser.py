@@ -108,7 +108,7 @@ def eventually(done: Callable[[], Any], what: str, page: Any) -> None:
     deadline = time.monotonic() + PATIENCE
     while not done():
         assert time.monotonic() < deadline, (
-            f'waited in vain for {what}: {page.locator("body").inner_text()[:900]}')
+            f'waited in vain for {what}: {page.locator("body").inner_text()[:4000]}')
         page.wait_for_timeout(50)
 
 
@@ -125,8 +125,8 @@ def scene(page: Any) -> tuple[Any, Any]:
 
 
 def press(page: Any, name: str) -> None:
-    """Click a button; without waiting for the page to stand still, which it does not."""
-    page.get_by_role('button', name=name, exact=True).dispatch_event('click')
+    """Click a button once it is enabled; without waiting for the page to stand still."""
+    page.get_by_role('button', name=name, exact=True, disabled=False).dispatch_event('click')
 
 
 def unfold(page: Any, title: str) -> None:

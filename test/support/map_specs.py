@@ -16,13 +16,17 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from typing import Any
 
 from ctc_chattering.configuration.loop_setup import Setup
+from ctc_chattering.runs.compare import Variant
+from ctc_chattering.runs.compare_page import Outcome, outcomes
 from ctc_chattering.runs.points import row_of, Runs
-from ctc_chattering.runs.score import score
+from ctc_chattering.runs.score import Score, score
 from ctc_chattering.runs.spec import Failure, MapSpec, parse
+import pandas  # type: ignore[import-untyped]
 import yaml
 
 #: On the reference at the start, so that short runs have small errors.
@@ -54,6 +58,17 @@ def runs(**changes: Any) -> Runs:
 def evaluate(setup: Setup, window: tuple[float, float], failure: Failure) -> dict[str, Any]:
     """Return the columns of a run's results."""
     return row_of(score(setup, window), len(setup.controller.joint_names), failure)
+
+
+def compared(experiment: str, *found: tuple[Variant, float, float, str]) -> list[Outcome]:
+    """Return what laws do on two joints: RMS error and torque variation of one, or a failure."""
+    return outcomes(pandas.DataFrame([{
+        'file': 'friction.yaml', 'experiment': experiment, 'condition': '', 'held_out': 0,
+        **x._asdict(), 'joints': json.dumps((f'1{experiment}', f'2{experiment}')),
+        'controller': '{}', **row_of(Score(failure=failure) if failure else Score(
+            (rms, 2.0 * rms), (1.0, 1.0), (variation, 50.0), (1.0, 2.0), (1e3, 2e3), (9.0, 3.0),
+            (1.0, 1.0), saturated=0.0, slips=(0.0, 0.0)), 2, Failure())}
+        for x, rms, variation, failure in found]))
 
 
 def written(path: Path, **changes: Any) -> Path:

@@ -59,7 +59,7 @@ def measure_nodes(priority: int) -> Times:
         while len(reports) < _WINDOW + 2:  # The first ones are of the start.
             spin()
             reports = [{x.key: x.value for x in status.values} for status in found['/plant']
-                       if status.message == 'running']
+                       if status.message.startswith('running')]
     last = reports[-1]
     period, answer = ([float(last[f'{name}, {column} [ms]']) for column in _COLUMNS]
                       for name in ('period', 'answer time'))

@@ -42,7 +42,6 @@ from ctc_chattering.control.observer import drive_model, Observed, state_observe
 from ctc_chattering.control.step import Applied, Context, LastSample, State, Terms
 from ctc_chattering.numerics.box_qp import nearest
 from ctc_chattering.numerics.linear_algebra import Array
-from ctc_chattering.parameters import matrix
 import numpy as np
 
 
@@ -62,10 +61,6 @@ class ExtendedState(NamedTuple):
 class ExtendedStateObserver(NamedTuple):
     """Computed torque plus the estimate of an extended state observer, and friction."""
 
-    #: Kp [1/s²] and Kv [1/s], shape (n, n), and Ka [N·m], shape (n,).
-    kp: Array
-    kv: Array
-    ka: Array
     #: f [N·m], shape (n,), ε [rad/s] and t [s].
     friction: Array
     width: float
@@ -75,25 +70,25 @@ class ExtendedStateObserver(NamedTuple):
     @classmethod
     def made(cls, config: ControllerConfig, period: float) -> ExtendedStateObserver:
         """Return the law of a configuration."""
-        n, ka = len(config.joint_names), np.array(config.ka)
         drives = drive_model(np.array(config.assumed_lag), np.array(config.torque_rate_limit),
                              period)
-        return cls(np.array(matrix(config.kp, n)), np.array(matrix(config.kv, n)), ka,
-                   np.array(config.friction_level), config.friction_velocity,
-                   config.friction_lead, state_observer(drives, config.estimator_bandwidth, ka))
+        observer = state_observer(drives, config.estimator_bandwidth, np.array(config.ka))
+        return cls(np.array(config.friction_level), config.friction_velocity,
+                   config.friction_lead, observer)
 
     def with_gains(self, kp: Array, kv: Array, ka: Array) -> ExtendedStateObserver:
-        """Return the law with other gains; Ka bounds the estimate, too."""
-        return self._replace(kp=kp, kv=kv, ka=ka, observer=self.observer._replace(bound=ka))
+        """Return the law with another Ka."""
+        return self._replace(observer=self.observer._replace(bound=ka))
 
     def initial(self) -> ExtendedState:
         """Return the memory with nothing observed."""
         zero = 0.0 * self.friction
-        return ExtendedState(Observed(*(zero,) * 5), np.zeros_like(self.kp), zero, known=0.0)
+        return ExtendedState(Observed(*(zero,) * 5), np.diag(zero), zero, known=0.0)
 
     def initialized(self, now: State, estimate: Array) -> ExtendedState:
         """Begin with what the other law estimates beside friction."""
-        P = nearest(now.M, estimate - self.fed_forward(now.dq_d, now.ddq_d), self.ka)
+        P = nearest(now.M, estimate - self.fed_forward(now.dq_d, now.ddq_d),
+                    self.observer.bound)
         return self.initial()._replace(
             observed=Observed(now.q, now.dq, now.zero, P, now.zero))
 
@@ -127,7 +122,8 @@ class ExtendedStateObserver(NamedTuple):
         r = next_point(Desired(points[3 * delay], dq, ddq), memory.known * (ddq - memory.ddq),
                        drives.period)
         z = -(place.at.perturbation + self.fed_forward(r.dq, r.ddq))
-        u = dot(self.kv, r.dq - place.at.dq) + dot(self.kp, r.q - place.at.q)
+        settings = context.settings
+        u = dot(settings.kv, r.dq - place.at.dq) + dot(settings.kp, r.q - place.at.q)
         wanted = dot(place.M, r.ddq + u) + place.bias - z
         command = (wanted - drives.decay * held) / (1.0 - drives.decay)
         sent = np.minimum(np.maximum(command, held - drives.reach), held + drives.reach)

@@ -16,6 +16,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -38,19 +39,19 @@ def on_the_panda(law: str) -> Array:
         'controller': {'law': law}, 'plant': {'duration': 2.0}})).run)
 
 
-#: They have gains joint by joint, or observe; the others are computed torque with more.
-OWN_INERTIA = ('extended_state_observer', 'observer_feedback', 'pd_gravity', 'slotine_li')
+def some(*sampled: str, of: Iterable[str] = LAWS) -> list[Any]:
+    """Return laws; `.ci/run` runs those that are not sampled."""
+    return [law if law in sampled else pytest.param(law, marks=pytest.mark.slow) for law in of]
 
 
-@pytest.mark.parametrize('law', [
-    law if law in OWN_INERTIA else pytest.param(law, marks=pytest.mark.slow)
-    for law in LAWS if law != 'chattering'])
+@pytest.mark.parametrize('law', some(
+    'observer_feedback', 'slotine_li', of=(x for x in LAWS if x != 'chattering')))
 def test_none_rattles_on_an_arm_with_strongly_coupled_joints(law: str) -> None:
     """Check the Panda, where diag(M)⁻¹ M has an eigenvalue of 0.017, against law (2)."""
     assert (on_the_panda(law) < 3.0 * on_the_panda('compensation')).all()
 
 
-@pytest.mark.parametrize('law', LAWS)
+@pytest.mark.parametrize('law', some('chattering', 'extended_state_observer', 'slotine_li'))
 def test_a_known_delay_of_two_samples_costs_little(law: str) -> None:
     """Check error and torque variation on the two-link arm, with friction."""
     values: dict[str, Any] = {'switching': 'implicit_observer', 'ka': [12.0] * 2}
