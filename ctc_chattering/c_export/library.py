@@ -181,7 +181,8 @@ def export(config: ControllerConfig, model: Model, out: Path, processor: str = '
                          'and _, as of ROS packages')
     step = step_of(config, model)
     gains = Code(regained, (step.code.arguments[0], np.array(config.ka)), 'gains')
-    codes = {'ctc_control': step.code, **{_FUNCTIONS[x.code.function]: x.code for x in step.arm.calls}}
+    codes = {'ctc_control': step.code, **{
+        _FUNCTIONS[x.code.function]: x.code for x in step.arm.calls}}
     if takes_gains(step, config, model):
         codes[_SET] = gains
     from ctc_chattering.compiled.object_file import object_file
