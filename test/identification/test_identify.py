@@ -194,7 +194,7 @@ def test_torques_from_the_effort() -> None:
     check_friction(found, plain())
     assert (found.timing.source, found.timing.delay) == ('effort', -1.0)
     assert np.isnan(found.timing.drive[0])
-    with pytest.raises(CtcError, match='no torque of the source command'):
+    with pytest.raises(CtcError, match='neither effort in the states nor commands'):
         of(plain(), changed(effort=None, command=None))
 
 
