@@ -27,6 +27,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from copy import copy
 import dataclasses
+from functools import cached_property
 import importlib
 import inspect
 import math
@@ -108,7 +109,7 @@ class Parameter:
     laws: tuple[str, ...] = ()
     usual: tuple[float, float] = (0.0, 0.0)
 
-    @property
+    @cached_property
     def field(self) -> str:
         """Name in the dataclass: ``lambda`` is a keyword, and a dot is no identifier."""
         return 'lambda_' if self.name == 'lambda' else self.name.replace('.', '_')

@@ -143,7 +143,7 @@ def block_of(step: CompiledStep, gains: Code) -> tuple[Block, dict[str, int]]:
         'MASS_MATRIX': block.at(records.now, 'M'), 'KP': block.at(settings, 'kp'),
         'KV': block.at(settings, 'kv'), 'KA': block.at(gains.arguments[1]),
         'STRAINED': block.at(memories, 'law', 'oscillation', 'strained') if observes else 0}
-    for record, code, arguments, places in step.calls:
+    for record, code, arguments, places in step.arm.calls:
         block.pointers.append((block.at(record, 'places'), block.add(arguments, places)))
         block.calls.append((block.at(record, 'function'), _FUNCTIONS[code.function]))
     for at, _ in (*block.pointers, *block.calls):
@@ -181,7 +181,8 @@ def export(config: ControllerConfig, model: Model, out: Path, processor: str = '
                          'and _, as of ROS packages')
     step = step_of(config, model)
     gains = Code(regained, (step.code.arguments[0], np.array(config.ka)), 'gains')
-    codes = {'ctc_control': step.code, **{_FUNCTIONS[x.code.function]: x.code for x in step.calls}}
+    codes = {'ctc_control': step.code, **{
+        _FUNCTIONS[x.code.function]: x.code for x in step.arm.calls}}
     if takes_gains(step, config, model):
         codes[_SET] = gains
     from ctc_chattering.compiled.object_file import object_file

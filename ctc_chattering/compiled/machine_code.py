@@ -49,7 +49,6 @@ HOW_TO_COMPILE = ('running in plain Python; `ctc compile` with the same file mak
 #: How steps are computed, without and with machine code.
 PLAIN_PYTHON, MACHINE_CODE = 'plain Python', 'machine code'
 #: Address of the code of each file that is loaded, and what keeps it there.
-_LOADED: dict[Path, tuple[int, Any]] = {}
 
 
 class Layout(NamedTuple):
@@ -149,9 +148,7 @@ class Code:
 
     def address(self) -> int:
         """Return where the machine code is."""
-        if self.path not in _LOADED:
-            _LOADED[self.path] = _load(self.path)
-        return _LOADED[self.path][0]
+        return _load(self.path)[0]
 
     def call(self) -> Callable[[], int]:
         """Return what calls the machine code with the arguments."""
@@ -272,6 +269,7 @@ def _processor() -> str:
     return f'{binding.get_host_cpu_name()} {binding.get_host_cpu_features().flatten()}'
 
 
+@lru_cache(None)
 def _load(path: Path) -> tuple[int, Any]:
     """Return the address of the function in a file of `Code.keep`, and what keeps it there."""
     from llvmlite import binding

@@ -84,26 +84,42 @@ def write(field: Any, x: Any) -> None:
 
 def packed(value: Any) -> Any:
     """Return the numbers of a record, and of those in it, as a NumPy record for `load`."""
-    layout, values = _described(value)
-    made = np.zeros(1, layout)
+    kinds, values = described(value)
+    made = np.zeros(1, _packed_layout(kinds))
     made[0] = values
     return made[0]
 
 
-def _described(value: Any) -> tuple[Any, tuple[Any, ...]]:
-    """Return the layout of a record as a NumPy record, and its values."""
-    fields, values = [], []
-    for name, x in zip(value._fields, value):
+def fill(record: Any, values: tuple[Any, ...]) -> None:
+    """Set what `packed` has made to other values, as `described` returns them."""
+    record.base[0] = values
+
+
+def described(value: Any) -> tuple[Any, tuple[Any, ...]]:
+    """
+    Return what the layout of a record as a NumPy record depends on, and its values.
+
+    The first is the class, and of each field type and shape, or the same of a record.
+    """
+    kinds, values = [], []
+    for x in value:
+        kind: Any = (float, ())
         if type(x) in compilable.RECORDS:
-            layout, x = _described(x)
-            fields.append((name, layout, ()))
-        else:
+            kind, x = described(x)
+        elif type(x) is not float:
             x = np.asarray(x)
-            x = x if x.dtype.kind == 'i' and not x.ndim else np.asarray(x, float)
-            fields.append((name, x.dtype, x.shape))
+            kind = (int if x.dtype.kind == 'i' and not x.ndim else float, x.shape)
+        kinds.append(kind)
         values.append(x)
-    mark = (_IS + _name(type(value)), np.dtype(np.int64), ())
-    return _layout((*fields, mark)), (*values, 0)
+    return (type(value), *kinds), (*values, 0)
+
+
+@lru_cache(256)
+def _packed_layout(described: tuple[Any, ...]) -> Any:
+    """Return the layout of a NumPy record of the kinds that `described` returns."""
+    kind, *kinds = described
+    return _layout((*((name, *((_packed_layout(x), ()) if x[0] in compilable.RECORDS else x))
+                      for name, x in zip(kind._fields, kinds)), (_IS + _name(kind), int, ())))
 
 
 def record_of(values: Any) -> Any:

@@ -185,27 +185,37 @@ class Controller:
     @property
     def memories(self) -> Memories:
         """Return what is remembered; that which is set is used from the next step on."""
-        return self._stepper.memories
+        return self._memories if self._made is None else self._made.memories
 
     @memories.setter
     def memories(self, memories: Memories) -> None:
         if self._t is not None:
             self._t += len(self._answered) * self._period
         self._answered = []
-        #: What computes the steps until the next change.
-        self._stepper: PlainStep | CompiledStep = PlainStep(
-            self.settings, self.law, memories, self.transit, self.model)
-        compiled = self.compiled_step()
-        if compiled is not None and compiled.compiled:
-            self._stepper = compiled
+        self._memories = memories
+        self._made: PlainStep | CompiledStep | None = None
+
+    @property
+    def _stepper(self) -> PlainStep | CompiledStep:
+        """Return what computes the steps until the next change; it is made for the first one."""
+        if self._made is None:
+            compiled = self.compiled_step()
+            self._made = (compiled if compiled is not None and compiled.compiled else PlainStep(
+                self.settings, self.law, self._memories, self.transit, self.model))
+        return self._made
 
     def compiled_step(self) -> CompiledStep | None:
         """Return the step from now on as machine code takes it; None where it cannot."""
-        if isinstance(self._stepper, CompiledStep):
-            return self._stepper
-        if self._arm is None or type(self.memories.law) not in RECORDS:
-            return None
-        return CompiledStep(self.settings, self.law, self.memories, self.transit, self._arm)
+        if isinstance(self._made, CompiledStep):
+            return self._made
+        arm = self.arm
+        return None if arm is None else CompiledStep(
+            self.settings, self.law, self.memories, self.transit, arm)
+
+    @property
+    def arm(self) -> Arm | None:
+        """Return the numbers of the model; None if it or the law cannot be machine code."""
+        return self._arm if type(self.memories.law) in RECORDS else None
 
     @property
     def compiled(self) -> bool:

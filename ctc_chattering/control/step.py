@@ -674,8 +674,10 @@ class CompiledStep(Program):
         As `Arrival` is; that of a regular state until it is set.
     made : array, shape (8, n)
         What it computes.
-    calls : list
-        Of `CompiledArm`.
+    arm : CompiledArm
+        Of the model.
+    records : ControlRecords
+        What it computes with.
 
     """
 
@@ -685,29 +687,28 @@ class CompiledStep(Program):
         self.measured, self.made = np.zeros((2, n)), np.zeros((8, n))
         self.points = np.zeros((3 + 3 * int(settings.delay), n))
         self.arrival, self._arrival = packed(REGULAR), REGULAR
-        self._arm = CompiledArm(arm, n)
-        self._records = ControlRecords(
-            packed(settings), packed(law), packed(memories), self.arrival, *self._arm.model,
-            *(self._arm.place() for _ in range(3)),  # type: ignore[call-arg]
+        self.arm = CompiledArm(arm, n)
+        self.records = ControlRecords(
+            packed(settings), packed(law), packed(memories), self.arrival, *self.arm.model,
+            *(self.arm.place() for _ in range(3)),  # type: ignore[call-arg]
             transit, np.zeros_like(self.points), self.measured, self.made)
-        self.calls = self._arm.calls
-        super().__init__(self._arm.codes, stepped, (self._records, self.points),
+        super().__init__(self.arm.codes, stepped, (self.records, self.points),
                          f'control-{type(law).__name__}-{n}'.lower())
 
     @property
     def memories(self) -> Memories:
         """Return what is remembered; it may be set."""
-        memories: Memories = load(self._records.memories)
+        memories: Memories = load(self.records.memories)
         return memories
 
     @memories.setter
     def memories(self, memories: Memories) -> None:
-        store(self._records.memories, memories)
+        store(self.records.memories, memories)
 
     @property
     def law_memory(self) -> Any:
         """Return what the law remembers."""
-        return load(self._records.memories['law'])
+        return load(self.records.memories['law'])
 
     def step(self, rows: Array, arrival: Arrival) -> list[list[float]]:
         """Go on by a sample, and return the rows of `Sample`, shape (8, n)."""

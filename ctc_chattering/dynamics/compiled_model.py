@@ -17,7 +17,6 @@
 from __future__ import annotations
 
 import dataclasses
-from functools import lru_cache
 from typing import Any, NamedTuple
 
 from ctc_chattering.compiled.compilable import function, record, solve
@@ -108,13 +107,10 @@ class EvaluatedModel(NamedTuple):
         return solve(M, u - bias)
 
 
-@lru_cache(64)
-def _rooms(n: int) -> tuple[Any, ...]:
-    """Return a `BodyScratch`, what is called, and a `KeptTerms`, to be copied."""
+def _room(n: int) -> Any:
+    """Return a `KeptTerms` for `n` joints."""
     zero, square = np.zeros(n), np.zeros((n, n))
-    return (record_of(tree.body_scratch(n)),
-            numpy_record(dict.fromkeys(('function', 'places'), np.array(0))),
-            packed(KeptTerms(0, 0, zero, zero, square, square, zero)))
+    return packed(KeptTerms(0, 0, zero, zero, square, square, zero))
 
 
 class Call(NamedTuple):
@@ -149,14 +145,18 @@ class CompiledArm:
     """
 
     def __init__(self, arm: Arm, n: int) -> None:
-        body, call, terms = (x.copy() for x in _rooms(n))
-        self._n, self._bodies = n, (record_of(arm), body)
-        self.model = CompiledModel(call, body)
-        self._terms = Code(set_terms, (*self._bodies, terms), f'dynamics-{n}')
+        self._n, self._bodies = n, (record_of(arm), record_of(tree.body_scratch(n)))
+        call = numpy_record(dict.fromkeys(('function', 'places'), np.array(0)))
+        self.model = CompiledModel(call, self._bodies[1])
+        self._terms = Code(set_terms, (*self._bodies, _room(n)), f'dynamics-{n}')
         self._mass = Code(set_mass_and_bias, self._bodies, f'mass-{n}')
         self.codes = self._terms, self._mass
         self.calls: list[Call] = []
         self._call(call, self._mass, self._bodies)
+
+    def fill(self, arm: Arm) -> None:
+        """Take the numbers of another arm of as many joints."""
+        self._bodies[0].base[0] = tuple(vars(arm).values())
 
     def _call(self, called: Any, code: Code, arguments: tuple[Any, ...]) -> None:
         """Set the addresses by which compiled code calls another one, with these arguments."""
@@ -167,7 +167,7 @@ class CompiledArm:
 
     def place(self) -> Any:
         """Return a place for the terms of a state."""
-        place = _rooms(self._n)[-1].copy()
+        place = _room(self._n)
         self._call(place, self._terms, (*self._bodies, place))
         return place
 

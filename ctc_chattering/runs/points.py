@@ -31,7 +31,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 import hashlib
 from itertools import product
 import json
-from math import ceil, log2
+from math import ceil, isfinite, log2
 from typing import Any
 
 from ctc_chattering.analysis.metrics import WINDOW
@@ -356,7 +356,7 @@ def row_of(found: Score, n: int, failure: Failure, without: str = 'diverged') ->
     row.update(error=found.error, variation=max(found.variation), saturated=found.saturated,
                slips=max(found.slips))
     row['failure'], row['reason'] = _judged(row, failure)
-    return {name: x if isinstance(x, str) or (x is not None and np.isfinite(x)) else None
+    return {name: x if isinstance(x, str) or (x is not None and isfinite(x)) else None
             for name, x in row.items()}
 
 

@@ -19,9 +19,12 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 import dataclasses
+from threading import get_ident
 from typing import Any
 
+from ctc_chattering.compiled.records import described
 from ctc_chattering.control.controller import Controller, ControllerConfig, Sample
+from ctc_chattering.control.step import CompiledStep
 from ctc_chattering.controller.trips import joint_beyond
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.errors import CtcError
@@ -39,6 +42,7 @@ from ctc_chattering.simulation.compiled_loop import (
 )
 from ctc_chattering.simulation.plant import diverged, make_plant, Plant
 from ctc_chattering.simulation.plant_config import PlantConfig
+from ctc_chattering.simulation.plant_step import CompiledPlantStep
 from ctc_chattering.trajectory.buffer import Point
 from ctc_chattering.trajectory.motions import Route
 from ctc_chattering.trajectory.reference import reference_table, ReferenceConfig
@@ -160,33 +164,50 @@ def simulate(plant: PlantConfig, controller: ControllerConfig, reference: Refere
         controller.joint_names, robot.period_ns, robot.last + 1 + controller.input_delay)
     show = progress or (lambda _: None)
     show(0.0)
-    loop = None if events else compiled_loop_of(robot, law, truth)
+    loop = None if events else compiled_loop_of(robot, law)
     compiled = loop is not None and loop.compiled
-    stamps, rows = (_by_machine_code(loop, table, robot, law) if loop is not None and compiled
-                    else _by_steps(robot, law, table, events, show, truth))
+    stamps, rows = (
+        _by_machine_code(loop, table, robot, law, truth) if loop is not None and compiled
+        else _by_steps(robot, law, table, events, show, truth))
     show(plant.duration)
     return _run_of(stamps, rows, table, robot.period_ns, truth, compiled)
 
 
-def compiled_loop_of(robot: Plant, law: Controller, truth: bool = False) -> CompiledLoop | None:
+#: Loops that are compiled, by thread and by what their layouts depend on.
+_LOOPS: dict[Any, CompiledLoop] = {}
+
+
+def compiled_loop_of(robot: Plant, law: Controller) -> CompiledLoop | None:
     """
     Return the loop as machine code takes it, before its first sample; None where it cannot.
 
-    It may have to be compiled first.
+    It may have to be compiled first. In a thread it is the same one for the same kind of law and
+    robot, with other numbers filled in: it must be run before it is asked for again.
     """
-    step, plant_step = law.compiled_step(), robot.compiled_step
-    if step is None or plant_step is None:
+    arm, model = robot.arm, law.arm
+    if arm is None or model is None:
         return None
-    return CompiledLoop(robot, plant_step, step, truth)
+    plant, control = ((robot.own, robot.parameters, robot.state),
+                      (law.settings, law.law, law.memories))
+    kinds, numbers = zip(*map(described, (*plant, *control)))
+    key = get_ident(), len(robot.transit), len(law.transit), kinds
+    loop = _LOOPS.get(key) or CompiledLoop(
+        CompiledPlantStep(arm, *plant, robot.transit),
+        CompiledStep(*control, law.transit.copy(), model))
+    if loop.compiled:
+        _LOOPS[key] = loop
+        loop.fill(numbers, (arm, robot.transit), (model, law.transit))
+    return loop
 
 
-def _by_machine_code(loop: CompiledLoop, table: Array, robot: Plant, law: Controller
+def _by_machine_code(loop: CompiledLoop, table: Array, robot: Plant, law: Controller, truth: bool
                      ) -> tuple[Any, Array]:
     """Return what `_by_steps` does, of machine code."""
-    end, last, joint, stamps, rows = loop.run(table, np.array(law.config.error_limit))
+    end, last, joint, stamps, rows = loop.run(
+        robot, table, np.array(law.config.error_limit), truth)
     t = seconds(last * robot.period_ns)
     if end == DIVERGED:
-        raise diverged(t, loop.commanded)
+        raise diverged(t, loop.plant_step.state.driven.commanded)
     if end == BEYOND:
         raise CtcError(_beyond(law.config, joint, t, loop.error[joint]))
     if end == NO_TORQUE:

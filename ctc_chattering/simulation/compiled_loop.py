@@ -16,6 +16,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import lru_cache
 from math import inf
 from random import Random
@@ -23,8 +24,9 @@ from typing import Any, NamedTuple
 
 from ctc_chattering.compiled.compilable import every, first, function, some
 from ctc_chattering.compiled.machine_code import invoke, places, Program
-from ctc_chattering.compiled.records import load, numpy_record, rows, store, value
+from ctc_chattering.compiled.records import fill, load, numpy_record, rows, store, value
 from ctc_chattering.control.step import CompiledStep, E, periods, TAU, V
+from ctc_chattering.dynamics.compiled_model import Arm
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.simulation.plant import Plant
 from ctc_chattering.simulation.plant_step import CompiledPlant, CompiledPlantStep, no_inputs
@@ -60,57 +62,75 @@ class CompiledLoop(Program):
 
     Parameters
     ----------
-    plant : Plant
-        Which has not moved yet.
     plant_step : CompiledPlantStep
         Of the plant, at its start.
     step : CompiledStep
         Of the controller, at its start.
-    truth : bool
-        Record the true state in place of the one that the sensors show.
 
     Attributes
     ----------
+    step, plant_step
+        As given.
     measured, error : array, shape (2, n) and (n,)
         q and dq [rad, rad/s], and the position error [rad], of the last sample.
 
     """
 
-    def __init__(self, plant: Plant, plant_step: CompiledPlantStep, step: CompiledStep,
-                 truth: bool) -> None:
-        self.measured, self.error, self._step = step.measured, step.made[E], step
-        self._plant, self._plant_step, n = plant, plant_step, plant.n
-        self._result = numpy_record({name: np.array(x) for name, x in (
-            ('rows', 0), ('last', 0), ('joint', 0), ('truth', int(truth)))})
-        self._call = numpy_record({name: np.array(0) for name in (
-            'control', 'control_places', 'plant', 'plant_places')})
-        super().__init__((*step.codes, *plant_step.codes), run, self._arguments(
-            np.zeros(n), no_inputs(n, 1), np.zeros((3, n)), 1), f'loop-{n}')
+    def __init__(self, plant_step: CompiledPlantStep, step: CompiledStep) -> None:
+        self.measured, self.error, self.step = step.measured, step.made[E], step
+        self.plant_step, self._error_limit = plant_step, np.zeros_like(step.made[E])
+        n = len(self._error_limit)
+        self._result = numpy_record(dict.fromkeys(('rows', 'last', 'joint', 'truth'), np.array(0)))
+        calls = numpy_record(dict.fromkeys(
+            ('control', 'control_places', 'plant', 'plant_places'), np.array(0)))
+        kept = plant_step.records, Control(
+            calls, plant_step.given, step.measured, step.points, step.arrival, step.made,
+            self._error_limit), self._result
+        super().__init__((*step.codes, *plant_step.codes), run, (
+            *kept, *_arrays(no_inputs(n, 1), np.zeros((3, n)))), f'loop-{n}')
         self.compiled &= step.compiled and plant_step.compiled
+        if self.compiled:
+            self._places = places(kept)
+            for name, code in (('control', step.code), ('plant', plant_step.code)):
+                calls[name] = code.address()
+                calls[f'{name}_places'] = code.places.ctypes.data
 
-    def _arguments(self, error_limit: Array, inputs: Any, points: Array, count: int
-                   ) -> tuple[Any, ...]:
-        step, plant_step = self._step, self._plant_step
-        control = Control(self._call, plant_step.given, step.measured, step.points, step.arrival,
-                          step.made, error_limit)
-        return (plant_step.records, control, inputs, points, np.zeros(count, np.int64),
-                np.empty((4 * count, self._plant.n)), self._result)
+    def fill(self, numbers: Sequence[tuple[Any, ...]], *of_steps: tuple[Arm, Array]) -> None:
+        """
+        Begin with a plant and a controller of these layouts.
 
-    @property
-    def commanded(self) -> Array:
-        """Return what the drives were asked for last, shape (n,) [N·m]."""
-        return self._plant_step.state.driven.commanded
+        Parameters
+        ----------
+        numbers : sequence
+            Values, as of `described`, of own friction, parameters and state of the plant, and of
+            settings, law and memories of the controller.
+        *of_steps
+            Model and torques in transit of the plant, then of the controller.
 
-    def run(self, table: Array, error_limit: Array) -> tuple[int, int, int, Any, Array]:
+        """
+        records = *self.plant_step.records[2:5], *self.step.records[:3]
+        for fields, values in zip(records, numbers):
+            fill(fields, values)
+        steps: tuple[Any, ...] = self.plant_step, self.step
+        for step, (arm, transit) in zip(steps, of_steps):
+            step.arm.fill(arm)
+            step.records.transit[:] = transit
+
+    def run(self, plant: Plant, table: Array, error_limit: Array, truth: bool
+            ) -> tuple[int, int, int, Any, Array]:
         """
         Run it.
 
         Parameters
         ----------
+        plant : Plant
+            Whose parameters and state it has.
         table : array, shape (N + delay, 3, n)
             q_d, dq_d and ddq_d at each sample.
         error_limit : array, shape (n,)
             Largest position error [rad]; inf for any.
+        truth : bool
+            Record the true state in place of the one that the sensors show.
 
         Returns
         -------
@@ -122,17 +142,20 @@ class CompiledLoop(Program):
             Its q, dq, tau, v.
 
         """
-        for name, code in (('control', self._step.code), ('plant', self._plant_step.code)):
-            self._call[name] = code.address()
-            self._call[f'{name}_places'] = code.places.ctypes.data
-        count = self._plant.last + 1
-        arguments = self._arguments(
-            error_limit, inputs(self._plant, count), table.reshape(-1, self._plant.n), count)
-        at = places(arguments)
-        end, found = invoke(self.code.address(), at.ctypes.data), int(self._result.rows)
-        *_, stamps, out, _ = arguments
-        return (end, int(self._result.last), int(self._result.joint), stamps[:found],
-                out.reshape(count, 4, -1)[:found])
+        fill(self._result, (0, 0, 0, truth))
+        self._error_limit[:] = error_limit
+        count = plant.last + 1
+        arrays = _arrays(inputs(plant, count), table.reshape(-1, plant.n))
+        at = np.concatenate((self._places, places(arrays)))
+        end, (found, last, joint, _) = invoke(self.code.address(), at.ctypes.data), self._result
+        _, _, stamps, out = arrays
+        return (end, int(last), int(joint), stamps[:found], out.reshape(count, 4, -1)[:found])
+
+
+def _arrays(drawn: Any, points: Array) -> tuple[Any, ...]:
+    """Return the last arguments of `run`."""
+    count, n = len(drawn), points.shape[1]
+    return drawn, points, np.zeros(count, np.int64), np.empty((4 * count, n))
 
 
 def inputs(plant: Plant, count: int) -> Any:
@@ -141,11 +164,11 @@ def inputs(plant: Plant, count: int) -> Any:
     for name, random in plant.chances.items():
         made[name] = ([random.random() for _ in range(count)] if getattr(plant.config, name)
                       else 1.0)
-    noisy = np.array([*plant.config.position_noise, *plant.config.velocity_noise]) > 0.0
-    noise = np.zeros((count, len(noisy)))
-    noise[:, noisy] = normal_numbers(
-        plant.sensor.random.getstate(), count * int(noisy.sum())).reshape(count, -1)
-    made['position_noise'], made['velocity_noise'] = np.split(noise, 2, axis=1)
+    noisy = [(name, i) for name in ('position_noise', 'velocity_noise')
+             for i, deviation in enumerate(getattr(plant.config, name)) if deviation > 0.0]
+    numbers = normal_numbers(plant.sensor.random.getstate(), count * len(noisy))
+    for (name, i), column in zip(noisy, numbers.reshape(count, -1).T):
+        made[name][:, i] = column
     return made
 
 
@@ -158,8 +181,8 @@ def normal_numbers(state: Any, count: int) -> Array:
 
 
 @function
-def run(p: CompiledPlant, c: Control, drawn: Any, points: Array, stamps: npt.NDArray[np.int64],
-        out: Array, result: Any) -> int:
+def run(p: CompiledPlant, c: Control, result: Any, drawn: Any, points: Array,
+        stamps: npt.NDArray[np.int64], out: Array) -> int:
     """
     Run the closed loop from the first sample to the last; return how it ended.
 
@@ -167,14 +190,14 @@ def run(p: CompiledPlant, c: Control, drawn: Any, points: Array, stamps: npt.NDA
     ----------
     p, c
         Plant and controller.
+    result : record
+        To be filled: the number of rows, the last sample, the joint that is concerned.
     drawn : array of records, shape (N,)
         `PlantInput` of each sample but for the torque.
     points : array, shape (3 (N + delay), n)
         q_d, dq_d and ddq_d of one sample after the other.
     stamps, out : array, shape (N,) and (4 N, n)
         To be filled with stamp [ns], and with q, dq, tau, v, of each sample that is not lost.
-    result : record
-        To be filled: the number of rows, the last sample, the joint that is concerned.
 
     """
     s, tau = p.state, value(p.state.driven.received)

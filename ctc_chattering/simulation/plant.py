@@ -111,8 +111,12 @@ class Plant:
         In force.
     parameters : PlantParameters
         What follows from it.
-    compiled_step : CompiledPlantStep or None
-        The step from now on as machine code takes it; None where it cannot.
+    own : record
+        Own friction.
+    arm : Arm or None
+        Numbers of the model, if the plant can be machine code.
+    transit : array, shape (delay, n)
+        Torques in transit [N·m], at least one row.
     chances : dict of Random
         Of what decides which samples are late, lost and off the grid, by parameter.
 
@@ -134,9 +138,9 @@ class Plant:
             self._motors, longest = elastic.motors, _STEP_RATE / elastic.rate(q)
             q, dq = map(tuple, elastic.start(q, dq))
         self.own = own_friction(config.friction_model, config.joint_names)
-        self._arm: Arm | None = None
+        self.arm: Arm | None = None
         if config.compiled and not config.elastic and type(self.own) in RECORDS:
-            self._arm = arm_of(self.model)
+            self.arm = arm_of(self.model)
         self.braking = False
         #: The push, and the first sample after it.
         self._push: Vector = (0.0,) * self.n
@@ -165,7 +169,7 @@ class Plant:
     def configure(self, config: PlantConfig) -> None:
         """Use another friction or disturbance from the next step on."""
         motion = self.state.motion._replace(decided=0.0)
-        self._begin(config, self.state._replace(motion=motion), self._transit)
+        self._begin(config, self.state._replace(motion=motion), self.transit)
 
     def _begin(self, config: PlantConfig, state: PlantState, transit: Array) -> None:
         """Go on from a state with other parameters."""
@@ -176,14 +180,19 @@ class Plant:
             mechanics, drives, self.sensor.encoders, config.sample_loss, config.sample_jitter,
             self.last)
         self._moving = self._mechanism(mechanics)
-        self.state, self._transit = state, transit
-        self.compiled_step: CompiledPlantStep | None = None
-        if self._arm is not None:
-            step = self.compiled_step = CompiledPlantStep(
-                self._arm, self.own, self.parameters, state, transit)
-            if step.compiled:
-                self.state, self._transit = step.state, step.transit
+        self.state, self.transit = state, transit
+        self._compiled_step: CompiledPlantStep | None = None
         self._show()
+
+    @property
+    def compiled_step(self) -> CompiledPlantStep | None:
+        """Return the step from now on as machine code takes it; None where it cannot."""
+        if self._compiled_step is None and self.arm is not None:
+            step = self._compiled_step = CompiledPlantStep(
+                self.arm, self.own, self.parameters, self.state, self.transit)
+            if step.compiled:
+                self.state, self.transit = step.state, step.transit
+        return self._compiled_step
 
     def _show(self) -> None:
         """Take over what is known of the present sample."""
@@ -282,12 +291,13 @@ class Plant:
             command, late, lost, off, self.sensor.noise(sensor.position_noise),
             self.sensor.noise(sensor.velocity_noise))
         try:
-            if self.compiled_step is not None and self.compiled_step.compiled:
-                self.compiled_step.go_on(given)
+            step = self.compiled_step
+            if step is not None and step.compiled:
+                step.go_on(given)
             else:
                 with np.errstate(all='ignore'):  # What overflows shows in the state.
                     self.state = stepped(
-                        self._moving, self.parameters, self.state, self._transit, given)
+                        self._moving, self.parameters, self.state, self.transit, given)
             self._show()
             if not isfinite(sum(self.q) + sum(self.dq)):
                 raise OverflowError

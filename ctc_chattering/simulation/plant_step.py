@@ -20,7 +20,6 @@ The simulated robot from sample to sample: drives, motion, sensors, and what is 
 
 from __future__ import annotations
 
-from functools import lru_cache
 from typing import Any, NamedTuple
 
 from ctc_chattering.compiled.compilable import function, record
@@ -134,13 +133,8 @@ class CompiledPlant(NamedTuple):
 
 def no_inputs(n: int, count: int) -> Any:
     """Return `count` records of `PlantInput` with zeros."""
-    return np.zeros(count, _layout(n))
-
-
-@lru_cache(64)
-def _layout(n: int) -> Any:
     zero = np.zeros(n)
-    return packed(PlantInput(zero, 0.0, 0.0, 0.0, zero, zero)).dtype
+    return np.zeros(count, packed(PlantInput(zero, 0.0, 0.0, 0.0, zero, zero)).dtype)
 
 
 class CompiledPlantStep(Program):
@@ -160,6 +154,8 @@ class CompiledPlantStep(Program):
 
     Attributes
     ----------
+    arm : CompiledArm
+        Of the model.
     records : CompiledPlant
         Parameters and state.
     state : PlantState
@@ -174,12 +170,12 @@ class CompiledPlantStep(Program):
     def __init__(self, arm: Arm, own: Any, parameters: PlantParameters, state: PlantState,
                  transit: Array) -> None:
         n = len(state.motion.q)
-        self._arm, self.given = CompiledArm(arm, n), no_inputs(n, 1)[0]
+        self.arm, self.given = CompiledArm(arm, n), no_inputs(n, 1)[0]
         self.transit = transit.copy()
         self.records = CompiledPlant(
-            *self._arm.model, packed(own), packed(parameters), packed(state), self.transit)
+            *self.arm.model, packed(own), packed(parameters), packed(state), self.transit)
         self.state: PlantState = views(self.records.state)
-        super().__init__(self._arm.codes, called, (self.records, self.given), f'plant-{n}')
+        super().__init__(self.arm.codes, called, (self.records, self.given), f'plant-{n}')
 
     def go_on(self, given: PlantInput) -> None:
         """Go on by a sample."""

@@ -120,7 +120,7 @@ def check(law: str, switching: str, n: int, seed: int) -> None:
                     found, wanted, rtol=0.0, atol=1e-10 * max(1.0, np.abs(wanted).max()))
             for records in zip(step.memories, right.memories):
                 same(*records)
-            np.testing.assert_allclose(step._records.transit, transit, rtol=1e-10, atol=1e-9)
+            np.testing.assert_allclose(step.records.transit, transit, rtol=1e-10, atol=1e-9)
         plain.step(q, dq, points[0, 0], points[0, 1], points[0, 2], points[1:].tolist())
         assert not plain.compiled
 

@@ -41,7 +41,7 @@ _ANSWER = 5.0
 #: Time for which malformed messages go on after their topic's owner was continued [s].
 _OVERLAP = 0.3
 #: An error limit that trips at once [rad].
-_TINY = 1e-12
+_TINY = 1e-9
 #: Messages published at a time.
 _BURST = 4
 #: Waypoints of joints that the robot does not have, so that no change makes them valid.
