@@ -28,7 +28,7 @@ from ctc_chattering.configuration.loop_setup import Setup, Values
 from ctc_chattering.configuration.yaml_file import write_trajectory
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.dynamics.registry import locked_positions, model_of
-from ctc_chattering.errors import CtcError, MachineError
+from ctc_chattering.errors import CtcError, MachineError, near
 from ctc_chattering.identification.collision import SelfCollision
 from ctc_chattering.identification.random_motions import (
     Bounds,
@@ -212,7 +212,8 @@ def excite(setup: Setup, request: Mapping[str, Any] | None = None, joints: Seque
         'center': [center[name] for name in names], **(request or {})})
     for name in joints:
         if name not in names:
-            raise CtcError(f'joints: no joint is called {name}; allowed: {", ".join(names)}')
+            raise CtcError(f'joints: no joint is called {name}; allowed: {", ".join(names)}'
+                           f'{near(name, names)}')
     description = setup.descriptions.get('controller', '')
     model = model_of(controller, description)
     limits = (DescribedLimits(description, names).joints if description else

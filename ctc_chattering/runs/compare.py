@@ -19,7 +19,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Sequence
 import json
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 from ctc_chattering.analysis.output import check_format, finite
 from ctc_chattering.configuration import parameter_file
@@ -33,28 +33,9 @@ from ctc_chattering.runs.conditions import chosen, Condition, HeldOut, read_case
 from ctc_chattering.runs.conditions import held_out as drawn
 from ctc_chattering.runs.map import computed
 from ctc_chattering.runs.points import Points
-from ctc_chattering.runs.recommended import by_rule, FILE, GAINS, RECOMMENDED
+from ctc_chattering.runs.recommended import BASE, BEST, by_rule, FILE, GAINS, RECOMMENDED, Variant
 from ctc_chattering.runs.score import over_simulation, Runner
 import pandas  # type: ignore[import-untyped]
-
-
-class Variant(NamedTuple):
-    """A law with its switching, '' for one without, and where its gains come from."""
-
-    law: str
-    switching: str
-    settings: str
-
-    @property
-    def values(self) -> dict[str, Any]:
-        """Return what names the law, as parameters of the controller."""
-        return {'law': self.law, **({'switching': self.switching} if self.switching else {})}
-
-
-#: That to which all others are compared.
-BASE = Variant('compensation', '', FILE)
-#: That whose torque variation is the measure of all others'.
-BEST = Variant('observer_feedback', '', RECOMMENDED)
 
 
 def variants(laws: Sequence[str] = LAWS, gains: str = FILE) -> list[Variant]:

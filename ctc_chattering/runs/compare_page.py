@@ -30,10 +30,10 @@ from ctc_chattering.analysis.markup import Markup
 from ctc_chattering.analysis.page import FigureFile
 from ctc_chattering.analysis.tables import bold, csv_text, markdown, markdown_table, Table
 from ctc_chattering.configuration import parameter_file
-from ctc_chattering.runs.compare import BASE, BEST, Comparison, Variant
 from ctc_chattering.runs.conditions import CONDITIONS
 from ctc_chattering.runs.figures import law_styles, panels, trade_off
-from ctc_chattering.runs.recommended import RECOMMENDED
+from ctc_chattering.runs.points import Points
+from ctc_chattering.runs.recommended import BASE, BEST, RECOMMENDED, Variant
 from ctc_chattering.runs.score import PER_JOINT
 from ctc_chattering.runs.store import FIGURES, NAMES
 from matplotlib.figure import Figure
@@ -211,14 +211,14 @@ def figures(found: Sequence[Outcome]) -> Iterator[tuple[str, Figure, str]]:
                 'left is better.')
 
 
-def write_comparison(comparison: Comparison, rows: pandas.DataFrame, out: Path,
+def write_comparison(comparison: Points, rows: pandas.DataFrame, out: Path,
                      extra: str = 'svg', command: str = '') -> None:
     """
     Write tables, figures, page, and a parameter file of every run, in place of those there.
 
     Parameters
     ----------
-    comparison : Comparison
+    comparison : Points
         What was run.
     rows : pandas.DataFrame
         Its rows.
@@ -259,7 +259,7 @@ def write_page(found: Sequence[Outcome], files: Sequence[FigureFile], path: Path
         [(name, name) for name in (CSV, TABLE, ROWS, PARAMETERS)], command)
 
 
-def write_parameters(comparison: Comparison, directory: Path) -> None:
+def write_parameters(comparison: Points, directory: Path) -> None:
     """Write a file for every run, as `ctc simulate` takes it."""
     used: set[str] = set()
     with output.writing(directory):

@@ -54,6 +54,25 @@ _KNOW_FRICTION = ('slotine_li', 'friction_feedforward')
 _START = 2.0
 
 
+class Variant(NamedTuple):
+    """A law with its switching, '' for one without, and where its gains come from."""
+
+    law: str
+    switching: str
+    settings: str
+
+    @property
+    def values(self) -> dict[str, Any]:
+        """Return what names the law, as parameters of the controller."""
+        return {'law': self.law, **({'switching': self.switching} if self.switching else {})}
+
+
+#: That to which all others are compared.
+BASE = Variant('compensation', '', FILE)
+#: That whose torque variation is the measure of all others'.
+BEST = Variant('observer_feedback', '', RECOMMENDED)
+
+
 class Rule(NamedTuple):
     """
     Numbers of (RU1).

@@ -37,12 +37,12 @@ from ctc_chattering.identification import results as identification
 from ctc_chattering.identification.gains import recommend
 from ctc_chattering.identification.identify import identify
 from ctc_chattering.identification.perturbation import perturbation
-from ctc_chattering.runs.compare import BASE, Variant
 from ctc_chattering.runs.compare_page import Outcome, to_markdown
 from ctc_chattering.runs.compare_page import write_page as write_comparison_page
 from ctc_chattering.runs.map_data import MapData
 from ctc_chattering.runs.map_figures import lines
 from ctc_chattering.runs.map_page import write_map_page
+from ctc_chattering.runs.recommended import BASE, Variant
 from ctc_chattering.runs.tune import searched, Tuning
 from ctc_chattering.runs.tune_page import write_page as write_search_page
 from identified_bags import short

@@ -34,10 +34,17 @@ from ctc_chattering.control.controller import LAWS
 from ctc_chattering.control.controller_config import RIVALS, SWITCHINGS
 from ctc_chattering.errors import CtcError
 from ctc_chattering.runs import compare_page
-from ctc_chattering.runs.compare import BASE, Comparison, tasks, Variant, variants
+from ctc_chattering.runs.compare import Comparison, tasks, variants
 from ctc_chattering.runs.compare_page import Outcome, outcomes, write_parameters
 from ctc_chattering.runs.conditions import Condition, CONDITIONS, held_out, LOST, read_cases
-from ctc_chattering.runs.recommended import by_rule, FILE, RECOMMENDED, recommended
+from ctc_chattering.runs.recommended import (
+    BASE,
+    by_rule,
+    FILE,
+    RECOMMENDED,
+    recommended,
+    Variant,
+)
 from ctc_chattering.runs.score import over_simulation, PER_JOINT, Runner, score
 from ctc_chattering.runs.store import NAMES as FILES
 from ctc_commands import ctc, refused

@@ -27,9 +27,9 @@ from ctc_chattering.configuration.loop_setup import Setup
 from ctc_chattering.configuration.package_share import config_directory
 from ctc_chattering.control.controller import ControllerConfig
 from ctc_chattering.errors import CtcError
-from ctc_chattering.runs.compare import Variant, variants
+from ctc_chattering.runs.compare import variants
 from ctc_chattering.runs.points import Runs
-from ctc_chattering.runs.recommended import by_rule, FILE, recommended, RULES
+from ctc_chattering.runs.recommended import by_rule, FILE, recommended, RULES, Variant
 from ctc_chattering.runs.tune_spec import (
     DRAWS,
     gains,

@@ -21,9 +21,9 @@ from pathlib import Path
 from typing import Any
 
 from ctc_chattering.configuration.loop_setup import Setup
-from ctc_chattering.runs.compare import Variant
 from ctc_chattering.runs.compare_page import Outcome, outcomes
 from ctc_chattering.runs.points import row_of, Runs
+from ctc_chattering.runs.recommended import Variant
 from ctc_chattering.runs.score import Score, score
 from ctc_chattering.runs.spec import Failure, MapSpec, parse
 import pandas  # type: ignore[import-untyped]
