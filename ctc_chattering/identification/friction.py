@@ -44,6 +44,7 @@ from ctc_chattering.identification.least_squares import (
     Data,
     Fit,
     FRICTION,
+    inverted,
     orthonormal,
     solve,
     Spread,
@@ -376,11 +377,15 @@ def _shown(data: Data, terms: Sequence[Term]) -> Data:
 def _with_bands(fit: Fit, errors: Spread, data: Data, projected: Projected, beside: Explanation
                 ) -> Spread:
     """Return the spread with what friction would change by the dead bands that may be there."""
+    # In the whole fit: a column of another joint's cause is rounding in the rows of this one.
+    inverse = inverted(np.sum([weight * x.T @ x for i, weight in enumerate(fit.weight)
+                               for x in [fit.columns(i)]], axis=0))
     for i in projected.joints:
         half = errors.factor * projected.deviation(beside, i, kind=CauseKind.DEAD_BAND)
         # What is less well known is part of what is called friction.
         if half < TOLD * coulomb_level(data, fit.terms, i):
-            errors = errors.wider(half * coefficients(fit.columns(i), data.bent[:, i, 0]))
+            errors = errors.wider(half * fit.weight[i] * (
+                inverse @ (fit.columns(i).T @ data.bent[:, i, 0])))
     return errors
 
 
