@@ -237,5 +237,5 @@ def graph_monitor(events: Sequence[Event], lockstep: bool, ros_args: Sequence[st
             leaving.callback(node.destroy_node)
         executor = Executor()
         executor.add_node(node)
-        leaving.callback(executor.remove_node, node)
+        leaving.callback(executor.shutdown)
         yield partial(node.look, executor), node.report_end

@@ -28,6 +28,7 @@ from ctc_chattering.compiled.machine_code import Code
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.configuration.loop_setup import Setup
 from ctc_chattering.configuration.package_share import find_config
+from ctc_chattering.simulation import closed_loop
 from ctc_commands import python
 from machine_code import compile_runs
 import numpy as np
@@ -72,6 +73,7 @@ def test_the_same_result() -> None:
 def test_each_function_is_compiled_once(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """Check what is said and made, with a compiler that only notes what it is asked for."""
     monkeypatch.setattr(machine_code, 'cache_directory', lambda: tmp_path)
+    monkeypatch.setattr(closed_loop, '_LOOPS', {})
     said: list[str] = []
     made: list[str] = []
 
