@@ -297,13 +297,13 @@ def select(data: Data, joints: Sequence[str], columns: ErrorColumns | None = Non
         named, whole, causes)
     trifling = bool((causes.left - beside.left <= _TRIFLE ** 2 * size).all())
     if len(causes.causes) <= _CAUSES and (explained or trifling):
-        others = [] if explained else [whole[0]]
+        if not explained:
+            named = named[0], _containing(*named, whole[0])
         alike = _alike(projected, causes, options, loaded)
         for other in alike:
             mine = mixed(projected, other.causes, False)
-            others.append(solve(data.mixed(mine), _all(named[0].terms, mine.shape[2])))
-        for fit in others:
-            named = named[0], _containing(*named, fit)
+            named = named[0], _containing(*named, solve(
+                data.mixed(mine), _all(named[0].terms, mine.shape[2])))
         named = named[0], _with_bands(*named, data, projected, causes)
         return Selected(*named, missing, design, causes, True, alike, projected, tuple(terms))
     whole = whole[0], _in_doubt(*whole, projected, beside, loaded)
