@@ -48,7 +48,6 @@ HOW_TO_COMPILE = ('running in plain Python; `ctc compile` with the same file mak
                   'times as fast: about 30 s, once')
 #: How steps are computed, without and with machine code.
 PLAIN_PYTHON, MACHINE_CODE = 'plain Python', 'machine code'
-#: Address of the code of each file that is loaded, and what keeps it there.
 
 
 class Layout(NamedTuple):

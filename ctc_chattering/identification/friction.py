@@ -49,6 +49,7 @@ from ctc_chattering.identification.least_squares import (
     solve,
     Spread,
     spread,
+    sums_of,
     Term,
     TermKind,
     without,
@@ -378,8 +379,8 @@ def _with_bands(fit: Fit, errors: Spread, data: Data, projected: Projected, besi
                 ) -> Spread:
     """Return the spread with what friction would change by the dead bands that may be there."""
     # In the whole fit: a column of another joint's cause is rounding in the rows of this one.
-    inverse = inverted(np.sum([weight * x.T @ x for i, weight in enumerate(fit.weight)
-                               for x in [fit.columns(i)]], axis=0))
+    _, normal, _ = sums_of(fit)
+    inverse = inverted(normal)
     for i in projected.joints:
         half = errors.factor * projected.deviation(beside, i, kind=CauseKind.DEAD_BAND)
         # What is less well known is part of what is called friction.

@@ -352,7 +352,7 @@ def spread(fit: Fit, starts: tuple[int, ...]) -> Spread:
         First window of each stretch; no block goes over one.
 
     """
-    scores, normal, lasting = _sums(fit)
+    scores, normal, lasting = sums_of(fit)
     count, longest = len(scores), max(map(correlation_length, scores.T), default=1.0)
     # A block is long enough for all scores.
     length = int(min(max(_LENGTHS * max(longest, 2.0), count ** (1.0 / 3.0)),
@@ -373,7 +373,7 @@ def spread(fit: Fit, starts: tuple[int, ...]) -> Spread:
     return Spread(covariance * np.outer(wider, wider), float(stdtrit(blocks - 1.0, 0.975)))
 
 
-def _sums(fit: Fit) -> tuple[Array, Array, Array]:
+def sums_of(fit: Fit) -> tuple[Array, Array, Array]:
     """
     Return what intervals come from.
 
