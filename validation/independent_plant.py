@@ -297,26 +297,31 @@ def bend(plant: Physics, now: State, h: float, w: Array, rhs: Array, most: Array
 def advance(plant: Physics, now: State, command: Array, steps: int, h: float) -> None:
     """Receive a command, and go on by `steps` steps of h [s]."""
     n, size = len(plant.coulomb), len(now.x)
-    for k in range(len(now.queue) - 1):
-        now.queue[k] = now.queue[k + 1]
-    now.queue[-1] = command
+    for i in range(n):
+        for k in range(len(now.queue) - 1):
+            now.queue[k, i] = now.queue[k + 1, i]
+        now.queue[-1, i] = command[i]
     links = size - n
     w, rhs, v = np.empty((size, size)), np.empty(size), np.empty(size)
     mass, bias, help_mass, weight = (
         np.empty((n, n)), np.empty(n), np.empty((n, n)), np.zeros(n))
     mean, most, least, way = np.empty(n), np.zeros(size), np.zeros(size), np.empty(size)
+    middle = np.empty(size)
     still, turned = np.zeros(n), np.zeros(n)
     for _ in range(steps):
         driven(plant, now, h, mean)
         frictions(plant, now, h, most, least)
-        middle = now.x + 0.5 * h * now.v
+        for i in range(size):
+            middle[i] = now.x[i] + 0.5 * h * now.v[i]
+            v[i] = now.v[i] + 0.5 * h * now.a[i]
         if plant.helped.any():
             dynamics(plant.helper, middle[:n], still, help_mass, weight)
-        dynamics(plant.bodies, middle[links:], (now.v + 0.5 * h * now.a)[links:], mass, bias)
+        dynamics(plant.bodies, middle[links:], v[links:], mass, bias)
         pushed = 1.0 if plant.pushed[0] <= now.time[0] < plant.pushed[1] else 0.0
-        w[:] = 0.0
-        w[links:, links:] = mass
-        rhs[:] = 0.0
+        for i in range(size):
+            rhs[i] = 0.0
+            for j in range(size):
+                w[i, j] = mass[i - links, j - links] if min(i, j) >= links else 0.0
         for i in range(n):
             mean[i] = (plant.scale[i] * mean[i] + plant.helped[i] * weight[i]
                        - plant.cogging[i] * np.sin(plant.waves[i] * middle[i])

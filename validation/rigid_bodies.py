@@ -131,11 +131,11 @@ def _axis(model: Any, k: int) -> Array:
 
 
 @compiled
-def cross(a: Array, b: Array, out: Array) -> None:
-    """Write a x b."""
-    out[0] = a[1] * b[2] - a[2] * b[1]
-    out[1] = a[2] * b[0] - a[0] * b[2]
-    out[2] = a[0] * b[1] - a[1] * b[0]
+def add_cross(a: Array, b: Array, out: Array) -> None:
+    """Add a x b."""
+    out[0] += a[1] * b[2] - a[2] * b[1]
+    out[1] += a[2] * b[0] - a[0] * b[2]
+    out[2] += a[0] * b[1] - a[1] * b[0]
 
 
 @compiled
@@ -183,7 +183,8 @@ def placed(bodies: Bodies, q: Array, motion: Array, first: Array, inertia: Array
                 along[3 + a], along[a] = along[a], 0.0
                 place[i, a] += along[3 + a] * q[i]
         else:
-            cross(place[i], along[:3], along[3:])
+            along[3:] = 0.0
+            add_cross(place[i], along[:3], along[3:])
         for a in range(3):
             centre[a] = place[i, a]
             for b in range(3):
@@ -224,27 +225,21 @@ def dynamics(bodies: Bodies, q: Array, dq: Array, matrix: Array, bias: Array) ->
     inertia, mass = np.empty((n, 3, 3)), bodies.mass.copy()
     placed(bodies, q, motion, first, inertia)
     v, acc, force = np.zeros((n, 6)), np.zeros((n, 6)), np.empty((n, 6))
-    step, moved, part = np.empty(6), np.empty(6), np.empty(3)
+    step, moved = np.empty(6), np.empty(6)
     for i in range(n):
         p = bodies.parent[i]
         for a in range(6):
             v[i, a] = (v[p, a] if p >= 0 else 0.0) + motion[i, a] * dq[i]
             step[a] = motion[i, a] * dq[i]
             acc[i, a] = acc[p, a] if p >= 0 else (-bodies.gravity[a - 3] if a > 2 else 0.0)
-        cross(v[i, :3], step[:3], part)
-        acc[i, :3] += part
-        cross(v[i, :3], step[3:], part)
-        acc[i, 3:] += part
-        cross(v[i, 3:], step[:3], part)
-        acc[i, 3:] += part
+        add_cross(v[i, :3], step[:3], acc[i, :3])
+        add_cross(v[i, :3], step[3:], acc[i, 3:])
+        add_cross(v[i, 3:], step[:3], acc[i, 3:])
         times(mass[i], first[i], inertia[i], acc[i], force[i])
         times(mass[i], first[i], inertia[i], v[i], moved)
-        cross(v[i, :3], moved[:3], part)
-        force[i, :3] += part
-        cross(v[i, 3:], moved[3:], part)
-        force[i, :3] += part
-        cross(v[i, :3], moved[3:], part)
-        force[i, 3:] += part
+        add_cross(v[i, :3], moved[:3], force[i, :3])
+        add_cross(v[i, 3:], moved[3:], force[i, :3])
+        add_cross(v[i, :3], moved[3:], force[i, 3:])
     for i in range(n - 1, -1, -1):
         p = bodies.parent[i]
         bias[i] = np.dot(motion[i], force[i])
@@ -259,7 +254,10 @@ def dynamics(bodies: Bodies, q: Array, dq: Array, matrix: Array, bias: Array) ->
             matrix[i, j] += bodies.more[i, j]
             matrix[j, i] = matrix[i, j]
         if p >= 0:
-            force[p] += force[i]
             mass[p] += mass[i]
-            first[p] += first[i]
-            inertia[p] += inertia[i]
+            for a in range(6):
+                force[p, a] += force[i, a]
+            for a in range(3):
+                first[p, a] += first[i, a]
+                for b in range(3):
+                    inertia[p, a, b] += inertia[i, a, b]

@@ -83,6 +83,7 @@ def test_ten_thousand_torques_to_the_last_bit(tmp_path: Path, file: str, law: st
     check_bits(robot_of(file, law), tmp_path, 10_000)
 
 
+@pytest.mark.slow
 def test_a_delay_and_limits(tmp_path: Path) -> None:
     check_bits(robot_of('friction', 'implicit_observer', input_delay=2, inertia_scale=1.1,
                         effort_rate_limit=[2e4, 2e4], effort_limit=[300.0, 60.0]), tmp_path, 1000)

@@ -288,6 +288,7 @@ def test_the_command_prints_the_table_and_writes_it_once(arm: Path, tmp_path: Pa
             'the output of ctc compare of another spec or version', '--overwrite')
 
 
+@pytest.mark.slow
 def test_a_comparison_that_is_killed_goes_on(arm: Path, tmp_path: Path) -> None:
     """Kill the command in the middle; what is left is computed, to the same bytes."""
     names = [x for name in ('clean', 'lag', 'delay', 'encoder') for x in ('--condition', name)]
