@@ -130,7 +130,7 @@ def test_the_law(urdf: bool, delay: int, first: dict[str, Any], second: dict[str
         law.configure(config)
 
 
-@settings(LIMITED, max_examples=25)
+@settings(LIMITED, max_examples=10)
 @given(values(PlantConfig), seeds)
 def test_the_plant(given_: dict[str, Any], seed: int) -> None:
     """It moves by finite numbers, or says in one line that the motion diverged."""

@@ -47,6 +47,7 @@ def of(robot: str, fault: str, seed: int) -> tuple[Outcome, list[str]]:
     return made, judged(one, fault, seen, made, DURATION)['wrong']
 
 
+@pytest.mark.slow
 def test_friction_of_slow_motion_is_excluded_only_above_a_velocity() -> None:
     made, wrong = of('two_link_urdf', 'creeping', 7500)
     assert not wrong
@@ -71,6 +72,7 @@ def test_velocities_that_are_no_change_of_the_positions_are_refused(
                if of_joint == Severity.REFUSED)
 
 
+@pytest.mark.slow
 def test_a_delay_of_one_joint_is_a_lag_or_a_delay() -> None:
     made, wrong = of('two_link_urdf', 'joint_delay', 7500)
     assert not wrong

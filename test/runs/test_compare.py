@@ -328,7 +328,7 @@ def test_what_cannot_be_compared_is_refused_in_one_line(
 
 CASES = """
 overrides:
-  plant: {duration: 6.0, compiled: false}
+  plant: {duration: 6.0, coulomb_friction: [8.0, 8.0]}
 cases:
   Drive lag:
     2 ms: {x: 2, plant: {actuator_lag: [2.0e-3, 2.0e-3]}}
@@ -344,8 +344,8 @@ def test_a_case_is_above_what_all_have_and_that_above_the_file(tmp_path: Path) -
     assert [x['condition'] for x in found] == [
         'Drive lag: 2 ms', 'Sample period: 5 ms']
     given: tuple[dict[str, Any], ...] = (
-        {'plant': {'duration': 6.0, 'compiled': False, 'actuator_lag': [2e-3, 2e-3]}},
-        {'/**': {'control_period': 5e-3}, 'plant': {'duration': 7.0, 'compiled': False}})
+        {'plant': {'duration': 6.0, 'coulomb_friction': [8.0, 8.0], 'actuator_lag': [2e-3, 2e-3]}},
+        {'/**': {'control_period': 5e-3}, 'plant': {'duration': 7.0, 'coulomb_friction': [8.0, 8.0]}})
     for outcome, values in zip(found, given, strict=True):
         setup = parameter_file.load(config_directory() / 'friction.yaml',
                                     {**values, 'controller': {'law': 'compensation'}})
