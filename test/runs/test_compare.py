@@ -343,9 +343,10 @@ def test_a_case_is_above_what_all_have_and_that_above_the_file(tmp_path: Path) -
     found = outcomes(compare(['friction'], ['compensation'], cases=file))
     assert [x['condition'] for x in found] == [
         'Drive lag: 2 ms', 'Sample period: 5 ms']
+    common = {'coulomb_friction': [8.0, 8.0]}
     given: tuple[dict[str, Any], ...] = (
-        {'plant': {'duration': 6.0, 'coulomb_friction': [8.0, 8.0], 'actuator_lag': [2e-3, 2e-3]}},
-        {'/**': {'control_period': 5e-3}, 'plant': {'duration': 7.0, 'coulomb_friction': [8.0, 8.0]}})
+        {'plant': {'duration': 6.0, **common, 'actuator_lag': [2e-3, 2e-3]}},
+        {'/**': {'control_period': 5e-3}, 'plant': {'duration': 7.0, **common}})
     for outcome, values in zip(found, given, strict=True):
         setup = parameter_file.load(config_directory() / 'friction.yaml',
                                     {**values, 'controller': {'law': 'compensation'}})
