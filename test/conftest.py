@@ -72,13 +72,17 @@ def spread(items: list[pytest.Item]) -> list[pytest.Item]:
     Return tests with the modules that start ROS processes spread evenly among the others.
 
     They mostly wait, and workers are given equal numbers of tests in this order: so some wait
-    and others compute at all times.
+    and others compute at all times. Those with many such tests are first: a worker may come to
+    them last, when the others have nothing left to do.
     """
-    modules = [list(module) for _, module in groupby(items, lambda item: item.path)]
+    def waits(module: list[pytest.Item]) -> int:
+        return sum(item.get_closest_marker('ros') is not None for item in module)
+
+    modules = sorted((list(module) for _, module in groupby(items, lambda item: item.path)),
+                     key=waits, reverse=True)
     placed: list[tuple[float, list[pytest.Item]]] = []
     for waiting in (False, True):
-        of_kind = [module for module in modules
-                   if waiting == any(item.get_closest_marker('ros') for item in module)]
+        of_kind = [module for module in modules if waiting == bool(waits(module))]
         ends = list(accumulate(map(len, of_kind)))
         placed += [(end / ends[-1], module) for end, module in zip(ends, of_kind)]
     return [item for _, module in sorted(placed, key=itemgetter(0)) for item in module]

@@ -41,6 +41,7 @@ from urdfs import link, PANDA, panda, two_links, ur5
 pytestmark = pytest.mark.ros
 
 
+@pytest.mark.slow
 def test_every_law_one_after_another(tmp_path: Path) -> None:
     """
     The law changes every 25 ms; the graph equals the simulation to the last bit.

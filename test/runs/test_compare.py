@@ -210,11 +210,11 @@ def test_the_number_of_processes_changes_nothing(arm: Path) -> None:
 
 
 def test_files_of_parameters_give_the_same_run(arm: Path, tmp_path: Path) -> None:
-    made = of_law('slotine_li', RECOMMENDED, arm=arm, under=CONDITIONS['real_arm'])
+    made = of_law('compensation', RECOMMENDED, arm=arm, under=CONDITIONS['real_arm'])
     write_parameters(made, tmp_path)
     paths = sorted(tmp_path.iterdir())
     assert [x.name for x in paths] == [
-        f'friction_real_arm_slotine_li_recommended_model_{x}.yaml' for x in ('0.9', '1.1')]
+        f'friction_real_arm_compensation_recommended_model_{x}.yaml' for x in ('0.9', '1.1')]
     for path, (_, setup) in zip(paths, made.listed):
         one, other = over_simulation(parameter_file.load(path)).run, over_simulation(setup).run
         assert (one.tau == other.tau).all()
