@@ -32,6 +32,7 @@ from ctc_chattering.ros.messages import read_stamp
 from ctc_chattering.ros.process import STOP
 from ctc_chattering.ros.subscription import with_info
 from domains import own_domain
+from made_once import made_once
 from motion_bags import made, STORE, string, write
 from processes import CONFIG, PATIENCE, probe, run_bringup, Stopwatch
 import pytest
@@ -48,14 +49,16 @@ SETUP = parameter_file.load(CONFIG / 'friction.yaml', {'plant': {'duration': 0.5
 
 @pytest.fixture(scope='module')
 def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    path = tmp_path_factory.mktemp('replay') / 'bag'
+    return made_once(tmp_path_factory, 'half_a_second', record)
+
+
+def record(path: Path) -> None:
     compile_setups([SETUP], print)
     status, output = run_bringup('--params-file', str(CONFIG / 'friction.yaml'), '--duration',
                                  '0.5', '--record', str(path), '--ros-args', '-p',
                                  'state_decimation:=1')
     assert status == 0, output
     assert 'were dropped' not in output
-    return path
 
 
 def test_half_a_second_at_1_khz_holds_every_sample_and_equals_the_simulation(bag: Path) -> None:

@@ -16,7 +16,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 import ctypes
 from math import inf, nan, pi
 from pathlib import Path
@@ -32,6 +31,7 @@ from ctc_chattering.numerics.linear_algebra import Array
 from ctc_commands import ctc, refused
 from exported_laws import compiled_by_cc, controller_of, Robot, robot_of, watched
 from machine_code import compile_step
+from made_once import made_once
 import numpy as np
 import pytest
 
@@ -95,9 +95,11 @@ class Law:
     GUARD = 4096
 
     def __init__(self, robot: Robot, path: Path) -> None:
-        if not path.joinpath('ctc_law.c').exists():
+        made = path / 'made'
+        if not made.exists():
             export(*robot, path)
-        self.library = ctypes.CDLL(str(compiled_by_cc(path, '-fPIC', '-shared')))
+            made = compiled_by_cc(path, '-fPIC', '-shared')
+        self.library = ctypes.CDLL(str(made))
         self.library.ctc_message.restype = ctypes.c_char_p
         self.n, header = robot.model.n, (path / 'ctc_law.h').read_text(encoding='utf-8')
         words = int(header.partition('double memory[')[2].partition(']')[0])
@@ -123,17 +125,16 @@ REST: list[Any] = [[0.1, 0.2]] * 2 + [[0.1, 0.2]] * 3
 
 
 @pytest.fixture(scope='module')
-def paths(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Path]:
-    base = tmp_path_factory.mktemp('libraries')
-    return lambda name: base / name
+def library(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return made_once(tmp_path_factory, 'watched', lambda path: Law(watched(), path))
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize('where', range(5))
 @pytest.mark.parametrize('bad', [nan, inf, -inf])
 def test_what_is_not_finite_is_no_torque_until_a_reset(
-        paths: Callable[[str], Path], where: int, bad: float) -> None:
-    law = Law(watched(), paths('watched'))
+        library: Path, where: int, bad: float) -> None:
+    law = Law(watched(), library)
     assert law.step(*REST) == (NOT_INITIALIZED, [0.0, 0.0])
     assert law.call('init') == OK
     first = law.step(*REST)
@@ -146,8 +147,8 @@ def test_what_is_not_finite_is_no_torque_until_a_reset(
     assert law.step(*REST) == first
 
 
-def test_errors_have_a_code_and_a_torque_of_0(paths: Callable[[str], Path]) -> None:
-    law = Law(watched(), paths('watched'))
+def test_errors_have_a_code_and_a_torque_of_0(library: Path) -> None:
+    law = Law(watched(), library)
     assert [law.call(x) for x in ('reset', 'init')] == [NOT_INITIALIZED, OK]
     for rows, error in (([[0.7, 0.2], *REST[1:]], ERROR_LIMIT), ([[1e200] * 2] * 5, OVERFLOW),
                         ([REST[0], [1e200, -1e200], *REST[2:]], OVERFLOW)):
@@ -204,8 +205,8 @@ def test_other_gains_go_on_as_under_configure(tmp_path: Path, law: str) -> None:
     assert controller.compiled
 
 
-def test_wrong_gains_change_nothing(paths: Callable[[str], Path]) -> None:
-    law, good = Law(watched(), paths('watched')), [[100.0, 100.0]] * 3
+def test_wrong_gains_change_nothing(library: Path) -> None:
+    law, good = Law(watched(), library), [[100.0, 100.0]] * 3
     law.call('init')
     before = law.block.copy()
     for i in range(3):
@@ -224,9 +225,9 @@ def test_a_law_of_which_other_numbers_depend_on_gains_has_fixed_ones(
 
 
 def test_a_floating_point_trap_or_rounding_of_the_caller_changes_nothing(
-        paths: Callable[[str], Path]) -> None:
+        library: Path) -> None:
     """With traps for invalid operations, overflow and division by 0, and rounding upwards."""
-    law, libm = Law(watched(), paths('watched')), ctypes.CDLL('libm.so.6')
+    law, libm = Law(watched(), library), ctypes.CDLL('libm.so.6')
     law.call('init')
     states = [[[0.1 + 1e-3 * k, 0.0], *REST[1:]] for k in range(20)]
     right = [law.step(*x) for x in states]

@@ -32,6 +32,7 @@ from ctc_chattering.bags.reader import read_bag
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.live.bag_page import RecordedRun, write_export
 from ctc_commands import ctc, refused
+from made_once import made_once
 from markupsafe import escape
 import numpy as np
 from processes import CONFIG, PATIENCE
@@ -48,10 +49,11 @@ def result(law: str) -> tuple[Result, Any]:
 
 @pytest.fixture(scope='module')
 def bags(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
-    folder = tmp_path_factory.mktemp('live')
-    for law in LAWS:
-        write_bag(folder / law, entries(*result(law)))
-    return [folder / law for law in LAWS]
+    return [made_once(tmp_path_factory, law, partial(record, law)) for law in LAWS]
+
+
+def record(law: str, path: Path) -> None:
+    write_bag(path, entries(*result(law)))
 
 
 def shows(page: Any, angles: list[list[str]]) -> bool:
