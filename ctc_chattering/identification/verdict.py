@@ -43,6 +43,7 @@ _SIGN = 0.9
 #: Part of the range of Stribeck velocities that counts as its end.
 _END = 0.97
 _EXCITE = 'record a motion of `ctc excite`'
+_SETTLE = 'first settle the errors of the model and of other joints: its interval contains them'
 
 
 class Verdict(NamedTuple):
@@ -145,7 +146,8 @@ def _bounds(found: Identification) -> Iterator[Finding]:
             yield Finding(Kind.MOTION, i, 'it slides for too short a time to test what its '
                           'friction depends on', held)
         yield from _directions(found, i, friction)
-        yield from _how_well(i, friction.coulomb, found.timing.source == EFFORT, left)
+        yield from _how_well(i, friction.coulomb, found.timing.source == EFFORT, left,
+                             found.selected.attributed)
         speed = friction.stribeck_velocity.value
         if speed is not None and not STRIBECK[0] / _END < speed < STRIBECK[-1] * _END:
             yield Finding(Kind.DOUBT, i, f'the Stribeck velocity is {speed:.3g} rad/s, at the end '
@@ -172,8 +174,8 @@ def _directions(found: Identification, i: int, friction: JointFriction) -> Itera
                       'record poses in which the load has the other sign', part)
 
 
-def _how_well(i: int, coulomb: Estimate, measured: bool, left: Unexplained | None
-              ) -> Iterator[Finding]:
+def _how_well(i: int, coulomb: Estimate, measured: bool, left: Unexplained | None,
+              attributed: bool) -> Iterator[Finding]:
     """Yield that the Coulomb friction of a joint is not known well."""
     unexplained = left is not None and left.off > 0.0
     part = coulomb.half / max(abs(coulomb.number()), 1e-300)
@@ -181,10 +183,12 @@ def _how_well(i: int, coulomb: Estimate, measured: bool, left: Unexplained | Non
         none = measured or unexplained or not isfinite(part)
         yield Finding(Kind.NO_NUMBER if none else Kind.DOUBT, i,
                       f'no friction shows: Coulomb friction is {coulomb}', f'{_EXCITE}, and say '
-                      'where the torque is measured: behind the gear friction is not in it')
+                      'where the torque is measured: behind the gear friction is not in it'
+                      if attributed or measured else _SETTLE)
     elif not unexplained:
-        yield Finding(Kind.COULOMB_INTERVAL, i, f'Coulomb friction is known to {coulomb} only',
-                      'record a longer motion', part)
+        kind, cure = (Kind.COULOMB_INTERVAL, 'record a longer motion') if attributed else (
+            Kind.COULOMB_IN_DOUBT, _SETTLE)
+        yield Finding(kind, i, f'Coulomb friction is known to {coulomb} only', cure, part)
 
 
 def next_step(verdicts: Sequence[Verdict]) -> str:
@@ -195,8 +199,8 @@ def next_step(verdicts: Sequence[Verdict]) -> str:
     again = [x.joint for x in verdicts if any(
         y.kind in SETTLED and y.severity > Severity.NOTE for y in x.findings)]
     if again:
-        do = (f'`ctc excite --for {",".join(again)}` makes a motion that shows them; then '
-              '`ctc identify` with all bags')
+        do = (f'`ctc excite --for {",".join(again)}` makes a motion that shows what is missing; '
+              'then `ctc identify` with all bags')
     elif not names[Severity.REFUSED]:
         do = 'run with identified.yaml' + (
             ', or do first what the reasons ask for' if names[Severity.CARE] else '')

@@ -121,6 +121,22 @@ def test_a_dead_band_has_a_number_or_is_in_coulomb_friction(band: float) -> None
         assert joint_friction(found, i).coulomb.value == pytest.approx(COULOMB + more, rel=1e-3)
 
 
+def test_a_term_that_is_weak_goes_while_its_velocity_is_not_found_yet(
+        monkeypatch: pytest.MonkeyPatch) -> None:
+    """Velocities of Stribeck friction that is none may go to and fro without an end."""
+    data, _ = random_windows(np.zeros(2), noise=0.1)
+    slow = data.way[:, :, None] * np.exp(-np.square(data.velocity[:, :, None] / STRIBECK))
+    spread, fits = friction.spread, []
+    monkeypatch.setattr(friction, '_REFINEMENTS', 1)
+    monkeypatch.setattr(friction, 'spread', lambda *x: fits.append(x[0].terms) or spread(*x))
+    missing: dict[tuple[TermKind, int], str] = {}
+    friction._final(dataclasses.replace(data, stribeck=slow), [
+        *TERMS, Term(TermKind.STRIBECK, 0, 9.0)],
+        np.zeros((2, data.more.shape[2] + 3, 0)), missing)
+    assert len(fits) == 2 and fits[1] == tuple(TERMS)
+    assert missing == {(TermKind.STRIBECK, 0): 'none shows'}
+
+
 TERMS = [Term(kind, i) for i in range(2) for kind in (TermKind.FORWARDS, TermKind.BACKWARDS)]
 
 
