@@ -60,10 +60,10 @@ def torque_rate(found: Identification, fastest: Array, given: Sequence[float] = 
     Return `torque_rate_limit`, shape (n,) [N·m/s], and findings on the drives.
 
     It is what friction and motion need, and what carries the arm at the start, when drives may be
-    without torque; and never more than drives have: a drive that is slower
-    than the law is told makes the loop diverge; one that is faster costs little. Where the lag is
-    inverted, commands change by up to R (2 T + h) a period; of drives whose rate is known, R is so
-    small that this is within what they do in a period, if that is enough.
+    without torque; and never more than drives have: a drive that is slower than the law is told
+    makes the loop diverge; one that is faster costs little. Where the lag is inverted, commands
+    change by up to R (2 T + h) a period; of drives whose rate is known, R is so small that this is
+    within what they do in a period, if that is enough.
 
     Parameters
     ----------
@@ -74,7 +74,7 @@ def torque_rate(found: Identification, fastest: Array, given: Sequence[float] = 
     given : sequence of float, shape (n,), optional
         Rate that the drives allow [N·m/s].
     weight : ndarray, shape (n,), or float
-        Largest torque of the model at rest [N·m].
+        Largest torque of the model at rest, in the poses of the run [N·m].
 
     """
     # The largest friction near 0 velocity.
@@ -189,7 +189,9 @@ def recommend(found: Identification, run: MeasuredPerturbation, model: Model,
     """
     (delay, lag), longest = found.timing.drive, float(longest_lag(found).max())
     bound = perturbation_bound(found, run, model)
-    slope, slow = torque_rate(found, bound.change, rate, bound.weight)
+    weight = [np.abs(model.inverse_dynamics(q.tolist(), *2 * ([0.0] * model.n,)))
+              for q in found.positions.poses]
+    slope, slow = torque_rate(found, bound.change, rate, np.max(weight, axis=0))
     level = [max(0.0, x.coulomb.value or 0.0) for x in found.friction]
     usable = [x.usable for x in verdicts(found)]
     bandwidth = min(_BANDWIDTH, _LAG / longest) if longest else _BANDWIDTH

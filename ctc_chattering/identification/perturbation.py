@@ -274,8 +274,6 @@ class PerturbationBound(NamedTuple):
         The largest friction as fast as the limits allow.
     change : ndarray
         How fast the model's torque changes there [N·m/s].
-    weight : ndarray
-        The largest torque of the model at rest.
     reason : str
         The parts.
     findings : tuple of Finding
@@ -287,7 +285,6 @@ class PerturbationBound(NamedTuple):
     peak: Array
     friction: Array
     change: Array
-    weight: Array
     reason: str
     findings: tuple[Finding, ...]
 
@@ -328,10 +325,9 @@ def perturbation_bound(found: Identification, run: MeasuredPerturbation, model: 
     reason = (f'{MARGIN:g} times the largest |P| up to {speeds} rad/s, the limits of the '
               'description, or the speed of the run where there is none: friction {}, errors of '
               'the model {}, unexplained {} N*m; in the run |P| is at most {} N*m'.format(*parts))
-    often, still = limits.acceleration / np.maximum(limits.velocity, 1e-12), np.zeros_like(q)
+    often = limits.acceleration / np.maximum(limits.velocity, 1e-12)
     return PerturbationBound(
-        np.minimum(ka, limits.effort), peak, friction, often * most,
-        np.abs(_torques(model, q, still, still)).max(axis=0), reason,
+        np.minimum(ka, limits.effort), peak, friction, often * most, reason,
         tuple(_doubts(found, peak, ka, limits.effort)))
 
 

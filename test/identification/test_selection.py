@@ -119,6 +119,11 @@ def test_a_dead_band_has_a_number_or_is_in_coulomb_friction(band: float) -> None
     assert hidden.reason == 'in Coulomb friction (no torque is against the motion)'
     for i, more in enumerate((0.0, band)):
         assert joint_friction(found, i).coulomb.value == pytest.approx(COULOMB + more, rel=1e-3)
+    # Where commands chatter it has no column.
+    data = dataclasses.replace(data, bent=data.bent * [[1.0], [0.0]])
+    found = select(data, ('a', 'b'), columns, causes(columns, ('a', 'b'), [], np.ones(2)))
+    verdict = ModelVerdict(found, columns, [], ('a', 'b'))
+    assert verdict.dead_band(data, [COULOMB] * 2)[1].reason == hidden.reason
 
 
 def test_a_weak_term_goes_though_its_velocity_was_refined_last(
