@@ -347,12 +347,13 @@ def _final(data: Data, terms: Sequence[Term], design: Array,
             known = [x._replace(which=float(np.clip(
                 x.which + step[x], 0.0, len(STRIBECK) - 1.0))) if x in step else x for x in known]
         errors = spread(fit, data.starts)
-        weak = [term for term, value, e in zip(fit.terms, fit.value, errors.error)
-                if term.kind in (TermKind.STRIBECK, TermKind.LOAD) and value < _CLEAR * e]
+        # By kind and joint: the velocity may have been refined once more after the fit.
+        weak = [(x.kind, x.joint) for x, value, e in zip(fit.terms, fit.value, errors.error)
+                if x.kind in (TermKind.STRIBECK, TermKind.LOAD) and value < _CLEAR * e]
         if not weak:
             break
-        missing.update({(x.kind, x.joint): NONE for x in weak})
-        known = [x for x in known if x not in weak]
+        missing.update(dict.fromkeys(weak, NONE))
+        known = [x for x in known if (x.kind, x.joint) not in weak]
     # Where a load changes its sign in a window, its mean magnitude is known less well.
     other = solve(dataclasses.replace(data, load=np.abs(data.base)), fit.terms)
     return fit, errors.wider(_FORM * np.where(

@@ -274,6 +274,8 @@ class PerturbationBound(NamedTuple):
         The largest friction as fast as the limits allow.
     change : ndarray
         How fast the model's torque changes there [N·m/s].
+    weight : ndarray
+        The largest torque of the model at rest.
     reason : str
         The parts.
     findings : tuple of Finding
@@ -285,6 +287,7 @@ class PerturbationBound(NamedTuple):
     peak: Array
     friction: Array
     change: Array
+    weight: Array
     reason: str
     findings: tuple[Finding, ...]
 
@@ -325,9 +328,10 @@ def perturbation_bound(found: Identification, run: MeasuredPerturbation, model: 
     reason = (f'{MARGIN:g} times the largest |P| up to {speeds} rad/s, the limits of the '
               'description, or the speed of the run where there is none: friction {}, errors of '
               'the model {}, unexplained {} N*m; in the run |P| is at most {} N*m'.format(*parts))
-    often = limits.acceleration / np.maximum(limits.velocity, 1e-12)
+    often, still = limits.acceleration / np.maximum(limits.velocity, 1e-12), np.zeros_like(q)
     return PerturbationBound(
-        np.minimum(ka, limits.effort), peak, friction, often * most, reason,
+        np.minimum(ka, limits.effort), peak, friction, often * most,
+        np.abs(_torques(model, q, still, still)).max(axis=0), reason,
         tuple(_doubts(found, peak, ka, limits.effort)))
 
 

@@ -121,6 +121,16 @@ def test_a_dead_band_has_a_number_or_is_in_coulomb_friction(band: float) -> None
         assert joint_friction(found, i).coulomb.value == pytest.approx(COULOMB + more, rel=1e-3)
 
 
+def test_a_weak_term_goes_though_its_velocity_was_refined_last(
+        monkeypatch: pytest.MonkeyPatch) -> None:
+    """No velocity fits friction that is none, so the refinement of it does not settle."""
+    monkeypatch.setattr(friction, 'further_terms', lambda *_: [Term(TermKind.STRIBECK, 0, 12)])
+    data, columns = random_windows(np.zeros(2))
+    shown = data.way[..., None] * np.exp(-np.square(data.velocity[..., None] / STRIBECK))
+    found = select(dataclasses.replace(data, stribeck=shown), ('a', 'b'), columns)
+    assert joint_friction(found, 0).stribeck.shows_none
+
+
 TERMS = [Term(kind, i) for i in range(2) for kind in (TermKind.FORWARDS, TermKind.BACKWARDS)]
 
 
