@@ -409,11 +409,15 @@ class DriveProfile:
                 break
             rate = rate / _RATIO
         rates: list[Array] = []
-        for _ in range(_FINER):
+        for turn in range(_FINER):
             low, _, high = self._rate_table(fastest)
+            # Where none shows, once, as the true one may be between coarse ones.
+            near = (low > 0.0) & (np.isfinite(high) | (turn == 0))
+            if not near.any():
+                break
             high = np.where(np.isfinite(high), high, _RATIO * low)
-            ratio = np.where(low > 0.0, high, 1.0) / np.where(low > 0.0, low, 1.0)
-            rates = [np.where(low > 0.0, low * ratio ** part, np.inf)
+            ratio = np.where(near, high, 1.0) / np.where(near, low, 1.0)
+            rates = [np.where(near, low * ratio ** part, np.inf)
                      for part in np.linspace(0.0, 1.0, _WITHIN)]
             for rate in rates:
                 self._add(rate)
