@@ -26,6 +26,7 @@ from array import array
 from collections.abc import Sequence
 from contextlib import closing
 import dataclasses
+from functools import cache
 from operator import attrgetter
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -120,20 +121,21 @@ class SignalTopic(NamedTuple):
         """Return the values of some joints; messages without each of them are left out."""
         logged, stamps = array('q'), array('q')
         known: tuple[str, ...] = ()
-        picked: list[int] = []
+        picked = np.zeros(0, int)
         columns = [array('d') for _ in self.fields]
         unknown = np.full(len(joints), np.nan)
         for t, message in self.bag.read(self.connections):
             names = _names_of(message, self.fields[0]) or joints
             if names != known:
                 known, whole = names, set(joints) <= set(names) and len(set(names)) == len(names)
-                picked = [names.index(x) for x in joints] if whole else []
+                picked = np.array([names.index(x) for x in joints] if whole else [], int)
             rows = [_numbers(message, field) for field in self.fields]
-            if rows[0] is None or not picked:
+            if rows[0] is None or not len(picked):
                 continue
             for column, row in zip(columns, rows):
                 column.frombytes((
-                    unknown if row is None or len(row) != len(names) else row[picked]).tobytes())
+                    unknown if row is None or len(row) != len(names) else row.take(picked)
+                    ).tobytes())
             stamp = getattr(getattr(message, 'header', None), 'stamp', None)
             stamps.append(nanoseconds(stamp) if stamp else 0)
             logged.append(t)
@@ -165,10 +167,13 @@ def _topic(bag: Bag, text: str, option: str, kind: str, fields: tuple[str, ...])
     return found[0]
 
 
+_getter = cache(attrgetter)
+
+
 def _value(message: Any, path: str) -> Any:
     """Return what is in a field, `a.b.c`; None without it."""
     try:
-        return attrgetter(path)(message)
+        return _getter(path)(message)
     except AttributeError:
         return None
 
@@ -177,7 +182,7 @@ def _numbers(message: Any, field: str) -> Array | None:
     """Return the numbers in a field, shape (n,); None without any."""
     value = _value(message, field)
     try:
-        found = np.atleast_1d(value).astype(float, copy=False)
+        found = np.asarray(value, float).reshape(-1)
     except (TypeError, ValueError):
         return None
     return found if found.size and value is not None else None
@@ -300,8 +305,7 @@ def _command(topic: SignalTopic, names: tuple[str, ...], motion: Signal, stamps:
                        f'{shortened(names)}; name those of the commands, in their order: --joints'
                        + f' {shortened(labels)}' * bool(labels))
     times, received = found.logged, motion.logged
-    period = np.median(np.diff(np.sort(stamps)))
-    if (np.diff(stamps) < -_BACK * period).sum() > _BACK:
+    if (np.diff(stamps) < -_BACK * np.median(np.diff(np.sort(stamps)))).sum() > _BACK:
         raise CtcError(f'{topic.bag.path}: stamps of the states run to and fro in the order in '
                        'which they were recorded: was the clock of the recorder set back, or are '
                        'there two publishers of joint states? Record it again')

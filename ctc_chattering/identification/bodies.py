@@ -151,9 +151,8 @@ class ConsistentBodies:
 
     def torque(self, change: Array) -> Array:
         """Return the root mean square of each joint's torque by a change, shape (n,) [N·m]."""
-        found: Array = np.sqrt(np.maximum(
-            np.einsum('p,ipq,q->i', change, self.estimate.torque, change), 0.0))
-        return found
+        return np.asarray(np.sqrt(np.maximum(
+            np.einsum('p,ipq,q->i', change, self.estimate.torque, change), 0.0)))
 
 
 def consistent(estimate: BodyEstimate, fixed: Sequence[int] = ()) -> ConsistentBodies:
@@ -246,9 +245,8 @@ def _search(lower: Array, wanted: Array, least: Array, n: int) -> Array:
 
     def rest(v: Array) -> Array:
         L = factors(v)
-        found: Array = lower.T @ (np.concatenate(
-            [stacked(L @ L.mT).ravel(), np.square(v[10 * n:-3]), v[-3:]]) - least - wanted)
-        return found
+        return np.asarray(lower.T @ (np.concatenate(
+            [stacked(L @ L.mT).ravel(), np.square(v[10 * n:-3]), v[-3:]]) - least - wanted))
 
     def slope(v: Array) -> Array:
         one = _ALONE @ factors(v)[:, None].mT

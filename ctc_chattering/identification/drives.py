@@ -166,6 +166,8 @@ _FLOOR = 1e-4
 _WORSE, _CLEAR = 2.5, 2.5
 #: Delays on both sides of the best one, without a rate limit, that are looked at.
 _BELOW, _ABOVE = 5, 3
+#: Part of a lag by which a delay that looks like it differs, and by which that is known.
+_ALIKE, _NEAR = 0.5, 0.02
 #: What a lag costs, as the logarithm of some hundred independent windows.
 _PER_LAG = 7.0
 #: Coarse rate limits, at most, the first one in fastest changes of the commands (within a period a
@@ -258,6 +260,9 @@ class DriveProfile:
             key: [] for key in product(self._joints, self._places)}
         self._noise, self._allowed = np.ones(self._n), self._places
         self._unlimited = self._add(np.full(self._n, np.inf))
+        # Delay with lag by which each joint alone acts [s].
+        self._own = {i: min((self._points[i, x][0].squares, phi.period * x[0] + self._points[
+            i, x][0].lag) for x in self._places)[1] for i in self._joints}
         best = min(self._places, key=self._cost)[0]
         near = range(best - _BELOW, best + _ABOVE + 1)
         self._places = [x for x in self._places if x[0] in near]
@@ -404,11 +409,15 @@ class DriveProfile:
                 break
             rate = rate / _RATIO
         rates: list[Array] = []
-        for _ in range(_FINER):
+        for turn in range(_FINER):
             low, _, high = self._rate_table(fastest)
+            # Where none shows, once, as the true one may be between coarse ones.
+            near = (low > 0.0) & (np.isfinite(high) | (turn == 0))
+            if not near.any():
+                break
             high = np.where(np.isfinite(high), high, _RATIO * low)
-            ratio = np.where(low > 0.0, high, 1.0) / np.where(low > 0.0, low, 1.0)
-            rates = [np.where(low > 0.0, low * ratio ** part, np.inf)
+            ratio = np.where(near, high, 1.0) / np.where(near, low, 1.0)
+            rates = [np.where(near, low * ratio ** part, np.inf)
                      for part in np.linspace(0.0, 1.0, _WITHIN)]
             for rate in rates:
                 self._add(rate)
@@ -434,8 +443,13 @@ class DriveProfile:
             places = [x for x in self._allowed if x[0] == delay]
             delays[delay] = np.zeros((3, self._n))
             for i in self._joints:
-                delays[delay][:, i] = self._lags(
+                low, lag, high = self._lags(
                     i, places, levels if limited[i] else [self._unlimited])
+                # A delay of this joint alone looks like a lag that is about as long.
+                own = self._own[i] - self._phi.period * delay
+                if abs(own - lag) < _ALIKE * lag:
+                    low, high = min(low, (1.0 - _NEAR) * own), max(high, (1.0 + _NEAR) * own)
+                delays[delay][:, i] = low, lag, high
             cost[delay] = _PER_LAG * int((delays[delay][1] > 0.0).sum()) + min(
                 map(self._cost, places))
         return DriveSet(delays, min(cost, key=lambda d: cost[d], default=0), rate)

@@ -108,8 +108,7 @@ def sticking(model: Model, positions: Array, kp: Array, friction: AssumedFrictio
 
     """
     inverse = np.array([np.linalg.inv(np.array(model.mass_matrix(q.tolist()))) for q in positions])
-    distance: Array = (np.abs(inverse) @ friction.coulomb).max(axis=0) / kp
-    return distance
+    return np.asarray((np.abs(inverse) @ friction.coulomb).max(axis=0) / kp)
 
 
 def gains(kp: Array, kv: Array, hold: Array, slow: Array, delay: float) -> tuple[Array, Array]:

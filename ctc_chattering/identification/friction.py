@@ -347,9 +347,9 @@ def _final(data: Data, terms: Sequence[Term], design: Array,
             known = [x._replace(which=float(np.clip(
                 x.which + step[x], 0.0, len(STRIBECK) - 1.0))) if x in step else x for x in known]
         errors = spread(fit, data.starts)
-        weak = {(term.kind, term.joint) for term, value, e in zip(
-            fit.terms, fit.value, errors.error)
-            if term.kind in (TermKind.STRIBECK, TermKind.LOAD) and value < _CLEAR * e}
+        # By kind and joint: the velocity may have been refined once more after the fit.
+        weak = [(x.kind, x.joint) for x, value, e in zip(fit.terms, fit.value, errors.error)
+                if x.kind in (TermKind.STRIBECK, TermKind.LOAD) and value < _CLEAR * e]
         if not weak:
             break
         missing.update(dict.fromkeys(weak, NONE))
@@ -524,18 +524,16 @@ _NOTHING = 1e-4
 _SIDE = 'check the description and what the effort is (--effort)'
 
 
-def physical(friction: Sequence[JointFriction], joints: Sequence[str]) -> Iterator[Finding]:
+def physical(friction: Sequence[JointFriction]) -> Iterator[Finding]:
     """Yield numbers of friction that no joint can have."""
     for i, one in enumerate(friction):
         for what, number in (('Coulomb friction', one.coulomb), ('viscous friction', one.viscous)):
             least = _NOTHING * abs(one.coulomb.value or 0.0)
             if number.value is not None and number.value < -least:
-                yield Finding(Kind.NEGATIVE_FRICTION, i, (
-                    f'{joints[i]}: {what} of {number}, allowed: at least 0; the model, the '
-                    'torque signal or its side of the gear is wrong'), _SIDE,
-                    -number.value / max(number.half, 1e-300))
+                yield Finding(Kind.NEGATIVE_FRICTION, i, f'{what} of {number}, allowed: at least '
+                              '0; the model, the torque signal or its side of the gear is wrong',
+                              _SIDE, -number.value / max(number.half, 1e-300))
         load = one.load.value
         if load is not None and not 0.0 <= load < Kind.LOAD.refused:
-            yield Finding(Kind.LOAD, i, (
-                f'{joints[i]}: friction of {load:.2f} times the load, allowed: 0 to '
-                f'{Kind.LOAD.refused:g}'), _SIDE, inf)
+            yield Finding(Kind.LOAD, i, f'friction of {load:.2f} times the load, allowed: 0 to '
+                          f'{Kind.LOAD.refused:g}', _SIDE, inf)

@@ -41,8 +41,9 @@ from ctc_chattering.identification.verdict import verdicts
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
 
-#: Time in which friction may change its sign [s], and least rate to ask for [N·m/s].
-_REVERSAL, _LEAST = 0.02, 1.0
+#: Times in which friction may change its sign, and drives without torque carry the arm [s]; and
+#: least rate to ask for [N·m/s].
+_REVERSAL, _CARRIED, _LEAST = 0.02, 0.05, 1.0
 #: Largest product of observer bandwidth and lag, and bandwidth without a lag [rad/s].
 _LAG, _BANDWIDTH = 0.3, 1200.0
 #: Parts of the fastest pole that are tried in turn.
@@ -53,15 +54,16 @@ Gains = dict[str, tuple[object, str]]
 GAINS = (100.0, 50.0)
 
 
-def torque_rate(found: Identification, fastest: Array, given: Sequence[float] = ()
-                ) -> tuple[Array, list[Finding]]:
+def torque_rate(found: Identification, fastest: Array, given: Sequence[float] = (),
+                weight: Array | float = 0.0) -> tuple[Array, list[Finding]]:
     """
     Return `torque_rate_limit`, shape (n,) [N·m/s], and findings on the drives.
 
-    It is what friction and motion need, and never more than drives have: a drive that is slower
-    than the law is told makes the loop diverge; one that is faster costs little. Where the lag is
-    inverted, commands change by up to R (2 T + h) a period; of drives whose rate is known, R is so
-    small that this is within what they do in a period, if that is enough.
+    It is what friction and motion need, and what carries the arm at the start, when drives may be
+    without torque; and never more than drives have: a drive that is slower than the law is told
+    makes the loop diverge; one that is faster costs little. Where the lag is inverted, commands
+    change by up to R (2 T + h) a period; of drives whose rate is known, R is so small that this is
+    within what they do in a period, if that is enough.
 
     Parameters
     ----------
@@ -71,6 +73,8 @@ def torque_rate(found: Identification, fastest: Array, given: Sequence[float] = 
         How fast the model's torque changes, as fast as the limits allow [N·m/s].
     given : sequence of float, shape (n,), optional
         Rate that the drives allow [N·m/s].
+    weight : ndarray, shape (n,), or float
+        Largest torque of the model at rest, in the poses of the run [N·m].
 
     """
     # The largest friction near 0 velocity.
@@ -92,7 +96,8 @@ def torque_rate(found: Identification, fastest: Array, given: Sequence[float] = 
         findings.append(Finding(
             Kind.NOTE, ALL_JOINTS, 'the rate of the drives is not known', 'give --torque-rate '
             'where a drive is slower than the torque_rate_limit that is recommended'))
-    return np.where(np.isfinite(known), np.clip(needed, least, known), needed), findings
+    wanted = np.maximum(needed, weight / _CARRIED)
+    return np.where(np.isfinite(known), np.clip(wanted, least, known), wanted), findings
 
 
 def longest_lag(found: Identification) -> Array:
@@ -184,7 +189,9 @@ def recommend(found: Identification, run: MeasuredPerturbation, model: Model,
     """
     (delay, lag), longest = found.timing.drive, float(longest_lag(found).max())
     bound = perturbation_bound(found, run, model)
-    slope, slow = torque_rate(found, bound.change, rate)
+    weight = [np.abs(model.inverse_dynamics(q.tolist(), *2 * ([0.0] * model.n,)))
+              for q in found.positions.poses]
+    slope, slow = torque_rate(found, bound.change, rate, np.max(weight, axis=0))
     level = [max(0.0, x.coulomb.value or 0.0) for x in found.friction]
     usable = [x.usable for x in verdicts(found)]
     bandwidth = min(_BANDWIDTH, _LAG / longest) if longest else _BANDWIDTH
@@ -201,8 +208,8 @@ def recommend(found: Identification, run: MeasuredPerturbation, model: Model,
                   reason) for name, values, reason in (
             ('ka', bound.ka, bound.reason), ('friction_level', level, 'the Coulomb friction'),
             ('torque_rate_limit', slope, 'what a reversal of friction within '
-             f'{_REVERSAL:g} s and the fastest motion need, within the rate of the drives where '
-             'it is known'))}}
+             f'{_REVERSAL:g} s, the weight within {_CARRIED:g} s at the start and the fastest '
+             'motion need, within the rate of the drives where it is known'))}}
     # The coarsest step of an encoder, or the noise of positions, if that is more.
     resolution = max(float(found.positions.noise.max()), *(x.value or 0.0 for x in found.encoder))
     options = tuple({**shared, **_poles(found, x, resolution)} for x in SLOWER)

@@ -235,8 +235,6 @@ def solve(data: Data, terms: Sequence[Term]) -> Fit:
     counts = np.maximum(used.sum(axis=0), 1.0)
     scale = np.square(y).sum(axis=0) / counts
     weight = 1.0 / np.where(scale > 0.0, scale, 1.0)
-    value = np.zeros(len(terms))
-    residual = y
     normals, rights = map(np.array, zip(*(
         (x.T @ x, x.T @ y[:, i]) for i in joints for x in [data.columns(terms, i)])))
     for _ in range(_ITERATIONS):
@@ -275,9 +273,8 @@ def coefficients(columns: Array, y: Array) -> Array:
 def inverted(normal: Array) -> Array:
     """Return the inverse of a normal matrix, its columns scaled to the same length."""
     length = np.sqrt(np.where(normal.diagonal() > 0.0, normal.diagonal(), 1.0))
-    found: Array = np.linalg.pinv(normal / np.outer(length, length), 1e-13, True) / np.outer(
-        length, length)
-    return found
+    sizes = np.outer(length, length)
+    return np.asarray(np.linalg.pinv(normal / sizes, 1e-13, True) / sizes)
 
 
 #: Distances of windows that do not overlap any more, and independent errors that a run has.

@@ -46,8 +46,8 @@ import numpy as np
 _TURN = 3e-3
 #: Part of a direction that lies among others from which on it is one of them.
 _PART = 1e-6
-#: Least half of an interval of a torque scale.
-_TRUSTED = 1e-4
+#: Least half of an interval of a torque scale, and the part of a number's size that is rounding.
+_TRUSTED, _ROUNDING = 1e-4, 1e-8
 #: Mean of the sign of a torque, or of that times the direction, from which on it has that sign.
 _ALONG = 0.9
 _RECORD = 'record a motion with more speed and larger accelerations of all joints'
@@ -78,8 +78,7 @@ def turned_gravity(selected: Selected, columns: ErrorColumns | None) -> Array | 
         down = columns.prior[-3:]
         if cause.kind == CauseKind.GRAVITY and (
                 np.linalg.norm(value) > _TURN * np.linalg.norm(down)):
-            after: Array = down + columns.directions @ value
-            return after
+            return np.asarray(down + columns.directions @ value)
     return None
 
 
@@ -106,9 +105,11 @@ class ModelVerdict:
         self._candidates, index = candidates, 0
         self._found: list[tuple[Cause, list[Estimate]]] = []
         for cause in selected.believed.causes if selected.believed else ():
+            # Of what no window shows, as dead bands of commands that chatter, there is rounding.
             self._found.append((cause, [
-                Estimate(*selected.combined({Term(TermKind.MODEL, -1, index + k): 1.0}))
-                for k in range(len(cause.size))]))
+                Estimate(*x) if max(map(abs, x)) > _ROUNDING * size else Estimate(0.0)
+                for k, size in enumerate(cause.size)
+                for x in [selected.combined({Term(TermKind.MODEL, -1, index + k): 1.0})]]))
             index += len(cause.size)
 
     def errors(self) -> list[tuple[ModelError, Estimate]]:
@@ -161,7 +162,7 @@ class ModelVerdict:
         if known is not None and projected is not None:
             for i in projected.joints:
                 half = 2.0 * projected.deviation(known, i, kind=CauseKind.DEAD_BAND)
-                sign = np.sign(data.bent[:, i, 0]) * np.abs(data.way[:, i])
+                sign = np.sign(data.torque[:, i]) * np.abs(data.way[:, i])
                 least = _ALONG * float(np.square(sign).sum())
                 found[i] = Estimate.none(
                     f'{NONE_ABOVE}{half:.2g} N*m' if half < TOLD * levels[i] else
@@ -220,10 +221,9 @@ class ModelVerdict:
                 + '; intervals of friction contain both'), _RECORD)
         for i, scale in enumerate(self.scale()):
             if scale.value is not None and scale.half > Kind.SCALE_INTERVAL.care:
-                yield Finding(Kind.SCALE_INTERVAL, i, (
-                    f'{self._joints[i]}: the motion shows the scale of its torque to '
-                    f'±{scale.half:.0%} only: friction is as wrong as the torque constant'), (
-                    f'{_RECORD}, or with a known payload'), scale.half)
+                yield Finding(Kind.SCALE_INTERVAL, i, 'the motion shows the scale of its torque '
+                              f'to ±{scale.half:.0%} only: friction is as wrong as the torque '
+                              'constant', f'{_RECORD}, or with a known payload', scale.half)
 
     def _words(self, cause: Cause, numbers: Sequence[Estimate]) -> str:
         """Return what a cause does, with its numbers."""

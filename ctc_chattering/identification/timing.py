@@ -175,8 +175,7 @@ class Profile:
 
     def unexplained(self, torque: Array, i: int) -> Array:
         """Return what is left of torques of joint i in its rows, shape (rows, ...) [N·m]."""
-        rest: Array = torque - self._bases[i] @ (self._bases[i].T @ torque)
-        return rest
+        return np.asarray(torque - self._bases[i] @ (self._bases[i].T @ torque))
 
     def squares(self, delay: float) -> Array:
         """Return the sum of squares of each joint without a lag, shape (n,) [(N·m)²]."""
@@ -260,9 +259,9 @@ def _of_commands(parts: Sequence[Stretch], rows: Sequence[Rows], phi: TestFuncti
 def _fastest(parts: Sequence[Stretch]) -> Array:
     """Return the fastest change of the commands of each joint, shape (n,) [N·m/s]."""
     # Joint by joint, for long series.
-    found: Array = np.max([[np.nan_to_num(np.abs(np.diff(x))).max() / part.period
-                            for x in np.asarray(has(part, COMMAND)).T] for part in parts], axis=0)
-    return found
+    return np.asarray(np.max([[
+        np.nan_to_num(np.abs(np.diff(x))).max() / part.period
+        for x in np.asarray(has(part, COMMAND)).T] for part in parts], axis=0))
 
 
 #: Part of the longest lag that is looked for that counts as it.

@@ -203,5 +203,4 @@ def reversals(q: Array, slide: Array) -> Reversals:
 def way_since_reversal(q: Array, turns: Reversals, samples: Indices) -> Array:
     """Return how far a joint at q has come since its last reversal; inf without one [rad]."""
     ends, places = turns
-    since: Array = np.abs(q - np.append(np.inf, places)[np.searchsorted(ends, samples)])
-    return since
+    return np.asarray(np.abs(q - np.append(np.inf, places)[np.searchsorted(ends, samples)]))

@@ -1,5 +1,5 @@
 // Runs an exported controller of two joints as a controller manager does, by lines of commands:
-// `rate HZ`, `configure`, `activate`, `deactivate`, `gain NAME X X`, `publishers N`,
+// `rate HZ`, `timeout S`, `configure`, `activate`, `deactivate`, `gain NAME X X`, `publishers N`,
 // `reference T POINTS` and a line `T q q dq dq ddq ddq` for each, `update T q dq q dq`. After each
 // a line of what was returned (0 is good) and both torques; after an update also q_d, e and
 // what ~/torques has. An update that allocates or frees ends the program.
@@ -39,6 +39,10 @@ int main()
     int result = 0;
     if (command == "rate") {
       std::cin >> controller.rate;
+    } else if (command == "timeout") {
+      std::string text;
+      std::cin >> text;
+      controller.node->parameters.insert_or_assign("reference_timeout", std::stod(text));
     } else if (command == "configure") {
       result = static_cast<int>(controller.on_configure({}));
     } else if (command == "activate") {

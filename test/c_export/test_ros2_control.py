@@ -164,8 +164,11 @@ def test_an_oscillating_feedback_trips_until_it_is_activated_again(tmp_path: Pat
     assert (found[-1][0], any(found[-1][1:3])) == (GOOD, True)
 
 
-def test_another_rate_and_wrong_gains_are_refused(program: Path) -> None:
+def test_another_rate_timeout_and_wrong_gains_are_refused(program: Path) -> None:
     found = run(program, 'rate 500', 'configure', 'rate 1000', 'configure', 'gain kp 200 1e5',
                 'gain kp nan 200', 'gain kv 0 50', 'gain ka 0 11', 'gain ka 2000 11',
                 'gain ka 900 11')
     assert [x[0] for x in found] == [0, 2, 0, 0, FAILED, FAILED, FAILED, GOOD, FAILED, GOOD]
+    found = run(program, *(line for x in ('inf', 'nan', '0', '-1', '0.5')
+                           for line in (f'timeout {x}', 'configure')))
+    assert [x[0] for x in found[1::2]] == [2, 2, 2, 2, GOOD]

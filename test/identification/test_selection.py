@@ -119,22 +119,21 @@ def test_a_dead_band_has_a_number_or_is_in_coulomb_friction(band: float) -> None
     assert hidden.reason == 'in Coulomb friction (no torque is against the motion)'
     for i, more in enumerate((0.0, band)):
         assert joint_friction(found, i).coulomb.value == pytest.approx(COULOMB + more, rel=1e-3)
+    # Where commands chatter it has no column.
+    data = dataclasses.replace(data, bent=data.bent * [[1.0], [0.0]])
+    found = select(data, ('a', 'b'), columns, causes(columns, ('a', 'b'), [], np.ones(2)))
+    verdict = ModelVerdict(found, columns, [], ('a', 'b'))
+    assert verdict.dead_band(data, [COULOMB] * 2)[1].reason == hidden.reason
 
 
-def test_a_term_that_is_weak_goes_while_its_velocity_is_not_found_yet(
+def test_a_weak_term_goes_though_its_velocity_was_refined_last(
         monkeypatch: pytest.MonkeyPatch) -> None:
-    """Velocities of Stribeck friction that is none may go to and fro without an end."""
-    data, _ = random_windows(np.zeros(2), noise=0.1)
-    slow = data.way[:, :, None] * np.exp(-np.square(data.velocity[:, :, None] / STRIBECK))
-    spread, fits = friction.spread, []
-    monkeypatch.setattr(friction, '_REFINEMENTS', 1)
-    monkeypatch.setattr(friction, 'spread', lambda *x: fits.append(x[0].terms) or spread(*x))
-    missing: dict[tuple[TermKind, int], str] = {}
-    friction._final(dataclasses.replace(data, stribeck=slow), [
-        *TERMS, Term(TermKind.STRIBECK, 0, 9.0)],
-        np.zeros((2, data.more.shape[2] + 3, 0)), missing)
-    assert len(fits) == 2 and fits[1] == tuple(TERMS)
-    assert missing == {(TermKind.STRIBECK, 0): 'none shows'}
+    """No velocity fits friction that is none, so the refinement of it does not settle."""
+    monkeypatch.setattr(friction, 'further_terms', lambda *_: [Term(TermKind.STRIBECK, 0, 12)])
+    data, columns = random_windows(np.zeros(2))
+    shown = data.way[..., None] * np.exp(-np.square(data.velocity[..., None] / STRIBECK))
+    found = select(dataclasses.replace(data, stribeck=shown), ('a', 'b'), columns)
+    assert joint_friction(found, 0).stribeck.shows_none
 
 
 TERMS = [Term(kind, i) for i in range(2) for kind in (TermKind.FORWARDS, TermKind.BACKWARDS)]

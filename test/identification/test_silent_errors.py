@@ -80,6 +80,9 @@ def test_a_delay_of_one_joint_is_a_lag_or_a_delay() -> None:
     found = made.results
     heads = {head for table in found.tables() for head in table.heads}
     assert 'lag, or delay of this joint' in heads
+    low, _, high = found.found.timing.delays[0]
+    own = 1e-3 * np.asarray(case('two_link_urdf', 'joint_delay', 7500, DURATION).own_delay)
+    assert (low <= own).all() and (own <= high).all()
 
 
 @pytest.mark.parametrize(('robot', 'fault', 'seed', 'name'), [

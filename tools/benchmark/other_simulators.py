@@ -51,6 +51,8 @@ class Rollout:
         plant = MujocoPlant(setup.plant, setup.descriptions['plant'])
         self._model, self._data = plant.mjmodel, plant.mjdata
         self._order = [self._model.joint(name).id for name in setup.plant.joint_names]
+        # The plant sets it in each step.
+        self._model.dof_frictionloss[self._order] = setup.plant.coulomb_friction
         self._torques = np.zeros((1, len(run.t) - 1, len(limit)))
         self._torques[0][:, self._order] = np.clip(run.tau[:-1], -limit, limit)
         what = self._mujoco.mjtState.mjSTATE_FULLPHYSICS

@@ -101,7 +101,14 @@ public:
         get_update_rate(), CTC_PERIOD);
       return CallbackReturn::ERROR;
     }
-    grace_ = std::llround(1e9 * node->get_parameter("reference_timeout").as_double());
+    const double timeout = node->get_parameter("reference_timeout").as_double();
+    if (!(timeout > 0.0 && timeout <= 1e9)) {
+      RCLCPP_ERROR(
+        node->get_logger(), "reference_timeout: %g s is not allowed; allowed: > 0 and <= 1e+09",
+        timeout);
+      return CallbackReturn::ERROR;
+    }
+    grace_ = std::llround(1e9 * timeout);
     decimation_ = std::max<int64_t>(node->get_parameter("state_decimation").as_int(), 1);
     Gains gains;
     const auto wrong = taken(
