@@ -23,7 +23,7 @@ reference and law; here joint states are enough.
 from __future__ import annotations
 
 from array import array
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import closing
 import dataclasses
 from functools import cache
@@ -43,6 +43,7 @@ from ctc_chattering.bags.recording import (
 from ctc_chattering.bags.repair import open_bag
 from ctc_chattering.control.controller import ControllerConfig, LAWS
 from ctc_chattering.control.controller_config import SWITCHINGS
+from ctc_chattering.dynamics.registry import locked_positions
 from ctc_chattering.dynamics.urdf_parser import Tree
 from ctc_chattering.errors import CtcError, near, refused_as, shortened
 from ctc_chattering.numerics.linear_algebra import Array
@@ -67,6 +68,8 @@ _SEVERAL, _SMOOTH = 1.5, 1.5
 _BACK = 20
 #: Fewest messages for each state with a torque that the robot reports.
 _TOO_FEW = 0.8
+#: Distance from where the model has it of a joint that is not asked for [rad or m].
+_ELSEWHERE = 0.02
 #: Difference from positions or velocities, as a part of their deviation, of what is no torque.
 _LIKE_MOTION = 0.05
 
@@ -260,7 +263,9 @@ def read_motion(path: str | Path, joints: Sequence[str] = (), description: str =
         # All are not needed, and long series are large.
         dq = dq if dq is None or len(dq) <= VELOCITIES else dq[:VELOCITIES].copy()
         motion = motion._replace(values=(q,) if dq is None else (q, dq))
-        notes, found = [], None
+        notes = _left_out(source, names, description, locked_positions(
+            controller.locked if controller else ())) if joints and description else []
+        found = None
         try:
             topic = _topic(bag, commands, '--commands', MULTI_ARRAY, ('data',))
             found = _command(topic, names, motion, stamps)
@@ -290,6 +295,18 @@ def _joints(states: SignalTopic, description: str) -> tuple[str, ...]:
         raise CtcError(f'{states.bag.path}: the description has the joints {shortened(movable)}; '
                        f'the states have {shortened(in_states)}')
     return found
+
+
+def _left_out(states: SignalTopic, names: tuple[str, ...], description: str,
+              locked: Mapping[str, float]) -> list[str]:
+    """Return which joints that are not asked for are elsewhere than the model has them."""
+    known, _ = states.names()
+    others = tuple(x for x in Tree(description).movable if x in known and x not in names)
+    ends = [(x, q.min(), q.max(), locked.get(x, 0.0)) for x, q in zip(
+        others, states.read(others).values[0].T)] if others else []
+    return [f'{name} is none of --joints: it is at {low:.3g} to {high:.3g} in the bag, and fixed '
+            f'at {at:g} in the model' for name, low, high, at in ends
+            if max(at - low, high - at) > _ELSEWHERE]
 
 
 def _command(topic: SignalTopic, names: tuple[str, ...], motion: Signal, stamps: Indices

@@ -24,14 +24,7 @@ import re
 import tempfile
 from typing import Any
 
-from ctc_chattering.bags.bag import (
-    Bag,
-    damaged,
-    index_of,
-    mapped,
-    RECORD,
-    unpacked_chunk,
-)
+from ctc_chattering.bags.bag import Bag, damaged, index_of, mapped, RECORD, unpacked_chunk
 from ctc_chattering.bags.writer import BagWriter, QOS
 from ctc_chattering.errors import CtcError
 from mcap.records import Channel, Message, Schema

@@ -21,13 +21,7 @@ from pathlib import Path
 
 from ctc_chattering.analysis.output import prepare
 from ctc_chattering.cli.command_line import say
-from ctc_chattering.cli.options import (
-    add_bag,
-    add_number,
-    add_output,
-    add_own,
-    own,
-)
+from ctc_chattering.cli.options import add_bag, add_number, add_output, add_own, own
 from ctc_chattering.errors import CtcError
 from ctc_chattering.parameters import LEAST
 

@@ -25,25 +25,13 @@ from ctc_chattering.analysis.output import prepare
 from ctc_chattering.analysis.tables import fitted, paragraph
 from ctc_chattering.bags.motion import read_motion
 from ctc_chattering.cli.command_line import say
-from ctc_chattering.cli.options import (
-    add_declared,
-    add_number,
-    add_output,
-    add_params_file,
-    words,
-)
+from ctc_chattering.cli.options import add_declared, add_number, add_output, add_params_file, words
 from ctc_chattering.cli.presentation import print_page
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.configuration.package_share import find_config, read_description
 from ctc_chattering.errors import CtcError, given_by_user
 from ctc_chattering.identification.effort import CURRENT, LINK, MOTOR
-from ctc_chattering.identification.excite import (
-    excite,
-    MOTION,
-    Plan,
-    RUN,
-    write_excitation,
-)
+from ctc_chattering.identification.excite import excite, MOTION, Plan, RUN, write_excitation
 from ctc_chattering.identification.identified_robot import (
     IdentifiedRobot,
     identify,
@@ -154,8 +142,8 @@ def identify_options(parser: argparse.ArgumentParser) -> None:
     add_declared(parser, TORQUE_RATE)
     parser.add_argument('--payload', action='append', type=payload, metavar='KG@LINK', default=[],
                         help='known payload at the origin of a link, as 1.3@tool0, for each bag '
-                             'in turn, 0 for none. A run with and one without it tell torque '
-                             'constants from masses')
+                             'in turn, 0 for none; without a link, at the tip. A run with and one '
+                             'without it tell torque constants from masses')
     add_number(parser, '--trials', 'number of simulated robots, drawn within the intervals, on '
                'which the gains are tried; default: 24, or 8 without numba; 0 for none', minimum=0)
     add_output(parser, 'identified')
@@ -174,7 +162,7 @@ def run_identify(options: argparse.Namespace) -> int:
     for note in [note for motion in motions for note in motion.notes]:
         say(note)
     out = prepare(options.out, NAMES, options.overwrite)
-    with given_by_user(('torque_rate', 'torque_constant')):
+    with given_by_user(('torque_rate', 'torque_constant', 'payloads')):
         # Motions are not kept here: long ones are large.
         found = identify([motions.pop(0) for _ in options.bags], options.model, urdf,
                          options.gravity, options.effort or '', options.torque_rate or (),

@@ -201,12 +201,32 @@ def _verify(model: UrdfModel, parameters: Array, rotor: Sequence[float]) -> None
 NAME, _RADIUS = 'ctc_chattering_payload', 0.05
 
 
+def tip_of(description: str, joint_names: Sequence[str]) -> str:
+    """
+    Return the last link that follows the last joint of an arm over fixed joints only.
+
+    Raises
+    ------
+    CtcError
+        If the description is no URDF, or lacks the joint.
+
+    """
+    tree = Tree(description)
+    if joint_names[-1] not in tree.joints:
+        raise ParameterError('joint_names', tuple(joint_names), 'joints of the description')
+    end = tree.ends[joint_names[-1]][1]
+    for name, (parent, child) in tree.ends.items():  # From the root outwards.
+        if parent == end and name not in tree.joints:
+            end = child
+    return end
+
+
 def with_payload(description: str, joint_names: Sequence[str], mass: float, link: str = ''
                  ) -> str:
     """
     Return a URDF with a sphere of 5 cm fixed to the end of the arm, or at the origin of a link.
 
-    The end is the origin of the last link that follows the last joint over fixed joints only.
+    The end is the origin of the link that `tip_of` returns.
 
     Parameters
     ----------
@@ -227,15 +247,10 @@ def with_payload(description: str, joint_names: Sequence[str], mass: float, link
     """
     robot = parse_description(description)
     tree = Tree(robot)
-    if joint_names[-1] not in tree.joints:
-        raise ParameterError('joint_names', tuple(joint_names), 'joints of the description')
     if link and link not in tree.links:
         raise CtcError(f'payload: no link is called {link}; allowed: {", ".join(tree.links)}'
                        f'{near(link, tree.links)}')
-    end = link or tree.ends[joint_names[-1]][1]
-    for name, (parent, child) in tree.ends.items():  # From the root outwards.
-        if not link and parent == end and name not in tree.joints:
-            end = child
+    end = link or tip_of(description, joint_names)
     inertia = f'{0.4 * mass * _RADIUS ** 2!r}'
     inertial = ET.SubElement(ET.SubElement(robot, 'link', name=NAME), 'inertial')
     ET.SubElement(inertial, 'mass', value=repr(mass))

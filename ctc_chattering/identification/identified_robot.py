@@ -28,7 +28,7 @@ from ctc_chattering.analysis.compilation import compile_setups, has_compiler
 from ctc_chattering.analysis.output import check_format, prepare, write_json, write_text, writing
 from ctc_chattering.bags.recording import RecordedMotion, Recording
 from ctc_chattering.configuration import parameter_file
-from ctc_chattering.dynamics.corrected_urdf import corrected_urdf, with_payload
+from ctc_chattering.dynamics.corrected_urdf import corrected_urdf, tip_of, with_payload
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.dynamics.registry import locked_positions, make_model
 from ctc_chattering.errors import ParameterError, UsageError
@@ -261,9 +261,12 @@ def identify(motions: Sequence[RecordedMotion], model: str = '', urdf: str = '',
     if not all(0.0 <= mass < inf for mass, _ in payloads):
         raise ParameterError('payloads', payloads, 'pairs of a mass >= 0 [kg] and a link')
     if payloads and (len(payloads) != len(motions) or not robot.files):
-        raise ParameterError('payloads', payloads,
-                             f'{len(motions)}, one for each motion, of a URDF')
-    notes = [note for x in motions for note in x.notes]
+        raise ParameterError('payloads', payloads, f'{len(motions)} pairs, one for each motion, '
+                             'with mass 0 for none, of a URDF')
+    payloads = [(mass, link or tip_of(robot.files[ROBOT], joints)) for mass, link in payloads]
+    notes = [note for x in motions for note in x.notes] + [
+        f'{x.recording.name}: a payload of {mass:g} kg, a ball of 5 cm radius, at the origin of {link}'
+        for x, (mass, link) in zip(motions, payloads) if mass]
     # Velocities are needed no more: long ones are large.
     velocities = velocity_noise(recordings[0], regression.common_period(recordings))
     recordings = [dataclasses.replace(x, dq=None) for x in recordings]

@@ -27,13 +27,7 @@ from ctc_chattering.analysis import page
 from ctc_chattering.analysis.markup import fragment
 from ctc_chattering.analysis.page import FigureFile
 from ctc_chattering.analysis.tables import fitted, paragraph, shown, Table
-from ctc_chattering.identification.findings import (
-    ALL_JOINTS,
-    Estimate,
-    NONE,
-    NONE_ABOVE,
-    Severity,
-)
+from ctc_chattering.identification.findings import ALL_JOINTS, Estimate, NONE, NONE_ABOVE, Severity
 from ctc_chattering.identification.gains import Recommendation
 from ctc_chattering.identification.identify import Identification
 from ctc_chattering.identification.perturbation import MeasuredPerturbation
@@ -102,8 +96,10 @@ class IdentificationResults:
     def tables(self) -> Iterator[Table]:
         """Yield the tables of terminal and page."""
         found = self.found
-        yield self._table('Friction', {name: [cell(getattr(x, key)) for x in found.friction]
-                                       for key, name in FRICTION.items()})
+        # A bound of Stribeck friction is one of its velocity.
+        yield self._table('Friction', {name: [
+            'none' if key == 'stribeck' and x.stribeck.shows_none else cell(getattr(x, key))
+            for x in found.friction] for key, name in FRICTION.items()})
         yield self._table('Sensors', {name: list(map(cell, getattr(found, key)))
                                       for key, _, name in _SENSORS}, True)
         yield self._table('Motors and drives', {

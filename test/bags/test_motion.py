@@ -102,6 +102,17 @@ def test_joints_are_those_of_the_description(tmp_path: Path) -> None:
     assert found.recording.effort == pytest.approx(x.command)
 
 
+@pytest.mark.parametrize('moves', [True, False])
+def test_a_joint_that_is_not_asked_for_and_moves_is_said(tmp_path: Path, moves: bool) -> None:
+    """The model has it fixed at 0."""
+    x = made().recording
+    path = write(tmp_path / 'bag', messages_of(
+        x.t, urdfs.TWO_LINKS, x.q * [moves, 1.0], None, None, x.command, urdf=urdfs.two_links()))
+    found = read_motion(path, urdfs.TWO_LINKS[1:]).notes
+    assert len(found) == moves and all(f'{urdfs.TWO_LINKS[0]} is none of --joints: it is at'
+                                       in note and 'fixed at 0' in note for note in found)
+
+
 def test_an_effort_of_zeros_or_of_some_joints_is_none(tmp_path: Path) -> None:
     some = made().run.tau.copy()
     some[:, 1] = np.nan

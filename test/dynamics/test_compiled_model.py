@@ -21,7 +21,7 @@ from typing import Any
 
 from ctc_chattering.compiled.records import packed, record_of
 from ctc_chattering.dynamics.compiled_model import arm_of, KeptTerms, set_mass_and_bias, set_terms
-from ctc_chattering.dynamics.corrected_urdf import with_payload
+from ctc_chattering.dynamics.corrected_urdf import tip_of, with_payload
 from ctc_chattering.dynamics.model import Model, Scaled
 from ctc_chattering.dynamics.tree import body_scratch
 from ctc_chattering.dynamics.two_link import TwoLink
@@ -107,6 +107,7 @@ ROD = """
 def test_it_is_a_mass_at_the_tool() -> None:
     plain = UrdfModel(ROD, ['swing'], G)
     loaded = UrdfModel(with_payload(ROD, ['swing'], 3.0), ['swing'], G)
+    assert tip_of(ROD, ['swing']) == 'tool'
     for q in (0.0, 0.7, -2.0):
         more = loaded.mass_matrix([q])[0][0] - plain.mass_matrix([q])[0][0]
         assert more == pytest.approx(3.0 * 1.0 ** 2 + 0.4 * 3.0 * 0.05 ** 2)
