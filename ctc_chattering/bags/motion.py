@@ -59,9 +59,12 @@ STATE_FIELDS = ('position', 'velocity', 'effort')
 _TRAJECTORY_STATE = 'control_msgs/msg/JointTrajectoryControllerState'
 #: Fields of strings that name joints, as messages call them.
 _NAMES = ('name', 'names', 'joint_names', 'dof_names')
-#: Commands for each state from which on they must be even and smooth, as those of one publisher,
-#: and mean change from a command to the next, as a part of that to the one after it, that is.
-_SEVERAL, _SMOOTH = 1.5, 0.8
+#: Commands for each state from which on they must be even and not to and fro, as those of one
+#: publisher, and mean change from a command to the next over that to the one after it: noise of
+#: velocities that are differences has 1.2.
+_SEVERAL, _SMOOTH = 1.5, 1.5
+#: Steps back of the stamps in the order of receipt, by so many periods, that are of a clock.
+_BACK = 20
 #: Fewest messages for each state with a torque that the robot reports.
 _TOO_FEW = 0.8
 #: Difference from positions or velocities, as a part of their deviation, of what is no torque.
@@ -302,6 +305,10 @@ def _command(topic: SignalTopic, names: tuple[str, ...], motion: Signal, stamps:
                        f'{shortened(names)}; name those of the commands, in their order: --joints'
                        + f' {shortened(labels)}' * bool(labels))
     times, received = found.logged, motion.logged
+    if (np.diff(stamps) < -_BACK * np.median(np.diff(np.sort(stamps)))).sum() > _BACK:
+        raise CtcError(f'{topic.bag.path}: stamps of the states run to and fro in the order in '
+                       'which they were recorded: was the clock of the recorder set back, or are '
+                       'there two publishers of joint states? Record it again')
     if topic.kind != MULTI_ARRAY:
         if len(values) < _TOO_FEW * count:
             raise CtcError(
@@ -313,8 +320,8 @@ def _command(topic: SignalTopic, names: tuple[str, ...], motion: Signal, stamps:
             times = times - int(np.median(np.diff(received)))
     if len(values) > _SEVERAL * count:
         step, (one, two) = np.diff(times), (
-            np.abs(values[k:] - values[:-k]).mean() for k in (1, 2))
-        if np.percentile(step, 25.0) < 0.5 * step.mean() or one > _SMOOTH * two:
+            np.abs(values[k:] - values[:-k]).mean(axis=0) for k in (1, 2))
+        if np.percentile(step, 25.0) < 0.5 * step.mean() or (one > _SMOOTH * two).any():
             raise CtcError(f'{topic.bag.path}: {len(values)} commands for {count} states, uneven '
                            'or to and fro: two publishers of commands? If not, record more states')
     answered = answers(values, times, stamps, received)

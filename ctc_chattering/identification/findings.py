@@ -112,8 +112,9 @@ class Kind(Enum):
     NOTE, DOUBT, NO_NUMBER = (inf, inf), (0.0, inf), (0.5, 0.5)
     #: Part by which friction may be off with what is not explained.
     FRICTION_OFF = (0.02, 0.3)
-    #: Half an interval of Coulomb friction, as a part of it.
-    COULOMB_INTERVAL = (0.2, inf)
+    #: Half an interval of Coulomb friction, as a part of it; where the model has errors without a
+    #: cause, which the interval contains.
+    COULOMB_INTERVAL, COULOMB_IN_DOUBT = (0.2, inf), (0.2, inf)
     #: Half the difference of both directions as a part of Coulomb friction; under a load of one
     #: sign, and otherwise.
     ONE_SIDED, UNEVEN = (0.05, inf), (0.5, inf)
@@ -132,6 +133,12 @@ class Kind(Enum):
     IMPOSSIBLE_BODY, INERTIA = (0.01, 0.05), (2.0, 2.0)
     #: A joint whose friction another motion would show: with some of it, and with none.
     MOTION, NO_MOTION = (0.5, inf), (0.0, 0.0)
+
+    def __new__(cls, *_: float) -> Kind:
+        # Two with the same sizes would be one.
+        found = object.__new__(cls)
+        found._value_ = len(cls.__members__)
+        return found
 
     def __init__(self, care: float, refused: float) -> None:
         self.care, self.refused = care, refused

@@ -524,18 +524,16 @@ _NOTHING = 1e-4
 _SIDE = 'check the description and what the effort is (--effort)'
 
 
-def physical(friction: Sequence[JointFriction], joints: Sequence[str]) -> Iterator[Finding]:
+def physical(friction: Sequence[JointFriction]) -> Iterator[Finding]:
     """Yield numbers of friction that no joint can have."""
     for i, one in enumerate(friction):
         for what, number in (('Coulomb friction', one.coulomb), ('viscous friction', one.viscous)):
             least = _NOTHING * abs(one.coulomb.value or 0.0)
             if number.value is not None and number.value < -least:
-                yield Finding(Kind.NEGATIVE_FRICTION, i, (
-                    f'{joints[i]}: {what} of {number}, allowed: at least 0; the model, the '
-                    'torque signal or its side of the gear is wrong'), _SIDE,
-                    -number.value / max(number.half, 1e-300))
+                yield Finding(Kind.NEGATIVE_FRICTION, i, f'{what} of {number}, allowed: at least '
+                              '0; the model, the torque signal or its side of the gear is wrong',
+                              _SIDE, -number.value / max(number.half, 1e-300))
         load = one.load.value
         if load is not None and not 0.0 <= load < Kind.LOAD.refused:
-            yield Finding(Kind.LOAD, i, (
-                f'{joints[i]}: friction of {load:.2f} times the load, allowed: 0 to '
-                f'{Kind.LOAD.refused:g}'), _SIDE, inf)
+            yield Finding(Kind.LOAD, i, f'friction of {load:.2f} times the load, allowed: 0 to '
+                          f'{Kind.LOAD.refused:g}', _SIDE, inf)

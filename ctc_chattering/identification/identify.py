@@ -206,7 +206,7 @@ def identify(recordings: Sequence[Recording], model: Model, candidates: Sequence
     levels = [abs(x.coulomb.value or 0.0) for x in friction]
     bodies, impossible = judged(named.bodies(selected.projected), joints, levels)
     noticed = (*unlike, *timing_findings(found), *signal,
-               *named.findings(), *physical(friction, joints), *impossible,
+               *named.findings(), *physical(friction), *impossible,
                *(x for i, what in enumerate(left) if what for x in findings(i, what)))
     held_out = np.zeros(0)
     if columns is not None and bodies is not None:

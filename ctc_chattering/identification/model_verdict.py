@@ -221,10 +221,9 @@ class ModelVerdict:
                 + '; intervals of friction contain both'), _RECORD)
         for i, scale in enumerate(self.scale()):
             if scale.value is not None and scale.half > Kind.SCALE_INTERVAL.care:
-                yield Finding(Kind.SCALE_INTERVAL, i, (
-                    f'{self._joints[i]}: the motion shows the scale of its torque to '
-                    f'±{scale.half:.0%} only: friction is as wrong as the torque constant'), (
-                    f'{_RECORD}, or with a known payload'), scale.half)
+                yield Finding(Kind.SCALE_INTERVAL, i, 'the motion shows the scale of its torque '
+                              f'to ±{scale.half:.0%} only: friction is as wrong as the torque '
+                              'constant', f'{_RECORD}, or with a known payload', scale.half)
 
     def _words(self, cause: Cause, numbers: Sequence[Estimate]) -> str:
         """Return what a cause does, with its numbers."""

@@ -21,14 +21,7 @@ from math import inf, isfinite
 from typing import Any, NamedTuple
 
 from ctc_chattering.identification.drives import EFFORT
-from ctc_chattering.identification.findings import (
-    ALL_JOINTS,
-    Estimate,
-    Finding,
-    Kind,
-    SETTLED,
-    Severity,
-)
+from ctc_chattering.identification.findings import ALL_JOINTS, Finding, Kind, SETTLED, Severity
 from ctc_chattering.identification.friction import JointFriction
 from ctc_chattering.identification.identify import Identification
 from ctc_chattering.identification.residual_tests import Unexplained
@@ -43,6 +36,7 @@ _SIGN = 0.9
 #: Part of the range of Stribeck velocities that counts as its end.
 _END = 0.97
 _EXCITE = 'record a motion of `ctc excite`'
+_SETTLE = 'first settle the errors of the model and of other joints: its interval contains them'
 
 
 class Verdict(NamedTuple):
@@ -111,17 +105,14 @@ def verdicts(found: Identification, more: Sequence[Finding] = ()) -> list[Verdic
         What was noticed later, as on a second bag.
 
     """
-    everything = [*found.findings, *_bounds(found), *more]
+    known = sorted(dict.fromkeys((*found.findings, *_bounds(found), *more)),
+                   key=lambda x: -x.severity)
+    known = [x for x in known if x.severity > Severity.NOTE or x.kind.care == inf
+             or x.kind == Kind.DELAYS]
     verdicts = []
     for i, name in enumerate(found.joints):
-        # The name stands before the verdict.
-        mine = sorted(dict.fromkeys(x._replace(reason=x.reason.removeprefix(f'{name}: '))
-                                    for x in everything if x.joint in (i, ALL_JOINTS)),
-                      key=lambda x: -x.severity)
-        mine = [x for x in mine if x.severity > Severity.NOTE or x.kind.care == inf
-                or x.kind == Kind.DELAYS]
-        verdicts.append(Verdict(name, max((x.severity for x in mine), default=Severity.NOTE),
-                                tuple(mine)))
+        mine = tuple(x for x in known if x.joint in (i, ALL_JOINTS))
+        verdicts.append(Verdict(name, mine[0].severity if mine else Severity.NOTE, mine))
     return verdicts
 
 
@@ -145,7 +136,7 @@ def _bounds(found: Identification) -> Iterator[Finding]:
             yield Finding(Kind.MOTION, i, 'it slides for too short a time to test what its '
                           'friction depends on', held)
         yield from _directions(found, i, friction)
-        yield from _how_well(i, friction.coulomb, found.timing.source == EFFORT, left)
+        yield from _how_well(found, i, left)
         speed = friction.stribeck_velocity.value
         if speed is not None and not STRIBECK[0] / _END < speed < STRIBECK[-1] * _END:
             yield Finding(Kind.DOUBT, i, f'the Stribeck velocity is {speed:.3g} rad/s, at the end '
@@ -172,19 +163,21 @@ def _directions(found: Identification, i: int, friction: JointFriction) -> Itera
                       'record poses in which the load has the other sign', part)
 
 
-def _how_well(i: int, coulomb: Estimate, measured: bool, left: Unexplained | None
-              ) -> Iterator[Finding]:
+def _how_well(found: Identification, i: int, left: Unexplained | None) -> Iterator[Finding]:
     """Yield that the Coulomb friction of a joint is not known well."""
-    unexplained = left is not None and left.off > 0.0
+    coulomb, attributed = found.friction[i].coulomb, found.selected.attributed
+    measured, unexplained = found.timing.source == EFFORT, left is not None and left.off > 0.0
     part = coulomb.half / max(abs(coulomb.number()), 1e-300)
     if not part < 1.0:
         none = measured or unexplained or not isfinite(part)
         yield Finding(Kind.NO_NUMBER if none else Kind.DOUBT, i,
                       f'no friction shows: Coulomb friction is {coulomb}', f'{_EXCITE}, and say '
-                      'where the torque is measured: behind the gear friction is not in it')
+                      'where the torque is measured: behind the gear friction is not in it'
+                      if attributed or measured else _SETTLE)
     elif not unexplained:
-        yield Finding(Kind.COULOMB_INTERVAL, i, f'Coulomb friction is known to {coulomb} only',
-                      'record a longer motion', part)
+        kind, cure = (Kind.COULOMB_INTERVAL, 'record a longer motion') if attributed else (
+            Kind.COULOMB_IN_DOUBT, _SETTLE)
+        yield Finding(kind, i, f'Coulomb friction is known to {coulomb} only', cure, part)
 
 
 def next_step(verdicts: Sequence[Verdict]) -> str:
@@ -195,8 +188,8 @@ def next_step(verdicts: Sequence[Verdict]) -> str:
     again = [x.joint for x in verdicts if any(
         y.kind in SETTLED and y.severity > Severity.NOTE for y in x.findings)]
     if again:
-        do = (f'`ctc excite --for {",".join(again)}` makes a motion that shows them; then '
-              '`ctc identify` with all bags')
+        do = (f'`ctc excite --for {",".join(again)}` makes a motion that shows what is missing; '
+              'then `ctc identify` with all bags')
     elif not names[Severity.REFUSED]:
         do = 'run with identified.yaml' + (
             ', or do first what the reasons ask for' if names[Severity.CARE] else '')

@@ -154,11 +154,29 @@ def test_two_publishers_of_commands(tmp_path: Path) -> None:
         read(tmp_path / 'others', by_time(*messages(), *others))
 
 
+@pytest.mark.parametrize('storage', [StoragePlugin.MCAP, StoragePlugin.SQLITE3])
+@pytest.mark.parametrize('stamps', [True, False])
+def test_a_clock_that_is_set_back(tmp_path: Path, storage: StoragePlugin, stamps: bool) -> None:
+    """Of robot and recorder, or of the recorder alone: log times run back, too."""
+    found = []
+    for topic, t, message in messages():
+        back = 150_370_000 * (t > 1.25e9)
+        if stamps and topic == '/joint_states':
+            message.header = header(t - back)
+        found.append((topic, t - back, message))
+    path = write(tmp_path / 'bag', found, storage)
+    with pytest.raises(CtcError, match='was a clock set back' if stamps else
+                       'no torque: .*was the clock of the recorder set back'):
+        read_motion(path, made().recording.joints)
+
+
 def test_commands_four_times_as_frequent_as_states_are_averaged(tmp_path: Path) -> None:
     """Between two states all of them are in force, one after the other."""
     t: Any = 1e-3 * np.arange(1000)
     fine = (t[:, None] + 0.25e-3 * np.arange(4)).ravel()
     tau = 20.0 * np.stack((np.sin(3.0 * fine), np.cos(4.0 * fine)), axis=1)
+    # Of velocities that are differences of positions, which is much from sample to sample.
+    tau += np.diff(np.random.default_rng(2).normal(size=(4001, 2)), axis=0)
     q = np.sin(np.stack((t, 2.0 * t), axis=1))
     found = read(tmp_path, by_time(
         *messages_of(t, ('joint1', 'joint2'), q, None, None, None),

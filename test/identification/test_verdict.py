@@ -23,7 +23,7 @@ from typing import Any, cast
 from ctc_chattering.identification.findings import ALL_JOINTS, Estimate, Finding, Kind, Severity
 from ctc_chattering.identification.friction import JointFriction
 from ctc_chattering.identification.identify import Identification
-from ctc_chattering.identification.verdict import verdicts
+from ctc_chattering.identification.verdict import next_step, verdicts
 import numpy as np
 import pytest
 
@@ -33,12 +33,12 @@ GOOD = JointFriction(Estimate(5.0, 0.01, 'N*m'), Estimate(5.0, 0.01), Estimate(5
 
 
 def made(second: JointFriction = GOOD, lag: float = 0.0, source: str = 'command',
-         findings: tuple[Finding, ...] = ()) -> Identification:
+         findings: tuple[Finding, ...] = (), attributed: bool = True) -> Identification:
     """Return what `verdicts` reads of an identification of two joints."""
     timing = SimpleNamespace(drive=(1.0, np.array([0.0, lag]), np.zeros(2)), source=source)
     return cast(Identification, SimpleNamespace(
         joints=('a', 'b'), friction=[GOOD, second], timing=timing, findings=findings,
-        unexplained=(), data=SimpleNamespace(
+        selected=SimpleNamespace(attributed=attributed), unexplained=(), data=SimpleNamespace(
             torque=np.zeros((1, 2)), way=np.zeros((1, 2)))))
 
 
@@ -63,6 +63,18 @@ def test_numbers_beyond_physical_bounds(change: dict[str, Any], lag: float, sour
     assert second.severity == severity
     assert reason in str(second)
     assert second.usable == (severity < Severity.REFUSED)
+
+
+def test_where_the_model_has_errors_a_longer_motion_is_no_cure() -> None:
+    wide = dataclasses.replace(GOOD, coulomb=Estimate(5.0, 2.0))
+    for attributed in (True, False):
+        found = verdicts(made(wide, attributed=attributed))
+        assert ('longer motion' in str(found[1])) == attributed
+        assert ('ctc excite --for b' in next_step(found)) == attributed
+        assert ('errors of the model' in str(found[1])) != attributed
+    # Where directions differ, no motion is missing.
+    uneven = verdicts(made(dataclasses.replace(GOOD, offset=Estimate(4.0, 0.1))))
+    assert uneven[1].findings[0].kind is Kind.UNEVEN and 'excite' not in next_step(uneven)
 
 
 def test_the_worst_finding_decides_and_only_its_like_are_reasons() -> None:

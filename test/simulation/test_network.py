@@ -62,6 +62,32 @@ def test_how_many_samples_are_lost() -> None:
     assert gaps.max() == 2
 
 
+def test_the_last_sample_is_there() -> None:
+    for seed in range(20):
+        plant = Plant(PlantConfig(duration=0.003, sample_loss=0.5, noise_seed=seed))
+        for _ in range(3):
+            plant.step([0.0, 0.0])
+        assert not plant.lost
+
+
+def test_irregular_samples_are_of_their_stamps() -> None:
+    """In free motion positions, and velocities that are differences of them, have closed forms."""
+    most, start, speed = 4e-4, np.array([0.1, -0.2]), np.array([0.5, -3.0])
+    plant = Plant(PlantConfig(
+        sample_jitter=most, coulomb_friction=(0.0, 0.0), initial_position=tuple(start),
+        initial_velocity=tuple(speed), velocity_sensor='difference'),
+        Masses([[1.0, 0.0], [0.0, 1.0]]))
+    early = []
+    for k in range(1, 501):
+        plant.step([0.0, 0.0])
+        t, (q, dq) = 1e-9 * plant.stamp, plant.measured
+        early.append((t - 1e-3 * k) / most)
+        assert q == pytest.approx(start + speed * t, abs=1e-9)
+        assert dq == pytest.approx(speed, abs=1e-9)
+    # Evenly between both ends.
+    assert np.sort(early) == pytest.approx(np.linspace(-1.0, 1.0, 500), abs=0.15)
+
+
 def test_a_lost_sample_holds_the_torque_and_the_law() -> None:
     """Check a run against a loop by hand that steps the law at the samples of the run only."""
     run = run_of(sample_loss=0.2, noise_seed=1)
