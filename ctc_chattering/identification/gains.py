@@ -41,9 +41,9 @@ from ctc_chattering.identification.verdict import verdicts
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
 
-#: Times in which friction may change its sign, and drives without torque carry the arm [s]; and
-#: least rate to ask for [N·m/s].
-_REVERSAL, _CARRIED, _LEAST = 0.02, 0.05, 1.0
+#: Times in which friction may change its sign, and drives without torque carry the arm, and range
+#: of lags up to which they are known [s]; least rate to ask for [N·m/s].
+_REVERSAL, _CARRIED, _KNOWN, _LEAST = 0.02, 0.03, 0.003, 1.0
 #: Largest product of observer bandwidth and lag, and bandwidth without a lag [rad/s].
 _LAG, _BANDWIDTH = 0.3, 1200.0
 #: Parts of the fastest pole that are tried in turn.
@@ -96,7 +96,10 @@ def torque_rate(found: Identification, fastest: Array, given: Sequence[float] = 
         findings.append(Finding(
             Kind.NOTE, ALL_JOINTS, 'the rate of the drives is not known', 'give --torque-rate '
             'where a drive is slower than the torque_rate_limit that is recommended'))
-    wanted = np.maximum(needed, weight / _CARRIED)
+    # Lags that may be anything are those of elastic joints, say: fast commands make them swing.
+    lags = np.array(list(found.timing.delays.values()))
+    sure = len(lags) and np.ptp(lags, axis=(0, 1)).max() <= _KNOWN
+    wanted = np.maximum(needed, weight / _CARRIED if sure else 0.0)
     return np.where(np.isfinite(known), np.clip(wanted, least, known), wanted), findings
 
 

@@ -137,9 +137,10 @@ def _rounded(values: npt.ArrayLike, digits: int = 6) -> list[float]:
 
 #: Draws, unless another number is asked for: with machine code, and in plain Python.
 COUNT, COUNT_PLAIN = 24, 8
-#: Smooth start and duration [s]: in it all joints reverse.
+#: Smooth start and duration [s]: in it all joints reverse. Drives begin without torque, and what
+#: the arm falls by counts.
 _TRIAL_START, _TRIAL = 1.0, 2.5
-_WINDOW = _TRIAL_START, np.inf
+_WINDOW = 0.0, np.inf
 #: Part of M, C and G that may be wrong in any case, and at most.
 _MODEL, _MOST = 0.05, 0.2
 #: Frequencies of errors of the model and of what is not explained, as a disturbance [rad/s].
