@@ -265,7 +265,7 @@ def identify(motions: Sequence[RecordedMotion], model: str = '', urdf: str = '',
                              'with mass 0 for none, of a URDF')
     payloads = [(mass, link or tip_of(robot.files[ROBOT], joints)) for mass, link in payloads]
     notes = [note for x in motions for note in x.notes] + [
-        f'{x.recording.name}: a payload of {mass:g} kg, a ball of 5 cm radius, at the origin of {link}'
+        f'{x.recording.name}: a ball of {mass:g} kg, radius 5 cm, at the origin of {link}'
         for x, (mass, link) in zip(motions, payloads) if mass]
     # Velocities are needed no more: long ones are large.
     velocities = velocity_noise(recordings[0], regression.common_period(recordings))

@@ -142,7 +142,7 @@ def test_a_known_payload_tells_torque_constants_from_masses() -> None:
     alone = identified([runs[0]]).results.verdicts
     assert any('explained as well by' in x.reason for x in alone[0].findings)
     both = identified(runs, payloads=((0.0, ''), (1.3, link)))
-    assert f'a payload of 1.3 kg, a ball of 5 cm radius, at the origin of {link}' in (
+    assert f'a ball of 1.3 kg, radius 5 cm, at the origin of {link}' in (
         both.results.text().replace('\n    ', ' '))
     assert [x.value for x in both.results.found.scale] == pytest.approx([0.95] * 2, rel=1e-3)
     assert not any('explained as well by' in x.reason for x in both.results.verdicts[0].findings)
