@@ -228,7 +228,7 @@ class ModelVerdict:
 
     def _words(self, cause: Cause, numbers: Sequence[Estimate]) -> str:
         """Return what a cause does, with its numbers."""
-        what, shown = _WORDS[cause.kind][0], ', '.join(map(str, numbers))
+        what, shown = _WORDS[cause.kind][0], ', '.join(str(x) if x.half else '-' for x in numbers)
         if cause.kind == CauseKind.BODY:
             return f'{cause.name}: {what}'
         if cause.kind == CauseKind.GRAVITY:
