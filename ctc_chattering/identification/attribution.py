@@ -32,7 +32,13 @@ from math import log
 
 from ctc_chattering.dynamics.pseudo_inertia import parameters_of, pseudo_inertia
 from ctc_chattering.identification.findings import ALL_JOINTS
-from ctc_chattering.identification.least_squares import correlation_length, Data, Term, without
+from ctc_chattering.identification.least_squares import (
+    correlation_length,
+    Data,
+    orthonormal,
+    Term,
+    without,
+)
 from ctc_chattering.identification.model_errors import ErrorColumns, ModelError
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
@@ -180,6 +186,8 @@ def body_names(candidates: Sequence[ModelError], joints: Sequence[str]) -> list[
 
 #: Most causes.
 _MOST = 8
+#: Times that noise is taken out of squares of torques.
+_PASSES = 8
 #: Singular value below which an error as large as its size is less than noise.
 SEEN = 1.0
 #: Least size of a cause, as a part of the size of its numbers.
@@ -336,15 +344,22 @@ def without_noise(data: Data, terms: Sequence[Term]) -> Data:
     Return the windows with torques as friction and errors of each joint alone predict them.
 
     A column of measured torques would explain noise by itself: the smaller the scale, the less of
-    it there is.
+    it there is. So would their square where a torque is constant.
     """
-    torque = data.torque.copy()
+    torque, bent = data.torque.copy(), data.bent.copy()
     for i in range(torque.shape[1]):
         used, own = data.of_joint(terms, i)
-        x = np.concatenate((own, data.more[used, i], data.base[used, i, None],
-                            data.bent[used, i]), axis=1)
-        torque[used, i] -= without(x, data.residual[used, i])
-    return dataclasses.replace(data, torque=torque)
+        y, square = data.residual[used, i], data.bent[used, i, 1]
+        basis = orthonormal(np.concatenate((own, data.more[used, i], data.base[used, i, None],
+                                            data.bent[used, i, :1]), axis=1))
+        y = noise = y - basis @ (basis.T @ y)
+        for _ in range(_PASSES):
+            column = square - 2.0 * np.abs(data.torque[used, i] - noise) * noise
+            other = column - basis @ (basis.T @ column)
+            noise = y - other * (other @ y / max(float(other @ other), 1e-300))
+        torque[used, i] -= noise
+        bent[used, i, 1] = square - 2.0 * np.abs(torque[used, i]) * noise
+    return dataclasses.replace(data, torque=torque, bent=bent)
 
 
 def explain(projected: Projected, options: Sequence[Cause], saturated: bool = False

@@ -51,6 +51,7 @@ from ctc_chattering.identification.trial_runs import (
     Values,
 )
 from ctc_chattering.parameters import check_some, LEAST, Parameter, whole
+import numpy as np
 
 #: By how much the corrected model may explain the torque of a joint worse.
 _WORSE = 1.02
@@ -129,12 +130,15 @@ def with_correction(before: Identification, after: Identification, name: str
     assert before.bodies is not None
     change = before.bodies.torque(before.bodies.found - before.bodies.estimate.known)
     text = ', '.join(f'{x:.2g}' for x in change)
+    level, found = before.bodies.estimate.known[-3:], before.bodies.tilt
+    turn = np.degrees(np.arctan2(np.linalg.norm(np.cross(level, found)), level @ found))
     return dataclasses.replace(
         after, errors=before.errors, rotor=before.rotor, tilt=before.tilt, bodies=before.bodies,
         findings=(*(x._replace(reason=f'relative to {name}: {x.reason}') if 'base is turned' in
                     x.reason else x for x in after.findings), Finding(
             Kind.NOTE, ALL_JOINTS, f'the URDF is corrected in {name}, which changes the '
-            f'torque by {text} N*m RMS in this motion')))
+            f'torque by {text} N*m RMS in this motion'
+            + f', and turns the base by {turn:.2g} degrees' * bool(turn > 0.0))))
 
 
 #: Names in the directory of `write_identified`.

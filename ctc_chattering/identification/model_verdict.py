@@ -205,8 +205,9 @@ class ModelVerdict:
         if selected.explanation is None:
             return
         for cause, numbers in self._found:
-            yield Finding(Kind.DOUBT, cause.joint, self._words(cause, numbers),
-                          _WORDS[cause.kind][1])
+            # What may be none needs no care.
+            kind = Kind.DOUBT if any(abs(x.number()) > x.half for x in numbers) else Kind.NOTE
+            yield Finding(kind, cause.joint, self._words(cause, numbers), _WORDS[cause.kind][1])
         if not selected.attributed:
             likely = ', '.join(cause.name for cause in selected.explanation.causes)
             yield Finding(Kind.DOUBT, ALL_JOINTS, (
@@ -227,7 +228,7 @@ class ModelVerdict:
 
     def _words(self, cause: Cause, numbers: Sequence[Estimate]) -> str:
         """Return what a cause does, with its numbers."""
-        what, shown = _WORDS[cause.kind][0], ', '.join(map(str, numbers))
+        what, shown = _WORDS[cause.kind][0], ', '.join(str(x) if x.half else '-' for x in numbers)
         if cause.kind == CauseKind.BODY:
             return f'{cause.name}: {what}'
         if cause.kind == CauseKind.GRAVITY:
@@ -237,6 +238,8 @@ class ModelVerdict:
             turned = after @ before / float(np.linalg.norm(after) * np.linalg.norm(before))
             return (f'{cause.name}: the base is turned by '
                     f'{np.degrees(np.arccos(min(turned, 1.0))):.2f} degrees')
+        if cause.which == ALL and len(numbers) == len(self._joints) > 1:
+            shown = ', '.join(f'{name} {x}' for name, x in zip(self._joints, numbers) if x.value)
         if cause.kind == CauseKind.SCALE:
             shown = str(dataclasses.replace(numbers[0], value=1.0 + numbers[0].number()))
         return f'{cause.name}: {shown} {what}'

@@ -173,7 +173,7 @@ def velocity_noise(recording: Recording, period: float) -> Noise:
         small = spread <= max(_RESTS * known[i], _EXACT * length / np.sqrt(len(x)))
         noise.append(
             Estimate(size, unit='rad/s') if _WHITE[0] * size <= apart <= _WHITE[1] * size else
-            Estimate.none(f'{NONE_ABOVE}{spread:.2g} rad/s' if small else 'what the velocity has '
-                          'beside the change of the position is no noise of single samples, as '
-                          'after a filter'))
+            Estimate.none(f'{NONE_ABOVE}{max(spread, _STILL):.2g} rad/s' if small else 'what the '
+                          'velocity has beside the change of the position is no noise of single '
+                          'samples, as after a filter'))
     return noise, findings

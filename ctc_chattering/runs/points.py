@@ -49,14 +49,7 @@ from ctc_chattering.runs.score import (
     score,
     TYPES,
 )
-from ctc_chattering.runs.spec import (
-    applied,
-    Failure,
-    MapSpec,
-    Quantity,
-    Repeats,
-    Uncertain,
-)
+from ctc_chattering.runs.spec import applied, Failure, MapSpec, Quantity, Repeats, Uncertain
 import numpy as np
 import numpy.typing as npt
 

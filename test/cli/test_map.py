@@ -174,7 +174,7 @@ def test_a_cluster_gives_the_same_bytes_and_its_end_is_a_line(tmp_path: Path) ->
     file = tmp_path / 'scheduler.json'
     place = ('--no-dashboard', '--scheduler-file', file)
     with started('distributed.cli.dask_scheduler', '--port', 0, *place) as scheduler:
-        until(file.exists, scheduler)
+        until(lambda: file.exists() and file.read_text(), scheduler)  # Empty at first.
         address = json.loads(file.read_text())['address']
         worker = ('distributed.cli.dask_worker', '--nthreads', 1, *place)
         with started(*worker), started(*worker):

@@ -89,6 +89,10 @@ def test_what_is_refused_is_no_correction() -> None:
     _, urdf, found = identified('two_link_urdf', 'forearm', 1, 10.0)
     said = with_correction(found, found, 'x.urdf')
     assert said is not None and 'x.urdf' in said.findings[-1].reason
+    assert 'turns the base' not in said.findings[-1].reason
+    _, _, leaning = identified('two_link_urdf', 'tilt', 1, 10.0)
+    said = with_correction(leaning, leaning, 'x.urdf')
+    assert said is not None and 'and turns the base by' in said.findings[-1].reason
     refused = dataclasses.replace(found, findings=(Finding(Kind.NO_NUMBER, ALL_JOINTS, 'so'),))
     assert with_correction(found, refused, 'x.urdf') is None
     assert corrected_description(refused, urdf) == ''

@@ -20,9 +20,10 @@ import dataclasses
 
 from ctc_chattering.dynamics.urdf_model import UrdfModel
 from ctc_chattering.identification import friction
-from ctc_chattering.identification.attribution import causes
+from ctc_chattering.identification.attribution import causes, Explanation
 from ctc_chattering.identification.bodies import left_over
-from ctc_chattering.identification.friction import joint_friction, select
+from ctc_chattering.identification.findings import Severity
+from ctc_chattering.identification.friction import joint_friction, select, Selected
 from ctc_chattering.identification.least_squares import Data, Term, TermKind
 from ctc_chattering.identification.model_errors import ErrorColumns
 from ctc_chattering.identification.model_verdict import ModelVerdict
@@ -134,6 +135,26 @@ def test_a_weak_term_goes_though_its_velocity_was_refined_last(
     shown = data.way[..., None] * np.exp(-np.square(data.velocity[..., None] / STRIBECK))
     found = select(dataclasses.replace(data, stribeck=shown), ('a', 'b'), columns)
     assert joint_friction(found, 0).stribeck.shows_none
+
+
+@pytest.mark.parametrize('part', [0.02, 0.002])
+def test_noise_of_a_constant_torque_is_no_fading_torque(part: float) -> None:
+    """The square of a torque has its noise, too."""
+    data, columns = random_windows(np.zeros(2), noise=0.05, part=part)
+    found = select(data, ('a', 'b'), columns, causes(columns, ('a', 'b'), [], np.ones(2)))
+    assert found.explanation is not None and not found.explanation.causes
+    assert joint_friction(found, 1).coulomb.value == pytest.approx(COULOMB, rel=2e-3)
+
+
+@pytest.mark.parametrize('noise, severity', [(1e-3, Severity.CARE), (0.3, Severity.NOTE)])
+def test_a_cause_that_may_be_none_needs_no_care(noise: float, severity: Severity) -> None:
+    data, columns = random_windows(np.array([5e-3, 0.0]), noise=noise)
+    cause = next(x for x in causes(columns, ('a', 'b'), [], np.ones(2)) if 'rotor' in x.name)
+    found = friction._final(data, TERMS, cause.design, {})
+    fit = Explanation((cause,), (np.full(1, 5e-3),), 1.0, np.ones(2))
+    (finding,) = ModelVerdict(Selected(*found, {}, cause.design, fit), columns, [], ('a', 'b')
+                              ).findings()
+    assert finding.severity == severity and 'rotor inertia of a: 0.0' in finding.reason
 
 
 TERMS = [Term(kind, i) for i in range(2) for kind in (TermKind.FORWARDS, TermKind.BACKWARDS)]

@@ -96,11 +96,17 @@ def test_a_drive_that_is_not_linear_is_named_beside_right_friction(
     assert not wrong
     assert made.severity.count(Severity.CARE) == one.robot.n
     assert made.results is not None
-    for i, (friction, reasons) in enumerate(zip(made.results.found.friction, made.reasons)):
+    found, bands = made.results.found, np.broadcast_to(one.band, one.robot.n)
+    for i, coulomb in enumerate(one.robot.physics.coulomb):
+        friction, reasons, band = found.friction[i], made.reasons[i], found.dead_band[i]
         assert name in reasons
-        assert friction.coulomb.value == pytest.approx(one.robot.physics.coulomb[i], rel=0.01)
-        assert friction.forwards.value == pytest.approx(one.robot.physics.coulomb[i], rel=0.05)
-        assert made.results.found.scale[i].value == pytest.approx(1.0, abs=1e-3)
+        assert friction.coulomb.value == pytest.approx(coulomb, rel=0.01)
+        # A torque of one sign does not tell one from the other, and that is said.
+        off = bands[i] if band.reason.startswith('in forwards, backwards') else 0.0
+        assert friction.forwards.value is not None
+        assert abs(friction.forwards.value - coulomb) == pytest.approx(off, abs=0.05 * coulomb)
+        assert not off or 'and the torque has one sign' in reasons
+        assert found.scale[i].value == pytest.approx(1.0, abs=1e-3)
 
 
 @pytest.mark.slow  # test_identify.py has a joint at rest beside one that moves.
