@@ -36,7 +36,7 @@ _SIGN = 0.9
 #: Part of the range of Stribeck velocities that counts as its end.
 _END = 0.97
 _EXCITE = 'record a motion of `ctc excite`'
-_SETTLE = 'first settle the errors of the model and of other joints: its interval contains them'
+_SETTLE = 'first do what the other reasons ask for, also of other joints: they make it uncertain'
 
 
 class Verdict(NamedTuple):
@@ -173,7 +173,7 @@ def _how_well(found: Identification, i: int, left: Unexplained | None) -> Iterat
         yield Finding(Kind.NO_NUMBER if none else Kind.DOUBT, i,
                       f'no friction shows: Coulomb friction is {coulomb}', f'{_EXCITE}, and say '
                       'where the torque is measured: behind the gear friction is not in it'
-                      if attributed or measured else _SETTLE)
+                      if measured or (attributed and not unexplained) else _SETTLE)
     elif not unexplained:
         kind, cure = (Kind.COULOMB_INTERVAL, 'record a longer motion') if attributed else (
             Kind.COULOMB_IN_DOUBT, _SETTLE)
