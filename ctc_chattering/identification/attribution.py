@@ -149,7 +149,7 @@ def causes(columns: ErrorColumns | None, joints: Sequence[str], candidates: Sequ
                      np.tile(np.concatenate((found, np.zeros((3, len(size))))), (n, 1, 1)))
 
     own, gravity = unit[:, p:p + n], unit[:, -3:] @ columns.directions
-    bent = ((CauseKind.DEAD_BAND, 0.02 * torque),
+    bent = ((CauseKind.DEAD_BAND, _BAND * torque),
             (CauseKind.FADING, 0.05 / np.maximum(torque, 1e-12)))
     prior = np.append(columns.prior[:p], np.zeros(n + 3))[:, None]
     return [
@@ -192,6 +192,8 @@ _PASSES = 8
 SEEN = 1.0
 #: Least size of a cause, as a part of the size of its numbers.
 _LEAST = 0.05
+#: Size of a dead band as a part of the torque.
+_BAND = 0.02
 #: Part by which no torque is off, and of a mass that no link lacks.
 _ABSURD, _LEFT = 0.6, 0.9
 #: Turn of a base above which it is not one that is not level [rad], and the part of gravity that
@@ -411,6 +413,9 @@ def absurd(cause: Cause, value: Array, columns: ErrorColumns) -> bool:
         return bool(turned or abs(far - size) > _LOST * size)
     if cause.kind == CauseKind.SCALE:
         return bool(abs(value[0]) > _ABSURD)
+    # Nor has a robot a drive that takes most of the torque.
+    if cause.kind == CauseKind.DEAD_BAND and (value > _ABSURD / _BAND * cause.size).any():
+        return True
     # No mass vanishes, and no dead band gives torque.
     return bool(value.min() < {CauseKind.LINK: -_LEFT, CauseKind.MASSES: -_LEFT,
                                CauseKind.DEAD_BAND: 0.0, CauseKind.FADING: 0.0

@@ -124,6 +124,7 @@ def flood(it: Probe) -> Iterator[None]:
         thread.join()
 
 
+@pytest.mark.slow
 def test_nodes_end_soon_in_a_flood_of_messages(tmp_path: Path) -> None:
     """In lockstep: there a spin does not come back while there are messages."""
     with probe() as it:

@@ -93,6 +93,7 @@ def mapped(made: Runs, directory: Directory, computed: list[Any]) -> pyarrow.Tab
     return directory.merge(table)
 
 
+@pytest.mark.slow
 def test_rows_are_those_of_the_whole_map_and_are_not_computed_again(tmp_path: Path) -> None:
     made = runs(axes={'friction': AXIS, 'ka': KA}, refine=3, laws=['compensation', 'chattering'])
     about, first, again = store.about(made), list[Any](), list[Any]()
