@@ -49,6 +49,7 @@ def slips(law: dict[str, Any], plant: dict[str, Any]) -> int:
     return int((slides[1:] & ~slides[:-1]).sum())
 
 
+@pytest.mark.slow
 def test_a_stop_with_higher_friction_at_rest_is_one(monkeypatch: pytest.MonkeyPatch) -> None:
     """Check the end of a move on drives and encoders like real ones; without (SS1) it slips."""
     law = {'inertia_scale': 0.9, 'gravity_scale': 0.9}

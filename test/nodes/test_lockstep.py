@@ -68,6 +68,7 @@ bringup:
     assert_equal(result.run, simulate(parameter_file.load(file)).run)
 
 
+@pytest.mark.slow
 def test_other_period_names_namespace_waypoints_and_every_imperfection(tmp_path: Path) -> None:
     """
     Waypoints are quintic, cubic and linear, for the joints in another order, with a rest.
@@ -189,6 +190,7 @@ def test_the_example_node_of_mujoco_is_a_robot() -> None:
     np.testing.assert_allclose([m.position[2:] for m in tracking], error[::4], atol=1e-9)
 
 
+@pytest.mark.slow
 def test_a_description_that_comes_later_and_is_wrong_at_first() -> None:
     """All wait for it and say so once; what is refused is named, and the next one taken."""
     massless = two_links().replace(link('lower', 1.5, (0, 0, -0.25), (0.05, 0.05, 0.01)),

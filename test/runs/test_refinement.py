@@ -27,6 +27,7 @@ from ctc_chattering.runs.store import Directory
 from map_specs import runs
 import numpy as np
 import pyarrow
+import pytest
 from scipy.ndimage import distance_transform_edt  # type: ignore[import-untyped]
 
 AXIS: dict[str, Any] = {'parameter': 'plant.coulomb_friction', 'range': [1, 33], 'count': 33}
