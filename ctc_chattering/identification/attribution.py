@@ -32,13 +32,7 @@ from math import log
 
 from ctc_chattering.dynamics.pseudo_inertia import parameters_of, pseudo_inertia
 from ctc_chattering.identification.findings import ALL_JOINTS
-from ctc_chattering.identification.least_squares import (
-    correlation_length,
-    Data,
-    orthonormal,
-    Term,
-    without,
-)
+from ctc_chattering.identification.least_squares import correlation_length, Data, Term, without
 from ctc_chattering.identification.model_errors import ErrorColumns, ModelError
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
@@ -351,13 +345,11 @@ def without_noise(data: Data, terms: Sequence[Term]) -> Data:
     torque, bent = data.torque.copy(), data.bent.copy()
     for i in range(torque.shape[1]):
         used, own = data.of_joint(terms, i)
-        y, square = data.residual[used, i], data.bent[used, i, 1]
-        basis = orthonormal(np.concatenate((own, data.more[used, i], data.base[used, i, None],
-                                            data.bent[used, i, :1]), axis=1))
-        y = noise = y - basis @ (basis.T @ y)
+        x, square = np.concatenate((own, data.more[used, i], data.base[used, i, None],
+                                    data.bent[used, i, :1]), axis=1), data.bent[used, i, 1]
+        y = noise = without(x, data.residual[used, i])
         for _ in range(_PASSES):
-            column = square - 2.0 * np.abs(data.torque[used, i] - noise) * noise
-            other = column - basis @ (basis.T @ column)
+            other = without(x, square - 2.0 * np.abs(data.torque[used, i] - noise) * noise)
             noise = y - other * (other @ y / max(float(other @ other), 1e-300))
         torque[used, i] -= noise
         bent[used, i, 1] = square - 2.0 * np.abs(torque[used, i]) * noise

@@ -37,12 +37,7 @@ from ctc_chattering.identification.friction import (
 from ctc_chattering.identification.least_squares import Data
 from ctc_chattering.identification.model_errors import ErrorColumns, ModelError
 from ctc_chattering.identification.model_verdict import ModelVerdict, turned_gravity
-from ctc_chattering.identification.residual_tests import (
-    findings,
-    Unexplained,
-    unexplained,
-    widened,
-)
+from ctc_chattering.identification.residual_tests import findings, Unexplained, unexplained, wider
 from ctc_chattering.identification.sensors import (
     Clock,
     clock,
@@ -223,7 +218,7 @@ def identify(recordings: Sequence[Recording], model: Model, candidates: Sequence
             held_out = left_over(others, selected.friction, columns, selected.believed, refused)
     return Identification(
         joints, stamps, [encoder_step(x) for x in recordings[0].q.T], noise, found, positions,
-        [widened(data, selected.fit, i, x, what) if what else x
+        [wider(data, selected.fit, i, x, what) if what else x
          for i, (x, what) in enumerate(zip(friction, left))],
         named.errors(), data, selected, phi.period * sum(len(part.q) for part in parts), noticed,
         scale=named.scale(), rotor=named.rotor(), dead_band=named.dead_band(data, levels),

@@ -255,8 +255,8 @@ def findings(i: int, left: Unexplained) -> Iterator[Finding]:
                       'record another motion, and compare the numbers', off)
 
 
-def widened(data: Data, fit: Fit, i: int, friction: JointFriction, left: Unexplained
-            ) -> JointFriction:
+def wider(data: Data, fit: Fit, i: int, friction: JointFriction, left: Unexplained
+          ) -> JointFriction:
     """Return the friction of joint i with intervals that contain what is unexplained."""
     terms = [term for term in fit.terms if term.joint == i]
     speed = np.abs(data.velocity[data.way[:, i] != 0.0, i])

@@ -26,7 +26,7 @@ from ctc_chattering.identification.least_squares import Term, TermKind
 from ctc_chattering.identification.residual_tests import (
     findings,
     unexplained,
-    widened,
+    wider,
 )
 from ctc_chattering.identification.windows import BUILD_UP, reversals, way_since_reversal
 from ctc_chattering.numerics.linear_algebra import Array
@@ -94,7 +94,7 @@ def test_a_torque_is_found_with_its_cause_and_intervals_hold(against: str) -> No
         assert against in named[0].reason and '%' in named[0].reason
         forwards, backwards, viscous = found[1].value
         narrow = Estimate(0.5 * (forwards + backwards), 1e-3)
-        wide = widened(*found, 0, JointFriction(
+        wide = wider(*found, 0, JointFriction(
             narrow, Estimate(forwards, 1e-3), Estimate(backwards, 1e-3), narrow,
             Estimate(viscous, 1e-3), *[Estimate.none('')] * 3), left)
         assert wide.coulomb.value == narrow.value
