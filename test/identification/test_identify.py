@@ -71,6 +71,7 @@ def test_a_plain_robot() -> None:
     assert found.clock.period == 1e-3
 
 
+@pytest.mark.slow
 def test_delay_and_lags_of_the_drives() -> None:
     made = record('two_link', 2, SHORT, plant={
         'input_delay': 2, 'actuator_lag': [2e-3, 4e-3]})
@@ -131,6 +132,7 @@ def test_rotors_are_named_and_no_friction() -> None:
     assert any('rotor' in x.reason for x in found.findings)
 
 
+@pytest.mark.slow
 def test_a_wrong_torque_constant_of_one_joint_is_no_mass() -> None:
     command = plain().recording.command
     assert command is not None
