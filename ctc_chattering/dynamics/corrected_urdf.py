@@ -201,17 +201,16 @@ def _verify(model: UrdfModel, parameters: Array, rotor: Sequence[float]) -> None
 NAME, _RADIUS = 'ctc_chattering_payload', 0.05
 
 
-def tip_of(description: str, joint_names: Sequence[str]) -> str:
+def tip_of(tree: Tree, joint_names: Sequence[str]) -> str:
     """
     Return the last link that follows the last joint of an arm over fixed joints only.
 
     Raises
     ------
     CtcError
-        If the description is no URDF, or lacks the joint.
+        If there is no such joint.
 
     """
-    tree = Tree(description)
     if joint_names[-1] not in tree.joints:
         raise ParameterError('joint_names', tuple(joint_names), 'joints of the description')
     end = tree.ends[joint_names[-1]][1]
@@ -250,7 +249,7 @@ def with_payload(description: str, joint_names: Sequence[str], mass: float, link
     if link and link not in tree.links:
         raise CtcError(f'payload: no link is called {link}; allowed: {", ".join(tree.links)}'
                        f'{near(link, tree.links)}')
-    end = link or tip_of(description, joint_names)
+    end = link or tip_of(tree, joint_names)
     inertia = f'{0.4 * mass * _RADIUS ** 2!r}'
     inertial = ET.SubElement(ET.SubElement(robot, 'link', name=NAME), 'inertial')
     ET.SubElement(inertial, 'mass', value=repr(mass))

@@ -192,8 +192,7 @@ def recommend(found: Identification, run: MeasuredPerturbation, model: Model,
     """
     (delay, lag), longest = found.timing.drive, float(longest_lag(found).max())
     bound = perturbation_bound(found, run, model)
-    weight = [np.abs(model.inverse_dynamics(q.tolist(), *2 * ([0.0] * model.n,)))
-              for q in found.positions.poses]
+    weight = [np.abs(model.gravity_torque(q.tolist())) for q in found.positions.poses]
     slope, slow = torque_rate(found, bound.change, rate, np.max(weight, axis=0))
     level = [max(0.0, x.coulomb.value or 0.0) for x in found.friction]
     usable = [x.usable for x in verdicts(found)]

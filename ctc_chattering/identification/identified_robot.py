@@ -31,6 +31,7 @@ from ctc_chattering.configuration import parameter_file
 from ctc_chattering.dynamics.corrected_urdf import corrected_urdf, tip_of, with_payload
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.dynamics.registry import locked_positions, make_model
+from ctc_chattering.dynamics.urdf_parser import Tree
 from ctc_chattering.errors import ParameterError, UsageError
 from ctc_chattering.identification import identify as regression
 from ctc_chattering.identification.attribution import CauseKind
@@ -39,6 +40,7 @@ from ctc_chattering.identification.findings import ALL_JOINTS, Finding, Kind, Se
 from ctc_chattering.identification.gains import recommend
 from ctc_chattering.identification.identify import Identification
 from ctc_chattering.identification.model_errors import candidates
+from ctc_chattering.identification.model_verdict import lean
 from ctc_chattering.identification.perturbation import perturbation
 from ctc_chattering.identification.results import IdentificationResults, write_page
 from ctc_chattering.identification.sensors import Noise, velocity_noise
@@ -51,7 +53,6 @@ from ctc_chattering.identification.trial_runs import (
     Values,
 )
 from ctc_chattering.parameters import check_some, LEAST, Parameter, whole
-import numpy as np
 
 #: By how much the corrected model may explain the torque of a joint worse.
 _WORSE = 1.02
@@ -130,8 +131,7 @@ def with_correction(before: Identification, after: Identification, name: str
     assert before.bodies is not None
     change = before.bodies.torque(before.bodies.found - before.bodies.estimate.known)
     text = ', '.join(f'{x:.2g}' for x in change)
-    level, found = before.bodies.estimate.known[-3:], before.bodies.tilt
-    turn = np.degrees(np.arctan2(np.linalg.norm(np.cross(level, found)), level @ found))
+    turn = lean(before.bodies.estimate.known[-3:], before.bodies.tilt)
     return dataclasses.replace(
         after, errors=before.errors, rotor=before.rotor, tilt=before.tilt, bodies=before.bodies,
         findings=(*(x._replace(reason=f'relative to {name}: {x.reason}') if 'base is turned' in
@@ -267,7 +267,8 @@ def identify(motions: Sequence[RecordedMotion], model: str = '', urdf: str = '',
     if payloads and (len(payloads) != len(motions) or not robot.files):
         raise ParameterError('payloads', payloads, f'{len(motions)} pairs, one for each motion, '
                              'with mass 0 for none, of a URDF')
-    payloads = [(mass, link or tip_of(robot.files[ROBOT], joints)) for mass, link in payloads]
+    payloads = [(mass, link or tip_of(Tree(robot.files[ROBOT]), joints))
+                for mass, link in payloads]
     notes = [note for x in motions for note in x.notes] + [
         f'{x.recording.name}: a ball of {mass:g} kg, radius 5 cm, at the origin of {link}'
         for x, (mass, link) in zip(motions, payloads) if mass]

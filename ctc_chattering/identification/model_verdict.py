@@ -82,6 +82,13 @@ def turned_gravity(selected: Selected, columns: ErrorColumns | None) -> Array | 
     return None
 
 
+def lean(before: Array, after: Array) -> float:
+    """Return the angle between two vectors of gravity [degrees]."""
+    one, other = (x / np.linalg.norm(x) for x in (before, after))
+    return float(np.degrees(
+        2.0 * np.arctan2(np.linalg.norm(one - other), np.linalg.norm(one + other))))
+
+
 class ModelVerdict:
     """
     Causes of a model's errors.
@@ -235,9 +242,7 @@ class ModelVerdict:
             assert self._columns is not None
             before = self._columns.directions.T @ self._columns.prior[-3:]
             after = before + [x.number() for x in numbers]
-            turned = after @ before / float(np.linalg.norm(after) * np.linalg.norm(before))
-            return (f'{cause.name}: the base is turned by '
-                    f'{np.degrees(np.arccos(min(turned, 1.0))):.2f} degrees')
+            return f'{cause.name}: the base is turned by {lean(before, after):.2f} degrees'
         if cause.which == ALL and len(numbers) == len(self._joints) > 1:
             shown = ', '.join(f'{name} {x}' for name, x in zip(self._joints, numbers) if x.value)
         if cause.kind == CauseKind.SCALE:

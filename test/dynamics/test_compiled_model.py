@@ -26,6 +26,7 @@ from ctc_chattering.dynamics.model import Model, Scaled
 from ctc_chattering.dynamics.tree import body_scratch
 from ctc_chattering.dynamics.two_link import TwoLink
 from ctc_chattering.dynamics.urdf_model import UrdfModel
+from ctc_chattering.dynamics.urdf_parser import Tree
 from ctc_chattering.errors import CtcError, ParameterError
 from ctc_chattering.simulation.plant import make_plant
 from ctc_chattering.simulation.plant_config import PlantConfig
@@ -107,7 +108,7 @@ ROD = """
 def test_it_is_a_mass_at_the_tool() -> None:
     plain = UrdfModel(ROD, ['swing'], G)
     loaded = UrdfModel(with_payload(ROD, ['swing'], 3.0), ['swing'], G)
-    assert tip_of(ROD, ['swing']) == 'tool'
+    assert tip_of(Tree(ROD), ['swing']) == 'tool'
     for q in (0.0, 0.7, -2.0):
         more = loaded.mass_matrix([q])[0][0] - plain.mass_matrix([q])[0][0]
         assert more == pytest.approx(3.0 * 1.0 ** 2 + 0.4 * 3.0 * 0.05 ** 2)
