@@ -78,7 +78,7 @@ def row(robot: str, fault: str, seed: int, duration: float, trials: int = COUNT
     if made.results is not None and trials and all(x.usable for x in made.results.verdicts):
         made = with_trials(made, made.results, trials)
     found = {'robot': robot, 'fault': fault, 'seed': seed,
-             **judged(one, fault, seen, made, duration)}
+             **judged(one, seen, made, duration)}
     if made.results is not None:
         found.update(tried(one, made, made.results, seen, seed, bool(trials)))
     return found

@@ -18,7 +18,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
-import re
 import tempfile
 import time
 from typing import Any, NamedTuple
@@ -28,12 +27,11 @@ from ctc_chattering.bags.recording import Recording
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.dynamics.registry import make_model
 from ctc_chattering.errors import CtcError
-from ctc_chattering.identification.findings import Estimate, NONE, Severity
+from ctc_chattering.identification.findings import Estimate, Severity
 from ctc_chattering.identification.friction import JointFriction
 from ctc_chattering.identification.gains import recommend
-from ctc_chattering.identification.identified_robot import corrected_description, with_correction
-from ctc_chattering.identification.identify import Identification, identify
-from ctc_chattering.identification.model_errors import candidates
+from ctc_chattering.identification.identified_robot import corrected_description
+from ctc_chattering.identification.identify import Identification, identify, TorqueSignal
 from ctc_chattering.identification.perturbation import perturbation
 from ctc_chattering.identification.results import IdentificationResults
 from faults_of_arms import truths
@@ -48,8 +46,6 @@ from rosbags.rosbag2 import StoragePlugin
 _HALVES, _PART = 1.5, 0.05
 #: The same of noise, which has no interval.
 _NOISE = 0.2
-#: Faults under which no mass differs from that of the model.
-_MASSES_ARE_RIGHT = ('centres', 'forearm', 'payload', 'everything', 'wrong_robot')
 
 
 class Number(NamedTuple):
@@ -156,71 +152,58 @@ def outcome(one: Case, recording: Recording, seed: int) -> Outcome:
                 recording = read_motion(path, one.robot.joints, urdf).recording
             begin = time.perf_counter()
         recording = recording.checked()
-        found = identify([recording], model, candidates(model, urdf, {}))
-        found, model, urdf = _corrected(one, recording, found, model, urdf)
-        run = perturbation(found)
+        signal = TorqueSignal('' if recording.effort is None else one.effort)
+        found = identify([recording], model, signal)
+        text = corrected_description(found, urdf)
+        if text:
+            model, urdf = make_model('urdf', 9.81, one.robot.joints, text), text
+        run = perturbation(found, bool(text))
         results = IdentificationResults(recording.name, found, run,
-                                        recommend(found, run, model))
+                                        recommend(found, run, model, (), bool(text)))
     except CtcError as error:
         return Outcome(str(error))
     return Outcome('', results, tuple(x.severity for x in results.verdicts),
                    tuple(map(str, results.verdicts)), time.perf_counter() - begin, model, urdf)
 
 
-def _corrected(one: Case, recording: Recording, found: Identification, model: Model, urdf: str
-               ) -> tuple[Identification, Model, str]:
-    """Return an identification with its model, corrected as the command does it."""
-    text = corrected_description(found, urdf)
-    if not text:
-        return found, model, urdf
-    other = make_model('urdf', 9.81, one.robot.joints, text)
-    better = with_correction(
-        found, identify([recording], other, candidates(other, text, {})), 'corrected.urdf')
-    return (found, model, urdf) if better is None else (better, other, text)
-
-
 def numbers(one: Case, found: Identification, seen: Played, duration: float) -> Iterator[Number]:
     """Yield all numbers that have a truth."""
     true = truths(one, duration)
     through = np.abs(seen.link).mean(axis=0)
-    for k, x in enumerate(found.tilt):
+    for k, x in enumerate(found.bodies.gravity_estimates if found.bodies else ()):
         pull = np.full(2, one.robot.physics.bodies.gravity[k])
         yield from _number(f'gravity {"xyz"[k]}', -1, x, pull, 9.81)
-    for i, (friction, band) in enumerate(zip(found.friction, found.dead_band)):
+    for i, friction in enumerate(found.friction):
         coulomb = float(true['coulomb'][1, i])
-        # Where it is said that a dead band is in Coulomb friction, their sum is the truth.
-        hidden = band.reason.startswith('in Coulomb friction') * true['band'][:, i]
+        # Friction of commands has the dead bands of the drives.
+        hidden = true['band'][:, i]
         for name, more, scale in (
                 ('coulomb', hidden, 0.0), ('forwards', hidden, 0.0), ('backwards', hidden, 0.0),
                 ('viscous', 0.0, 0.0), ('load', 0.0, coulomb / through[i])):
             yield from _number(name, i, getattr(friction, name), true[name][:, i] + more, scale)
-        none = re.match(r'none above ([\d.e-]+) N', band.reason)
-        yield from _number('dead band', i, Estimate(0.0, float(none[1])) if none else band,
-                           true['band'][:, i], coulomb)
         yield from _slow_friction(i, friction, true, coulomb)
         noise, size = found.noise[i].value, _NOISE * float(true['noise'][0, i])
         if noise is not None:
             yield Number('velocity noise', i, noise - size, noise + size,
                          (float(true['noise'][0, i]),) * 2, size)
-        for name, floor in (('scale', 0.0), ('rotor', 1e-3), ('rate', 0.0)):
-            estimates = getattr(found, name)
-            if estimates:
-                yield from _number(name, i, estimates[i], true[name][:, i], floor)
+        if found.bodies is not None:
+            yield from _number('rotor', i, found.bodies.rotors[i], true['rotor'][:, i],
+                               float(found.fit.data.deviation[i]) / 100.0)
+        yield from _number('rate', i, found.rate[i], true['rate'][:, i], 0.0)
 
 
 def _slow_friction(i: int, friction: JointFriction, true: dict[str, Any], coulomb: float
                    ) -> Iterator[Number]:
-    """Yield Stribeck friction; where there is said to be none, also that, down to its bound."""
-    x, speed = friction.stribeck, float(true['stribeck_velocity'][0, i])
-    bound = re.match(r'none above ([\d.e-]+) rad/s', x.reason)
-    none = x.reason == NONE or (bound is not None and speed > float(bound.group(1)))
-    if x.value is None and none:
-        x = Estimate(0.0, 1e-9)
-    yield from _number('stribeck', i, x, true['stribeck'][:, i], coulomb)
+    """Yield Stribeck friction, also where there is said to be none."""
+    x = friction.stribeck
+    yield from _number('stribeck', i, Estimate(0.0, 1e-9) if x.absent and not x.reason else x,
+                       true['stribeck'][:, i], coulomb)
 
 
 def _number(name: str, i: int, x: Estimate, truth: Array, scale: float) -> Iterator[Number]:
-    """Yield an estimate if it has a number."""
+    """Yield an estimate if it has a number, or a bound above."""
+    if x.at_most is not None:
+        x = Estimate(0.0, x.at_most)
     if x.value is not None and np.isfinite(x.half):
         yield Number(name, i, x.value - x.half, x.value + x.half,
                      (float(truth[0]), float(truth[1])), max(scale, abs(float(truth[1]))))
@@ -243,15 +226,7 @@ def timings(one: Case, found: Identification) -> Iterator[tuple[str, bool, bool,
             yield str(x), x.holds, x.wrong, i
 
 
-def masses(fault: str, found: Identification) -> Iterator[str]:
-    """Yield which masses are said to be wrong that are right."""
-    if fault not in _MASSES_ARE_RIGHT:
-        for error, x in found.errors:
-            if x.value is not None and abs(x.value) > max(_HALVES * x.half, _PART):
-                yield f'{error.name} {x.value:+.3g} ± {x.half:.2g}, truth 0'
-
-
-def judged(one: Case, fault: str, seen: Played, made: Outcome, duration: float
+def judged(one: Case, seen: Played, made: Outcome, duration: float
            ) -> dict[str, Any]:
     """
     Return the row of a run: what holds, and what is wrong without a warning.
@@ -271,8 +246,6 @@ def judged(one: Case, fault: str, seen: Played, made: Outcome, duration: float
     wrong = [words for words, _, bad, i in said if bad and (clean[i] if i >= 0 else any(clean))]
     warned = [words for words, _, bad, i in said
               if bad and i >= 0 and made.severity[i] == Severity.CARE]
-    if any(clean):
-        wrong += masses(fault, found)
     return {'refusal': '', 'held': held, 'wrong': wrong, 'warned': warned,
             'usable': sum(clean), 'care': sum(x == Severity.CARE for x in made.severity),
             'refused': sum(x == Severity.REFUSED for x in made.severity),

@@ -27,9 +27,9 @@ from itertools import product
 from typing import NamedTuple
 
 from ctc_chattering.bags.recording import Indices, Stretch
-from ctc_chattering.identification.least_squares import correlation_length, Data, without
+from ctc_chattering.identification.regression import correlation_length, Data
 from ctc_chattering.identification.weak_form import TestFunction
-from ctc_chattering.identification.windows import Rows
+from ctc_chattering.identification.windows import Windows
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
@@ -215,7 +215,7 @@ class DriveProfile:
 
     Parameters
     ----------
-    parts, rows
+    parts, windows
         Stretches with commands, and their windows.
     data : Data
         All windows.
@@ -235,15 +235,15 @@ class DriveProfile:
 
     """
 
-    def __init__(self, parts: Sequence[Stretch], rows: Sequence[Rows], data: Data,
+    def __init__(self, parts: Sequence[Stretch], windows: Sequence[Windows], data: Data,
                  unexplained: Callable[[Array, int], Array], phi: TestFunction,
                  delays: Sequence[int], moving: Flags, shifts: Sequence[float] = (0.0,),
                  uneven: bool = False) -> None:
-        self._parts, self._rows, self._phi, self._uneven = parts, rows, phi, uneven
-        self._unexplained, self._used, self._delays = unexplained, data.used(), list(delays)
+        self._parts, self._windows, self._phi, self._uneven = parts, windows, phi, uneven
+        self._unexplained, self._used, self._delays = unexplained, data.used, list(delays)
         self._known = np.concatenate([
             complete(np.asarray(has(part, COMMAND)), mine.centres, phi.half + self._delays[-1],
-                     phi.half - self._delays[0]) for part, mine in zip(parts, rows)])
+                     phi.half - self._delays[0]) for part, mine in zip(parts, windows)])
         self._n, self._joints = len(moving), [int(i) for i in np.flatnonzero(moving)]
         count = len(self._used)
         edges = np.linspace(0, count, int(np.clip(
@@ -275,13 +275,13 @@ class DriveProfile:
     def _rests(self, rate: Array) -> dict[int, Array]:
         """Return what is left of each joint for rate limits, (delays, lags, rows) [N·m]."""
         whole, first = np.empty((len(LAGS), len(self._delays), *self._known.shape)), 0
-        for part, rows in zip(self._parts, self._rows):
+        for part, rows in zip(self._parts, self._windows):
             values = np.asarray(has(part, COMMAND))
             mine = slice(first, first := first + len(rows.centres))
             for k, mean in enumerate(driven_by_lags(values, np.array(LAGS), rate, part.period)):
                 for j, d in enumerate(self._delays):
                     whole[k, j, mine] = self._phi.sums(
-                        mean, self._phi.over, rows.centres - d) - rows.base
+                        mean, self._phi.over, rows.centres - d) - rows.model_torque
         whole *= self._known
         found = {}
         for i in self._joints:
@@ -291,7 +291,8 @@ class DriveProfile:
                 # How the torque without a lag bends over the delay, where it fits best.
                 k = int(np.clip(np.argmin(np.square(rest[:, 0]).sum(axis=1)), 1, len(rest) - 2))
                 bend = np.array([1.0, -2.0, 1.0]) @ rest[k - 1:k + 2, 0]
-                rest = without(bend[:, None], rest.reshape(-1, len(bend)).T).T.reshape(y.shape)
+                along = bend / max(float(np.linalg.norm(bend)), 1e-300)
+                rest = rest - (rest @ along)[..., None] * along
             found[i] = rest
         return found
 

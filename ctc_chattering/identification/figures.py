@@ -11,49 +11,72 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
-
-"""The figure of an identification: friction against velocity."""
+"""The figures of an identification: predicted torque over time, and friction over velocity."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 
-from ctc_chattering.analysis.drawing import panel, sheet
+from ctc_chattering.analysis.drawing import legend_of, panel, sheet
+from ctc_chattering.identification.friction_terms import TermKind
 from ctc_chattering.identification.identify import Identification
 from ctc_chattering.identification.perturbation import friction_at
 from ctc_chattering.identification.verdict import Verdict
 from matplotlib.figure import Figure
 import numpy as np
 
-_MEASURED, _FIT, _BAND = '#8aa6c1', '#b34a00', '#f3c9a8'
+RECORDED_COLOUR, MODEL_COLOUR, IDENTIFIED_COLOUR = '#8aa6c1', '#7F7F7F', '#b34a00'
 #: Points of a fitted curve.
-_POINTS = 200
+CURVE_POINTS = 200
+#: Points from which on dots are pixels in a figure of lines.
+MANY_POINTS = 5000
+#: Terms of friction that a curve over velocity has.
+OF_VELOCITY = (TermKind.COULOMB, TermKind.OFFSET, TermKind.VISCOUS, TermKind.STRIBECK)
 
 
-def friction_figure(found: Identification, verdicts: Sequence[Verdict]) -> tuple[str, Figure, str]:
-    """Return friction against velocity; without a fit for a joint that is not usable."""
-    data, fit = found.data, found.selected.fit
-    figure, grid = sheet('Friction against velocity', (len(verdicts) + 1) // 2, (1.0, 1.0), 2.0)
-    for i, verdict in enumerate(verdicts):
-        title = verdict.joint if verdict.usable else f'{verdict.joint}: {verdict.word}'
-        axes = panel(figure, grid[i // 2, i % 2], title, 'torque [N·m]')
-        used = data.way[:, i] != 0.0
-        mine = [k for k, term in enumerate(fit.terms) if term.joint == i]
-        speed = data.velocity[used, i]
-        # Less errors of the model, and friction of the load.
-        rest = fit.residual[used, i] + fit.columns(i)[used][:, mine] @ fit.value[mine]
-        axes.plot(speed, rest, '.', markersize=2.0, color=_MEASURED, rasterized=len(speed) > 5000)
+def torque_figure(identified: Identification, verdicts: Sequence[Verdict]
+                  ) -> tuple[str, Figure, str]:
+    """Return the torque over time: recorded, of the given model, and as identified."""
+    prediction = identified.prediction
+    figure, grid = sheet('Torque of time that was not fitted', len(verdicts), (1.0,), 1.6)
+    for joint, verdict in enumerate(verdicts):
+        axes = panel(figure, grid[joint, 0], f'{verdict.joint}: {verdict.word}', 'torque [N·m]')
+        for values, colour, label in (
+                (prediction.measured, RECORDED_COLOUR, 'recorded'),
+                (prediction.model, MODEL_COLOUR, 'model as given'),
+                (prediction.identified, IDENTIFIED_COLOUR, 'identified')):
+            axes.plot(prediction.t, values[:, joint], color=colour, label=label,
+                      linewidth=1.8 if label == 'recorded' else 0.9)
+    axes.set_xlabel('t [s]')
+    legend_of(*figure.axes)
+    return 'torque', figure, ('Each block of time is predicted by what was identified from the '
+                              'others. Gaps: the joint rests.')
+
+
+def friction_figure(identified: Identification, verdicts: Sequence[Verdict]
+                    ) -> tuple[str, Figure, str]:
+    """Return friction over velocity; without a curve for a joint that is not usable."""
+    fit = identified.fit
+    figure, grid = sheet('Friction over velocity', (len(verdicts) + 1) // 2, (1.0, 1.0), 2.0)
+    for joint, verdict in enumerate(verdicts):
+        axes = panel(figure, grid[joint // 2, joint % 2], f'{verdict.joint}: {verdict.word}',
+                     'torque [N·m]')
+        used = fit.data.used[:, joint]
+        speed = fit.data.windows.velocity[used, joint]
+        beyond = fit.data.beyond_model[used, joint] - fit.torque(joint)[used]
+        points = beyond + fit.torque(joint, OF_VELOCITY)[used]
+        axes.plot(speed, points, '.', markersize=2.0, color=RECORDED_COLOUR,
+                  rasterized=len(speed) > MANY_POINTS)
         axes.set_xlabel('velocity [rad/s]')
         for sign in (1.0, -1.0) if verdict.usable else ():
-            mine_speed = speed[np.sign(speed) == sign]
-            if len(mine_speed):
-                v = sign * np.linspace(np.abs(mine_speed).min(), np.abs(mine_speed).max(), _POINTS)
-                value, half = (x[:, i] for x in friction_at(
-                    found, np.repeat(v[:, None], len(verdicts), axis=1), 0.0))
-                left = found.unexplained[i] if found.unexplained else None
-                half = half + (left.off if left else 0.0)
-                axes.fill_between(v, value - half, value + half, color=_BAND, linewidth=0)
-                axes.plot(v, value, color=_FIT, linewidth=1.2)
-    return 'friction', figure, ('Dots: torque less the corrected model, in windows of 0.1 s in '
-                                'which the joint slides one way. Line: the fit with its interval '
-                                'of 95 %; a joint that is not usable has none.')
+            own = np.abs(speed[np.sign(speed) == sign])
+            if len(own):
+                v = sign * np.linspace(own.min(), own.max(), CURVE_POINTS)
+                friction = identified.friction[joint]
+                low, middle, high = (friction_at(friction, v, 0.0, halves)
+                                     for halves in (-1.0, 0.0, 1.0))
+                axes.fill_between(v, low, high, color=IDENTIFIED_COLOUR, alpha=0.25, linewidth=0)
+                axes.plot(v, middle, color=IDENTIFIED_COLOUR, linewidth=1.2)
+    return 'friction', figure, ('Dots: recorded torque less that of the identified bodies, in '
+                                'windows of time. Line: friction with its interval of 95 %; a '
+                                'joint that is not usable has none.')

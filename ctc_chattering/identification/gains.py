@@ -16,7 +16,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 import dataclasses
 from math import isfinite
 from typing import Any
@@ -29,9 +29,13 @@ from ctc_chattering.control.recommended_gains import (
     SLOWNESS,
 )
 from ctc_chattering.dynamics.model import Model
-from ctc_chattering.identification.findings import ALL_JOINTS, Finding, Kind
+from ctc_chattering.identification.findings import (
+    Finding,
+    note,
+    Reason,
+    Severity,
+)
 from ctc_chattering.identification.identify import Identification
-from ctc_chattering.identification.least_squares import Data, TermKind
 from ctc_chattering.identification.perturbation import (
     in_digits,
     MeasuredPerturbation,
@@ -54,7 +58,7 @@ Gains = dict[str, tuple[object, str]]
 GAINS = (100.0, 50.0)
 
 
-def torque_rate(found: Identification, fastest: Array, given: Sequence[float] = (),
+def torque_rate(identified: Identification, fastest: Array, given: Sequence[float] = (),
                 weight: Array | float = 0.0) -> tuple[Array, list[Finding]]:
     """
     Return `torque_rate_limit`, shape (n,) [N·m/s], and findings on the drives.
@@ -67,7 +71,7 @@ def torque_rate(found: Identification, fastest: Array, given: Sequence[float] = 
 
     Parameters
     ----------
-    found : Identification
+    identified : Identification
         What was identified.
     fastest : ndarray, shape (n,)
         How fast the model's torque changes, as fast as the limits allow [N·m/s].
@@ -78,69 +82,32 @@ def torque_rate(found: Identification, fastest: Array, given: Sequence[float] = 
 
     """
     # The largest friction near 0 velocity.
-    friction = [max([abs(x.value) for x in (one.coulomb, one.forwards, one.backwards)
-                     if x.value is not None], default=0.0) + max(one.stribeck.value or 0.0, 0.0)
-                for one in found.friction]
+    friction = [joint.at_rest for joint in identified.friction]
     needed = np.maximum(2.0 * np.array(friction) / _REVERSAL, fastest).clip(min=_LEAST)
     known = np.array(given or [
-        np.nan if x.value is None else x.value - x.half for x in found.rate]
+        np.nan if x.value is None else x.value - x.half for x in identified.rate]
         or [np.nan] * len(needed))
     known = np.where(known > 0.0, known, np.nan)
-    least = known / (1.0 + 2.0 * longest_lag(found) / found.clock.period)
+    least = known / (1.0 + 2.0 * longest_lag(identified) / identified.clock.period)
     findings = [Finding(
-        Kind.DOUBT, i, f'its drive changes the torque by {have:.3g} N*m/s; {need:.3g} N*m/s are '
+        Reason.GAINS, Severity.CARE, i, f'its drive changes the torque by {have:.3g} N*m/s; {need:.3g} N*m/s are '
         f'needed for reversals in {_REVERSAL:g} s and faster motions',
         'expect errors at reversals, and slow the motion down')
         for i, (need, have) in enumerate(zip(needed, known)) if have < need]
     if np.isnan(known).any():
-        findings.append(Finding(
-            Kind.NOTE, ALL_JOINTS, 'the rate of the drives is not known', 'give --torque-rate '
-            'where a drive is slower than the torque_rate_limit that is recommended'))
+        findings.append(note('the rate of the drives is not known; give --torque-rate where a '
+                             'drive is slower than the torque_rate_limit that is recommended'))
     # Lags that may be anything are those of elastic joints, say: fast commands make them swing.
-    lags = np.array(list(found.timing.delays.values()))
+    lags = np.array(list(identified.timing.delays.values()))
     sure = len(lags) and np.ptp(lags, axis=(0, 1)).max() <= _KNOWN
     wanted = np.maximum(needed, weight / _CARRIED if sure else 0.0)
     return np.where(np.isfinite(known), np.clip(wanted, least, known), wanted), findings
 
 
-def longest_lag(found: Identification) -> Array:
+def longest_lag(identified: Identification) -> Array:
     """Return the longest lag of each drive that is possible, shape (n,) [s]."""
-    possible = [lags[2] for lags in found.timing.delays.values()] or [found.timing.drive[1]]
+    possible = [lags[2] for lags in identified.timing.delays.values()] or [identified.timing.drive[1]]
     return np.asarray(np.max(possible, axis=0))
-
-
-def inertia_findings(found: Identification, model: Model) -> Iterator[Finding]:
-    """
-    Yield the joints whose inertia the model has wrong by more than a loop stands.
-
-    Parameters
-    ----------
-    found : Identification
-        With errors of the model.
-    model : Model
-        As `identify` had it.
-
-    """
-    n, most = model.n, Kind.INERTIA.refused
-    if found.columns is None:
-        return
-    zero, ratios = np.zeros(n), []
-    for q in found.positions.poses:
-        rest = found.columns.at(q, zero, zero)
-        columns = np.array([(found.columns.at(q, zero, x) - rest)[i]
-                            for i, x in enumerate(np.eye(n))])
-        state = Data.at(np.ones((1, n)), zero[None], zero[None], columns[None])
-        change, half = (x[0] for x in found.selected.torque(state, (TermKind.MODEL,)))
-        mass = np.diagonal(model.mass_matrix(q.tolist()))
-        ratios.append(1.0 + np.array([change - half, change + half]) / mass)
-    # The interval of M_ii of the robot over that of the model.
-    for i, (low, high) in enumerate(np.median(ratios, axis=0).T):
-        off = max(low, 1.0 / max(high, 1e-9))
-        if off > most:
-            yield Finding(
-                Kind.INERTIA, i, f'the inertia about it is {0.5 * (low + high):.3g} times '
-                f'that of the model, allowed for gains: {1.0 / most:g} to {most:g}',
-                'correct the description: rotor inertia, masses and inertias', off)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -173,14 +140,14 @@ class Recommendation:
         return list(ka)
 
 
-def recommend(found: Identification, run: MeasuredPerturbation, model: Model,
-              rate: Sequence[float] = ()) -> Recommendation:
+def recommend(identified: Identification, run: MeasuredPerturbation, model: Model,
+              rate: Sequence[float] = (), corrected: bool = False) -> Recommendation:
     """
     Return gains.
 
     Parameters
     ----------
-    found : Identification
+    identified : Identification
         What was identified.
     run : MeasuredPerturbation
         P of the run.
@@ -188,19 +155,21 @@ def recommend(found: Identification, run: MeasuredPerturbation, model: Model,
         The controller's.
     rate : sequence of float, shape (n,), optional
         Rate that the drives allow [N·m/s].
+    corrected : bool
+        Whether the model has the identified bodies.
 
     """
-    (delay, lag), longest = found.timing.drive, float(longest_lag(found).max())
-    bound = perturbation_bound(found, run, model)
-    weight = [np.abs(model.gravity_torque(q.tolist())) for q in found.positions.poses]
-    slope, slow = torque_rate(found, bound.change, rate, np.max(weight, axis=0))
-    level = [max(0.0, x.coulomb.value or 0.0) for x in found.friction]
-    usable = [x.usable for x in verdicts(found)]
+    (delay, lag), longest = identified.timing.drive, float(longest_lag(identified).max())
+    bound = perturbation_bound(identified, run, model, corrected)
+    weight = [np.abs(model.gravity_torque(q.tolist())) for q in identified.positions.poses]
+    slope, slow = torque_rate(identified, bound.change, rate, np.max(weight, axis=0))
+    level = [max(0.0, x.coulomb.value or 0.0) for x in identified.friction]
+    usable = [x.usable for x in verdicts(identified)]
     bandwidth = min(_BANDWIDTH, _LAG / longest) if longest else _BANDWIDTH
     shared: Gains = {
         'law': ('observer_feedback', 'it inverts the lag of drives, and needs no velocities'),
         'input_delay': (int(delay) if isfinite(delay) else 0, 'samples from a torque to the '
-                        f'motion: {" or ".join(map(str, found.timing.delays)) or "not known"}'),
+                        f'motion: {" or ".join(map(str, identified.timing.delays)) or "not known"}'),
         'actuator_lag': ([rounded(x) for x in lag], 'the lag of the drives'),
         'switching': ('implicit_observer', 'if you choose law chattering'),
         'observer_bandwidth': (in_digits(bandwidth, 2, np.floor), f'then {_LAG:g} / T with the '
@@ -213,19 +182,19 @@ def recommend(found: Identification, run: MeasuredPerturbation, model: Model,
              f'{_REVERSAL:g} s, the weight within {_CARRIED:g} s at the start and the fastest '
              'motion need, within the rate of the drives where it is known'))}}
     # The coarsest step of an encoder, or the noise of positions, if that is more.
-    resolution = max(float(found.positions.noise.max()), *(x.value or 0.0 for x in found.encoder))
-    options = tuple({**shared, **_poles(found, x, resolution)} for x in SLOWER)
+    resolution = max(float(identified.positions.noise.max()), *(x.value or 0.0 for x in identified.encoder))
+    options = tuple({**shared, **_poles(identified, x, resolution)} for x in SLOWER)
     return Recommendation(options[0], (
-        *run.outliers(), *run.break_away(found.joints), *bound.findings, *slow,
-        *inertia_findings(found, model)), options)
+        *run.outliers(), *run.break_away(identified.joints), *bound.findings, *slow),
+        options)
 
 
-def _poles(found: Identification, slower: float, resolution: float) -> Gains:
+def _poles(identified: Identification, slower: float, resolution: float) -> Gains:
     """Return the gains of `observer_feedback`, its pole as a part of the fastest."""
-    period, lag, n = found.clock.period, found.timing.drive[1], len(found.joints)
+    period, lag, n = identified.clock.period, identified.timing.drive[1], len(identified.joints)
     late, slowest, most = max(
         (lateness(float(x.max()), period, d), float(x.max()), d)
-        for d, x in (found.timing.delays or {0: lag}).items())
+        for d, x in (identified.timing.delays or {0: lag}).items())
     pole = in_digits(slower * largest_pole(late), 2, np.floor)
     ratio = estimator_bandwidth(1.0, resolution)
     return {'kp': ([pole ** 2] * n, f'a double pole at p = {pole:g} rad/s, p (T + h (1 + d)) = '

@@ -16,7 +16,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 import ctypes
 import dataclasses
@@ -28,22 +28,20 @@ from ctc_chattering.analysis.compilation import compile_setups, has_compiler
 from ctc_chattering.analysis.output import check_format, prepare, write_json, write_text, writing
 from ctc_chattering.bags.recording import RecordedMotion, Recording
 from ctc_chattering.configuration import parameter_file
-from ctc_chattering.dynamics.corrected_urdf import corrected_urdf, tip_of, with_payload
+from ctc_chattering.dynamics.corrected_urdf import tip_of, with_payload
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.dynamics.registry import locked_positions, make_model
 from ctc_chattering.dynamics.urdf_parser import Tree
 from ctc_chattering.errors import ParameterError, UsageError
 from ctc_chattering.identification import identify as regression
-from ctc_chattering.identification.attribution import CauseKind
 from ctc_chattering.identification.effort import CURRENT, in_torques, LINK, MOTOR
-from ctc_chattering.identification.findings import ALL_JOINTS, Finding, Kind, Severity
+from ctc_chattering.identification.findings import ALL_JOINTS, Finding, note, Reason, Severity
 from ctc_chattering.identification.gains import recommend
-from ctc_chattering.identification.identify import Identification
-from ctc_chattering.identification.model_errors import candidates
-from ctc_chattering.identification.model_verdict import lean
+from ctc_chattering.identification.identify import Identification, TorqueSignal
 from ctc_chattering.identification.perturbation import perturbation
+from ctc_chattering.identification.prior import URDF_UNCERTAINTY
 from ctc_chattering.identification.results import IdentificationResults, write_page
-from ctc_chattering.identification.sensors import Noise, velocity_noise
+from ctc_chattering.identification.sensors import velocity_noise, VelocityNoise
 from ctc_chattering.identification.trial_runs import (
     COUNT,
     COUNT_PLAIN,
@@ -53,13 +51,8 @@ from ctc_chattering.identification.trial_runs import (
     Values,
 )
 from ctc_chattering.parameters import check_some, LEAST, Parameter, whole
+import numpy as np
 
-#: By how much the corrected model may explain the torque of a joint worse.
-_WORSE = 1.02
-#: Torque scale that is one, and no trifle.
-_SCALE = 0.01
-#: Part of a joint's torque, with friction, below which a correction is none.
-_LEAST = 0.01
 #: What is given of the drives: of `identify`, and of its command.
 TORQUE_RATE = Parameter('torque_rate', 'float[]', None, 'rate limit of the drives', unit='N*m/s',
                         minimum=LEAST, shape='n')
@@ -69,81 +62,50 @@ TORQUE_CONSTANT = Parameter('torque_constant', 'float[]', None, 'torque at the j
 _SIDES = ('', MOTOR, LINK, CURRENT)
 
 
-def corrected_description(found: Identification, description: str,
+def corrected_description(identified: Identification, description: str,
                           locked: Mapping[str, float] | None = None) -> str:
     """
-    Return the corrected URDF; empty where the model is right, or something is refused.
+    Return the URDF with the identified bodies; empty where they are those of the model.
 
     Parameters
     ----------
-    found : Identification
-        With the bodies that fit.
+    identified : Identification
+        With the bodies.
     description : str
         The URDF of the model; empty for another model.
     locked : mapping of str to float, optional
         As the model has it.
 
     """
-    bodies, refused = found.bodies, _refused(found)
-    if not description or bodies is None or not bodies.differ or ALL_JOINTS in refused or (
-            len(refused) > regression.MOST_REFUSED * len(found.joints)):
+    bodies = identified.bodies
+    if not description or bodies is None or not (bodies.differ() or bodies.turn):
         return ''
-    size = bodies.torque(bodies.found - bodies.estimate.known)
-    whole = bodies.torque(bodies.found) + [abs(x.coulomb.value or 0.0) for x in found.friction]
-    # On data that it was not fitted to, it must be better, and on no joint worse.
-    held_out = found.held_out
-    if not (size > _LEAST * whole).any() or not len(held_out) or (
-            held_out > _WORSE).any() or _scale_in_doubt(found):
-        return ''
-    return corrected_urdf(description, found.joints, bodies.parameters, bodies.rotor.tolist(),
-                          bodies.tilt.tolist(), locked)
+    return bodies.description(description, identified.joints, locked)
 
 
-def _refused(found: Identification) -> set[int]:
-    """Return the joints that are refused."""
-    return {x.joint for x in found.findings if x.severity == Severity.REFUSED}
-
-
-def _scale_in_doubt(found: Identification) -> bool:
-    """Return whether a torque scale explains as much as what is in the bodies."""
-    chosen = found.selected.explanation
-    mine = [] if chosen is None else chosen.causes
-    return any(cause.kind == CauseKind.SCALE and abs(value[0]) > _SCALE and not any(
-        cause is x for x in mine) for other in found.selected.alike
-        for cause, value in zip(other.causes, other.values))
-
-
-def with_correction(before: Identification, after: Identification, name: str
-                    ) -> Identification | None:
-    """
-    Return the identification with a corrected model, with what was wrong; None if it is no better.
-
-    Parameters
-    ----------
-    before, after : Identification
-        With the model as it was, and corrected.
-    name : str
-        Of the file that has the correction.
-
-    """
-    if _refused(after) - _refused(before):
-        return None
-    assert before.bodies is not None
-    change = before.bodies.torque(before.bodies.found - before.bodies.estimate.known)
-    text = ', '.join(f'{x:.2g}' for x in change)
-    turn = lean(before.bodies.estimate.known[-3:], before.bodies.tilt)
-    return dataclasses.replace(
-        after, errors=before.errors, rotor=before.rotor, tilt=before.tilt, bodies=before.bodies,
-        findings=(*(x._replace(reason=f'relative to {name}: {x.reason}') if 'base is turned' in
-                    x.reason else x for x in after.findings), Finding(
-            Kind.NOTE, ALL_JOINTS, f'the URDF is corrected in {name}, which changes the '
-            f'torque by {text} N*m RMS in this motion'
-            + f', and turns the base by {turn:.2g} degrees' * bool(turn > 0.0))))
+def correction_notes(identified: Identification, name: str) -> Iterator[Finding]:
+    """Yield what the URDF `name` has that the given one has not."""
+    bodies = identified.bodies
+    assert bodies is not None
+    change = ', '.join(f'{x:.2g}' for x in bodies.change_rms())
+    yield note(f'{name} has the identified bodies, which change the torque by {change} N*m RMS in '
+               'this motion')
+    if bodies.turn > MOUNT_NOTE_RAD:
+        yield Finding(
+            Reason.MOUNT, Severity.CARE, ALL_JOINTS, 'gravity is along '
+            f'{np.round(bodies.gravity, 2).tolist()} m/s² in the frame of the base, turned by '
+            f'{np.degrees(bodies.turn):.2g} degrees from the URDF: the base is mounted like that, '
+            f'and {name} has it', 'confirm the mounting')
+    for joint, rotor in enumerate(bodies.rotors):
+        if rotor.value is not None and rotor.value - rotor.half > 0.0:
+            yield note(f'{name} has a rotor inertia of {rotor}', joint)
 
 
 #: Names in the directory of `write_identified`.
 PAGE, JSON, VALUES, ROBOT, CORRECTED, FIGURES = NAMES = (
     'index.html', 'identify.json', 'identified.yaml', 'robot.urdf', 'corrected.urdf', 'figures')
+#: Turn of the base that needs care [rad].
+MOUNT_NOTE_RAD = 0.02
 #: Acceleration of gravity where nothing says otherwise [m/s²].
 _GRAVITY = 9.81
 
@@ -166,15 +128,22 @@ class RobotModel:
         """Return the model of a description in the place of its own."""
         return make_model('urdf', self.shared['gravity'], joints, text, self.locked)
 
-    def identified(self, recordings: Sequence[Recording], side: str,
-                   payloads: Sequence[tuple[float, str]], velocities: Noise
+    def identified(self, recordings: Sequence[Recording], signal: TorqueSignal,
+                   payloads: Sequence[tuple[float, str]], velocities: VelocityNoise
                    ) -> Identification:
         """Return what is identified with the model; arguments as of `identify` of both modules."""
         text, joints = ['', *self.files.values()][-1], recordings[0].joints
         loaded = [self.described(with_payload(text, joints, mass, link) if mass else text, joints)
                   for mass, link in payloads] if any(mass for mass, _ in payloads) else []
-        return regression.identify(recordings, self.model, candidates(
-            self.model, text, self.locked), side, loaded, velocities)
+        return regression.identify(recordings, self.model, signal, loaded, velocities)
+
+    def corrected(self, identified: Identification) -> RobotModel:
+        """Return it with the identified bodies; as it is where these are those of the model."""
+        text = corrected_description(identified, self.files.get(ROBOT, ''), self.locked)
+        if not text:
+            return self
+        return dataclasses.replace(self, model=self.described(text, identified.joints),
+                                   files={**self.files, CORRECTED: text})
 
 
 @dataclasses.dataclass(frozen=True)
@@ -186,7 +155,7 @@ class IdentifiedRobot:
     ----------
     results : IdentificationResults
         All numbers with their intervals: ``results.found`` has ``friction``, ``timing`` and
-        ``errors`` of the model, ``results.recommended`` law and gains, ``results.verdicts`` what
+        ``bodies`` of the model, ``results.recommended`` law and gains, ``results.verdicts`` what
         they are good for. ``results.text()`` is what ``ctc identify`` prints, and
         ``results.as_mapping()`` what ``identify.json`` has.
     robot : RobotModel
@@ -215,7 +184,8 @@ class IdentifiedRobot:
 def identify(motions: Sequence[RecordedMotion], model: str = '', urdf: str = '',
              gravity: float | None = None, side: str = '', torque_rate: Sequence[float] = (),
              torque_constant: Sequence[float] | None = None,
-             payloads: Sequence[tuple[float, str]] = ()) -> IdentifiedRobot:
+             payloads: Sequence[tuple[float, str]] = (),
+             urdf_uncertainty: float = URDF_UNCERTAINTY) -> IdentifiedRobot:
     """
     Identify friction, drives and errors of the model from recorded motions, with gains.
 
@@ -240,6 +210,8 @@ def identify(motions: Sequence[RecordedMotion], model: str = '', urdf: str = '',
     payloads : sequence of (float, str)
         For each motion the mass of a known payload [kg], 0 for none, and the link that has it at
         its origin. A motion with one beside a motion without tells torque constants from masses.
+    urdf_uncertainty : float
+        By which part of itself a body of the URDF may be wrong.
 
     Returns
     -------
@@ -276,23 +248,21 @@ def identify(motions: Sequence[RecordedMotion], model: str = '', urdf: str = '',
     velocities = velocity_noise(recordings[0], regression.common_period(recordings))
     recordings = [dataclasses.replace(x, dq=None) for x in recordings]
     del motions
-    found = robot.identified(recordings, side, payloads, velocities)
-    # Where the URDF is clearly wrong, all again with a corrected one.
-    if text := corrected_description(found, robot.files.get(ROBOT, ''), robot.locked):
-        other = dataclasses.replace(robot, model=robot.described(text, joints),
-                                    files={**robot.files, CORRECTED: text})
-        better = with_correction(
-            found, other.identified(recordings, side, payloads, velocities), CORRECTED)
-        found, robot = (found, robot) if better is None else (better, other)
-    found = dataclasses.replace(found, findings=(*found.findings, *(
-        Finding(Kind.NOTE, ALL_JOINTS, note) for note in notes)))
+    identified = robot.identified(
+        recordings, TorqueSignal(side, urdf_uncertainty), payloads, velocities)
+    robot = robot.corrected(identified)
+    corrected = CORRECTED in robot.files
+    identified = dataclasses.replace(identified, findings=(
+        *identified.findings, *map(note, notes),
+        *(correction_notes(identified, CORRECTED) if corrected else ())))
     name = ', '.join(x.name for x in recordings)
     del recordings
     with suppress(AttributeError, OSError):  # The C library of Linux keeps freed memory.
         ctypes.CDLL(None).malloc_trim(0)
-    perturbed = perturbation(found)
+    perturbed = perturbation(identified, corrected)
     return IdentifiedRobot(IdentificationResults(
-        name, found, perturbed, recommend(found, perturbed, robot.model, rate or ())), robot)
+        name, identified, perturbed, recommend(
+            identified, perturbed, robot.model, rate or (), corrected)), robot)
 
 
 def _robot(motion: RecordedMotion, model: str, urdf: str, gravity: float | None) -> RobotModel:
@@ -373,8 +343,9 @@ def write_identified(identified: IdentifiedRobot, out: str | Path, trials: int |
         (VALUES, 'parameter file'), (JSON, 'all numbers'), (CORRECTED, 'corrected URDF'))
         if (out / name).exists()}
     from ctc_chattering.analysis.drawing import save
-    from ctc_chattering.identification.figures import friction_figure
-    figures = save([friction_figure(results.found, results.verdicts)], out / FIGURES,
+    from ctc_chattering.identification.figures import friction_figure, torque_figure
+    figures = save([torque_figure(results.found, results.verdicts),
+                    friction_figure(results.found, results.verdicts)], out / FIGURES,
                    ('svg', extra))
     write_page(results, figures, out / PAGE, files, command)
     return tried

@@ -23,21 +23,28 @@ from typing import NamedTuple
 
 from ctc_chattering.analysis.tables import rounded
 from ctc_chattering.dynamics.model import Model
-from ctc_chattering.identification.findings import Finding, Kind
+from ctc_chattering.identification.findings import Estimate, Finding, Reason, Severity
+from ctc_chattering.identification.friction import JointFriction
+from ctc_chattering.identification.friction_terms import TermKind
 from ctc_chattering.identification.identify import Identification
-from ctc_chattering.identification.least_squares import Data, FRICTION, TermKind
 from ctc_chattering.identification.verdict import verdicts
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
 import numpy.typing as npt
 
 Flags = npt.NDArray[np.bool_]
-#: An outlier is this many times beyond the bound of what is unexplained, and this part of P.
-_FAR, _SEEN = 3.0, 0.1
-#: What a joint at rest may have beyond the friction of sliding, in bounds of what is unexplained.
-_TAILS = 3.0
+#: An outlier is so many times beyond the bound of what is unexplained,
+OUTLIER_BOUNDS = 3.0
+#: and this part of P.
+OUTLIER_PART = 0.1
+#: Torque of a joint at rest beyond the friction of sliding, in bounds of what is unexplained,
+RESTING_TAILS = 3.0
+#: and as a part of the friction.
+RESTING_PART = 0.1
+#: Share of a window in which a joint that slides may rest.
+SLIDING_SHARE = 1e-9
 #: Windows beside an outlier that share samples with it.
-_BESIDE = 4
+BESIDE = 4
 #: Fewest windows of which a tail is told.
 _ENOUGH = 100
 
@@ -74,8 +81,8 @@ class MeasuredPerturbation:
     error: Array
 
     @property
-    def rest(self) -> Array:
-        """Return what is not predicted of P, shape (J, n) [N·m]; NaN where nothing is."""
+    def residual(self) -> Array:
+        """P that is not predicted, shape (J, n) [N·m]; nan where nothing is."""
         return self.measured - self.predicted
 
     @property
@@ -94,56 +101,68 @@ class MeasuredPerturbation:
 
     def outliers(self) -> Iterator[Finding]:
         """Yield for each joint which windows were left out of the peak."""
-        rest = np.abs(self.rest)
-        far = np.where(np.isfinite(rest), rest, 0.0) > _FAR * self.tail
-        far &= ~self.trusted[:, None]
-        for i in range(self.measured.shape[1]):
-            size = np.where(far[:, i], rest[:, i], 0.0)
+        residual = np.abs(np.nan_to_num(self.residual))
+        far = (residual > OUTLIER_BOUNDS * self.tail) & ~self.trusted[:, None]
+        for joint in range(self.measured.shape[1]):
+            size = np.where(far[:, joint], residual[:, joint], 0.0)
             if size.any():
                 k = int(np.argmax(size))
                 yield Finding(
-                    Kind.DOUBT, i, f'{int(far[:, i].sum())} windows of 0.1 s have a torque '
-                    f'that nothing explains, up to {size[k]:.3g} N*m at {self.t[k]:.2f} s: a '
-                    'contact, or wrong stamps; they are not in the largest |P|',
-                    'look at the recording there')
+                    Reason.OUTLIERS, Severity.CARE, joint, f'{int(far[:, joint].sum())} windows '
+                    f'have a torque that nothing explains, up to {size[k]:.3g} N*m at '
+                    f'{self.t[k]:.2f} s: a contact, or wrong stamps; they are not in the largest '
+                    '|P|', 'look at the recording there')
 
     def break_away(self, joints: Sequence[str]) -> Iterator[Finding]:
         """Yield the joints with more friction at rest, or breaking away, than sliding shows."""
         held = self.trusted[:, None] & ~np.isfinite(self.predicted)
-        more = np.abs(self.measured) - self.envelope
-        for i, name in enumerate(joints):
-            beyond = tail_bound(np.maximum(more[held[:, i], i], 0.0))
-            level = float(np.median(self.envelope[:, i]))
-            if beyond > _TAILS * self.tail[i]:
+        excess = np.abs(self.measured) - self.envelope
+        for joint, name in enumerate(joints):
+            beyond = tail_bound(np.maximum(excess[held[:, joint], joint], 0.0))
+            level = float(np.median(self.envelope[:, joint]))
+            if beyond > max(RESTING_TAILS * self.tail[joint], RESTING_PART * level):
                 yield Finding(
-                    Kind.BREAK_AWAY, i, f'at rest or breaking away |P| is up to {beyond:.3g} N*m '
-                    f'more than {name} shows while it slides: Stribeck friction below the '
-                    'velocities shown, or a joint that is held by something else',
-                    'record slower reversals, as those of `ctc excite`',
-                    beyond / max(level, 1e-300))
+                    Reason.BREAK_AWAY, Severity.CARE, joint, f'at rest or breaking away |P| is up '
+                    f'to {beyond:.3g} N*m more than {name} shows while it slides: Stribeck '
+                    'friction below the velocities shown, or a joint that is held by something '
+                    'else', 'record slower reversals, as those of `ctc excite`')
 
 
-def perturbation(found: Identification) -> MeasuredPerturbation:
-    """Return P of the identified run."""
-    data = found.data
-    used, (error, _) = data.used(), found.selected.torque(data, (TermKind.MODEL,))
-    for i, mine in enumerate(used.T):
-        if mine.any():
-            # Of a window in which the joint does not slide: between those in which it does.
-            error[:, i] = np.interp(np.arange(len(mine)), np.flatnonzero(mine), error[mine, i])
-    predicted = np.where(used, found.selected.torque(data)[0], np.nan)
-    rest = np.abs(data.residual - predicted)
-    bound = np.array([tail_bound(x[np.isfinite(x)]) for x in rest.T])
-    size = np.array([np.median(np.abs(x[mine])) if mine.any() else 0.0
-                     for x, mine in zip(data.residual.T, used.T)])
-    far: Flags = np.any(rest > np.maximum(_FAR * bound, bound + _SEEN * size), axis=1)
+def perturbation(identified: Identification, corrected: bool) -> MeasuredPerturbation:
+    """
+    Return P of the identified run.
+
+    Parameters
+    ----------
+    identified : Identification
+        What was identified.
+    corrected : bool
+        Whether the model that P is about has the identified bodies.
+
+    """
+    fit, data = identified.fit, identified.fit.data
+    windows, joints = data.windows, range(data.joint_count)
+    moves = windows.resting < SLIDING_SHARE
+    bodies = windows.bodies @ fit.body_change() if fit.unknowns.body_count else np.zeros_like(
+        data.torque)
+    known = data.torque != 0.0
+    measured = np.where(known, data.torque - windows.model_torque - bodies * corrected, 0.0)
+    friction = np.stack([fit.torque(joint, tuple(TermKind)) for joint in joints], axis=1)
+    error = bodies * (not corrected)
+    predicted = np.where(data.used & moves, friction + error, np.nan)
+    residual = np.abs(measured - predicted)
+    bound = np.array([tail_bound(x[np.isfinite(x)]) for x in residual.T])
+    size = np.array([np.median(np.abs(x[own])) if own.any() else 0.0
+                     for x, own in zip(measured.T, data.used.T)])
+    far: Flags = np.any(
+        residual > np.maximum(OUTLIER_BOUNDS * bound, bound + OUTLIER_PART * size), axis=1)
     # Windows beside one that is far share samples with it.
-    trusted = np.convolve(far, np.ones(2 * _BESIDE + 1), 'same') < 0.5
+    trusted = np.convolve(far, np.ones(2 * BESIDE + 1), 'same') < 0.5
+    load = np.maximum(np.abs(windows.load), np.abs(data.torque))
     return MeasuredPerturbation(
-        data.t, data.residual, predicted,
-        np.abs(error) + _largest_friction(
-            found, data.velocity, np.maximum(data.load, np.abs(data.torque)), 0.0), trusted,
-        np.array([tail_bound(x[np.isfinite(x) & trusted]) for x in rest.T]),
+        windows.t, measured, predicted,
+        np.abs(error) + largest_friction(identified, windows.velocity, load, 0.0), trusted,
+        np.array([tail_bound(x[np.isfinite(x) & trusted]) for x in residual.T]),
         np.abs(error[trusted]).max(axis=0, initial=0.0))
 
 
@@ -161,31 +180,41 @@ def tail_bound(sizes: Array) -> float:
     return min(largest, float(high + (high - most) * np.log10(len(sizes) / 100.0)))
 
 
-def friction_at(found: Identification, velocity: Array, load: Array | float
-                ) -> tuple[Array, Array]:
+def friction_at(friction: JointFriction, velocity: Array, load: Array | float,
+                halves: float = 0.0) -> Array:
     """
-    Return friction, and half its interval, each of shape (S, n) [N·m].
+    Return the friction of a joint [N·m].
 
     Parameters
     ----------
-    found : Identification
-        What was identified.
-    velocity : ndarray, shape (S, n)
+    friction : JointFriction
+        As identified.
+    velocity : ndarray, shape (S,)
         Of sliding [rad/s]; the sign of a zero is its direction.
-    load : ndarray, shape (n,) or (S, n), or float
-        Torque of the drives [N·m].
+    load : ndarray, shape (S,), or float
+        Magnitude of the torque of the drive [N·m].
+    halves : float
+        How many halves of its interval each number is larger.
 
     """
-    states = Data.at(np.copysign(1.0, velocity), velocity, np.broadcast_to(load, velocity.shape),
-                     np.zeros((*velocity.shape, found.data.more.shape[2])))
-    return found.selected.torque(states, FRICTION)
+    def number(estimate: Estimate) -> float:
+        return 0.0 if estimate.value is None else estimate.value + halves * estimate.half
+
+    way = np.copysign(1.0, velocity)
+    coulomb = np.where(way > 0.0, number(friction.forwards), number(friction.backwards))
+    slow = np.exp(-np.square(velocity / (friction.stribeck_velocity.value or 1.0)))
+    stribeck, part = number(friction.stribeck), number(friction.load)
+    return np.asarray(way * (coulomb + stribeck * slow + part * np.abs(load))
+                      + number(friction.viscous) * velocity)
 
 
-def _largest_friction(found: Identification, velocity: Array, load: Array, halves: float) -> Array:
-    """Return the larger friction of both directions, with halves of its interval, (S, n)."""
-    both = [np.abs(value) + halves * half for value, half in (
-        friction_at(found, np.copysign(velocity, sign), load) for sign in (1.0, -1.0))]
-    return np.maximum(*both)
+def largest_friction(identified: Identification, velocity: Array, load: Array, halves: float
+                     ) -> Array:
+    """Return the larger friction of both directions, shape (S, n) [N·m]; `friction_at`."""
+    columns = [np.maximum(*(np.abs(friction_at(
+        friction, np.copysign(velocity[:, joint], sign), load[:, joint], halves))
+        for sign in (1.0, -1.0))) for joint, friction in enumerate(identified.friction)]
+    return np.stack(columns, axis=1)
 
 
 #: Random states, and speeds at which friction is looked up.
@@ -217,7 +246,7 @@ class MotionLimits(NamedTuple):
     effort: Array
 
 
-def motion_limits(model: Model, found: Identification, run: MeasuredPerturbation) -> MotionLimits:
+def motion_limits(model: Model, identified: Identification, run: MeasuredPerturbation) -> MotionLimits:
     """
     Return the limits that a model has from its description; of the run where it has none.
 
@@ -225,7 +254,8 @@ def motion_limits(model: Model, found: Identification, run: MeasuredPerturbation
     """
     n = model.n
     fastest, change = (np.abs(x[run.trusted]).max(axis=0, initial=0.0)
-                       for x in (found.data.velocity, found.data.acceleration))
+                       for x in (identified.fit.data.windows.velocity,
+                                 identified.fit.data.windows.acceleration))
     velocity = np.array(getattr(model, 'velocity_limits', None) or [np.inf] * n, float)
     velocity = np.where(np.isfinite(velocity), velocity, fastest)
     ratio = np.clip(change * velocity / np.maximum(np.square(fastest), 1e-12), *_ACCELERATION)
@@ -249,13 +279,15 @@ def _torques(model: Model, q: Array, dq: Array, ddq: Array) -> Array:
                      for rows in zip(q.tolist(), dq.tolist(), ddq.tolist())])
 
 
-def _largest_error(found: Identification, tau: Array, states: tuple[Array, Array, Array]) -> Array:
+def _largest_error(identified: Identification, states: tuple[Array, Array, Array],
+                   corrected: bool) -> Array:
     """Return the largest torque of errors of the model, shape (n,) [N·m]."""
-    more = (np.array([found.columns.at(*rows) for rows in zip(*states)]) if found.columns
-            else np.zeros((*tau.shape, 0)))
-    value, half = found.selected.torque(
-        Data.at(np.ones_like(tau), states[1], tau, more), (TermKind.MODEL,))
-    return np.asarray((np.abs(value) + half).max(axis=0))
+    bodies = identified.bodies
+    if bodies is None:
+        return np.zeros(states[0].shape[1])
+    errors = [bodies.torque_error(*state) + np.abs(
+        0.0 if corrected else bodies.torque_change(*state)) for state in zip(*states)]
+    return np.asarray(np.max(errors, axis=0))
 
 
 #: ka over the largest |P|.
@@ -289,22 +321,24 @@ class PerturbationBound(NamedTuple):
     findings: tuple[Finding, ...]
 
 
-def perturbation_bound(found: Identification, run: MeasuredPerturbation, model: Model,
-                       seed: int = 1) -> PerturbationBound:
+def perturbation_bound(identified: Identification, run: MeasuredPerturbation, model: Model,
+                       corrected: bool, seed: int = 1) -> PerturbationBound:
     """
     Return ka for motions within the limits.
 
     Parameters
     ----------
-    found, run
+    identified, run
         What was identified, and P of the run.
     model : Model
-        As `identify` had it.
+        That P is about.
+    corrected : bool
+        Whether it has the identified bodies.
     seed : int
         Of the random states.
 
     """
-    limits = motion_limits(model, found, run)
+    limits = motion_limits(model, identified, run)
     q, dq, ddq = _states(limits, np.random.default_rng(seed))
     for _ in range(_SLOWED):
         tau = _torques(model, q, dq, ddq)
@@ -312,13 +346,15 @@ def perturbation_bound(found: Identification, run: MeasuredPerturbation, model: 
         dq, ddq = np.where(beyond, _SLOWER * dq, dq), np.where(beyond, _SLOWER ** 2 * ddq, ddq)
     allowed = ~beyond[:, 0] if not beyond.all() else np.ones(len(q), bool)
     q, dq, ddq, tau = (x[allowed] for x in (q, dq, ddq, tau))
-    error, most = _largest_error(found, tau, (q, dq, ddq)), np.abs(tau).max(axis=0)
-    friction = _largest_friction(
-        found, np.linspace(0.0, limits.velocity, _SPEEDS),
-        np.minimum(most + error + run.peak, limits.effort), 1.0).max(axis=0)
+    error = _largest_error(identified, (q, dq, ddq), corrected)
+    most = np.abs(tau).max(axis=0)
+    load = np.minimum(most + error + run.peak, limits.effort)
+    friction = largest_friction(
+        identified, np.linspace(0.0, limits.velocity, _SPEEDS),
+        np.tile(load, (_SPEEDS, 1)), 1.0).max(axis=0)
     peak = np.maximum(run.peak, friction + error + run.tail)
     ka = np.array([in_digits(MARGIN * p, 3, np.ceil) for p in peak])
-    usable = [x.usable for x in verdicts(found)]
+    usable = [x.usable for x in verdicts(identified)]
     speeds, *parts = (', '.join(
         f'{round(x, 6):.3g}' if good else '-' for x, good in zip(values, usable))
         for values in (limits.velocity, friction, error, run.tail, run.peak))
@@ -328,20 +364,16 @@ def perturbation_bound(found: Identification, run: MeasuredPerturbation, model: 
     often = limits.acceleration / np.maximum(limits.velocity, 1e-12)
     return PerturbationBound(
         np.minimum(ka, limits.effort), peak, friction, often * most, reason,
-        tuple(_doubts(found, peak, ka, limits.effort)))
+        tuple(_doubts(peak, ka, limits.effort)))
 
 
-def _doubts(found: Identification, peak: Array, ka: Array, effort: Array) -> Iterator[Finding]:
-    """Yield the joints whose drive cannot give ka, or whose viscous friction is not known."""
-    for i, one in enumerate(found.friction):
+def _doubts(peak: Array, ka: Array, effort: Array) -> Iterator[Finding]:
+    """Yield the joints whose drive cannot give ka."""
+    for i in range(len(ka)):
         if ka[i] > effort[i]:
-            yield Finding(Kind.DOUBT, i, f'|P| reaches {peak[i]:.3g} N*m as fast as the limits '
+            yield Finding(Reason.GAINS, Severity.CARE, i, f'|P| reaches {peak[i]:.3g} N*m as fast as the limits '
                           f'allow; ka = {ka[i]:.3g} N*m is cut to its effort limit, '
                           f'{effort[i]:.3g} N*m', 'correct the model, or move more slowly')
-        if one.coulomb.value is not None and one.viscous.value is None and (
-                not one.viscous.shows_none):
-            yield Finding(Kind.MOTION, i, 'ka holds at the speeds of the run only: '
-                          f'{one.viscous.reason}', 'record slow reversals, and different speeds')
 
 
 def in_digits(value: float, digits: int, way: Callable[[float], float]) -> float:

@@ -27,7 +27,7 @@ from ctc_chattering.analysis import page
 from ctc_chattering.analysis.markup import fragment
 from ctc_chattering.analysis.page import FigureFile
 from ctc_chattering.analysis.tables import fitted, paragraph, shown, Table
-from ctc_chattering.identification.findings import ALL_JOINTS, Estimate, NONE, NONE_ABOVE, Severity
+from ctc_chattering.identification.findings import ALL_JOINTS, Estimate, Severity
 from ctc_chattering.identification.gains import Recommendation
 from ctc_chattering.identification.identify import Identification
 from ctc_chattering.identification.perturbation import MeasuredPerturbation
@@ -42,31 +42,15 @@ from ctc_chattering.identification.verdict import (
 
 #: In place of a number that there is none of; why is in the verdict, or in the JSON file.
 NO_NUMBER = '-'
-#: With these begins the reason why there is a bound, or another number, in place of a number.
-_BOUNDS = ('at least ', NONE_ABOVE, 'in ')
 #: Friction in the order of the table: field and heading.
 FRICTION = {'coulomb': 'Coulomb [N*m]', 'forwards': 'forwards', 'backwards': 'backwards',
             'viscous': 'viscous [N*m*s/rad]', 'stribeck': 'Stribeck [N*m]',
             'stribeck_velocity': 'its velocity [rad/s]', 'load': 'of the load'}
-#: What sensors show, and further quantities: field of the identification, key of the JSON file,
-#: and heading.
-_SENSORS = (('encoder', 'encoder_step_rad', 'encoder step [rad]'),
+#: Of the sensors: field of the identification, key of the JSON file, and heading.
+SENSORS = (('encoder', 'encoder_step_rad', 'encoder step [rad]'),
             ('noise', 'velocity_noise_rad_per_s', 'velocity noise [rad/s]'))
-_DRIVES = (('scale', 'torque_scale', 'torque per torque unit'),
-           ('rotor', 'rotor_inertia_kgm2', 'rotor inertia [kg*m^2]'),
-           ('dead_band', 'dead_band_nm', 'dead band [N*m]'),
-           ('rate', 'torque_rate_nm_per_s', 'rate of the drive [N*m/s]'))
-_LEAD = ('Intervals are those of 95 %. P is the torque that the model lacks: friction and its own '
+LEAD = ('Unseen torque is that of blocks of time that were not fitted. Intervals are those of 95 %. P is the torque that the model lacks: friction and its own '
          'errors; ka holds it. σ is the deviation of the velocity.')
-
-
-def cell(number: Estimate) -> str:
-    """Return a number with its interval or bound, `none` where it would show, else `NO_NUMBER`."""
-    if number.value is not None:
-        return str(dataclasses.replace(number, unit=''))
-    if number.reason.startswith(_BOUNDS):
-        return ' '.join(number.reason.split()[:3])
-    return 'none' if number.reason == NONE else NO_NUMBER
 
 
 @dataclasses.dataclass(frozen=True)
@@ -95,21 +79,32 @@ class IdentificationResults:
 
     def tables(self) -> Iterator[Table]:
         """Yield the tables of terminal and page."""
-        found = self.found
-        # A bound of Stribeck friction is one of its velocity.
-        yield self._table('Friction', {name: [
-            'none' if key == 'stribeck' and x.stribeck.shows_none else cell(getattr(x, key))
-            for x in found.friction] for key, name in FRICTION.items()})
-        yield self._table('Sensors', {name: list(map(cell, getattr(found, key)))
-                                      for key, _, name in _SENSORS}, True)
+        found, prediction = self.found, self.found.prediction
+        yield self._table('RMS of unseen torque [N*m]: in the recording, and what is left of it', {
+            head: [f'{x:.3g}' for x in values] for head, values in (
+                ('recording', prediction.recording_rms), ('model', prediction.model_rms),
+                ('model, friction', prediction.with_friction_rms),
+                ('identified', prediction.identified_rms))}, True)
+        yield self._table('Friction', {name: [getattr(x, key).cell for x in found.friction]
+                                       for key, name in FRICTION.items()})
+        yield self._table('Sensors', {name: [x.cell for x in getattr(found, key)]
+                                      for key, _, name in SENSORS}, True)
         yield self._table('Motors and drives', {
             'lag, or delay of this joint': [
                 lag_in_words(found.timing, i) for i in range(len(found.joints))],
-            **{name: list(map(cell, values)) for key, _, name in _DRIVES
-               if (values := getattr(found, key))}})
+            **{name: [x.cell for x in values] for _, name, values in self._drives()}})
         yield self._table('Perturbation', {
             'largest |P| [N*m]': [f'{x:.4g}' for x in self.run.peak],
             'ka [N*m]': [NO_NUMBER if x is None else f'{x:.4g}' for x in self.recommended.ka]})
+
+    def _drives(self) -> Iterator[tuple[str, str, list[Estimate]]]:
+        """Yield key of the JSON file, heading, and numbers of motors and drives."""
+        found = self.found
+        if found.constant:
+            yield 'torque_constant', 'torque per unit of the signal', found.constant
+        if found.bodies is not None:
+            yield 'rotor_inertia_kgm2', 'rotor inertia [kg*m^2]', found.bodies.rotors
+        yield 'torque_rate_nm_per_s', 'rate of the drive [N*m/s]', found.rate
 
     def _table(self, title: str, columns: Mapping[str, Sequence[str]], every: bool = False
                ) -> Table:
@@ -128,7 +123,7 @@ class IdentificationResults:
         for text in self.shared():
             yield from paragraph(f'all joints: {text}')
         for verdict in self.verdicts:
-            reasons = [x.text for x in verdict.own()]
+            reasons = [x.sentence for x in verdict.own()]
             yield from paragraph(': '.join((verdict.joint, verdict.word, *reasons[:1])))
             for reason in reasons[1:]:
                 yield from paragraph(f'- {reason}', 4)
@@ -137,7 +132,7 @@ class IdentificationResults:
         """Yield headings and sentences."""
         found, timing = self.found, self.found.timing
         yield 'Notes', [*of_all_joints(self.verdicts, Severity.NOTE), *(
-            f'{x.joint}: {note.reason}' for x in self.verdicts for note in x.findings
+            f'{x.joint}: {note.text}' for x in self.verdicts for note in x.findings
             if note.severity == Severity.NOTE and note.joint != ALL_JOINTS)]
         known = ' or '.join(map(str, timing.delays)) if isfinite(timing.drive[0]) else ''
         yield 'Time', [
@@ -183,12 +178,17 @@ class IdentificationResults:
             'verdicts': [x.as_mapping() for x in self.verdicts],
             'friction': [{name: number(x, verdict) for name, x in vars(friction).items()}
                          for friction, verdict in zip(found.friction, self.verdicts)],
-            **{key: [x.as_mapping() for x in getattr(found, name)] for name, key, _ in _SENSORS},
-            **{key: list(map(number, getattr(found, name), self.verdicts))
-               for name, key, _ in _DRIVES},
-            'gravity_mps2': [x.as_mapping() for x in found.tilt],
-            'model_errors': [{'name': error.name, 'unit': error.unit, **number.as_mapping()}
-                             for error, number in found.errors],
+            **{key: [x.as_mapping() for x in getattr(found, name)] for name, key, _ in SENSORS},
+            **{key: list(map(number, values, self.verdicts))
+               for key, _, values in self._drives()},
+            'unseen_torque_rms_nm': {
+                'recording': found.prediction.recording_rms.tolist(),
+                'model': found.prediction.model_rms.tolist(),
+                'model_with_friction': found.prediction.with_friction_rms.tolist(),
+                'identified': found.prediction.identified_rms.tolist()},
+            **({} if found.bodies is None else {
+                'gravity_mps2': found.bodies.gravity.tolist(),
+                'bodies': found.bodies.as_mapping(found.joints)}),
             'peak_perturbation_nm': self._usable(self.run.peak.tolist()),
             'recommended': {name: {'value': self._usable(value), 'reason': why}
                             for name, (value, why) in self.recommended.values.items()},
@@ -214,16 +214,16 @@ def write_page(report: IdentificationResults, figures: Sequence[FigureFile], pat
         What was run.
 
     """
-    friction, *others = report.tables()
+    tables = list(report.tables())
     cards = page.Cards([page.Card(verdict.joint, verdict.word, (), [
-        fragment('{{ x.reason }}{% if x.cure %}<br><i>{{ x.cure }}</i>{% endif %}', x=x)
+        fragment('{{ x.text }}{% if x.cure %}<br><i>{{ x.cure }}</i>{% endif %}', x=x)
         for x in verdict.own()], int(verdict.severity)) for verdict in report.verdicts])
     sections = [
         page.Section('Verdicts', [
             *(page.Note(f'All joints are {text}') for text in report.shared()), cards]),
+        page.Section('Prediction of unseen torque', [*figures, tables[0]]),
         page.Section('Numbers', [
-            friction, *figures, *others,
-            *(page.Listing(*x) for x in report.sentences() if x[1])])]
+            *tables[1:], *(page.Listing(*x) for x in report.sentences() if x[1])])]
     page.write_page(path, f'Friction and gains from {report.source}',
-                    f'{next_step(report.verdicts)} {_LEAD}', sections,
+                    f'{next_step(report.verdicts)} {LEAD}', sections,
                     [(name, f'{name} ({what})') for name, what in files.items()], command)

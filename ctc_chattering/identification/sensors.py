@@ -21,8 +21,7 @@ import dataclasses
 from typing import NamedTuple
 
 from ctc_chattering.bags.recording import Recording, VELOCITIES
-from ctc_chattering.identification.findings import Estimate, Finding, Kind, NONE_ABOVE
-from ctc_chattering.identification.least_squares import coefficients
+from ctc_chattering.identification.findings import Estimate, Finding, Reason, Severity
 from ctc_chattering.identification.weak_form import (
     deviation,
     position_noise,
@@ -44,6 +43,8 @@ _INDEPENDENT = 20.0
 _WHITE = (0.8, 1.5)
 #: Deviation of a velocity from the change of the position, as a part of it, that is rounding.
 _EXACT = 1e-3
+#: Part by which velocities may differ from changes of positions.
+MOST_RATIO_ERROR = 0.1
 #: Samples that a step is computed from, at most.
 _ENOUGH = 200_000
 #: Poses that are kept.
@@ -88,7 +89,7 @@ def encoder_step(q: Array) -> Estimate:
     steps = np.diff(levels)
     steps = steps[steps > rounding]
     if len(steps) < 20:
-        return Estimate.none('it hardly moves')
+        return Estimate.unknown('it hardly moves')
     few = np.sort(steps)
     least = float(few[: max(1, len(few) // 100)].mean())
     small = steps[steps < 20.0 * least]
@@ -96,7 +97,7 @@ def encoder_step(q: Array) -> Estimate:
     least = float(small.sum() / count.sum())
     off = np.abs(small / least - np.rint(small / least))
     if (off < 0.02 + rounding / least).mean() < _MULTIPLES:
-        return Estimate.none('no step shows')
+        return Estimate.unknown('no step shows')
     return Estimate(least, unit='rad')
 
 
@@ -131,49 +132,91 @@ class Positions(NamedTuple):
         return cls(ends.T, noise, poses.T)
 
 
-#: Noise of the velocities of each joint, and findings.
-Noise = tuple[list[Estimate], list[Finding]]
-
-
-def velocity_noise(recording: Recording, period: float) -> Noise:
+class VelocityNoise(NamedTuple):
     """
-    Return the noise of the measured velocity of each joint [rad/s], and findings.
+    Noise of measured velocities.
+
+    Attributes
+    ----------
+    estimates : list of Estimate, length n
+        Deviation of each joint's [rad/s].
+    findings : list of Finding
+        Joints whose velocity is none of their position.
+
+    """
+
+    estimates: list[Estimate]
+    findings: list[Finding]
+
+
+def velocity_noise(recording: Recording, period: float) -> VelocityNoise:
+    """
+    Return the noise of the measured velocity of each joint.
 
     The velocity is compared with that of the smoothed positions, beside a lag. Where it is no such
     velocity, its noise is not known, and the joint is refused. What is left is noise only where
     successive samples differ as much as independent ones.
     """
     if recording.dq is None:
-        return [Estimate.none('no velocities in the bag')] * len(recording.joints), []
+        unknown = Estimate.unknown('no velocities in the bag')
+        return VelocityNoise([unknown] * len(recording.joints), [])
     dq, q = recording.dq[:VELOCITIES], recording.q[:VELOCITIES]
     known = velocity_deviation(period) * position_noise(q, period)
-    noise, findings, most = [], [], Kind.VELOCITY_RATIO.refused
-    for i, name in enumerate(recording.joints):
-        # What goes with the acceleration is a lag; joints that stop or jerk have more.
-        x = np.column_stack([smooth(q[:, i], period, order) for order in (1, 2)])
-        calm = np.abs(x[:, 1]) <= np.percentile(np.abs(x[:, 1]), 95.0)
-        x, y = x[calm & np.isfinite(dq[:, i])], dq[calm & np.isfinite(dq[:, i]), i]
-        value, length = coefficients(x, y), float(np.linalg.norm(x[:, 0]))
-        rest = y - x @ value
-        still = length <= max(_RESTS * known[i], _STILL) * np.sqrt(len(x))
-        ratio = 1.0 if still else float(value[0])
-        error = _INDEPENDENT * float(np.sqrt(np.square(rest).mean())) / max(length, 1e-300)
-        if abs(ratio - 1.0) - error > most:
-            what = (f'the velocity of {name} is {ratio:.3g} ± {error:.1g} times the change of its '
-                    f'position, allowed: {1.0 - most:g} to {1.0 + most:g}')
-            findings.append(Finding(
-                Kind.VELOCITY_RATIO, i, f'{what}: another unit, as degrees (57.3), another sign '
-                'or another joint; laws that use velocities diverge with it',
-                'correct the velocities in joint_states, or record without them',
-                abs(ratio - 1.0) - error))
-            noise.append(Estimate.none(what))
-            continue
-        spread, apart = deviation(rest), deviation(np.diff(rest)) / np.sqrt(2.0)
-        size = float(np.sqrt(max(spread ** 2 - known[i] ** 2, 0.0)))
-        small = spread <= max(_RESTS * known[i], _EXACT * length / np.sqrt(len(x)))
-        noise.append(
-            Estimate(size, unit='rad/s') if _WHITE[0] * size <= apart <= _WHITE[1] * size else
-            Estimate.none(f'{NONE_ABOVE}{max(spread, _STILL):.2g} rad/s' if small else 'what the '
-                          'velocity has beside the change of the position is no noise of single '
-                          'samples, as after a filter'))
-    return noise, findings
+    estimates, findings = [], []
+    for joint in range(len(recording.joints)):
+        comparison = _compare(q[:, joint], dq[:, joint], period, float(known[joint]))
+        off = abs(comparison.ratio - 1.0) - comparison.error
+        if off > MOST_RATIO_ERROR:
+            estimates.append(Estimate.unknown('the velocity is none of the position'))
+            findings.append(_other_unit(recording.joints[joint], joint, comparison))
+        else:
+            estimates.append(_noise(comparison, float(known[joint])))
+    return VelocityNoise(estimates, findings)
+
+
+class _Comparison(NamedTuple):
+    """A measured velocity as a factor of the change of the position, and what is left of it."""
+
+    ratio: float
+    error: float
+    residual: Array
+    speed: float
+
+
+def _compare(q: Array, dq: Array, period: float, known: float) -> _Comparison:
+    """Return the comparison of a velocity [rad/s] with a position [rad], shape (N,) each."""
+    # What goes with the acceleration is a lag; joints that stop or jerk have more.
+    columns = np.column_stack([smooth(q, period, order) for order in (1, 2)])
+    limit = np.percentile(np.abs(columns[:, 1]), 95.0)
+    calm = (np.abs(columns[:, 1]) <= limit) & np.isfinite(dq)
+    columns, target = columns[calm], dq[calm]
+    sizes = np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
+    value = np.linalg.lstsq(columns / sizes, target, rcond=None)[0] / sizes
+    residual = target - columns @ value
+    speed = float(sizes[0]) / np.sqrt(max(len(target), 1))
+    rests = speed <= max(_RESTS * known, _STILL)
+    error = _INDEPENDENT * float(np.sqrt(np.square(residual).mean())) / float(sizes[0])
+    return _Comparison(1.0 if rests else float(value[0]), error, residual, speed)
+
+
+def _other_unit(name: str, joint: int, comparison: _Comparison) -> Finding:
+    """Return the finding of a velocity that is none of its position."""
+    return Finding(
+        Reason.VELOCITY, Severity.REFUSED, joint, f'the velocity of {name} is '
+        f'{comparison.ratio:.3g} ± {comparison.error:.1g} times the change of its position, '
+        f'allowed: {1.0 - MOST_RATIO_ERROR:g} to {1.0 + MOST_RATIO_ERROR:g}: another unit, as '
+        'degrees (57.3), another sign or another joint; laws that use velocities diverge with it',
+        'correct the velocities in joint_states, or record without them')
+
+
+def _noise(comparison: _Comparison, known: float) -> Estimate:
+    """Return the noise of a velocity; `known` is that of the smoothed positions [rad/s]."""
+    spread = deviation(comparison.residual)
+    apart = deviation(np.diff(comparison.residual)) / np.sqrt(2.0)
+    size = float(np.sqrt(max(spread ** 2 - known ** 2, 0.0)))
+    if _WHITE[0] * size <= apart <= _WHITE[1] * size:
+        return Estimate(size, unit='rad/s')
+    if spread <= max(_RESTS * known, _EXACT * comparison.speed):
+        return Estimate.none(at_most=max(spread, _STILL), unit='rad/s')
+    return Estimate.unknown('what the velocity has beside the change of the position is no noise '
+                            'of single samples, as after a filter')

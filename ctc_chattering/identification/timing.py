@@ -35,10 +35,16 @@ from ctc_chattering.identification.drives import (
     LAGS,
     weak_torque,
 )
-from ctc_chattering.identification.findings import ALL_JOINTS, Estimate, Finding, Kind
-from ctc_chattering.identification.least_squares import Data, FRICTION, orthonormal, Term
+from ctc_chattering.identification.findings import (
+    ALL_JOINTS,
+    Estimate,
+    Finding,
+    Reason,
+    Severity,
+)
+from ctc_chattering.identification.regression import Data
 from ctc_chattering.identification.weak_form import TestFunction
-from ctc_chattering.identification.windows import Rows, SETTLING, STRIBECK
+from ctc_chattering.identification.windows import joined, SETTLING_S, Windows
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
 import numpy.typing as npt
@@ -48,19 +54,22 @@ Flags = npt.NDArray[np.bool_]
 _MOST, _LONGEST = 20, 0.05
 #: Longest part of the recordings that delay and lag are taken from [s].
 _ENOUGH = 70.0
-#: Alignments of a measured effort: of the period before, at the instant, of the period after.
-_ALIGNMENTS = (-1.0, -0.5, 0.0)
+#: Alignments of a measured effort: that of the period after the sample, at its instant, of the
+#: period before, and later ones, as of filtered efforts [samples].
+_ALIGNMENTS = tuple(-0.5 * k for k in range(13))
 #: Samples by which commands may be late without a change of their shape, and times as much as
 #: that they may seem to be beyond.
 _UNEVEN, _FARTHER = 0.03, 2.0
 #: Width of a set of lags from which on they are not identified [s].
 _WIDE = 0.01
-#: Changes of its sign in a second from which on a torque chatters [1/s].
-_CHATTERS = 20.0
-#: Part of a lag by which it is changed for a derivative.
-_LAG_STEP = 0.02
-#: Fewest rows of a joint.
-_FEWEST = 30
+#: Fewest windows of a joint.
+FEWEST_ROWS = 30
+#: Mean direction above which a joint slides one way over a whole window.
+SLIDING = 1.0 - 1e-9
+#: Every which Stribeck velocity has a column here.
+STRIBECK_STEP = 3
+#: Singular value, of columns of length 1, below which columns are not independent.
+INDEPENDENT = 1e-7
 
 
 @dataclasses.dataclass(frozen=True)
@@ -114,85 +123,100 @@ class Timing:
 
 
 class Profile:
-    """Sums of squares of each joint over delay and lag, with all else fitted."""
+    """
+    Sums of squares of each joint over delay and lag, with all else fitted.
 
-    def __init__(self, parts: Sequence[Stretch], rows: Sequence[Rows], source: str,
+    Only windows in which a joint slides one way count: at a reversal, static friction has a
+    timing of its own.
+
+    Parameters
+    ----------
+    parts : sequence of Stretch
+        With the torque.
+    windows : sequence of Windows
+        Of each stretch.
+    source : str
+        `COMMAND` or `EFFORT`.
+    phi : TestFunction
+        φ.
+
+    """
+
+    def __init__(self, parts: Sequence[Stretch], windows: Sequence[Windows], source: str,
                  phi: TestFunction) -> None:
-        self._parts, self._rows, self._source, self._phi = parts, rows, source, phi
+        self._parts, self._windows, self._source, self._phi = parts, windows, source, phi
         self.period = parts[0].period
 
     @cached_property
     def data(self) -> Data:
-        """Return all windows with the torques as they are."""
+        """All windows with the torques as they are; those used slide one way."""
         n = self._parts[0].q.shape[1]
-        return self.windows(0.0, np.zeros(n), np.full(n, np.inf))
+        torque = self.torque(0.0, np.zeros(n), np.full(n, np.inf))
+        data = Data.of(joined(self._windows), torque)
+        sliding = np.abs(data.windows.direction) > SLIDING
+        return dataclasses.replace(data, used=data.used & sliding)
 
     @cached_property
     def moving(self) -> Flags:
-        """Return which joints have enough rows, shape (n,)."""
-        return np.asarray(self.data.used().sum(axis=0) >= _FEWEST)
+        """Joints with enough windows, shape (n,)."""
+        return np.asarray(self.data.used.sum(axis=0) >= FEWEST_ROWS)
 
     @cached_property
     def _bases(self) -> list[Array]:
-        """Return an orthonormal basis of what explains the torque of each joint."""
-        data, found = self.data, []
-        for i in range(data.way.shape[1]):
-            used, own = data.of_joint([Term(kind, i) for kind in FRICTION[:3]], i)
-            found.append(orthonormal(np.concatenate(
-                (own, data.stribeck[used, i, ::len(STRIBECK) // 3], data.more[used, i],
-                 data.bent[used, i]), axis=1), 1e-7))
-        return found
+        """Orthonormal basis of what explains the torque of each joint in its windows."""
+        windows, bases = self.data.windows, []
+        for joint, used in enumerate(self.data.used.T):
+            columns = np.column_stack((
+                windows.direction[used, joint], windows.velocity[used, joint],
+                np.ones(int(used.sum())), windows.stribeck[used, joint, ::STRIBECK_STEP],
+                windows.bodies[used, joint]))
+            bases.append(orthonormal(columns))
+        return bases
 
-    def torque(self, part: Stretch, rows: Rows, delay: float, lag: Array, rate: Array) -> Array:
-        """Return the weak torque of a stretch, nan where it is not known."""
-        values = np.asarray(has(part, self._source))
-        found = weak_torque(values, delay, lag, part.period, self._phi, rows.centres, rate)
-        half = self._phi.half
-        return np.where(complete(values, rows.centres, half, half), found, np.nan)
+    def torque(self, delay: float, lag: Array, rate: Array) -> Array:
+        """Return the weak torque of all windows, shape (J, n); nan where it is not known."""
+        return np.concatenate([
+            known_torque(part, windows, self._source, self._phi, delay, lag, rate)
+            for part, windows in zip(self._parts, self._windows)])
 
-    def bent(self, part: Stretch, rows: Rows, delay: float, lag: Array) -> Array:
-        """Return the weak sgn(tau) and tau |tau| of a stretch, shape (J, n, 2)."""
-        found = []
-        for x, late in zip(np.asarray(has(part, self._source)).T, lag):
-            sign = np.sign(np.nan_to_num(x))
-            # Of commands that chatter neither shows.
-            calm = (np.diff(sign) != 0.0).sum() < _CHATTERS * part.period * len(x)
-            found.append(np.hstack([
-                weak_torque((calm * sign * size)[:, None], delay, np.asarray(late), part.period,
-                            self._phi, rows.centres) for size in (1.0, np.square(x))]))
-        return np.stack(found, axis=1)
-
-    def windows(self, delay: float, lag: Array, rate: Array) -> Data:
-        """Return all windows with the torques after a delay, lags and rate limits."""
-        pairs = list(zip(self._parts, self._rows))
-        torques = [self.torque(*pair, delay, lag, rate) for pair in pairs]
-        step = np.where(lag > 0.0, _LAG_STEP * lag, 1.0)
-        late = [(self.torque(*pair, delay, lag + step * (lag > 0.0), rate) - tau) / step
-                for pair, tau in zip(pairs, torques)] if lag.any() else [
-            np.zeros_like(tau) for tau in torques]
-        return Data.with_torques(self._rows, torques, late,
-                                 [self.bent(*pair, delay, lag) for pair in pairs])
-
-    def unexplained(self, torque: Array, i: int) -> Array:
-        """Return what is left of torques of joint i in its rows, shape (rows, ...) [N·m]."""
-        return np.asarray(torque - self._bases[i] @ (self._bases[i].T @ torque))
+    def unexplained(self, torque: Array, joint: int) -> Array:
+        """Return what is left of torques of a joint in its windows, shape (rows, ...) [N·m]."""
+        basis = self._bases[joint]
+        return np.asarray(torque - basis @ (basis.T @ torque))
 
     def squares(self, delay: float) -> Array:
         """Return the sum of squares of each joint without a lag, shape (n,) [(N·m)²]."""
         n = len(self.moving)
-        y = self.windows(delay, np.zeros(n), np.full(n, np.inf)).residual
-        return np.array([np.square(self.unexplained(y[used, i], i)).sum()
-                         for i, used in enumerate(self.data.used().T)])
+        torque = self.torque(delay, np.zeros(n), np.full(n, np.inf))
+        target = np.nan_to_num(torque - self.data.windows.model_torque)
+        return np.array([np.square(self.unexplained(target[used, joint], joint)).sum()
+                         for joint, used in enumerate(self.data.used.T)])
 
 
-def timing(parts: Sequence[Stretch], rows: Sequence[Rows], source: str, phi: TestFunction
+def known_torque(part: Stretch, windows: Windows, source: str, phi: TestFunction, delay: float,
+                 lag: Array, rate: Array | float = np.inf) -> Array:
+    """Return the weak torque of the windows of a stretch, (J, n) [N·m]; nan where not known."""
+    values = np.asarray(has(part, source))
+    torque = weak_torque(values, delay, lag, part.period, phi, windows.centres, rate)
+    known = complete(values, windows.centres, phi.half, phi.half)
+    return np.where(known, torque, np.nan)
+
+
+def orthonormal(columns: Array) -> Array:
+    """Return a basis of what columns span, but for directions that are rounding."""
+    length = np.sqrt(np.square(columns).sum(axis=0))
+    u, s, _ = np.linalg.svd(columns / np.where(length > 0.0, length, 1.0), full_matrices=False)
+    return u[:, s > INDEPENDENT * s.max(initial=1.0)]
+
+
+def timing(parts: Sequence[Stretch], windows: Sequence[Windows], source: str, phi: TestFunction
            ) -> Timing:
     """
     Return when the torque of a source acts.
 
     Parameters
     ----------
-    parts, rows
+    parts, windows
         Stretches that have it, and their windows.
     source : str
         `command`, or `effort`, which needs no lag: it is that of the drive.
@@ -201,27 +225,27 @@ def timing(parts: Sequence[Stretch], rows: Sequence[Rows], source: str, phi: Tes
 
     """
     if source == COMMAND:
-        return _of_commands(*_middle(parts, rows, phi), phi)
-    profile = Profile(parts, rows, source, phi)
+        return _of_commands(*_middle(parts, windows, phi), phi)
+    profile = Profile(parts, windows, source, phi)
     n, table = len(profile.moving), np.array([profile.squares(x) for x in _ALIGNMENTS])
     scale = np.where(profile.moving, table.min(axis=0), np.inf)
     best = int(np.argmin((table / scale).sum(axis=1)))
     return Timing(source, _ALIGNMENTS[best], np.zeros(n), {}, _any_rate(n), profile.moving)
 
 
-def _middle(parts: Sequence[Stretch], rows: Sequence[Rows], phi: TestFunction
-            ) -> tuple[list[Stretch], list[Rows]]:
+def _middle(parts: Sequence[Stretch], windows: Sequence[Windows], phi: TestFunction
+            ) -> tuple[list[Stretch], list[Windows]]:
     """Return what is in the middle of stretches, of long ones, and the windows there."""
     period = parts[0].period
     share = min(_ENOUGH / (period * sum(len(part.q) for part in parts)), 1.0)
-    settled = phi.half + round(SETTLING / period)
-    found: list[tuple[Stretch, Rows]] = []
-    for part, mine in zip(parts, rows):
+    settled = phi.half + round(SETTLING_S / period)
+    found: list[tuple[Stretch, Windows]] = []
+    for part, mine in zip(parts, windows):
         first = round(0.5 * (1.0 - share) * len(part.q))
         last = len(part.q) - first
         use = (mine.centres >= first + settled) & (mine.centres < last - settled)
         if use.any():
-            found.append((part.cut(first, last), mine.cut(use, first)))
+            found.append((part.cut(first, last), mine.select(use, first)))
     return [part for part, _ in found], [mine for _, mine in found]
 
 
@@ -230,9 +254,9 @@ def _any_rate(n: int) -> Array:
     return np.tile(np.array([[0.0], [np.inf], [np.inf]]), n)
 
 
-def _of_commands(parts: Sequence[Stretch], rows: Sequence[Rows], phi: TestFunction) -> Timing:
+def _of_commands(parts: Sequence[Stretch], windows: Sequence[Windows], phi: TestFunction) -> Timing:
     """Return the timing of commands."""
-    profile = Profile(parts, rows, COMMAND, phi)
+    profile = Profile(parts, windows, COMMAND, phi)
     moving, n = profile.moving, len(profile.moving)
     if not moving.any():
         return Timing(COMMAND, 0.0, np.zeros(n), {}, _any_rate(n), moving)
@@ -242,7 +266,7 @@ def _of_commands(parts: Sequence[Stretch], rows: Sequence[Rows], phi: TestFuncti
     far = _FARTHER if uneven else 1.0
     shifts = sorted({max(far * late[0], -1.0), 0.0, min(far * late[1], 1.0)})
     most = min(_MOST, int(_LONGEST / profile.period))
-    found = DriveProfile(parts, rows, profile.data, profile.unexplained, phi, range(-1, most + 2),
+    found = DriveProfile(parts, windows, profile.data, profile.unexplained, phi, range(-1, most + 2),
                          moving, shifts, uneven).found(None if uneven else _fastest(parts))
     if uneven:
         for lags_of in found.delays.values():
@@ -250,7 +274,7 @@ def _of_commands(parts: Sequence[Stretch], rows: Sequence[Rows], phi: TestFuncti
             lags_of[0] = np.maximum(lags_of[0] - margin, 0.0)
             lags_of[2] += margin
     # Where delay and lag may be nearly anything, a rate limit stands for something else.
-    wide = max(found.delays) - min(found.delays) > Kind.DELAYS.care or max(
+    wide = max(found.delays) - min(found.delays) > MOST_DELAYS or max(
         float(np.ptp(x[:, moving], axis=0).max()) for x in found.delays.values()) > _WIDE
     return Timing(COMMAND, float(found.best), found.delays[found.best][1], found.delays,
                   _any_rate(n) if wide else found.rate, moving)
@@ -265,51 +289,61 @@ def _fastest(parts: Sequence[Stretch]) -> Array:
 
 
 #: Part of the longest lag that is looked for that counts as it.
-_END = 0.97
-_EXCITE = 'record a motion of `ctc excite`, longer or faster'
+END_OF_LAGS = 0.97
+#: Lag of a drive from which on it is doubtful [s].
+LONGEST_USUAL_LAG_S = 0.008
+#: Samples between the shortest and the longest delay that are told apart well enough.
+MOST_DELAYS = 2
+EXCITE = 'record a motion of `ctc excite`, longer or faster'
 
 
 def rate_limits(timing: Timing, joints: Sequence[str]) -> list[Estimate]:
     """Return the rate limit of each drive, or what it is at least."""
     known = timing.of_commands
     if known is None:
-        return [Estimate.none('no commanded torque in the bag')] * len(joints)
+        return [Estimate.unknown('no commanded torque in the bag')] * len(joints)
     found = []
     longest = np.max([lags[2] for lags in known.delays.values()] or [known.lag], axis=0)
     for (low, _, high), moving, lag in zip(known.rate.T, known.moving, longest):
-        known_lag = lag < _END * LAGS[-1]
+        known_lag = lag < END_OF_LAGS * LAGS[-1]
         if known_lag and np.isfinite(high):
             found.append(Estimate(float(0.5 * (low + high)), float(0.5 * (high - low)), 'N*m/s'))
         elif known_lag and moving and low > 0.0:
-            found.append(Estimate.none(f'at least {low:.3g} N*m/s: the drive follows commands '
-                                       'that change so fast'))
+            found.append(Estimate(None, unit='N*m/s', at_least=float(low), reason='the drive '
+                                  'follows commands that change so fast'))
         else:
-            found.append(Estimate.none('no command changes fast enough, or delay and lag are '
+            found.append(Estimate.unknown('no command changes fast enough, or delay and lag are '
                                        'not identified, or commands are missing'))
     return found
 
 
-def timing_findings(timing: Timing) -> Iterator[Finding]:
+def timing_findings(timing: Timing, joints: Sequence[str]) -> Iterator[Finding]:
     """Yield what is doubtful of delay and lag."""
     known = timing.of_commands
     if known is None or not known.delays:
         return
     delays = sorted(known.delays)
     if len(delays) > 1:
-        far = max(delays) - min(delays) > Kind.DELAYS.care
-        yield Finding(Kind.DELAYS, ALL_JOINTS,
-                      f'delay and lag are not told apart: {drives_in_words(known)}' + (
-                          '; backlash or an elastic joint looks like that' if far else ''),
-                      _EXCITE if far else '', max(delays) - min(delays))
-    lags = np.array(list(known.delays.values()))
-    longest = f'{1e3 * LAGS[-1]:.3g} ms'
-    for i in np.flatnonzero(known.moving & (lags[:, 2].max(axis=0) >= _END * LAGS[-1])):
-        low = float(lags[:, 0, i].min())
+        far = max(delays) - min(delays) > MOST_DELAYS
         yield Finding(
-            Kind.LONGEST_LAG, int(i), f'the lag of the drive is {1e3 * low:.3g} ms or more, up to '
-            f'the longest that is looked for ({longest}): an inertia that the model lacks, such '
-            'as that of a rotor, or an elastic joint looks like that; or no command shows it',
-            f'correct the inertia of the model, or {_EXCITE}', low)
+            Reason.DRIVE, Severity.CARE if far else Severity.NOTE, ALL_JOINTS,
+            f'delay and lag are not told apart: {drives_in_words(known)}'
+            + '; backlash or an elastic joint looks like that' * far, EXCITE if far else '')
+    lags = np.array(list(known.delays.values()))
+    for joint in np.flatnonzero(known.moving).tolist():
+        low, high = float(lags[:, 0, joint].min()), float(lags[:, 2, joint].max())
+        lag = float(known.lag[joint])
+        if high >= END_OF_LAGS * LAGS[-1]:
+            yield Finding(
+                Reason.DRIVE, Severity.CARE, joint, f'the lag of the drive is {1e3 * low:.3g} ms '
+                f'or more, up to the longest that is looked for, {1e3 * LAGS[-1]:.3g} ms: an '
+                'elastic joint looks like that, or no command shows it', EXCITE)
+        elif lag > LONGEST_USUAL_LAG_S:
+            yield Finding(
+                Reason.DRIVE, Severity.CARE, joint, f'the lag of the drive of {joints[joint]} is '
+                f'{1e3 * lag:.3g} ms, more than drives of arms have: an elastic joint, backlash '
+                'or a delay of this joint looks like that',
+                'measure the position behind the gear, or confirm that the drive is that slow')
 
 
 def drives_in_words(timing: Timing) -> str:

@@ -24,7 +24,8 @@ from ctc_chattering.analysis.tables import rounded
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.configuration.loop_setup import Setup
 from ctc_chattering.dynamics.model import Model
-from ctc_chattering.identification.findings import ALL_JOINTS, Finding, Kind
+from ctc_chattering.identification.findings import ALL_JOINTS, Finding, Reason, Severity
+from ctc_chattering.identification.friction import JointFriction
 from ctc_chattering.identification.gains import GAINS, Recommendation
 from ctc_chattering.identification.identify import Identification
 from ctc_chattering.identification.perturbation import MeasuredPerturbation
@@ -42,19 +43,21 @@ _DURATION, _START = 10.0, 2.0
 _STEP_NOISE = 1.0 / 12.0
 #: Frequencies of the first and the last joint [Hz].
 _FREQUENCIES = (0.8, 1.0)
+#: Part of the Coulomb friction below which its directions are alike; largest part of the load.
+_LEAST_OFFSET, _MOST_LOAD = 0.01, 0.9
 #: Stribeck velocity of a joint without Stribeck friction [rad/s].
 _STRIBECK = 0.05
 Values = dict[str, dict[str, Any]]
 
 
-def parameter_values(found: Identification, recommended: Recommendation, model: Model,
+def parameter_values(identified: Identification, recommended: Recommendation, model: Model,
                      shared: Mapping[str, Any], gains: tuple[Any, Any] | None) -> Values:
     """
     Return the values by node and parameter.
 
     Parameters
     ----------
-    found : Identification
+    identified : Identification
         What was identified; the motion of the reference is within its positions.
     recommended : Recommendation
         What follows from it.
@@ -72,15 +75,15 @@ def parameter_values(found: Identification, recommended: Recommendation, model: 
 
     """
     limits = getattr(model, 'position_limits', None) or [(-np.inf, np.inf)]
-    start = np.clip(found.positions.poses[0], *np.array(limits).T)
+    start = np.clip(identified.positions.poses[0], *np.array(limits).T)
     return {
-        '/**': {'joint_names': list(found.joints), 'control_period': round(found.clock.period, 9),
+        '/**': {'joint_names': list(identified.joints), 'control_period': round(identified.clock.period, 9),
                 **shared},
         'plant': {'experiment': 'identified', 'pacing': 'lockstep', 'duration': _DURATION,
-                  'initial_position': _rounded(start), **_plant(found)},
+                  'initial_position': _rounded(start), **_plant(identified)},
         'controller': {**_loop_gains(gains, len(start)),
                        **{name: value for name, (value, _) in recommended.values.items()}},
-        'reference': {'start_duration': _START, **_reference(found, model)}}
+        'reference': {'start_duration': _START, **_reference(identified, model)}}
 
 
 def _loop_gains(gains: tuple[Any, Any] | None, n: int) -> dict[str, Any]:
@@ -89,41 +92,48 @@ def _loop_gains(gains: tuple[Any, Any] | None, n: int) -> dict[str, Any]:
             for name, x in zip(('kp', 'kv'), gains or GAINS)}
 
 
-def _plant(found: Identification) -> dict[str, Any]:
+def _plant(identified: Identification) -> dict[str, Any]:
     """Return the friction, the sensors and the drives of the plant."""
-    friction, (delay, lag) = found.friction, found.timing.drive
+    friction, (delay, lag) = identified.friction, identified.timing.drive
     coulomb = np.array([max(0.0, x.coulomb.number()) for x in friction])
-    # What is not told from Coulomb friction is in it.
     viscous, stribeck, load = (
-        [max(0.0, getattr(x, name).value or 0.0) for x in friction]
+        np.array([getattr(x, name).value or 0.0 for x in friction])
         for name in ('viscous', 'stribeck', 'load'))
-    offset = np.array([0.0 if x.offset.value is None or abs(x.offset.value) <= max(
-        x.offset.half, 0.01 * f) else x.offset.value for x, f in zip(friction, coulomb)])
-    step = np.array([x.value or 0.0 for x in found.encoder])
+    offset = np.array([_clear_offset(x) for x in friction])
+    step = np.array([x.value or 0.0 for x in identified.encoder])
     # Positions have a step, or noise.
-    noise = np.square(found.positions.noise) - _STEP_NOISE * np.square(step)
+    noise = np.square(identified.positions.noise) - _STEP_NOISE * np.square(step)
     noise = np.sqrt(np.where(noise > _STEP_NOISE * np.square(step), noise, 0.0))
-    unknown = any(x.value is None and not x.shows_none for x in found.noise)
+    unknown = any(x.value is None and not x.absent for x in identified.noise)
     return {
-        'coulomb_friction': _rounded(coulomb), 'viscous_friction': _rounded(viscous),
-        'stribeck_friction': _rounded(stribeck), 'load_friction': _rounded(np.minimum(load, 0.9)),
+        'coulomb_friction': _rounded(coulomb), 'viscous_friction': _rounded(viscous.clip(0.0)),
+        'stribeck_friction': _rounded(np.maximum(stribeck, 0.0)),
+        'load_friction': _rounded(load.clip(0.0, _MOST_LOAD)),
         'stribeck_velocity': _rounded([x.stribeck_velocity.value or _STRIBECK for x in friction]),
         'friction_asymmetry': _rounded(np.clip(
             offset / np.where(coulomb > 0.0, coulomb, np.inf), -1.0, 1.0)),
         'fault_damping': _rounded(np.maximum(5.0 * coulomb, 1e-3)),
         'input_delay': int(delay) if np.isfinite(delay) else 0, 'actuator_lag': _rounded(lag),
         'torque_rate_limit': [np.inf if x.value is None else rounded(x.value, 6)
-                              for x in found.rate] or [np.inf] * len(friction),
+                              for x in identified.rate],
         'encoder_resolution': _rounded(step), 'position_noise': _rounded(noise),
         **({'velocity_sensor': 'difference'} if unknown else
-           {'velocity_noise': _rounded([x.number() for x in found.noise])})}
+           {'velocity_noise': _rounded([x.number() for x in identified.noise])})}
 
 
-def _reference(found: Identification, model: Model) -> dict[str, Any]:
+def _clear_offset(friction: JointFriction) -> float:
+    """Return half the difference of both directions [N·m]; 0 where it is not clear."""
+    forwards, coulomb = friction.forwards.number(), friction.coulomb.number()
+    offset = forwards - coulomb
+    clear = max(friction.forwards.half, _LEAST_OFFSET * abs(coulomb))
+    return offset if abs(offset) > clear else 0.0
+
+
+def _reference(identified: Identification, model: Model) -> dict[str, Any]:
     """Return a sinusoid for each joint, within the recorded range and speed, and its limit."""
-    (low, high), n = found.positions.ends, len(found.joints)
+    (low, high), n = identified.positions.ends, len(identified.joints)
     limit = np.asarray(getattr(model, 'velocity_limits', None) or np.inf)
-    fastest = np.minimum(np.abs(found.data.velocity).max(axis=0), limit)
+    fastest = np.minimum(np.abs(identified.fit.data.windows.velocity).max(axis=0), limit)
     frequency = np.linspace(*_FREQUENCIES, n)
     amplitude = _PART * np.minimum(0.5 * (high - low), fastest / (2.0 * np.pi * frequency))
     return {'center': _rounded(0.5 * (low + high)), 'amplitude': _rounded(amplitude),
@@ -151,14 +161,14 @@ _SATURATED = 0.02
 _TRACKS, _STEPS = 0.5, 3.0
 
 
-def trial_runs(found: Identification, run: MeasuredPerturbation, recommended: Recommendation,
+def trial_runs(identified: Identification, run: MeasuredPerturbation, recommended: Recommendation,
                setups: Sequence[Setup], count: int = COUNT, seed: int = 1) -> Recommendation:
     """
     Return the recommendation that survives all draws, with what the runs showed.
 
     Parameters
     ----------
-    found, run
+    identified, run
         What was identified, and P of the run.
     recommended : Recommendation
         With its options.
@@ -169,13 +179,13 @@ def trial_runs(found: Identification, run: MeasuredPerturbation, recommended: Re
 
     """
     *tried, plain = setups
-    draws = list(draw_robots(found, run, plain.plant, count, seed))
+    draws = list(draw_robots(identified, run, plain.plant, count, seed))
     largest = [_largest_error(plain, score(plain.changed(x), _WINDOW)) for _, x in draws]
     said: list[str] = []
     for option, setup in zip(recommended.options, tried):
         failure = ''
         for k, ((text, x), most) in enumerate(zip(draws, largest), 1):
-            if failure := _failure(score(setup.changed(x), _WINDOW), most, found.joints):
+            if failure := _failure(score(setup.changed(x), _WINDOW), most, identified.joints):
                 failure = f'fails in draw {k} of {count} ({text}): {failure}'
                 break
         kv: Any = option['kv'][0]
@@ -185,7 +195,7 @@ def trial_runs(found: Identification, run: MeasuredPerturbation, recommended: Re
             return dataclasses.replace(recommended, values=option, trials=tuple(said))
     return dataclasses.replace(recommended, trials=tuple(said), findings=(
         *recommended.findings, Finding(
-            Kind.NO_NUMBER, ALL_JOINTS, 'no gains survive the trial runs: ' + said[-1],
+            Reason.GAINS, Severity.REFUSED, ALL_JOINTS, 'no gains survive the trial runs: ' + said[-1],
             'settle first what makes intervals long, as the other reasons say; else record a '
             'longer motion of `ctc excite`')))
 
@@ -216,14 +226,14 @@ def setups_tried(recommended: Recommendation, values: Values,
             for controller in (*options, plain)]
 
 
-def draw_robots(found: Identification, run: MeasuredPerturbation, plant: PlantConfig,
+def draw_robots(identified: Identification, run: MeasuredPerturbation, plant: PlantConfig,
                 count: int, seed: int) -> Iterator[tuple[str, Values]]:
     """
     Yield robots at the ends of the intervals: in words, and values of plant and controller.
 
     Parameters
     ----------
-    found, run
+    identified, run
         What was identified, and P of the run.
     plant : PlantConfig
         As identified.
@@ -232,11 +242,9 @@ def draw_robots(found: Identification, run: MeasuredPerturbation, plant: PlantCo
 
     """
     rng = np.random.default_rng(seed)
-    lag = found.timing.drive[1]
-    drives = list(found.timing.delays.items()) or [(plant.input_delay, np.tile(lag, (3, 1)))]
-    # By which part the model may be wrong: intervals of masses; the rest is in d(t).
-    part = min(_MOST, max([_MODEL, *(x.half for error, x in found.errors
-                                     if x.value is not None and not error.unit)]))
+    lag = identified.timing.drive[1]
+    drives = list(identified.timing.delays.items()) or [(plant.input_delay, np.tile(lag, (3, 1)))]
+    part = _model_doubt(identified)
     for k in range(count):
         # Corners of model and friction, for every delay in turn.
         model, at = 2 * (k & 1) - 1, (k & 2) - 1
@@ -245,10 +253,10 @@ def draw_robots(found: Identification, run: MeasuredPerturbation, plant: PlantCo
         scale = 1.0 + part * model
         friction = {f'{name}_friction': [
             min(max(0.0, x + at * getattr(of, name).half), 0.9 if name == 'load' else np.inf)
-            for x, of in zip(getattr(plant, f'{name}_friction'), found.friction)]
+            for x, of in zip(getattr(plant, f'{name}_friction'), identified.friction)]
             for name in ('coulomb', 'viscous', 'stribeck', 'load')}
         rate = [x if of.value is None else max(x - of.half, 0.1 * x)
-                for x, of in zip(plant.torque_rate_limit, found.rate)] or plant.torque_rate_limit
+                for x, of in zip(plant.torque_rate_limit, identified.rate)]
         text = (f"delay {samples}, lag {late.max():.3g} s, model {scale:.3g} of the robot's, "
                 f'friction {at:+.2g} of its interval')
         yield text, {
@@ -258,6 +266,18 @@ def draw_robots(found: Identification, run: MeasuredPerturbation, plant: PlantCo
                       'disturbance.frequency': rng.uniform(*_UNEXPLAINED, len(lag)).tolist(),
                       'noise_seed': int(rng.integers(2 ** 31))},
             'controller': {'inertia_scale': scale, 'gravity_scale': scale}}
+
+
+def _model_doubt(identified: Identification) -> float:
+    """Return by which part the model may be wrong: by the intervals of its bodies."""
+    fit = identified.fit
+    parts = [_MODEL]
+    for joint in np.flatnonzero(fit.data.moving).tolist():
+        columns = fit.unknowns.columns(fit.data, joint)
+        columns[:, fit.unknowns.body_count:] = 0.0
+        half = fit.half_interval(columns[fit.data.used[:, joint]])
+        parts.append(float(np.median(half) / fit.data.deviation[joint]))
+    return min(_MOST, max(parts))
 
 
 def _largest_error(setup: Setup, usual: Score) -> Array:

@@ -201,14 +201,14 @@ class Dynamics:
             rest[b], bias[b] = weight[b] - C.T.dot(dq[k]), weight[b] + C.dot(dq[k])
         return cls(index, mass, rest, weight, bias, len(q))
 
-    def weight(self, phi: TestFunction, centres: Indices) -> Array:
-        """Return the weak G, shape (J, n) [N·m]."""
-        return phi.sums(self._full(self.gravity), phi.at, centres)
+    def weight(self) -> Array:
+        """Return G at all samples, shape (N, n) [N·m]."""
+        return self._full(self.gravity)
 
-    def load(self, ddq: Array, phi: TestFunction, centres: Indices) -> Array:
-        """Return the mean magnitude of the inverse dynamics, ddq of shape (N, n), (J, n) [N·m]."""
-        torque = np.einsum('tij,tj->ti', self.mass, ddq[self.index]) + self.bias
-        return phi.sums(np.abs(self._full(torque)), phi.at, centres)
+    def torque(self, ddq: Array) -> Array:
+        """Return the inverse dynamics at all samples, shape (N, n) [N·m]."""
+        coarse = np.einsum('tij,tj->ti', self.mass, ddq[self.index]) + self.bias
+        return self._full(coarse)
 
     def weak(self, moved: Array, phi: TestFunction, centres: Indices) -> Array:
         """

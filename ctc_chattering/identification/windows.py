@@ -11,8 +11,13 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
+"""
+The windows of the regression: the terms of (WF1) around each of many instants.
 
-"""The windows of the regression, for each time and joint that slides one way, and their motion."""
+Each window is a row of the regression for every joint. Its friction is the mean of the direction
+of motion, so a window may contain a reversal; a window in which a joint rests tells little of
+that joint, since static friction can be anything up to the Coulomb friction.
+"""
 
 from __future__ import annotations
 
@@ -21,7 +26,7 @@ import dataclasses
 
 from ctc_chattering.bags.recording import Indices, Stretch
 from ctc_chattering.dynamics.model import Model
-from ctc_chattering.identification.model_errors import ErrorColumns
+from ctc_chattering.identification.regressor import BodyRegressor
 from ctc_chattering.identification.weak_form import (
     Dynamics,
     position_noise,
@@ -32,175 +37,153 @@ from ctc_chattering.identification.weak_form import (
 )
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
 import numpy.typing as npt
-from scipy.ndimage import maximum_filter1d, minimum_filter1d  # type: ignore[import-untyped]
 
 #: Velocities for which a column of Stribeck friction is prepared [rad/s].
-STRIBECK = tuple(0.005 * 10.0 ** (0.0625 * k) for k in range(29))
-#: Ways after a reversal in which a torque may build up [rad].
-BUILD_UP = (3e-4, 1e-3, 3e-3, 1e-2)
-#: A joint slides where its velocity exceeds this many deviations, this part of its largest, and
-#: this one, of which less is rounding [rad/s or m/s].
-_DEVIATIONS, _PART, _LEAST = 6.0, 2e-3, 1e-6
+STRIBECK_VELOCITIES = (0.005, 0.01, 0.02, 0.035, 0.06, 0.1, 0.17, 0.3, 0.5)
+#: A joint moves above this many deviations of the noise of its velocity,
+MOVING_DEVIATIONS = 6.0
+#: above this part of its largest velocity,
+MOVING_PART = 2e-3
+#: and above this velocity, below which all is rounding [rad/s or m/s].
+MOVING_VELOCITY = 1e-6
 #: Time before the first window, in which drives reach what was commanded before [s].
-SETTLING = 0.1
+SETTLING_S = 0.1
 
 
 @dataclasses.dataclass(frozen=True)
-class Rows:
+class Windows:
     """
-    Windows of one stretch; J windows, n joints, m columns of errors of the model.
+    Terms of (WF1) in J windows of n joints; P parameters of the bodies, S Stribeck velocities.
+
+    All are means over a window, weighted by φ.
 
     Attributes
     ----------
     t : ndarray, shape (J,)
-        Times of their centres [s].
+        Times of the centres [s].
     centres : ndarray, shape (J,)
-        Samples of their centres.
-    way : ndarray, shape (J, n)
-        Direction in which a joint slides over the whole window: 1, -1, or 0 for neither.
-    base : ndarray, shape (J, n)
-        Weak left side of the model, without friction [N·m].
-    more : ndarray, shape (J, n, m)
-        Weak torque of each of these columns.
-    velocity : ndarray, shape (J, n)
-        Mean velocity [rad/s], by differences of positions.
-    stribeck : ndarray, shape (J, n, len(STRIBECK))
-        Mean of sgn(dq) exp(-(dq / v)²) for these v.
-    gravity : ndarray, shape (J, n)
-        The part of `base` that is weight [N·m].
+        Samples of the centres in their stretch.
+    model_torque : ndarray, shape (J, n)
+        Torque of the model without friction [N·m].
+    weight : ndarray, shape (J, n)
+        The part of it that is weight [N·m].
+    bodies : ndarray, shape (J, n, P)
+        Derivative of `model_torque` by the parameters; P = 0 for a model without a regressor.
+    direction : ndarray, shape (J, n)
+        Sign of the velocity, 0 while a joint rests.
+    resting : ndarray, shape (J, n)
+        Share of the window in which a joint rests.
+    velocity, position, acceleration : ndarray, shape (J, n)
+        [rad/s, rad, rad/s²]; the acceleration by parts.
+    stribeck : ndarray, shape (J, n, S)
+        sgn(dq) exp(-(dq / v)²) for each of `STRIBECK_VELOCITIES`.
     load : ndarray, shape (J, n)
-        Mean magnitude of the model's torque without friction [N·m].
-    position, acceleration : ndarray, shape (J, n)
-        Mean position [rad], and acceleration by parts [rad/s²].
-    build_up : ndarray, shape (J, n, len(BUILD_UP))
-        Mean of sgn(dq) exp(-x / d) for these d, x the way since the direction changed.
+        sgn(dq) times the magnitude of the model's torque [N·m].
 
     """
 
     t: Array
     centres: Indices
-    way: Array
-    base: Array
-    gravity: Array
-    load: Array
+    model_torque: Array
+    weight: Array
+    bodies: Array
+    direction: Array
+    resting: Array
     velocity: Array
     position: Array
     acceleration: Array
     stribeck: Array
-    build_up: Array
-    more: Array
+    load: Array
 
     @classmethod
     def of(cls, stretch: Stretch, model: Model, phi: TestFunction,
-           errors: ErrorColumns | None = None) -> Rows:
-        """Return the rows of a stretch, for the model that is to be corrected."""
-        h, q, n = stretch.period, stretch.q, stretch.q.shape[1]
-        margin = max(smoothing_half(h), round(SETTLING / h)) + 1
-        centres, least = phi.centres(len(q), margin), least_velocity(q, h)
-        # Joint by joint, for long series.
-        turns = [reversals(smooth(x, h), sliding(smooth(x, h, 1), v, h))
-                 for x, v in zip(q.T, least)]
-        sides = [_sides(q, turns, h, model, phi, errors, some, least)
-                 for some in phi.blocks(centres) if len(some)]
-        shapes = (*[(n,)] * 7, (n, len(STRIBECK)), (n, len(BUILD_UP)), (n, 0))
-        found = map(np.concatenate, zip(*sides)) if sides else (
-            np.empty((0, *shape)) for shape in shapes)
-        return cls(stretch.t[centres], centres, *found)
+           regressor: BodyRegressor | None) -> Windows:
+        """Return the windows of a stretch."""
+        q, period = stretch.q, stretch.period
+        margin = max(smoothing_half(period), round(SETTLING_S / period)) + 1
+        centres = phi.centres(len(q), margin)
+        slowest = slowest_motion(q, period)
+        blocks = [_terms(q, period, model, phi, regressor, block, slowest)
+                  for block in phi.blocks(centres) if len(block)]
+        if not blocks:
+            return cls._empty(q.shape[1])
+        columns = {name: np.concatenate([block[name] for block in blocks]) for name in blocks[0]}
+        return cls(t=stretch.t[centres], centres=centres, **columns)
 
-    def cut(self, use: npt.NDArray[np.bool_], first: int) -> Rows:
-        """Return some windows of a stretch from which the samples before `first` are cut off."""
-        mine = {field.name: getattr(self, field.name)[use] for field in dataclasses.fields(self)}
-        return Rows(**{**mine, 'centres': mine['centres'] - first})
+    @classmethod
+    def _empty(cls, n: int) -> Windows:
+        """Return no windows of n joints."""
+        none = np.empty((0, n))
+        return cls(np.empty(0), np.empty(0, int), none, none, np.empty((0, n, 0)), none, none,
+                   none, none, none, np.empty((0, n, len(STRIBECK_VELOCITIES))), none)
+
+    def select(self, chosen: npt.NDArray[np.bool_], first: int = 0) -> Windows:
+        """Return some windows of a stretch without its samples before `first`."""
+        columns = {field.name: getattr(self, field.name)[chosen]
+                   for field in dataclasses.fields(self)}
+        columns['centres'] = columns['centres'] - first
+        return Windows(**columns)
+
+    def with_gravity(self, change: Array) -> Windows:
+        """Return the windows of a model with a change of gravity, shape (3,) [m/s²]."""
+        torque = self.bodies[:, :, -3:] @ change
+        whole = self.model_torque + torque
+        return dataclasses.replace(self, model_torque=whole, weight=self.weight + torque,
+                                   load=self.direction * np.abs(whole))
 
 
-def joined(rows: Sequence[Rows]) -> Rows:
+def joined(windows: Sequence[Windows]) -> Windows:
     """Return the windows of all stretches."""
-    if len(rows) == 1:  # Without a copy.
-        return rows[0]
-    return Rows(**{field.name: np.concatenate([getattr(part, field.name) for part in rows])
-                   for field in dataclasses.fields(Rows)})
+    if len(windows) == 1:  # Without a copy.
+        return windows[0]
+    names = [field.name for field in dataclasses.fields(Windows)]
+    return Windows(**{name: np.concatenate([getattr(part, name) for part in windows])
+                      for name in names})
 
 
-def _sides(q: Array, turns: Sequence[Reversals], period: float, model: Model, phi: TestFunction,
-           errors: ErrorColumns | None, centres: Indices, least: Array) -> tuple[Array, ...]:
-    """
-    Return what `Rows` have from `way` on, of windows that follow each other.
-
-    Positions q have shape (N, n).
-    """
-    first, last = int(centres[0]) - phi.half, int(centres[-1]) + phi.half + 1
-    # What a sample of the directions depends on.
-    around = 2 * smoothing_half(period)
-    begin = max(first - around, 0)
-    wide = q[begin:last + around]
-    place, dq, ddq = (smooth(wide, period, order) for order in range(3))
-    moved = np.empty_like(wide)
-    moved[1:-1] = (wide[2:] - wide[:-2]) / (2.0 * period)
-    moved[0], moved[-1] = dq[0], dq[-1]
-    place, dq, ddq, moved, slide = (x[first - begin:last - begin] for x in (
-        place, dq, ddq, moved, sliding(dq, least, period)))
-    at, way, samples = centres - first, np.sign(dq), np.arange(first, first + len(dq))
-    since = np.stack([way_since_reversal(*x, samples) for x in zip(place.T, turns)], axis=1)
-    dynamics = Dynamics.along(place, dq, period, model)
-    more = errors.weak(place, dq, moved, phi, at) if errors else np.empty(
-        (len(centres), place.shape[1], 0))
-    windows = sliding_window_view(slide, 2 * phi.half + 1, axis=0)[at - phi.half]
-    low = windows.min(axis=-1)
-    slow, turned = (
-        np.stack([phi.sums(way * np.exp(-x), phi.at, at) for x in parts], axis=2) for parts in (
-            (np.square(dq / v) for v in STRIBECK), (since / d for d in BUILD_UP)))
-    return (np.where(low == windows.max(axis=-1), low, 0.0), dynamics.weak(moved, phi, at),
-            dynamics.weight(phi, at), dynamics.load(ddq, phi, at), phi.sums(moved, phi.at, at),
-            phi.sums(place, phi.at, at), -phi.sums(moved, phi.slope, at), slow, turned, more)
-
-
-def least_velocity(q: Array, period: float) -> Array:
-    """Return from which velocity on each joint slides, shape (n,) [rad/s]."""
+def slowest_motion(q: Array, period: float) -> Array:
+    """Return the velocity above which each joint moves, shape (n,) [rad/s]."""
     # Joint by joint, for long series.
-    fast = [np.percentile(np.abs(smooth(x, period, 1)), 99.0) for x in q.T]
-    return np.maximum(_DEVIATIONS * velocity_deviation(period) * position_noise(q, period),
-                      np.maximum(_PART * np.array(fast), _LEAST))
+    fastest = np.array([np.percentile(np.abs(smooth(x, period, 1)), 99.0) for x in q.T])
+    noise = velocity_deviation(period) * position_noise(q, period)
+    return np.maximum(MOVING_DEVIATIONS * noise,
+                      np.maximum(MOVING_PART * fastest, MOVING_VELOCITY))
 
 
-def sliding(dq: Array, least: Array, period: float) -> Array:
-    """
-    Return which way each joint slides at each sample: 1, -1, or 0 for not at all, shape (N, ...).
+def _terms(q: Array, period: float, model: Model, phi: TestFunction,
+           regressor: BodyRegressor | None, centres: Indices, slowest: Array
+           ) -> dict[str, Array]:
+    """Return the fields of `Windows` around some centres that follow each other."""
+    first, last = int(centres[0]) - phi.half, int(centres[-1]) + phi.half + 1
+    # What a smoothed sample depends on.
+    margin = 2 * smoothing_half(period)
+    begin = max(first - margin, 0)
+    wide = q[begin:last + margin]
+    here = slice(first - begin, last - begin)
+    position, velocity, acceleration = (smooth(wide, period, order)[here] for order in range(3))
+    difference = _differences(wide, period)[here]
+    at = centres - first
+    dynamics = Dynamics.along(position, velocity, period, model)
+    direction = np.where(np.abs(velocity) > slowest, np.sign(velocity), 0.0)
+    torque = dynamics.torque(acceleration)
 
-    Samples whose smoothed velocity dq [rad/s] contains some of a stop count as not sliding.
-    """
-    way = np.where(np.abs(dq) > least, np.sign(dq), 0.0)
-    size = 2 * smoothing_half(period) + 1
-    low, high = (extreme(way, size, axis=0, mode='nearest')
-                 for extreme in (minimum_filter1d, maximum_filter1d))
-    return np.where(low == high, way, 0.0)
+    def mean(values: Array) -> Array:
+        return phi.sums(values, phi.at, at)
 
-
-#: Samples after which the direction of a joint changes, and its positions there [rad].
-Reversals = tuple[Indices, Array]
-
-
-def reversals(q: Array, slide: Array) -> Reversals:
-    """
-    Return where the direction of a joint changes.
-
-    Parameters
-    ----------
-    q : ndarray, shape (N,)
-        Positions [rad].
-    slide : ndarray, shape (N,)
-        Direction, 0 at rest; a rest between the same directions is no reversal.
-
-    """
-    moving = np.flatnonzero(slide)
-    turns = np.flatnonzero(np.diff(slide[moving])) if len(moving) else moving
-    # The last sample of one direction is where the next one begins.
-    ends = moving[turns]
-    return ends, q[ends]
+    n = q.shape[1]
+    return {
+        'model_torque': dynamics.weak(difference, phi, at), 'weight': mean(dynamics.weight()),
+        'bodies': np.empty((len(at), n, 0)) if regressor is None else regressor.weak(
+            position, velocity, difference, phi, at),
+        'direction': mean(direction), 'resting': mean(1.0 - np.abs(direction)),
+        'velocity': mean(difference), 'position': mean(position),
+        'acceleration': -phi.sums(difference, phi.slope, at),
+        'stribeck': np.stack([mean(direction * np.exp(-np.square(velocity / v)))
+                              for v in STRIBECK_VELOCITIES], axis=2),
+        'load': mean(direction * np.abs(torque))}
 
 
-def way_since_reversal(q: Array, turns: Reversals, samples: Indices) -> Array:
-    """Return how far a joint at q has come since its last reversal; inf without one [rad]."""
-    ends, places = turns
-    return np.asarray(np.abs(q - np.append(np.inf, places)[np.searchsorted(ends, samples)]))
+def _differences(q: Array, period: float) -> Array:
+    """Return velocities as differences of the samples before and after, shape (N, n) [rad/s]."""
+    return np.asarray(np.gradient(q, period, axis=0))

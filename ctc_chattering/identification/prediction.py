@@ -1,0 +1,134 @@
+# Copyright 2026 The ctc_chattering maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""
+The judge: the torque of each joint, predicted for time that was not fitted.
+
+Four predictions are compared, each of them of blocks of time that were left out: the mean torque,
+the model as it was given, that model with friction, and the model as identified.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from functools import cached_property
+
+from ctc_chattering.identification.regression import BLOCKS, blocks_of_time, Data, Fit
+from ctc_chattering.identification.selection import friction_columns
+from ctc_chattering.numerics.linear_algebra import Array
+import numpy as np
+
+#: Distances of windows that have no sample in common, and at which torque still correlates.
+APART = range(4, 13)
+#: Part of the squared torque below which a correlation is rounding.
+ROUNDING = 1e-10
+
+
+@dataclasses.dataclass(frozen=True)
+class Prediction:
+    """
+    Torque on data that were not fitted; J windows, n joints.
+
+    Attributes
+    ----------
+    t : ndarray, shape (J,)
+        Times of the windows [s].
+    measured : ndarray, shape (J, n)
+        Torque of the recording [N·m]; nan where a joint rests, or the torque is not known.
+    model : ndarray, shape (J, n)
+        The model as it was given [N·m].
+    with_friction : ndarray, shape (J, n)
+        That model with friction of each joint [N·m].
+    identified : ndarray, shape (J, n)
+        Bodies, rotors and friction as identified [N·m].
+
+    """
+
+    t: Array
+    measured: Array
+    model: Array
+    with_friction: Array
+    identified: Array
+
+    @classmethod
+    def of(cls, fit: Fit) -> Prediction:
+        """Return the predictions of a fit."""
+        data = fit.data
+        torque = data.windows.model_torque
+        friction = np.stack([_friction_alone(data, joint)
+                             for joint in range(data.joint_count)], axis=1)
+        return cls(data.windows.t, np.where(data.used, data.torque, np.nan), torque,
+                   torque + friction, torque + fit.held_out)
+
+    @cached_property
+    def recording_rms(self) -> Array:
+        """RMS of the measured torque about its mean, shape (n,) [N·m]."""
+        return _rms(self.measured - _mean(self.measured))
+
+    @cached_property
+    def model_rms(self) -> Array:
+        """RMS of what the given model does not predict, shape (n,) [N·m]."""
+        return _rms(self.measured - self.model)
+
+    @cached_property
+    def with_friction_rms(self) -> Array:
+        """RMS of what the given model with friction does not predict, shape (n,) [N·m]."""
+        return _rms(self.measured - self.with_friction)
+
+    @cached_property
+    def identified_rms(self) -> Array:
+        """RMS of what the identified model does not predict, shape (n,) [N·m]."""
+        return _rms(self.measured - self.identified)
+
+    @cached_property
+    def systematic_rms(self) -> Array:
+        """RMS of the part of that which lasts longer than a window, shape (n,) [N·m]."""
+        return np.array([_lasting(x) for x in (self.measured - self.identified).T])
+
+
+def _friction_alone(data: Data, joint: int) -> Array:
+    """Return friction that was fitted beside the given model in other blocks, shape (J,)."""
+    columns, target = friction_columns(data, joint), data.beyond_model[:, joint]
+    block, used = blocks_of_time(len(target)), data.used[:, joint]
+    predicted = np.zeros(len(target))
+    for k in range(BLOCKS):
+        fitted = used & (block != k)
+        value = np.linalg.lstsq(columns[fitted], target[fitted], rcond=None)[0]
+        predicted[block == k] = columns[block == k] @ value
+    return predicted
+
+
+def _mean(values: Array) -> Array:
+    """Return the mean of each column without nan, 0 for a column without a number."""
+    known = np.isfinite(values)
+    return np.asarray(np.where(known, values, 0.0).sum(axis=0)
+                      / np.maximum(known.sum(axis=0), 1))
+
+
+def _rms(values: Array) -> Array:
+    """Return the root mean square of each column without nan."""
+    return np.sqrt(_mean(np.square(values)))
+
+
+def _lasting(values: Array) -> float:
+    """Return the RMS of the part of a series that correlates beyond a window; nan is left out."""
+    known = np.isfinite(values)
+    x = np.where(known, values, 0.0)
+    pairs = [int((known[k:] & known[:-k]).sum()) for k in APART if k < len(x)]
+    if not pairs or min(pairs) == 0:
+        return 0.0
+    products = [float(x[k:] @ x[:-k]) / count for k, count in zip(APART, pairs)]
+    # Chance gives a mean product of about the power over the root of the number of pairs.
+    power = float(x @ x) / max(int(known.sum()), 1)
+    mean = float(np.mean(products)) - 2.0 * power / np.sqrt(min(pairs))
+    return float(np.sqrt(mean)) if mean > ROUNDING * power else 0.0

@@ -1,0 +1,241 @@
+# Copyright 2026 The ctc_chattering maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""
+What is expected of a robot before any data: the URDF with its uncertainty, and friction.
+
+The regression works with unknowns x of deviation 1 around the model. A body changes by S X Sᵀ,
+X symmetric with elements u x, where S Sᵀ is its pseudo-inertia (PI1) in the model and u the
+uncertainty of the URDF: a change of size 1 is as large as the body itself, in whatever
+coordinates, which is the metric of Lee, Wensing and Park (2020). Bodies stay physical: J of each
+is positive semidefinite; rotor inertia, Coulomb and viscous friction are not negative.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+
+from ctc_chattering.dynamics.model import LinearModel
+from ctc_chattering.dynamics.pseudo_inertia import (
+    parameters_of,
+    pseudo_inertia,
+    stacked,
+    symmetric,
+    unit,
+)
+from ctc_chattering.errors import CtcError
+from ctc_chattering.identification.regressor import BodyRegressor
+from ctc_chattering.numerics.linear_algebra import Array
+import numpy as np
+from scipy.linalg import block_diag, solve_triangular  # type: ignore[import-untyped]
+
+#: Default uncertainty of a body of the URDF, as a part of the body.
+URDF_UNCERTAINTY = 0.2
+#: Rotor inertia at the joint per effort limit where the URDF has none, its deviation, and the
+#: least that a geared arm has [kg·m² per N·m]. Data sheets have 0.001 to 0.006.
+ROTOR_PER_EFFORT, ROTOR_DEVIATION_PER_EFFORT, LEAST_ROTOR_PER_EFFORT = 0.002, 0.004, 0.0005
+#: Least deviation of a rotor inertia as a part of the joint's inertia.
+ROTOR_DEVIATION_PER_INERTIA = 1.0
+#: Deviation of a turn of the base [rad]; the strength of gravity is known.
+TILT = 0.01
+#: Random states in which inertias of joints are averaged.
+INERTIA_STATES = 30
+#: Least eigenvalue of a pseudo-inertia, in units of the model's.
+LEAST_EIGENVALUE = 1e-4
+#: Least eigenvalue with which the search for physical parameters begins.
+FIRST_EIGENVALUE = 1e-2
+#: Weights of the barrier in units of the logarithm of a likelihood: first, last, and their ratio.
+FIRST_BARRIER, LAST_BARRIER, BARRIER_RATIO = 10.0, 1e-4, 0.1
+#: Most steps of Newton's method for each weight.
+NEWTON_STEPS = 30
+#: Symmetric matrices of which `stacked` has one element of 1, shape (10, 4, 4).
+_SYMMETRIC_UNITS = np.stack([symmetric(element) for element in np.eye(10)])
+
+
+@dataclasses.dataclass(frozen=True)
+class BodyPrior:
+    """
+    Bodies, rotors and direction of gravity as expected; P parameters, k unknowns.
+
+    Attributes
+    ----------
+    transform : ndarray, shape (P, k)
+        Change of the parameters by each unknown.
+    mean : ndarray, shape (k,)
+        Unknowns as expected: 0, but for rotors that the URDF lacks.
+    bounds : PhysicalBounds
+        Of these unknowns.
+
+    """
+
+    transform: Array
+    mean: Array
+    bounds: PhysicalBounds
+
+    @classmethod
+    def of(cls, regressor: BodyRegressor | None, uncertainty: float) -> BodyPrior:
+        """Return what is expected of a model; nothing is unknown without a regressor."""
+        if regressor is None:
+            return cls(np.zeros((0, 0)), np.zeros(0), PhysicalBounds())
+        model = regressor.model
+        if regressor.inertial_count == 10 * model.n and hasattr(model, 'bodies'):
+            bodies, bounds = _urdf_bodies(model.inertial_parameters(), uncertainty)
+        else:
+            bodies, bounds = np.diag(uncertainty * model.parameter_sizes()), PhysicalBounds()
+        sizes = _rotor_sizes(model)
+        rotors = regressor.parameters[regressor.inertial_count:-3]
+        first = bodies.shape[1]
+        bounds = bounds.with_least({first + i: -inertia / size for i, (inertia, size) in
+                                    enumerate(zip(rotors.tolist(), sizes.tolist()))})
+        transform = block_diag(bodies, np.diag(sizes), _turns(regressor.gravity))
+        mean = np.zeros(transform.shape[1])
+        mean[first:first + model.n] = np.where(
+            rotors > 0.0, 0.0, ROTOR_PER_EFFORT * finite_efforts(model) / sizes)
+        return cls(transform, mean, bounds)
+
+
+def _urdf_bodies(parameters: Array, uncertainty: float) -> tuple[Array, PhysicalBounds]:
+    """Return the transform of the bodies of a URDF, and their bounds."""
+    rows = parameters.reshape(-1, 10)
+    heaviest = float(rows[:, 0].max())
+    if heaviest <= 0.0:
+        raise CtcError(f'no moved body of the model has a mass: {rows[:, 0].tolist()} kg')
+    roots = [unit(row, heaviest) for row in rows]
+    inverses = [np.linalg.inv(root) for root in roots]
+    model = np.stack([inverse @ pseudo_inertia(row) @ inverse.T
+                      for inverse, row in zip(inverses, rows)])
+    blocks = [uncertainty * _change(root) for root in roots]
+    return block_diag(*blocks), PhysicalBounds(model, uncertainty)
+
+
+def _change(root: Array) -> Array:
+    """Return the change of the parameters by each element of X, shape (10, 10)."""
+    return np.column_stack(
+        [parameters_of(root @ symmetric(element) @ root.T) for element in np.eye(10)])
+
+
+def _rotor_sizes(model: LinearModel) -> Array:
+    """Return the deviation of each rotor inertia, shape (n,) [kg·m²]."""
+    states = np.random.default_rng(0).normal(size=(INERTIA_STATES, model.n))
+    mass = [model.evaluate(q, np.zeros(model.n))[0]  # type: ignore[attr-defined]
+            for q in states]
+    inertia = np.mean([matrix.diagonal() for matrix in mass], axis=0)
+    return np.maximum(ROTOR_DEVIATION_PER_EFFORT * finite_efforts(model),
+                      ROTOR_DEVIATION_PER_INERTIA * inertia)
+
+
+def finite_efforts(model: LinearModel) -> Array:
+    """Return the effort limits, shape (n,) [N·m]; 0 where there is none."""
+    effort = np.array(getattr(model, 'effort_limits', None) or [np.inf] * model.n, float)
+    return np.where(np.isfinite(effort), effort, 0.0)
+
+
+def _turns(gravity: Array) -> Array:
+    """Return the change of gravity by turns about two axes across it, shape (3, 2)."""
+    strength = float(np.linalg.norm(gravity))
+    if not strength:
+        return np.zeros((3, 0))
+    across = np.linalg.svd(gravity[:, None] / strength)[0][:, 1:]
+    return np.asarray(TILT * strength * across)
+
+
+@dataclasses.dataclass(frozen=True)
+class PhysicalBounds:
+    """
+    Bounds of unknowns x: pseudo-inertias of bodies come first, others have a least value.
+
+    Attributes
+    ----------
+    model : ndarray, shape (n, 4, 4)
+        Pseudo-inertias of the model in its own units; empty without bodies.
+    uncertainty : float
+        Change of an element of a pseudo-inertia by an unknown.
+    least : dict of int to float
+        Least value of an unknown.
+
+    """
+
+    model: Array = dataclasses.field(default_factory=lambda: np.zeros((0, 4, 4)))
+    uncertainty: float = 1.0
+    least: dict[int, float] = dataclasses.field(default_factory=dict)
+
+    def with_least(self, least: dict[int, float]) -> PhysicalBounds:
+        """Return it with the least values of further unknowns."""
+        return dataclasses.replace(self, least={**self.least, **least})
+
+    def keep(self, x: Array) -> bool:
+        """Return whether unknowns are physical."""
+        return all(x[i] >= least for i, least in self.least.items()) and all(
+            np.linalg.eigvalsh(body)[0] >= LEAST_EIGENVALUE for body in self._bodies(x))
+
+    def _bodies(self, x: Array) -> Array:
+        """Return the pseudo-inertias in units of the model's, shape (n, 4, 4)."""
+        count = len(self.model)
+        changes = [symmetric(part) for part in x[:10 * count].reshape(count, 10)]
+        return self.model + self.uncertainty * np.reshape(changes, (count, 4, 4))
+
+    def nearest(self, x: Array, information: Array) -> Array:
+        """
+        Return the physical unknowns y for which (y - x)ᵀ information (y - x) is least.
+
+        That is a convex problem; Newton's method solves it with a logarithmic barrier.
+        """
+        if self.keep(x):
+            return x
+        y, barrier = self._inside(len(x)), FIRST_BARRIER
+        while barrier > LAST_BARRIER:
+            barrier *= BARRIER_RATIO
+            for _ in range(NEWTON_STEPS):
+                slope, curvature = self._barrier(y)
+                slope = information @ (y - x) + barrier * slope
+                step = -np.linalg.solve(information + barrier * curvature, slope)
+                length = 1.0
+                while not self.keep(y + length * step):
+                    length *= 0.5
+                y = y + length * step
+                if length == 1.0 and -slope @ step < barrier:
+                    break
+        return y
+
+    def _inside(self, count: int) -> Array:
+        """Return unknowns well within the bounds, shape (count,)."""
+        y = np.zeros(count)
+        for i, body in enumerate(self.model):
+            values, vectors = np.linalg.eigh(body)
+            inside = vectors * np.maximum(values, FIRST_EIGENVALUE) @ vectors.T
+            y[10 * i:10 * i + 10] = stacked(inside - body) / self.uncertainty
+        for i, least in self.least.items():
+            y[i] = max(0.0, least + FIRST_EIGENVALUE)
+        return y
+
+    def _barrier(self, y: Array) -> tuple[Array, Array]:
+        """Return slope (m,) and curvature (m, m) of -Σ log det J - Σ log(y - least)."""
+        slope, curvature = np.zeros(len(y)), np.zeros((len(y), len(y)))
+        for i, body in enumerate(self._bodies(y)):
+            here = slice(10 * i, 10 * i + 10)
+            inverse = np.linalg.inv(body - LEAST_EIGENVALUE * np.eye(4))
+            slope[here] = -self.uncertainty * stacked(inverse)
+            curvature[here, here] = self.uncertainty ** 2 * stacked(
+                inverse @ _SYMMETRIC_UNITS @ inverse)
+        for i, least in self.least.items():
+            distance = y[i] - least
+            slope[i] = -1.0 / distance
+            curvature[i, i] = 1.0 / distance ** 2
+        return slope, curvature
+
+
+def covariance_of(information: Array) -> Array:
+    """Return the inverse of a positive definite matrix."""
+    lower = np.linalg.cholesky(information)
+    inverse = solve_triangular(lower, np.eye(len(lower)), lower=True)
+    return np.asarray(inverse.T @ inverse)

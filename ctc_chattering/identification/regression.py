@@ -1,0 +1,419 @@
+# Copyright 2026 The ctc_chattering maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""
+Bayesian linear regression of the torque of all joints, judged on time that was not fitted.
+
+The torque of joint j in a window is linear in the unknowns x, which have deviation 1 before any
+data (`prior.py`):
+
+    tau_j = model_j + X_j x + r_j,    r_j of variance σ_j² and correlation length L_j,    (BR1)
+
+so x has the information I + Σ_j X_jᵀ W_j X_j / (σ_j² L_j), with W_j the weights of the windows.
+σ_j and L_j are those of the torque that is *not* predicted in blocks of time that were left out:
+what a flexible model explains only of the data it was fitted to counts as noise. Windows that a
+joint rests in have its static friction as further variance; windows far beyond the others, as of
+a contact, lose weight.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+import dataclasses
+from functools import cached_property
+
+from ctc_chattering.identification.friction_terms import FrictionTerm, TermKind
+from ctc_chattering.identification.prior import BodyPrior, covariance_of, PhysicalBounds
+from ctc_chattering.identification.windows import Windows
+from ctc_chattering.numerics.linear_algebra import Array
+import numpy as np
+import numpy.typing as npt
+from scipy.special import stdtrit  # type: ignore[import-untyped]
+
+Flags = npt.NDArray[np.bool_]
+#: Blocks of time of which one is left out at a time.
+BLOCKS = 10
+#: Rounds in which noise and weights follow from what is not predicted.
+ROUNDS = 6
+#: Share of a window from which on a joint rests in it.
+MOST_RESTING = 0.5
+#: Fewest windows of a joint in motion that are fitted.
+FEWEST_WINDOWS = 20
+#: Deviations at which a window has half its weight.
+OUTLIER_DEVIATIONS = 10.0
+#: Noise below which a torque is not trusted, as a part of its deviation.
+LEAST_NOISE = 1e-4
+#: Draws of blocks for intervals, and the probability of an interval.
+DRAWS, CONFIDENCE = 100, 0.95
+#: Standard deviation of a normal variable over its median magnitude.
+MEDIAN_TO_DEVIATION = 1.4826
+
+
+@dataclasses.dataclass(frozen=True)
+class Data:
+    """
+    Windows with their torques; J windows, n joints.
+
+    Attributes
+    ----------
+    windows : Windows
+        Terms of the model.
+    torque : ndarray, shape (J, n)
+        Measured or commanded torque, 0 where it is not known [N·m].
+    used : ndarray of bool, shape (J, n)
+        Windows with a known torque in which the joint moves.
+    drive_sign : ndarray, shape (J, n)
+        Sign of the torque of each drive as the model predicts it, for dead bands.
+
+    """
+
+    windows: Windows
+    torque: Array
+    used: Flags
+    drive_sign: Array
+
+    @classmethod
+    def of(cls, windows: Windows, torque: Array, valid: Flags | bool = True) -> Data:
+        """Return windows with their torques, nan where unknown; `valid` of shape (J,)."""
+        known = np.isfinite(torque) & np.reshape(valid, (-1, 1))
+        moving = windows.resting < MOST_RESTING
+        return cls(windows, np.where(known, torque, 0.0), known & moving,
+                   mean_sign(windows.model_torque))
+
+    def scaled(self, constant: Array) -> Data:
+        """Return it with the torque of each joint times a constant, shape (n,)."""
+        return dataclasses.replace(self, torque=self.torque * constant)
+
+    @property
+    def joint_count(self) -> int:
+        """Number of joints."""
+        return self.torque.shape[1]
+
+    @cached_property
+    def beyond_model(self) -> Array:
+        """Torque less that of the model without friction, shape (J, n) [N·m]; 0 if not used."""
+        return np.where(self.used, self.torque - self.windows.model_torque, 0.0)
+
+    @cached_property
+    def deviation(self) -> Array:
+        """Deviation of the torque of each joint in motion, shape (n,) [N·m]; 1 without any."""
+        sizes = [float(torque[used].std()) if used.any() else 0.0
+                 for torque, used in zip(self.torque.T, self.used.T)]
+        return np.array([size or 1.0 for size in sizes])
+
+    @cached_property
+    def fastest(self) -> Array:
+        """Largest velocity of each joint, shape (n,) [rad/s]; 1 for a joint that rests."""
+        speed = np.abs(self.windows.velocity).max(axis=0, initial=0.0)
+        return np.where(speed > 0.0, speed, 1.0)
+
+    @property
+    def moving(self) -> Flags:
+        """Joints with enough windows in motion, shape (n,)."""
+        return np.asarray(self.used.sum(axis=0) >= FEWEST_WINDOWS)
+
+
+@dataclasses.dataclass(frozen=True)
+class Unknowns:
+    """
+    Unknowns of the regression: those of the bodies, then the terms of friction; m in all.
+
+    Attributes
+    ----------
+    prior : BodyPrior
+        Of bodies, rotors and gravity.
+    terms : tuple of FrictionTerm
+        Columns of friction.
+
+    """
+
+    prior: BodyPrior
+    terms: tuple[FrictionTerm, ...]
+
+    @property
+    def body_count(self) -> int:
+        """Number of unknowns of the bodies."""
+        return self.prior.transform.shape[1]
+
+    @property
+    def count(self) -> int:
+        """Number m of unknowns."""
+        return self.body_count + len(self.terms)
+
+    @cached_property
+    def mean(self) -> Array:
+        """Unknowns before any data, shape (m,)."""
+        return np.concatenate((self.prior.mean, np.zeros(len(self.terms))))
+
+    def term(self, index: int) -> FrictionTerm:
+        """Return the term of friction that an unknown is the coefficient of."""
+        return self.terms[index - self.body_count]
+
+    def of_joint(self, joint: int) -> list[int]:
+        """Return the indices of the terms of friction of a joint."""
+        return [self.body_count + k for k, term in enumerate(self.terms) if term.joint == joint]
+
+    def index(self, joint: int, kind: TermKind) -> int | None:
+        """Return the index of a term of friction; None if there is none."""
+        for k, term in enumerate(self.terms):
+            if term.joint == joint and term.kind == kind:
+                return self.body_count + k
+        return None
+
+    def columns(self, data: Data, joint: int) -> Array:
+        """Return X of a joint, shape (J, m) [N·m]; 0 in windows that are not used."""
+        columns = np.zeros((len(data.torque), self.count))
+        columns[:, :self.body_count] = data.windows.bodies[:, joint] @ self.prior.transform
+        for k in self.of_joint(joint):
+            columns[:, k] = self.term(k).column(data.windows, data.drive_sign)
+        columns[~data.used[:, joint]] = 0.0
+        return columns
+
+
+@dataclasses.dataclass(frozen=True)
+class Noise:
+    """
+    What is not predicted of each joint's torque.
+
+    Attributes
+    ----------
+    deviation : ndarray, shape (n,)
+        σ [N·m].
+    correlation : ndarray, shape (n,)
+        L [windows].
+    weights : ndarray, shape (J, n)
+        W: 1 for a window like the others, less for an outlier or a joint that rests.
+
+    """
+
+    deviation: Array
+    correlation: Array
+    weights: Array
+
+    @property
+    def information(self) -> Array:
+        """1 / (σ² L) of each joint, shape (n,) [1/(N·m)²]."""
+        return 1.0 / (np.square(self.deviation) * self.correlation)
+
+
+@dataclasses.dataclass(frozen=True)
+class Fit:
+    """
+    The solution of (BR1); m unknowns, J windows, n joints.
+
+    Attributes
+    ----------
+    data : Data
+        The windows.
+    unknowns : Unknowns
+        The columns.
+    noise : Noise
+        What is not predicted.
+    value : ndarray, shape (m,)
+        x, within physical bounds.
+    covariance : ndarray, shape (m, m)
+        Of x.
+    spread : ndarray, shape (m, m)
+        Covariance of x by drawing blocks of time.
+    left_out : ndarray, shape (BLOCKS, m)
+        x, within physical bounds, without each block of time.
+
+    """
+
+    data: Data
+    unknowns: Unknowns
+    noise: Noise
+    value: Array
+    covariance: Array
+    spread: Array
+    left_out: Array
+
+    @cached_property
+    def held_out(self) -> Array:
+        """Torque beyond the model in each block as the others predict it, (J, n) [N·m]."""
+        columns = [self.unknowns.columns(self.data, joint)
+                   for joint in range(self.data.joint_count)]
+        return _predicted(columns, blocks_of_time(len(self.data.torque)), self.left_out)
+
+    def half_interval(self, weights: Array) -> Array:
+        """Return half the interval of weighted sums of x, weights of shape (..., m)."""
+        normal = float(stdtrit(np.inf, 0.5 + 0.5 * CONFIDENCE))
+        blocks = float(stdtrit(BLOCKS - 1.0, 0.5 + 0.5 * CONFIDENCE))
+        halves = [factor * np.sqrt(np.maximum(((weights @ matrix) * weights).sum(axis=-1), 0.0))
+                  for factor, matrix in ((normal, self.covariance), (blocks, self.spread))]
+        return np.maximum(*halves)
+
+    def torque(self, joint: int, kinds: Sequence[TermKind] | None = None) -> Array:
+        """Return the torque beyond the model, or of some kinds of friction, shape (J,) [N·m]."""
+        columns = self.unknowns.columns(self.data, joint)
+        if kinds is None:
+            return columns @ self.value
+        chosen = [k for k in self.unknowns.of_joint(joint) if self.unknowns.term(k).kind in kinds]
+        return columns[:, chosen] @ self.value[chosen]
+
+    def body_change(self) -> Array:
+        """Return the change of the parameters of bodies, rotors and gravity, shape (P,)."""
+        return self.unknowns.prior.transform @ self.value[:self.unknowns.body_count]
+
+
+class _Normals:
+    """Normal equations of each block of time and joint, for given weights of windows."""
+
+    def __init__(self, data: Data, unknowns: Unknowns) -> None:
+        self.data, self.unknowns = data, unknowns
+        self.block = blocks_of_time(len(data.torque))
+        self.columns = np.stack(
+            [unknowns.columns(data, joint) for joint in range(data.joint_count)])
+
+    def sums(self, noise: Noise) -> tuple[Array, Array]:
+        """Return Xᵀ W X and Xᵀ W y over σ² L of each block, (BLOCKS, m, m) and (BLOCKS, m)."""
+        m = self.unknowns.count
+        normal, right = np.zeros((BLOCKS, m, m)), np.zeros((BLOCKS, m))
+        for joint, share in enumerate(noise.information.tolist()):
+            weighted = self.columns[joint] * (share * noise.weights[:, joint, None])
+            for k in range(BLOCKS):
+                rows = self.block == k
+                normal[k] += weighted[rows].T @ self.columns[joint][rows]
+                right[k] += weighted[rows].T @ self.data.beyond_model[rows, joint]
+        return normal, right
+
+
+def blocks_of_time(count: int) -> npt.NDArray[np.intp]:
+    """Return the block of each of some windows, shape (count,)."""
+    return np.minimum(np.arange(count) * BLOCKS // max(count, 1), BLOCKS - 1)
+
+
+def fit(data: Data, unknowns: Unknowns) -> Fit:
+    """Return the solution of (BR1) with its noise, its intervals and its held-out values."""
+    normals, bounds = _Normals(data, unknowns), bounds_of(unknowns)
+    noise = _first_noise(data)
+    for _ in range(ROUNDS):
+        normal, right = normals.sums(noise)
+        left_out = np.stack([_solve(*sums, unknowns.mean)[1] for sums in _without_each(normal, right)])
+        residual = data.beyond_model - _predicted(normals.columns, normals.block, left_out)
+        noise = _next_noise(data, unknowns, noise, residual, left_out.mean(axis=0))
+    normal, right = normals.sums(noise)
+    information, value = _solve(normal.sum(axis=0), right.sum(axis=0), unknowns.mean)
+    solutions = [_solve(*sums, unknowns.mean) for sums in _without_each(normal, right)]
+    return Fit(data, unknowns, noise, bounds.nearest(value, information),
+               covariance_of(information), _block_spread(normal, right, unknowns.mean),
+               np.stack([bounds.nearest(x, matrix) for matrix, x in solutions]))
+
+
+def _solve(normal: Array, right: Array, mean: Array) -> tuple[Array, Array]:
+    """Return the information of the unknowns, and their most likely values."""
+    information = normal + np.eye(len(normal))
+    return information, np.asarray(np.linalg.solve(information, right + mean), float)
+
+
+def _without_each(normal: Array, right: Array) -> Iterator[tuple[Array, Array]]:
+    """Yield the sums of the normal equations without each block."""
+    for k in range(BLOCKS):
+        others = np.arange(BLOCKS) != k
+        yield normal[others].sum(axis=0), right[others].sum(axis=0)
+
+
+def _predicted(columns: Sequence[Array] | Array, block: npt.NDArray[np.intp], values: Array
+               ) -> Array:
+    """Return the torque beyond the model by the values of each block of windows, (J, n)."""
+    predicted = np.zeros((len(block), len(columns)))
+    for k, value in enumerate(values):
+        rows = block == k
+        predicted[rows] = np.stack([x[rows] @ value for x in columns], axis=1)
+    return predicted
+
+
+def _block_spread(normal: Array, right: Array, mean: Array) -> Array:
+    """Return the covariance of x by drawing blocks of time with replacement, shape (m, m)."""
+    draws = np.random.default_rng(0).multinomial(BLOCKS, [1.0 / BLOCKS] * BLOCKS, DRAWS)
+    values = [_solve(np.tensordot(draw, normal, 1), draw @ right, mean)[1] for draw in draws]
+    deviations = np.array(values) - np.mean(values, axis=0)
+    # Blocks are drawn around their own mean, which takes a share of the variance.
+    correction = BLOCKS / (BLOCKS - 1.0)
+    return np.asarray(correction * deviations.T @ deviations / DRAWS)
+
+
+def bounds_of(unknowns: Unknowns) -> PhysicalBounds:
+    """Return the bounds of all unknowns: Coulomb and viscous friction are not negative."""
+    positive = {unknowns.body_count + k: 0.0 for k, term in enumerate(unknowns.terms)
+                if term.kind in (TermKind.COULOMB, TermKind.VISCOUS)}
+    return unknowns.prior.bounds.with_least(positive)
+
+
+def _first_noise(data: Data) -> Noise:
+    """Return the noise to begin with: all that is beyond the model."""
+    count = np.maximum(data.used.sum(axis=0), 1)
+    power = np.square(data.beyond_model).sum(axis=0) / count
+    floor = LEAST_NOISE * data.deviation
+    return Noise(np.sqrt(power + np.square(floor)), np.ones(data.joint_count),
+                 1.0 - data.windows.resting)
+
+
+def _next_noise(data: Data, unknowns: Unknowns, before: Noise, residual: Array, value: Array
+                ) -> Noise:
+    """Return the noise that a held-out residual, shape (J, n), shows [N·m]; `value` is x."""
+    deviation, correlation = np.empty((2, data.joint_count))
+    weights = np.ones_like(before.weights)
+    for joint in range(data.joint_count):
+        used, floor = data.used[:, joint], LEAST_NOISE * data.deviation[joint]
+        if not used.any():
+            deviation[joint], correlation[joint] = data.deviation[joint], 1.0
+            continue
+        r, resting = residual[used, joint], data.windows.resting[used, joint]
+        k = unknowns.index(joint, TermKind.COULOMB)
+        static = 0.0 if k is None else abs(value[k]) * unknowns.term(k).size
+        typical = MEDIAN_TO_DEVIATION * float(np.median(np.abs(r))) + floor
+        outlier = 1.0 + np.square(r / (OUTLIER_DEVIATIONS * typical))
+        # A resting joint has any friction up to the static one: a uniform distribution.
+        rest = 1.0 + np.square(resting * static / typical) / 3.0
+        w = 1.0 / (outlier * rest)
+        weights[used, joint] = w
+        deviation[joint] = np.sqrt(float(w @ np.square(r)) / w.sum()) + floor
+        series = np.zeros(len(used))
+        series[used] = np.sqrt(w) * r
+        correlation[joint] = correlation_length(series)
+    # Between rounds, so that weights and residuals settle.
+    return Noise(np.sqrt(before.deviation * deviation),
+                 np.sqrt(before.correlation * correlation), weights)
+
+
+def correlation_length(x: Array) -> float:
+    """
+    Return the sum of the autocorrelations of a series, up to where they are noise [samples].
+
+    Parameters
+    ----------
+    x : ndarray, shape (J,)
+        Series; 0 where there is no value.
+
+    """
+    count = len(x)
+    power = float(x.dot(x))
+    if power == 0.0:
+        return 1.0
+    spectrum = np.fft.rfft(x, 2 * count)
+    correlation = np.fft.irfft(spectrum * spectrum.conj())[:count] / power
+    small = np.flatnonzero(np.abs(correlation[1:]) < 2.0 / np.sqrt(count))
+    last = int(small[0]) + 1 if len(small) else count
+    return float(max(1.0, 1.0 + 2.0 * correlation[1:last].sum()))
+
+
+def mean_sign(torque: Array) -> Array:
+    """
+    Return the mean sign of a torque in windows that follow each other, shape (J, n).
+
+    Between two windows the torque changes steadily, so that where it crosses zero its mean sign
+    is between -1 and 1.
+    """
+    change = np.abs(np.gradient(torque, axis=0)) if len(torque) > 1 else np.zeros_like(torque)
+    return np.clip(torque / np.maximum(change, 1e-300), -1.0, 1.0)

@@ -1,0 +1,180 @@
+# Copyright 2026 The ctc_chattering maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""
+Selection of the terms of friction: those without which unseen torque is predicted worse.
+
+Every joint in motion has Coulomb friction, viscous friction and an offset. Stribeck friction,
+friction of the load, a dead band of the drive and friction of a coupled joint are tried one by
+one: a term stays if it makes the torque of blocks of time that were left out clearly smaller.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+from ctc_chattering.identification.friction_terms import ALWAYS, FrictionTerm, TermKind
+from ctc_chattering.identification.prior import BodyPrior
+from ctc_chattering.identification.regression import (
+    BLOCKS,
+    blocks_of_time,
+    Data,
+    FEWEST_WINDOWS,
+    Fit,
+    fit,
+    Unknowns,
+)
+from ctc_chattering.identification.windows import STRIBECK_VELOCITIES
+from ctc_chattering.numerics.linear_algebra import Array
+import numpy as np
+
+#: Deviation of Coulomb and viscous friction, over the deviation of the joint's torque, and over
+#: that and the largest velocity.
+FRICTION_SIZE = 10.0
+#: Deviation of an offset and of other terms, over the deviation of the joint's torque.
+OFFSET_SIZE, OTHER_SIZE = 1.0, 3.0
+#: Deviation of friction as a part of the load.
+LOAD_SIZE = 0.3
+#: Part of the squared torque that a term must take away where it was left out.
+LEAST_GAIN = 0.1
+#: Part that terms of another joint must take away, which no law compensates.
+LEAST_COUPLED_GAIN = 0.4
+#: Blocks of time in which a term must help.
+LEAST_BLOCKS = 7
+#: Most terms that are added to a joint.
+MOST_ADDED = 3
+
+
+class Option(NamedTuple):
+    """Terms that are added together, and the gain that they must have."""
+
+    terms: tuple[FrictionTerm, ...]
+    least_gain: float = LEAST_GAIN
+
+
+def friction_sizes(data: Data, joint: int) -> dict[TermKind, float]:
+    """Return the deviation of each kind of friction before any data."""
+    torque, speed = float(data.deviation[joint]), float(data.fastest[joint])
+    return {TermKind.COULOMB: FRICTION_SIZE * torque, TermKind.OFFSET: OFFSET_SIZE * torque,
+            TermKind.VISCOUS: FRICTION_SIZE * torque / speed, TermKind.LOAD: LOAD_SIZE,
+            TermKind.STRIBECK: OTHER_SIZE * torque, TermKind.DEAD_BAND: OTHER_SIZE * torque,
+            TermKind.COUPLED_COULOMB: OTHER_SIZE * torque,
+            TermKind.COUPLED_VISCOUS: OTHER_SIZE * torque / speed}
+
+
+def basic_terms(data: Data, joint: int) -> list[FrictionTerm]:
+    """Return the terms that every joint in motion has."""
+    sizes = friction_sizes(data, joint)
+    return [FrictionTerm(kind, joint, sizes[kind]) for kind in ALWAYS]
+
+
+def friction_columns(data: Data, joint: int) -> Array:
+    """Return the columns of these terms, shape (J, 3) [N·m]."""
+    return np.column_stack([term.column(data.windows, data.drive_sign)
+                            for term in basic_terms(data, joint)])
+
+
+def select(data: Data, prior: BodyPrior, commanded: bool) -> Fit:
+    """
+    Return the regression with the terms that predict unseen torque best.
+
+    Parameters
+    ----------
+    data : Data
+        The windows.
+    prior : BodyPrior
+        Of the bodies.
+    commanded : bool
+        Whether torques are commands, of which a drive may take a dead band.
+
+    """
+    moving = np.flatnonzero(data.moving).tolist()
+    terms = [term for joint in moving for term in basic_terms(data, joint)]
+    best = fit(data, Unknowns(prior, tuple(terms)))
+    for _ in range(MOST_ADDED):
+        added = [term for joint in moving for term in _best_option(best, joint, commanded)]
+        if not added:
+            break
+        terms += added
+        best = fit(data, Unknowns(prior, tuple(terms)))
+    return best
+
+
+def _options(data: Data, joint: int, commanded: bool) -> Iterator[Option]:
+    """Yield the terms that may be added to a joint."""
+    sizes = friction_sizes(data, joint)
+    speed = np.abs(data.windows.velocity[data.used[:, joint], joint])
+    for k, velocity in enumerate(STRIBECK_VELOCITIES):
+        if (speed < velocity).sum() >= FEWEST_WINDOWS:
+            yield Option((FrictionTerm(TermKind.STRIBECK, joint, sizes[TermKind.STRIBECK], k),))
+    yield Option((FrictionTerm(TermKind.LOAD, joint, sizes[TermKind.LOAD]),))
+    if commanded:
+        yield Option((FrictionTerm(TermKind.DEAD_BAND, joint, sizes[TermKind.DEAD_BAND]),))
+    for other in np.flatnonzero(data.moving).tolist():
+        if other != joint:
+            yield Option(tuple(
+                FrictionTerm(kind, joint, sizes[kind], other)
+                for kind in (TermKind.COUPLED_COULOMB, TermKind.COUPLED_VISCOUS)),
+                LEAST_COUPLED_GAIN)
+
+
+def _best_option(before: Fit, joint: int, commanded: bool) -> tuple[FrictionTerm, ...]:
+    """Return the terms that help a joint most, or none."""
+    chosen = {before.unknowns.term(k).kind for k in before.unknowns.of_joint(joint)}
+    options = [option for option in _options(before.data, joint, commanded)
+               if option.terms[0].kind not in chosen]
+    trial = _JointTrial(before, joint)
+    squares = [trial.squares(option.terms) for option in options]
+    gains = [1.0 - float(square.sum() / trial.before.sum()) for square in squares]
+    helpful = [k for k, (option, square) in enumerate(zip(options, squares))
+               if gains[k] > option.least_gain
+               and (square < trial.before).sum() >= LEAST_BLOCKS]
+    return options[max(helpful, key=lambda k: gains[k])].terms if helpful else ()
+
+
+class _JointTrial:
+    """Friction of one joint fitted anew with further terms, the bodies staying as they are."""
+
+    def __init__(self, before: Fit, joint: int) -> None:
+        data, unknowns = before.data, before.unknowns
+        used = data.used[:, joint]
+        columns = unknowns.columns(data, joint)[used]
+        bodies = unknowns.body_count
+        self._data, self._used = data, used
+        self._block = blocks_of_time(len(used))[used]
+        self._weight = np.sqrt(before.noise.weights[used, joint])
+        self._friction = columns[:, unknowns.of_joint(joint)]
+        # What each block's bodies leave, of all windows: those of other blocks are fitted.
+        self._targets = [data.beyond_model[used, joint] - columns[:, :bodies] @ value[:bodies]
+                         for value in before.left_out]
+        self._ridge = 1.0 / float(np.sqrt(before.noise.information[joint]))
+        self.before = self.squares(())
+
+    def squares(self, terms: tuple[FrictionTerm, ...]) -> Array:
+        """Return the sum of squares of each block, as the others predict it, with more terms."""
+        more = [term.column(self._data.windows, self._data.drive_sign)[self._used]
+                for term in terms]
+        columns = np.column_stack((self._friction, *more)) * self._weight[:, None]
+        ridge = self._ridge * np.eye(columns.shape[1])
+        squares = np.zeros(BLOCKS)
+        for k, target in enumerate(self._targets):
+            own = self._block == k
+            if not own.any():
+                continue
+            y = self._weight * target
+            value = np.linalg.lstsq(
+                np.vstack((columns[~own], ridge)),
+                np.concatenate((y[~own], np.zeros(len(ridge)))), rcond=None)[0]
+            squares[k] = np.square(y[own] - columns[own] @ value).sum()
+        return squares
