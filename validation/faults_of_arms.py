@@ -458,7 +458,12 @@ def _viscous(one: Case) -> Array:
 
 
 def truths(one: Case, duration: float) -> dict[str, Any]:
-    """Return the true numbers of each joint by name, as lowest and highest over the run."""
+    """
+    Return the true numbers of each joint by name, as lowest and highest over the run.
+
+    Torques are in units of the signal: without a known payload nothing tells a torque constant
+    from masses, and a law that commands the signal needs friction in its unit.
+    """
     x = one.robot.physics
     warm = 1.0 + np.outer((1.0, np.exp(-duration / x.drift_time.max())), x.drift)
     found = {'coulomb': warm * x.coulomb, 'forwards': warm * (x.coulomb + x.offset),
@@ -468,5 +473,7 @@ def truths(one: Case, duration: float) -> dict[str, Any]:
              'stribeck_velocity': x.stribeck_speed, 'scale': x.scale, 'rotor': x.rotor,
              'rate': x.rate, 'lag': x.lag + one.robot.period * one.own_delay,
              'band': np.asarray(one.band), 'noise': np.asarray(one.robot.velocity_noise)}
+    for name in ('coulomb', 'forwards', 'backwards', 'viscous', 'stribeck', 'rotor', 'rate'):
+        found[name] = found[name] / x.scale
     return {name: np.sort(np.broadcast_to(value, (2, one.robot.n)), axis=0)
             for name, value in found.items()} | {'delay': one.robot.delay}

@@ -192,12 +192,26 @@ def check_torque(data: Data, joints: Sequence[str], signal: str) -> tuple[Findin
             'N*m at the joint, or the model is another robot. For a current give --effort '
             'current; for another unit --torque-constant; for a robot that carries its weight '
             'itself --gravity 0')
-    return tuple(Finding(
-        Reason.UNITS, Severity.REFUSED, joint, f'the {signal} of {joints[joint]} has '
-        f'{shapes[joint].weight:.2g} ± {2.0 * shapes[joint].weight_error:.1g} times the weight of '
-        'the model: another unit, another gear ratio, or a wrong mass in the URDF',
-        'give --torque-constant, or correct the URDF')
-        for joint in known if not _possible(shapes[joint]))
+    return tuple(_other_unit(joints[joint], joint, shapes[joint], signal)
+                 for joint in known if not _possible(shapes[joint]))
+
+
+def _possible(found: Shape) -> bool:
+    """Return whether the factor of the weight may be that of a torque of this robot."""
+    margin = 2.0 * found.weight_error
+    return found.weight + margin > LEAST_FACTOR and found.weight - margin < MOST_FACTOR
+
+
+def _other_unit(name: str, joint: int, found: Shape, signal: str) -> Finding:
+    """Return that a joint has much less, or much more, weight than the model."""
+    heavy = found.weight > MOST_FACTOR
+    return Finding(
+        Reason.UNITS, Severity.CARE if heavy else Severity.REFUSED, joint,
+        f'the {signal} of {name} has {found.weight:.2g} ± {2.0 * found.weight_error:.1g} times '
+        'the weight of the model: ' + (
+            'a tool or payload that the URDF lacks, or another unit' if heavy else
+            'another unit, another gear ratio, or a wrong mass in the URDF'),
+        'add the tool to the URDF' if heavy else 'give --torque-constant, or correct the URDF')
 
 
 def check_sign(data: Data, joints: Sequence[str], signal: str) -> None:
@@ -230,12 +244,6 @@ def _beside_any_gravity(data: Data, joint: int) -> tuple[Array, Array]:
     return np.column_stack((
         windows.direction[used, joint], windows.velocity[used, joint], np.ones(int(used.sum())),
         inertial, pull)), data.torque[used, joint]
-
-
-def _possible(found: Shape) -> bool:
-    """Return whether the factor of the weight may be that of a torque of this robot."""
-    margin = 2.0 * found.weight_error
-    return found.weight + margin > LEAST_FACTOR and found.weight - margin < MOST_FACTOR
 
 
 def constants_of_currents(data: Data, joints: Sequence[str]) -> Conventions:

@@ -15,6 +15,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from enum import Enum
 from typing import NamedTuple
 
@@ -53,20 +54,21 @@ class FrictionTerm(NamedTuple):
         Index of the joint.
     size : float
         Deviation of the coefficient before any data, in its own unit.
-    which : int
-        Index of the velocity of Stribeck friction, or of the other joint.
+    which : float
+        Index of the velocity of Stribeck friction, also between two, or of the other joint.
 
     """
 
     kind: TermKind
     joint: int
     size: float
-    which: int = 0
+    which: float = 0
 
     @property
     def stribeck_velocity(self) -> float:
         """Velocity of Stribeck friction [rad/s]."""
-        return STRIBECK_VELOCITIES[self.which]
+        first, last = STRIBECK_VELOCITIES[0], STRIBECK_VELOCITIES[-1]
+        return float(first * (last / first) ** (self.which / (len(STRIBECK_VELOCITIES) - 1)))
 
     def column(self, windows: Windows, drive_sign: Array) -> Array:
         """
@@ -80,15 +82,15 @@ class FrictionTerm(NamedTuple):
             Sign of the torque of each drive, as a model predicts it.
 
         """
-        joint = self.joint
-        values = {
+        joint, other = self.joint, int(self.which)
+        values: Callable[[], Array] = {
             TermKind.COULOMB: lambda: windows.direction[:, joint],
             TermKind.OFFSET: lambda: np.ones(len(windows.t)),
             TermKind.VISCOUS: lambda: windows.velocity[:, joint],
-            TermKind.STRIBECK: lambda: windows.stribeck[:, joint, self.which],
+            TermKind.STRIBECK: lambda: windows.stribeck_column(joint, self.which),
             TermKind.LOAD: lambda: windows.load[:, joint],
             TermKind.SCALE: lambda: windows.model_torque[:, joint],
             TermKind.DEAD_BAND: lambda: drive_sign[:, joint],
-            TermKind.COUPLED_COULOMB: lambda: windows.direction[:, self.which],
-            TermKind.COUPLED_VISCOUS: lambda: windows.velocity[:, self.which]}
-        return np.asarray(self.size * values[self.kind]())
+            TermKind.COUPLED_COULOMB: lambda: windows.direction[:, other],
+            TermKind.COUPLED_VISCOUS: lambda: windows.velocity[:, other]}[self.kind]
+        return np.asarray(self.size * values())

@@ -51,6 +51,8 @@ class Prediction:
         That model with friction of each joint [N·m].
     identified : ndarray, shape (J, n)
         Bodies, rotors and friction as identified [N·m].
+    weights : ndarray, shape (J, n)
+        Of the windows: less than 1 for outliers, and where a joint rests for a while.
 
     """
 
@@ -59,6 +61,7 @@ class Prediction:
     model: Array
     with_friction: Array
     identified: Array
+    weights: Array
 
     @classmethod
     def of(cls, fit: Fit) -> Prediction:
@@ -68,7 +71,7 @@ class Prediction:
         friction = np.stack([_friction_alone(data, joint)
                              for joint in range(data.joint_count)], axis=1)
         return cls(data.windows.t, np.where(data.used, data.torque, np.nan), torque,
-                   torque + friction, torque + fit.held_out)
+                   torque + friction, torque + fit.held_out, fit.noise.weights)
 
     @cached_property
     def recording_rms(self) -> Array:
@@ -91,9 +94,17 @@ class Prediction:
         return _rms(self.measured - self.identified)
 
     @cached_property
+    def typical_rms(self) -> Array:
+        """RMS of what the identified model leaves but for outliers, shape (n,) [N·m]."""
+        square = np.nan_to_num(np.square(self.measured - self.identified)) * self.weights
+        weights = np.where(np.isfinite(self.measured), self.weights, 0.0)
+        return np.sqrt(square.sum(axis=0) / np.maximum(weights.sum(axis=0), 1e-300))
+
+    @cached_property
     def systematic_rms(self) -> Array:
         """RMS of the part of that which lasts longer than a window, shape (n,) [N·m]."""
-        return np.array([_lasting(x) for x in (self.measured - self.identified).T])
+        return np.array([_lasting(x, w) for x, w in zip(
+            (self.measured - self.identified).T, self.weights.T)])
 
 
 def _friction_alone(data: Data, joint: int) -> Array:
@@ -120,15 +131,23 @@ def _rms(values: Array) -> Array:
     return np.sqrt(_mean(np.square(values)))
 
 
-def _lasting(values: Array) -> float:
-    """Return the RMS of the part of a series that correlates beyond a window; nan is left out."""
-    known = np.isfinite(values)
-    x = np.where(known, values, 0.0)
-    pairs = [int((known[k:] & known[:-k]).sum()) for k in APART if k < len(x)]
-    if not pairs or min(pairs) == 0:
-        return 0.0
-    products = [float(x[k:] @ x[:-k]) / count for k, count in zip(APART, pairs)]
+def _lasting(residual: Array, weights: Array) -> float:
+    """
+    Return the RMS of the part of a residual that correlates beyond a window [N·m].
+
+    Parameters
+    ----------
+    residual, weights : ndarray, shape (J,)
+        Of windows; nan is left out.
+
+    """
+    weights = np.where(np.isfinite(residual), np.sqrt(weights), 0.0)
+    x = weights * np.nan_to_num(residual)
+    power = float(x @ x) / max(float(weights @ weights), 1e-300)
+    products, pairs = [], []
+    for k in APART:
+        pairs.append(float(weights[k:] @ weights[:-k]))
+        products.append(float(x[k:] @ x[:-k]) / max(pairs[-1], 1e-300))
     # Chance gives a mean product of about the power over the root of the number of pairs.
-    power = float(x @ x) / max(int(known.sum()), 1)
-    mean = float(np.mean(products)) - 2.0 * power / np.sqrt(min(pairs))
+    mean = float(np.mean(products)) - 2.0 * power / np.sqrt(max(min(pairs), 1.0))
     return float(np.sqrt(mean)) if mean > ROUNDING * power else 0.0

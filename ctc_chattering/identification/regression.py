@@ -370,13 +370,10 @@ def _next_noise(data: Data, unknowns: Unknowns, before: Noise, residual: Array, 
             deviation[joint], correlation[joint] = data.deviation[joint], 1.0
             continue
         r, resting = residual[used, joint], data.windows.resting[used, joint]
-        k = unknowns.index(joint, TermKind.COULOMB)
-        static = 0.0 if k is None else abs(value[k]) * unknowns.term(k).size
+        static = static_friction(unknowns, joint, value)
         typical = MEDIAN_TO_DEVIATION * float(np.median(np.abs(r))) + floor
         outlier = 1.0 + np.square(r / (OUTLIER_DEVIATIONS * typical))
-        # A resting joint has any friction up to the static one: a uniform distribution.
-        rest = 1.0 + np.square(resting * static / typical) / 3.0
-        w = 1.0 / (outlier * rest)
+        w = resting_weight(resting, static, typical) / outlier
         weights[used, joint] = w
         deviation[joint] = np.sqrt(float(w @ np.square(r)) / w.sum()) + floor
         series = np.zeros(len(used))
@@ -385,6 +382,21 @@ def _next_noise(data: Data, unknowns: Unknowns, before: Noise, residual: Array, 
     # Between rounds, so that weights and residuals settle.
     return Noise(np.sqrt(before.deviation * deviation),
                  np.sqrt(before.correlation * correlation), weights)
+
+
+def static_friction(unknowns: Unknowns, joint: int, value: Array) -> float:
+    """Return the Coulomb friction of a joint [N·m]; `value` is x."""
+    index = unknowns.index(joint, TermKind.COULOMB)
+    return 0.0 if index is None else abs(float(value[index])) * unknowns.term(index).size
+
+
+def resting_weight(resting: Array, static: float, noise: float) -> Array:
+    """
+    Return the weight of windows in which a joint rests for a share of the time.
+
+    A resting joint has any friction up to the static one, which is a uniform distribution.
+    """
+    return np.asarray(1.0 / (1.0 + np.square(resting * static / noise) / 3.0))
 
 
 def correlation_length(x: Array) -> float:

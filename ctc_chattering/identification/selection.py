@@ -33,11 +33,14 @@ from ctc_chattering.identification.regression import (
     FEWEST_WINDOWS,
     Fit,
     fit,
+    resting_weight,
+    static_friction,
     Unknowns,
 )
 from ctc_chattering.identification.windows import STRIBECK_VELOCITIES
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
+from scipy.optimize import minimize_scalar  # type: ignore[import-untyped]
 
 #: Deviation of Coulomb and viscous friction, over the deviation of the joint's torque, and over
 #: that and the largest velocity.
@@ -46,10 +49,12 @@ FRICTION_SIZE = 10.0
 OFFSET_SIZE, OTHER_SIZE = 1.0, 3.0
 #: Deviation of friction as a part of the load.
 LOAD_SIZE = 0.3
+#: Velocity, over that of Stribeck friction, at which it has faded.
+FADED = 1.5
 #: Part of the squared torque that a term must take away where it was left out.
 LEAST_GAIN = 0.1
 #: Part that terms of another joint must take away, which no law compensates.
-LEAST_COUPLED_GAIN = 0.4
+LEAST_COUPLED_GAIN = 0.7
 #: Blocks of time in which a term must help.
 LEAST_BLOCKS = 7
 #: Most terms that are added to a joint.
@@ -116,7 +121,8 @@ def _options(data: Data, joint: int, commanded: bool) -> Iterator[Option]:
     sizes = friction_sizes(data, joint)
     speed = np.abs(data.windows.velocity[data.used[:, joint], joint])
     for k, velocity in enumerate(STRIBECK_VELOCITIES):
-        if (speed < velocity).sum() >= FEWEST_WINDOWS:
+        slow, fast = (speed < velocity).sum(), (speed > FADED * velocity).sum()
+        if min(slow, fast) >= FEWEST_WINDOWS:
             yield Option((FrictionTerm(TermKind.STRIBECK, joint, sizes[TermKind.STRIBECK], k),))
     yield Option((FrictionTerm(TermKind.LOAD, joint, sizes[TermKind.LOAD]),))
     if commanded:
@@ -140,7 +146,18 @@ def _best_option(before: Fit, joint: int, commanded: bool) -> tuple[FrictionTerm
     helpful = [k for k, (option, square) in enumerate(zip(options, squares))
                if gains[k] > option.least_gain
                and (square < trial.before).sum() >= LEAST_BLOCKS]
-    return options[max(helpful, key=lambda k: gains[k])].terms if helpful else ()
+    if not helpful:
+        return ()
+    terms = options[max(helpful, key=lambda k: gains[k])].terms
+    return (_refined(trial, terms[0]),) if terms[0].kind == TermKind.STRIBECK else terms
+
+
+def _refined(trial: _JointTrial, term: FrictionTerm) -> FrictionTerm:
+    """Return a term of Stribeck friction with the velocity that predicts best, near its own."""
+    low, high = max(term.which - 1.0, 0.0), min(term.which + 1.0, len(STRIBECK_VELOCITIES) - 1.0)
+    best = minimize_scalar(lambda x: trial.squares((term._replace(which=x),)).sum(),
+                           bounds=(low, high), method='bounded', options={'xatol': 0.02})
+    return term._replace(which=float(best.x))
 
 
 class _JointTrial:
@@ -153,7 +170,11 @@ class _JointTrial:
         bodies = unknowns.body_count
         self._data, self._used = data, used
         self._block = blocks_of_time(len(used))[used]
-        self._weight = np.sqrt(before.noise.weights[used, joint])
+        # Not those of outliers: what a term explains is an outlier without it.
+        self._weight = np.sqrt(resting_weight(
+            data.windows.resting[used, joint],
+            static_friction(unknowns, joint, before.value),
+            float(before.noise.deviation[joint])))
         self._friction = columns[:, unknowns.of_joint(joint)]
         # What each block's bodies leave, of all windows: those of other blocks are fitted.
         self._targets = [data.beyond_model[used, joint] - columns[:, :bodies] @ value[:bodies]

@@ -41,10 +41,10 @@ WORDS = {Severity.NOTE: 'usable', Severity.CARE: 'usable with care',
 #: RMS of unseen torque of the identified over that of the given model, above which it is no
 #: better.
 NO_BETTER = 0.97
-#: Part of a joint's friction, RMS, that may last unexplained in a usable joint.
-MOST_UNEXPLAINED = 0.03
-#: RMS of what a joint may leave of its unseen torque, as a part of it, whatever its friction.
-NEGLIGIBLE = 1e-3
+#: Part of what is left of unseen torque that may last longer than noise in a usable joint.
+MOST_LASTING = 0.3
+#: Unexplained torque that never matters, as a part of the friction.
+NEGLIGIBLE = 2e-3
 #: Half an interval of Coulomb friction of a usable joint, as a part of the larger of it and of
 #: this part of the torque.
 NARROW, LITTLE_FRICTION = 0.2, 0.05
@@ -140,9 +140,9 @@ def _judged(identified: Identification, joint: int) -> Iterator[Finding]:
         prediction.recording_rms, prediction.model_rms, prediction.identified_rms,
         prediction.systematic_rms))
     level = _friction_rms(identified, joint)
-    bar = max(MOST_UNEXPLAINED * level, NEGLIGIBLE * recording)
+    bar = max(MOST_LASTING * float(prediction.typical_rms[joint]), NEGLIGIBLE * level)
     share = f'{unseen:.3g} N*m RMS, {unseen / max(recording, 1e-300):.1%} of the torque'
-    if unseen > NO_BETTER * min(model, recording) and lasting > bar:
+    if unseen > NO_BETTER * min(model, recording) and lasting > NEGLIGIBLE * level:
         yield Finding(
             Reason.NOT_PREDICTED, Severity.REFUSED, joint, f'the torque of {name} is not '
             f'predicted: {share}, is left of unseen torque, and {model:.3g} N*m by the model as '

@@ -38,9 +38,13 @@ from ctc_chattering.identification.weak_form import (
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
 import numpy.typing as npt
+from scipy.interpolate import make_interp_spline  # type: ignore[import-untyped]
 
 #: Velocities for which a column of Stribeck friction is prepared [rad/s].
-STRIBECK_VELOCITIES = (0.005, 0.01, 0.02, 0.035, 0.06, 0.1, 0.17, 0.3, 0.5)
+STRIBECK_VELOCITIES = tuple(0.005 * 10.0 ** (k / 8.0) for k in range(17))
+#: Weights of these columns for a velocity between them, by its index.
+_BETWEEN = make_interp_spline(
+    np.arange(len(STRIBECK_VELOCITIES)), np.eye(len(STRIBECK_VELOCITIES)), 3)
 #: A joint moves above this many deviations of the noise of its velocity,
 MOVING_DEVIATIONS = 6.0
 #: above this part of its largest velocity,
@@ -117,6 +121,10 @@ class Windows:
         none = np.empty((0, n))
         return cls(np.empty(0), np.empty(0, int), none, none, np.empty((0, n, 0)), none, none,
                    none, none, none, np.empty((0, n, len(STRIBECK_VELOCITIES))), none)
+
+    def stribeck_column(self, joint: int, index: float) -> Array:
+        """Return the column of a velocity of Stribeck friction, also between two, shape (J,)."""
+        return np.asarray(self.stribeck[:, joint] @ _BETWEEN(index))
 
     def select(self, chosen: npt.NDArray[np.bool_], first: int = 0) -> Windows:
         """Return some windows of a stretch without its samples before `first`."""
