@@ -40,6 +40,8 @@ Indices = npt.NDArray[np.intp]
 #: States of which most must be closer than this part of two periods to the second one after them
 #: to be those of two series.
 _CROWD, _CLOSE = 21, 0.625
+#: Part of the states that may have the stamp of another one, and another content.
+SHARED_STAMPS = 0.02
 #: Longest step between two states that stand together [periods], and the fewest of these.
 _FEW = 20
 
@@ -73,6 +75,12 @@ def ordered(name: str, t: Array, *contents: Array) -> Indices:
     found = found[np.append(True, ~repeated)]
     stamps = t[found]
     step = np.diff(stamps)
+    shared = float((step == 0.0).mean())
+    if shared > SHARED_STAMPS:
+        raise CtcError(
+            f'{name}: {shared:.0%} of the states have the stamp of another one: stamps are in '
+            f'steps of {1e3 * step[step > 0.0].min(initial=np.inf):.3g} ms, coarser than the '
+            'period. Record the stamps of the driver with all their digits')
     period = float(np.median(step[step > 0.0])) if (step > 0.0).any() else np.inf
     two = stamps[2:] - stamps[:-2]
     crowded = median_filter(two, _CROWD) < 2.0 * _CLOSE * period

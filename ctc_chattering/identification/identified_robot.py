@@ -40,6 +40,7 @@ from ctc_chattering.identification.gains import recommend
 from ctc_chattering.identification.identify import Identification, TorqueSignal
 from ctc_chattering.identification.perturbation import perturbation
 from ctc_chattering.identification.prior import URDF_UNCERTAINTY
+from ctc_chattering.identification.recorder_faults import repair
 from ctc_chattering.identification.results import IdentificationResults, write_page
 from ctc_chattering.identification.sensors import velocity_noise, VelocityNoise
 from ctc_chattering.identification.trial_runs import (
@@ -244,6 +245,10 @@ def identify(motions: Sequence[RecordedMotion], model: str = '', urdf: str = '',
     notes = [note for x in motions for note in x.notes] + [
         f'{x.recording.name}: a ball of {mass:g} kg, radius 5 cm, at the origin of {link}'
         for x, (mass, link) in zip(motions, payloads) if mass]
+    repaired = [repair(x) for x in recordings]
+    recordings = [x.recording for x in repaired]
+    recorder = tuple(finding for x in repaired for finding in x.findings)
+    del repaired
     # Velocities are needed no more: long ones are large.
     velocities = velocity_noise(recordings[0], regression.common_period(recordings))
     recordings = [dataclasses.replace(x, dq=None) for x in recordings]
@@ -253,7 +258,7 @@ def identify(motions: Sequence[RecordedMotion], model: str = '', urdf: str = '',
     robot = robot.corrected(identified)
     corrected = CORRECTED in robot.files
     identified = dataclasses.replace(identified, findings=(
-        *identified.findings, *map(note, notes),
+        *identified.findings, *map(note, notes), *recorder,
         *(correction_notes(identified, CORRECTED) if corrected else ())))
     name = ', '.join(x.name for x in recordings)
     del recordings
