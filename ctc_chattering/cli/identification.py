@@ -24,6 +24,7 @@ from pathlib import Path
 from ctc_chattering.analysis.output import prepare
 from ctc_chattering.analysis.tables import fitted, paragraph
 from ctc_chattering.bags.motion import read_motion
+from ctc_chattering.bags.table import read_table, SUFFIX
 from ctc_chattering.cli.command_line import say
 from ctc_chattering.cli.options import add_declared, add_number, add_output, add_params_file, words
 from ctc_chattering.cli.presentation import print_page
@@ -39,6 +40,7 @@ from ctc_chattering.identification.identified_robot import (
     PAGE,
     TORQUE_CONSTANT,
     TORQUE_RATE,
+    UNCERTAINTY,
     VALUES,
     write_identified,
 )
@@ -121,7 +123,9 @@ def _say(text: str) -> None:
 
 def identify_options(parser: argparse.ArgumentParser) -> None:
     """Add the options of `ctc identify`."""
-    parser.add_argument('bags', nargs='+', type=Path, metavar='BAG', help='bag of the robot')
+    parser.add_argument('bags', nargs='+', type=Path, metavar='BAG',
+                        help='bag of the robot, or a table of comma-separated values: t, q_JOINT '
+                             '..., tau_JOINT ...')
     parser.add_argument('--urdf', metavar='FILE',
                         help="URDF, a path or package://NAME/PATH, default: the bag's")
     parser.add_argument('--model', default='', metavar='NAME',
@@ -140,6 +144,7 @@ def identify_options(parser: argparse.ArgumentParser) -> None:
                         help='topic of the commanded torques, default: '
                              'effort_controller/commands; TOPIC:FIELD for a field of any message')
     add_declared(parser, TORQUE_RATE)
+    add_declared(parser, UNCERTAINTY)
     parser.add_argument('--payload', action='append', type=payload, metavar='KG@LINK', default=[],
                         help='known payload at the origin of a link, as 1.3@tool0, for each bag '
                              'in turn, 0 for none; without a link, at the tip. A run with and one '
@@ -157,16 +162,19 @@ def run_identify(options: argparse.Namespace) -> int:
     identify.json, figures and index.html.
     """
     urdf = read_description(options.urdf) if options.urdf else ''
-    motions = [read_motion(bag, options.joints, urdf, options.states, options.commands,
-                           options.model) for bag in options.bags]
+    motions = [
+        read_table(bag, options.joints, urdf) if bag.suffix == SUFFIX else
+        read_motion(bag, options.joints, urdf, options.states, options.commands, options.model)
+        for bag in options.bags]
     for note in [note for motion in motions for note in motion.notes]:
         say(note)
     out = prepare(options.out, NAMES, options.overwrite)
-    with given_by_user(('torque_rate', 'torque_constant', 'payloads')):
+    with given_by_user(('torque_rate', 'torque_constant', 'payloads',
+                        'urdf_uncertainty')):
         # Motions are not kept here: long ones are large.
         found = identify([motions.pop(0) for _ in options.bags], options.model, urdf,
                          options.gravity, options.effort or '', options.torque_rate or (),
-                         options.torque_constant, options.payload)
+                         options.torque_constant, options.payload, options.urdf_uncertainty)
     return _show_robot(write_identified(found, out, options.trials, say, options.format,
                                         options.said), out)
 

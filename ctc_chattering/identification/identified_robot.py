@@ -60,6 +60,8 @@ TORQUE_RATE = Parameter('torque_rate', 'float[]', None, 'rate limit of the drive
 TORQUE_CONSTANT = Parameter('torque_constant', 'float[]', None, 'torque at the joint per ampere '
                             'of a current [N·m/A], or per N·m of the motor: gear ratio included',
                             shape='n')
+UNCERTAINTY = Parameter('urdf_uncertainty', 'float', URDF_UNCERTAINTY, 'uncertainty of a body of the '
+                        'URDF, as a part of its mass and size', minimum=LEAST, maximum=10.0)
 _SIDES = ('', MOTOR, LINK, CURRENT)
 
 
@@ -233,6 +235,7 @@ def identify(motions: Sequence[RecordedMotion], model: str = '', urdf: str = '',
     constant, rate = (
         x if x is None or not len(x) else spec.checked(x, len(joints))
         for spec, x in ((TORQUE_CONSTANT, torque_constant), (TORQUE_RATE, torque_rate)))
+    uncertainty = UNCERTAINTY.checked(urdf_uncertainty)
     recordings, side = in_torques([x.recording for x in motions], side, constant)
     robot = _robot(motions[0], model, urdf, gravity)
     if not all(0.0 <= mass < inf for mass, _ in payloads):
@@ -254,7 +257,7 @@ def identify(motions: Sequence[RecordedMotion], model: str = '', urdf: str = '',
     recordings = [dataclasses.replace(x, dq=None) for x in recordings]
     del motions
     identified = robot.identified(
-        recordings, TorqueSignal(side, urdf_uncertainty), payloads, velocities)
+        recordings, TorqueSignal(side, uncertainty), payloads, velocities)
     robot = robot.corrected(identified)
     corrected = CORRECTED in robot.files
     identified = dataclasses.replace(identified, findings=(
