@@ -96,7 +96,7 @@ class IdentifiedBodies:
     @property
     def gravity(self) -> Array:
         """Gravity in the frame of the base, shape (3,) [m/s²]."""
-        return self.values[-3:]
+        return np.asarray(self.values[-3:])
 
     @property
     def turn(self) -> float:
@@ -111,7 +111,8 @@ class IdentifiedBodies:
         torque = data.windows.bodies @ change
         assert unknowns.body_count
         count = np.maximum(data.used.sum(axis=0), 1)
-        return np.sqrt(np.square(np.where(data.used, torque, 0.0)).sum(axis=0) / count)
+        squares = np.square(np.where(data.used, torque, 0.0)).sum(axis=0)
+        return np.asarray(np.sqrt(squares / count))
 
     def differ(self) -> bool:
         """Return whether the change shows in the torque of a joint."""

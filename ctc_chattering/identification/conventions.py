@@ -116,7 +116,7 @@ class _Solution(NamedTuple):
 def _least_squares(columns: Array, target: Array) -> _Solution:
     """Return the coefficients of columns that leave least of a target."""
     sizes = np.maximum(np.abs(columns).max(axis=0, initial=0.0), 1e-300)
-    value, _, rank, singular = np.linalg.lstsq(columns / sizes, target, rcond=1e-9)
+    value, _, rank, _ = np.linalg.lstsq(columns / sizes, target, rcond=1e-9)
     residual = target - columns @ (value / sizes)
     variance = float(residual @ residual) / max(len(target) - len(value), 1)
     variance *= correlation_length(residual)
@@ -306,7 +306,7 @@ def mounted_gravity(data: Data, gravity: Array) -> Array:
     other += gravity - np.linalg.lstsq(whole, whole @ gravity, rcond=1e-6)[0]
     after = float(np.square(target - whole @ other).sum())
     part = float(np.linalg.norm(other)) / strength
-    turned = strength * other / max(float(np.linalg.norm(other)), 1e-300)
+    turned = np.asarray(strength * other / max(float(np.linalg.norm(other)), 1e-300), float)
     if after < MOUNTED_OTHERWISE * before and LEAST_STRENGTH < part < MOST_STRENGTH and (
             angle_between(gravity, turned) > LEAST_TURN):
         return turned

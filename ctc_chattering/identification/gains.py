@@ -90,8 +90,8 @@ def torque_rate(identified: Identification, fastest: Array, given: Sequence[floa
     known = np.where(known > 0.0, known, np.nan)
     least = known / (1.0 + 2.0 * longest_lag(identified) / identified.clock.period)
     findings = [Finding(
-        Reason.GAINS, Severity.CARE, i, f'its drive changes the torque by {have:.3g} N*m/s; {need:.3g} N*m/s are '
-        f'needed for reversals in {_REVERSAL:g} s and faster motions',
+        Reason.GAINS, Severity.CARE, i, f'its drive changes the torque by {have:.3g} N*m/s; '
+        f'{need:.3g} N*m/s are needed for reversals in {_REVERSAL:g} s and faster motions',
         'expect errors at reversals, and slow the motion down')
         for i, (need, have) in enumerate(zip(needed, known)) if have < need]
     if np.isnan(known).any():
@@ -106,7 +106,8 @@ def torque_rate(identified: Identification, fastest: Array, given: Sequence[floa
 
 def longest_lag(identified: Identification) -> Array:
     """Return the longest lag of each drive that is possible, shape (n,) [s]."""
-    possible = [lags[2] for lags in identified.timing.delays.values()] or [identified.timing.drive[1]]
+    timing = identified.timing
+    possible = [lags[2] for lags in timing.delays.values()] or [timing.drive[1]]
     return np.asarray(np.max(possible, axis=0))
 
 
@@ -166,10 +167,11 @@ def recommend(identified: Identification, run: MeasuredPerturbation, model: Mode
     level = [max(0.0, x.coulomb.value or 0.0) for x in identified.friction]
     usable = [x.usable for x in verdicts(identified)]
     bandwidth = min(_BANDWIDTH, _LAG / longest) if longest else _BANDWIDTH
+    delays = ' or '.join(map(str, identified.timing.delays))
     shared: Gains = {
         'law': ('observer_feedback', 'it inverts the lag of drives, and needs no velocities'),
-        'input_delay': (int(delay) if isfinite(delay) else 0, 'samples from a torque to the '
-                        f'motion: {" or ".join(map(str, identified.timing.delays)) or "not known"}'),
+        'input_delay': (int(delay) if isfinite(delay) else 0,
+                        f'samples from a torque to the motion: {delays or "not known"}'),
         'actuator_lag': ([rounded(x) for x in lag], 'the lag of the drives'),
         'switching': ('implicit_observer', 'if you choose law chattering'),
         'observer_bandwidth': (in_digits(bandwidth, 2, np.floor), f'then {_LAG:g} / T with the '
@@ -182,7 +184,8 @@ def recommend(identified: Identification, run: MeasuredPerturbation, model: Mode
              f'{_REVERSAL:g} s, the weight within {_CARRIED:g} s at the start and the fastest '
              'motion need, within the rate of the drives where it is known'))}}
     # The coarsest step of an encoder, or the noise of positions, if that is more.
-    resolution = max(float(identified.positions.noise.max()), *(x.value or 0.0 for x in identified.encoder))
+    steps = [x.value or 0.0 for x in identified.encoder]
+    resolution = max(float(identified.positions.noise.max()), *steps)
     options = tuple({**shared, **_poles(identified, x, resolution)} for x in SLOWER)
     return Recommendation(options[0], (
         *run.outliers(), *run.break_away(identified.joints), *bound.findings, *slow),

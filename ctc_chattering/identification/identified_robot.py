@@ -60,8 +60,8 @@ TORQUE_RATE = Parameter('torque_rate', 'float[]', None, 'rate limit of the drive
 TORQUE_CONSTANT = Parameter('torque_constant', 'float[]', None, 'torque at the joint per ampere '
                             'of a current [N·m/A], or per N·m of the motor: gear ratio included',
                             shape='n')
-UNCERTAINTY = Parameter('urdf_uncertainty', 'float', URDF_UNCERTAINTY, 'uncertainty of a body of the '
-                        'URDF, as a part of its mass and size', minimum=LEAST, maximum=10.0)
+UNCERTAINTY = Parameter('urdf_uncertainty', 'float', URDF_UNCERTAINTY, 'uncertainty of a body '
+                        'of the URDF, as a part of its mass and size', minimum=LEAST, maximum=10.0)
 _SIDES = ('', MOTOR, LINK, CURRENT)
 
 

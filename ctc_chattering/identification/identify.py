@@ -169,53 +169,100 @@ def identify(recordings: Sequence[Recording], model: Model,
 
     """
     parts, owners, phi = _stretches(recordings)
-    models = [loaded[owner] if loaded else model for owner in owners]
-    joints, period_clock = recordings[0].joints, clock(recordings[0], phi.period)
-    positions = Positions.of(recordings, phi.period)
-    name = recordings[0].name
+    joints, name = recordings[0].joints, recordings[0].name
     source = torque_source(parts, signal.side, name)
     recorded = [k for k, part in enumerate(parts) if has(part, source) is not None]
-    parts, models = [parts[k] for k in recorded], [models[k] for k in recorded]
+    motion = _Motion([parts[k] for k in recorded],
+                     [loaded[owners[k]] if loaded else model for k in recorded], phi, source)
 
     regressor = BodyRegressor.of(model)
-    windows = _windows(parts, models, phi, regressor, name)
-    plain = _plain_data(parts, windows, phi, source)
+    windows = motion.windows(regressor)
+    if not any((part.resting < 1.0).any() for part in windows):
+        raise CtcError(f'{name}: no joint moves')
+    data = motion.data(windows)
     words = 'commanded torque' if source == COMMAND else 'effort'
     if source == COMMAND:
-        check_order(plain, joints)
-    conventions = Conventions(np.ones(len(joints)))
+        check_order(data, joints)
     if signal.side == CURRENT and source == EFFORT:
-        conventions = constants_of_currents(plain, joints)
+        conventions = constants_of_currents(data, joints)
     else:
-        check_sign(plain, joints, words)
-    gravity = None
+        conventions = Conventions(np.ones(len(joints)))
+        check_sign(data, joints, words)
     if regressor is not None:
-        turned = mounted_gravity(plain.scaled(conventions.constant), regressor.gravity)
-        if turned is not regressor.gravity:
-            gravity = turned
-            regressor = BodyRegressor.of(model, gravity)
-            windows = [part.with_gravity(gravity - np.array([0.0, 0.0, -model.gravity]))
-                       for part in _windows(parts, models, phi, regressor, name)]
-            plain = _plain_data(parts, windows, phi, source)
-    units = () if conventions.findings else check_torque(plain, joints, words)
+        gravity = mounted_gravity(data.scaled(conventions.constant), regressor.gravity)
+        if gravity is not regressor.gravity:
+            regressor = dataclasses.replace(regressor, gravity=gravity)
+            windows = motion.windows(regressor)
+            data = motion.data(windows)
+    units = () if conventions.findings else check_torque(data, joints, words)
 
-    acting = _timing(parts, windows, source, phi)
-    torque = np.concatenate([known_torque(part, own, source, phi, *acting.acting)
-                             for part, own in zip(parts, windows)])
-    data = Data.of(joined(windows), torque).scaled(conventions.constant)
+    acting = motion.timing(windows)
+    data = motion.data(windows, acting).scaled(conventions.constant)
     prior = BodyPrior.of(regressor, signal.urdf_uncertainty)
-    scale: list[Estimate] = []
+    constants = conventions.estimates()
     if loaded:
-        data, scale = payload_scale(data, prior)
+        data, constants = payload_scale(data, prior)
     fit = select(data, prior, source == COMMAND)
     noise = velocities or velocity_noise(recordings[0], phi.period)
     return Identification(
-        joints, period_clock, [encoder_step(q) for q in recordings[0].q.T], noise.estimates,
-        acting, positions, fit, [joint_friction(fit, joint) for joint in range(len(joints))],
+        joints, clock(recordings[0], phi.period), [encoder_step(q) for q in recordings[0].q.T],
+        noise.estimates, acting, Positions.of(recordings, phi.period), fit,
+        [joint_friction(fit, joint) for joint in range(len(joints))],
         None if regressor is None else IdentifiedBodies.of(fit, regressor),
-        Prediction.of(fit), rate_limits(acting, joints),
-        scale or conventions.estimates(), phi.period * sum(len(part.q) for part in parts),
+        Prediction.of(fit), rate_limits(acting, joints), constants,
+        phi.period * sum(len(part.q) for part in motion.parts),
         (*noise.findings, *units, *conventions.findings, *timing_findings(acting, joints)))
+
+
+@dataclasses.dataclass(frozen=True)
+class _Motion:
+    """
+    Stretches that have a torque, each with its model.
+
+    Attributes
+    ----------
+    parts : list of Stretch
+        Without gaps.
+    models : list of Model
+        Of each stretch, with its payload.
+    phi : TestFunction
+        φ.
+    source : str
+        `COMMAND` or `EFFORT`.
+
+    """
+
+    parts: list[Stretch]
+    models: list[Model]
+    phi: TestFunction
+    source: str
+
+    def windows(self, regressor: BodyRegressor | None) -> list[Windows]:
+        """Return the windows of each stretch, with gravity as the regressor has it."""
+        found = [Windows.of(part, model, self.phi, regressor)
+                 for part, model in zip(self.parts, self.models)]
+        if regressor is None:
+            return found
+        change = regressor.gravity - regressor.parameters[-3:]
+        return [part.with_gravity(change) for part in found] if change.any() else found
+
+    def data(self, windows: list[Windows], acting: Timing | None = None) -> Data:
+        """Return the windows with their torque, as recorded or as it acts by a timing."""
+        n = self.parts[0].q.shape[1]
+        times = (0.0, np.zeros(n), np.full(n, np.inf)) if acting is None else acting.acting
+        torque = [known_torque(part, own, self.source, self.phi, *times)
+                  for part, own in zip(self.parts, windows)]
+        return Data.of(joined(windows), np.concatenate(torque))
+
+    def timing(self, windows: list[Windows]) -> Timing:
+        """Return the timing of the torque, with that of the commands."""
+        used = timing(self.parts, windows, self.source, self.phi)
+        commanded = [k for k, part in enumerate(self.parts) if has(part, COMMAND) is not None]
+        if self.source == COMMAND or not commanded:
+            return used
+        commands = timing([self.parts[k] for k in commanded], [windows[k] for k in commanded],
+                          COMMAND, self.phi)
+        return dataclasses.replace(used, delays=commands.delays, commands=commands)
 
 
 def _stretches(recordings: Sequence[Recording]) -> tuple[list[Stretch], list[int], TestFunction]:
@@ -240,23 +287,6 @@ def _stretches(recordings: Sequence[Recording]) -> tuple[list[Stretch], list[int
             TestFunction(period, duration))
 
 
-def _windows(parts: Sequence[Stretch], models: Sequence[Model], phi: TestFunction,
-             regressor: BodyRegressor | None, name: str) -> list[Windows]:
-    """Return the windows of each stretch; raise `CtcError` if no joint moves."""
-    windows = [Windows.of(part, model, phi, regressor) for part, model in zip(parts, models)]
-    if not any((part.resting < 1.0).any() for part in windows):
-        raise CtcError(f'{name}: no joint moves')
-    return windows
-
-
-def _plain_data(parts: Sequence[Stretch], windows: Sequence[Windows], phi: TestFunction,
-                source: str) -> Data:
-    """Return the windows with the torque as it was recorded, without delay and lag."""
-    torque = [known_torque(part, own, source, phi, 0.0, np.zeros(part.q.shape[1]))
-              for part, own in zip(parts, windows)]
-    return Data.of(joined(windows), np.concatenate(torque))
-
-
 def common_period(recordings: Sequence[Recording]) -> float:
     """Return the period of recordings; raise `CtcError` if they do not belong together."""
     first, period = recordings[0], recordings[0].period
@@ -270,14 +300,3 @@ def common_period(recordings: Sequence[Recording]) -> float:
     nearest = round(period * 1e6) * 1e-6
     # Rounded only where the grid does not drift from the stamps by that.
     return nearest if abs(nearest - period) * len(first.t) < ROUNDED_PART * period else period
-
-
-def _timing(parts: Sequence[Stretch], windows: Sequence[Windows], source: str, phi: TestFunction
-            ) -> Timing:
-    """Return the timing of the torque that is used, with that of the commands."""
-    used = timing(parts, windows, source, phi)
-    commanded = [k for k, part in enumerate(parts) if has(part, COMMAND) is not None]
-    if source == COMMAND or not commanded:
-        return used
-    commands = timing([parts[k] for k in commanded], [windows[k] for k in commanded], COMMAND, phi)
-    return dataclasses.replace(used, delays=commands.delays, commands=commands)

@@ -246,7 +246,8 @@ class MotionLimits(NamedTuple):
     effort: Array
 
 
-def motion_limits(model: Model, identified: Identification, run: MeasuredPerturbation) -> MotionLimits:
+def motion_limits(model: Model, identified: Identification, run: MeasuredPerturbation
+                  ) -> MotionLimits:
     """
     Return the limits that a model has from its description; of the run where it has none.
 
@@ -371,8 +372,8 @@ def _doubts(peak: Array, ka: Array, effort: Array) -> Iterator[Finding]:
     """Yield the joints whose drive cannot give ka."""
     for i in range(len(ka)):
         if ka[i] > effort[i]:
-            yield Finding(Reason.GAINS, Severity.CARE, i, f'|P| reaches {peak[i]:.3g} N*m as fast as the limits '
-                          f'allow; ka = {ka[i]:.3g} N*m is cut to its effort limit, '
+            yield Finding(Reason.GAINS, Severity.CARE, i, f'|P| reaches {peak[i]:.3g} N*m as fast '
+                          f'as the limits allow; ka = {ka[i]:.3g} N*m is cut to its effort limit, '
                           f'{effort[i]:.3g} N*m', 'correct the model, or move more slowly')
 
 

@@ -98,7 +98,8 @@ class Prediction:
         """RMS of what the identified model leaves but for outliers, shape (n,) [N·m]."""
         square = np.nan_to_num(np.square(self.measured - self.identified)) * self.weights
         weights = np.where(np.isfinite(self.measured), self.weights, 0.0)
-        return np.sqrt(square.sum(axis=0) / np.maximum(weights.sum(axis=0), 1e-300))
+        mean = square.sum(axis=0) / np.maximum(weights.sum(axis=0), 1e-300)
+        return np.asarray(np.sqrt(mean))
 
     @cached_property
     def systematic_rms(self) -> Array:

@@ -130,14 +130,14 @@ def _rotor_sizes(model: LinearModel) -> Array:
     mass = [model.evaluate(q, np.zeros(model.n))[0]  # type: ignore[attr-defined]
             for q in states]
     inertia = np.mean([matrix.diagonal() for matrix in mass], axis=0)
-    return np.maximum(ROTOR_DEVIATION_PER_EFFORT * finite_efforts(model),
-                      ROTOR_DEVIATION_PER_INERTIA * inertia)
+    return np.asarray(np.maximum(ROTOR_DEVIATION_PER_EFFORT * finite_efforts(model),
+                                 ROTOR_DEVIATION_PER_INERTIA * inertia))
 
 
 def finite_efforts(model: LinearModel) -> Array:
     """Return the effort limits, shape (n,) [N·m]; 0 where there is none."""
     effort = np.array(getattr(model, 'effort_limits', None) or [np.inf] * model.n, float)
-    return np.where(np.isfinite(effort), effort, 0.0)
+    return np.asarray(np.where(np.isfinite(effort), effort, 0.0))
 
 
 def _turns(gravity: Array) -> Array:

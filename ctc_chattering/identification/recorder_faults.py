@@ -25,11 +25,12 @@ from collections.abc import Iterator
 import dataclasses
 from typing import NamedTuple
 
-from ctc_chattering.bags.recording import Recording
+from ctc_chattering.bags.recording import Indices, Recording
 from ctc_chattering.identification.findings import ALL_JOINTS, Finding, note, Reason, Severity
-from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
+import numpy.typing as npt
 
+Flags = npt.NDArray[np.bool_]
 #: Mean number of equal states that follow each other, in motion, from which on states repeat.
 REPEATED = 1.5
 #: Equal states that follow each other beyond which a robot rests.
@@ -64,7 +65,7 @@ def repair(recording: Recording) -> Repaired:
     return Repaired(recording, tuple(findings))
 
 
-def equal_to_the_one_before(recording: Recording) -> Array:
+def equal_to_the_one_before(recording: Recording) -> Flags:
     """Return which states say the same as the one before, shape (N,) of bool."""
     equal = np.ones(len(recording.t) - 1, bool)
     for values in (recording.q, recording.effort):
@@ -73,7 +74,7 @@ def equal_to_the_one_before(recording: Recording) -> Array:
     return np.append(False, equal)
 
 
-def repetition(repeats: Array) -> float:
+def repetition(repeats: Flags) -> float:
     """
     Return how often a state is recorded in motion; 1 for a recording without repetitions.
 
@@ -91,7 +92,7 @@ def repetition(repeats: Array) -> float:
     return count if alike > ALIKE and count >= REPEATED else 1.0
 
 
-def select(recording: Recording, kept: Array) -> Recording:
+def select(recording: Recording, kept: Indices) -> Recording:
     """Return a recording with some of its states."""
     dq = recording.dq
     return dataclasses.replace(

@@ -97,7 +97,7 @@ class Data:
     @property
     def joint_count(self) -> int:
         """Number of joints."""
-        return self.torque.shape[1]
+        return int(self.torque.shape[1])
 
     @cached_property
     def beyond_model(self) -> Array:
@@ -143,7 +143,7 @@ class Unknowns:
     @property
     def body_count(self) -> int:
         """Number of unknowns of the bodies."""
-        return self.prior.transform.shape[1]
+        return int(self.prior.transform.shape[1])
 
     @property
     def count(self) -> int:
@@ -251,7 +251,7 @@ class Fit:
         blocks = float(stdtrit(BLOCKS - 1.0, 0.5 + 0.5 * CONFIDENCE))
         halves = [factor * np.sqrt(np.maximum(((weights @ matrix) * weights).sum(axis=-1), 0.0))
                   for factor, matrix in ((normal, self.covariance), (blocks, self.spread))]
-        return np.maximum(*halves)
+        return np.asarray(np.maximum(*halves))
 
     def torque(self, joint: int, kinds: Sequence[TermKind] | None = None) -> Array:
         """Return the torque beyond the model, or of some kinds of friction, shape (J,) [N·m]."""
@@ -263,7 +263,8 @@ class Fit:
 
     def body_change(self) -> Array:
         """Return the change of the parameters of bodies, rotors and gravity, shape (P,)."""
-        return self.unknowns.prior.transform @ self.value[:self.unknowns.body_count]
+        change = self.unknowns.prior.transform @ self.value[:self.unknowns.body_count]
+        return np.asarray(change)
 
 
 class _Normals:
@@ -299,7 +300,8 @@ def fit(data: Data, unknowns: Unknowns) -> Fit:
     noise = _first_noise(data)
     for _ in range(ROUNDS):
         normal, right = normals.sums(noise)
-        left_out = np.stack([_solve(*sums, unknowns.mean)[1] for sums in _without_each(normal, right)])
+        left_out = np.stack([_solve(*sums, unknowns.mean)[1]
+                             for sums in _without_each(normal, right)])
         residual = data.beyond_model - _predicted(normals.columns, normals.block, left_out)
         noise = _next_noise(data, unknowns, noise, residual, left_out.mean(axis=0))
     normal, right = normals.sums(noise)

@@ -49,7 +49,8 @@ FRICTION = {'coulomb': 'Coulomb [N*m]', 'forwards': 'forwards', 'backwards': 'ba
 #: Of the sensors: field of the identification, key of the JSON file, and heading.
 SENSORS = (('encoder', 'encoder_step_rad', 'encoder step [rad]'),
             ('noise', 'velocity_noise_rad_per_s', 'velocity noise [rad/s]'))
-LEAD = ('Unseen torque is that of blocks of time that were not fitted. Intervals are those of 95 %. P is the torque that the model lacks: friction and its own '
+LEAD = ('Unseen torque is that of blocks of time that were not fitted. Intervals are those of '
+        '95 %. P is the torque that the model lacks: friction and its own '
          'errors; ka holds it. σ is the deviation of the velocity.')
 
 

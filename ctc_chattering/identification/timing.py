@@ -254,7 +254,8 @@ def _any_rate(n: int) -> Array:
     return np.tile(np.array([[0.0], [np.inf], [np.inf]]), n)
 
 
-def _of_commands(parts: Sequence[Stretch], windows: Sequence[Windows], phi: TestFunction) -> Timing:
+def _of_commands(parts: Sequence[Stretch], windows: Sequence[Windows], phi: TestFunction
+                 ) -> Timing:
     """Return the timing of commands."""
     profile = Profile(parts, windows, COMMAND, phi)
     moving, n = profile.moving, len(profile.moving)
@@ -266,8 +267,9 @@ def _of_commands(parts: Sequence[Stretch], windows: Sequence[Windows], phi: Test
     far = _FARTHER if uneven else 1.0
     shifts = sorted({max(far * late[0], -1.0), 0.0, min(far * late[1], 1.0)})
     most = min(_MOST, int(_LONGEST / profile.period))
-    found = DriveProfile(parts, windows, profile.data, profile.unexplained, phi, range(-1, most + 2),
-                         moving, shifts, uneven).found(None if uneven else _fastest(parts))
+    profiles = DriveProfile(parts, windows, profile.data, profile.unexplained, phi,
+                            range(-1, most + 2), moving, shifts, uneven)
+    found = profiles.found(None if uneven else _fastest(parts))
     if uneven:
         for lags_of in found.delays.values():
             margin = far * (late[1] - late[0]) * profile.period * moving

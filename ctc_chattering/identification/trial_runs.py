@@ -77,8 +77,8 @@ def parameter_values(identified: Identification, recommended: Recommendation, mo
     limits = getattr(model, 'position_limits', None) or [(-np.inf, np.inf)]
     start = np.clip(identified.positions.poses[0], *np.array(limits).T)
     return {
-        '/**': {'joint_names': list(identified.joints), 'control_period': round(identified.clock.period, 9),
-                **shared},
+        '/**': {'joint_names': list(identified.joints),
+                'control_period': round(identified.clock.period, 9), **shared},
         'plant': {'experiment': 'identified', 'pacing': 'lockstep', 'duration': _DURATION,
                   'initial_position': _rounded(start), **_plant(identified)},
         'controller': {**_loop_gains(gains, len(start)),
@@ -195,7 +195,8 @@ def trial_runs(identified: Identification, run: MeasuredPerturbation, recommende
             return dataclasses.replace(recommended, values=option, trials=tuple(said))
     return dataclasses.replace(recommended, trials=tuple(said), findings=(
         *recommended.findings, Finding(
-            Reason.GAINS, Severity.REFUSED, ALL_JOINTS, 'no gains survive the trial runs: ' + said[-1],
+            Reason.GAINS, Severity.REFUSED, ALL_JOINTS,
+            'no gains survive the trial runs: ' + said[-1],
             'settle first what makes intervals long, as the other reasons say; else record a '
             'longer motion of `ctc excite`')))
 

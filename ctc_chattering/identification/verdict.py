@@ -175,7 +175,7 @@ def _coupled(identified: Identification, joint: int) -> Iterator[Finding]:
     index = unknowns.index(joint, TermKind.COUPLED_COULOMB)
     if index is None:
         return
-    other = identified.joints[unknowns.term(index).which]
+    other = identified.joints[int(unknowns.term(index).which)]
     name = identified.joints[joint]
     yield Finding(
         Reason.COUPLED, Severity.CARE, joint, f'the torque of {name} has friction of {other}: '
@@ -194,10 +194,8 @@ def next_step(verdicts: Sequence[Verdict]) -> str:
     again = [verdict.joint for verdict in verdicts if any(
         finding.reason in SETTLED_BY_MOTION and finding.severity > Severity.NOTE
         for finding in verdict.findings)]
-    if names[Severity.REFUSED]:
-        step = 'do what the reasons ask for'
-    else:
-        step = 'run with identified.yaml'
+    refused = names[Severity.REFUSED]
+    step = 'do what the reasons ask for' if refused else 'run with identified.yaml'
     if again:
         step += (f'; `ctc excite --for {",".join(again)}` makes a motion that shows more of these '
                  'joints')
