@@ -76,8 +76,8 @@ def corrected_urdf(description: str, joints: Sequence[str], parameters: Array,
     for row in parameters:
         if not _possible(pseudo_inertia(row)):
             raise CtcError(f'no body can have the inertial parameters {row.tolist()}')
-    if len(gravity) != 3 or not gravity[2] < 0.0:
-        raise CtcError(f'gravity must point down, with three numbers: {list(gravity)}')
+    if len(gravity) != 3 or not np.linalg.norm(gravity) > 0.0:
+        raise CtcError(f'gravity must be three numbers that are not all 0: {list(gravity)}')
     model, tree = UrdfModel(description, joints, locked=locked), Tree(description)
     robot = ET.fromstring(
         description.strip(), ET.XMLParser(target=ET.TreeBuilder(insert_comments=True)))
@@ -171,7 +171,7 @@ def _set_inertial(link: ET.Element, matrix: Array) -> None:
 def _tilt(robot: ET.Element, tree: Tree, gravity: Sequence[float]) -> None:
     """Turn the arm so that gravity is along -z of the root, a new one."""
     x, y, z = gravity
-    if hypot(x, y) <= _SAME * abs(z):
+    if hypot(x, y) <= _SAME * abs(z) and z < 0.0:
         return
     (root, _), name = next(iter(tree.ends.values())), _LEVEL
     while name in tree.links or name in tree.ends:
@@ -179,7 +179,8 @@ def _tilt(robot: ET.Element, tree: Tree, gravity: Sequence[float]) -> None:
     robot.append(ET.Comment(
         f' identified: tilted by {degrees(atan2(hypot(x, y), -z)):.3g} degrees '))
     ET.SubElement(robot, 'link', name=name)
-    joint = ET.SubElement(robot, 'joint', name=name, type='fixed')
+    # Pinocchio keeps links and fixed joints in one table of names.
+    joint = ET.SubElement(robot, 'joint', name=f'{name}_to_{root}', type='fixed')
     # Ry(pitch) Rx(roll) brings gravity in the root's frame to -z.
     ET.SubElement(joint, 'origin', xyz='0 0 0',
                   rpy=_words((atan2(-y, -z), atan2(x, hypot(y, z)), 0.0)))

@@ -15,13 +15,33 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 import dataclasses
+from typing import Any, NamedTuple
 
 from ctc_chattering.identification.findings import Estimate
 from ctc_chattering.identification.friction_terms import TermKind
 from ctc_chattering.identification.regression import Data, FEWEST_WINDOWS, Fit
 from ctc_chattering.identification.windows import STRIBECK_VELOCITIES
 import numpy as np
+
+
+class CoupledFriction(NamedTuple):
+    """
+    Friction of another joint in the torque of a joint.
+
+    Attributes
+    ----------
+    joint : int
+        Index of the other joint.
+    coulomb, viscous : Estimate
+        By the direction and the velocity of the other joint [N·m, N·m·s/rad].
+
+    """
+
+    joint: int
+    coulomb: Estimate
+    viscous: Estimate
 
 
 @dataclasses.dataclass(frozen=True)
@@ -42,6 +62,10 @@ class JointFriction:
         rest, and the velocity with which it fades [rad/s].
     load : Estimate
         Friction as a part of the magnitude of the torque through the gear.
+    dead_band : Estimate
+        Torque that the drive takes of its command [N·m].
+    coupled : tuple of CoupledFriction
+        Friction of other joints in this one's torque.
 
     """
 
@@ -52,6 +76,16 @@ class JointFriction:
     stribeck: Estimate
     stribeck_velocity: Estimate
     load: Estimate
+    dead_band: Estimate
+    coupled: tuple[CoupledFriction, ...] = ()
+
+    def as_mapping(self, joints: Sequence[str]) -> dict[str, Any]:
+        """Return it as JSON has it; `joints` are the names of all joints."""
+        numbers = {name: value.as_mapping() for name, value in vars(self).items()
+                   if isinstance(value, Estimate)}
+        return {**numbers, 'coupled': [
+            {'joint': joints[x.joint], 'coulomb': x.coulomb.as_mapping(),
+             'viscous': x.viscous.as_mapping()} for x in self.coupled]}
 
     @property
     def at_rest(self) -> float:
@@ -65,7 +99,7 @@ def joint_friction(fit: Fit, joint: int) -> JointFriction:
     """Return the friction of a joint."""
     if not fit.data.moving[joint]:
         unknown = Estimate.unknown('the joint hardly moves')
-        return JointFriction(*[unknown] * 7)
+        return JointFriction(*[unknown] * 8)
 
     def estimate(weights: dict[TermKind, float], unit: str) -> Estimate:
         row = np.zeros(fit.unknowns.count)
@@ -78,6 +112,8 @@ def joint_friction(fit: Fit, joint: int) -> JointFriction:
     coulomb, offset = TermKind.COULOMB, TermKind.OFFSET
     stribeck = fit.unknowns.index(joint, TermKind.STRIBECK)
     load = fit.unknowns.index(joint, TermKind.LOAD)
+    dead_band = fit.unknowns.index(joint, TermKind.DEAD_BAND)
+    coupled = fit.unknowns.index(joint, TermKind.COUPLED_COULOMB)
     return JointFriction(
         estimate({coulomb: 1.0}, 'N*m'),
         estimate({coulomb: 1.0, offset: 1.0}, 'N*m'),
@@ -87,7 +123,13 @@ def joint_friction(fit: Fit, joint: int) -> JointFriction:
             {TermKind.STRIBECK: 1.0}, 'N*m'),
         Estimate.none() if stribeck is None else Estimate(
             fit.unknowns.term(stribeck).stribeck_velocity, unit='rad/s'),
-        Estimate.none() if load is None else estimate({TermKind.LOAD: 1.0}, ''))
+        Estimate.none() if load is None else estimate({TermKind.LOAD: 1.0}, ''),
+        Estimate.none('it may be in Coulomb friction') if dead_band is None else estimate(
+            {TermKind.DEAD_BAND: 1.0}, 'N*m'),
+        () if coupled is None else (CoupledFriction(
+            int(fit.unknowns.term(coupled).which),
+            estimate({TermKind.COUPLED_COULOMB: 1.0}, 'N*m'),
+            estimate({TermKind.COUPLED_VISCOUS: 1.0}, 'N*m*s/rad')),))
 
 
 def _no_stribeck(data: Data, joint: int) -> Estimate:

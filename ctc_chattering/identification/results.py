@@ -45,7 +45,8 @@ NO_NUMBER = '-'
 #: Friction in the order of the table: field and heading.
 FRICTION = {'coulomb': 'Coulomb [N*m]', 'forwards': 'forwards', 'backwards': 'backwards',
             'viscous': 'viscous [N*m*s/rad]', 'stribeck': 'Stribeck [N*m]',
-            'stribeck_velocity': 'its velocity [rad/s]', 'load': 'of the load'}
+            'stribeck_velocity': 'its velocity [rad/s]', 'load': 'of the load',
+            'dead_band': 'dead band [N*m]'}
 #: Of the sensors: field of the identification, key of the JSON file, and heading.
 SENSORS = (('encoder', 'encoder_step_rad', 'encoder step [rad]'),
             ('noise', 'velocity_noise_rad_per_s', 'velocity noise [rad/s]'))
@@ -177,8 +178,10 @@ class IdentificationResults:
                  'actuator_lag_interval_95_s': self._usable(lags[[0, 2]].T.tolist())}
                 for delay, lags in timing.delays.items()],
             'verdicts': [x.as_mapping() for x in self.verdicts],
-            'friction': [{name: number(x, verdict) for name, x in vars(friction).items()}
-                         for friction, verdict in zip(found.friction, self.verdicts)],
+            'friction': [
+                friction.as_mapping(found.joints) if verdict.usable else
+                {'value': None, 'reason': verdict.word}
+                for friction, verdict in zip(found.friction, self.verdicts)],
             **{key: [x.as_mapping() for x in getattr(found, name)] for name, key, _ in SENSORS},
             **{key: list(map(number, values, self.verdicts))
                for key, _, values in self._drives()},

@@ -43,7 +43,9 @@ WORDS = {Severity.NOTE: 'usable', Severity.CARE: 'usable with care',
 NO_BETTER = 0.97
 #: Part of what is left of unseen torque that may last longer than noise in a usable joint.
 MOST_LASTING = 0.3
-#: Unexplained torque that never matters, as a part of the friction.
+#: Part of the friction that may be left of unseen torque in a usable joint,
+MOST_UNEXPLAINED = 0.08
+#: and that never matters.
 NEGLIGIBLE = 2e-3
 #: Half an interval of Coulomb friction of a usable joint, as a part of the larger of it and of
 #: this part of the torque.
@@ -140,7 +142,8 @@ def _judged(identified: Identification, joint: int) -> Iterator[Finding]:
         prediction.recording_rms, prediction.model_rms, prediction.identified_rms,
         prediction.systematic_rms))
     level = _friction_rms(identified, joint)
-    bar = max(MOST_LASTING * float(prediction.typical_rms[joint]), NEGLIGIBLE * level)
+    typical = float(prediction.typical_rms[joint])
+    bar = max(MOST_LASTING * typical, NEGLIGIBLE * level)
     share = f'{unseen:.3g} N*m RMS, {unseen / max(recording, 1e-300):.1%} of the torque'
     if unseen > NO_BETTER * min(model, recording) and lasting > NEGLIGIBLE * level:
         yield Finding(
@@ -148,17 +151,21 @@ def _judged(identified: Identification, joint: int) -> Iterator[Finding]:
             f'predicted: {share}, is left of unseen torque, and {model:.3g} N*m by the model as '
             f'it was given', f'look at its torque in the figure; {EXCITE.format(name)}')
         return
-    if lasting > bar:
+    if lasting > bar or typical > MOST_UNEXPLAINED * level:
         yield Finding(
             Reason.UNEXPLAINED, Severity.CARE, joint, f'{share}, is not explained in unseen '
-            f'torque; {lasting:.2g} N*m of it lasts longer than noise, '
-            f'{lasting / max(level, 1e-300):.0%} of the friction', 'look at the figure of its '
+            f'torque; usually it is {typical:.2g} N*m, {typical / max(level, 1e-300):.0%} of the '
+            f'friction, of which {lasting:.2g} N*m lasts longer than noise', 'look at the figure of its '
             'torque, and keep that much in reserve')
     coulomb = friction.coulomb
     wide = coulomb.half / max(abs(coulomb.number()), LITTLE_FRICTION * recording, 1e-300)
     if wide > NARROW:
         yield Finding(Reason.UNCERTAIN, Severity.CARE, joint, f'Coulomb friction of {name} is '
                       f'known to {coulomb} only', EXCITE.format(name))
+    stribeck = friction.stribeck
+    if stribeck.value is not None and stribeck.half > NARROW * abs(stribeck.value):
+        yield Finding(Reason.UNCERTAIN, Severity.CARE, joint, f'Stribeck friction of {name} is '
+                      f'known to {stribeck} only', EXCITE.format(name))
     yield from _coupled(identified, joint)
 
 
