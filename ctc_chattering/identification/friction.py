@@ -26,6 +26,10 @@ from ctc_chattering.identification.windows import STRIBECK_VELOCITIES
 import numpy as np
 
 
+#: Halves of an interval for an unexplained torque of RMS 1.
+OTHER_FORM = 2.0
+
+
 class CoupledFriction(NamedTuple):
     """
     Friction of another joint in the torque of a joint.
@@ -95,11 +99,27 @@ class JointFriction:
         return max(ways, default=0.0) + max(self.stribeck.value or 0.0, 0.0)
 
 
-def joint_friction(fit: Fit, joint: int) -> JointFriction:
-    """Return the friction of a joint."""
+def joint_friction(fit: Fit, joint: int, systematic: float = 0.0) -> JointFriction:
+    """
+    Return the friction of a joint.
+
+    Parameters
+    ----------
+    fit : Fit
+        The regression.
+    joint : int
+        Index of the joint.
+    systematic : float
+        RMS of unseen torque that lasts longer than noise [N·m]: friction may have that much of
+        another form, so intervals contain it.
+
+    """
     if not fit.data.moving[joint]:
         unknown = Estimate.unknown('the joint hardly moves')
-        return JointFriction(*[unknown] * 8)
+        return JointFriction(unknown, unknown, unknown, unknown, unknown, unknown, unknown, unknown)
+
+    used = fit.data.used[:, joint]
+    speed = float(np.sqrt(np.square(fit.data.windows.velocity[used, joint]).mean()))
 
     def estimate(weights: dict[TermKind, float], unit: str) -> Estimate:
         row = np.zeros(fit.unknowns.count)
@@ -107,7 +127,9 @@ def joint_friction(fit: Fit, joint: int) -> JointFriction:
             index = fit.unknowns.index(joint, kind)
             assert index is not None  # Each joint in motion has these.
             row[index] = factor * fit.unknowns.term(index).size
-        return Estimate(float(row @ fit.value), float(fit.half_interval(row)), unit)
+        form = OTHER_FORM * systematic / (1.0 if unit == 'N*m' else speed)
+        half = float(np.hypot(fit.half_interval(row), form if unit else 0.0))
+        return Estimate(float(row @ fit.value), half, unit)
 
     coulomb, offset = TermKind.COULOMB, TermKind.OFFSET
     stribeck = fit.unknowns.index(joint, TermKind.STRIBECK)

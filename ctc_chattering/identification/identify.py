@@ -203,13 +203,15 @@ def identify(recordings: Sequence[Recording], model: Model,
     if loaded:
         data, constants = payload_scale(data, prior)
     fit = select(data, prior, source == COMMAND)
+    prediction = Prediction.of(fit)
     noise = velocities or velocity_noise(recordings[0], phi.period)
     return Identification(
         joints, clock(recordings[0], phi.period), [encoder_step(q) for q in recordings[0].q.T],
         noise.estimates, acting, Positions.of(recordings, phi.period), fit,
-        [joint_friction(fit, joint) for joint in range(len(joints))],
+        [joint_friction(fit, joint, systematic)
+         for joint, systematic in enumerate(prediction.systematic_rms.tolist())],
         None if regressor is None else IdentifiedBodies.of(fit, regressor),
-        Prediction.of(fit), rate_limits(acting, joints), constants,
+        prediction, rate_limits(acting, joints), constants,
         phi.period * sum(len(part.q) for part in motion.parts),
         (*noise.findings, *units, *conventions.findings, *timing_findings(acting, joints)))
 
