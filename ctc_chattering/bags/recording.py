@@ -75,12 +75,6 @@ def ordered(name: str, t: Array, *contents: Array) -> Indices:
     found = found[np.append(True, ~repeated)]
     stamps = t[found]
     step = np.diff(stamps)
-    shared = float((step == 0.0).mean())
-    if shared > SHARED_STAMPS:
-        raise CtcError(
-            f'{name}: {shared:.0%} of the states have the stamp of another one: stamps are in '
-            f'steps of {1e3 * step[step > 0.0].min(initial=np.inf):.3g} ms, coarser than the '
-            'period. Record the stamps of the driver with all their digits')
     period = float(np.median(step[step > 0.0])) if (step > 0.0).any() else np.inf
     two = stamps[2:] - stamps[:-2]
     crowded = median_filter(two, _CROWD) < 2.0 * _CLOSE * period
@@ -94,6 +88,12 @@ def ordered(name: str, t: Array, *contents: Array) -> Indices:
             f'{name}: {stamps[int(crowded.argmax())] - stamps[0]:.4g} s after the first, states '
             f'stand closer than the period of {period:.3g} s: was a clock set back, are there two '
             'publishers of joint states, or are stamps coarser than the period? Record it again')
+    shared = float((step == 0.0).mean())
+    if shared > SHARED_STAMPS:
+        raise CtcError(
+            f'{name}: {shared:.0%} of the states have the stamp of another one: stamps are in '
+            f'steps of {1e3 * step[step > 0.0].min(initial=np.inf):.3g} ms, coarser than the '
+            'period. Record the stamps of the driver with all their digits')
     found = found[~alone(stamps, period)]
     return found[np.diff(t[found], prepend=-np.inf) > 0.0]
 
@@ -117,8 +117,11 @@ _EARLY, _SURE, _NEGLIGIBLE = 0.02, 0.35, 0.002
 #: Length of the mean direction of the times after a state, on a circle, below which there is no
 #: usual one.
 _USUAL = 0.3
-#: Periods after which a command is no longer held, and difference of two that are alike [N·m].
-_HELD, _ALIKE = 20, 1e-9
+#: Periods after which a command is no longer held: at most, and beyond twice the usual time to the
+#: next one. A torque that is held for long is another one than the robot had.
+_HELD, _HELD_LONGER = 20, 2
+#: Difference of two commands that are alike [N·m].
+_ALIKE = 1e-9
 
 
 class Answers(NamedTuple):
@@ -178,8 +181,9 @@ def _matched(values: Array, times: Indices, stamps: Indices, received: Indices
     sent = times[order] - received[0]
     inside = (sent > -0.5 * wall) & (sent < got[-1] + 2.0 * wall)
     values, sent = _taken(values, order[inside]), sent[inside]
+    by_stamps = np.array_equal(received, stamps)
     again = np.append(False, (values[1:] == values[:-1]).all(axis=1))
-    if 0 < len(sent) - len(got) == again.sum() and np.array_equal(received, stamps):
+    if by_stamps and 0 < len(sent) - len(got) == again.sum():
         values, sent = values[~again], sent[~again]  # Of lockstep, repeated.
     heard = np.interp(sent, np.r_[-wall, got, got[-1] + wall], np.r_[-1, numbers, numbers[-1] + 1])
     turn = complex(np.exp(2j * np.pi * heard).sum()) / max(len(heard), 1)
@@ -189,9 +193,11 @@ def _matched(values: Array, times: Indices, stamps: Indices, received: Indices
     far = (np.abs(heard - phase - place) > _SURE) | (np.diff(place, prepend=-np.inf) < 1.0)
     unsure = float(far.mean()) if is_usual and len(far) else 1.0
     count = np.arange(len(place))
-    if len(sent) == len(got) and np.array_equal(received, stamps):
+    if len(sent) == len(got) and by_stamps:
         # Of our recorder, which logs by stamps: one may have that of the state before, or after.
         place, unsure = numbers, 0.0
+    elif unsure > _NEGLIGIBLE and by_stamps and len(place) <= numbers[-1] + 1:
+        return _matched_in_batches(values, sent, got, numbers)
     elif unsure > _NEGLIGIBLE and abs(len(place) / (numbers[-1] + 1) - 1.0) < _ONE_FOR_ONE:
         ahead = place - count
         ends = tuple(np.median(x) for x in (ahead[:_COUNTED], ahead[-_COUNTED:]))
@@ -201,6 +207,32 @@ def _matched(values: Array, times: Indices, stamps: Indices, received: Indices
         if is_usual and not np.ptp(first):  # None is missing.
             unsure = float((by_time != place).mean() > _DOUBTFUL)
     return values, place, numbers, unsure
+
+
+def _matched_in_batches(values: Array, sent: Indices, got: Indices, numbers: Indices
+                        ) -> tuple[Array, Array, Indices, float]:
+    """
+    Return what `_matched` does for messages that our recorder took in batches, states first.
+
+    It logs by the stamp of the last state received. So no command is logged before the state that
+    it answers, and each leaves room for those after it: the number of states without a command
+    before it is at most what its time and all later ones allow. Where commands of a batch were
+    lost it is not known which: those in doubt are left out.
+    """
+    count = np.arange(len(sent))
+    following = np.searchsorted(got, sent, side='right')
+    latest = np.append(numbers, numbers[-1] + 1)[following] - 1
+    excess = latest - count  # States without a command before each, at most.
+    ends = [int(np.median(part)) for part in (excess[:_COUNTED], excess[-_COUNTED:])]
+    if ends[0] == ends[1]:  # No command is missing.
+        return values, (count + ends[0]).astype(float), numbers, 0.0
+    missing = np.minimum.accumulate(excess[::-1])[::-1]
+    is_exact = excess == missing
+    step = np.append(False, np.diff(missing) > 0)
+    # From a step on to where the time leaves no choice.
+    batch = np.cumsum(np.append(False, is_exact[:-1]))
+    doubtful = np.isin(batch, batch[step]) & ~is_exact
+    return values[~doubtful], (count + missing)[~doubtful].astype(float), numbers, 0.0
 
 
 def _placed(values: Array, place: Array, numbers: Indices, unsure: float) -> Answers:
@@ -226,7 +258,8 @@ def _placed(values: Array, place: Array, numbers: Indices, unsure: float) -> Ans
     count, unlike = np.bincount(which, minlength=len(numbers)), np.zeros(len(numbers))
     last = np.maximum.accumulate(np.where(count > 0, np.arange(len(numbers)), -1))
     age = numbers - numbers[last]
-    known = (last >= 0) & (age <= _HELD)
+    usual = float(np.percentile(age[last >= 0], 90.0)) if (last >= 0).any() else 0.0
+    known = (last >= 0) & (age <= min(_HELD, 2.0 * usual + _HELD_LONGER))
     # Joint by joint, for long series.
     for mean, column in zip(found.T, values.T):
         np.add.at(mean, which, column[is_there])
