@@ -23,6 +23,7 @@ reference and law; here joint states are enough.
 from __future__ import annotations
 
 from array import array
+from ast import literal_eval
 from collections.abc import Mapping, Sequence
 from contextlib import closing
 import dataclasses
@@ -52,8 +53,10 @@ from ctc_chattering.ros.topics import COMMANDS, JOINT_STATES, ROBOT_DESCRIPTION
 import numpy as np
 import numpy.typing as npt
 from rosbags.interfaces import Connection
+import yaml
 
 JOINT_STATE, MULTI_ARRAY = 'sensor_msgs/msg/JointState', 'std_msgs/msg/Float64MultiArray'
+METADATA = 'metadata.yaml'
 #: What a joint state has.
 STATE_FIELDS = ('position', 'velocity', 'effort')
 #: Reports of torques that are in force from then on; those of other types were in force before.
@@ -282,8 +285,21 @@ def read_motion(path: str | Path, joints: Sequence[str] = (), description: str =
             notes.append(f'the effort is not used: there is none of {", ".join(without)}')
         recording = Recording(
             path.resolve().name, names, (stamps - stamps[0]) / NANOSECONDS, q, dq,
-            effort, *((found.command, found.late) if found else ()))
+            effort, *((found.command, found.late) if found else (None, (0.0, 0.0))),
+            dropped=count_dropped(path, (source.name, commands.partition(':')[0])))
         return RecordedMotion(recording.checked(), description, controller, tuple(notes))
+
+
+def count_dropped(path: Path, topics: Sequence[str]) -> int:
+    """Return how many messages on topics the recorder of this package counted as lost."""
+    try:
+        content = yaml.safe_load((path / METADATA).read_text(encoding='utf-8'))
+        notes = content['rosbag2_bagfile_information'].get('custom_data') or {}
+        counts = dict(literal_eval(notes.get('dropped', '{}')))
+        return sum(int(count) for name, count in counts.items()
+                   if any(name.endswith(topic) for topic in topics))
+    except (OSError, ValueError, TypeError, KeyError, SyntaxError, yaml.YAMLError):
+        return 0  # Of a bag without metadata, or of another recorder.
 
 
 def _joints(states: SignalTopic, description: str) -> tuple[str, ...]:

@@ -117,6 +117,9 @@ _EARLY, _SURE, _NEGLIGIBLE = 0.02, 0.35, 0.002
 #: Length of the mean direction of the times after a state, on a circle, below which there is no
 #: usual one.
 _USUAL = 0.3
+#: States by which a command of our recorder, which logs by stamps, may be off: it may have the stamp
+#: of the state before, or after.
+_BESIDE = 1
 #: Periods after which a command is no longer held: at most, and beyond twice the usual time to the
 #: next one. A torque that is held for long is another one than the robot had.
 _HELD, _HELD_LONGER = 20, 2
@@ -193,8 +196,8 @@ def _matched(values: Array, times: Indices, stamps: Indices, received: Indices
     far = (np.abs(heard - phase - place) > _SURE) | (np.diff(place, prepend=-np.inf) < 1.0)
     unsure = float(far.mean()) if is_usual and len(far) else 1.0
     count = np.arange(len(place))
-    if len(sent) == len(got) and by_stamps:
-        # Of our recorder, which logs by stamps: one may have that of the state before, or after.
+    last_state = np.searchsorted(got, sent, side='right') - 1
+    if by_stamps and len(sent) == len(got) and np.abs(last_state - count).max() <= _BESIDE:
         place, unsure = numbers, 0.0
     elif unsure > _NEGLIGIBLE and by_stamps and len(place) <= numbers[-1] + 1:
         return _matched_in_batches(values, sent, got, numbers)
@@ -305,6 +308,8 @@ class Recording:
         Torque commanded in answer to each state [N·m], nan where it is unknown; None without any.
     late : tuple of (float, float)
         Samples by which commands may be later than they stand here, at least and at most.
+    dropped : int
+        Messages with states and commands that its recorder counted as lost.
 
     Raises
     ------
@@ -321,6 +326,7 @@ class Recording:
     effort: Array | None = None
     command: Array | None = None
     late: tuple[float, float] = (0.0, 0.0)
+    dropped: int = 0
 
     def __post_init__(self) -> None:
         """Check the shapes."""

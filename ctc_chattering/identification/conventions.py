@@ -30,7 +30,7 @@ from ctc_chattering.errors import CtcError
 from ctc_chattering.identification.findings import Estimate, Finding, Reason, Severity
 from ctc_chattering.identification.friction_terms import FrictionTerm, TermKind
 from ctc_chattering.identification.prior import BodyPrior
-from ctc_chattering.identification.regression import correlation_length, Data, fit, Unknowns
+from ctc_chattering.identification.regression import correlation_length, Observations, fit, Unknowns
 from ctc_chattering.identification.selection import basic_terms
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
@@ -88,7 +88,7 @@ class Shape(NamedTuple):
             self.weight_error < KNOWN_FACTOR * LEAST_FACTOR)
 
 
-def shape(data: Data, joint: int, signal: int | None = None) -> Shape:
+def shape(data: Observations, joint: int, signal: int | None = None) -> Shape:
     """Return the shape of the torque of a joint, or of another signal over its motion."""
     windows, used = data.windows, data.used[:, joint]
     if signal is not None:
@@ -156,13 +156,13 @@ class Conventions:
                 for value, error in zip(self.constant, self.errors)]
 
 
-def check_torque(data: Data, joints: Sequence[str], signal: str) -> tuple[Finding, ...]:
+def check_torque(data: Observations, joints: Sequence[str], signal: str) -> tuple[Finding, ...]:
     """
     Return the joints whose torque has another unit than the others.
 
     Parameters
     ----------
-    data : Data
+    data : Observations
         Windows with the torque.
     joints : sequence of str, length n
         Names.
@@ -214,7 +214,7 @@ def _other_unit(name: str, joint: int, found: Shape, signal: str) -> Finding:
         'add the tool to the URDF' if heavy else 'give --torque-constant, or correct the URDF')
 
 
-def check_sign(data: Data, joints: Sequence[str], signal: str) -> None:
+def check_sign(data: Observations, joints: Sequence[str], signal: str) -> None:
     """
     Raise `CtcError` if a torque has the other sign: friction then drives the joints.
 
@@ -235,7 +235,7 @@ def check_sign(data: Data, joints: Sequence[str], signal: str) -> None:
             f'turn the sign with --torque-constant={flipped}')
 
 
-def _beside_any_gravity(data: Data, joint: int) -> tuple[Array, Array]:
+def _beside_any_gravity(data: Observations, joint: int) -> tuple[Array, Array]:
     """Return columns of friction, then of weight along any direction, and the torque."""
     windows, used = data.windows, data.used[:, joint]
     inertial = windows.model_torque[used, joint] - windows.weight[used, joint]
@@ -246,7 +246,7 @@ def _beside_any_gravity(data: Data, joint: int) -> tuple[Array, Array]:
         inertial, pull)), data.torque[used, joint]
 
 
-def constants_of_currents(data: Data, joints: Sequence[str]) -> Conventions:
+def constants_of_currents(data: Observations, joints: Sequence[str]) -> Conventions:
     """Return the torque per ampere of each joint for which the currents carry the model."""
     constant, findings = np.ones(len(joints)), []
     errors = [np.inf] * len(joints)
@@ -268,13 +268,13 @@ def constants_of_currents(data: Data, joints: Sequence[str]) -> Conventions:
     return Conventions(constant, tuple(findings), tuple(errors))
 
 
-def mounted_gravity(data: Data, gravity: Array) -> Array:
+def mounted_gravity(data: Observations, gravity: Array) -> Array:
     """
     Return gravity in the frame of the base, shape (3,) [m/s²]: that of the model, or another one.
 
     Parameters
     ----------
-    data : Data
+    data : Observations
         Windows with the torque, and with the columns of gravity.
     gravity : ndarray, shape (3,)
         That of the model [m/s²].
@@ -319,7 +319,7 @@ def angle_between(a: Array, b: Array) -> float:
     return float(2.0 * np.arctan2(np.linalg.norm(a - b), np.linalg.norm(a + b)))
 
 
-def check_order(data: Data, joints: Sequence[str]) -> None:
+def check_order(data: Observations, joints: Sequence[str]) -> None:
     """Raise `CtcError` if the columns of commands fit other joints better."""
     moving = np.flatnonzero(data.moving).tolist()
     if len(moving) < 2:
@@ -337,7 +337,7 @@ def check_order(data: Data, joints: Sequence[str]) -> None:
             f'{best[moved].max():.0%} in another order; give --joints in their order')
 
 
-def payload_scale(data: Data, prior: BodyPrior) -> tuple[Data, list[Estimate]]:
+def payload_scale(data: Observations, prior: BodyPrior) -> tuple[Observations, list[Estimate]]:
     """
     Return the windows with the torque at the joints, and that torque per unit of the signal.
 
@@ -346,7 +346,7 @@ def payload_scale(data: Data, prior: BodyPrior) -> tuple[Data, list[Estimate]]:
 
     Parameters
     ----------
-    data : Data
+    data : Observations
         Windows of motions with and without a known payload.
     prior : BodyPrior
         Of the bodies.

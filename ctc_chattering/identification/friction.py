@@ -21,7 +21,7 @@ from typing import Any, NamedTuple
 
 from ctc_chattering.identification.findings import Estimate
 from ctc_chattering.identification.friction_terms import TermKind
-from ctc_chattering.identification.regression import Data, FEWEST_WINDOWS, Fit
+from ctc_chattering.identification.regression import Observations, FEWEST_WINDOWS, Fit
 from ctc_chattering.identification.windows import STRIBECK_VELOCITIES
 import numpy as np
 
@@ -154,7 +154,7 @@ def joint_friction(fit: Fit, joint: int, systematic: float = 0.0) -> JointFricti
             estimate({TermKind.COUPLED_VISCOUS: 1.0}, 'N*m*s/rad')),))
 
 
-def _no_stribeck(data: Data, joint: int) -> Estimate:
+def _no_stribeck(data: Observations, joint: int) -> Estimate:
     """Return the absence of Stribeck friction, with what the motion does not show of it."""
     speed = np.abs(data.windows.velocity[data.used[:, joint], joint])
     slow = [v for v in STRIBECK_VELOCITIES if (speed < v).sum() >= FEWEST_WINDOWS]

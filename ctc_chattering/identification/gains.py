@@ -107,7 +107,7 @@ def torque_rate(identified: Identification, fastest: Array, given: Sequence[floa
 def longest_lag(identified: Identification) -> Array:
     """Return the longest lag of each drive that is possible, shape (n,) [s]."""
     timing = identified.timing
-    possible = [lags[2] for lags in timing.delays.values()] or [timing.drive[1]]
+    possible = [lags[2] for lags in timing.delays.values()] or [timing.drive.lag]
     return np.asarray(np.max(possible, axis=0))
 
 
@@ -160,7 +160,8 @@ def recommend(identified: Identification, run: MeasuredPerturbation, model: Mode
         Whether the model has the identified bodies.
 
     """
-    (delay, lag), longest = identified.timing.drive, float(longest_lag(identified).max())
+    delay, lag, _ = identified.timing.drive
+    longest = float(longest_lag(identified).max())
     bound = perturbation_bound(identified, run, model, corrected)
     weight = [np.abs(model.gravity_torque(q.tolist())) for q in identified.positions.poses]
     slope, slow = torque_rate(identified, bound.change, rate, np.max(weight, axis=0))
@@ -194,7 +195,7 @@ def recommend(identified: Identification, run: MeasuredPerturbation, model: Mode
 
 def _poles(identified: Identification, slower: float, resolution: float) -> Gains:
     """Return the gains of `observer_feedback`, its pole as a part of the fastest."""
-    period, lag, n = identified.clock.period, identified.timing.drive[1], len(identified.joints)
+    period, lag, n = identified.clock.period, identified.timing.drive.lag, len(identified.joints)
     late, slowest, most = max(
         (lateness(float(x.max()), period, d), float(x.max()), d)
         for d, x in (identified.timing.delays or {0: lag}).items())

@@ -36,13 +36,13 @@ from ctc_chattering.identification.conventions import (
     mounted_gravity,
     payload_scale,
 )
-from ctc_chattering.identification.drives import COMMAND, EFFORT, has
+from ctc_chattering.identification.drives import COMMAND, Drive, EFFORT, has, known_torque
 from ctc_chattering.identification.effort import CURRENT, torque_source
 from ctc_chattering.identification.findings import Estimate, Finding
 from ctc_chattering.identification.friction import joint_friction, JointFriction
 from ctc_chattering.identification.prediction import Prediction
 from ctc_chattering.identification.prior import BodyPrior, URDF_UNCERTAINTY
-from ctc_chattering.identification.regression import Data, Fit
+from ctc_chattering.identification.regression import Observations, Fit
 from ctc_chattering.identification.regressor import BodyRegressor
 from ctc_chattering.identification.selection import select
 from ctc_chattering.identification.sensors import (
@@ -54,7 +54,6 @@ from ctc_chattering.identification.sensors import (
     VelocityNoise,
 )
 from ctc_chattering.identification.timing import (
-    known_torque,
     rate_limits,
     Timing,
     timing,
@@ -248,13 +247,13 @@ class _Motion:
         change = regressor.gravity - regressor.parameters[-3:]
         return [part.with_gravity(change) for part in found] if change.any() else found
 
-    def data(self, windows: list[Windows], acting: Timing | None = None) -> Data:
+    def data(self, windows: list[Windows], acting: Timing | None = None) -> Observations:
         """Return the windows with their torque, as recorded or as it acts by a timing."""
         n = self.parts[0].q.shape[1]
-        times = (0.0, np.zeros(n), np.full(n, np.inf)) if acting is None else acting.acting
-        torque = [known_torque(part, own, self.source, self.phi, *times)
-                  for part, own in zip(self.parts, windows)]
-        return Data.of(joined(windows), np.concatenate(torque))
+        drive = Drive.ideal(n) if acting is None else acting.acting
+        torque = [known_torque(part, rows.centres, self.source, self.phi, drive)
+                  for part, rows in zip(self.parts, windows)]
+        return Observations.of(joined(windows), np.concatenate(torque))
 
     def timing(self, windows: list[Windows]) -> Timing:
         """Return the timing of the torque, with that of the commands."""

@@ -23,7 +23,7 @@ from __future__ import annotations
 import dataclasses
 from functools import cached_property
 
-from ctc_chattering.identification.regression import BLOCKS, blocks_of_time, Data, Fit
+from ctc_chattering.identification.regression import BLOCKS, blocks_of_time, Observations, Fit
 from ctc_chattering.identification.selection import friction_columns
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
@@ -108,7 +108,7 @@ class Prediction:
             (self.measured - self.identified).T, self.weights.T)])
 
 
-def _friction_alone(data: Data, joint: int) -> Array:
+def _friction_alone(data: Observations, joint: int) -> Array:
     """Return friction that was fitted beside the given model in other blocks, shape (J,)."""
     columns, target = friction_columns(data, joint), data.beyond_model[:, joint]
     block, used = blocks_of_time(len(target)), data.used[:, joint]

@@ -12,11 +12,12 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 """
-What recorders do to states: messages that repeat, and stamps that jitter.
+Repair of recorded states: turns that are not counted, states that repeat, stamps that jitter.
 
-A broadcaster that is faster than its robot repeats each state; the repetitions are left out.
-Stamps of reception jitter: they shift states in time by a part of the period, which makes torque
-out of motion. (Stamps that are coarser than the period are refused where a bag is read.)
+A driver may report the angle of a joint within a turn: where it jumps by a turn, turns are
+counted. A broadcaster that is faster than its robot repeats each state: repetitions are left out.
+Stamps of reception jitter, which shifts states in time and makes torque out of motion. Stamps that
+are coarser than the period are refused where a bag is read.
 """
 
 from __future__ import annotations
@@ -31,42 +32,91 @@ import numpy as np
 import numpy.typing as npt
 
 Flags = npt.NDArray[np.bool_]
-#: Mean number of equal states that follow each other, in motion, from which on states repeat.
-REPEATED = 1.5
-#: Equal states that follow each other beyond which a robot rests.
-RESTING_RUN = 20
-#: Part of the states that are recorded alike often where a broadcaster repeats them.
-ALIKE = 0.9
-#: Jitter of stamps, as a part of the period, that needs care.
+TURN = 2.0 * np.pi
+#: Time between two states, in periods, within which no joint turns by half a turn.
+NEXT_STATE = 1.5
+#: Part of the messages that may be dropped without care.
+MOST_DROPPED = 1e-3
+#: Part of a period by which stamps may jitter without care.
 MOST_JITTER = 0.2
-#: Fewest runs of equal states that are judged.
-FEWEST_RUNS = 50
+
+
+@dataclasses.dataclass(frozen=True)
+class RepetitionLimits:
+    """
+    Signs of a broadcaster that repeats states.
+
+    Attributes
+    ----------
+    mean_run : float
+        Least mean number of equal states that follow each other in motion.
+    resting_run : int
+        Number from which on a robot rests.
+    alike : float
+        Least part of these numbers that differ by at most one from the usual one.
+    runs : int
+        Fewest runs that are judged.
+
+    """
+
+    mean_run: float = 1.5
+    resting_run: int = 20
+    alike: float = 0.9
+    runs: int = 50
+
+
+LIMITS = RepetitionLimits()
 
 
 class Repaired(NamedTuple):
-    """A recording without repetitions, and what was noticed."""
+    """A repaired recording, and what was noticed."""
 
     recording: Recording
-    findings: tuple[Finding, ...]
+    findings: tuple[Finding, ...] = ()
 
 
 def repair(recording: Recording) -> Repaired:
-    """Return a recording without repeated states, and findings on its stamps."""
-    findings: list[Finding] = []
-    repeats = equal_to_the_one_before(recording)
-    count = repetition(repeats)
-    if count > 1.0:
-        kept = np.flatnonzero(~repeats)
+    """Return a recording with turns counted and without repeated states, and findings."""
+    dropped = tuple(_dropped_findings(recording))
+    counted = count_turns(recording)
+    single = leave_out_repetitions(counted.recording)
+    jitter = tuple(_jitter_findings(single.recording))
+    return Repaired(single.recording, (*dropped, *counted.findings, *single.findings, *jitter))
+
+
+def count_turns(recording: Recording) -> Repaired:
+    """Return a recording in which no joint jumps by a turn from a state to the next one."""
+    step = np.diff(recording.t)
+    follows = step < NEXT_STATE * np.median(step)
+    position, findings = recording.q, []
+    for joint, name in enumerate(recording.joints):
+        change = np.diff(recording.q[:, joint])
+        turns = np.where(follows, np.rint(change / TURN), 0.0)
+        if not turns.any():
+            continue
+        if position is recording.q:
+            position = recording.q.copy()
+        position[1:, joint] -= TURN * np.cumsum(turns)
         findings.append(note(
-            f'{recording.name}: each state is recorded about {count:.3g} times; '
-            f'{int(repeats.sum())} of {len(repeats)} that repeat the one before are left out'))
-        recording = select(recording, kept)
-    findings += jitter_findings(recording)
-    return Repaired(recording, tuple(findings))
+            f'{recording.name}: the position of {name} jumps by a turn '
+            f'{np.count_nonzero(turns)} times; its turns are counted'))
+    return Repaired(dataclasses.replace(recording, q=position), tuple(findings))
 
 
-def equal_to_the_one_before(recording: Recording) -> Flags:
-    """Return which states say the same as the one before, shape (N,) of bool."""
+def leave_out_repetitions(recording: Recording) -> Repaired:
+    """Return a recording without the repetitions of a broadcaster."""
+    repeats = repeats_the_state_before(recording)
+    count = repetition_count(repeats)
+    if count == 1.0:
+        return Repaired(recording)
+    finding = note(
+        f'{recording.name}: each state is recorded about {count:.3g} times; '
+        f'{int(repeats.sum())} of {len(repeats)} that repeat the one before are left out')
+    return Repaired(select(recording, np.flatnonzero(~repeats)), (finding,))
+
+
+def repeats_the_state_before(recording: Recording) -> Flags:
+    """Return which states say the same as the one before, shape (N,)."""
     equal = np.ones(len(recording.t) - 1, bool)
     for values in (recording.q, recording.effort):
         if values is not None:
@@ -74,35 +124,47 @@ def equal_to_the_one_before(recording: Recording) -> Flags:
     return np.append(False, equal)
 
 
-def repetition(repeats: Flags) -> float:
+def repetition_count(repeats: Flags) -> float:
     """
     Return how often a state is recorded in motion; 1 for a recording without repetitions.
 
-    A broadcaster repeats all states equally often, but for one. Positions that change slowly, in
-    steps of an encoder, are equal for all kinds of times.
+    A broadcaster repeats all states equally often, but for one time. Positions that change slowly,
+    in steps of an encoder, are equal for any number of times.
     """
     starts = np.flatnonzero(~repeats)
     runs = np.diff(np.append(starts, len(repeats)))
-    runs = runs[runs < RESTING_RUN]
-    if len(runs) < FEWEST_RUNS:
+    runs = runs[runs < LIMITS.resting_run]
+    if len(runs) < LIMITS.runs:
         return 1.0
-    shortest = int(np.median(runs)) - int(np.mean(runs) < np.median(runs))
-    alike = ((runs == shortest) | (runs == shortest + 1)).mean()
-    count = float(np.mean(runs))
-    return count if alike > ALIKE and count >= REPEATED else 1.0
+    usual, count = int(np.median(runs)), float(np.mean(runs))
+    shorter = usual - int(count < usual)
+    alike = float(((runs == shorter) | (runs == shorter + 1)).mean())
+    return count if alike > LIMITS.alike and count >= LIMITS.mean_run else 1.0
 
 
-def select(recording: Recording, kept: Indices) -> Recording:
+def select(recording: Recording, rows: Indices) -> Recording:
     """Return a recording with some of its states."""
-    dq = recording.dq
+    dq, effort, command = recording.dq, recording.effort, recording.command
     return dataclasses.replace(
-        recording, t=recording.t[kept], q=recording.q[kept],
-        dq=None if dq is None else dq[kept[kept < len(dq)]],
-        effort=None if recording.effort is None else recording.effort[kept],
-        command=None if recording.command is None else recording.command[kept])
+        recording, t=recording.t[rows], q=recording.q[rows],
+        dq=None if dq is None else dq[rows[rows < len(dq)]],
+        effort=None if effort is None else effort[rows],
+        command=None if command is None else command[rows])
 
 
-def jitter_findings(recording: Recording) -> Iterator[Finding]:
+def _dropped_findings(recording: Recording) -> Iterator[Finding]:
+    """Yield that the recorder lost messages."""
+    if not recording.dropped:
+        return
+    share = recording.dropped / (recording.dropped + 2 * len(recording.t))
+    yield Finding(
+        Reason.DROPPED, Severity.CARE if share > MOST_DROPPED else Severity.NOTE, ALL_JOINTS,
+        f'the recorder of {recording.name} dropped {recording.dropped} messages with states or '
+        'torques. Windows without them are left out',
+        'record again with less load on the computer')
+
+
+def _jitter_findings(recording: Recording) -> Iterator[Finding]:
     """Yield that the stamps jitter."""
     step = np.diff(recording.t)
     period = float(np.median(step))

@@ -60,7 +60,7 @@ MEDIAN_TO_DEVIATION = 1.4826
 
 
 @dataclasses.dataclass(frozen=True)
-class Data:
+class Observations:
     """
     Windows with their torques; J windows, n joints.
 
@@ -83,14 +83,14 @@ class Data:
     drive_sign: Array
 
     @classmethod
-    def of(cls, windows: Windows, torque: Array, valid: Flags | bool = True) -> Data:
+    def of(cls, windows: Windows, torque: Array, valid: Flags | bool = True) -> Observations:
         """Return windows with their torques, nan where unknown; `valid` of shape (J,)."""
         known = np.isfinite(torque) & np.reshape(valid, (-1, 1))
         moving = windows.resting < MOST_RESTING
         return cls(windows, np.where(known, torque, 0.0), known & moving,
                    mean_sign(windows.model_torque))
 
-    def scaled(self, constant: Array) -> Data:
+    def scaled(self, constant: Array) -> Observations:
         """Return it with the torque of each joint times a constant, shape (n,)."""
         return dataclasses.replace(self, torque=self.torque * constant)
 
@@ -170,7 +170,7 @@ class Unknowns:
                 return self.body_count + k
         return None
 
-    def columns(self, data: Data, joint: int) -> Array:
+    def columns(self, data: Observations, joint: int) -> Array:
         """Return X of a joint, shape (J, m) [N·m]; 0 in windows that are not used."""
         columns = np.zeros((len(data.torque), self.count))
         columns[:, :self.body_count] = data.windows.bodies[:, joint] @ self.prior.transform
@@ -213,7 +213,7 @@ class Fit:
 
     Attributes
     ----------
-    data : Data
+    data : Observations
         The windows.
     unknowns : Unknowns
         The columns.
@@ -230,7 +230,7 @@ class Fit:
 
     """
 
-    data: Data
+    data: Observations
     unknowns: Unknowns
     noise: Noise
     value: Array
@@ -270,7 +270,7 @@ class Fit:
 class _Normals:
     """Normal equations of each block of time and joint, for given weights of windows."""
 
-    def __init__(self, data: Data, unknowns: Unknowns) -> None:
+    def __init__(self, data: Observations, unknowns: Unknowns) -> None:
         self.data, self.unknowns = data, unknowns
         self.block = blocks_of_time(len(data.torque))
         self.columns = np.stack(
@@ -294,7 +294,7 @@ def blocks_of_time(count: int) -> npt.NDArray[np.intp]:
     return np.minimum(np.arange(count) * BLOCKS // max(count, 1), BLOCKS - 1)
 
 
-def fit(data: Data, unknowns: Unknowns) -> Fit:
+def fit(data: Observations, unknowns: Unknowns) -> Fit:
     """Return the solution of (BR1) with its noise, its intervals and its held-out values."""
     normals, bounds = _Normals(data, unknowns), bounds_of(unknowns)
     noise = _first_noise(data)
@@ -352,7 +352,7 @@ def bounds_of(unknowns: Unknowns) -> PhysicalBounds:
     return unknowns.prior.bounds.with_least(positive)
 
 
-def _first_noise(data: Data) -> Noise:
+def _first_noise(data: Observations) -> Noise:
     """Return the noise to begin with: all that is beyond the model."""
     count = np.maximum(data.used.sum(axis=0), 1)
     power = np.square(data.beyond_model).sum(axis=0) / count
@@ -361,7 +361,7 @@ def _first_noise(data: Data) -> Noise:
                  1.0 - data.windows.resting)
 
 
-def _next_noise(data: Data, unknowns: Unknowns, before: Noise, residual: Array, value: Array
+def _next_noise(data: Observations, unknowns: Unknowns, before: Noise, residual: Array, value: Array
                 ) -> Noise:
     """Return the noise that a held-out residual, shape (J, n), shows [N·m]; `value` is x."""
     deviation, correlation = np.empty((2, data.joint_count))

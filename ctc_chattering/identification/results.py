@@ -136,7 +136,7 @@ class IdentificationResults:
         yield 'Notes', [*of_all_joints(self.verdicts, Severity.NOTE), *(
             f'{x.joint}: {note.text}' for x in self.verdicts for note in x.findings
             if note.severity == Severity.NOTE and note.joint != ALL_JOINTS)]
-        known = ' or '.join(map(str, timing.delays)) if isfinite(timing.drive[0]) else ''
+        known = ' or '.join(map(str, timing.delays)) if isfinite(timing.drive.delay) else ''
         yield 'Time', [
             f'sample period {found.clock.period:.6g} s, {found.clock.missing} samples missing; '
             f'{found.duration:.4g} s used',

@@ -29,7 +29,7 @@ from ctc_chattering.identification.prior import BodyPrior
 from ctc_chattering.identification.regression import (
     BLOCKS,
     blocks_of_time,
-    Data,
+    Observations,
     FEWEST_WINDOWS,
     Fit,
     fit,
@@ -68,7 +68,7 @@ class Option(NamedTuple):
     least_gain: float = LEAST_GAIN
 
 
-def friction_sizes(data: Data, joint: int) -> dict[TermKind, float]:
+def friction_sizes(data: Observations, joint: int) -> dict[TermKind, float]:
     """Return the deviation of each kind of friction before any data."""
     torque, speed = float(data.deviation[joint]), float(data.fastest[joint])
     return {TermKind.COULOMB: FRICTION_SIZE * torque, TermKind.OFFSET: OFFSET_SIZE * torque,
@@ -78,25 +78,25 @@ def friction_sizes(data: Data, joint: int) -> dict[TermKind, float]:
             TermKind.COUPLED_VISCOUS: OTHER_SIZE * torque / speed}
 
 
-def basic_terms(data: Data, joint: int) -> list[FrictionTerm]:
+def basic_terms(data: Observations, joint: int) -> list[FrictionTerm]:
     """Return the terms that every joint in motion has."""
     sizes = friction_sizes(data, joint)
     return [FrictionTerm(kind, joint, sizes[kind]) for kind in ALWAYS]
 
 
-def friction_columns(data: Data, joint: int) -> Array:
+def friction_columns(data: Observations, joint: int) -> Array:
     """Return the columns of these terms, shape (J, 3) [N·m]."""
     return np.column_stack([term.column(data.windows, data.drive_sign)
                             for term in basic_terms(data, joint)])
 
 
-def select(data: Data, prior: BodyPrior, commanded: bool) -> Fit:
+def select(data: Observations, prior: BodyPrior, commanded: bool) -> Fit:
     """
     Return the regression with the terms that predict unseen torque best.
 
     Parameters
     ----------
-    data : Data
+    data : Observations
         The windows.
     prior : BodyPrior
         Of the bodies.
@@ -116,7 +116,7 @@ def select(data: Data, prior: BodyPrior, commanded: bool) -> Fit:
     return best
 
 
-def _options(data: Data, joint: int, commanded: bool) -> Iterator[Option]:
+def _options(data: Observations, joint: int, commanded: bool) -> Iterator[Option]:
     """Yield the terms that may be added to a joint."""
     sizes = friction_sizes(data, joint)
     speed = np.abs(data.windows.velocity[data.used[:, joint], joint])

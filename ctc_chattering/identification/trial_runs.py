@@ -94,7 +94,7 @@ def _loop_gains(gains: tuple[Any, Any] | None, n: int) -> dict[str, Any]:
 
 def _plant(identified: Identification) -> dict[str, Any]:
     """Return the friction, the sensors and the drives of the plant."""
-    friction, (delay, lag) = identified.friction, identified.timing.drive
+    friction, (delay, lag, _) = identified.friction, identified.timing.drive
     coulomb = np.array([max(0.0, x.coulomb.number()) for x in friction])
     viscous, stribeck, load = (
         np.array([getattr(x, name).value or 0.0 for x in friction])
@@ -243,7 +243,7 @@ def draw_robots(identified: Identification, run: MeasuredPerturbation, plant: Pl
 
     """
     rng = np.random.default_rng(seed)
-    lag = identified.timing.drive[1]
+    lag = identified.timing.drive.lag
     drives = list(identified.timing.delays.items()) or [(plant.input_delay, np.tile(lag, (3, 1)))]
     part = _model_doubt(identified)
     for k in range(count):
