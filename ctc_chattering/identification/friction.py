@@ -21,12 +21,12 @@ from typing import Any, NamedTuple
 
 from ctc_chattering.identification.findings import Estimate
 from ctc_chattering.identification.friction_terms import TermKind
-from ctc_chattering.identification.regression import Observations, FEWEST_WINDOWS, Fit
+from ctc_chattering.identification.regression import FEWEST_WINDOWS, Fit, Observations
 from ctc_chattering.identification.windows import STRIBECK_VELOCITIES
+from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
 
-
-#: Halves of an interval for an unexplained torque of RMS 1.
+#: Half an interval for an unexplained torque of RMS 1.
 OTHER_FORM = 2.0
 
 
@@ -85,8 +85,7 @@ class JointFriction:
 
     def as_mapping(self, joints: Sequence[str]) -> dict[str, Any]:
         """Return it as JSON has it; `joints` are the names of all joints."""
-        numbers = {name: value.as_mapping() for name, value in vars(self).items()
-                   if isinstance(value, Estimate)}
+        numbers = {name: getattr(self, name).as_mapping() for name in NUMBERS}
         return {**numbers, 'coupled': [
             {'joint': joints[x.joint], 'coulomb': x.coulomb.as_mapping(),
              'viscous': x.viscous.as_mapping()} for x in self.coupled]}
@@ -94,9 +93,13 @@ class JointFriction:
     @property
     def at_rest(self) -> float:
         """Largest Coulomb and Stribeck friction of both directions [N·m]; 0 if not known."""
-        ways = [abs(x.value) for x in (self.coulomb, self.forwards, self.backwards)
-                if x.value is not None]
-        return max(ways, default=0.0) + max(self.stribeck.value or 0.0, 0.0)
+        coulomb = [abs(x.value or 0.0) for x in (self.coulomb, self.forwards, self.backwards)]
+        return max(coulomb) + max(self.stribeck.value or 0.0, 0.0)
+
+
+#: Numbers of a joint's friction.
+NUMBERS = tuple(field.name for field in dataclasses.fields(JointFriction)
+                if field.name != 'coupled')
 
 
 def joint_friction(fit: Fit, joint: int, systematic: float = 0.0) -> JointFriction:
@@ -115,43 +118,42 @@ def joint_friction(fit: Fit, joint: int, systematic: float = 0.0) -> JointFricti
 
     """
     if not fit.data.moving[joint]:
-        unknown = Estimate.unknown('the joint hardly moves')
-        return JointFriction(unknown, unknown, unknown, unknown, unknown, unknown, unknown, unknown)
+        return JointFriction(*[Estimate.unknown('the joint hardly moves')] * len(NUMBERS))
 
     used = fit.data.used[:, joint]
     speed = float(np.sqrt(np.square(fit.data.windows.velocity[used, joint]).mean()))
 
-    def estimate(weights: dict[TermKind, float], unit: str) -> Estimate:
-        row = np.zeros(fit.unknowns.count)
-        for kind, factor in weights.items():
-            index = fit.unknowns.index(joint, kind)
-            assert index is not None  # Each joint in motion has these.
-            row[index] = factor * fit.unknowns.term(index).size
-        form = OTHER_FORM * systematic / (1.0 if unit == 'N*m' else speed)
-        half = float(np.hypot(fit.half_interval(row), form if unit else 0.0))
-        return Estimate(float(row @ fit.value), half, unit)
+    def estimate(weights: Array, unit: str, form: float) -> Estimate:
+        half = float(np.hypot(fit.half_interval(weights), OTHER_FORM * form))
+        return Estimate(float(weights @ fit.value), half, unit)
 
-    coulomb, offset = TermKind.COULOMB, TermKind.OFFSET
-    stribeck = fit.unknowns.index(joint, TermKind.STRIBECK)
-    load = fit.unknowns.index(joint, TermKind.LOAD)
-    dead_band = fit.unknowns.index(joint, TermKind.DEAD_BAND)
-    coupled = fit.unknowns.index(joint, TermKind.COUPLED_COULOMB)
+    def torque(kind: TermKind, offset: float = 0.0) -> Estimate:
+        weights = rows(kind) + offset * rows(TermKind.OFFSET)
+        return estimate(weights, 'N*m', systematic)
+
+    def viscous(kind: TermKind) -> Estimate:
+        return estimate(rows(kind), 'N*m*s/rad', systematic / speed)
+
+    def rows(kind: TermKind) -> Array:
+        return fit.unknowns.row(joint, kind)
+
+    index = {kind: fit.unknowns.index(joint, kind) for kind in TermKind}
+    stribeck, coupled = index[TermKind.STRIBECK], index[TermKind.COUPLED_COULOMB]
     return JointFriction(
-        estimate({coulomb: 1.0}, 'N*m'),
-        estimate({coulomb: 1.0, offset: 1.0}, 'N*m'),
-        estimate({coulomb: 1.0, offset: -1.0}, 'N*m'),
-        estimate({TermKind.VISCOUS: 1.0}, 'N*m*s/rad'),
-        _no_stribeck(fit.data, joint) if stribeck is None else estimate(
-            {TermKind.STRIBECK: 1.0}, 'N*m'),
-        Estimate.none() if stribeck is None else Estimate(
+        coulomb=torque(TermKind.COULOMB),
+        forwards=torque(TermKind.COULOMB, 1.0),
+        backwards=torque(TermKind.COULOMB, -1.0),
+        viscous=viscous(TermKind.VISCOUS),
+        stribeck=_no_stribeck(fit.data, joint) if stribeck is None else torque(TermKind.STRIBECK),
+        stribeck_velocity=Estimate.none() if stribeck is None else Estimate(
             fit.unknowns.term(stribeck).stribeck_velocity, unit='rad/s'),
-        Estimate.none() if load is None else estimate({TermKind.LOAD: 1.0}, ''),
-        Estimate.none('it may be in Coulomb friction') if dead_band is None else estimate(
-            {TermKind.DEAD_BAND: 1.0}, 'N*m'),
-        () if coupled is None else (CoupledFriction(
-            int(fit.unknowns.term(coupled).which),
-            estimate({TermKind.COUPLED_COULOMB: 1.0}, 'N*m'),
-            estimate({TermKind.COUPLED_VISCOUS: 1.0}, 'N*m*s/rad')),))
+        load=Estimate.none() if index[TermKind.LOAD] is None else estimate(
+            rows(TermKind.LOAD), '', 0.0),
+        dead_band=Estimate.none('it may be in Coulomb friction')
+        if index[TermKind.DEAD_BAND] is None else torque(TermKind.DEAD_BAND),
+        coupled=() if coupled is None else (CoupledFriction(
+            int(fit.unknowns.term(coupled).which), torque(TermKind.COUPLED_COULOMB),
+            viscous(TermKind.COUPLED_VISCOUS)),))
 
 
 def _no_stribeck(data: Observations, joint: int) -> Estimate:

@@ -42,7 +42,7 @@ from ctc_chattering.identification.findings import Estimate, Finding
 from ctc_chattering.identification.friction import joint_friction, JointFriction
 from ctc_chattering.identification.prediction import Prediction
 from ctc_chattering.identification.prior import BodyPrior, URDF_UNCERTAINTY
-from ctc_chattering.identification.regression import Observations, Fit
+from ctc_chattering.identification.regression import Fit, Observations
 from ctc_chattering.identification.regressor import BodyRegressor
 from ctc_chattering.identification.selection import select
 from ctc_chattering.identification.sensors import (
@@ -53,20 +53,17 @@ from ctc_chattering.identification.sensors import (
     velocity_noise,
     VelocityNoise,
 )
-from ctc_chattering.identification.timing import (
-    rate_limits,
-    Timing,
-    timing,
-    timing_findings,
-)
+from ctc_chattering.identification.timing import rate_limits, Timing, timing, timing_findings
 from ctc_chattering.identification.weak_form import TestFunction
 from ctc_chattering.identification.windows import joined, Windows
 import numpy as np
 
 #: Part of a period by which rounding it may move the last sample.
 ROUNDED_PART = 0.1
-#: Shortest recording that is used [s], and shortest stretch.
-SHORTEST_S, SHORTEST_STRETCH_S = 2.0, 1.0
+#: Shortest recording that is used [s].
+SHORTEST_S = 2.0
+#: Shortest stretch without a gap that is used [s].
+SHORTEST_STRETCH_S = 1.0
 #: Difference of the periods of recordings of one robot, as a part of them.
 SAME_PERIOD = 0.02
 
@@ -74,13 +71,12 @@ SAME_PERIOD = 0.02
 @dataclasses.dataclass(frozen=True)
 class TorqueSignal:
     """
-    What the user says of the torque.
+    Description of the torque by the user.
 
     Attributes
     ----------
-    side : str
-        What the effort is: '', 'motor', 'link', or 'current' of which no torque constant is
-        known.
+    side : {'', 'motor', 'link', 'current'}
+        Kind of the effort: of a `current` no torque constant is known.
     urdf_uncertainty : float
         Uncertainty of a body of the URDF, as a part of the body.
 
@@ -93,7 +89,7 @@ class TorqueSignal:
 @dataclasses.dataclass(frozen=True)
 class Identification:
     """
-    All that is identified of n joints in J windows.
+    Numbers that were identified of n joints in J windows.
 
     Attributes
     ----------
@@ -106,7 +102,7 @@ class Identification:
     timing : Timing
         Delay and lag of the torque.
     positions : Positions
-        What is kept of those of all recordings.
+        Of all recordings.
     fit : Fit
         The regression.
     friction : list of JointFriction, length n
@@ -167,22 +163,17 @@ def identify(recordings: Sequence[Recording], model: Model,
         another unit, sign or order of joints.
 
     """
-    parts, owners, phi = _stretches(recordings)
-    joints, name = recordings[0].joints, recordings[0].name
-    source = torque_source(parts, signal.side, name)
-    recorded = [k for k, part in enumerate(parts) if has(part, source) is not None]
-    motion = _Motion([parts[k] for k in recorded],
-                     [loaded[owners[k]] if loaded else model for k in recorded], phi, source)
-
+    motion = _Motion.of(recordings, loaded or [model] * len(recordings), signal.side)
+    joints, name, commanded = recordings[0].joints, recordings[0].name, motion.source == COMMAND
     regressor = BodyRegressor.of(model)
     windows = motion.windows(regressor)
-    if not any((part.resting < 1.0).any() for part in windows):
+    data = motion.observe(windows)
+    if not data.moving.any():
         raise CtcError(f'{name}: no joint moves')
-    data = motion.data(windows)
-    words = 'commanded torque' if source == COMMAND else 'effort'
-    if source == COMMAND:
+    words = 'commanded torque' if commanded else 'effort'
+    if commanded:
         check_order(data, joints)
-    if signal.side == CURRENT and source == EFFORT:
+    if signal.side == CURRENT and motion.source == EFFORT:
         conventions = constants_of_currents(data, joints)
     else:
         conventions = Conventions(np.ones(len(joints)))
@@ -192,27 +183,30 @@ def identify(recordings: Sequence[Recording], model: Model,
         if gravity is not regressor.gravity:
             regressor = dataclasses.replace(regressor, gravity=gravity)
             windows = motion.windows(regressor)
-            data = motion.data(windows)
+            data = motion.observe(windows)
     units = () if conventions.findings else check_torque(data, joints, words)
 
     acting = motion.timing(windows)
-    data = motion.data(windows, acting).scaled(conventions.constant)
+    data = motion.observe(windows, acting).scaled(conventions.constant)
     prior = BodyPrior.of(regressor, signal.urdf_uncertainty)
     constants = conventions.estimates()
     if loaded:
         data, constants = payload_scale(data, prior)
-    fit = select(data, prior, source == COMMAND)
-    prediction = Prediction.of(fit)
-    noise = velocities or velocity_noise(recordings[0], phi.period)
+    solution = select(data, prior, commanded)
+    prediction = Prediction.of(solution)
+    period = motion.phi.period
+    noise = velocities or velocity_noise(recordings[0], period)
     return Identification(
-        joints, clock(recordings[0], phi.period), [encoder_step(q) for q in recordings[0].q.T],
-        noise.estimates, acting, Positions.of(recordings, phi.period), fit,
-        [joint_friction(fit, joint, systematic)
-         for joint, systematic in enumerate(prediction.systematic_rms.tolist())],
-        None if regressor is None else IdentifiedBodies.of(fit, regressor),
-        prediction, rate_limits(acting, joints), constants,
-        phi.period * sum(len(part.q) for part in motion.parts),
-        (*noise.findings, *units, *conventions.findings, *timing_findings(acting, joints)))
+        joints=joints, clock=clock(recordings[0], period),
+        encoder=[encoder_step(q) for q in recordings[0].q.T], noise=noise.estimates,
+        timing=acting, positions=Positions.of(recordings, period), fit=solution,
+        friction=[joint_friction(solution, joint, lasting)
+                  for joint, lasting in enumerate(prediction.systematic_rms.tolist())],
+        bodies=None if regressor is None else IdentifiedBodies.of(solution, regressor),
+        prediction=prediction, rate=rate_limits(acting, joints), constant=constants,
+        duration=motion.duration,
+        findings=(*noise.findings, *units, *conventions.findings,
+                  *timing_findings(acting, joints)))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -238,16 +232,46 @@ class _Motion:
     phi: TestFunction
     source: str
 
+    @classmethod
+    def of(cls, recordings: Sequence[Recording], models: Sequence[Model], side: str) -> _Motion:
+        """
+        Return the motion of recordings, each with its model.
+
+        Raises
+        ------
+        CtcError
+            If they are too short, do not belong together, or have no torque.
+
+        """
+        period = common_period(recordings)
+        pairs = [(part, model) for recording, model in zip(recordings, models)
+                 for part in stretches(recording, period)
+                 if len(part.q) * period > SHORTEST_STRETCH_S]
+        duration = period * sum(len(part.q) for part, _ in pairs)
+        name = recordings[0].name
+        if duration < SHORTEST_S:
+            raise CtcError(f'{name}: {duration:.2g} s without a gap; at least {SHORTEST_S:g} s '
+                           'are needed')
+        source = torque_source([part for part, _ in pairs], side, name)
+        with_torque = [pair for pair in pairs if has(pair[0], source) is not None]
+        return cls([part for part, _ in with_torque], [model for _, model in with_torque],
+                   TestFunction(period, duration), source)
+
+    @property
+    def duration(self) -> float:
+        """Duration of all stretches [s]."""
+        return self.phi.period * sum(len(part.q) for part in self.parts)
+
     def windows(self, regressor: BodyRegressor | None) -> list[Windows]:
         """Return the windows of each stretch, with gravity as the regressor has it."""
-        found = [Windows.of(part, model, self.phi, regressor)
-                 for part, model in zip(self.parts, self.models)]
+        windows = [Windows.of(part, model, self.phi, regressor)
+                   for part, model in zip(self.parts, self.models)]
         if regressor is None:
-            return found
+            return windows
         change = regressor.gravity - regressor.parameters[-3:]
-        return [part.with_gravity(change) for part in found] if change.any() else found
+        return [part.with_gravity(change) for part in windows] if change.any() else windows
 
-    def data(self, windows: list[Windows], acting: Timing | None = None) -> Observations:
+    def observe(self, windows: list[Windows], acting: Timing | None = None) -> Observations:
         """Return the windows with their torque, as recorded or as it acts by a timing."""
         n = self.parts[0].q.shape[1]
         drive = Drive.ideal(n) if acting is None else acting.acting
@@ -264,28 +288,6 @@ class _Motion:
         commands = timing([self.parts[k] for k in commanded], [windows[k] for k in commanded],
                           COMMAND, self.phi)
         return dataclasses.replace(used, delays=commands.delays, commands=commands)
-
-
-def _stretches(recordings: Sequence[Recording]) -> tuple[list[Stretch], list[int], TestFunction]:
-    """
-    Return the stretches without a gap, the recording of each, and the test function.
-
-    Raises
-    ------
-    CtcError
-        If they are too short.
-
-    """
-    period = common_period(recordings)
-    pairs = [(part, owner) for owner, recording in enumerate(recordings)
-             for part in stretches(recording, period)
-             if len(part.q) * period > SHORTEST_STRETCH_S]
-    duration = period * sum(len(part.q) for part, _ in pairs)
-    if duration < SHORTEST_S:
-        raise CtcError(f'{recordings[0].name}: {duration:.2g} s without a gap; at least '
-                       f'{SHORTEST_S:g} s are needed')
-    return ([part for part, _ in pairs], [owner for _, owner in pairs],
-            TestFunction(period, duration))
 
 
 def common_period(recordings: Sequence[Recording]) -> float:

@@ -23,12 +23,12 @@ from __future__ import annotations
 import dataclasses
 from functools import cached_property
 
-from ctc_chattering.identification.regression import BLOCKS, blocks_of_time, Observations, Fit
+from ctc_chattering.identification.regression import BLOCKS, blocks_of_time, Fit, Observations
 from ctc_chattering.identification.selection import friction_columns
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
 
-#: Distances of windows that have no sample in common, and at which torque still correlates.
+#: Distances of windows that have no sample in common, at which lasting torque still correlates.
 APART = range(4, 13)
 #: Part of the squared torque below which a correlation is rounding.
 ROUNDING = 1e-10

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 """
-What is expected of a robot before any data: the URDF with its uncertainty, and friction.
+Prior of the bodies: the URDF with its uncertainty, and what is physical.
 
 The regression works with unknowns x of deviation 1 around the model. A body changes by S X Sᵀ,
 X symmetric with elements u x, where S Sᵀ is its pseudo-inertia (PI1) in the model and u the
@@ -41,9 +41,13 @@ from scipy.linalg import block_diag, solve_triangular  # type: ignore[import-unt
 
 #: Default uncertainty of a body of the URDF, as a part of the body.
 URDF_UNCERTAINTY = 0.2
-#: Rotor inertia at the joint per effort limit where the URDF has none, its deviation, and the
-#: least that a geared arm has [kg·m² per N·m]. Data sheets have 0.001 to 0.006.
-ROTOR_PER_EFFORT, ROTOR_DEVIATION_PER_EFFORT, LEAST_ROTOR_PER_EFFORT = 0.002, 0.004, 0.0005
+#: Rotor inertia at the joint per effort limit where the URDF has none [kg·m² per N·m]. Data sheets
+#: of geared arms have 0.001 to 0.006.
+ROTOR_PER_EFFORT = 0.002
+#: Its deviation.
+ROTOR_DEVIATION_PER_EFFORT = 0.004
+#: Least one of a geared arm.
+LEAST_ROTOR_PER_EFFORT = 0.0005
 #: Least deviation of a rotor inertia as a part of the joint's inertia.
 ROTOR_DEVIATION_PER_INERTIA = 1.0
 #: Deviation of a turn of the base [rad]; the strength of gravity is known.
@@ -54,8 +58,12 @@ INERTIA_STATES = 30
 LEAST_EIGENVALUE = 1e-4
 #: Least eigenvalue with which the search for physical parameters begins.
 FIRST_EIGENVALUE = 1e-2
-#: Weights of the barrier in units of the logarithm of a likelihood: first, last, and their ratio.
-FIRST_BARRIER, LAST_BARRIER, BARRIER_RATIO = 10.0, 1e-4, 0.1
+#: First weight of the barrier, in units of the logarithm of a likelihood.
+FIRST_BARRIER = 10.0
+#: Weight with which the search ends.
+LAST_BARRIER = 1e-4
+#: Ratio of a weight to the one before.
+BARRIER_RATIO = 0.1
 #: Most steps of Newton's method for each weight.
 NEWTON_STEPS = 30
 #: Symmetric matrices of which `stacked` has one element of 1, shape (10, 4, 4).
@@ -65,7 +73,7 @@ _SYMMETRIC_UNITS = np.stack([symmetric(element) for element in np.eye(10)])
 @dataclasses.dataclass(frozen=True)
 class BodyPrior:
     """
-    Bodies, rotors and direction of gravity as expected; P parameters, k unknowns.
+    Bodies, rotors and direction of gravity before any data; P parameters, k unknowns.
 
     Attributes
     ----------
@@ -84,7 +92,7 @@ class BodyPrior:
 
     @classmethod
     def of(cls, regressor: BodyRegressor | None, uncertainty: float) -> BodyPrior:
-        """Return what is expected of a model; nothing is unknown without a regressor."""
+        """Return the prior of a model; nothing is unknown without a regressor."""
         if regressor is None:
             return cls(np.zeros((0, 0)), np.zeros(0), PhysicalBounds())
         model = regressor.model
@@ -95,8 +103,8 @@ class BodyPrior:
         sizes = _rotor_sizes(model)
         rotors = regressor.parameters[regressor.inertial_count:-3]
         first = bodies.shape[1]
-        bounds = bounds.with_least({first + i: -inertia / size for i, (inertia, size) in
-                                    enumerate(zip(rotors.tolist(), sizes.tolist()))})
+        least = (-rotors / sizes).tolist()
+        bounds = bounds.with_least({first + joint: x for joint, x in enumerate(least)})
         transform = block_diag(bodies, np.diag(sizes), _turns(regressor.gravity))
         mean = np.zeros(transform.shape[1])
         mean[first:first + model.n] = np.where(
@@ -188,7 +196,8 @@ class PhysicalBounds:
         """
         Return the physical unknowns y for which (y - x)ᵀ information (y - x) is least.
 
-        That is a convex problem; Newton's method solves it with a logarithmic barrier.
+        That is a convex problem. Newton's method solves it with a logarithmic barrier; unknowns
+        that it keeps from their least value by less than they are known are set to that.
         """
         if self.keep(x):
             return x
@@ -205,6 +214,9 @@ class PhysicalBounds:
                 y = y + length * step
                 if length == 1.0 and -slope @ step < barrier:
                     break
+        for i, least in self.least.items():
+            if information[i, i] * (y[i] - least) ** 2 < barrier:
+                y[i] = least
         return y
 
     def _inside(self, count: int) -> Array:
@@ -222,10 +234,10 @@ class PhysicalBounds:
         """Return slope (m,) and curvature (m, m) of -Σ log det J - Σ log(y - least)."""
         slope, curvature = np.zeros(len(y)), np.zeros((len(y), len(y)))
         for i, body in enumerate(self._bodies(y)):
-            here = slice(10 * i, 10 * i + 10)
+            block = slice(10 * i, 10 * i + 10)
             inverse = np.linalg.inv(body - LEAST_EIGENVALUE * np.eye(4))
-            slope[here] = -self.uncertainty * stacked(inverse)
-            curvature[here, here] = self.uncertainty ** 2 * stacked(
+            slope[block] = -self.uncertainty * stacked(inverse)
+            curvature[block, block] = self.uncertainty ** 2 * stacked(
                 inverse @ _SYMMETRIC_UNITS @ inverse)
         for i, least in self.least.items():
             distance = y[i] - least

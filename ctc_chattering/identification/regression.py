@@ -22,15 +22,16 @@ data (`prior.py`):
 so x has the information I + Σ_j X_jᵀ W_j X_j / (σ_j² L_j), with W_j the weights of the windows.
 σ_j and L_j are those of the torque that is *not* predicted in blocks of time that were left out:
 what a flexible model explains only of the data it was fitted to counts as noise. Windows that a
-joint rests in have its static friction as further variance; windows far beyond the others, as of
+joint rests in have its static friction as further variance. Windows far beyond the others, as of
 a contact, lose weight.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 import dataclasses
 from functools import cached_property
+from typing import NamedTuple
 
 from ctc_chattering.identification.friction_terms import FrictionTerm, TermKind
 from ctc_chattering.identification.prior import BodyPrior, covariance_of, PhysicalBounds
@@ -53,8 +54,10 @@ FEWEST_WINDOWS = 20
 OUTLIER_DEVIATIONS = 10.0
 #: Noise below which a torque is not trusted, as a part of its deviation.
 LEAST_NOISE = 1e-4
-#: Draws of blocks for intervals, and the probability of an interval.
-DRAWS, CONFIDENCE = 100, 0.95
+#: Draws of blocks for intervals.
+DRAWS = 100
+#: Probability of an interval.
+CONFIDENCE = 0.95
 #: Standard deviation of a normal variable over its median magnitude.
 MEDIAN_TO_DEVIATION = 1.4826
 
@@ -71,7 +74,7 @@ class Observations:
     torque : ndarray, shape (J, n)
         Measured or commanded torque, 0 where it is not known [N·m].
     used : ndarray of bool, shape (J, n)
-        Windows with a known torque in which the joint moves.
+        Windows with a known torque in which the joint moves; none of a joint that has few.
     drive_sign : ndarray, shape (J, n)
         Sign of the torque of each drive as the model predicts it, for dead bands.
 
@@ -83,12 +86,12 @@ class Observations:
     drive_sign: Array
 
     @classmethod
-    def of(cls, windows: Windows, torque: Array, valid: Flags | bool = True) -> Observations:
-        """Return windows with their torques, nan where unknown; `valid` of shape (J,)."""
-        known = np.isfinite(torque) & np.reshape(valid, (-1, 1))
-        moving = windows.resting < MOST_RESTING
-        return cls(windows, np.where(known, torque, 0.0), known & moving,
-                   mean_sign(windows.model_torque))
+    def of(cls, windows: Windows, torque: Array) -> Observations:
+        """Return windows with their torques, nan where unknown."""
+        known = np.isfinite(torque)
+        used = known & (windows.resting < MOST_RESTING)
+        used &= used.sum(axis=0) >= FEWEST_WINDOWS
+        return cls(windows, np.where(known, torque, 0.0), used, mean_sign(windows.model_torque))
 
     def scaled(self, constant: Array) -> Observations:
         """Return it with the torque of each joint times a constant, shape (n,)."""
@@ -120,7 +123,7 @@ class Observations:
     @property
     def moving(self) -> Flags:
         """Joints with enough windows in motion, shape (n,)."""
-        return np.asarray(self.used.sum(axis=0) >= FEWEST_WINDOWS)
+        return self.used.any(axis=0)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -155,6 +158,13 @@ class Unknowns:
         """Unknowns before any data, shape (m,)."""
         return np.concatenate((self.prior.mean, np.zeros(len(self.terms))))
 
+    @cached_property
+    def bounds(self) -> PhysicalBounds:
+        """Bounds of all unknowns: Coulomb and viscous friction are not negative."""
+        positive = {self.body_count + k: 0.0 for k, term in enumerate(self.terms)
+                    if term.kind in (TermKind.COULOMB, TermKind.VISCOUS)}
+        return self.prior.bounds.with_least(positive)
+
     def term(self, index: int) -> FrictionTerm:
         """Return the term of friction that an unknown is the coefficient of."""
         return self.terms[index - self.body_count]
@@ -165,10 +175,18 @@ class Unknowns:
 
     def index(self, joint: int, kind: TermKind) -> int | None:
         """Return the index of a term of friction; None if there is none."""
-        for k, term in enumerate(self.terms):
-            if term.joint == joint and term.kind == kind:
-                return self.body_count + k
+        for k in self.of_joint(joint):
+            if self.term(k).kind == kind:
+                return k
         return None
+
+    def row(self, joint: int, kind: TermKind) -> Array:
+        """Return the weights of x that give a coefficient of friction, shape (m,); 0 for none."""
+        weights = np.zeros(self.count)
+        index = self.index(joint, kind)
+        if index is not None:
+            weights[index] = self.term(index).size
+        return weights
 
     def columns(self, data: Observations, joint: int) -> Array:
         """Return X of a joint, shape (J, m) [N·m]; 0 in windows that are not used."""
@@ -183,7 +201,7 @@ class Unknowns:
 @dataclasses.dataclass(frozen=True)
 class Noise:
     """
-    What is not predicted of each joint's torque.
+    Torque that is not predicted, of n joints in J windows.
 
     Attributes
     ----------
@@ -218,7 +236,7 @@ class Fit:
     unknowns : Unknowns
         The columns.
     noise : Noise
-        What is not predicted.
+        Torque that is not predicted.
     value : ndarray, shape (m,)
         x, within physical bounds.
     covariance : ndarray, shape (m, m)
@@ -267,7 +285,32 @@ class Fit:
         return np.asarray(change)
 
 
-class _Normals:
+class _Sums(NamedTuple):
+    """Xᵀ W X and Xᵀ W y over σ² L: of each block (BLOCKS, m, m) and (BLOCKS, m), or of some."""
+
+    normal: Array
+    right: Array
+
+    def without(self, block: int) -> _Sums:
+        """Return the sums over all other blocks."""
+        others = np.arange(BLOCKS) != block
+        return _Sums(self.normal[others].sum(axis=0), self.right[others].sum(axis=0))
+
+    def drawn(self, counts: Array) -> _Sums:
+        """Return the sums over blocks that are taken so many times each, shape (BLOCKS,)."""
+        return _Sums(np.tensordot(counts, self.normal, 1), counts @ self.right)
+
+    def solve(self, mean: Array) -> Array:
+        """Return the most likely unknowns, shape (m,), where these are expected."""
+        return np.asarray(np.linalg.solve(self.information, self.right + mean), float)
+
+    @property
+    def information(self) -> Array:
+        """Information of the unknowns, shape (m, m)."""
+        return self.normal + np.eye(len(self.normal))
+
+
+class _NormalEquations:
     """Normal equations of each block of time and joint, for given weights of windows."""
 
     def __init__(self, data: Observations, unknowns: Unknowns) -> None:
@@ -276,17 +319,23 @@ class _Normals:
         self.columns = np.stack(
             [unknowns.columns(data, joint) for joint in range(data.joint_count)])
 
-    def sums(self, noise: Noise) -> tuple[Array, Array]:
-        """Return Xᵀ W X and Xᵀ W y over σ² L of each block, (BLOCKS, m, m) and (BLOCKS, m)."""
+    def sums(self, noise: Noise) -> _Sums:
+        """Return the sums of each block."""
         m = self.unknowns.count
         normal, right = np.zeros((BLOCKS, m, m)), np.zeros((BLOCKS, m))
-        for joint, share in enumerate(noise.information.tolist()):
-            weighted = self.columns[joint] * (share * noise.weights[:, joint, None])
+        for joint, information in enumerate(noise.information.tolist()):
+            weights = information * noise.weights[:, joint, None]
             for k in range(BLOCKS):
                 rows = self.block == k
-                normal[k] += weighted[rows].T @ self.columns[joint][rows]
-                right[k] += weighted[rows].T @ self.data.beyond_model[rows, joint]
-        return normal, right
+                columns = self.columns[joint][rows]
+                weighted = (weights[rows] * columns).T
+                normal[k] += weighted @ columns
+                right[k] += weighted @ self.data.beyond_model[rows, joint]
+        return _Sums(normal, right)
+
+    def unexplained(self, left_out: Array) -> Array:
+        """Return the torque that x without each block does not predict there, (J, n) [N·m]."""
+        return self.data.beyond_model - _predicted(self.columns, self.block, left_out)
 
 
 def blocks_of_time(count: int) -> npt.NDArray[np.intp]:
@@ -296,33 +345,20 @@ def blocks_of_time(count: int) -> npt.NDArray[np.intp]:
 
 def fit(data: Observations, unknowns: Unknowns) -> Fit:
     """Return the solution of (BR1) with its noise, its intervals and its held-out values."""
-    normals, bounds = _Normals(data, unknowns), bounds_of(unknowns)
+    equations, mean, bounds = _NormalEquations(data, unknowns), unknowns.mean, unknowns.bounds
     noise = _first_noise(data)
     for _ in range(ROUNDS):
-        normal, right = normals.sums(noise)
-        left_out = np.stack([_solve(*sums, unknowns.mean)[1]
-                             for sums in _without_each(normal, right)])
-        residual = data.beyond_model - _predicted(normals.columns, normals.block, left_out)
-        noise = _next_noise(data, unknowns, noise, residual, left_out.mean(axis=0))
-    normal, right = normals.sums(noise)
-    information, value = _solve(normal.sum(axis=0), right.sum(axis=0), unknowns.mean)
-    solutions = [_solve(*sums, unknowns.mean) for sums in _without_each(normal, right)]
-    return Fit(data, unknowns, noise, bounds.nearest(value, information),
-               covariance_of(information), _block_spread(normal, right, unknowns.mean),
-               np.stack([bounds.nearest(x, matrix) for matrix, x in solutions]))
-
-
-def _solve(normal: Array, right: Array, mean: Array) -> tuple[Array, Array]:
-    """Return the information of the unknowns, and their most likely values."""
-    information = normal + np.eye(len(normal))
-    return information, np.asarray(np.linalg.solve(information, right + mean), float)
-
-
-def _without_each(normal: Array, right: Array) -> Iterator[tuple[Array, Array]]:
-    """Yield the sums of the normal equations without each block."""
-    for k in range(BLOCKS):
-        others = np.arange(BLOCKS) != k
-        yield normal[others].sum(axis=0), right[others].sum(axis=0)
+        sums = equations.sums(noise)
+        left_out = np.stack([sums.without(k).solve(mean) for k in range(BLOCKS)])
+        shown = _shown_noise(data, unknowns, equations.unexplained(left_out),
+                             left_out.mean(axis=0))
+        noise = _between(noise, shown)
+    sums = equations.sums(noise)
+    whole = sums.drawn(np.ones(BLOCKS))
+    others = [sums.without(k) for k in range(BLOCKS)]
+    return Fit(data, unknowns, noise, bounds.nearest(whole.solve(mean), whole.information),
+               covariance_of(whole.information), _block_spread(sums, mean),
+               np.stack([bounds.nearest(x.solve(mean), x.information) for x in others]))
 
 
 def _predicted(columns: Sequence[Array] | Array, block: npt.NDArray[np.intp], values: Array
@@ -335,21 +371,14 @@ def _predicted(columns: Sequence[Array] | Array, block: npt.NDArray[np.intp], va
     return predicted
 
 
-def _block_spread(normal: Array, right: Array, mean: Array) -> Array:
+def _block_spread(sums: _Sums, mean: Array) -> Array:
     """Return the covariance of x by drawing blocks of time with replacement, shape (m, m)."""
     draws = np.random.default_rng(0).multinomial(BLOCKS, [1.0 / BLOCKS] * BLOCKS, DRAWS)
-    values = [_solve(np.tensordot(draw, normal, 1), draw @ right, mean)[1] for draw in draws]
+    values = [sums.drawn(counts).solve(mean) for counts in draws]
     deviations = np.array(values) - np.mean(values, axis=0)
     # Blocks are drawn around their own mean, which takes a share of the variance.
     correction = BLOCKS / (BLOCKS - 1.0)
     return np.asarray(correction * deviations.T @ deviations / DRAWS)
-
-
-def bounds_of(unknowns: Unknowns) -> PhysicalBounds:
-    """Return the bounds of all unknowns: Coulomb and viscous friction are not negative."""
-    positive = {unknowns.body_count + k: 0.0 for k, term in enumerate(unknowns.terms)
-                if term.kind in (TermKind.COULOMB, TermKind.VISCOUS)}
-    return unknowns.prior.bounds.with_least(positive)
 
 
 def _first_noise(data: Observations) -> Noise:
@@ -361,19 +390,21 @@ def _first_noise(data: Observations) -> Noise:
                  1.0 - data.windows.resting)
 
 
-def _next_noise(data: Observations, unknowns: Unknowns, before: Noise, residual: Array, value: Array
-                ) -> Noise:
+def _between(before: Noise, after: Noise) -> Noise:
+    """Return noise between two rounds, so that weights and residuals settle."""
+    return Noise(np.sqrt(before.deviation * after.deviation),
+                 np.sqrt(before.correlation * after.correlation), after.weights)
+
+
+def _shown_noise(data: Observations, unknowns: Unknowns, residual: Array, value: Array) -> Noise:
     """Return the noise that a held-out residual, shape (J, n), shows [N·m]; `value` is x."""
-    deviation, correlation = np.empty((2, data.joint_count))
-    weights = np.ones_like(before.weights)
-    for joint in range(data.joint_count):
+    deviation, correlation = data.deviation.copy(), np.ones(data.joint_count)
+    weights = np.ones_like(residual)
+    for joint in np.flatnonzero(data.moving).tolist():
         used, floor = data.used[:, joint], LEAST_NOISE * data.deviation[joint]
-        if not used.any():
-            deviation[joint], correlation[joint] = data.deviation[joint], 1.0
-            continue
         r, resting = residual[used, joint], data.windows.resting[used, joint]
-        static = static_friction(unknowns, joint, value)
         typical = MEDIAN_TO_DEVIATION * float(np.median(np.abs(r))) + floor
+        static = static_friction(unknowns, joint, value)
         outlier = 1.0 + np.square(r / (OUTLIER_DEVIATIONS * typical))
         w = resting_weight(resting, static, typical) / outlier
         weights[used, joint] = w
@@ -381,15 +412,12 @@ def _next_noise(data: Observations, unknowns: Unknowns, before: Noise, residual:
         series = np.zeros(len(used))
         series[used] = np.sqrt(w) * r
         correlation[joint] = correlation_length(series)
-    # Between rounds, so that weights and residuals settle.
-    return Noise(np.sqrt(before.deviation * deviation),
-                 np.sqrt(before.correlation * correlation), weights)
+    return Noise(deviation, correlation, weights)
 
 
 def static_friction(unknowns: Unknowns, joint: int, value: Array) -> float:
     """Return the Coulomb friction of a joint [N·m]; `value` is x."""
-    index = unknowns.index(joint, TermKind.COULOMB)
-    return 0.0 if index is None else abs(float(value[index])) * unknowns.term(index).size
+    return abs(float(unknowns.row(joint, TermKind.COULOMB) @ value))
 
 
 def resting_weight(resting: Array, static: float, noise: float) -> Array:

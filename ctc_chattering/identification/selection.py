@@ -29,10 +29,10 @@ from ctc_chattering.identification.prior import BodyPrior
 from ctc_chattering.identification.regression import (
     BLOCKS,
     blocks_of_time,
-    Observations,
     FEWEST_WINDOWS,
     Fit,
     fit,
+    Observations,
     resting_weight,
     static_friction,
     Unknowns,
@@ -45,8 +45,10 @@ from scipy.optimize import minimize_scalar  # type: ignore[import-untyped]
 #: Deviation of Coulomb and viscous friction, over the deviation of the joint's torque, and over
 #: that and the largest velocity.
 FRICTION_SIZE = 10.0
-#: Deviation of an offset and of other terms, over the deviation of the joint's torque.
-OFFSET_SIZE, OTHER_SIZE = 1.0, 3.0
+#: Deviation of an offset, over the deviation of the joint's torque.
+OFFSET_SIZE = 1.0
+#: Deviation of other terms, over the deviation of the joint's torque.
+OTHER_SIZE = 3.0
 #: Deviation of friction as a part of the load.
 LOAD_SIZE = 0.3
 #: Velocity, over that of Stribeck friction, at which it has faded.
@@ -127,29 +129,30 @@ def _options(data: Observations, joint: int, commanded: bool) -> Iterator[Option
     yield Option((FrictionTerm(TermKind.LOAD, joint, sizes[TermKind.LOAD]),))
     if commanded:
         yield Option((FrictionTerm(TermKind.DEAD_BAND, joint, sizes[TermKind.DEAD_BAND]),))
+    coupled = (TermKind.COUPLED_COULOMB, TermKind.COUPLED_VISCOUS)
     for other in np.flatnonzero(data.moving).tolist():
         if other != joint:
-            yield Option(tuple(
-                FrictionTerm(kind, joint, sizes[kind], other)
-                for kind in (TermKind.COUPLED_COULOMB, TermKind.COUPLED_VISCOUS)),
-                LEAST_COUPLED_GAIN)
+            terms = tuple(FrictionTerm(kind, joint, sizes[kind], other) for kind in coupled)
+            yield Option(terms, LEAST_COUPLED_GAIN)
 
 
-def _best_option(before: Fit, joint: int, commanded: bool) -> tuple[FrictionTerm, ...]:
+def _best_option(solution: Fit, joint: int, commanded: bool) -> tuple[FrictionTerm, ...]:
     """Return the terms that help a joint most, or none."""
-    chosen = {before.unknowns.term(k).kind for k in before.unknowns.of_joint(joint)}
-    options = [option for option in _options(before.data, joint, commanded)
-               if option.terms[0].kind not in chosen]
-    trial = _JointTrial(before, joint)
-    squares = [trial.squares(option.terms) for option in options]
-    gains = [1.0 - float(square.sum() / trial.before.sum()) for square in squares]
-    helpful = [k for k, (option, square) in enumerate(zip(options, squares))
-               if gains[k] > option.least_gain
-               and (square < trial.before).sum() >= LEAST_BLOCKS]
-    if not helpful:
-        return ()
-    terms = options[max(helpful, key=lambda k: gains[k])].terms
-    return (_refined(trial, terms[0]),) if terms[0].kind == TermKind.STRIBECK else terms
+    unknowns = solution.unknowns
+    present = {unknowns.term(k).kind for k in unknowns.of_joint(joint)}
+    trial = _JointTrial(solution, joint)
+    best_gain, best_terms = 0.0, ()
+    for option in _options(solution.data, joint, commanded):
+        if option.terms[0].kind in present:
+            continue
+        squares = trial.squares(option.terms)
+        gain = 1.0 - float(squares.sum() / trial.without.sum())
+        helps = (squares < trial.without).sum() >= LEAST_BLOCKS
+        if helps and gain > max(option.least_gain, best_gain):
+            best_gain, best_terms = gain, option.terms
+    if best_terms and best_terms[0].kind == TermKind.STRIBECK:
+        return (_refined(trial, best_terms[0]),)
+    return best_terms
 
 
 def _refined(trial: _JointTrial, term: FrictionTerm) -> FrictionTerm:
@@ -163,8 +166,8 @@ def _refined(trial: _JointTrial, term: FrictionTerm) -> FrictionTerm:
 class _JointTrial:
     """Friction of one joint fitted anew with further terms, the bodies staying as they are."""
 
-    def __init__(self, before: Fit, joint: int) -> None:
-        data, unknowns = before.data, before.unknowns
+    def __init__(self, solution: Fit, joint: int) -> None:
+        data, unknowns = solution.data, solution.unknowns
         used = data.used[:, joint]
         columns = unknowns.columns(data, joint)[used]
         bodies = unknowns.body_count
@@ -173,29 +176,29 @@ class _JointTrial:
         # Not those of outliers: what a term explains is an outlier without it.
         self._weight = np.sqrt(resting_weight(
             data.windows.resting[used, joint],
-            static_friction(unknowns, joint, before.value),
-            float(before.noise.deviation[joint])))
+            static_friction(unknowns, joint, solution.value),
+            float(solution.noise.deviation[joint])))
         self._friction = columns[:, unknowns.of_joint(joint)]
         # What each block's bodies leave, of all windows: those of other blocks are fitted.
         self._targets = [data.beyond_model[used, joint] - columns[:, :bodies] @ value[:bodies]
-                         for value in before.left_out]
-        self._ridge = 1.0 / float(np.sqrt(before.noise.information[joint]))
-        self.before = self.squares(())
+                         for value in solution.left_out]
+        self._ridge = 1.0 / float(np.sqrt(solution.noise.information[joint]))
+        self.without = self.squares(())
 
     def squares(self, terms: tuple[FrictionTerm, ...]) -> Array:
         """Return the sum of squares of each block, as the others predict it, with more terms."""
-        more = [term.column(self._data.windows, self._data.drive_sign)[self._used]
-                for term in terms]
-        columns = np.column_stack((self._friction, *more)) * self._weight[:, None]
+        added = [term.column(self._data.windows, self._data.drive_sign)[self._used]
+                 for term in terms]
+        columns = np.column_stack((self._friction, *added)) * self._weight[:, None]
         ridge = self._ridge * np.eye(columns.shape[1])
         squares = np.zeros(BLOCKS)
         for k, target in enumerate(self._targets):
-            own = self._block == k
-            if not own.any():
+            left_out = self._block == k
+            if not left_out.any():
                 continue
             y = self._weight * target
             value = np.linalg.lstsq(
-                np.vstack((columns[~own], ridge)),
-                np.concatenate((y[~own], np.zeros(len(ridge)))), rcond=None)[0]
-            squares[k] = np.square(y[own] - columns[own] @ value).sum()
+                np.vstack((columns[~left_out], ridge)),
+                np.concatenate((y[~left_out], np.zeros(len(ridge)))), rcond=None)[0]
+            squares[k] = np.square(y[left_out] - columns[left_out] @ value).sum()
         return squares
