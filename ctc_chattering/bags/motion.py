@@ -284,9 +284,9 @@ def read_motion(path: str | Path, joints: Sequence[str] = (), description: str =
         if without:
             notes.append(f'the effort is not used: there is none of {", ".join(without)}')
         recording = Recording(
-            path.resolve().name, names, (stamps - stamps[0]) / NANOSECONDS, q, dq,
-            effort, *((found.command, found.late) if found else (None, (0.0, 0.0))),
-            dropped=count_dropped(path, (source.name, commands.partition(':')[0])))
+            path.resolve().name, names, (stamps - stamps[0]) / NANOSECONDS, q, dq, effort,
+            found.command if found else None, found.late if found else (0.0, 0.0),
+            count_dropped(path, (source.name, commands.partition(':')[0])))
         return RecordedMotion(recording.checked(), description, controller, tuple(notes))
 
 

@@ -117,8 +117,8 @@ _EARLY, _SURE, _NEGLIGIBLE = 0.02, 0.35, 0.002
 #: Length of the mean direction of the times after a state, on a circle, below which there is no
 #: usual one.
 _USUAL = 0.3
-#: States by which a command of our recorder, which logs by stamps, may be off: it may have the stamp
-#: of the state before, or after.
+#: States by which a command of our recorder may be off, which logs by stamps: it may have the
+#: stamp of the state before, or after.
 _BESIDE = 1
 #: Periods after which a command is no longer held: at most, and beyond twice the usual time to the
 #: next one. A torque that is held for long is another one than the robot had.

@@ -88,9 +88,7 @@ def corrected_urdf(description: str, joints: Sequence[str], parameters: Array,
             _set_inertial(links[name], inertia)
     for name, value in zip(joints, rotor):
         if abs(value - tree.joints[name].rotor_inertia) > _SAME:
-            # Without damping or friction, urdfdom refuses the element.
-            dynamics = _child(elements[name], 'dynamics', damping='0')
-            dynamics.set('rotor_inertia', repr(float(value)))
+            _set_rotor(elements[name], value)
     _tilt(robot, tree, gravity)
     header = description[:description.index('<robot')]
     result = header + ET.tostring(robot, encoding='unicode') + '\n'
@@ -166,6 +164,22 @@ def _set_inertial(link: ET.Element, matrix: Array) -> None:
     ET.SubElement(inertial, 'origin', xyz=_words(center.tolist()), rpy='0 0 0')
     ET.SubElement(inertial, 'mass', value=repr(mass))
     ET.SubElement(inertial, 'inertia', {key: repr(x) for key, x in zip(_INERTIA, about)})
+
+
+def _set_rotor(joint: ET.Element, inertia: float) -> None:
+    """Give a joint the inertia of its rotor, reflected to it [kg·m²]."""
+    # Without damping or friction, urdfdom refuses the element.
+    dynamics = _child(joint, 'dynamics', damping='0')
+    dynamics.set('rotor_inertia', repr(float(inertia)))
+
+
+def with_rotors(description: str, inertias: Mapping[str, float]) -> str:
+    """Return a URDF with the inertias of some rotors, reflected to their joints [kg·m²]."""
+    robot = parse_description(description)
+    for joint in robot.findall('joint'):
+        if joint.get('name') in inertias:
+            _set_rotor(joint, inertias[joint.get('name', '')])
+    return ET.tostring(robot, encoding='unicode')
 
 
 def _tilt(robot: ET.Element, tree: Tree, gravity: Sequence[float]) -> None:

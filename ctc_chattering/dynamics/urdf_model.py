@@ -247,10 +247,24 @@ class UrdfModel(Model, LinearModel):
         for q in (np.zeros(self.n), *rng.uniform(-1.5, 1.5, (4, self.n))):
             weak = _weak(self._call(self._pin.crba, q)[self._square])
             if weak:
-                names = ', '.join(self.joint_names[i] for i in weak)
-                raise CtcError(
-                    f'URDF: M is singular: too little inertia is moved by {names} (a link '
-                    'without mass?)')
+                raise SingularInertia(tuple(self.joint_names[i] for i in weak))
+
+
+class SingularInertia(CtcError):
+    """
+    A refusal of a URDF whose M is singular.
+
+    Attributes
+    ----------
+    joints : tuple of str
+        Joints that move too little inertia.
+
+    """
+
+    def __init__(self, joints: tuple[str, ...]) -> None:
+        super().__init__('URDF: M is singular: too little inertia is moved by '
+                         f'{", ".join(joints)} (a link without mass?)')
+        self.joints = joints
 
 
 def _to_z(axis: Array) -> Array:

@@ -62,15 +62,14 @@ class IdentifiedBodies:
     @classmethod
     def of(cls, fit: Fit, regressor: BodyRegressor) -> IdentifiedBodies:
         """Return the bodies of a fit."""
-        before = regressor.parameters
-        before[-3:] = regressor.gravity
-        values = before + fit.body_change()
+        given = np.append(regressor.parameters[:-3], regressor.gravity)
+        values = given + fit.body_change()
         values[regressor.inertial_count:-3] = _assumed_rotors(fit, regressor, values)
         strength = float(np.linalg.norm(regressor.gravity))
         if strength:
             values[-3:] *= strength / np.linalg.norm(values[-3:])
-            if angle_between(values[-3:], before[-3:]) < LEVEL:
-                values[-3:] = before[-3:]
+            if angle_between(values[-3:], given[-3:]) < LEVEL:
+                values[-3:] = given[-3:]
         return cls(regressor, fit, values)
 
     @cached_property
@@ -101,18 +100,28 @@ class IdentifiedBodies:
     @property
     def turn(self) -> float:
         """Angle by which the base is turned against the model [rad]."""
-        before = self.regressor.parameters[-3:]
-        return angle_between(self.gravity, before) if before.any() else 0.0
+        given = self.regressor.parameters[-3:]
+        return angle_between(self.gravity, given) if given.any() else 0.0
 
     def change_rms(self) -> Array:
         """Return the RMS of the torque that the change makes, shape (n,) [N·m]."""
-        data, unknowns = self.fit.data, self.fit.unknowns
-        change = self.values - self.regressor.parameters
-        torque = data.windows.bodies @ change
-        assert unknowns.body_count
+        data = self.fit.data
+        torque = data.windows.bodies @ (self.values - self.regressor.parameters)
         count = np.maximum(data.used.sum(axis=0), 1)
         squares = np.square(np.where(data.used, torque, 0.0)).sum(axis=0)
         return np.asarray(np.sqrt(squares / count))
+
+    @cached_property
+    def uncertainty(self) -> float:
+        """Part of a joint's torque by which the bodies may be wrong, the largest of all joints."""
+        data, unknowns = self.fit.data, self.fit.unknowns
+        parts = [0.0]
+        for joint in np.flatnonzero(data.moving).tolist():
+            columns = unknowns.columns(data, joint)[data.used[:, joint]]
+            columns[:, unknowns.body_count:] = 0.0
+            half = float(np.median(self.fit.half_interval(columns)))
+            parts.append(half / float(data.deviation[joint]))
+        return max(parts)
 
     def differ(self) -> bool:
         """Return whether the change shows in the torque of a joint."""
@@ -164,9 +173,10 @@ def _assumed_rotors(fit: Fit, regressor: BodyRegressor, values: Array) -> Array:
     """
     first = regressor.inertial_count
     rotors = np.maximum(values[first:-3], 0.0)
-    least = LEAST_ROTOR_PER_EFFORT * finite_efforts(regressor.model)
-    for i, rotor in enumerate(rotors.tolist()):
-        half = half_interval_of(fit, first + i)
-        if rotor < min(least[i], half) and rotor <= BOUND * half:
-            rotors[i] = min(least[i], half)
+    usual = LEAST_ROTOR_PER_EFFORT * finite_efforts(regressor.model)
+    for joint, rotor in enumerate(rotors.tolist()):
+        half = half_interval_of(fit, first + joint)
+        possible = min(float(usual[joint]), half)
+        if rotor < possible and rotor <= BOUND * half:
+            rotors[joint] = possible
     return rotors

@@ -33,6 +33,7 @@ from ctc_chattering.identification.prior import BodyPrior
 from ctc_chattering.identification.regression import (
     correlation_length,
     fit,
+    Flags,
     Observations,
     Unknowns,
 )
@@ -119,11 +120,12 @@ def shape(data: Observations, joint: int, signal: int | None = None) -> TorqueSh
     apart = _least_squares(np.column_stack((weight, inertial, friction)), torque)
     together = _least_squares(np.column_stack((weight + inertial, friction)), torque)
     is_shown = np.std(weight) > LEAST_WEIGHT * max(float(np.std(torque)), 1e-300)
-    return TorqueShape(Factor(apart.factors[0].value, apart.factors[0].error if is_shown else np.inf),
-                       together.factors[0], apart.unexplained)
+    value, error = apart.factors[0]
+    return TorqueShape(Factor(value, error if is_shown else np.inf), together.factors[0],
+                       apart.unexplained)
 
 
-def _friction_columns(data: Observations, joint: int, used: Array) -> Array:
+def _friction_columns(data: Observations, joint: int, used: Flags) -> Array:
     """Return direction, velocity and a constant in some windows, shape (rows, 3)."""
     windows = data.windows
     return np.column_stack((windows.direction[used, joint], windows.velocity[used, joint],
@@ -229,14 +231,14 @@ def _is_possible(factor: Factor) -> bool:
 
 def _other_unit(name: str, joint: int, factor: Factor, signal: str) -> Finding:
     """Return that a joint has much less, or much more, weight than the model."""
-    text = (f'the {signal} of {name} has {factor.value:.2g} ± {2.0 * factor.error:.1g} times the '
+    text = (f'The {signal} of {name} has {factor.value:.2g} ± {2.0 * factor.error:.1g} times the '
             'weight of the model')
     if factor.value > MOST_FACTOR:
         return Finding(Reason.UNITS, Severity.CARE, joint, f'{text}: a tool or payload that the '
-                       'URDF lacks, or another unit', 'add the tool to the URDF')
+                       'URDF lacks, or another unit', 'Add the tool to the URDF')
     return Finding(Reason.UNITS, Severity.REFUSED, joint, f'{text}: another unit, another gear '
                    'ratio, or a wrong mass in the URDF',
-                   'give --torque-constant, or correct the URDF')
+                   'Give --torque-constant, or correct the URDF')
 
 
 def check_sign(data: Observations, joints: Sequence[str], signal: str) -> None:
@@ -281,17 +283,17 @@ def constants_of_currents(data: Observations, joints: Sequence[str]) -> Conventi
         value, error = shape(data, joint).whole
         if error > KNOWN_CONSTANT * abs(value):
             findings.append(Finding(
-                Reason.SCALE, Severity.REFUSED, joint, f'the current of {joints[joint]} shows '
+                Reason.SCALE, Severity.REFUSED, joint, f'The current of {joints[joint]} shows '
                 'neither weight nor inertia of the model: its torque constant is not known',
-                'give --torque-constant with N*m at the joint per ampere'))
+                'Give --torque-constant with N*m at the joint per ampere'))
             continue
         constant[joint] = 1.0 / value
         errors[joint] = error / value ** 2
         findings.append(Finding(
-            Reason.SCALE, Severity.CARE, joint, f'its torque constant is taken from weight and '
+            Reason.SCALE, Severity.CARE, joint, f'Its torque constant is taken from weight and '
             f'inertia of the URDF: {constant[joint]:.3g} N*m per ampere ± '
             f'{2.0 * error / abs(value):.0%}. All its torques are as wrong as the masses of the '
-            'URDF', 'give --torque-constant of the data sheet'))
+            'URDF', 'Give --torque-constant of the data sheet'))
     return Conventions(constant, tuple(findings), tuple(errors))
 
 

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Which torque is used, commanded or measured, in N·m at the joints."""
+"""Choice of the torque, commanded or measured, in N·m at the joints."""
 
 from __future__ import annotations
 
@@ -25,8 +25,12 @@ from ctc_chattering.identification.drives import COMMAND, EFFORT, has
 from ctc_chattering.parameters import vector
 import numpy as np
 
-#: Sides of a measured effort.
-MOTOR, LINK, CURRENT = 'motor', 'link', 'current'
+#: Effort of the motors.
+MOTOR = 'motor'
+#: Effort of a torque sensor behind the gear.
+LINK = 'link'
+#: Effort that is a current of which no torque constant is known.
+CURRENT = 'current'
 
 
 def torque_source(parts: Sequence[Stretch], side: str, name: str) -> str:

@@ -29,7 +29,7 @@ ROUNDING = 1e-9
 @dataclasses.dataclass(frozen=True)
 class Estimate:
     """
-    What was identified of one quantity.
+    Estimate of one quantity.
 
     Attributes
     ----------
@@ -103,7 +103,7 @@ ALL_JOINTS = -1
 
 
 class Severity(IntEnum):
-    """What a finding means for a joint."""
+    """Meaning of a finding for a joint."""
 
     NOTE = 0
     CARE = 1
@@ -116,9 +116,7 @@ class Reason(Enum):
     NOTE = 'note'
     DROPPED = 'messages were dropped'
     STAMPS = 'stamps'
-    REPEATED_STATES = 'repeated states'
     UNITS = 'units'
-    SIGN = 'sign of the torque'
     MOUNT = 'mounting of the base'
     SCALE = 'scale of the torque'
     VELOCITY = 'unit of the velocity'
@@ -150,9 +148,9 @@ class Finding(NamedTuple):
     joint : int
         Index of the joint; `ALL_JOINTS` for all.
     text : str
-        What was noticed, with its numbers.
+        Observation with its numbers: sentences, the last one without its full stop.
     cure : str
-        What to record, or which option to give; empty for nothing.
+        Motion to record, or option to give, likewise; empty for none.
 
     """
 
@@ -163,9 +161,9 @@ class Finding(NamedTuple):
     cure: str = ''
 
     @property
-    def sentence(self) -> str:
-        """Text with the cure."""
-        return f'{self.text}; {self.cure}' if self.cure else self.text
+    def sentences(self) -> str:
+        """Text and cure with their full stops."""
+        return f'{self.text}. {self.cure}.' if self.cure else f'{self.text}.'
 
 
 def note(text: str, joint: int = ALL_JOINTS) -> Finding:

@@ -118,7 +118,9 @@ def joint_friction(fit: Fit, joint: int, systematic: float = 0.0) -> JointFricti
 
     """
     if not fit.data.moving[joint]:
-        return JointFriction(*[Estimate.unknown('the joint hardly moves')] * len(NUMBERS))
+        unknown = Estimate.unknown('the joint hardly moves')
+        return JointFriction(
+            unknown, unknown, unknown, unknown, unknown, unknown, unknown, unknown)
 
     used = fit.data.used[:, joint]
     speed = float(np.sqrt(np.square(fit.data.windows.velocity[used, joint]).mean()))

@@ -19,7 +19,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 import dataclasses
 from math import isfinite
-from typing import Any
+from typing import Any, NamedTuple
 
 from ctc_chattering.analysis.tables import rounded
 from ctc_chattering.control.recommended_gains import (
@@ -45,11 +45,18 @@ from ctc_chattering.identification.verdict import verdicts
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
 
-#: Times in which friction may change its sign, and drives without torque carry the arm, and range
-#: of lags up to which they are known [s]; least rate to ask for [N·m/s].
-_REVERSAL, _CARRIED, _KNOWN, _LEAST = 0.02, 0.03, 0.003, 1.0
-#: Largest product of observer bandwidth and lag, and bandwidth without a lag [rad/s].
-_LAG, _BANDWIDTH = 0.3, 1200.0
+#: Time in which friction may change its sign [s].
+REVERSAL_S = 0.02
+#: Time in which drives without torque carry the arm [s].
+CARRIED_S = 0.03
+#: Range of lags up to which they are known [s].
+KNOWN_LAG_S = 0.003
+#: Least rate to ask for [N·m/s].
+LEAST_RATE = 1.0
+#: Largest product of observer bandwidth and lag.
+BANDWIDTH_LAG = 0.3
+#: Largest observer bandwidth [rad/s].
+MOST_BANDWIDTH = 1200.0
 #: Parts of the fastest pole that are tried in turn.
 SLOWER = (1.0, 0.7, 0.5, 0.35, 0.25)
 #: Parameters of the controller, each with a reason.
@@ -58,50 +65,57 @@ Gains = dict[str, tuple[object, str]]
 GAINS = (100.0, 50.0)
 
 
-def torque_rate(identified: Identification, fastest: Array, given: Sequence[float] = (),
-                weight: Array | float = 0.0) -> tuple[Array, list[Finding]]:
+class RateLimit(NamedTuple):
+    """`torque_rate_limit` of each joint, shape (n,) [N·m/s], and findings on the drives."""
+
+    rate: Array
+    findings: tuple[Finding, ...]
+
+
+def torque_rate(identified: Identification, fastest: Array, declared: Sequence[float] = (),
+                weight: Array | float = 0.0) -> RateLimit:
     """
-    Return `torque_rate_limit`, shape (n,) [N·m/s], and findings on the drives.
+    Return the rate limit for the law.
 
     It is what friction and motion need, and what carries the arm at the start, when drives may be
-    without torque; and never more than drives have: a drive that is slower than the law is told
-    makes the loop diverge; one that is faster costs little. Where the lag is inverted, commands
-    change by up to R (2 T + h) a period; of drives whose rate is known, R is so small that this is
-    within what they do in a period, if that is enough.
+    without torque. It is never above the drive's own rate: a drive that is slower than the
+    configured limit makes the loop diverge, one that is faster costs little. Where the lag is
+    inverted, commands change by up to R (2 T + h) a period. For drives whose rate is known, R is
+    so small that this is within what they do in a period, if that is enough.
 
     Parameters
     ----------
     identified : Identification
-        What was identified.
+        As of `identify`.
     fastest : ndarray, shape (n,)
-        How fast the model's torque changes, as fast as the limits allow [N·m/s].
-    given : sequence of float, shape (n,), optional
+        Change of the model's torque as fast as the limits allow [N·m/s].
+    declared : sequence of float, shape (n,), optional
         Rate that the drives allow [N·m/s].
     weight : ndarray, shape (n,), or float
         Largest torque of the model at rest, in the poses of the run [N·m].
 
     """
-    # The largest friction near 0 velocity.
-    friction = [joint.at_rest for joint in identified.friction]
-    needed = np.maximum(2.0 * np.array(friction) / _REVERSAL, fastest).clip(min=_LEAST)
-    known = np.array(given or [
-        np.nan if x.value is None else x.value - x.half for x in identified.rate]
-        or [np.nan] * len(needed))
-    known = np.where(known > 0.0, known, np.nan)
-    least = known / (1.0 + 2.0 * longest_lag(identified) / identified.clock.period)
+    friction = np.array([joint.at_rest for joint in identified.friction])
+    needed = np.maximum(2.0 * friction / REVERSAL_S, fastest).clip(min=LEAST_RATE)
+    identified_rate = [np.nan if x.value is None else x.value - x.half for x in identified.rate]
+    drive = np.array(declared or identified_rate or [np.nan] * len(needed))
+    drive = np.where(drive > 0.0, drive, np.nan)
+    least = drive / (1.0 + 2.0 * longest_lag(identified) / identified.clock.period)
     findings = [Finding(
-        Reason.GAINS, Severity.CARE, i, f'its drive changes the torque by {have:.3g} N*m/s; '
-        f'{need:.3g} N*m/s are needed for reversals in {_REVERSAL:g} s and faster motions',
-        'expect errors at reversals, and slow the motion down')
-        for i, (need, have) in enumerate(zip(needed, known)) if have < need]
-    if np.isnan(known).any():
-        findings.append(note('the rate of the drives is not known; give --torque-rate where a '
+        Reason.GAINS, Severity.CARE, joint,
+        f'The drive changes its torque by {drive[joint]:.3g} N*m/s; {needed[joint]:.3g} N*m/s are '
+        f'needed for reversals in {REVERSAL_S:g} s and faster motions',
+        'Expect errors at reversals, and slow the motion down')
+        for joint in np.flatnonzero(drive < needed).tolist()]
+    if np.isnan(drive).any():
+        findings.append(note('The rate of the drives is not known; give --torque-rate where a '
                              'drive is slower than the torque_rate_limit that is recommended'))
     # Lags that may be anything are those of elastic joints, say: fast commands make them swing.
     lags = np.array(list(identified.timing.delays.values()))
-    sure = len(lags) and np.ptp(lags, axis=(0, 1)).max() <= _KNOWN
-    wanted = np.maximum(needed, weight / _CARRIED if sure else 0.0)
-    return np.where(np.isfinite(known), np.clip(wanted, least, known), wanted), findings
+    is_known = len(lags) and np.ptp(lags, axis=(0, 1)).max() <= KNOWN_LAG_S
+    wanted = np.maximum(needed, weight / CARRIED_S if is_known else 0.0)
+    rate = np.where(np.isfinite(drive), np.clip(wanted, least, drive), wanted)
+    return RateLimit(rate, tuple(findings))
 
 
 def longest_lag(identified: Identification) -> Array:
@@ -121,11 +135,11 @@ class Recommendation:
     values : dict of str to (value, reason)
         Parameters of the controller.
     findings : tuple of Finding
-        What makes gains doubtful.
+        Doubts about the gains.
     options : tuple of dict
         `values`, and more careful ones, each more than the one before.
     trials : tuple of str
-        What trial runs showed; empty where there were none.
+        Results of trial runs; empty where there were none.
 
     """
 
@@ -149,7 +163,7 @@ def recommend(identified: Identification, run: MeasuredPerturbation, model: Mode
     Parameters
     ----------
     identified : Identification
-        What was identified.
+        As of `identify`.
     run : MeasuredPerturbation
         P of the run.
     model : Model
@@ -164,10 +178,15 @@ def recommend(identified: Identification, run: MeasuredPerturbation, model: Mode
     longest = float(longest_lag(identified).max())
     bound = perturbation_bound(identified, run, model, corrected)
     weight = [np.abs(model.gravity_torque(q.tolist())) for q in identified.positions.poses]
-    slope, slow = torque_rate(identified, bound.change, rate, np.max(weight, axis=0))
+    drives = torque_rate(identified, bound.change, rate, np.max(weight, axis=0))
     level = [max(0.0, x.coulomb.value or 0.0) for x in identified.friction]
     usable = [x.usable for x in verdicts(identified)]
-    bandwidth = min(_BANDWIDTH, _LAG / longest) if longest else _BANDWIDTH
+
+    def of_usable(values: Sequence[float] | Array, reason: str) -> tuple[object, str]:
+        return ([rounded(float(x), 6) if good else None for x, good in zip(values, usable)],
+                reason)
+
+    bandwidth = min(MOST_BANDWIDTH, BANDWIDTH_LAG / longest) if longest else MOST_BANDWIDTH
     delays = ' or '.join(map(str, identified.timing.delays))
     shared: Gains = {
         'law': ('observer_feedback', 'it inverts the lag of drives, and needs no velocities'),
@@ -175,35 +194,44 @@ def recommend(identified: Identification, run: MeasuredPerturbation, model: Mode
                         f'samples from a torque to the motion: {delays or "not known"}'),
         'actuator_lag': ([rounded(x) for x in lag], 'the lag of the drives'),
         'switching': ('implicit_observer', 'if you choose law chattering'),
-        'observer_bandwidth': (in_digits(bandwidth, 2, np.floor), f'then {_LAG:g} / T with the '
-                               f'longest lag of the drives that is possible, T = {longest:.3g} s, '
-                               f'at most {_BANDWIDTH:g} rad/s'),
-        **{name: ([rounded(float(x), 6) if good else None for x, good in zip(values, usable)],
-                  reason) for name, values, reason in (
-            ('ka', bound.ka, bound.reason), ('friction_level', level, 'the Coulomb friction'),
-            ('torque_rate_limit', slope, 'what a reversal of friction within '
-             f'{_REVERSAL:g} s, the weight within {_CARRIED:g} s at the start and the fastest '
-             'motion need, within the rate of the drives where it is known'))}}
+        'observer_bandwidth': (
+            in_digits(bandwidth, 2, np.floor),
+            f'if you choose it: {BANDWIDTH_LAG:g} / T with the longest lag of the drives that is '
+            f'possible, T = {longest:.3g} s, at most {MOST_BANDWIDTH:g} rad/s'),
+        'ka': of_usable(bound.ka, bound.reason),
+        'friction_level': of_usable(level, 'the Coulomb friction'),
+        'torque_rate_limit': of_usable(
+            drives.rate, f'what a reversal of friction within {REVERSAL_S:g} s, the weight within '
+            f'{CARRIED_S:g} s at the start and the fastest motion need, within the rate of the '
+            'drives where it is known')}
     # The coarsest step of an encoder, or the noise of positions, if that is more.
     steps = [x.value or 0.0 for x in identified.encoder]
     resolution = max(float(identified.positions.noise.max()), *steps)
     options = tuple({**shared, **_poles(identified, x, resolution)} for x in SLOWER)
-    return Recommendation(options[0], (
-        *run.outliers(), *run.break_away(identified.joints), *bound.findings, *slow),
-        options)
+    return Recommendation(
+        options[0], (*run.outliers(), *run.break_away(identified.joints), *bound.findings,
+                     *drives.findings), options)
+
+
+class _Latest(NamedTuple):
+    """The possible delay and lag of the drives after which a torque acts last [s, s, samples]."""
+
+    lateness: float
+    lag: float
+    delay: int
 
 
 def _poles(identified: Identification, slower: float, resolution: float) -> Gains:
     """Return the gains of `observer_feedback`, its pole as a part of the fastest."""
-    period, lag, n = identified.clock.period, identified.timing.drive.lag, len(identified.joints)
-    late, slowest, most = max(
-        (lateness(float(x.max()), period, d), float(x.max()), d)
-        for d, x in (identified.timing.delays or {0: lag}).items())
-    pole = in_digits(slower * largest_pole(late), 2, np.floor)
+    period, n = identified.clock.period, len(identified.joints)
+    possible = identified.timing.delays or {0: identified.timing.drive.lag}
+    latest = max(_Latest(lateness(float(lags.max()), period, delay), float(lags.max()), delay)
+                 for delay, lags in possible.items())
+    pole = in_digits(slower * largest_pole(latest.lateness), 2, np.floor)
     ratio = estimator_bandwidth(1.0, resolution)
     return {'kp': ([pole ** 2] * n, f'a double pole at p = {pole:g} rad/s, p (T + h (1 + d)) = '
-                   f'{pole * late:.2g} ≤ {SLOWNESS:g} with T = {slowest:.3g} s, '
-                   f'h = {period:g} s, d = {most}'),
+                   f'{pole * latest.lateness:.2g} ≤ {SLOWNESS:g} with T = {latest.lag:.3g} s, '
+                   f'h = {period:g} s, d = {latest.delay}'),
             'kv': ([2.0 * pole] * n, '2 p'),
             'estimator_bandwidth': (ratio * pole,
                                     f'{ratio:g} p for positions to {resolution:.2g} rad')}

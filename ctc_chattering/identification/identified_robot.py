@@ -11,8 +11,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
-
-"""The corrected URDF, and the identification with it."""
+"""Identification of a robot from recorded motions: numbers, corrected URDF, gains and files."""
 
 from __future__ import annotations
 
@@ -26,11 +25,12 @@ from typing import Any
 
 from ctc_chattering.analysis.compilation import compile_setups, has_compiler
 from ctc_chattering.analysis.output import check_format, prepare, write_json, write_text, writing
-from ctc_chattering.bags.recording import RecordedMotion, Recording
+from ctc_chattering.bags.recording import RecordedMotion
 from ctc_chattering.configuration import parameter_file
-from ctc_chattering.dynamics.corrected_urdf import tip_of, with_payload
+from ctc_chattering.dynamics.corrected_urdf import tip_of, with_payload, with_rotors
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.dynamics.registry import locked_positions, make_model
+from ctc_chattering.dynamics.urdf_model import SingularInertia
 from ctc_chattering.dynamics.urdf_parser import Tree
 from ctc_chattering.errors import ParameterError, UsageError
 from ctc_chattering.identification import identify as regression
@@ -39,10 +39,10 @@ from ctc_chattering.identification.findings import ALL_JOINTS, Finding, note, Re
 from ctc_chattering.identification.gains import recommend
 from ctc_chattering.identification.identify import Identification, TorqueSignal
 from ctc_chattering.identification.perturbation import perturbation
-from ctc_chattering.identification.prior import URDF_UNCERTAINTY
+from ctc_chattering.identification.prior import ROTOR_PER_EFFORT, URDF_UNCERTAINTY
 from ctc_chattering.identification.recorder_faults import repair
 from ctc_chattering.identification.results import IdentificationResults, write_page
-from ctc_chattering.identification.sensors import velocity_noise, VelocityNoise
+from ctc_chattering.identification.sensors import velocity_noise
 from ctc_chattering.identification.trial_runs import (
     COUNT,
     COUNT_PLAIN,
@@ -54,15 +54,78 @@ from ctc_chattering.identification.trial_runs import (
 from ctc_chattering.parameters import check_some, LEAST, Parameter, whole
 import numpy as np
 
-#: What is given of the drives: of `identify`, and of its command.
+#: Rate of the drives, as the user declares it.
 TORQUE_RATE = Parameter('torque_rate', 'float[]', None, 'rate limit of the drives', unit='N*m/s',
                         minimum=LEAST, shape='n')
+#: Torque constants, as the user declares them.
 TORQUE_CONSTANT = Parameter('torque_constant', 'float[]', None, 'torque at the joint per ampere '
                             'of a current [N·m/A], or per N·m of the motor: gear ratio included',
                             shape='n')
+#: Uncertainty of the URDF, as the user declares it.
 UNCERTAINTY = Parameter('urdf_uncertainty', 'float', URDF_UNCERTAINTY, 'uncertainty of a body '
                         'of the URDF, as a part of its mass and size', minimum=LEAST, maximum=10.0)
-_SIDES = ('', MOTOR, LINK, CURRENT)
+#: Kinds of a measured effort.
+SIDES = ('', MOTOR, LINK, CURRENT)
+#: Names in the directory of `write_identified`.
+NAMES = ('index.html', 'identify.json', 'identified.yaml', 'robot.urdf', 'corrected.urdf',
+         'figures')
+PAGE, JSON, VALUES, ROBOT, CORRECTED, FIGURES = NAMES
+#: Turn of the base that needs care [rad].
+MOUNT_NOTE_RAD = 0.02
+#: Acceleration of gravity where nothing says otherwise [m/s²].
+GRAVITY = 9.81
+
+
+@dataclasses.dataclass(frozen=True)
+class RobotModel:
+    """
+    A model with the values that all nodes share.
+
+    Attributes
+    ----------
+    model : Model
+        Of the robot.
+    files : dict of str to str
+        Descriptions by name; the last one is that of the model.
+    locked : dict of str to float
+        Positions of joints that the model fixes [rad].
+    shared : dict
+        Values of all nodes.
+    gains : (kp, kv) or None
+        Of the recorded run.
+
+    """
+
+    model: Model
+    files: dict[str, str]
+    locked: dict[str, float]
+    shared: dict[str, Any]
+    gains: tuple[Any, Any] | None
+
+    @property
+    def description(self) -> str:
+        """Text of the URDF of the model; empty for another model."""
+        return ['', *self.files.values()][-1]
+
+    def described(self, text: str, joints: tuple[str, ...]) -> Model:
+        """Return the model of a description in the place of its own."""
+        return make_model('urdf', self.shared['gravity'], joints, text, self.locked)
+
+    def loaded(self, payloads: Sequence[tuple[float, str]], joints: tuple[str, ...]
+               ) -> list[Model]:
+        """Return the model with each known payload; empty if there is none."""
+        if not any(mass for mass, _ in payloads):
+            return []
+        return [self.described(with_payload(self.description, joints, mass, link), joints)
+                if mass else self.model for mass, link in payloads]
+
+    def corrected(self, identified: Identification) -> RobotModel:
+        """Return it with the identified bodies; as it is where these are those of the model."""
+        text = corrected_description(identified, self.files.get(ROBOT, ''), self.locked)
+        if not text:
+            return self
+        return dataclasses.replace(self, model=self.described(text, identified.joints),
+                                   files={**self.files, CORRECTED: text})
 
 
 def corrected_description(identified: Identification, description: str,
@@ -95,58 +158,13 @@ def correction_notes(identified: Identification, name: str) -> Iterator[Finding]
                'this motion')
     if bodies.turn > MOUNT_NOTE_RAD:
         yield Finding(
-            Reason.MOUNT, Severity.CARE, ALL_JOINTS, 'gravity is along '
+            Reason.MOUNT, Severity.CARE, ALL_JOINTS, 'Gravity is along '
             f'{np.round(bodies.gravity, 2).tolist()} m/s² in the frame of the base, turned by '
             f'{np.degrees(bodies.turn):.2g} degrees from the URDF: the base is mounted like that, '
-            f'and {name} has it', 'confirm the mounting')
+            f'and {name} has it', 'Confirm the mounting')
     for joint, rotor in enumerate(bodies.rotors):
         if rotor.value is not None and rotor.value - rotor.half > 0.0:
             yield note(f'{name} has a rotor inertia of {rotor}', joint)
-
-
-#: Names in the directory of `write_identified`.
-PAGE, JSON, VALUES, ROBOT, CORRECTED, FIGURES = NAMES = (
-    'index.html', 'identify.json', 'identified.yaml', 'robot.urdf', 'corrected.urdf', 'figures')
-#: Turn of the base that needs care [rad].
-MOUNT_NOTE_RAD = 0.02
-#: Acceleration of gravity where nothing says otherwise [m/s²].
-_GRAVITY = 9.81
-
-
-@dataclasses.dataclass(frozen=True)
-class RobotModel:
-    """
-    The model, and values of all nodes.
-
-    `files` are descriptions by name; the last one is that of the model.
-    """
-
-    model: Model
-    files: dict[str, str]
-    locked: dict[str, float]
-    shared: dict[str, Any]
-    gains: tuple[Any, Any] | None
-
-    def described(self, text: str, joints: tuple[str, ...]) -> Model:
-        """Return the model of a description in the place of its own."""
-        return make_model('urdf', self.shared['gravity'], joints, text, self.locked)
-
-    def identified(self, recordings: Sequence[Recording], signal: TorqueSignal,
-                   payloads: Sequence[tuple[float, str]], velocities: VelocityNoise
-                   ) -> Identification:
-        """Return what is identified with the model; arguments as of `identify` of both modules."""
-        text, joints = ['', *self.files.values()][-1], recordings[0].joints
-        loaded = [self.described(with_payload(text, joints, mass, link) if mass else text, joints)
-                  for mass, link in payloads] if any(mass for mass, _ in payloads) else []
-        return regression.identify(recordings, self.model, signal, loaded, velocities)
-
-    def corrected(self, identified: Identification) -> RobotModel:
-        """Return it with the identified bodies; as it is where these are those of the model."""
-        text = corrected_description(identified, self.files.get(ROBOT, ''), self.locked)
-        if not text:
-            return self
-        return dataclasses.replace(self, model=self.described(text, identified.joints),
-                                   files={**self.files, CORRECTED: text})
 
 
 @dataclasses.dataclass(frozen=True)
@@ -229,51 +247,56 @@ def identify(motions: Sequence[RecordedMotion], model: str = '', urdf: str = '',
 
     """
     check_some('motions', motions)
-    if side not in _SIDES:
-        raise ParameterError('side', side, ' | '.join(map(repr, _SIDES)))
+    if side not in SIDES:
+        raise ParameterError('side', side, ' | '.join(map(repr, SIDES)))
     joints = motions[0].recording.joints
     constant, rate = (
         x if x is None or not len(x) else spec.checked(x, len(joints))
         for spec, x in ((TORQUE_CONSTANT, torque_constant), (TORQUE_RATE, torque_rate)))
     uncertainty = UNCERTAINTY.checked(urdf_uncertainty)
     recordings, side = in_torques([x.recording for x in motions], side, constant)
-    robot = _robot(motions[0], model, urdf, gravity)
-    if not all(0.0 <= mass < inf for mass, _ in payloads):
-        raise ParameterError('payloads', payloads, 'pairs of a mass >= 0 [kg] and a link')
-    if payloads and (len(payloads) != len(motions) or not robot.files):
-        raise ParameterError('payloads', payloads, f'{len(motions)} pairs, one for each motion, '
-                             'with mass 0 for none, of a URDF')
-    payloads = [(mass, link or tip_of(Tree(robot.files[ROBOT]), joints))
-                for mass, link in payloads]
-    notes = [note for x in motions for note in x.notes] + [
-        f'{x.recording.name}: a ball of {mass:g} kg, radius 5 cm, at the origin of {link}'
-        for x, (mass, link) in zip(motions, payloads) if mass]
-    repaired = [repair(x) for x in recordings]
-    recordings = [x.recording for x in repaired]
-    recorder = tuple(finding for x in repaired for finding in x.findings)
-    del repaired
-    # Velocities are needed no more: long ones are large.
+    notes = [*map(note, (text for x in motions for text in x.notes))]
+    robot = _robot(motions[0], model, urdf, gravity, notes)
+    del motions  # Long ones are large.
+    payloads = _checked_payloads(payloads, len(recordings), robot, joints)
+    notes += [note(f'{x.name}: a ball of {mass:g} kg, radius 5 cm, at the origin of {link}')
+              for x, (mass, link) in zip(recordings, payloads) if mass]
+    name = ', '.join(x.name for x in recordings)
+    for k in range(len(recordings)):
+        recordings[k], findings = repair(recordings[k])
+        notes += findings
+    # Velocities are needed no more after this.
     velocities = velocity_noise(recordings[0], regression.common_period(recordings))
     recordings = [dataclasses.replace(x, dq=None) for x in recordings]
-    del motions
-    identified = robot.identified(
-        recordings, TorqueSignal(side, uncertainty), payloads, velocities)
-    robot = robot.corrected(identified)
-    corrected = CORRECTED in robot.files
-    identified = dataclasses.replace(identified, findings=(
-        *identified.findings, *map(note, notes), *recorder,
-        *(correction_notes(identified, CORRECTED) if corrected else ())))
-    name = ', '.join(x.name for x in recordings)
+    identified = regression.identify(
+        recordings, robot.model, TorqueSignal(side, uncertainty),
+        robot.loaded(payloads, joints), velocities)
     del recordings
+    robot = robot.corrected(identified)
+    is_corrected = CORRECTED in robot.files
+    correction = correction_notes(identified, CORRECTED) if is_corrected else ()
+    identified = dataclasses.replace(
+        identified, findings=(*notes, *identified.findings, *correction))
     with suppress(AttributeError, OSError):  # The C library of Linux keeps freed memory.
         ctypes.CDLL(None).malloc_trim(0)
-    perturbed = perturbation(identified, corrected)
-    return IdentifiedRobot(IdentificationResults(
-        name, identified, perturbed, recommend(
-            identified, perturbed, robot.model, rate or (), corrected)), robot)
+    run = perturbation(identified, is_corrected)
+    recommended = recommend(identified, run, robot.model, rate or (), is_corrected)
+    return IdentifiedRobot(IdentificationResults(name, identified, run, recommended), robot)
 
 
-def _robot(motion: RecordedMotion, model: str, urdf: str, gravity: float | None) -> RobotModel:
+def _checked_payloads(payloads: Sequence[tuple[float, str]], count: int, robot: RobotModel,
+                      joints: tuple[str, ...]) -> list[tuple[float, str]]:
+    """Return the payload of each motion, at the tip where no link is named; empty for none."""
+    if not all(0.0 <= mass < inf for mass, _ in payloads):
+        raise ParameterError('payloads', payloads, 'pairs of a mass >= 0 [kg] and a link')
+    if payloads and (len(payloads) != count or not robot.files):
+        raise ParameterError('payloads', payloads, f'{count} pairs, one for each motion, with '
+                             'mass 0 for none, of a URDF')
+    return [(mass, link or tip_of(Tree(robot.description), joints)) for mass, link in payloads]
+
+
+def _robot(motion: RecordedMotion, model: str, urdf: str, gravity: float | None,
+           notes: list[Finding]) -> RobotModel:
     """Return the model for a motion, from arguments, the recording, or both."""
     controller, description = motion.controller, urdf or motion.description
     name = model or ('urdf' if urdf else controller.model if controller else
@@ -282,15 +305,31 @@ def _robot(motion: RecordedMotion, model: str, urdf: str, gravity: float | None)
         raise UsageError(f'{motion.recording.name} has no robot description: give --urdf FILE, or '
                          '--model; in Python urdf, or model')
     if gravity is None:
-        gravity = controller.gravity if controller else _GRAVITY
+        gravity = controller.gravity if controller else GRAVITY
     locked = controller.locked if controller else ('',)
-    positions = locked_positions(locked)
-    made = make_model(name, gravity, motion.recording.joints, description, positions)
+    positions, joints = locked_positions(locked), motion.recording.joints
+    try:
+        dynamics = make_model(name, gravity, joints, description, positions)
+    except SingularInertia as refusal:
+        rotors = _usual_rotors(description, refusal.joints)
+        if len(rotors) < len(refusal.joints):
+            raise
+        description = with_rotors(description, rotors)
+        dynamics = make_model(name, gravity, joints, description, positions)
+        words = ', '.join(f'{joint} {inertia:.2g} kg*m^2' for joint, inertia in rotors.items())
+        notes.append(note(
+            f'The URDF has too little inertia for some joints. Rotors are assumed: {words}'))
     shared: dict[str, Any] = {'model': name, 'gravity': gravity}
     if any(locked):
         shared['locked'] = list(locked)
-    return RobotModel(made, {ROBOT: description} if name == 'urdf' else {}, positions, shared,
+    return RobotModel(dynamics, {ROBOT: description} if name == 'urdf' else {}, positions, shared,
                       (controller.kp, controller.kv) if controller else None)
+
+
+def _usual_rotors(description: str, joints: Sequence[str]) -> dict[str, float]:
+    """Return a usual rotor inertia of joints with an effort limit [kg·m²]."""
+    limits = {name: Tree(description).joints[name].effort for name in joints}
+    return {name: ROTOR_PER_EFFORT * effort for name, effort in limits.items() if effort < inf}
 
 
 def write_identified(identified: IdentifiedRobot, out: str | Path, trials: int | None = None,
@@ -302,7 +341,7 @@ def write_identified(identified: IdentifiedRobot, out: str | Path, trials: int |
     Parameters
     ----------
     identified : IdentifiedRobot
-        What `identify` has found.
+        As `identify` returns it.
     out : str or Path
         Directory for ``identified.yaml``, which `simulate` and all nodes take, ``identify.json``,
         ``figures``, ``index.html`` and the URDF. The parameter file is not written if a joint is
@@ -315,7 +354,7 @@ def write_identified(identified: IdentifiedRobot, out: str | Path, trials: int |
     extra : {'svg', 'pdf', 'png'}
         A second format for each figure.
     command : str
-        What was run, for the page.
+        The command, for the page.
 
     Returns
     -------
@@ -347,9 +386,8 @@ def write_identified(identified: IdentifiedRobot, out: str | Path, trials: int |
             parameter_file.dump(tried.parameters(out), out / VALUES)
         parameter_file.load(out / VALUES)
     write_json(results.as_mapping(), out / JSON)
-    files = {name: what for name, what in (
-        (VALUES, 'parameter file'), (JSON, 'all numbers'), (CORRECTED, 'corrected URDF'))
-        if (out / name).exists()}
+    words = {VALUES: 'parameter file', JSON: 'all numbers', CORRECTED: 'corrected URDF'}
+    files = {name: content for name, content in words.items() if (out / name).exists()}
     from ctc_chattering.analysis.drawing import save
     from ctc_chattering.identification.figures import friction_figure, torque_figure
     figures = save([torque_figure(results.found, results.verdicts),

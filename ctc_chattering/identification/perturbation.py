@@ -12,7 +12,11 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The perturbation P of a run, which the chattering term must hold, and its prediction."""
+"""
+Perturbation P of a run, which the chattering term must hold, and its bound for other motions.
+
+P is the torque that the controller's model lacks: friction, and errors of the model.
+"""
 
 from __future__ import annotations
 
@@ -33,20 +37,36 @@ import numpy as np
 import numpy.typing as npt
 
 Flags = npt.NDArray[np.bool_]
-#: An outlier is so many times beyond the bound of what is unexplained,
+#: Bounds of what is unexplained beyond which a window is an outlier.
 OUTLIER_BOUNDS = 3.0
-#: and this part of P.
+#: Part of P beyond which it is.
 OUTLIER_PART = 0.1
-#: Torque of a joint at rest beyond the friction of sliding, in bounds of what is unexplained,
+#: Torque of a joint at rest beyond the friction of sliding, in bounds of what is unexplained.
 RESTING_TAILS = 3.0
-#: and as a part of the friction.
+#: Such torque as a part of the friction.
 RESTING_PART = 0.1
 #: Share of a window in which a joint that slides may rest.
 SLIDING_SHARE = 1e-9
 #: Windows beside an outlier that share samples with it.
 BESIDE = 4
-#: Fewest windows of which a tail is told.
-_ENOUGH = 100
+#: Fewest windows from which a tail is extrapolated.
+FEWEST_OF_TAIL = 100
+#: ka over the largest |P|.
+MARGIN = 1.2
+#: Random states within the limits.
+STATES = 600
+#: Speeds at which friction is looked up.
+SPEEDS = 60
+#: Least acceleration by velocity of a motion as fast as the limits allow [1/s].
+LEAST_ACCELERATION = 4.0
+#: Largest one [1/s].
+MOST_ACCELERATION = 15.0
+#: Steps in which states are slowed down that need more than the drives give.
+SLOWING_STEPS = 8
+#: Factor of the velocity in each of these.
+SLOWER = 0.7
+#: Range of a joint without limits [rad].
+WHOLE_TURN = (-pi, pi)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -94,38 +114,37 @@ class MeasuredPerturbation:
         does not slide, before it breaks away.
         """
         slides = np.isfinite(self.predicted) & self.trusted[:, None]
-        known = np.where(slides, self.envelope, 0.0).max(axis=0, initial=0.0) + self.tail
-        held = [tail_bound(np.abs(x[self.trusted & ~mine]))
-                for x, mine in zip(self.measured.T, slides.T)]
-        return np.asarray(np.maximum(known, held))
+        sliding = np.where(slides, self.envelope, 0.0).max(axis=0, initial=0.0) + self.tail
+        at_rest = [tail_bound(np.abs(torque[self.trusted & ~slide]))
+                   for torque, slide in zip(self.measured.T, slides.T)]
+        return np.asarray(np.maximum(sliding, at_rest))
 
     def outliers(self) -> Iterator[Finding]:
-        """Yield for each joint which windows were left out of the peak."""
+        """Yield the joints of which windows were left out of the peak."""
         residual = np.abs(np.nan_to_num(self.residual))
         far = (residual > OUTLIER_BOUNDS * self.tail) & ~self.trusted[:, None]
-        for joint in range(self.measured.shape[1]):
+        for joint in np.flatnonzero(far.any(axis=0)).tolist():
             size = np.where(far[:, joint], residual[:, joint], 0.0)
-            if size.any():
-                k = int(np.argmax(size))
-                yield Finding(
-                    Reason.OUTLIERS, Severity.CARE, joint, f'{int(far[:, joint].sum())} windows '
-                    f'have a torque that nothing explains, up to {size[k]:.3g} N*m at '
-                    f'{self.t[k]:.2f} s: a contact, or wrong stamps; they are not in the largest '
-                    '|P|', 'look at the recording there')
+            k = int(np.argmax(size))
+            yield Finding(
+                Reason.OUTLIERS, Severity.CARE, joint,
+                f'Nothing explains the torque of {np.count_nonzero(size)} windows, up to '
+                f'{size[k]:.3g} N*m at {self.t[k]:.2f} s: a contact, or wrong stamps. They are '
+                'not in the largest |P|', 'Look at the recording there')
 
     def break_away(self, joints: Sequence[str]) -> Iterator[Finding]:
         """Yield the joints with more friction at rest, or breaking away, than sliding shows."""
-        held = self.trusted[:, None] & ~np.isfinite(self.predicted)
+        at_rest = self.trusted[:, None] & ~np.isfinite(self.predicted)
         excess = np.abs(self.measured) - self.envelope
         for joint, name in enumerate(joints):
-            beyond = tail_bound(np.maximum(excess[held[:, joint], joint], 0.0))
+            beyond = tail_bound(np.maximum(excess[at_rest[:, joint], joint], 0.0))
             level = float(np.median(self.envelope[:, joint]))
             if beyond > max(RESTING_TAILS * self.tail[joint], RESTING_PART * level):
                 yield Finding(
-                    Reason.BREAK_AWAY, Severity.CARE, joint, f'at rest or breaking away |P| is up '
+                    Reason.BREAK_AWAY, Severity.CARE, joint, f'At rest or breaking away |P| is up '
                     f'to {beyond:.3g} N*m more than {name} shows while it slides: Stribeck '
                     'friction below the velocities shown, or a joint that is held by something '
-                    'else', 'record slower reversals, as those of `ctc excite`')
+                    'else', 'Record slower reversals, as those of `ctc excite`')
 
 
 def perturbation(identified: Identification, corrected: bool) -> MeasuredPerturbation:
@@ -135,7 +154,7 @@ def perturbation(identified: Identification, corrected: bool) -> MeasuredPerturb
     Parameters
     ----------
     identified : Identification
-        What was identified.
+        As of `identify`.
     corrected : bool
         Whether the model that P is about has the identified bodies.
 
@@ -145,17 +164,17 @@ def perturbation(identified: Identification, corrected: bool) -> MeasuredPerturb
     moves = windows.resting < SLIDING_SHARE
     bodies = windows.bodies @ fit.body_change() if fit.unknowns.body_count else np.zeros_like(
         data.torque)
-    known = data.torque != 0.0
-    measured = np.where(known, data.torque - windows.model_torque - bodies * corrected, 0.0)
+    is_known = data.torque != 0.0
+    measured = np.where(is_known, data.torque - windows.model_torque - bodies * corrected, 0.0)
     friction = np.stack([fit.torque(joint, tuple(TermKind)) for joint in joints], axis=1)
     error = bodies * (not corrected)
     predicted = np.where(data.used & moves, friction + error, np.nan)
     residual = np.abs(measured - predicted)
     bound = np.array([tail_bound(x[np.isfinite(x)]) for x in residual.T])
-    size = np.array([np.median(np.abs(x[own])) if own.any() else 0.0
-                     for x, own in zip(measured.T, data.used.T)])
-    far: Flags = np.any(
-        residual > np.maximum(OUTLIER_BOUNDS * bound, bound + OUTLIER_PART * size), axis=1)
+    size = np.array([np.median(np.abs(x[used])) if used.any() else 0.0
+                     for x, used in zip(measured.T, data.used.T)])
+    limit = np.maximum(OUTLIER_BOUNDS * bound, bound + OUTLIER_PART * size)
+    far: Flags = np.any(residual > limit, axis=1)
     # Windows beside one that is far share samples with it.
     trusted = np.convolve(far, np.ones(2 * BESIDE + 1), 'same') < 0.5
     load = np.maximum(np.abs(windows.load), np.abs(data.torque))
@@ -168,16 +187,17 @@ def perturbation(identified: Identification, corrected: bool) -> MeasuredPerturb
 
 def tail_bound(sizes: Array) -> float:
     """
-    Return what about the largest of these magnitudes is, shape (N,), without single outliers.
+    Return about the largest of these magnitudes, shape (N,), without single outliers.
 
     From the quantiles of 90 and 99 % on, the logarithm of the part beyond is taken as straight,
     which is right for exponential tails and too much for lighter ones.
     """
     largest = float(sizes.max(initial=0.0))
-    if len(sizes) < _ENOUGH:
+    if len(sizes) < FEWEST_OF_TAIL:
         return largest
-    most, high = np.percentile(sizes, (90.0, 99.0)).tolist()
-    return min(largest, float(high + (high - most) * np.log10(len(sizes) / 100.0)))
+    ninety, ninety_nine = np.percentile(sizes, (90.0, 99.0)).tolist()
+    decades = np.log10(len(sizes) / 100.0)
+    return min(largest, float(ninety_nine + (ninety_nine - ninety) * decades))
 
 
 def friction_at(friction: JointFriction, velocity: Array, load: Array | float,
@@ -200,12 +220,11 @@ def friction_at(friction: JointFriction, velocity: Array, load: Array | float,
     def number(estimate: Estimate) -> float:
         return 0.0 if estimate.value is None else estimate.value + halves * estimate.half
 
-    way = np.copysign(1.0, velocity)
-    coulomb = np.where(way > 0.0, number(friction.forwards), number(friction.backwards))
+    direction = np.copysign(1.0, velocity)
+    coulomb = np.where(direction > 0.0, number(friction.forwards), number(friction.backwards))
     slow = np.exp(-np.square(velocity / (friction.stribeck_velocity.value or 1.0)))
-    stribeck, part = number(friction.stribeck), number(friction.load)
-    return np.asarray(way * (coulomb + stribeck * slow + part * np.abs(load))
-                      + number(friction.viscous) * velocity)
+    dry = coulomb + number(friction.stribeck) * slow + number(friction.load) * np.abs(load)
+    return np.asarray(direction * dry + number(friction.viscous) * velocity)
 
 
 def largest_friction(identified: Identification, velocity: Array, load: Array, halves: float
@@ -217,19 +236,9 @@ def largest_friction(identified: Identification, velocity: Array, load: Array, h
     return np.stack(columns, axis=1)
 
 
-#: Random states, and speeds at which friction is looked up.
-_STATES, _SPEEDS = 600, 60
-#: Least and most acceleration by velocity [1/s].
-_ACCELERATION = 4.0, 15.0
-#: How often, and by which factor, states are slowed down that need more than the drives give.
-_SLOWED, _SLOWER = 8, 0.7
-#: Range of a joint without limits [rad].
-_RANGE = (-pi, pi)
-
-
 class MotionLimits(NamedTuple):
     """
-    What a motion may reach; n joints.
+    Limits of a motion of n joints.
 
     Attributes
     ----------
@@ -259,40 +268,60 @@ def motion_limits(model: Model, identified: Identification, run: MeasuredPerturb
                                  identified.fit.data.windows.acceleration))
     velocity = np.array(getattr(model, 'velocity_limits', None) or [np.inf] * n, float)
     velocity = np.where(np.isfinite(velocity), velocity, fastest)
-    ratio = np.clip(change * velocity / np.maximum(np.square(fastest), 1e-12), *_ACCELERATION)
-    position = np.array(getattr(model, 'position_limits', None) or [_RANGE] * n, float)
-    return MotionLimits(np.where(np.isfinite(position), position, _RANGE), velocity,
-                        ratio * velocity, np.array(model.effort_limits or [np.inf] * n, float))
+    ratio = change * velocity / np.maximum(np.square(fastest), 1e-12)
+    acceleration = velocity * ratio.clip(LEAST_ACCELERATION, MOST_ACCELERATION)
+    position = np.array(getattr(model, 'position_limits', None) or [WHOLE_TURN] * n, float)
+    return MotionLimits(np.where(np.isfinite(position), position, WHOLE_TURN), velocity,
+                        acceleration, np.array(model.effort_limits or [np.inf] * n, float))
 
 
-def _states(limits: MotionLimits, rng: np.random.Generator) -> tuple[Array, Array, Array]:
-    """Return random q, dq and ddq, each of shape (S, n); half of them as fast as allowed."""
-    shape = (_STATES, len(limits.velocity))
-    q = rng.uniform(limits.position[:, 0], limits.position[:, 1], shape)
-    fast = np.arange(_STATES)[:, None] % 2 == 0
-    speed, change = (np.where(fast, np.sign(x), x) for x in rng.uniform(-1.0, 1.0, (2, *shape)))
-    return q, speed * limits.velocity, change * limits.acceleration
+class RandomStates(NamedTuple):
+    """Random states within limits, each of shape (S, n) [rad, rad/s, rad/s²]."""
+
+    q: Array
+    dq: Array
+    ddq: Array
+
+    @classmethod
+    def within(cls, limits: MotionLimits, seed: int) -> RandomStates:
+        """Return states of which half are as fast as allowed."""
+        rng = np.random.default_rng(seed)
+        shape = (STATES, len(limits.velocity))
+        q = rng.uniform(limits.position[:, 0], limits.position[:, 1], shape)
+        is_fast = np.arange(STATES)[:, None] % 2 == 0
+        speed, change = (np.where(is_fast, np.sign(x), x)
+                         for x in rng.uniform(-1.0, 1.0, (2, *shape)))
+        return cls(q, speed * limits.velocity, change * limits.acceleration)
+
+    def torques(self, model: Model) -> Array:
+        """Return the torques of a model, shape (S, n) [N·m]."""
+        return np.array([model.inverse_dynamics(*rows) for rows in zip(
+            self.q.tolist(), self.dq.tolist(), self.ddq.tolist())])
+
+    def allowed(self, model: Model, effort: Array) -> RandomStates:
+        """Return those, slowed down if need be, that efforts allow; all if they allow none."""
+        states = self
+        for _ in range(SLOWING_STEPS):
+            beyond = (np.abs(states.torques(model)) / effort).max(axis=1, keepdims=True) > 1.0
+            states = RandomStates(
+                states.q, np.where(beyond, SLOWER * states.dq, states.dq),
+                np.where(beyond, SLOWER ** 2 * states.ddq, states.ddq))
+        inside = ~beyond[:, 0]
+        if not inside.any():
+            return states
+        return RandomStates(*(x[inside] for x in states))
 
 
-def _torques(model: Model, q: Array, dq: Array, ddq: Array) -> Array:
-    """Return the torques of a model, shape (S, n) [N·m]."""
-    return np.array([model.inverse_dynamics(*rows)
-                     for rows in zip(q.tolist(), dq.tolist(), ddq.tolist())])
-
-
-def _largest_error(identified: Identification, states: tuple[Array, Array, Array],
-                   corrected: bool) -> Array:
+def _largest_error(identified: Identification, states: RandomStates, corrected: bool) -> Array:
     """Return the largest torque of errors of the model, shape (n,) [N·m]."""
     bodies = identified.bodies
     if bodies is None:
-        return np.zeros(states[0].shape[1])
-    errors = [bodies.torque_error(*state) + np.abs(
-        0.0 if corrected else bodies.torque_change(*state)) for state in zip(*states)]
+        return np.zeros(states.q.shape[1])
+    errors = []
+    for state in zip(*states):
+        change = 0.0 if corrected else np.abs(bodies.torque_change(*state))
+        errors.append(bodies.torque_error(*state) + change)
     return np.asarray(np.max(errors, axis=0))
-
-
-#: ka over the largest |P|.
-MARGIN = 1.2
 
 
 class PerturbationBound(NamedTuple):
@@ -306,11 +335,11 @@ class PerturbationBound(NamedTuple):
     friction : ndarray
         The largest friction as fast as the limits allow.
     change : ndarray
-        How fast the model's torque changes there [N·m/s].
+        Change of the model's torque there [N·m/s].
     reason : str
         The parts.
     findings : tuple of Finding
-        Where a drive cannot give as much.
+        Drives that cannot give as much.
 
     """
 
@@ -330,7 +359,7 @@ def perturbation_bound(identified: Identification, run: MeasuredPerturbation, mo
     Parameters
     ----------
     identified, run
-        What was identified, and P of the run.
+        As of `identify`, and P of the run.
     model : Model
         That P is about.
     corrected : bool
@@ -340,46 +369,44 @@ def perturbation_bound(identified: Identification, run: MeasuredPerturbation, mo
 
     """
     limits = motion_limits(model, identified, run)
-    q, dq, ddq = _states(limits, np.random.default_rng(seed))
-    for _ in range(_SLOWED):
-        tau = _torques(model, q, dq, ddq)
-        beyond = (np.abs(tau) / limits.effort).max(axis=1, keepdims=True) > 1.0
-        dq, ddq = np.where(beyond, _SLOWER * dq, dq), np.where(beyond, _SLOWER ** 2 * ddq, ddq)
-    allowed = ~beyond[:, 0] if not beyond.all() else np.ones(len(q), bool)
-    q, dq, ddq, tau = (x[allowed] for x in (q, dq, ddq, tau))
-    error = _largest_error(identified, (q, dq, ddq), corrected)
-    most = np.abs(tau).max(axis=0)
-    load = np.minimum(most + error + run.peak, limits.effort)
+    states = RandomStates.within(limits, seed).allowed(model, limits.effort)
+    error = _largest_error(identified, states, corrected)
+    torque = np.abs(states.torques(model)).max(axis=0)
+    load = np.minimum(torque + error + run.peak, limits.effort)
     friction = largest_friction(
-        identified, np.linspace(0.0, limits.velocity, _SPEEDS),
-        np.tile(load, (_SPEEDS, 1)), 1.0).max(axis=0)
+        identified, np.linspace(0.0, limits.velocity, SPEEDS),
+        np.tile(load, (SPEEDS, 1)), 1.0).max(axis=0)
     peak = np.maximum(run.peak, friction + error + run.tail)
     ka = np.array([in_digits(MARGIN * p, 3, np.ceil) for p in peak])
     usable = [x.usable for x in verdicts(identified)]
-    speeds, *parts = (', '.join(
-        f'{round(x, 6):.3g}' if good else '-' for x, good in zip(values, usable))
-        for values in (limits.velocity, friction, error, run.tail, run.peak))
-    reason = (f'{MARGIN:g} times the largest |P| up to {speeds} rad/s, the limits of the '
-              'description, or the speed of the run where there is none: friction {}, errors of '
-              'the model {}, unexplained {} N*m; in the run |P| is at most {} N*m'.format(*parts))
+
+    def listed(values: Array) -> str:
+        return ', '.join(f'{round(x, 6):.3g}' if good else '-'
+                         for x, good in zip(values.tolist(), usable))
+
+    reason = (
+        f'{MARGIN:g} times the largest |P| up to {listed(limits.velocity)} rad/s, the limits of '
+        'the description, or the speed of the run where there is none: friction '
+        f'{listed(friction)}, errors of the model {listed(error)}, unexplained '
+        f'{listed(run.tail)} N*m; in the run |P| is at most {listed(run.peak)} N*m')
     often = limits.acceleration / np.maximum(limits.velocity, 1e-12)
     return PerturbationBound(
-        np.minimum(ka, limits.effort), peak, friction, often * most, reason,
+        np.minimum(ka, limits.effort), peak, friction, often * torque, reason,
         tuple(_doubts(peak, ka, limits.effort)))
 
 
 def _doubts(peak: Array, ka: Array, effort: Array) -> Iterator[Finding]:
     """Yield the joints whose drive cannot give ka."""
-    for i in range(len(ka)):
-        if ka[i] > effort[i]:
-            yield Finding(Reason.GAINS, Severity.CARE, i, f'|P| reaches {peak[i]:.3g} N*m as fast '
-                          f'as the limits allow; ka = {ka[i]:.3g} N*m is cut to its effort limit, '
-                          f'{effort[i]:.3g} N*m', 'correct the model, or move more slowly')
+    for joint in np.flatnonzero(ka > effort).tolist():
+        yield Finding(
+            Reason.GAINS, Severity.CARE, joint, f'|P| reaches {peak[joint]:.3g} N*m as fast as '
+            f'the limits allow; ka = {ka[joint]:.3g} N*m is cut to its effort limit, '
+            f'{effort[joint]:.3g} N*m', 'Correct the model, or move more slowly')
 
 
-def in_digits(value: float, digits: int, way: Callable[[float], float]) -> float:
+def in_digits(value: float, digits: int, rounding: Callable[[float], float]) -> float:
     """Return a value >= 0 with some digits, rounded by `np.ceil` or `np.floor`."""
     if value <= 0.0:
         return 0.0
     unit = 10.0 ** (floor(log10(value)) - digits + 1)
-    return rounded(float(way(round(value / unit, 9)) * unit), 6)
+    return rounded(float(rounding(round(value / unit, 9)) * unit), 6)

@@ -159,9 +159,9 @@ def _dropped_findings(recording: Recording) -> Iterator[Finding]:
     share = recording.dropped / (recording.dropped + 2 * len(recording.t))
     yield Finding(
         Reason.DROPPED, Severity.CARE if share > MOST_DROPPED else Severity.NOTE, ALL_JOINTS,
-        f'the recorder of {recording.name} dropped {recording.dropped} messages with states or '
+        f'The recorder of {recording.name} dropped {recording.dropped} messages with states or '
         'torques. Windows without them are left out',
-        'record again with less load on the computer')
+        'Record again with less load on the computer')
 
 
 def _jitter_findings(recording: Recording) -> Iterator[Finding]:
@@ -172,6 +172,6 @@ def _jitter_findings(recording: Recording) -> Iterator[Finding]:
     jitter = float(near.std()) / np.sqrt(2.0)
     if jitter > MOST_JITTER * period:
         yield Finding(
-            Reason.STAMPS, Severity.CARE, ALL_JOINTS, f'the stamps of {recording.name} jitter by '
+            Reason.STAMPS, Severity.CARE, ALL_JOINTS, f'The stamps of {recording.name} jitter by '
             f'{1e3 * jitter:.2g} ms at a period of {1e3 * period:.3g} ms: they are those of '
-            'reception', 'record the stamps that the driver gives the states')
+            'reception', 'Record the stamps that the driver gives the states')

@@ -123,7 +123,7 @@ class Observations:
     @property
     def moving(self) -> Flags:
         """Joints with enough windows in motion, shape (n,)."""
-        return self.used.any(axis=0)
+        return np.asarray(self.used.any(axis=0))
 
 
 @dataclasses.dataclass(frozen=True)

@@ -21,7 +21,7 @@ import dataclasses
 from functools import cached_property
 from math import isfinite
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from ctc_chattering.analysis import page
 from ctc_chattering.analysis.markup import fragment
@@ -40,19 +40,23 @@ from ctc_chattering.identification.verdict import (
     WORDS,
 )
 
-#: In place of a number that there is none of; why is in the verdict, or in the JSON file.
+#: Cell of a number that there is none of; why is in the verdict, or in the JSON file.
 NO_NUMBER = '-'
 #: Friction in the order of the table: field and heading.
 FRICTION = {'coulomb': 'Coulomb [N*m]', 'forwards': 'forwards', 'backwards': 'backwards',
             'viscous': 'viscous [N*m*s/rad]', 'stribeck': 'Stribeck [N*m]',
             'stribeck_velocity': 'its velocity [rad/s]', 'load': 'of the load',
             'dead_band': 'dead band [N*m]'}
-#: Of the sensors: field of the identification, key of the JSON file, and heading.
-SENSORS = (('encoder', 'encoder_step_rad', 'encoder step [rad]'),
-            ('noise', 'velocity_noise_rad_per_s', 'velocity noise [rad/s]'))
 LEAD = ('Unseen torque is that of blocks of time that were not fitted. Intervals are those of '
-        '95 %. P is the torque that the model lacks: friction and its own '
-         'errors; ka holds it. σ is the deviation of the velocity.')
+        '95 %. P is the torque that the model lacks: friction and its own errors; ka holds it.')
+
+
+class Numbers(NamedTuple):
+    """Numbers of all joints, with their key of the JSON file and their heading."""
+
+    key: str
+    heading: str
+    estimates: list[Estimate]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -64,8 +68,12 @@ class IdentificationResults:
     ----------
     source : str
         Names of the bags.
-    found, run, recommended
-        What was identified, P, and what follows.
+    found : Identification
+        As of `identify`.
+    run : MeasuredPerturbation
+        P.
+    recommended : Recommendation
+        Gains.
 
     """
 
@@ -76,47 +84,59 @@ class IdentificationResults:
 
     @cached_property
     def verdicts(self) -> list[Verdict]:
-        """Return what the numbers of each joint are good for."""
+        """Verdict on each joint."""
         return verdicts(self.found, self.recommended.findings)
+
+    @property
+    def sensors(self) -> list[Numbers]:
+        """Numbers of the sensors."""
+        return [Numbers('encoder_step_rad', 'encoder step [rad]', self.found.encoder),
+                Numbers('velocity_noise_rad_per_s', 'velocity noise [rad/s]', self.found.noise)]
+
+    @property
+    def drives(self) -> list[Numbers]:
+        """Numbers of motors and drives."""
+        found = self.found
+        numbers = [Numbers('torque_rate_nm_per_s', 'rate of the drive [N*m/s]', found.rate)]
+        if found.bodies is not None:
+            numbers.insert(0, Numbers(
+                'rotor_inertia_kgm2', 'rotor inertia [kg*m^2]', found.bodies.rotors))
+        if found.constant:
+            numbers.insert(0, Numbers(
+                'torque_constant', 'torque per unit of the signal', found.constant))
+        return numbers
 
     def tables(self) -> Iterator[Table]:
         """Yield the tables of terminal and page."""
         found, prediction = self.found, self.found.prediction
+        columns = {
+            'recording': prediction.recording_rms, 'model': prediction.model_rms,
+            'model, friction': prediction.with_friction_rms,
+            'identified': prediction.identified_rms}
         yield self._table('RMS of unseen torque [N*m]: in the recording, and what is left of it', {
-            head: [f'{x:.3g}' for x in values] for head, values in (
-                ('recording', prediction.recording_rms), ('model', prediction.model_rms),
-                ('model, friction', prediction.with_friction_rms),
-                ('identified', prediction.identified_rms))}, True)
-        yield self._table('Friction', {name: [getattr(x, key).cell for x in found.friction]
-                                       for key, name in FRICTION.items()})
-        yield self._table('Sensors', {name: [x.cell for x in getattr(found, key)]
-                                      for key, _, name in SENSORS}, True)
+            heading: [f'{x:.3g}' for x in values] for heading, values in columns.items()}, True)
+        yield self._table('Friction', {
+            heading: [getattr(x, key).cell for x in found.friction]
+            for key, heading in FRICTION.items()})
+        yield self._table('Sensors', {
+            x.heading: [estimate.cell for estimate in x.estimates] for x in self.sensors}, True)
         yield self._table('Motors and drives', {
             'lag, or delay of this joint': [
-                lag_in_words(found.timing, i) for i in range(len(found.joints))],
-            **{name: [x.cell for x in values] for _, name, values in self._drives()}})
+                lag_in_words(found.timing, joint) for joint in range(len(found.joints))],
+            **{x.heading: [estimate.cell for estimate in x.estimates] for x in self.drives}})
         yield self._table('Perturbation', {
             'largest |P| [N*m]': [f'{x:.4g}' for x in self.run.peak],
             'ka [N*m]': [NO_NUMBER if x is None else f'{x:.4g}' for x in self.recommended.ka]})
 
-    def _drives(self) -> Iterator[tuple[str, str, list[Estimate]]]:
-        """Yield key of the JSON file, heading, and numbers of motors and drives."""
-        found = self.found
-        if found.constant:
-            yield 'torque_constant', 'torque per unit of the signal', found.constant
-        if found.bodies is not None:
-            yield 'rotor_inertia_kgm2', 'rotor inertia [kg*m^2]', found.bodies.rotors
-        yield 'torque_rate_nm_per_s', 'rate of the drive [N*m/s]', found.rate
-
     def _table(self, title: str, columns: Mapping[str, Sequence[str]], every: bool = False
                ) -> Table:
-        """Return a row a joint; of one that is not usable without its numbers, but for `every`."""
+        """Return a row a joint; numbers of one that is not usable only if `every` is true."""
         return Table(title, ('joint', *columns), [
             [verdict.joint, *(cells if every or verdict.usable else [NO_NUMBER] * len(cells))]
             for verdict, *cells in zip(self.verdicts, *columns.values())])
 
     def shared(self) -> list[str]:
-        """Return what makes the numbers of all joints doubtful."""
+        """Return the doubts about the numbers of all joints together."""
         return [f'{WORDS[severity]}: {reason}' for severity in (Severity.REFUSED, Severity.CARE)
                 for reason in of_all_joints(self.verdicts, severity)]
 
@@ -125,7 +145,7 @@ class IdentificationResults:
         for text in self.shared():
             yield from paragraph(f'all joints: {text}')
         for verdict in self.verdicts:
-            reasons = [x.sentence for x in verdict.own()]
+            reasons = [x.sentences for x in verdict.of_joint()]
             yield from paragraph(': '.join((verdict.joint, verdict.word, *reasons[:1])))
             for reason in reasons[1:]:
                 yield from paragraph(f'- {reason}', 4)
@@ -141,11 +161,11 @@ class IdentificationResults:
             f'sample period {found.clock.period:.6g} s, {found.clock.missing} samples missing; '
             f'{found.duration:.4g} s used',
             f'delay of the torque: {known} samples' if known else
-            'delay not identifiable: no commanded torque in the bag',
+            'the delay is not identifiable: no commanded torque in the bag',
             f'torques are taken from the {timing.source}']
         yield 'Gains', [f'{name} = {shown(self._usable(value))}: {why}'
                         for name, (value, why) in self.recommended.values.items()]
-        yield 'Trial runs', list(self.recommended.trials) or ['not tried']
+        yield 'Trial runs', list(self.recommended.trials) or ['The gains were not tried.']
 
     def _usable(self, value: object) -> object:
         """Return a parameter with None for the joints that are not usable."""
@@ -182,9 +202,8 @@ class IdentificationResults:
                 friction.as_mapping(found.joints) if verdict.usable else
                 {'value': None, 'reason': verdict.word}
                 for friction, verdict in zip(found.friction, self.verdicts)],
-            **{key: [x.as_mapping() for x in getattr(found, name)] for name, key, _ in SENSORS},
-            **{key: list(map(number, values, self.verdicts))
-               for key, _, values in self._drives()},
+            **{x.key: [estimate.as_mapping() for estimate in x.estimates] for x in self.sensors},
+            **{x.key: list(map(number, x.estimates, self.verdicts)) for x in self.drives},
             'unseen_torque_rms_nm': {
                 'recording': found.prediction.recording_rms.tolist(),
                 'model': found.prediction.model_rms.tolist(),
@@ -192,7 +211,8 @@ class IdentificationResults:
                 'identified': found.prediction.identified_rms.tolist()},
             **({} if found.bodies is None else {
                 'gravity_mps2': found.bodies.gravity.tolist(),
-                'bodies': found.bodies.as_mapping(found.joints)}),
+                'bodies': found.bodies.as_mapping(found.joints),
+                'bodies_uncertainty': found.bodies.uncertainty}),
             'peak_perturbation_nm': self._usable(self.run.peak.tolist()),
             'recommended': {name: {'value': self._usable(value), 'reason': why}
                             for name, (value, why) in self.recommended.values.items()},
@@ -213,15 +233,15 @@ def write_page(report: IdentificationResults, figures: Sequence[FigureFile], pat
     path : Path
         The page.
     files : mapping of str to str
-        Names of files beside the page, and what they are.
+        Names of files beside the page, and their content in words.
     command : str
-        What was run.
+        The command.
 
     """
     tables = list(report.tables())
     cards = page.Cards([page.Card(verdict.joint, verdict.word, (), [
-        fragment('{{ x.text }}{% if x.cure %}<br><i>{{ x.cure }}</i>{% endif %}', x=x)
-        for x in verdict.own()], int(verdict.severity)) for verdict in report.verdicts])
+        fragment('{{ x.text }}.{% if x.cure %}<br><i>{{ x.cure }}.</i>{% endif %}', x=x)
+        for x in verdict.of_joint()], int(verdict.severity)) for verdict in report.verdicts])
     sections = [
         page.Section('Verdicts', [
             *(page.Note(f'All joints are {text}') for text in report.shared()), cards]),
@@ -230,4 +250,4 @@ def write_page(report: IdentificationResults, figures: Sequence[FigureFile], pat
             *tables[1:], *(page.Listing(*x) for x in report.sentences() if x[1])])]
     page.write_page(path, f'Friction and gains from {report.source}',
                     f'{next_step(report.verdicts)} {LEAD}', sections,
-                    [(name, f'{name} ({what})') for name, what in files.items()], command)
+                    [(name, f'{name} ({content})') for name, content in files.items()], command)

@@ -141,7 +141,8 @@ def _best_option(solution: Fit, joint: int, commanded: bool) -> tuple[FrictionTe
     unknowns = solution.unknowns
     present = {unknowns.term(k).kind for k in unknowns.of_joint(joint)}
     trial = _JointTrial(solution, joint)
-    best_gain, best_terms = 0.0, ()
+    best_gain = 0.0
+    best_terms: tuple[FrictionTerm, ...] = ()
     for option in _options(solution.data, joint, commanded):
         if option.terms[0].kind in present:
             continue

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What the sensors do: step of the encoders, noise of the velocities, period."""
+"""Sensors: step of the encoders, noise of the velocities, period of the stamps."""
 
 from __future__ import annotations
 
@@ -32,25 +32,33 @@ from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
 
 #: Part of the steps that must be a multiple of an encoder's.
-_MULTIPLES = 0.98
+MULTIPLES = 0.98
+#: Difference from a multiple, as a part of the step.
+MULTIPLE_ERROR = 0.02
+#: Fewest steps of an encoder.
+FEWEST_STEPS = 20
 #: Smallest step that counts, relative to the position: less is rounding of numbers.
-_ROUNDING = 1e-13
+ROUNDING = 1e-13
 #: Half an interval of a velocity over the change of the position, in deviations of independent
 #: samples: few are.
-_INDEPENDENT = 20.0
-#: Deviation of noise by differences of successive samples over that of the samples, least and
-#: most: a filter makes it smaller, and differences of positions larger.
-_WHITE = (0.8, 1.5)
+INDEPENDENT = 20.0
+#: Deviation of noise by differences of successive samples over that of the samples, at least: a
+#: filter makes it smaller.
+LEAST_WHITE = 0.8
+#: The same at most: differences of positions make it larger.
+MOST_WHITE = 1.5
 #: Deviation of a velocity from the change of the position, as a part of it, that is rounding.
-_EXACT = 1e-3
+EXACT = 1e-3
 #: Part by which velocities may differ from changes of positions.
 MOST_RATIO_ERROR = 0.1
 #: Samples that a step is computed from, at most.
-_ENOUGH = 200_000
+MOST_SAMPLES = 200_000
 #: Poses that are kept.
-_POSES = 20
-#: RMS velocity of a joint that rests: in deviations of what positions show, and at least [rad/s].
-_RESTS, _STILL = 3.0, 1e-6
+POSES = 20
+#: RMS velocity of a joint that rests, in deviations of what positions show.
+RESTING_DEVIATIONS = 3.0
+#: RMS velocity of a joint that rests, at least [rad/s].
+RESTING_VELOCITY = 1e-6
 
 
 @dataclasses.dataclass(frozen=True)
@@ -84,26 +92,24 @@ def encoder_step(q: Array) -> Estimate:
     It is the least difference of two positions, improved by all small ones, if nearly all
     differences are multiples of it.
     """
-    levels = np.unique(q[:_ENOUGH])
-    rounding = _ROUNDING * max(1.0, float(np.abs(q).max()))
+    levels = np.unique(q[:MOST_SAMPLES])
+    rounding = ROUNDING * max(1.0, float(np.abs(q).max()))
     steps = np.diff(levels)
-    steps = steps[steps > rounding]
-    if len(steps) < 20:
+    steps = np.sort(steps[steps > rounding])
+    if len(steps) < FEWEST_STEPS:
         return Estimate.unknown('it hardly moves')
-    few = np.sort(steps)
-    least = float(few[: max(1, len(few) // 100)].mean())
-    small = steps[steps < 20.0 * least]
-    count = np.rint(small / least)
-    least = float(small.sum() / count.sum())
-    off = np.abs(small / least - np.rint(small / least))
-    if (off < 0.02 + rounding / least).mean() < _MULTIPLES:
+    step = float(steps[:max(1, len(steps) // 100)].mean())
+    small = steps[steps < 20.0 * step]
+    step = float(small.sum() / np.rint(small / step).sum())
+    off = np.abs(small / step - np.rint(small / step))
+    if (off < MULTIPLE_ERROR + rounding / step).mean() < MULTIPLES:
         return Estimate.unknown('no step shows')
-    return Estimate(least, unit='rad')
+    return Estimate(step, unit='rad')
 
 
 class Positions(NamedTuple):
     """
-    What is kept of recorded positions, which are large; n joints [rad].
+    Summary of recorded positions, which are large; n joints [rad].
 
     Attributes
     ----------
@@ -123,13 +129,14 @@ class Positions(NamedTuple):
     @classmethod
     def of(cls, recordings: Sequence[Recording], period: float) -> Positions:
         """Return that of recordings with about this period [s]."""
-        found, step = [], max(1, sum(len(x.q) for x in recordings) // _POSES)
+        columns = []
+        step = max(1, sum(len(x.q) for x in recordings) // POSES)
         for i in range(len(recordings[0].joints)):  # Joint by joint, for long series.
             q = np.concatenate([x.q[:, i] for x in recordings])
-            found.append((np.percentile(q, (2.0, 98.0)), position_noise(q[:, None], period)[0],
-                          q[::step].copy()))
-        ends, noise, poses = map(np.array, zip(*found))
-        return cls(ends.T, noise, poses.T)
+            noise = position_noise(q[:, None], period)[0]
+            columns.append((np.percentile(q, (2.0, 98.0)), noise, q[::step].copy()))
+        ends, noises, poses = map(np.array, zip(*columns))
+        return cls(ends.T, noises, poses.T)
 
 
 class VelocityNoise(NamedTuple):
@@ -194,19 +201,19 @@ def _compare(q: Array, dq: Array, period: float, known: float) -> _Comparison:
     value = np.linalg.lstsq(columns / sizes, target, rcond=None)[0] / sizes
     residual = target - columns @ value
     speed = float(sizes[0]) / np.sqrt(max(len(target), 1))
-    rests = speed <= max(_RESTS * known, _STILL)
-    error = _INDEPENDENT * float(np.sqrt(np.square(residual).mean())) / float(sizes[0])
+    rests = speed <= max(RESTING_DEVIATIONS * known, RESTING_VELOCITY)
+    error = INDEPENDENT * float(np.sqrt(np.square(residual).mean())) / float(sizes[0])
     return _Comparison(1.0 if rests else float(value[0]), error, residual, speed)
 
 
 def _other_unit(name: str, joint: int, comparison: _Comparison) -> Finding:
     """Return the finding of a velocity that is none of its position."""
     return Finding(
-        Reason.VELOCITY, Severity.REFUSED, joint, f'the velocity of {name} is '
+        Reason.VELOCITY, Severity.REFUSED, joint, f'The velocity of {name} is '
         f'{comparison.ratio:.3g} ± {comparison.error:.1g} times the change of its position, '
         f'allowed: {1.0 - MOST_RATIO_ERROR:g} to {1.0 + MOST_RATIO_ERROR:g}: another unit, as '
         'degrees (57.3), another sign or another joint; laws that use velocities diverge with it',
-        'correct the velocities in joint_states, or record without them')
+        'Correct the velocities in joint_states, or record without them')
 
 
 def _noise(comparison: _Comparison, known: float) -> Estimate:
@@ -214,9 +221,9 @@ def _noise(comparison: _Comparison, known: float) -> Estimate:
     spread = deviation(comparison.residual)
     apart = deviation(np.diff(comparison.residual)) / np.sqrt(2.0)
     size = float(np.sqrt(max(spread ** 2 - known ** 2, 0.0)))
-    if _WHITE[0] * size <= apart <= _WHITE[1] * size:
+    if LEAST_WHITE * size <= apart <= MOST_WHITE * size:
         return Estimate(size, unit='rad/s')
-    if spread <= max(_RESTS * known, _EXACT * comparison.speed):
-        return Estimate.none(at_most=max(spread, _STILL), unit='rad/s')
-    return Estimate.unknown('what the velocity has beside the change of the position is no noise '
-                            'of single samples, as after a filter')
+    if spread <= max(RESTING_DEVIATIONS * known, EXACT * comparison.speed):
+        return Estimate.none(at_most=max(spread, RESTING_VELOCITY), unit='rad/s')
+    return Estimate.unknown('the velocity differs from the change of the position, but not as '
+                            'noise of single samples does: it is filtered')

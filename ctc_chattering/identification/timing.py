@@ -87,8 +87,8 @@ NOISE_FLOOR = 1e-4
 POSSIBLE = 6.25
 #: Cost of a lag beside that: the logarithm of some hundred independent windows.
 LAG_COST = 7.0
-#: Part by which a lag that shows may be another one: drives are no exact lags of first order, and a
-#: delay of one joint alone looks like a lag.
+#: Part by which a lag that shows may be another one: drives are no exact lags of first order, and
+#: a delay of one joint alone looks like a lag.
 LAG_DOUBT = 0.1
 #: First rate limit that is tried, in fastest changes of the commands: within a period, a limit
 #: shows beyond these.
@@ -398,7 +398,7 @@ class DriveSearch:
         profile, phi = self._profile, self._profile.phi
         count = len(profile.data.torque)
         computed = np.array(LAGS[:self._lag_count])
-        compared = LAG_GRID[LAG_GRID <= computed[-1]]
+        compared = LAG_GRID[computed[-1] >= LAG_GRID]
         spline = CubicSpline(computed, np.eye(len(computed)))(compared)
         torque = np.empty((len(computed), len(self._samples), count, profile.joint_count))
         first = 0
@@ -543,7 +543,7 @@ LONGEST_USUAL_LAG_S = 0.008
 MOST_DELAYS = 2
 #: Width of the lags of a drive from which on they are not identified [s].
 WIDE_LAG_S = 0.01
-EXCITE = 'record a longer or faster motion of `ctc excite`'
+EXCITE = 'Record a longer or faster motion of `ctc excite`'
 
 
 def rate_limits(timing: Timing, joints: Sequence[str]) -> list[Estimate]:
@@ -578,7 +578,7 @@ def timing_findings(timing: Timing, joints: Sequence[str]) -> Iterator[Finding]:
         doubt = '. Backlash or an elastic joint looks like that' if far else ''
         yield Finding(
             Reason.DRIVE, Severity.CARE if far else Severity.NOTE, ALL_JOINTS,
-            f'delay and lag are not told apart: {drives_in_words(commands)}{doubt}',
+            f'Delay and lag are not told apart: {drives_in_words(commands)}{doubt}',
             EXCITE if far else '')
     lags = np.array(list(commands.delays.values()))
     for joint in np.flatnonzero(commands.moving).tolist():
@@ -587,15 +587,16 @@ def timing_findings(timing: Timing, joints: Sequence[str]) -> Iterator[Finding]:
         if high >= END_OF_LAGS * LAGS[-1]:
             yield Finding(
                 Reason.DRIVE, Severity.CARE, joint,
-                f'the lag of the drive of {joints[joint]} is at least {1e3 * low:.3g} ms and may '
+                f'The lag of the drive of {joints[joint]} is at least {1e3 * low:.3g} ms and may '
                 f'be the longest that is looked for, {1e3 * LAGS[-1]:.3g} ms. An elastic joint '
                 'looks like that, or no command shows the lag', EXCITE)
         elif lag > LONGEST_USUAL_LAG_S:
             yield Finding(
                 Reason.DRIVE, Severity.CARE, joint,
-                f'the lag of the drive of {joints[joint]} is {1e3 * lag:.3g} ms, more than drives '
-                'of arms have. An elastic joint, backlash or a delay of this joint looks like that',
-                'measure the position behind the gear, or confirm that the drive is that slow')
+                f'The lag of the drive of {joints[joint]} is {1e3 * lag:.3g} ms, more than drives '
+                'of arms have. An elastic joint, backlash or a delay of this joint looks like '
+                'that',
+                'Measure the position behind the gear, or confirm that the drive is that slow')
 
 
 def drives_in_words(timing: Timing) -> str:

@@ -347,7 +347,7 @@ def identified_spec(directory: Path, tree: Mapping[str, Any]) -> TuneSpec:
     setup = parameter_file.load(directory / VALUES)
     try:
         found = json.loads(path.read_text(encoding='utf-8'))
-        uncertain = dict((*_friction(found), *_drives(found), *_model(found, setup)))
+        uncertain = dict((*_friction(found), *_drives(found), *_model(found)))
     except OSError as error:
         raise CtcError(f'{path}: {error.strerror or error}') from None
     except (ValueError, KeyError, TypeError, AttributeError, IndexError):
@@ -382,15 +382,10 @@ def _drives(found: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
             max(0.0, min(ends)), max(ends)]}
 
 
-def _model(found: Mapping[str, Any], setup: Setup) -> Iterator[tuple[str, Any]]:
-    """Yield a scale of the controller's model, and the payload that it lacks."""
-    known = [x for x in found['model_errors'] if x['value'] is not None]
-    part = max([_MODEL_PART, *(abs(x['value']) + _half(x) for x in known if not x['unit'])])
+def _model(found: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
+    """Yield a scale of the controller's model."""
+    part = max(_MODEL_PART, float(found.get('bodies_uncertainty', 0.0)))
     yield 'model', {**_MODEL, 'uniform': [1.0 - min(part, 0.9), 1.0 + part]}
-    for x in known:
-        if x['unit'] and setup.plant.described and x['value'] > 0.0 and _half(x) > 0.0:
-            yield 'payload', {'parameter': 'plant.payload', 'uniform': [
-                max(0.0, x['value'] - _half(x)), x['value'] + _half(x)]}
 
 
 def _half(number: Mapping[str, Any]) -> float:
