@@ -58,14 +58,20 @@ INERTIA_STATES = 30
 LEAST_EIGENVALUE = 1e-4
 #: Least eigenvalue with which the search for physical parameters begins.
 FIRST_EIGENVALUE = 1e-2
-#: First weight of the barrier, in units of the logarithm of a likelihood.
-FIRST_BARRIER = 10.0
-#: Weight with which the search ends.
+#: First weight of the barrier, as a part of the cost of the point where the search begins.
+FIRST_BARRIER = 0.1
+#: Weight with which the search ends, in units of the logarithm of a likelihood.
 LAST_BARRIER = 1e-4
 #: Ratio of a weight to the one before.
 BARRIER_RATIO = 0.1
+#: Distance from the bounds within which the search stays.
+INTERIOR = 1e-12
 #: Most steps of Newton's method for each weight.
-NEWTON_STEPS = 30
+NEWTON_STEPS = 100
+#: Part of the expected decrease that a step must have.
+LEAST_DECREASE = 1e-3
+#: Decrease that a step expects, in weights of the barrier, below which a search ends.
+SETTLED = 1e-3
 #: Symmetric matrices of which `stacked` has one element of 1, shape (10, 4, 4).
 _SYMMETRIC_UNITS = np.stack([symmetric(element) for element in np.eye(10)])
 
@@ -181,10 +187,10 @@ class PhysicalBounds:
         """Return it with the least values of further unknowns."""
         return dataclasses.replace(self, least={**self.least, **least})
 
-    def keep(self, x: Array) -> bool:
-        """Return whether unknowns are physical."""
-        return all(x[i] >= least for i, least in self.least.items()) and all(
-            np.linalg.eigvalsh(body)[0] >= LEAST_EIGENVALUE for body in self._bodies(x))
+    def keep(self, x: Array, margin: float = 0.0) -> bool:
+        """Return whether unknowns are physical, at least by so much."""
+        return all(x[i] >= least + margin for i, least in self.least.items()) and all(
+            np.linalg.eigvalsh(body)[0] >= LEAST_EIGENVALUE + margin for body in self._bodies(x))
 
     def _bodies(self, x: Array) -> Array:
         """Return the pseudo-inertias in units of the model's, shape (n, 4, 4)."""
@@ -201,22 +207,33 @@ class PhysicalBounds:
         """
         if self.keep(x):
             return x
-        y, barrier = self._inside(len(x)), FIRST_BARRIER
+        y = self._inside(len(x))
+        barrier = FIRST_BARRIER * float((y - x) @ information @ (y - x))
         while barrier > LAST_BARRIER:
+            y = self._centred(y, x, information / barrier)
             barrier *= BARRIER_RATIO
-            for _ in range(NEWTON_STEPS):
-                slope, curvature = self._barrier(y)
-                slope = information @ (y - x) + barrier * slope
-                step = -np.linalg.solve(information + barrier * curvature, slope)
-                length = 1.0
-                while not self.keep(y + length * step):
-                    length *= 0.5
-                y = y + length * step
-                if length == 1.0 and -slope @ step < barrier:
-                    break
         for i, least in self.least.items():
-            if information[i, i] * (y[i] - least) ** 2 < barrier:
+            if information[i, i] * (y[i] - least) ** 2 < LAST_BARRIER:
                 y[i] = least
+        return y
+
+    def _centred(self, y: Array, x: Array, information: Array) -> Array:
+        """Return where ½ (y - x)ᵀ information (y - x) and the barrier are least together."""
+        def cost(y: Array) -> float:
+            return 0.5 * float((y - x) @ information @ (y - x)) + self._barrier(y)
+
+        for _ in range(NEWTON_STEPS):
+            slope, curvature = self._derivatives(y)
+            slope = slope + information @ (y - x)
+            step = -np.linalg.solve(information + curvature, slope)
+            expected, length, before = float(slope @ step), 1.0, cost(y)
+            if -expected < SETTLED:
+                break
+            while length > INTERIOR and not (
+                    self.keep(y + length * step, INTERIOR)
+                    and cost(y + length * step) < before + LEAST_DECREASE * length * expected):
+                length *= 0.5
+            y = y + length * step
         return y
 
     def _inside(self, count: int) -> Array:
@@ -230,8 +247,14 @@ class PhysicalBounds:
             y[i] = max(0.0, least + FIRST_EIGENVALUE)
         return y
 
-    def _barrier(self, y: Array) -> tuple[Array, Array]:
-        """Return slope (m,) and curvature (m, m) of -Σ log det J - Σ log(y - least)."""
+    def _barrier(self, y: Array) -> float:
+        """Return -Σ log det J - Σ log(y - least)."""
+        bodies = self._bodies(y) - LEAST_EIGENVALUE * np.eye(4)
+        scalars = sum(float(np.log(y[i] - least)) for i, least in self.least.items())
+        return -float(np.linalg.slogdet(bodies)[1].sum()) - scalars
+
+    def _derivatives(self, y: Array) -> tuple[Array, Array]:
+        """Return slope (m,) and curvature (m, m) of the barrier."""
         slope, curvature = np.zeros(len(y)), np.zeros((len(y), len(y)))
         for i, body in enumerate(self._bodies(y)):
             block = slice(10 * i, 10 * i + 10)

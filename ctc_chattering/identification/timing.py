@@ -84,7 +84,7 @@ FEWEST_LAGS = 5
 #: Part of the torque that no model is better than: noise has a floor there.
 NOISE_FLOOR = 1e-4
 #: Excess of the sum of squares, over the variance of a residual, up to which a value is possible.
-POSSIBLE = 6.25
+POSSIBLE = 9.0
 #: Cost of a lag beside that: the logarithm of some hundred independent windows.
 LAG_COST = 7.0
 #: Part by which a lag that shows may be another one: drives are no exact lags of first order, and

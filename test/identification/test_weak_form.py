@@ -12,17 +12,11 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The integrated equation of motion, against closed forms and quadrature, and its rows."""
+"""The integrated equation of motion, against closed forms and quadrature."""
 
 from __future__ import annotations
 
-import tracemalloc
-
-from ctc_chattering.bags.recording import Stretch
-from ctc_chattering.dynamics.registry import make_model
 from ctc_chattering.dynamics.two_link import TwoLink
-from ctc_chattering.identification.drives import driven, weak_torque
-from ctc_chattering.identification.model_errors import ErrorColumns
 from ctc_chattering.identification.weak_form import (
     Dynamics,
     position_noise,
@@ -30,12 +24,9 @@ from ctc_chattering.identification.weak_form import (
     TestFunction,
     velocity_deviation,
 )
-from ctc_chattering.identification.windows import Rows
-from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
 import pytest
-from scipy.integrate import quad, solve_ivp  # type: ignore[import-untyped]
-from urdfs import TWO_LINKS, two_links
+from scipy.integrate import quad  # type: ignore[import-untyped]
 
 H = 1e-3
 PHI = TestFunction(H)
@@ -69,8 +60,8 @@ def test_the_weak_form_is_the_mean_of_the_inverse_dynamics() -> None:
     wanted = PHI.sums(exact, PHI.at, centres)
     assert found == pytest.approx(wanted, abs=2e-4)
     weight = np.array([model.gravity_torque(x) for x in q.tolist()])
-    assert dynamics.weight(PHI, centres) == pytest.approx(
-        PHI.sums(weight, PHI.at, centres), abs=1e-5)
+    assert dynamics.weight() == pytest.approx(weight, abs=1e-5)
+    assert dynamics.torque(ddq) == pytest.approx(exact, abs=1e-3)
 
 
 def test_smoothed_is_exact_for_cubics() -> None:
@@ -90,50 +81,7 @@ def test_noise_of_positions_and_what_it_makes_of_velocities() -> None:
         velocity_deviation(H) * np.array([1e-5, 3e-4]), rel=0.03)
 
 
-@pytest.mark.parametrize('lag', [0.0, 2e-4, 3e-3])
-def test_the_mean_torque_of_a_lagging_drive_solves_its_equation(lag: float) -> None:
-    commands = np.random.default_rng(4).normal(size=40)
-
-    def right(t: float, x: Array) -> Array:
-        rate = (commands[min(int(t / H), 39)] - x[0]) / lag
-        return np.array([rate, x[0]])
-    # At rest before.
-    found = driven(np.append(0.0, commands)[:, None], np.array([lag]), np.inf, H)[1:, 0]
-    if not lag:
-        assert np.array_equal(found, commands)
-        return
-    state, means = np.zeros(2), []
-    for k in range(40):
-        before = state[1]
-        state = solve_ivp(right, (k * H, (k + 1) * H * (1.0 - 1e-12)), state, rtol=1e-10,
-                          atol=1e-13).y[:, -1]
-        means.append((state[1] - before) / H)
-    assert found == pytest.approx(means, abs=1e-6)
-
-
-def test_a_delay_shifts_the_torque_and_half_a_sample_is_the_mean() -> None:
-    tau = np.random.default_rng(5).normal(size=(500, 1))
-    centres = PHI.centres(500, 20)
-
-    def weak(delay: float) -> Array:
-        return weak_torque(tau, delay, np.zeros(1), H, PHI, centres)
-    shifted = np.roll(tau, 3, axis=0)
-    assert weak(3.0) == pytest.approx(
-        weak_torque(shifted, 0.0, np.zeros(1), H, PHI, centres), abs=1e-12)
-    assert weak(-0.5) == pytest.approx(0.5 * (weak(-1.0) + weak(0.0)), abs=1e-12)
-    step = (np.arange(500)[:, None] >= 250).astype(float)
-    total = weak_torque(step, 0.0, np.zeros(1), H, PHI, np.array([250]))
-    assert total == pytest.approx(0.5)
-
-
-def test_windows_are_evaluated_in_blocks() -> None:
-    """All windows at once would need 70 MB for this, and more with every second."""
-    count = 12_000
-    t = H * np.arange(count)
-    q = np.stack((np.sin(2.0 * t), np.cos(3.0 * t)), axis=1)
-    model, phi = make_model('urdf', 9.81, TWO_LINKS, two_links()), TestFunction(H, H * count)
-    tracemalloc.start()
-    Rows.of(Stretch(0.0, H, q, None, q), model, phi, ErrorColumns.of(model))
-    peak = tracemalloc.get_traced_memory()[1]
-    tracemalloc.stop()
-    assert peak < 30e6
+def test_a_long_recording_has_no_more_windows() -> None:
+    long = TestFunction(H, 600.0)
+    assert len(long.centres(600_000, 10)) <= 3100
+    assert TestFunction(H, 60.0).step == PHI.step

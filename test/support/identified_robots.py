@@ -24,12 +24,12 @@ from ctc_chattering.bags.recording import Recording, stretches
 from ctc_chattering.control.controller import ControllerConfig
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.dynamics.registry import model_of
+from ctc_chattering.identification.drives import known_torque
 from ctc_chattering.identification.identify import Identification, identify
-from ctc_chattering.identification.least_squares import Data
-from ctc_chattering.identification.model_errors import candidates
-from ctc_chattering.identification.timing import Profile
+from ctc_chattering.identification.regression import Observations
+from ctc_chattering.identification.regressor import BodyRegressor
 from ctc_chattering.identification.weak_form import TestFunction
-from ctc_chattering.identification.windows import Rows
+from ctc_chattering.identification.windows import joined, Windows
 from ctc_chattering.simulation.closed_loop import Run, simulate
 from ctc_chattering.simulation.plant import make_plant, Plant
 from ctc_chattering.simulation.plant_config import PlantConfig
@@ -112,13 +112,15 @@ def identified(duration: float, noise: float = 1e-3) -> tuple[Recorded, Identifi
 
     """
     made = record('two_link', 7, duration, plant={'velocity_noise': [noise] * 2})
-    return made, identify([made.recording.checked()], made.model, candidates(made.model))
+    return made, identify([made.recording.checked()], made.model)
 
 
-def windows_of(found: Identification, recording: Recording, model: Model) -> Data:
-    """Return the windows of another run, with the torques that an identification has found."""
+def windows_of(found: Identification, recording: Recording, model: Model) -> Observations:
+    """Return the windows of another run, with the torque that acts by an identification."""
     period = found.clock.period
     parts = list(stretches(recording, period))
     phi = TestFunction(period, period * sum(len(part.q) for part in parts))
-    rows = [Rows.of(part, model, phi, found.columns) for part in parts]
-    return Profile(parts, rows, found.timing.source, phi).windows(*found.timing.acting)
+    rows = [Windows.of(part, model, phi, BodyRegressor.of(model)) for part in parts]
+    torque = [known_torque(part, x.centres, found.timing.source, phi, found.timing.acting)
+              for part, x in zip(parts, rows)]
+    return Observations.of(joined(rows), np.concatenate(torque))
