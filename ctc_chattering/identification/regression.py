@@ -76,7 +76,7 @@ class Observations:
     used : ndarray of bool, shape (J, n)
         Windows with a known torque in which the joint moves; none of a joint that has few.
     drive_sign : ndarray, shape (J, n)
-        Sign of the torque of each drive as the model predicts it, for dead bands.
+        Sign of the torque of each drive as it is predicted, for dead bands.
 
     """
 

@@ -22,6 +22,7 @@ one: a term stays if it makes the torque of blocks of time that were left out cl
 from __future__ import annotations
 
 from collections.abc import Iterator
+import dataclasses
 from typing import NamedTuple
 
 from ctc_chattering.identification.friction_terms import ALWAYS, FrictionTerm, TermKind
@@ -32,6 +33,7 @@ from ctc_chattering.identification.regression import (
     FEWEST_WINDOWS,
     Fit,
     fit,
+    mean_sign,
     Observations,
     resting_weight,
     static_friction,
@@ -109,6 +111,9 @@ def select(data: Observations, prior: BodyPrior, commanded: bool) -> Fit:
     moving = np.flatnonzero(data.moving).tolist()
     terms = [term for joint in moving for term in basic_terms(data, joint)]
     best = fit(data, Unknowns(prior, tuple(terms)))
+    predicted = data.windows.model_torque + best.held_out
+    data = dataclasses.replace(data, drive_sign=mean_sign(predicted))
+    best = dataclasses.replace(best, data=data)
     for _ in range(MOST_ADDED):
         added = [term for joint in moving for term in _best_option(best, joint, commanded)]
         if not added:

@@ -1,0 +1,79 @@
+# Copyright 2026 The ctc_chattering maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""Friction of a joint as numbers with intervals."""
+
+from __future__ import annotations
+
+from ctc_chattering.identification.friction import joint_friction
+from ctc_chattering.identification.selection import select
+from ctc_chattering.numerics.linear_algebra import Array
+from made_up_windows import NO_BODIES, observed, velocities, windows
+import numpy as np
+import pytest
+
+COUNT = 600
+
+
+def torque_of(velocity: Array) -> Array:
+    """Return friction of three joints: that of the last one depends on the second, too."""
+    coulomb = np.where(velocity > 0.0, [3.0, 2.0, 1.0], [2.5, 2.0, 1.0])
+    torque = np.sign(velocity) * coulomb + 0.4 * velocity
+    torque[:, 2] += 2.0 * np.sign(velocity[:, 1]) + 0.3 * velocity[:, 1]
+    return np.asarray(torque + 0.01 * np.random.default_rng(0).normal(size=velocity.shape))
+
+
+def test_numbers_of_each_direction_and_of_a_coupled_joint() -> None:
+    velocity = velocities(COUNT, 3, 2)
+    solution = select(observed(windows(velocity), torque_of(velocity)), NO_BODIES, False)
+    first, second, third = (joint_friction(solution, joint) for joint in range(3))
+    assert [first.forwards.value, first.backwards.value] == pytest.approx([3.0, 2.5], abs=0.01)
+    assert first.coulomb.value == pytest.approx(2.75, abs=first.coulomb.half)
+    assert second.viscous.value == pytest.approx(0.4, abs=second.viscous.half)
+    assert (second.viscous.unit, second.coulomb.unit) == ('N*m*s/rad', 'N*m')
+    assert second.load.absent and second.stribeck.absent and second.dead_band.absent
+    (coupled,) = third.coupled
+    assert coupled.joint == 1
+    assert coupled.coulomb.value == pytest.approx(2.0, abs=0.02)
+    assert third.as_mapping(('a', 'b', 'c'))['coupled'][0]['joint'] == 'b'
+    assert first.at_rest == pytest.approx(3.0, abs=0.01)
+
+
+def test_torque_that_lasts_unexplained_widens_the_intervals() -> None:
+    velocity = velocities(COUNT, 3, 2)
+    solution = select(observed(windows(velocity), torque_of(velocity)), NO_BODIES, False)
+    narrow, wide = (joint_friction(solution, 0, lasting) for lasting in (0.0, 0.5))
+    assert wide.coulomb.value == narrow.coulomb.value
+    assert wide.coulomb.half >= 1.0 > 10.0 * narrow.coulomb.half
+    speed = float(np.sqrt(np.square(velocity[:, 0]).mean()))
+    assert wide.viscous.half == pytest.approx(1.0 / speed, rel=0.05)
+
+
+def test_a_joint_that_rests_has_no_numbers() -> None:
+    velocity = velocities(COUNT, 2)
+    velocity[:, 1] = 0.0
+    solution = select(observed(windows(velocity), np.sign(velocity)), NO_BODIES, False)
+    rest = joint_friction(solution, 1)
+    assert rest.coulomb.value is None and 'hardly moves' in str(rest.viscous)
+    assert rest.at_rest == 0.0
+
+
+def test_stribeck_friction_is_excluded_only_at_velocities_that_were_shown() -> None:
+    fast = 0.6 + 0.2 * np.abs(velocities(COUNT, 1))
+    sign = np.where(np.arange(COUNT) % 100 < 50, 1.0, -1.0)[:, None]
+    solution = select(observed(windows(sign * fast), 2.0 * sign), NO_BODIES, False)
+    assert 'slowly enough' in str(joint_friction(solution, 0).stribeck)
+    slow = velocities(COUNT, 1)
+    solution = select(observed(windows(slow), 2.0 * np.sign(slow)), NO_BODIES, False)
+    stribeck = joint_friction(solution, 0).stribeck
+    assert stribeck.absent and 'velocities above 0.0' in stribeck.reason
