@@ -28,6 +28,8 @@ import numpy as np
 
 #: Half an interval for an unexplained torque of RMS 1.
 OTHER_FORM = 2.0
+#: Half an interval for a change of 1 by terms that leave as much unexplained as there was before.
+DOUBTFUL_FORM = 1.5
 
 
 class CoupledFriction(NamedTuple):
@@ -102,7 +104,8 @@ NUMBERS = tuple(field.name for field in dataclasses.fields(JointFriction)
                 if field.name != 'coupled')
 
 
-def joint_friction(fit: Fit, joint: int, systematic: float = 0.0) -> JointFriction:
+def joint_friction(fit: Fit, joint: int, systematic: float = 0.0, basic: Fit | None = None
+                   ) -> JointFriction:
     """
     Return the friction of a joint.
 
@@ -115,6 +118,9 @@ def joint_friction(fit: Fit, joint: int, systematic: float = 0.0) -> JointFricti
     systematic : float
         RMS of unseen torque that lasts longer than noise [N·m]: friction may have that much of
         another form, so intervals contain it.
+    basic : Fit, optional
+        The regression without the terms that were selected. Where these leave much unexplained,
+        another form of friction explains as much, and intervals contain a part of the change.
 
     """
     if not fit.data.moving[joint]:
@@ -125,19 +131,26 @@ def joint_friction(fit: Fit, joint: int, systematic: float = 0.0) -> JointFricti
     used = fit.data.used[:, joint]
     speed = float(np.sqrt(np.square(fit.data.windows.velocity[used, joint]).mean()))
 
-    def estimate(weights: Array, unit: str, form: float) -> Estimate:
-        half = float(np.hypot(fit.half_interval(weights), OTHER_FORM * form))
-        return Estimate(float(weights @ fit.value), half, unit)
+    unexplained = 0.0
+    if basic is not None and len(fit.unknowns.of_joint(joint)) > len(
+            basic.unknowns.of_joint(joint)):
+        unexplained = float(fit.noise.deviation[joint] / basic.noise.deviation[joint])
+
+    def estimate(weights: dict[TermKind, float], unit: str, form: float) -> Estimate:
+        rows = sum((factor * fit.unknowns.row(joint, kind) for kind, factor in weights.items()),
+                   np.zeros(fit.unknowns.count))
+        value = float(rows @ fit.value)
+        change = value - sum(factor * float(basic.unknowns.row(joint, kind) @ basic.value)
+                             for kind, factor in weights.items()) if basic else 0.0
+        halves = (float(fit.half_interval(rows)), OTHER_FORM * form,
+                  DOUBTFUL_FORM * unexplained * change)
+        return Estimate(value, float(np.linalg.norm(halves)), unit)
 
     def torque(kind: TermKind, offset: float = 0.0) -> Estimate:
-        weights = rows(kind) + offset * rows(TermKind.OFFSET)
-        return estimate(weights, 'N*m', systematic)
+        return estimate({kind: 1.0, TermKind.OFFSET: offset}, 'N*m', systematic)
 
     def viscous(kind: TermKind) -> Estimate:
-        return estimate(rows(kind), 'N*m*s/rad', systematic / speed)
-
-    def rows(kind: TermKind) -> Array:
-        return fit.unknowns.row(joint, kind)
+        return estimate({kind: 1.0}, 'N*m*s/rad', systematic / speed)
 
     index = {kind: fit.unknowns.index(joint, kind) for kind in TermKind}
     stribeck, coupled = index[TermKind.STRIBECK], index[TermKind.COUPLED_COULOMB]
@@ -150,7 +163,7 @@ def joint_friction(fit: Fit, joint: int, systematic: float = 0.0) -> JointFricti
         stribeck_velocity=Estimate.none() if stribeck is None else Estimate(
             fit.unknowns.term(stribeck).stribeck_velocity, unit='rad/s'),
         load=Estimate.none() if index[TermKind.LOAD] is None else estimate(
-            rows(TermKind.LOAD), '', 0.0),
+            {TermKind.LOAD: 1.0}, '', 0.0),
         dead_band=Estimate.none('it may be in Coulomb friction')
         if index[TermKind.DEAD_BAND] is None else torque(TermKind.DEAD_BAND),
         coupled=() if coupled is None else (CoupledFriction(

@@ -94,7 +94,14 @@ def friction_columns(data: Observations, joint: int) -> Array:
                             for term in basic_terms(data, joint)])
 
 
-def select(data: Observations, prior: BodyPrior, commanded: bool) -> Fit:
+class Selected(NamedTuple):
+    """The regression with the terms that predict unseen torque best, and with the basic ones."""
+
+    best: Fit
+    basic: Fit
+
+
+def select(data: Observations, prior: BodyPrior, commanded: bool) -> Selected:
     """
     Return the regression with the terms that predict unseen torque best.
 
@@ -110,17 +117,17 @@ def select(data: Observations, prior: BodyPrior, commanded: bool) -> Fit:
     """
     moving = np.flatnonzero(data.moving).tolist()
     terms = [term for joint in moving for term in basic_terms(data, joint)]
-    best = fit(data, Unknowns(prior, tuple(terms)))
-    predicted = data.windows.model_torque + best.held_out
+    basic = fit(data, Unknowns(prior, tuple(terms)))
+    predicted = data.windows.model_torque + basic.held_out
     data = dataclasses.replace(data, drive_sign=mean_sign(predicted))
-    best = dataclasses.replace(best, data=data)
+    best = dataclasses.replace(basic, data=data)
     for _ in range(MOST_ADDED):
         added = [term for joint in moving for term in _best_option(best, joint, commanded)]
         if not added:
             break
         terms += added
         best = fit(data, Unknowns(prior, tuple(terms)))
-    return best
+    return Selected(best, basic)
 
 
 def _options(data: Observations, joint: int, commanded: bool) -> Iterator[Option]:

@@ -62,9 +62,11 @@ FEWER_SAMPLES = 5
 MORE_SAMPLES = 3
 #: Longest part of the recordings that delay and lag are taken from [s].
 ENOUGH_S = 70.0
-#: Alignments of a measured effort: that of the period after the sample, at its instant, of the
-#: period before, and later ones, as of filtered efforts [samples].
-ALIGNMENTS = tuple(-0.5 * k for k in range(13))
+#: Fewest half samples by which a measured effort may be late. It may be that of the period after
+#: the sample, at its instant, of the period before, or, if it is filtered, a later one.
+LEAST_ALIGNMENTS = 13
+#: Longest time by which a filtered effort may be late [s].
+LATEST_EFFORT_S = 0.02
 #: Samples by which commands may be late without a change of their shape.
 UNEVEN = 0.03
 #: Fewest windows of a joint.
@@ -250,10 +252,12 @@ def timing(parts: Sequence[Stretch], windows: Sequence[Windows], source: str, ph
         return _of_commands(Profile(*_middle(parts, windows, phi), COMMAND, phi))
     profile = Profile(parts, windows, source, phi)
     n = profile.joint_count
-    table = np.array([profile.squares(x) for x in ALIGNMENTS])
+    count = max(LEAST_ALIGNMENTS, round(2.0 * LATEST_EFFORT_S / phi.period) + 1)
+    alignments = [-0.5 * k for k in range(count)]
+    table = np.array([profile.squares(x) for x in alignments])
     scale = np.where(profile.moving, table.min(axis=0), np.inf)
     best = int(np.argmin((table / scale).sum(axis=1)))
-    return Timing(source, ALIGNMENTS[best], np.zeros(n), {}, _any_rate(n), profile.moving)
+    return Timing(source, alignments[best], np.zeros(n), {}, _any_rate(n), profile.moving)
 
 
 def _middle(parts: Sequence[Stretch], windows: Sequence[Windows], phi: TestFunction

@@ -47,7 +47,7 @@ MOST_LASTING = 0.3
 MOST_UNEXPLAINED = 0.08
 #: Part of the friction that never matters.
 NEGLIGIBLE = 2e-3
-#: Half an interval of friction of a usable joint, as a part of that friction.
+#: Half an interval of friction of a usable joint, as a part of the Coulomb friction.
 NARROW = 0.2
 #: Part of the torque below which friction is little: intervals are then parts of this.
 LITTLE_FRICTION = 0.05
@@ -167,12 +167,10 @@ def _uncertain(identified: Identification, joint: int) -> Iterator[Finding]:
     """Yield that friction of a joint has a wide interval."""
     friction, name = identified.friction[joint], identified.joints[joint]
     little = LITTLE_FRICTION * float(identified.prediction.recording_rms[joint])
-    wide = []
-    if friction.coulomb.half > NARROW * max(abs(friction.coulomb.number()), little):
-        wide.append(f'Coulomb friction is {friction.coulomb}')
-    stribeck = friction.stribeck
-    if stribeck.value is not None and stribeck.half > NARROW * abs(stribeck.value):
-        wide.append(f'Stribeck friction is {stribeck}')
+    widest = NARROW * max(abs(friction.coulomb.number()), little)
+    numbers = {'Coulomb': friction.coulomb, 'Stribeck': friction.stribeck}
+    wide = [f'{kind} friction is {estimate}' for kind, estimate in numbers.items()
+            if estimate.half > widest]
     if wide:
         yield Finding(Reason.UNCERTAIN, Severity.CARE, joint,
                       f'Intervals are wide: {", ".join(wide)}', f'R{EXCITE.format(name)[1:]}')

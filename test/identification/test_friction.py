@@ -35,7 +35,7 @@ def torque_of(velocity: Array) -> Array:
 
 def test_numbers_of_each_direction_and_of_a_coupled_joint() -> None:
     velocity = velocities(COUNT, 3, 2)
-    solution = select(observed(windows(velocity), torque_of(velocity)), NO_BODIES, False)
+    solution = select(observed(windows(velocity), torque_of(velocity)), NO_BODIES, False).best
     first, second, third = (joint_friction(solution, joint) for joint in range(3))
     assert [first.forwards.value, first.backwards.value] == pytest.approx([3.0, 2.5], abs=0.01)
     assert first.coulomb.value == pytest.approx(2.75, abs=first.coulomb.half)
@@ -51,7 +51,7 @@ def test_numbers_of_each_direction_and_of_a_coupled_joint() -> None:
 
 def test_torque_that_lasts_unexplained_widens_the_intervals() -> None:
     velocity = velocities(COUNT, 3, 2)
-    solution = select(observed(windows(velocity), torque_of(velocity)), NO_BODIES, False)
+    solution = select(observed(windows(velocity), torque_of(velocity)), NO_BODIES, False).best
     narrow, wide = (joint_friction(solution, 0, lasting) for lasting in (0.0, 0.5))
     assert wide.coulomb.value == narrow.coulomb.value
     assert wide.coulomb.half >= 1.0 > 10.0 * narrow.coulomb.half
@@ -62,7 +62,7 @@ def test_torque_that_lasts_unexplained_widens_the_intervals() -> None:
 def test_a_joint_that_rests_has_no_numbers() -> None:
     velocity = velocities(COUNT, 2)
     velocity[:, 1] = 0.0
-    solution = select(observed(windows(velocity), np.sign(velocity)), NO_BODIES, False)
+    solution = select(observed(windows(velocity), np.sign(velocity)), NO_BODIES, False).best
     rest = joint_friction(solution, 1)
     assert rest.coulomb.value is None and 'hardly moves' in str(rest.viscous)
     assert rest.at_rest == 0.0
@@ -71,9 +71,9 @@ def test_a_joint_that_rests_has_no_numbers() -> None:
 def test_stribeck_friction_is_excluded_only_at_velocities_that_were_shown() -> None:
     fast = 0.6 + 0.2 * np.abs(velocities(COUNT, 1))
     sign = np.where(np.arange(COUNT) % 100 < 50, 1.0, -1.0)[:, None]
-    solution = select(observed(windows(sign * fast), 2.0 * sign), NO_BODIES, False)
+    solution = select(observed(windows(sign * fast), 2.0 * sign), NO_BODIES, False).best
     assert 'slowly enough' in str(joint_friction(solution, 0).stribeck)
     slow = velocities(COUNT, 1)
-    solution = select(observed(windows(slow), 2.0 * np.sign(slow)), NO_BODIES, False)
+    solution = select(observed(windows(slow), 2.0 * np.sign(slow)), NO_BODIES, False).best
     stribeck = joint_friction(solution, 0).stribeck
     assert stribeck.absent and 'velocities above 0.0' in stribeck.reason

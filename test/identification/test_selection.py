@@ -39,7 +39,7 @@ def selected(extra: Callable[[Windows], Array], commanded: bool = True, seed: in
     torque = load + COULOMB * np.sign(velocity) + 0.5 * velocity
     torque[:, 0] += extra(rows)
     torque += NOISE * rng.normal(size=torque.shape)
-    return select(observed(rows, torque), NO_BODIES, commanded)
+    return select(observed(rows, torque), NO_BODIES, commanded).best
 
 
 def added(solution: Fit, joint: int = 0) -> set[TermKind]:
@@ -99,6 +99,6 @@ def test_a_torque_that_is_mostly_friction_does_not_explain_itself() -> None:
     velocity = velocities(COUNT, 1, 3)
     torque = COULOMB * np.sign(velocity) + 0.5 * velocity + NOISE * np.random.default_rng(
         3).normal(size=velocity.shape)
-    solution = select(observed(windows(velocity), torque), NO_BODIES, False)
+    solution = select(observed(windows(velocity), torque), NO_BODIES, False).best
     assert not added(solution)
     assert coefficient(solution, TermKind.COULOMB) == pytest.approx(COULOMB, rel=0.01)

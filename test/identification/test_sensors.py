@@ -17,9 +17,14 @@
 from __future__ import annotations
 
 from ctc_chattering.bags.recording import Recording
-from ctc_chattering.identification.sensors import clock, encoder_step, velocity_noise
-from ctc_chattering.identification.weak_form import smooth
-from ctc_chattering.identification.windows import least_velocity, sliding
+from ctc_chattering.identification.findings import Reason, Severity
+from ctc_chattering.identification.sensors import (
+    clock,
+    encoder_step,
+    Positions,
+    velocity_noise,
+)
+from ctc_chattering.identification.windows import slowest_motion
 import numpy as np
 import pytest
 from scipy.signal import lfilter  # type: ignore[import-untyped]
@@ -38,7 +43,7 @@ def test_the_step_of_an_encoder(step: float) -> None:
 def test_a_position_without_steps_has_none() -> None:
     assert encoder_step(np.sin(0.7 * T)).value is None
     noisy = np.sin(0.7 * T) + np.random.default_rng(0).normal(0.0, 1e-5, len(T))
-    assert str(encoder_step(noisy)) == 'not identifiable: no step shows'
+    assert str(encoder_step(noisy)) == 'not known: no step shows'
     assert 'hardly moves' in str(encoder_step(np.zeros(1000)))
 
 
@@ -52,7 +57,7 @@ def test_the_noise_of_a_velocity_that_lags(lag: float) -> None:
     # A low-pass of 5 Hz leaves no noise of single samples.
     slow = lfilter([0.03], [1.0, -0.97], dq, axis=0)
     (noise,), more = velocity_noise(Recording('r', ('a',), T, q, slow), H)
-    assert 'no noise of single samples, as after a filter' in str(noise)
+    assert 'it is filtered' in str(noise)
     assert not findings and not more
 
 
@@ -64,9 +69,10 @@ def test_a_joint_that_rests_neither_slides_nor_has_a_wrong_velocity() -> None:
     dq = np.column_stack((np.cos(T), 0.0 * T, 0.0 * T)) + rng.normal(0.0, 1e-3, q.shape)
     _, findings = velocity_noise(Recording('r', ('a', 'b', 'c'), T, q, dq), H)
     assert findings == []
-    way = sliding(np.column_stack([smooth(x, H, 1) for x in q.T]), least_velocity(q, H), H)
-    assert (np.abs(way).mean(axis=0) > 0.9).tolist() == [True, False, False]
-    assert not way[:, 1].any()
+    slowest = slowest_motion(q, H)
+    speed = np.abs(np.gradient(q, H, axis=0))
+    assert (speed[:, 0] > slowest[0]).mean() > 0.9
+    assert not (np.abs(np.diff(q[:, 1])) / H > slowest[1]).any()
 
 
 def test_the_stamps() -> None:
@@ -76,3 +82,21 @@ def test_the_stamps() -> None:
     found = clock(Recording('r', ('a',), t[keep], np.zeros((len(keep), 1))), H)
     assert found.period == pytest.approx(H, rel=1e-3)
     assert found.missing == 1002
+
+
+@pytest.mark.parametrize(('factor', 'shown'), [(57.3, '57.3'), (-1.0, '-1'), (1.2, '1.2')])
+def test_a_velocity_that_is_none_of_its_position_is_refused(factor: float, shown: str) -> None:
+    q = np.sin(3.0 * T)[:, None]
+    dq = 3.0 * factor * np.cos(3.0 * T)[:, None]
+    (noise,), (finding,) = velocity_noise(Recording('r', ('a',), T, q, dq), H)
+    assert noise.value is None
+    assert (finding.reason, finding.severity) == (Reason.VELOCITY, Severity.REFUSED)
+    assert finding.text.startswith(f'The velocity of a is {shown} ')
+
+
+def test_positions_are_summed_up() -> None:
+    q = np.sin(T)[:, None] + np.random.default_rng(1).normal(0.0, 1e-4, (len(T), 1))
+    found = Positions.of([Recording('r', ('a',), T, q)], H)
+    assert found.ends[:, 0] == pytest.approx([-1.0, 1.0], abs=0.02)
+    assert found.noise[0] == pytest.approx(1e-4, rel=0.05)
+    assert len(found.poses) >= 20 and found.poses[0, 0] == q[0, 0]
