@@ -85,6 +85,12 @@ class JointFriction:
     dead_band: Estimate
     coupled: tuple[CoupledFriction, ...] = ()
 
+    @classmethod
+    def unknown(cls, reason: str) -> JointFriction:
+        """Return the friction of a joint of which nothing is known."""
+        unknown = Estimate.unknown(reason)
+        return cls(unknown, unknown, unknown, unknown, unknown, unknown, unknown, unknown)
+
     def as_mapping(self, joints: Sequence[str]) -> dict[str, Any]:
         """Return it as JSON has it; `joints` are the names of all joints."""
         numbers = {name: getattr(self, name).as_mapping() for name in NUMBERS}
@@ -124,26 +130,17 @@ def joint_friction(fit: Fit, joint: int, systematic: float = 0.0, basic: Fit | N
 
     """
     if not fit.data.moving[joint]:
-        unknown = Estimate.unknown('the joint hardly moves')
-        return JointFriction(
-            unknown, unknown, unknown, unknown, unknown, unknown, unknown, unknown)
-
+        return JointFriction.unknown('the joint hardly moves')
     used = fit.data.used[:, joint]
     speed = float(np.sqrt(np.square(fit.data.windows.velocity[used, joint]).mean()))
-
-    unexplained = 0.0
-    if basic is not None and len(fit.unknowns.of_joint(joint)) > len(
-            basic.unknowns.of_joint(joint)):
-        unexplained = float(fit.noise.deviation[joint] / basic.noise.deviation[joint])
+    doubt = 0.0 if basic is None else DOUBTFUL_FORM * _unexplained_by_added(fit, basic, joint)
 
     def estimate(weights: dict[TermKind, float], unit: str, form: float) -> Estimate:
-        rows = sum((factor * fit.unknowns.row(joint, kind) for kind, factor in weights.items()),
-                   np.zeros(fit.unknowns.count))
-        value = float(rows @ fit.value)
-        change = value - sum(factor * float(basic.unknowns.row(joint, kind) @ basic.value)
-                             for kind, factor in weights.items()) if basic else 0.0
-        halves = (float(fit.half_interval(rows)), OTHER_FORM * form,
-                  DOUBTFUL_FORM * unexplained * change)
+        row = _row(fit, joint, weights)
+        value = float(row @ fit.value)
+        halves = [float(fit.half_interval(row)), OTHER_FORM * form]
+        if basic is not None:
+            halves.append(doubt * (value - float(_row(basic, joint, weights) @ basic.value)))
         return Estimate(value, float(np.linalg.norm(halves)), unit)
 
     def torque(kind: TermKind, offset: float = 0.0) -> Estimate:
@@ -169,6 +166,19 @@ def joint_friction(fit: Fit, joint: int, systematic: float = 0.0, basic: Fit | N
         coupled=() if coupled is None else (CoupledFriction(
             int(fit.unknowns.term(coupled).which), torque(TermKind.COUPLED_COULOMB),
             viscous(TermKind.COUPLED_VISCOUS)),))
+
+
+def _row(fit: Fit, joint: int, weights: dict[TermKind, float]) -> Array:
+    """Return the weights of x that give a weighted sum of coefficients of a joint, shape (m,)."""
+    rows = [factor * fit.unknowns.row(joint, kind) for kind, factor in weights.items()]
+    return np.asarray(np.sum(rows, axis=0))
+
+
+def _unexplained_by_added(fit: Fit, basic: Fit, joint: int) -> float:
+    """Return the noise of a joint by that without the added terms; 0 if there are none."""
+    if len(fit.unknowns.of_joint(joint)) == len(basic.unknowns.of_joint(joint)):
+        return 0.0
+    return float(fit.noise.deviation[joint] / basic.noise.deviation[joint])
 
 
 def _no_stribeck(data: Observations, joint: int) -> Estimate:

@@ -27,6 +27,7 @@ from ctc_chattering.configuration import parameter_file
 from ctc_chattering.dynamics.two_link import TwoLink
 from ctc_chattering.errors import CtcError
 from ctc_chattering.identification.findings import Estimate
+from ctc_chattering.identification.friction import JointFriction
 from ctc_chattering.identification.gains import recommend, Recommendation
 from ctc_chattering.identification.identify import Identification
 from ctc_chattering.identification.perturbation import MeasuredPerturbation, perturbation
@@ -48,7 +49,7 @@ def base() -> Identification:
 
 @cache
 def measured() -> MeasuredPerturbation:
-    return perturbation(base())
+    return perturbation(base(), False)
 
 
 def recommended(found: Identification | None = None) -> Recommendation:
@@ -97,21 +98,23 @@ def test_another_run_is_predicted_and_ka_holds_there() -> None:
     for friction, holds in ((made().plant.coulomb_friction, True), ((14.0, 14.0), False)):
         other = record('two_link', 7, 8.0, plant={
             'velocity_noise': [1e-5] * 2, 'coulomb_friction': list(friction)})
-        run = perturbation(dataclasses.replace(base(), data=windows_of(
-            base(), other.recording.checked(), made().model)))
-        whole, rest = (np.nanmean(np.square(x), axis=0)
-                       for x in (run.predicted + run.rest, run.rest))
-        assert (rest < 0.05 ** 2 * whole).all() == holds
+        data = windows_of(base(), other.recording.checked(), made().model)
+        fit = dataclasses.replace(base().fit, data=data)
+        run = perturbation(dataclasses.replace(base(), fit=fit), False)
+        whole, unexplained = (np.nanmean(np.square(x), axis=0)
+                              for x in (run.measured, run.residual))
+        assert (unexplained < 0.05 ** 2 * whole).all() == holds
         assert (run.peak < ka).all() == holds
 
 
 def without_friction(i: int) -> Identification:
     """Return an identification in which the friction of a joint is not known."""
-    unknown = Estimate.none(f'{base().joints[i]} hardly moves')
+    used = base().fit.data.used.copy()
+    used[:, i] = False
+    fit = dataclasses.replace(base().fit, data=dataclasses.replace(base().fit.data, used=used))
     friction = list(base().friction)
-    friction[i] = dataclasses.replace(friction[i], coulomb=unknown, forwards=unknown,
-                                      backwards=unknown)
-    return dataclasses.replace(base(), friction=friction)
+    friction[i] = JointFriction.unknown(f'{base().joints[i]} hardly moves')
+    return dataclasses.replace(base(), fit=fit, friction=friction)
 
 
 def test_a_joint_that_hardly_moves_has_no_gains_and_no_file() -> None:
@@ -122,13 +125,13 @@ def test_a_joint_that_hardly_moves_has_no_gains_and_no_file() -> None:
         assert values[0] > 0.0 and values[1] is None
     verdict = verdicts(found, gains.findings)[1]
     assert not verdict.usable
-    assert 'hardly moves' in str(verdict) and 'raise its kp' in str(verdict)
+    assert 'hardly moves' in str(verdict) and 'Raise its kp' in str(verdict)
     with pytest.raises(CtcError, match='joint2 hardly moves'):
         parameter_values(found, gains, made().model, {'model': 'two_link'}, None)
 
 
 def test_without_velocities_the_plant_takes_differences() -> None:
-    found = dataclasses.replace(base(), noise=[Estimate.none('no velocities in the bag')] * 2)
+    found = dataclasses.replace(base(), noise=[Estimate.unknown('no velocities in the bag')] * 2)
     gains = recommended(found)
     plant = parameter_values(found, gains, made().model, {'model': 'two_link'}, None)['plant']
     assert plant['velocity_sensor'] == 'difference' and 'velocity_noise' not in plant
@@ -152,4 +155,4 @@ def test_the_motion_keeps_limits_that_the_recorded_one_did_not_keep() -> None:
     values = parameter_values(base(), recommended(), Slow(9.81), {'model': 'two_link'}, None)
     motion = values['reference']
     speed = 2.0 * np.pi * np.array(motion['amplitude']) * motion['frequency']
-    assert (speed <= (0.2, 0.4)).all() and (np.abs(base().data.velocity).max(axis=0) > 0.4).all()
+    assert (speed <= (0.2, 0.4)).all() and (np.abs(base().fit.data.windows.velocity).max(axis=0) > 0.4).all()

@@ -50,7 +50,7 @@ def base() -> Identification:
 
 @cache
 def measured() -> MeasuredPerturbation:
-    return perturbation(base())
+    return perturbation(base(), False)
 
 
 @cache
@@ -91,7 +91,7 @@ def test_the_pole_steps_down_until_all_draws_survive(monkeypatch: pytest.MonkeyP
 def test_gains_of_which_none_survives_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     finding = surviving(monkeypatch, 1.0).findings[-1]
     assert finding.severity == Severity.REFUSED
-    assert 'no gains survive' in finding.reason and 'record' in finding.cure
+    assert 'No gains survive' in finding.text and 'record' in finding.cure
 
 
 def test_draws_have_the_corners_and_are_within_the_intervals() -> None:
@@ -100,18 +100,19 @@ def test_draws_have_the_corners_and_are_within_the_intervals() -> None:
     plant = parameter_file.load(None, values_of(gains())).plant
     found = dataclasses.replace(base(), timing=timing)
     draws = list(draw_robots(found, measured(), plant, 20, 1))
-    assert [x['plant']['input_delay'] for _, x in draws[:8]] == [0] * 4 + [2] * 4
-    scales = {round(x['controller']['inertia_scale'], 6) for _, x in draws[:4]}
-    assert scales == {0.95, 1.05}
-    for _, x in draws:
-        lag = np.array(x['plant']['actuator_lag'])
-        low, _, high = timing.delays[x['plant']['input_delay']]
-        assert (lag >= low).all() and (lag <= high).all()
+    assert [x.delay for x in draws[:8]] == [0] * 4 + [2] * 4
+    corners = {(round(x.model_scale, 6), x.friction_end) for x in draws[:4]}
+    assert corners == {(0.95, -1), (0.95, 1), (1.05, -1), (1.05, 1)}
+    for draw in draws:
+        low, _, high = timing.delays[draw.delay]
+        assert (draw.lag >= low).all() and (draw.lag <= high).all()
+        assert draw.values['plant']['actuator_lag'] == draw.lag.tolist()
+        assert draw.values['controller']['inertia_scale'] == draw.model_scale
     again = draw_robots(found, measured(), plant, 20, 1)
-    assert list(again) == draws
+    assert [x.values for x in again] == [x.values for x in draws]
 
 
 def test_the_identified_robot_survives(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(module, '_TRIAL', 1.3)
+    monkeypatch.setattr(module, 'TRIAL_S', 1.3)
     found = trial_runs(base(), measured(), gains(), setups(), count=1)
     assert '1 of 1 draws survived' in found.trials[0]

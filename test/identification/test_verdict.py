@@ -12,75 +12,108 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""A joint whose numbers cannot be right is refused with its reason; others stay usable."""
+"""The prediction of unseen torque decides; each reason has a number and a cure."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 import dataclasses
 from types import SimpleNamespace
 from typing import Any, cast
 
-from ctc_chattering.identification.findings import ALL_JOINTS, Estimate, Finding, Kind, Severity
-from ctc_chattering.identification.friction import JointFriction
+from ctc_chattering.identification.findings import (
+    ALL_JOINTS,
+    Estimate,
+    Finding,
+    note,
+    Reason,
+    Severity,
+)
+from ctc_chattering.identification.friction import CoupledFriction, JointFriction
 from ctc_chattering.identification.identify import Identification
 from ctc_chattering.identification.verdict import next_step, verdicts
 import numpy as np
 import pytest
 
-NONE = Estimate.none('none shows')
-GOOD = JointFriction(Estimate(5.0, 0.01, 'N*m'), Estimate(5.0, 0.01), Estimate(5.0, 0.01),
-                     Estimate(0.0, 0.01), Estimate(1.0, 0.01), NONE, NONE, NONE)
+NONE = Estimate.none()
+GOOD = JointFriction(
+    coulomb=Estimate(5.0, 0.01, 'N*m'), forwards=Estimate(5.0, 0.01, 'N*m'),
+    backwards=Estimate(5.0, 0.01, 'N*m'), viscous=Estimate(1.0, 0.01), stribeck=NONE,
+    stribeck_velocity=NONE, load=NONE, dead_band=NONE)
+#: RMS of unseen torque of a joint of which only noise is unexplained [N·m].
+PREDICTED = {'recording_rms': 20.0, 'model_rms': 6.0, 'identified_rms': 0.1, 'typical_rms': 0.1,
+             'systematic_rms': 0.0}
 
 
-def made(second: JointFriction = GOOD, lag: float = 0.0, source: str = 'command',
-         findings: tuple[Finding, ...] = (), attributed: bool = True) -> Identification:
-    """Return what `verdicts` reads of an identification of two joints."""
-    timing = SimpleNamespace(drive=(1.0, np.array([0.0, lag]), np.zeros(2)), source=source)
+def made(second: JointFriction = GOOD, findings: tuple[Finding, ...] = (), *,
+         moves: bool = True, predicted: Mapping[str, float] = {}) -> Identification:
+    """Return what `verdicts` reads of two joints; fields of the second one's prediction differ."""
+    prediction = {name: np.array([value, predicted.get(name, value)])
+                  for name, value in PREDICTED.items()}
+    data = SimpleNamespace(moving=np.array([True, moves]), used=np.ones((9, 2), bool))
+    fit = SimpleNamespace(data=data, torque=lambda joint, kinds: np.full(9, 5.0))
     return cast(Identification, SimpleNamespace(
-        joints=('a', 'b'), friction=[GOOD, second], timing=timing, findings=findings,
-        selected=SimpleNamespace(attributed=attributed), unexplained=(), data=SimpleNamespace(
-            torque=np.zeros((1, 2)), way=np.zeros((1, 2)))))
+        joints=('a', 'b'), friction=[GOOD, second], findings=findings, fit=fit,
+        prediction=SimpleNamespace(**prediction)))
 
 
-def test_a_joint_without_findings_is_usable() -> None:
+def test_a_joint_of_which_only_noise_is_unexplained_is_usable() -> None:
     assert [str(x) for x in verdicts(made())] == ['usable'] * 2
 
 
-@pytest.mark.parametrize('change, lag, source, severity, reason', [
-    ({'coulomb': Estimate(-0.05, 0.1, 'N*m')}, 0.0, 'command', Severity.CARE, 'no friction'),
-    ({'coulomb': Estimate(np.nan, 0.1)}, 0.0, 'command', Severity.REFUSED, 'nan'),
-    ({'coulomb': Estimate(5.0, np.inf)}, 0.0, 'command', Severity.REFUSED, 'inf'),
-    ({'coulomb': Estimate(5.0, 2.0)}, 0.0, 'command', Severity.CARE, 'longer motion'),
-    ({'coulomb': Estimate(0.0, 0.003, 'N*m')}, 0.0, 'effort', Severity.REFUSED, 'gear'),
-    ({'coulomb': Estimate.none('b hardly moves')}, 0.0, 'command', Severity.REFUSED, 'excite'),
-    ({'offset': Estimate(4.0, 0.1)}, 0.0, 'command', Severity.CARE, 'directions'),
-    ({'stribeck_velocity': Estimate(0.005, 0.1)}, 0.0, 'command', Severity.CARE, 'Stribeck'),
-    ({}, 0.012, 'command', Severity.CARE, 'elastic')])
-def test_numbers_beyond_physical_bounds(change: dict[str, Any], lag: float, source: str,
-                                        severity: Severity, reason: str) -> None:
-    first, second = verdicts(made(dataclasses.replace(GOOD, **change), lag, source))
-    assert first.severity == Severity.NOTE
-    assert second.severity == severity
-    assert reason in str(second)
+@pytest.mark.parametrize(('predicted', 'severity', 'reason'), [
+    ({'identified_rms': 5.9, 'typical_rms': 5.9, 'systematic_rms': 4.0}, Severity.REFUSED,
+     Reason.NOT_PREDICTED),
+    ({'identified_rms': 5.0, 'typical_rms': 5.0, 'systematic_rms': 0.1}, Severity.CARE,
+     Reason.UNEXPLAINED),
+    ({'systematic_rms': 0.09}, Severity.CARE, Reason.UNEXPLAINED),
+    # An exact model leaves nothing to predict better.
+    ({'model_rms': 1e-5, 'identified_rms': 1e-5, 'typical_rms': 1e-5}, Severity.NOTE, None),
+    # Outliers alone are no doubt.
+    ({'identified_rms': 3.0}, Severity.NOTE, None)])
+def test_the_prediction_of_unseen_torque_decides(
+        predicted: dict[str, float], severity: Severity, reason: Reason | None) -> None:
+    first, second = verdicts(made(predicted=predicted))
+    assert first.severity == Severity.NOTE and second.severity == severity
+    assert [x.reason for x in second.findings] == [reason] * (reason is not None)
     assert second.usable == (severity < Severity.REFUSED)
 
 
-def test_where_the_model_has_errors_a_longer_motion_is_no_cure() -> None:
-    wide = dataclasses.replace(GOOD, coulomb=Estimate(5.0, 2.0))
-    for attributed in (True, False):
-        found = verdicts(made(wide, attributed=attributed))
-        assert ('longer motion' in str(found[1])) == attributed
-        assert ('ctc excite --for b' in next_step(found)) == attributed
-        assert ('other reasons' in str(found[1])) != attributed
-    # Where directions differ, no motion is missing.
-    uneven = verdicts(made(dataclasses.replace(GOOD, offset=Estimate(4.0, 0.1))))
-    assert uneven[1].findings[0].kind is Kind.UNEVEN and 'excite' not in next_step(uneven)
+@pytest.mark.parametrize(('change', 'reason', 'words'), [
+    ({'coulomb': Estimate(5.0, 2.0, 'N*m')}, Reason.UNCERTAIN, '5 ± 2 N*m'),
+    ({'stribeck': Estimate(2.0, 2.0, 'N*m')}, Reason.UNCERTAIN, '2 ± 2 N*m'),
+    # A dead zero within a narrow interval is no doubt: friction is little beside the torque.
+    ({'coulomb': Estimate(0.0, 0.1, 'N*m')}, None, ''),
+    ({'viscous': Estimate(-8e-7, 3e-6)}, None, ''),
+    ({'coulomb': Estimate(0.0, 0.5, 'N*m')}, Reason.UNCERTAIN, '0 ± 0.5 N*m'),
+    ({'coupled': (CoupledFriction(0, Estimate(1.0), Estimate(0.1)),)}, Reason.COUPLED,
+     'has friction of a')])
+def test_numbers_that_need_care(change: dict[str, Any], reason: Reason | None, words: str
+                                ) -> None:
+    first, second = verdicts(made(dataclasses.replace(GOOD, **change)))
+    assert first.severity == Severity.NOTE
+    assert [x.reason for x in second.findings] == [reason] * (reason is not None)
+    assert words in str(second)
+
+
+def test_a_joint_that_hardly_moves_is_refused_with_a_motion_for_it() -> None:
+    (_, second) = found = verdicts(made(moves=False))
+    assert (second.severity, second.findings[0].reason) == (Severity.REFUSED, Reason.NOT_EXCITED)
+    assert 'ctc excite --for b' in next_step(found)
+
+
+def test_only_what_motion_settles_asks_for_motion() -> None:
+    coupled = CoupledFriction(0, Estimate(1.0), Estimate(0.1))
+    for change, asks in (({'coulomb': Estimate(5.0, 2.0)}, True), ({'coupled': (coupled,)}, False)):
+        found = verdicts(made(dataclasses.replace(GOOD, **change)))
+        assert ('ctc excite --for b' in next_step(found)) == asks
 
 
 def test_the_worst_finding_decides_and_only_its_like_are_reasons() -> None:
-    findings = (Finding(Kind.DOUBT, ALL_JOINTS, 'jitter', 'use stamps'),
-                Finding(Kind.NO_NUMBER, 1, 'backlash'), Finding(Kind.NOTE, 0, 'a note'))
-    first, second = verdicts(made(findings=findings), [Finding(Kind.NO_NUMBER, 1, 'second')])
-    assert str(first) == 'usable with care: jitter; use stamps'
-    assert str(second) == 'not usable: backlash; second'
+    findings = (Finding(Reason.STAMPS, Severity.CARE, ALL_JOINTS, 'Stamps jitter', 'Use others'),
+                Finding(Reason.UNITS, Severity.REFUSED, 1, 'Another unit'), note('a note', 0))
+    later = [Finding(Reason.GAINS, Severity.REFUSED, 1, 'Second')]
+    first, second = verdicts(made(findings=findings), later)
+    assert str(first) == 'usable with care: Stamps jitter. Use others.'
+    assert str(second) == 'not usable: Another unit. Second.'
     assert [x.severity for x in second.findings] == [2, 2, 1]
