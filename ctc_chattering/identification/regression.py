@@ -45,13 +45,16 @@ Flags = npt.NDArray[np.bool_]
 #: Blocks of time of which one is left out at a time.
 BLOCKS = 10
 #: Rounds in which noise and weights follow from what is not predicted.
-ROUNDS = 6
+ROUNDS = 10
 #: Share of a window from which on a joint rests in it.
 MOST_RESTING = 0.5
 #: Fewest windows of a joint in motion that are fitted.
 FEWEST_WINDOWS = 20
 #: Deviations at which a window has half its weight.
 OUTLIER_DEVIATIONS = 10.0
+#: Noise to begin with, as a part of the torque beyond the model. From a small one the data decide
+#: on the unknowns first; from a large one these might stay as expected, and noise remain large.
+FIRST_NOISE = 0.1
 #: Noise below which a torque is not trusted, as a part of its deviation.
 LEAST_NOISE = 1e-4
 #: Draws of blocks for intervals.
@@ -382,11 +385,11 @@ def _block_spread(sums: _Sums, mean: Array) -> Array:
 
 
 def _first_noise(data: Observations) -> Noise:
-    """Return the noise to begin with: all that is beyond the model."""
+    """Return the noise to begin with: a part of what is beyond the model."""
     count = np.maximum(data.used.sum(axis=0), 1)
     power = np.square(data.beyond_model).sum(axis=0) / count
     floor = LEAST_NOISE * data.deviation
-    return Noise(np.sqrt(power + np.square(floor)), np.ones(data.joint_count),
+    return Noise(FIRST_NOISE * np.sqrt(power) + floor, np.ones(data.joint_count),
                  1.0 - data.windows.resting)
 
 

@@ -63,6 +63,9 @@ LEAST_COUPLED_GAIN = 0.7
 LEAST_BLOCKS = 7
 #: Most terms that are added to a joint.
 MOST_ADDED = 3
+#: Part of the power of a term that other terms of its joint may have: beyond it, data do not tell
+#: them apart.
+MOST_ALIKE = 0.95
 
 
 class Option(NamedTuple):
@@ -156,7 +159,7 @@ def _best_option(solution: Fit, joint: int, commanded: bool) -> tuple[FrictionTe
     best_gain = 0.0
     best_terms: tuple[FrictionTerm, ...] = ()
     for option in _options(solution.data, joint, commanded):
-        if option.terms[0].kind in present:
+        if option.terms[0].kind in present or trial.alike(option.terms[0]) > MOST_ALIKE:
             continue
         squares = trial.squares(option.terms)
         gain = 1.0 - float(squares.sum() / trial.without.sum())
@@ -197,6 +200,14 @@ class _JointTrial:
                          for value in solution.left_out]
         self._ridge = 1.0 / float(np.sqrt(solution.noise.information[joint]))
         self.without = self.squares(())
+
+    def alike(self, term: FrictionTerm) -> float:
+        """Return the part of the power of a term that the terms of the joint have already."""
+        weight = self._weight[:, None]
+        column = term.column(self._data.windows, self._data.drive_sign)[self._used] * weight[:, 0]
+        basis = np.linalg.qr(self._friction * weight)[0]
+        power = float(column @ column)
+        return float(np.square(basis.T @ column).sum()) / power if power else 1.0
 
     def squares(self, terms: tuple[FrictionTerm, ...]) -> Array:
         """Return the sum of squares of each block, as the others predict it, with more terms."""

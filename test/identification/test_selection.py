@@ -17,8 +17,9 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+from ctc_chattering.identification import selection
 from ctc_chattering.identification.friction_terms import TermKind
-from ctc_chattering.identification.regression import Fit
+from ctc_chattering.identification.regression import Fit, mean_sign
 from ctc_chattering.identification.selection import select
 from ctc_chattering.identification.windows import Windows
 from ctc_chattering.numerics.linear_algebra import Array
@@ -102,3 +103,19 @@ def test_a_torque_that_is_mostly_friction_does_not_explain_itself() -> None:
     solution = select(observed(windows(velocity), torque), NO_BODIES, False).best
     assert not added(solution)
     assert coefficient(solution, TermKind.COULOMB) == pytest.approx(COULOMB, rel=0.01)
+
+
+def test_a_dead_band_that_has_the_sign_of_the_motion_is_not_told_from_friction(
+        monkeypatch: pytest.MonkeyPatch) -> None:
+    """Torque of a light joint has that sign but at reversals, where a joint may stick."""
+    velocity = velocities(COUNT, 1, 3)
+    load = 0.3 * np.sin(0.3 * np.arange(COUNT))[:, None]
+    rows = windows(velocity, load)
+    torque = load + COULOMB * np.sign(velocity) + 0.5 * velocity
+    sticking = mean_sign(torque) - rows.direction
+    data = observed(rows, torque + 2.0 * sticking)
+    solution = select(data, NO_BODIES, True).best
+    assert not added(solution)
+    assert coefficient(solution, TermKind.COULOMB) == pytest.approx(COULOMB, rel=0.02)
+    monkeypatch.setattr(selection, 'MOST_ALIKE', 1.1)
+    assert TermKind.DEAD_BAND in added(select(data, NO_BODIES, True).best)
