@@ -175,10 +175,13 @@ def numbers(one: Case, found: Identification, seen: Played, duration: float) -> 
         yield from _number(f'gravity {"xyz"[k]}', -1, x, pull, 9.81)
     for i, friction in enumerate(found.friction):
         coulomb = float(true['coulomb'][1, i])
-        # Friction of commands has what dead bands of drives take, as far as they are not apart.
-        hidden = true['band'][:, i] * [0.0, 1.0] * (friction.dead_band.value is None)
+        # Friction of commands has what dead bands of drives take, as far as they are not apart: of
+        # torques of one sign that is an offset.
+        hidden = true['band'][:, i] * (friction.dead_band.value is None)
+        either = hidden * [-1.0, 1.0]
         for name, more, scale in (
-                ('coulomb', hidden, 0.0), ('forwards', hidden, 0.0), ('backwards', hidden, 0.0),
+                ('coulomb', hidden * [0.0, 1.0], 0.0), ('forwards', either, 0.0),
+                ('backwards', either, 0.0),
                 ('viscous', 0.0, 0.0), ('load', 0.0, coulomb / through[i])):
             yield from _number(name, i, getattr(friction, name), true[name][:, i] + more, scale)
         yield from _slow_friction(i, friction, true, coulomb)

@@ -40,6 +40,8 @@ class TermKind(Enum):
 
 #: Terms that every joint in motion has.
 ALWAYS = (TermKind.COULOMB, TermKind.VISCOUS, TermKind.OFFSET)
+#: Terms with a coefficient that is not negative.
+NOT_NEGATIVE = (TermKind.COULOMB, TermKind.VISCOUS, TermKind.LOAD, TermKind.DEAD_BAND)
 
 
 class FrictionTerm(NamedTuple):

@@ -33,7 +33,7 @@ import dataclasses
 from functools import cached_property
 from typing import NamedTuple
 
-from ctc_chattering.identification.friction_terms import FrictionTerm, TermKind
+from ctc_chattering.identification.friction_terms import FrictionTerm, NOT_NEGATIVE, TermKind
 from ctc_chattering.identification.prior import BodyPrior, covariance_of, PhysicalBounds
 from ctc_chattering.identification.windows import Windows
 from ctc_chattering.numerics.linear_algebra import Array
@@ -163,9 +163,9 @@ class Unknowns:
 
     @cached_property
     def bounds(self) -> PhysicalBounds:
-        """Bounds of all unknowns: Coulomb and viscous friction are not negative."""
+        """Bounds of all unknowns."""
         positive = {self.body_count + k: 0.0 for k, term in enumerate(self.terms)
-                    if term.kind in (TermKind.COULOMB, TermKind.VISCOUS)}
+                    if term.kind in NOT_NEGATIVE}
         return self.prior.bounds.with_least(positive)
 
     def term(self, index: int) -> FrictionTerm:

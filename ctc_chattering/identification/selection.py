@@ -25,7 +25,12 @@ from collections.abc import Iterator
 import dataclasses
 from typing import NamedTuple
 
-from ctc_chattering.identification.friction_terms import ALWAYS, FrictionTerm, TermKind
+from ctc_chattering.identification.friction_terms import (
+    ALWAYS,
+    FrictionTerm,
+    NOT_NEGATIVE,
+    TermKind,
+)
 from ctc_chattering.identification.prior import BodyPrior
 from ctc_chattering.identification.regression import (
     BLOCKS,
@@ -210,11 +215,17 @@ class _JointTrial:
         return float(np.square(basis.T @ column).sum()) / power if power else 1.0
 
     def squares(self, terms: tuple[FrictionTerm, ...]) -> Array:
-        """Return the sum of squares of each block, as the others predict it, with more terms."""
+        """
+        Return the sum of squares of each block, as the others predict it, with more terms.
+
+        It is infinite where a coefficient cannot be what the others say.
+        """
         added = [term.column(self._data.windows, self._data.drive_sign)[self._used]
                  for term in terms]
         columns = np.column_stack((self._friction, *added)) * self._weight[:, None]
         ridge = self._ridge * np.eye(columns.shape[1])
+        first = self._friction.shape[1]
+        not_negative = [first + k for k, term in enumerate(terms) if term.kind in NOT_NEGATIVE]
         squares = np.zeros(BLOCKS)
         for k, target in enumerate(self._targets):
             left_out = self._block == k
@@ -225,4 +236,6 @@ class _JointTrial:
                 np.vstack((columns[~left_out], ridge)),
                 np.concatenate((y[~left_out], np.zeros(len(ridge)))), rcond=None)[0]
             squares[k] = np.square(y[left_out] - columns[left_out] @ value).sum()
+            if (value[not_negative] < 0.0).any():
+                squares[k] = np.inf
         return squares
