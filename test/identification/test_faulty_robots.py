@@ -101,7 +101,7 @@ def with_coulomb(made: Outcome, value: float, half: float) -> Outcome:
 
 def test_a_plain_robot_is_identified_without_a_wrong_number() -> None:
     one, seen, _, right = made()
-    row = judged(one, 'plain', seen, right, _SECONDS)
+    row = judged(one, seen, right, _SECONDS)
     assert row['wrong'] == []
     assert row['refused'] == 0
     assert all(x == Severity.NOTE for x in right.severity)
@@ -112,13 +112,13 @@ def test_a_wrong_number_is_counted_unless_something_warns_of_its_joint() -> None
     one, seen, _, right = made()
     true = one.robot.physics.coulomb
     bad = with_coulomb(right, 1.05 * true[0], 0.001)
-    row = judged(one, 'plain', seen, bad, _SECONDS)
+    row = judged(one, seen, bad, _SECONDS)
     assert any(x.startswith('coulomb[0]') for x in row['wrong'])
     wide = with_coulomb(right, 1.05 * true[0], 0.1 * true[0])
     assert not any(x.startswith('coulomb[0]') for x in judged(
-        one, 'plain', seen, wide, _SECONDS)['wrong'])
+        one, seen, wide, _SECONDS)['wrong'])
     warned = bad._replace(severity=(Severity.CARE, Severity.CARE))
-    row = judged(one, 'plain', seen, warned, _SECONDS)
+    row = judged(one, seen, warned, _SECONDS)
     assert row['wrong'] == []
     assert any(x.startswith('coulomb[0]') for x in row['warned'])
 
