@@ -16,6 +16,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 from ctc_chattering.analysis.drawing import legend_of, panel, sheet
 from ctc_chattering.identification.friction_terms import TermKind
@@ -25,7 +26,10 @@ from ctc_chattering.identification.verdict import Verdict
 from matplotlib.figure import Figure
 import numpy as np
 
-RECORDED_COLOUR, MODEL_COLOUR, IDENTIFIED_COLOUR = '#8aa6c1', '#7F7F7F', '#b34a00'
+RECORDED_COLOUR = '#8aa6c1'
+MODEL_COLOUR = '#7F7F7F'
+FRICTION_COLOUR = '#2e7d32'
+IDENTIFIED_COLOUR = '#b34a00'
 #: Points of a fitted curve.
 CURVE_POINTS = 200
 #: Points from which on dots are pixels in a figure of lines.
@@ -34,8 +38,16 @@ MANY_POINTS = 5000
 OF_VELOCITY = (TermKind.COULOMB, TermKind.OFFSET, TermKind.VISCOUS, TermKind.STRIBECK)
 
 
+class NamedFigure(NamedTuple):
+    """A figure with the name of its file and its caption."""
+
+    name: str
+    figure: Figure
+    caption: str
+
+
 def torque_figure(identified: Identification, verdicts: Sequence[Verdict]
-                  ) -> tuple[str, Figure, str]:
+                  ) -> NamedFigure:
     """Return the torque over time: recorded, of the given model, and as identified."""
     prediction = identified.prediction
     figure, grid = sheet('Torque of time that was not fitted', len(verdicts), (1.0,), 1.6)
@@ -44,17 +56,18 @@ def torque_figure(identified: Identification, verdicts: Sequence[Verdict]
         for values, colour, label in (
                 (prediction.measured, RECORDED_COLOUR, 'recorded'),
                 (prediction.model, MODEL_COLOUR, 'model as given'),
+                (prediction.with_friction, FRICTION_COLOUR, 'model with friction'),
                 (prediction.identified, IDENTIFIED_COLOUR, 'identified')):
             axes.plot(prediction.t, values[:, joint], color=colour, label=label,
                       linewidth=1.8 if label == 'recorded' else 0.9)
     axes.set_xlabel('t [s]')
     legend_of(*figure.axes)
-    return 'torque', figure, ('Each block of time is predicted by what was identified from the '
-                              'others. Gaps: the joint rests.')
+    return NamedFigure('torque', figure, 'Each block of time is predicted by what was identified from the '
+                       'others. Gaps: the joint rests.')
 
 
 def friction_figure(identified: Identification, verdicts: Sequence[Verdict]
-                    ) -> tuple[str, Figure, str]:
+                    ) -> NamedFigure:
     """Return friction over velocity; without a curve for a joint that is not usable."""
     fit = identified.fit
     figure, grid = sheet('Friction over velocity', (len(verdicts) + 1) // 2, (1.0, 1.0), 2.0)
@@ -77,6 +90,6 @@ def friction_figure(identified: Identification, verdicts: Sequence[Verdict]
                                      for halves in (-1.0, 0.0, 1.0))
                 axes.fill_between(v, low, high, color=IDENTIFIED_COLOUR, alpha=0.25, linewidth=0)
                 axes.plot(v, middle, color=IDENTIFIED_COLOUR, linewidth=1.2)
-    return 'friction', figure, ('Dots: recorded torque less that of the identified bodies, in '
-                                'windows of time. Line: friction with its interval of 95 %; a '
-                                'joint that is not usable has none.')
+    return NamedFigure('friction', figure, 'Dots: recorded torque less that of the identified '
+                       'bodies, in windows of time. Line: friction with its interval of 95 %; a '
+                       'joint that is not usable has none.')

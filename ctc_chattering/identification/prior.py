@@ -51,7 +51,7 @@ LEAST_ROTOR_PER_EFFORT = 0.0005
 #: Least deviation of a rotor inertia as a part of the joint's inertia.
 ROTOR_DEVIATION_PER_INERTIA = 1.0
 #: Deviation of a turn of the base [rad]; the strength of gravity is known.
-TILT = 0.01
+TILT = 0.03
 #: Random states in which inertias of joints are averaged.
 INERTIA_STATES = 30
 #: Least eigenvalue of a pseudo-inertia, in units of the model's.

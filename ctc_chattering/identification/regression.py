@@ -54,7 +54,7 @@ FEWEST_WINDOWS = 20
 OUTLIER_DEVIATIONS = 10.0
 #: Noise to begin with, as a part of the torque beyond the model. From a small one the data decide
 #: on the unknowns first; from a large one these might stay as expected, and noise remain large.
-FIRST_NOISE = 0.1
+FIRST_NOISE = 0.01
 #: Noise below which a torque is not trusted, as a part of its deviation.
 LEAST_NOISE = 1e-4
 #: Draws of blocks for intervals.

@@ -79,7 +79,7 @@ def test_faulty_robots(name: str, fault: str, seed: int) -> None:
     text = corrected_description(found, urdf)
     assert text, list(map(str, verdicts(found)))
     before, after = errors(robot, [urdf, text], seed)
-    assert (after < 0.1 * before + 1e-3 * before.max()).all()
+    assert (after < 0.2 * before + 1e-3 * before.max()).all()
 
 
 def test_what_the_corrected_urdf_has_is_noted() -> None:
@@ -89,5 +89,6 @@ def test_what_the_corrected_urdf_has_is_noted() -> None:
         notes = [x for x in correction_notes(found, 'x.urdf') if x.joint == ALL_JOINTS]
         assert [x.reason for x in notes] == reasons
         assert all('x.urdf' in x.text for x in notes)
+    assert found.bodies is not None
     assert f'turned by {np.degrees(found.bodies.turn):.2g} degrees' in notes[-1].text
     assert corrected_description(found, '') == ''
