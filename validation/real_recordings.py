@@ -33,6 +33,8 @@ from typing import Any, NamedTuple
 
 from ctc_chattering.bags.motion import read_motion
 from ctc_chattering.bags.recording import RecordedMotion
+from ctc_chattering.identification import recorder_faults
+from ctc_chattering.identification.findings import Estimate
 from ctc_chattering.identification.identified_robot import identify, IdentifiedRobot
 import numpy as np
 import pinocchio as pin
@@ -91,8 +93,8 @@ class Row(NamedTuple):
     with_friction: float
     reference: float
     identified: float
-    coulomb: str
-    viscous: str
+    coulomb: Estimate
+    viscous: Estimate
 
     @property
     def ratio(self) -> float:
@@ -112,10 +114,8 @@ def reference_module(folder: Path) -> Any:
 def half(motion: RecordedMotion, part: float = 0.5) -> RecordedMotion:
     """Return the first part of a motion."""
     recording = motion.recording
-    count = int(part * len(recording.t))
-    cut = {name: None if (x := getattr(recording, name)) is None else x[:count]
-           for name in ('t', 'q', 'dq', 'effort', 'command')}
-    return dataclasses.replace(motion, recording=dataclasses.replace(recording, **cut))
+    cut = recorder_faults.select(recording, np.arange(int(part * len(recording.t))))
+    return dataclasses.replace(motion, recording=cut)
 
 
 def rows(case: Case, folder: Path) -> Iterator[Row]:
@@ -136,9 +136,19 @@ def rows(case: Case, folder: Path) -> Iterator[Row]:
     for verdict, friction in zip(robot.results.verdicts, robot.results.found.friction):
         joint = names.index(verdict.joint)
         measured = second[3][:, joint]
-        yield Row(verdict.joint, verdict.word, *(float(x[joint]) for x in floor),
-                  _rms(measured - predicted[verdict.joint]), str(friction.coulomb.cell),
-                  str(friction.viscous.cell))
+        yield Row(verdict.joint, verdict.word, float(floor.recording[joint]),
+                  float(floor.urdf[joint]), float(floor.with_friction[joint]),
+                  float(floor.reference[joint]), _rms(measured - predicted[verdict.joint]),
+                  friction.coulomb, friction.viscous)
+
+
+class Floor(NamedTuple):
+    """RMS of unseen torque of n joints, shape (n,): in the recording, and what others leave."""
+
+    recording: Array
+    urdf: Array
+    with_friction: Array
+    reference: Array
 
 
 def _rms(x: Array) -> float:
@@ -146,8 +156,8 @@ def _rms(x: Array) -> float:
 
 
 def _reference(reference: Any, description: str, names: Sequence[str], known: tuple[Array, ...],
-               unseen: tuple[Array, ...]) -> tuple[Array, Array, Array, Array]:
-    """Return the RMS of the recording, and left by URDF, URDF with friction, and the fit."""
+               unseen: tuple[Array, ...]) -> Floor:
+    """Return what the reference, and less than it, leave of unseen states and torques."""
     model, columns = reference.arm(description, names)
     n = len(names)
     q, dq, ddq, tau = known
@@ -171,8 +181,8 @@ def _reference(reference: Any, description: str, names: Sequence[str], known: tu
     alone = np.einsum('kjc,jc->kj', own, friction)
     fitted = regressor @ found[:bodies] + np.einsum(
         'kjc,jc->kj', own, found[bodies:].reshape(n, 4))
-    return tuple(np.sqrt(np.mean(x ** 2, axis=0)) for x in (  # type: ignore[return-value]
-        tau - tau.mean(axis=0), tau - torque, tau - torque - alone, tau - torque - fitted))
+    left = (tau - tau.mean(axis=0), tau - torque, tau - torque - alone, tau - torque - fitted)
+    return Floor(*(np.sqrt(np.mean(x ** 2, axis=0)) for x in left))
 
 
 def outsider(robot: IdentifiedRobot, names: Sequence[str], unseen: tuple[Array, ...]
@@ -193,29 +203,30 @@ def outsider(robot: IdentifiedRobot, names: Sequence[str], unseen: tuple[Array, 
         full[:, columns] = states
         torque[k] = pin.rnea(whole, data, *full)[columns]
     torque += np.array(rotors) * ddq
+    constants = reported.get('torque_constant', [{'value': 1.0}] * len(joints))
+    predicted = {}
+    for name, numbers, constant in zip(joints, reported['friction'], constants):
+        joint = list(names).index(name)
+        whole_torque = torque[:, joint] + _friction(numbers, names, joint, dq, torque[:, joint])
+        predicted[name] = whole_torque / (constant['value'] or 1.0)
+    return predicted
+
+
+def _friction(numbers: dict[str, Any], names: Sequence[str], joint: int, dq: Array, torque: Array
+              ) -> Array:
+    """Return friction by the numbers of identify.json, shape (K,) [N·m]; 0 if there are none."""
+    value = {key: x.get('value') or 0.0 for key, x in numbers.items() if isinstance(x, dict)}
+    if not value:
+        return np.zeros(len(dq))
     sign = np.tanh(dq / SMOOTHED)
-    found = {}
-    for i, name in enumerate(joints):
-        j, numbers = list(names).index(name), reported['friction'][i]
-        rigid = torque[:, j]
-        value = {key: x.get('value') or 0.0 for key, x in numbers.items()
-                 if isinstance(x, dict)}
-        coulomb = np.where(dq[:, j] > 0.0, value.get('forwards', 0.0),
-                           value.get('backwards', 0.0))
-        offset = 0.5 * (value.get('forwards', 0.0) - value.get('backwards', 0.0))
-        coulomb = value.get('coulomb', 0.0)
-        slow = np.exp(-np.square(dq[:, j] / (value.get('stribeck_velocity') or 1.0)))
-        rigid = rigid + sign[:, j] * (
-            coulomb + value.get('stribeck', 0.0) * slow
-            + value.get('load', 0.0) * np.abs(torque[:, j])) + offset
-        rigid = rigid + value.get('viscous', 0.0) * dq[:, j]
-        for other in numbers.get('coupled', ()):
-            k = list(names).index(other['joint'])
-            rigid = rigid + other['coulomb']['value'] * sign[:, k] + (
-                other['viscous']['value'] * dq[:, k])
-        constant = reported.get('torque_constant', [{'value': 1.0}] * len(joints))[i]['value']
-        found[name] = rigid / (constant or 1.0)
-    return found
+    slow = np.exp(-np.square(dq[:, joint] / (value['stribeck_velocity'] or 1.0)))
+    dry = value['coulomb'] + value['stribeck'] * slow + value['load'] * np.abs(torque)
+    offset = 0.5 * (value['forwards'] - value['backwards'])
+    friction = sign[:, joint] * dry + offset + value['viscous'] * dq[:, joint]
+    for other in numbers['coupled']:
+        k = list(names).index(other['joint'])
+        friction += other['coulomb']['value'] * sign[:, k] + other['viscous']['value'] * dq[:, k]
+    return np.asarray(friction, float)
 
 
 def table(case: Case, found: Sequence[Row]) -> Iterator[str]:
@@ -225,8 +236,8 @@ def table(case: Case, found: Sequence[Row]) -> Iterator[str]:
     yield '|---|---|---|---|---|---|---|---|---|---|'
     for row in found:
         numbers = ' | '.join(f'{x:.3g}' for x in row[2:7])
-        yield (f'| {row.joint} | {numbers} | {row.ratio:.2f} | {row.verdict} | {row.coulomb} | '
-               f'{row.viscous} |')
+        yield (f'| {row.joint} | {numbers} | {row.ratio:.2f} | {row.verdict} | '
+               f'{row.coulomb.cell} | {row.viscous.cell} |')
 
 
 def main() -> None:

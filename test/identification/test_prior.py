@@ -100,7 +100,7 @@ def test_the_nearest_physical_bodies_are_those_of_a_general_solver(seed: int) ->
     count, rng = prior.transform.shape[1], np.random.default_rng(seed)
     root = rng.normal(size=(count, count))
     information = root @ root.T + np.eye(count)
-    wanted = 12.0 * rng.normal(size=count)
+    wanted = np.asarray(12.0 * rng.normal(size=count), float)
     found = prior.bounds.nearest(wanted, information)
     for body in bodies_of(prior, regressor, found):
         assert np.linalg.eigvalsh(body)[0] > 0.0
@@ -110,7 +110,8 @@ def test_the_nearest_physical_bodies_are_those_of_a_general_solver(seed: int) ->
 
     def unknowns(y: Array) -> Array:
         lower = np.zeros((n, 4, 4))
-        lower[:, *np.tril_indices(4)] = y[:10 * n].reshape(n, 10)
+        rows, columns = np.tril_indices(4)
+        lower[:, rows, columns] = y[:10 * n].reshape(n, 10)
         values = [parameters_of(x @ x.T) + LEAST_EIGENVALUE * row
                   for x, row in zip(lower, known[:10 * n].reshape(n, 10))]
         x = inverse @ (np.concatenate([*values, np.square(y[10 * n:11 * n])]) - known)

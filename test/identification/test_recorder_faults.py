@@ -25,7 +25,7 @@ import numpy as np
 import pytest
 
 H = 0.008
-T = H * np.arange(3000)
+T = np.asarray(H * np.arange(3000), float)
 Q = np.stack((np.sin(T), 0.5 * np.cos(1.7 * T)), axis=1)
 SMOOTH = Recording('run', ('a', 'b'), T, Q, np.gradient(Q, H, axis=0), 3.0 * Q)
 
@@ -58,7 +58,7 @@ def test_uneven_repetitions_are_left_out() -> None:
     """A broadcaster of 250 Hz over a robot of 100 Hz repeats a state two or three times."""
     counts = np.where(np.arange(len(T)) % 2, 2, 3)
     rows = np.repeat(np.arange(len(T)), counts)
-    t = 0.004 * np.arange(len(rows))
+    t = np.asarray(0.004 * np.arange(len(rows)), float)
     recording, (finding,) = repair(dataclasses.replace(
         SMOOTH, t=t, q=Q[rows], dq=None, effort=3.0 * Q[rows]))
     assert np.array_equal(recording.q, Q) and 'about 2.5 times' in finding.text

@@ -69,7 +69,7 @@ def searched(command: Array, torque: Array, noise: float, seed: int,
     shown = PHI.sums(torque[:, None], PHI.over, centres)
     shown += np.random.default_rng(seed).normal(0.0, noise, shown.shape)
     rows = dataclasses.replace(windows(np.ones_like(shown), shown),
-                               t=H * centres, centres=centres)
+                               t=np.asarray(H * centres, float), centres=centres)
     part = Stretch(0.0, H, np.zeros((COUNT, 1)), None, command[:, None], late)
     return timing([part], [rows], COMMAND, PHI)
 
