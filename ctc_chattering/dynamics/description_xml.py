@@ -20,7 +20,6 @@ Elements of other programs are left alone, and a prefix need not be declared.
 
 from __future__ import annotations
 
-from typing import Any
 import xml.etree.ElementTree as ET
 from xml.parsers import expat
 
@@ -92,5 +91,5 @@ def _parse(text: str, comments: bool) -> ET.Element:
                        f'{lines_before + error.lineno}, column {error.offset}') from None
     except ValueError as error:
         raise CtcError(f'the description is not XML: {error}') from None
-    root: Any = builder.close()
+    root: ET.Element = builder.close()
     return root

@@ -171,6 +171,11 @@ class Tree:
         return tuple(name for name, joint in self.joints.items()
                      if joint.mimic is None and name not in leaders)
 
+    def followers(self, leader: str) -> tuple[str, ...]:
+        """Return the joints that mimic a joint."""
+        return tuple(name for name, joint in self.joints.items()
+                     if joint.mimic and joint.mimic.leader == leader)
+
     def locked(self, chosen: Sequence[str], positions: Mapping[str, float]) -> dict[str, float]:
         """
         Return where every joint stands that is not one of `chosen` [rad or m].

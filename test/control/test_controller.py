@@ -46,7 +46,7 @@ def test_effort_limits_of_a_model_that_are_none_are_refused(limits: tuple[float,
     """A limit of -1 N*m would clamp every torque to -1 N*m."""
     model = TwoLink(9.81)
     model.effort_limits = limits
-    with pytest.raises(CtcError, match='effort_limits of the model: .* 2 numbers > 0'):
+    with pytest.raises(CtcError, match=r'effort_limits of the model: .* 2 numbers > 0'):
         Controller(ControllerConfig(), model)
 
 
