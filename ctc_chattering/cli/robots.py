@@ -17,12 +17,13 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 import textwrap
 from typing import TYPE_CHECKING
 
 from ctc_chattering.analysis.output import prepare, writing
+from ctc_chattering.analysis.tables import one_line
 from ctc_chattering.cli.options import (
     add_declared,
     add_loop_options,
@@ -79,14 +80,14 @@ def run_new_robot(options: argparse.Namespace) -> int:
     with given_by_user(('joint_names', 'tip', 'center')):
         robot = new_robot(location, options.joints, options.gravity, options.tip,
                           options.center or ())
-    lines = list(_described(robot, bool(options.center)))
+    lines = [one_line(line) for line in _described(robot, bool(options.center))]
     out = options.out
     prepare(out.parent, (out.name,), options.overwrite)
     with writing(out):
         parameter_file.dump(robot.values, out)
         comment = '\n'.join(textwrap.fill(
             line, 99, initial_indent='# ', subsequent_indent='#   ') for line in lines)
-        out.write_text(_COMMENT.format(location=location, lines=comment, ka=KA)
+        out.write_text(_COMMENT.format(location=one_line(location), lines=comment, ka=KA)
                        + out.read_text(encoding='utf-8'), encoding='utf-8')
     print('\n'.join(lines))
     print(f'wrote {out}; next: ctc compile {out}, ctc simulate {out}, bringup {out}')
@@ -98,10 +99,8 @@ def _described(robot: NewRobot, center_given: bool) -> Iterator[str]:
     yield f'joints: {", ".join(robot.joints)}'
     if robot.held:
         yield f'left out, at 0 unless `locked` says otherwise: {", ".join(robot.held)}'
-    if robot.leaders:
-        leaders = (f'{name} ({", ".join(followers)})' for name, followers in robot.leaders.items())
-        yield f'left out, because others mimic them: {", ".join(leaders)}'
-    yield from unexpanded(robot.unexpanded)
+    yield from _mimicked(robot.leaders)
+    yield from _unexpanded(robot.unexpanded)
     if robot.unlimited:
         yield (f'without effort limit, which is 0, inf or missing: {", ".join(robot.unlimited)}; '
                'set effort_limit of the controller')
@@ -143,7 +142,14 @@ def _friction_lines(robot: NewRobot) -> Iterator[str]:
             yield f'{origin}: {"all joints" if names == robot.joints else ", ".join(names)}'
 
 
-def unexpanded(macros: Sequence[str]) -> Iterator[str]:
+def _mimicked(leaders: Mapping[str, Sequence[str]]) -> Iterator[str]:
+    """Yield a line about joints that others mimic; nothing without any."""
+    if leaders:
+        words = (f'{name} ({", ".join(followers)})' for name, followers in leaders.items())
+        yield f'left out, because others mimic them: {", ".join(words)}'
+
+
+def _unexpanded(macros: Sequence[str]) -> Iterator[str]:
     """Yield a line about macros that xacro has left in a URDF; nothing without any."""
     if macros:
         yield f'ignored: {", ".join(macros)}: xacro had no such macro, so what it makes is missing'
@@ -179,13 +185,16 @@ def run_check_model(options: argparse.Namespace) -> int:
         raise UsageError(
             f'the model {name} {"needs" if name == "urdf" else "takes no"} --urdf FILE')
     urdf = read_description(options.urdf) if options.urdf else ''
-    joints = options.joints or (Tree(urdf).movable if urdf else ('joint1', 'joint2'))
+    tree = Tree(urdf) if urdf else None
+    joints = options.joints or (tree.movable if tree else ('joint1', 'joint2'))
     if not joints:
         raise CtcError('the description has no joint that moves')
     with given_by_user(('joint_names', 'model')):
         check_joint_names(joints)
         model = make_model(name, options.gravity, joints, urdf)
     print(f'{name}, {model.n} joints: {", ".join(joints)}')
+    for line in _mimicked(tree.leaders) if tree and not options.joints else ():
+        print(line)
     findings = check_dynamics(model, options.seed, options.samples)
     print_columns([('', 'worst', 'allowed', 'check')] + [
         ('ok' if x.passed else 'FAILED', f'{x.worst:.2g}', f'{x.tolerance:.2g}', x.name)
@@ -196,7 +205,7 @@ def run_check_model(options: argparse.Namespace) -> int:
               + (f': {x.error}' if x.error else ''))
     for fault in inertia_faults(urdf, joints) if urdf else ():
         print(f'warning: {fault}')
-    for line in unexpanded(Tree(urdf).unexpanded if urdf else ()):
+    for line in _unexpanded(tree.unexpanded if tree else ()):
         print(f'warning: {line}')
     return 1 if failed else 0
 

@@ -172,10 +172,9 @@ def new_robot(location: str, joints: Sequence[str] = (), gravity: float = 9.81, 
         'reference': {'center': motion.center, 'amplitude': motion.amplitude,
                       'frequency': motion.frequency, 'start_duration': START_S}}
     parameter_file.load(None, values)
-    leaders = {joint.mimic.leader for joint in tree.joints.values() if joint.mimic}
     return NewRobot(
         values, names, tuple(name for name in tree.movable if name not in names),
-        {name: tree.followers(name) for name in tree.joints if name in leaders}, tree.unexpanded,
+        tree.leaders, tree.unexpanded,
         tuple(name for name, limit in zip(names, effort) if limit == inf), friction,
         motion)
 

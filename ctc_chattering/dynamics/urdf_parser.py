@@ -165,16 +165,21 @@ class Tree:
                                f'joints with one degree of freedom: {", ".join(_MOVABLE)}')
 
     @property
+    def leaders(self) -> dict[str, tuple[str, ...]]:
+        """Joints that others mimic, with these."""
+        followers: dict[str, tuple[str, ...]] = {}
+        for name, joint in self.joints.items():
+            if joint.mimic:
+                leader = joint.mimic.leader
+                followers[leader] = (*followers.get(leader, ()), name)
+        return followers
+
+    @property
     def movable(self) -> tuple[str, ...]:
         """Names of the joints a model can have: they mimic none, and none mimics them."""
-        leaders = {joint.mimic.leader for joint in self.joints.values() if joint.mimic}
+        leaders = self.leaders
         return tuple(name for name, joint in self.joints.items()
                      if joint.mimic is None and name not in leaders)
-
-    def followers(self, leader: str) -> tuple[str, ...]:
-        """Return the joints that mimic a joint."""
-        return tuple(name for name, joint in self.joints.items()
-                     if joint.mimic and joint.mimic.leader == leader)
 
     def locked(self, chosen: Sequence[str], positions: Mapping[str, float]) -> dict[str, float]:
         """
