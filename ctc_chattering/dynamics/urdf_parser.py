@@ -27,7 +27,7 @@ from ctc_chattering.errors import CtcError, near, ParameterError
 #: Types of joint with one degree of freedom.
 _MOVABLE = ('revolute', 'continuous', 'prismatic')
 _INF = float('inf')
-#: Largest number that is finite on both sides of a product.
+#: Largest number that counts as one.
 _LARGEST = 1e300
 #: Attributes of the elements of an inertial.
 _INERTIAL = {'mass': ('value',), 'inertia': ('ixx', 'ixy', 'ixz', 'iyy', 'iyz', 'izz')}
