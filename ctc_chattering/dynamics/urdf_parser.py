@@ -91,6 +91,11 @@ class Joint(NamedTuple):
     rotor_inertia: float
     mimic: Mimic | None
 
+    @property
+    def continuous(self) -> bool:
+        """Whether it turns endlessly."""
+        return self.kind == 'continuous'
+
 
 class Tree:
     """
