@@ -204,15 +204,15 @@ class ReferenceNode(LoopNode[ReferenceNodeConfig]):
     def _follow(self, chunk: JointTrajectory, now: int) -> None:
         """Have the motion follow a message that comes at `now` [ns]; say what becomes of it."""
         begin = self._after_published(now)
-        start = nanoseconds(chunk.header.stamp)
-        start += self._lead - (self._start or 0) if start else begin
+        stamp, epoch = nanoseconds(chunk.header.stamp), (self._start or 0) - self._lead
+        start = stamp - epoch if stamp else begin
         times = [nanoseconds(x.time_from_start) for x in chunk.points]
         for i, t in enumerate(times):
             if t < 0:
                 raise ParameterError(f'points[{i}].time_from_start', seconds(t), '0 s or more')
         followed = self._plan.follow(Route(
             tuple(chunk.joint_names), [start + t for t in times],
-            [(x.positions, x.velocities, x.accelerations) for x in chunk.points]), now, begin)
+            [(x.positions, x.velocities, x.accelerations) for x in chunk.points]), now, begin, epoch)
         self._next = begin // self._period
         what = (f'{followed.waypoints} waypoints, {followed.past} of them past'
                 if followed.waypoints else 'no waypoint, so that the motion stops')

@@ -450,7 +450,7 @@ class MotionPlan:
         """Which joints turn endlessly."""
         return self.config.which_are_continuous(self.limits.continuous if self.limits else ())
 
-    def follow(self, route: Route, now: int, begin: int) -> Followed:
+    def follow(self, route: Route, now: int, begin: int, epoch: int = 0) -> Followed:
         """
         Go through waypoints; stop without any.
 
@@ -463,6 +463,8 @@ class MotionPlan:
             Some of it may be past.
         now, begin : int
             Present instant, and the one until which the motion is the present one [ns].
+        epoch : int
+            Instant 0 by the clock that a user of the waypoints knows, for messages [ns].
 
         Raises
         ------
@@ -480,8 +482,9 @@ class MotionPlan:
         route = route.ordered(self.config.joint_names).by_the_short_way(
             self.continuous, (begin, state))
         if route.times[-1] <= now:
-            raise CtcError(f'all waypoints are past: the last one is due at '
-                           f'{seconds(route.times[-1]):.3f} s, now it is {seconds(now):.3f} s')
+            due, present = (seconds(epoch + t) for t in (route.times[-1], now))
+            raise CtcError(f'all waypoints are past: the last one was due at {due:.3f} s, now it '
+                           f'is {present:.3f} s; are the clocks synchronised?')
         left_out = bisect_right(route.times, begin)
         after = Waypoints(route.times, route.points, (begin, state))
         if self.limits is not None:
