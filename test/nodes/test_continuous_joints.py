@@ -78,7 +78,8 @@ def test_in_lockstep_the_window_makes_no_difference(
     the run that is read nor its table jumps.
     """
     events = ', '.join(f'{t} controller law {law}' for t, law in LAWS.items())
-    file = written(tmp_path, f'pacing: lockstep, least_angle: {least}, sample_loss: {loss}', events)
+    more = f'pacing: lockstep, least_angle: {least}, sample_loss: {loss}'
+    file = written(tmp_path, more, events)
     result = record(tmp_path / 'bag', '--params-file', str(file))
     raw = raw_positions(tmp_path / 'bag')
     assert raw.min() >= least and raw.max() < least + 2.0 * pi

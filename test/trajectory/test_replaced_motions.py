@@ -58,12 +58,10 @@ def plan_of(described: DescribedLimits | None = None, **config: Any) -> MotionPl
     return plan
 
 
-def route(*points: tuple[float, Sequence[float]], stamp: int = NOW,
-          velocities: bool = False) -> Route:
-    """Return waypoints by time after the stamp [s] and positions, at rest or without velocities."""
-    rest: Sequence[float] = (0.0, 0.0) if velocities else ()
+def route(*points: tuple[float, Sequence[float]], stamp: int = NOW) -> Route:
+    """Return waypoints by time after the stamp [s] and positions."""
     return Route(NAMES, [stamp + round(t * S) for t, _ in points], [
-        (tuple(q), rest, ()) for _, q in points])
+        (tuple(q), (), ()) for _, q in points])
 
 
 def path(motion: TimedMotion | None, first: int, last: int, step: int = 5 * MS) -> Array:
