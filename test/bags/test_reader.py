@@ -109,7 +109,7 @@ def test_turns_of_continuous_joints_are_counted(tmp_path: Path, least: float) ->
     counted = simulate(setup)
 
     def seen(q: Array) -> Array:
-        return np.vectorize(within_turn)(q, least)
+        return np.asarray(np.vectorize(within_turn)(q, least), float)
 
     run = dataclasses.replace(counted.run, q=seen(counted.run.q), q_d=seen(counted.run.q_d))
     assert max(np.abs(np.diff(x, axis=0)).max() for x in (run.q, run.q_d)) > 6.0

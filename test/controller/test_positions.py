@@ -27,9 +27,11 @@ from ctc_chattering.controller.positions import find_jump, JointSample, LIMITS, 
 from ctc_chattering.controller.state_machine import Input, Mode
 from ctc_chattering.errors import RejectedMessage
 from ctc_chattering.numerics.angles import within_turn
+from ctc_chattering.simulation.closed_loop import simulate
 from ctc_chattering.simulation.plant import Plant
 from ctc_chattering.simulation.plant_config import PlantConfig
 from ctc_chattering.trajectory.buffer import Point
+from ctc_chattering.trajectory.reference import ReferenceConfig
 from hypothesis import given
 from hypothesis import strategies as st
 from loop_robot import MOTION, MS, Robot, ZERO
@@ -302,3 +304,22 @@ def test_numbers_are_the_same_to_the_last_bit_where_nothing_turns() -> None:
     law = Controller(ControllerConfig(law='slotine_li'))
     assert runs[0] == [list(map(float, law.step(
         (3.0 + 1e-4 * k, 1.5 - 2e-4 * k), ZERO, *MOTION[k]).tau)) for k in range(200)]
+
+
+def test_a_simulation_begins_with_the_same_turn_to_the_last_bit() -> None:
+    """Of a robot that starts more than half a turn away from its reference, as its joints count."""
+    joints: dict[str, Any] = {'continuous_joints': JOINTS, 'compiled': False}
+    plant = PlantConfig(**joints, duration=0.1, initial_position=(9.0, -12.0))
+    robot, body = Robot(True, **joints), Plant(plant)
+    robot.reference(0, 200)
+    for k in range(101):
+        robot.loop.take_state(JointSample(k * MS, *body.measured), k * MS, True)
+        robot.answer()
+        body.step(robot.sent[-1])
+    run = simulate(plant, robot.config, ReferenceConfig())
+    assert run.tau.tolist() == robot.sent
+    assert np.abs(run.e).max() <= pi
+    assert run.q[0] == pytest.approx([9.0 - TURN, -12.0 + 2.0 * TURN])
+    counted = simulate(plant.changed({'continuous_joints': ['']}), robot.config.changed(
+        {'continuous_joints': ['']}), ReferenceConfig())
+    assert np.abs(counted.e[0]).tolist() == pytest.approx([9.0 - pi, 12.0 + 0.5 * pi])
