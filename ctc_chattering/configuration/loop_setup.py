@@ -94,6 +94,13 @@ class Setup:
                 raise CtcError(f'{name}: {mine} of {one} contradicts {theirs} of {other}; put '
                                'what nodes share under /**')
 
+    @property
+    def continuous(self) -> tuple[bool, ...]:
+        """Which joints of the reference turn endlessly."""
+        names, text = self.reference.joint_names, self.descriptions.get('reference', '')
+        return self.reference.which_are_continuous(
+            DescribedLimits(text, names).continuous if text else ())
+
     def changed(self, values: Overrides) -> Setup:
         """
         Return the setup with other values of some parameters, checked like those of a file.

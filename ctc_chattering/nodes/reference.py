@@ -32,7 +32,7 @@ from ctc_chattering.ros.subscription import ValidatedSubscription
 from ctc_chattering.ros.topics import CLOCK, JOINT_STATES, JOINT_TRAJECTORY, REFERENCE
 from ctc_chattering.trajectory.joint_limits import DescribedLimits
 from ctc_chattering.trajectory.motions import Route
-from ctc_chattering.trajectory.reference import MotionPlan, ReferenceConfig
+from ctc_chattering.trajectory.reference import Followed, MotionPlan, ReferenceConfig
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import JointTrajectory
@@ -214,10 +214,9 @@ class ReferenceNode(LoopNode[ReferenceNodeConfig]):
             tuple(chunk.joint_names), [start + t for t in times],
             [(x.positions, x.velocities, x.accelerations) for x in chunk.points]), now, begin, epoch)
         self._next = begin // self._period
-        what = (f'{followed.waypoints} waypoints, {followed.past} of them past'
-                if followed.waypoints else 'no waypoint, so that the motion stops')
-        self.get_logger().info(f'{JOINT_TRAJECTORY}: accepted: {what}; at rest in '
-                               f'{max(seconds(followed.end - now), 0.0):.3g} s')
+        self.get_logger().info(
+            f'{JOINT_TRAJECTORY}: accepted: {_described(followed)}; at rest in '
+            f'{max(seconds(followed.end - now), 0.0):.3g} s')
 
     def _after_published(self, now: int) -> int:
         """Return an instant that the controller surely hears of in time [ns]."""
@@ -242,3 +241,11 @@ class ReferenceNode(LoopNode[ReferenceNodeConfig]):
                 self._period, [self._plan.motion.at((self._next + k) * self._period)
                                for k in range(self._piece)]))
             self._next += self._piece
+
+
+def _described(followed: Followed) -> str:
+    """Return what becomes of waypoints."""
+    if not followed.waypoints:
+        return 'no waypoint, so that the motion stops'
+    text = f'{followed.waypoints} waypoints, {followed.past} of them past'
+    return f'{text}, the short way: {", ".join(followed.turned)}' if followed.turned else text

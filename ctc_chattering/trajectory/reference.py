@@ -371,6 +371,8 @@ class Followed(NamedTuple):
     past: int
     #: Instant at which the motion comes to rest, also where there is no waypoint [ns].
     end: int
+    #: Joints of which a position is that of another turn than was written.
+    turned: tuple[str, ...] = ()
 
 
 class MotionPlan:
@@ -479,8 +481,8 @@ class MotionPlan:
         if not len(route.points):
             return self._stop(route.names, before, begin)
         state = before.at(begin)
-        route = route.ordered(self.config.joint_names).by_the_short_way(
-            self.continuous, (begin, state))
+        written = route.ordered(self.config.joint_names)
+        route = written.by_the_short_way(self.continuous, (begin, state))
         if route.times[-1] <= now:
             due, present = (seconds(epoch + t) for t in (route.times[-1], now))
             raise CtcError(f'all waypoints are past: the last one was due at {due:.3f} s, now it '
@@ -492,7 +494,9 @@ class MotionPlan:
         passage = self._late(route, left_out, after, begin, state) if left_out else after
         # In a nanosecond, so that every sample is of the one or the other.
         self.motion = Transition(before, passage, begin - 1, 1e-9)
-        return Followed(len(route.points), left_out, max(route.times[-1], passage.end))
+        turned = tuple(name for i, name in enumerate(route.names) if any(
+            a[0][i] != b[0][i] for a, b in zip(written.points, route.points)))
+        return Followed(len(route.points), left_out, max(route.times[-1], passage.end), turned)
 
     def _late(self, route: Route, left_out: int, whole: Waypoints, begin: int, state: Point
               ) -> Waypoints | Transition:

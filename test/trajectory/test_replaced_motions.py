@@ -25,7 +25,13 @@ from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.trajectory.buffer import Point
 from ctc_chattering.trajectory.joint_limits import DescribedLimits
 from ctc_chattering.trajectory.motions import BRAKING_TIME, Route, Stop, TimedMotion, Waypoints
-from ctc_chattering.trajectory.reference import make_motion, MotionPlan, ReferenceConfig, Sinusoid
+from ctc_chattering.trajectory.reference import (
+    Followed,
+    make_motion,
+    MotionPlan,
+    ReferenceConfig,
+    Sinusoid,
+)
 from hypothesis import given
 from hypothesis import strategies as st
 import numpy as np
@@ -100,7 +106,7 @@ def test_without_waypoints_the_motion_stops_and_holds() -> None:
         before = plan.motion
         assert before is not None
         followed = plan.follow(Route((), [], []), begin - 125 * MS, begin)
-        assert followed == (0, 0, begin + round(BRAKING_TIME * S))
+        assert followed == Followed(0, 0, begin + round(BRAKING_TIME * S))
         assert plan.motion is not None
         assert plan.motion.at(begin) == before.at(begin)
         end = plan.motion.at(followed.end)
@@ -126,7 +132,7 @@ def test_after_a_stop_waypoints_and_other_parameters_move_it_again() -> None:
     end = plan.follow(Route((), [], []), NOW, BEGIN).end
     plan.update(end + S, end + S)
     followed = plan.follow(route((2.0, (1.0, 1.0)), stamp=end + S), end + S, end + S + 125 * MS)
-    assert followed == (1, 0, end + 3 * S)
+    assert followed == Followed(1, 0, end + 3 * S)
     assert plan.motion is not None
     assert plan.motion.at(end + 4 * S)[0] == (1.0, 1.0)
     plan.update(end + 5 * S, end + 5 * S)
@@ -160,7 +166,7 @@ def test_waypoints_that_are_past_are_left_out_and_the_others_met_in_time() -> No
     plan = plan_of(amplitude=(0.0, 0.0))
     points = ((-1.0, (9.0, -9.0)), (0.1, (7.0, 7.0)), (1.5, (0.9, 0.1)), (2.5, (0.2, -0.3)))
     followed = plan.follow(route(*points), NOW, BEGIN)
-    assert followed == (4, 2, NOW + 5 * S // 2)
+    assert followed == Followed(4, 2, NOW + 5 * S // 2)
     assert plan.motion is not None
     for t, q in points[2:]:
         assert plan.motion.at(NOW + round(t * S))[0] == pytest.approx(q, abs=1e-12)
@@ -204,7 +210,7 @@ def test_from_a_first_waypoint_at_once_it_is_left_out_too() -> None:
     sent = Route(NAMES, [BEGIN, BEGIN + S, BEGIN + 2 * S], [
         (q, dq, ()), ((0.8, 0.0), (0.1, 0.2), ()), ((1.0, 0.3), (0.0, 0.0), ())])
     exact = Waypoints(sent.times, sent.points)
-    assert plan.follow(sent, NOW, BEGIN) == (3, 1, BEGIN + 2 * S)
+    assert plan.follow(sent, NOW, BEGIN) == Followed(3, 1, BEGIN + 2 * S)
     for t in range(BEGIN, BEGIN + 3 * S, 50 * MS):
         for row, wanted in zip(plan.motion.at(t), exact.at(t)):
             assert row == pytest.approx(wanted, abs=1e-9)
@@ -220,7 +226,8 @@ def test_a_continuous_joint_takes_the_short_way(turns: int) -> None:
     still: dict[str, Any] = {'center': (3.2, 0.0), 'amplitude': (0.0, 0.0)}
     target = 3.1 + 2.0 * pi * turns
     for plan, way in ((endless(**still), 0.1), (plan_of(**still), abs(3.2 - target))):
-        plan.follow(route((5.0, (target, 0.2))), NOW, BEGIN)
+        followed = plan.follow(route((5.0, (target, 0.2))), NOW, BEGIN)
+        assert followed.turned == (('a',) if plan.limits and turns else ())
         rows = path(plan.motion, NOW, NOW + 6 * S)
         assert np.ptp(rows[:, 0, 0]) == pytest.approx(way)
         assert rows[-1, 0, 1] == pytest.approx(0.2)
