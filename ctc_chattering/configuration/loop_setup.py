@@ -96,7 +96,7 @@ class Setup:
 
     @property
     def continuous(self) -> tuple[bool, ...]:
-        """Which joints of the reference turn endlessly."""
+        """Mask of the reference's joints that turn endlessly, shape (n,)."""
         names, text = self.reference.joint_names, self.descriptions.get('reference', '')
         return self.reference.which_are_continuous(
             DescribedLimits(text, names).continuous if text else ())

@@ -231,8 +231,8 @@ class ControlLoop:
     def _described(self, jump: Jump) -> str:
         """Return what is wrong with a position, and what may be the reason."""
         name = self._names[jump.joint]
-        text = (f'{name} is at {jump.after:.4g} rad, but {1e3 * jump.elapsed:.3g} ms before it '
-                f'was at {jump.before:.4g} rad with {jump.velocity:.3g} rad/s.')
+        text = (f'{name} is at {jump.position:.4g} rad, but {1e3 * jump.elapsed:.3g} ms before it '
+                f'was at {jump.last_position:.4g} rad with {jump.last_velocity:.3g} rad/s.')
         return text if not jump.is_whole_turns else (
             f'{text} That is a whole turn: if it turns endlessly, add it to continuous_joints.')
 
@@ -287,11 +287,12 @@ class ControlLoop:
         Those nearest to the reference, at an instant [ns]. After a pause without a torque the
         joints may have been turned, so that the law begins again if these are other ones.
         """
-        resumes = self.motion.resumes(at)
-        point = self.motion.at(at)
-        if point is None or (self._positions.anchored and not resumes):
-            return state
         began = self._positions.anchored
+        if began and not self.motion.resumes(at):
+            return state
+        point = self.motion.at(at)
+        if point is None:
+            return state
         anchored = self._positions.anchor(state, point[0])
         if anchored is not state:
             self.last = self._pending = anchored

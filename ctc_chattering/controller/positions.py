@@ -56,7 +56,8 @@ class JumpLimits(NamedTuple):
     margin: float = 0.1
     #: A: a wrist of 1e-3 kg·m² under 2 N·m has that [rad/s²].
     acceleration: float = 2000.0
-    #: States in a row that agree on another position; fewer than end the torques by silence.
+    #: States in a row that agree on another position: not more than the periods without one after
+    #: which `state_timeout` would end the torques, without the reason.
     agreeing: int = 3
     #: Difference from whole turns up to which a jump looks like some [rad].
     like_a_turn: float = 0.1
@@ -69,18 +70,19 @@ class Jump(NamedTuple):
     """A position that does not follow the one before."""
 
     joint: int
-    before: float
-    after: float
-    #: Time in between, and velocity before [s, rad/s].
+    #: Position and velocity of the state before [rad, rad/s].
+    last_position: float
+    last_velocity: float
+    position: float
+    #: Time in between [s].
     elapsed: float
-    velocity: float
 
     @property
     def is_whole_turns(self) -> bool:
-        """Whether it is as a position that is reported within a turn."""
-        turns = round((self.after - self.before) / TURN)
-        return turns != 0 and isclose(
-            self.after - self.before, TURN * turns, abs_tol=LIMITS.like_a_turn)
+        """Return whether it is whole turns, as where a driver reports angles within a window."""
+        distance = self.position - self.last_position
+        turns = round(distance / TURN)
+        return turns != 0 and isclose(distance, TURN * turns, abs_tol=LIMITS.like_a_turn)
 
 
 def find_jump(before: JointSample, after: JointSample) -> Jump | None:
@@ -89,7 +91,7 @@ def find_jump(before: JointSample, after: JointSample) -> Jump | None:
     fastest = LIMITS.acceleration * h
     for joint, (q0, dq0, q, dq) in enumerate(zip(before.q, before.dq, after.q, after.dq)):
         if abs(q - q0) > h * (abs(dq0) + min(abs(dq - dq0), fastest)) + LIMITS.margin:
-            return Jump(joint, q0, q, h, dq0)
+            return Jump(joint, q0, dq0, q, h)
     return None
 
 
@@ -139,8 +141,8 @@ class PositionTracker:
 
     def agrees(self, state: JointSample) -> bool:
         """Note a state that is refused; return whether it and those before agree for good."""
-        before, self._refused = self._refused, state
-        follows = before is not None and find_jump(before, self._after(before, state)) is None
+        last, self._refused = self._refused, state
+        follows = last is not None and find_jump(last, self._after(last, state)) is None
         self._agreeing = self._agreeing + 1 if follows else 1
         return self._agreeing >= LIMITS.agreeing
 

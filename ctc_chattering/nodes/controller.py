@@ -138,9 +138,10 @@ class ControllerNode(LoopNode[ControllerNodeConfig]):
         return f'law {self.config.law}, {1 / self.config.control_period:g} Hz; {waits}'
 
     def _on_reference(self, chunk: JointTrajectory, now: int) -> None:
-        rows = select(self._names, chunk.joint_names, *(
-            row for x in chunk.points for row in (x.positions, x.velocities, x.accelerations))
-                      ) if chunk.points or chunk.joint_names else []
+        rows: list[tuple[float, ...]] = []
+        if chunk.points or chunk.joint_names:
+            rows = select(self._names, chunk.joint_names, *(
+                row for x in chunk.points for row in (x.positions, x.velocities, x.accelerations)))
         start = nanoseconds(chunk.header.stamp)
         times = [start + nanoseconds(point.time_from_start) for point in chunk.points]
         if any(b <= a for a, b in pairwise([start - 1, *times])):

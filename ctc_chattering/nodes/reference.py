@@ -210,9 +210,9 @@ class ReferenceNode(LoopNode[ReferenceNodeConfig]):
         for i, t in enumerate(times):
             if t < 0:
                 raise ParameterError(f'points[{i}].time_from_start', seconds(t), '0 s or more')
-        followed = self._plan.follow(Route(
-            tuple(chunk.joint_names), [start + t for t in times],
-            [(x.positions, x.velocities, x.accelerations) for x in chunk.points]), now, begin, epoch)
+        points = [(x.positions, x.velocities, x.accelerations) for x in chunk.points]
+        followed = self._plan.follow(
+            Route(tuple(chunk.joint_names), [start + t for t in times], points), now, begin, epoch)
         self._next = begin // self._period
         self.get_logger().info(
             f'{JOINT_TRAJECTORY}: accepted: {_described(followed)}; at rest in '

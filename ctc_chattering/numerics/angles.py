@@ -72,7 +72,7 @@ def unwrapped(t: Array, q: Array, dq: Array | None, continuous: Sequence[bool]) 
         Which joints turn endlessly.
 
     """
-    found = q
+    result = q
     # Joint by joint, for long series.
     for joint in np.flatnonzero(continuous).tolist():
         step = np.diff(q[:, joint])
@@ -82,9 +82,9 @@ def unwrapped(t: Array, q: Array, dq: Array | None, continuous: Sequence[bool]) 
             step[:len(mean)] -= mean * np.diff(t[:len(velocity)])
         turns = np.rint(step / TURN)
         if turns.any():
-            found = q.copy() if found is q else found
-            found[1:, joint] -= TURN * np.cumsum(turns)
-    return found
+            result = q.copy() if result is q else result
+            result[1:, joint] -= TURN * np.cumsum(turns)
+    return result
 
 
 def unwrapped_beside(t: Array, q: Array, dq: Array, target: Array, continuous: Sequence[bool],
@@ -104,10 +104,10 @@ def unwrapped_beside(t: Array, q: Array, dq: Array, target: Array, continuous: S
     """
     if not any(continuous):
         return q
-    found: Array = q.copy()
+    result: Array = q.copy()
     for part in np.split(np.arange(len(t)), gaps):
-        found[part] = unwrapped(t[part], q[part], dq[part], continuous)
+        result[part] = unwrapped(t[part], q[part], dq[part], continuous)
         for joint in np.flatnonzero(continuous).tolist():
             first = part[0], joint
-            found[part, joint] += TURN * turns_to(float(found[first]), float(target[first]))
-    return found
+            result[part, joint] += TURN * turns_to(float(result[first]), float(target[first]))
+    return result

@@ -32,6 +32,8 @@ def following(times: Sequence[int], points: Sequence[Point], continuous: Sequenc
     """
     Yield points in which each joint that turns endlessly follows the point before, by (AN1).
 
+    Velocities count where both points have some.
+
     Parameters
     ----------
     times : sequence of int
@@ -44,16 +46,16 @@ def following(times: Sequence[int], points: Sequence[Point], continuous: Sequenc
         What the first one follows: instant [ns] and point; None for nothing.
 
     """
-    before = state
+    last = state
     for t, (q, dq, ddq) in zip(times, points):
-        if before is not None:
-            h, rest = seconds(t - start), (0.0,) * len(q)
-            q = tuple(
-                turned(x, turns_to(x, expected(x0, v0, v, h))) if endless else x
-                for x, v, x0, v0, endless in zip(
-                    q, dq or rest, before[0], before[1] or rest, continuous))
-        start, before = t, (q, dq, ddq)
-        yield before
+        if last is not None:
+            rest = (0.0,) * len(q)
+            speeds = (last[1], dq) if len(last[1]) and len(dq) else (rest, rest)
+            h = seconds(t - start)
+            q = tuple(turned(x, turns_to(x, expected(x0, v0, v, h))) if endless else x
+                      for x, x0, v0, v, endless in zip(q, last[0], *speeds, continuous))
+        start, last = t, (q, dq, ddq)
+        yield last
 
 
 class Trajectory:

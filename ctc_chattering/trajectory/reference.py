@@ -358,13 +358,14 @@ def _samples_of(motion: TimedMotion, order: Sequence[int], period: int, count: i
 #: Without a start duration: time over which waypoints that begin in the past are joined, and over
 #: which the motion passes into one with changed parameters [s].
 _JOIN, _CHANGE = 0.5, 2.0
-#: Speed at which waypoints that are late are approached, as a part of their own, and that which is
-#: never too fast [rad/s or m/s].
-_HASTE, _GENTLE = 1.5, 0.5
+#: Greatest speed of the way into waypoints that are late, over the greatest of their own.
+_MAX_HASTE = 1.5
+#: Speed that is never too fast for it [rad/s or m/s].
+_GENTLE_SPEED = 0.5
 
 
 class Followed(NamedTuple):
-    """What has become of waypoints that were accepted."""
+    """Outcome of waypoints that were accepted."""
 
     #: Number of waypoints, and of those that were past.
     waypoints: int
@@ -449,7 +450,7 @@ class MotionPlan:
 
     @property
     def continuous(self) -> tuple[bool, ...]:
-        """Which joints turn endlessly."""
+        """Mask of the joints that turn endlessly, shape (n,)."""
         return self.config.which_are_continuous(self.limits.continuous if self.limits else ())
 
     def follow(self, route: Route, now: int, begin: int, epoch: int = 0) -> Followed:
@@ -503,7 +504,7 @@ class MotionPlan:
         """Return the way from a state into waypoints of which the first ones are past."""
         fastest = max(abs(x) for point in (*whole.extremes(), state) for x in point[1])
         limits = self.limits or LimitSet(list(map(JointLimits, route.names)))
-        limits = limits.slower(max(_HASTE * fastest, _GENTLE))
+        limits = limits.slower(max(_MAX_HASTE * fastest, _GENTLE_SPEED))
         if left_out < len(route.points):
             direct = Waypoints(route.times[left_out:], route.points[left_out:], (begin, state))
             if not limits.excess(direct.extremes()):
