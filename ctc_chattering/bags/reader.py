@@ -16,7 +16,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import closing
 import dataclasses
 import itertools
@@ -24,7 +24,7 @@ from pathlib import Path
 from typing import Any
 
 from ctc_chattering.analysis.result import Result
-from ctc_chattering.analysis.terms import terms
+from ctc_chattering.analysis.terms import BRIDGED, terms
 from ctc_chattering.bags.bag import Bag
 from ctc_chattering.bags.motion import JOINT_STATE, MULTI_ARRAY, Signal, SignalTopic, STATE_FIELDS
 from ctc_chattering.bags.recording import alone, answers
@@ -32,6 +32,7 @@ from ctc_chattering.bags.repair import open_bag
 from ctc_chattering.control.controller import ControllerConfig
 from ctc_chattering.dynamics.registry import model_of
 from ctc_chattering.errors import CtcError, refused_as, RejectedMessage
+from ctc_chattering.numerics.angles import unwrapped_beside
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.numerics.time_grid import missing, nanoseconds, period_ns, seconds
 from ctc_chattering.ros import topics
@@ -95,7 +96,10 @@ def _run(bag: Bag, own: Mapping[str, object]) -> Result:
     states = _states(bag, names, since, period)
     if not len(states.stamps):
         raise CtcError(f'{bag.path}: no state on {topics.JOINT_STATES} that was answered')
-    trajectory, start = _trajectory(bag, names)
+    description = bag.description()
+    model = model_of(config, description)
+    continuous = config.which_are_continuous(model.continuous)
+    trajectory, start = _trajectory(bag, names, continuous)
     points = [p for t in states.stamps.tolist() if (p := trajectory.at(t))]
     if not points:
         raise CtcError(f'{bag.path}: no {topics.REFERENCE} for the state at '
@@ -107,11 +111,12 @@ def _run(bag: Bag, own: Mapping[str, object]) -> Result:
     stamps = states.stamps[unknown:].tolist()
     q_d, dq_d, ddq_d = (np.array(rows) for rows in zip(*points))
     times = np.array([seconds(t - start) for t in stamps])
+    long_gaps = np.flatnonzero(missing(times, config.control_period) > BRIDGED) + 1
+    q = unwrapped_beside(times, q, dq, q_d, continuous, long_gaps.tolist())
     run = Run(times, q, dq, q_d, dq_d, ddq_d, tau, np.zeros_like(q))
     configs = [(seconds(t - start), x) for t, x in history]
     plants = bag.parameters('plant', PlantConfig, {'friction_model': '', **own})
     experiment = (plants[0][1].experiment if plants else '') or bag.path.name
-    description = bag.description()
     known = None
     if missing(times, config.control_period).any():
         published = _signal(bag, f'controller/{topics.FILTER}', JOINT_STATE, ('velocity',), names)
@@ -119,7 +124,7 @@ def _run(bag: Bag, own: Mapping[str, object]) -> Result:
             published.stamps.tolist(), published.values[0].tolist())}
     ahead = [[trajectory.at(t + k * period) or points[-1]
               for k in range(1, config.input_delay + 1)] for t in stamps]
-    computed = terms(run, configs, model_of(config, description), known,
+    computed = terms(run, configs, model, known,
                      any(plant.sample_loss for _, plant in plants), ahead)
     return Result(experiment, configs, dataclasses.replace(run, v=computed.v), computed,
                   description, bag.path.resolve().name)
@@ -146,9 +151,11 @@ def _states(bag: Bag, joints: tuple[str, ...], since: int, period: int) -> Signa
     return found.where(np.diff(np.maximum.accumulate(found.stamps), prepend=since - 1) > 0)
 
 
-def _trajectory(bag: Bag, joints: tuple[str, ...]) -> tuple[Trajectory, int]:
+def _trajectory(bag: Bag, joints: tuple[str, ...], continuous: Sequence[bool]
+                ) -> tuple[Trajectory, int]:
     """Return the reference and the time of its first point [ns]."""
     trajectory, start = Trajectory(), 0
+    trajectory.continuous = continuous
     for _, message in bag.read(bag.named(topics.REFERENCE)):
         first = nanoseconds(message.header.stamp)
         times = [first + nanoseconds(p.time_from_start) for p in message.points]

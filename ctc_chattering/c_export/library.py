@@ -35,12 +35,14 @@ from ctc_chattering.compiled.machine_code import Code, memory_of
 from ctc_chattering.compiled.records import load, packed
 from ctc_chattering.control.controller import Controller, ControllerConfig
 from ctc_chattering.control.step import CompiledStep, ControlSettings, regained
+from ctc_chattering.controller.positions import LIMITS
 from ctc_chattering.controller.trips import LARGEST_GROWTH, PATIENCE, WATCHED
 from ctc_chattering.dynamics.compiled_model import set_mass_and_bias, set_terms
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.errors import CtcError, UsageError
 from ctc_chattering.numerics.time_grid import period_ns
 from ctc_chattering.parameters import LARGEST, LEAST
+from ctc_chattering.trajectory.motions import BRAKING_TIME
 import numpy as np
 
 _TEMPLATES = Path(__file__).with_name('templates')
@@ -188,7 +190,10 @@ def export(config: ControllerConfig, model: Model, out: Path, processor: str = '
     from ctc_chattering.compiled.object_file import object_file
     code, text = object_file(codes, processor)
     block, named = block_of(step, gains)
+    continuous = config.which_are_continuous(model.continuous)
     values = {**_values(config, load(step.code.arguments[0].settings)), 'PACKAGE': package,
+              'CONTINUOUS': ', '.join(str(int(x)) for x in continuous),
+              'BRAKING_TIME': BRAKING_TIME,
               'DATA': _data(block, named, list(codes), config), 'WORDS': len(block.words)}
     library = out / 'ctc_law' if package else out
     _write(_TEMPLATES, library, values)
@@ -215,7 +220,8 @@ def _values(config: ControllerConfig, settings: ControlSettings) -> dict[str, ob
             'DELAY': config.input_delay, 'PERIOD': config.control_period,
             'PERIOD_NS': period_ns(config.control_period),
             'RATE': f'{1.0 / config.control_period:g}',
-            'GROWTH': LARGEST_GROWTH, 'PATIENCE': PATIENCE, 'LEAST': LEAST, 'LARGEST': LARGEST,
+            'GROWTH': LARGEST_GROWTH, 'PATIENCE': PATIENCE, 'MARGIN': LIMITS.margin,
+            'LEAST': LEAST, 'LARGEST': LARGEST,
             **{name.upper(): ', '.join(map(repr, map(float, x)))
                for name, x in zip(_GAINS, gains)}}
 
@@ -225,7 +231,9 @@ def _data(block: Block, named: dict[str, int], functions: Sequence[str],
     """Return the numbers of a law in C."""
     constants = named | {
         'WATCHED': int(config.law == WATCHED), 'LARGEST_GROWTH': LARGEST_GROWTH,
-        'PATIENCE': PATIENCE, 'GAINS_FUNCTION': _SET if _SET in functions else 'NULL'}
+        'PATIENCE': PATIENCE, 'POSITION_MARGIN': LIMITS.margin,
+        'LARGEST_ACCELERATION': LIMITS.acceleration,
+        'GAINS_FUNCTION': _SET if _SET in functions else 'NULL'}
     bounds = [config.parameters()[name].bounds for name in _GAINS]
     tables = {
         'uint64_t content[]': [f'{x:#x}' for x in block.words],

@@ -28,9 +28,10 @@ from ctc_chattering.analysis.compilation import compile_setups, has_compiler
 from ctc_chattering.analysis.output import check_format, prepare, write_json, write_text, writing
 from ctc_chattering.bags.recording import RecordedMotion, Recording
 from ctc_chattering.configuration import parameter_file
+from ctc_chattering.control.controller import ControllerConfig
 from ctc_chattering.dynamics.corrected_urdf import corrected_urdf, tip_of, with_payload
 from ctc_chattering.dynamics.model import Model
-from ctc_chattering.dynamics.registry import locked_positions, make_model
+from ctc_chattering.dynamics.registry import DESCRIBED, locked_positions, make_model
 from ctc_chattering.dynamics.urdf_parser import Tree
 from ctc_chattering.errors import ParameterError, UsageError
 from ctc_chattering.identification import identify as regression
@@ -52,6 +53,7 @@ from ctc_chattering.identification.trial_runs import (
     trial_runs,
     Values,
 )
+from ctc_chattering.numerics.angles import unwrapped
 from ctc_chattering.parameters import check_some, LEAST, Parameter, whole
 
 #: By how much the corrected model may explain the torque of a joint worse.
@@ -262,6 +264,7 @@ def identify(motions: Sequence[RecordedMotion], model: str = '', urdf: str = '',
         for spec, x in ((TORQUE_CONSTANT, torque_constant), (TORQUE_RATE, torque_rate)))
     recordings, side = in_torques([x.recording for x in motions], side, constant)
     robot = _robot(motions[0], model, urdf, gravity)
+    recordings = [_turning_on(x, motions[0].controller, robot.model) for x in recordings]
     if not all(0.0 <= mass < inf for mass, _ in payloads):
         raise ParameterError('payloads', payloads, 'pairs of a mass >= 0 [kg] and a link')
     if payloads and (len(payloads) != len(motions) or not robot.files):
@@ -295,6 +298,17 @@ def identify(motions: Sequence[RecordedMotion], model: str = '', urdf: str = '',
         name, found, perturbed, recommend(found, perturbed, robot.model, rate or ())), robot)
 
 
+def _turning_on(recording: Recording, controller: ControllerConfig | None, model: Model
+                ) -> Recording:
+    """Return a recording whose continuous joints count their turns, as a driver may not."""
+    described = dict(zip(recording.joints, model.continuous))
+    named = (DESCRIBED,) if controller is None else controller.continuous_joints
+    continuous = [name in named or (DESCRIBED in named and described.get(name, False))
+                  for name in recording.joints]
+    q = unwrapped(recording.t, recording.q, None, continuous)
+    return recording if q is recording.q else dataclasses.replace(recording, q=q)
+
+
 def _robot(motion: RecordedMotion, model: str, urdf: str, gravity: float | None) -> RobotModel:
     """Return the model for a motion, from arguments, the recording, or both."""
     controller, description = motion.controller, urdf or motion.description
@@ -311,6 +325,9 @@ def _robot(motion: RecordedMotion, model: str, urdf: str, gravity: float | None)
     shared: dict[str, Any] = {'model': name, 'gravity': gravity}
     if any(locked):
         shared['locked'] = list(locked)
+    if controller and controller.joint_names == motion.recording.joints and (
+            controller.continuous_joints != (DESCRIBED,)):
+        shared['continuous_joints'] = list(controller.continuous_joints)
     return RobotModel(made, {ROBOT: description} if name == 'urdf' else {}, positions, shared,
                       (controller.kp, controller.kv) if controller else None)
 

@@ -17,6 +17,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+import dataclasses
 from pathlib import Path
 
 from bags import entries, Entry, nanoseconds, parameters, write_bag
@@ -25,6 +26,8 @@ from ctc_chattering.bags.reader import read_bag
 from ctc_chattering.bags.repair import repair
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.errors import CtcError
+from ctc_chattering.numerics.angles import within_turn
+from ctc_chattering.numerics.linear_algebra import Array
 from faults import KINDS, malformed
 from motion_bags import joint_state, serialized, string, torques
 import numpy as np
@@ -93,6 +96,28 @@ def check(result: Result) -> None:
 @pytest.mark.parametrize('how', SAME)
 def test_run_comes_back_to_the_last_bit(tmp_path: Path, how: str) -> None:
     check(read(tmp_path, SAME[how](), '/a/b' if how == 'extra' else ''))
+
+
+@pytest.mark.parametrize('least', [-np.pi, 1.5])
+def test_turns_of_continuous_joints_are_counted(tmp_path: Path, least: float) -> None:
+    """States and reference within a driver's window, which both cross: no jump is left."""
+    joints = ['joint1', 'joint2']
+    setup = parameter_file.load(None, {
+        '/**': {'continuous_joints': joints},
+        'plant': {'duration': 0.2, 'initial_position': [3.1, 1.45]},
+        'controller': {'law': 'compensation', 'ka': 20.0}})
+    counted = simulate(setup)
+
+    def seen(q: Array) -> Array:
+        return np.asarray(np.vectorize(within_turn)(q, least), float)
+
+    run = dataclasses.replace(counted.run, q=seen(counted.run.q), q_d=seen(counted.run.q_d))
+    assert max(np.abs(np.diff(x, axis=0)).max() for x in (run.q, run.q_d)) > 6.0
+    found = read(tmp_path, entries(dataclasses.replace(counted, run=run), setup.plant))
+    for name in ('q', 'q_d', 'e', 'v', 'tau'):
+        x, y = getattr(found, name), getattr(counted, name)
+        turns = np.rint((x[0] - y[0]) / (2.0 * np.pi)) if name in ('q', 'q_d') else 0.0
+        np.testing.assert_allclose(x - 2.0 * np.pi * turns, y, atol=1e-9, err_msg=name)
 
 
 def commanded(k: int) -> Entry:

@@ -38,7 +38,7 @@ from urdfs import two_links
 
 LAWS = ['compensation', *SWITCHINGS, 'observer_feedback']
 (OK, NOT_INITIALIZED, WRONG_ARGUMENT, NOT_FINITE, OVERFLOW, ERROR_LIMIT, ERROR_GROWTH,
- OSCILLATION, WRONG_GAIN, FIXED_GAINS) = range(10)
+ OSCILLATION, WRONG_GAIN, FIXED_GAINS, JUMP) = range(11)
 
 
 def recorded(robot: Robot, count: int) -> tuple[Array, Array]:
@@ -165,6 +165,67 @@ def test_errors_have_a_code_and_a_torque_of_0(library: Path) -> None:
     assert law.call('set_gains', *[[1.0, 1.0]] * 3) == NOT_INITIALIZED
 
 
+def test_a_position_that_jumps_ends_the_torques_until_a_reset(library: Path) -> None:
+    """By the rule of the node, also where the driver makes the velocity of the jump."""
+    law = Law(watched(), library)
+    law.call('init')
+    first = law.step(*REST)
+    assert law.step([0.19, 0.2], *REST[1:])[0] == OK
+    assert law.step([0.1, 0.2], *REST[1:])[0] == OK
+    for velocity in (0.2, 250.0):
+        assert law.step([0.1, 0.45], [0.1, velocity], *REST[2:]) == (JUMP, [0.0, 0.0])
+        assert law.step(*REST) == (JUMP, [0.0, 0.0])
+        assert b'jumped' in law.library.ctc_message(JUMP)
+        law.call('reset')
+        assert law.step(*REST) == first
+
+
+def test_the_time_that_has_elapsed_says_how_far_a_joint_can_have_moved(library: Path) -> None:
+    """0.3 rad are a jump within a period, and none within 50 ms at 6 rad/s."""
+    law = Law(watched(), library)
+    for elapsed, error in ((1e-3, JUMP), (0.05, OK), (nan, NOT_FINITE)):
+        law.call('init')
+        law.step(REST[0], [0.1, 6.0], *REST[2:])
+        arrays = [np.array(x) for x in ([0.1, 0.5], [0.1, 6.0], [0.1, 0.5], *REST[3:])]
+        tau = np.zeros(2)
+        law.library.ctc_step_after.argtypes = (
+            ctypes.c_void_p, ctypes.c_double, *[ctypes.c_void_p] * 6)
+        assert law.library.ctc_step_after(
+            law.law, elapsed, *(x.ctypes.data for x in (*arrays, tau))) == error
+        assert tau.any() == (error == OK)
+
+
+@pytest.mark.parametrize('delay', [0, pytest.param(2, marks=pytest.mark.slow)])
+def test_an_endless_joint_counts_its_turns(tmp_path: Path, delay: int) -> None:
+    """States and reference within a driver's window: the torques of positions that count turns."""
+    robot = robot_of('friction', 'implicit_observer', input_delay=delay)
+    robot = robot._replace(config=robot.config.changed({'continuous_joints': ['joint1']}))
+    law, controller = Law(robot, tmp_path), controller_of(robot)
+    law.call('init')
+    rate = np.array([8.0, 0.3])
+    for k in range(1500):
+        t = 1e-3 * (k + np.arange(delay + 1))[:, np.newaxis]
+        points = np.array([3.0, 0.2]) + rate * t
+        q = points[0] + 0.02 * np.sin(5.0 * t[0])
+        speed = rate.tolist()
+        expected = controller.step(q.tolist(), speed, points[0].tolist(), speed, [0.0, 0.0], [
+            (x, speed, [0.0, 0.0]) for x in points[1:].tolist()])
+        wrapped = points.copy()
+        wrapped[:, 0] = (points[:, 0] + pi) % (2.0 * pi) - pi
+        error, tau = law.step([(q[0] + pi) % (2.0 * pi) - pi, q[1]], rate, wrapped,
+                              [rate] * (delay + 1), np.zeros((delay + 1, 2)))
+        assert error == OK
+        assert tau == pytest.approx(expected.tau, rel=1e-9, abs=1e-9)
+    assert q[0] > 14.0
+
+
+def test_a_joint_that_is_not_endless_is_not_turned(library: Path) -> None:
+    """Nor is a start: that of an endless joint is the one nearest to the reference."""
+    law = Law(watched(), library)
+    law.call('init')
+    assert law.step([0.1 - 2.0 * pi, 0.2], *REST[1:]) == (ERROR_LIMIT, [0.0, 0.0])
+
+
 @pytest.mark.slow
 def test_an_error_that_grows_trips_where_the_node_does(tmp_path: Path) -> None:
     robot = robot_of('friction', 'observer_feedback')
@@ -173,7 +234,8 @@ def test_an_error_that_grows_trips_where_the_node_does(tmp_path: Path) -> None:
     law.call('init')
     reason, count = '', 0
     while not reason:
-        rows = [[-0.5 + 0.3 * (count > 20) - 1.5 * (count > 40), 0.2], *REST[1:]]
+        away = -0.5 + 0.05 * min(max(count - 20, 0), 6) - 0.05 * max(count - 40, 0)
+        rows = [[away, 0.2], *REST[1:]]
         sample = controller.step(*rows)
         reason, count = trips.check(controller, sample), count + 1
         expected = (ERROR_GROWTH, [0.0, 0.0]) if reason else (OK, sample.tau)
@@ -238,13 +300,15 @@ def test_a_floating_point_trap_or_rounding_of_the_caller_changes_nothing(
     libm.feenableexcept(0x1 | 0x4 | 0x8)
     try:
         found = [law.step(*x) for x in states]
+        jump = law.step([1e200] * 2, [1e200] * 2, *REST[2:])
+        law.call('reset')
         overflow = law.step([1e200] * 2, [1e200] * 2, *REST[2:])
         assert libm.fegetround() == upward
     finally:
         libm.fedisableexcept(0x3d)
         libm.fesetround(0)
     assert found == right
-    assert overflow == (OVERFLOW, [0.0, 0.0])
+    assert (jump, overflow) == ((JUMP, [0.0, 0.0]), (OVERFLOW, [0.0, 0.0]))
 
 
 @pytest.mark.slow
