@@ -41,7 +41,7 @@ from ctc_chattering.bags.bag_files import (
 )
 from ctc_chattering.bags.compression import unpack, unpack_file, ZSTD
 from ctc_chattering.bags.mcap_file import McapFile
-from ctc_chattering.errors import CtcError
+from ctc_chattering.errors import CtcError, shortened
 from ctc_chattering.numerics.time_grid import nanoseconds
 from ctc_chattering.ros.topics import PARAMETERS, ROBOT_DESCRIPTION
 from rosbags.interfaces import Connection, MessageDefinitionFormat
@@ -161,6 +161,23 @@ class Bag:
         return [x for x in self.connections if x.topic in beside] or [
             x for x in self.connections if x.topic.endswith('/' + name)]
 
+    def only(self, name: str) -> list[Connection]:
+        """
+        Return the topic `name`, as `named`.
+
+        Raises
+        ------
+        CtcError
+            If there are several, as of several robots.
+
+        """
+        connections = self.named(name)
+        topics = sorted({x.topic for x in connections})
+        if len(topics) > 1:
+            raise CtcError(f'{self.path}: several topics {name}, and no way to tell which one '
+                           f'belongs to the states: {shortened(topics)}')
+        return connections
+
     def read(self, connections: Collection[Connection]) -> Iterator[tuple[int, Any]]:
         """
         Yield log time [ns] and message of topics, without messages that cannot be decoded.
@@ -194,12 +211,15 @@ class Bag:
         """
         Return the configurations of a node, each with the time [ns] from which it applies.
 
+        They are in the order of these times, whatever the order in the bag.
+
         `own` stands in the place of classes that the bag names: `Config.received`.
         """
         known = kind.parameters()
         values: dict[str, Any] = {}
         history: list[tuple[int, Any]] = []
-        for _, message in self.read(self.named(f'{node}/{PARAMETERS}')):
+        messages = [message for _, message in self.read(self.only(f'{node}/{PARAMETERS}'))]
+        for message in sorted(messages, key=lambda x: nanoseconds(x.stamp)):
             for item in [*message.new_parameters, *message.changed_parameters]:
                 if item.name in known and item.value.type in _FIELDS:
                     values[item.name] = getattr(item.value, _FIELDS[item.value.type])
@@ -213,7 +233,7 @@ class Bag:
 
     def description(self, name: str = f'controller/{ROBOT_DESCRIPTION}') -> str:
         """Return the last robot description on a topic; empty for none."""
-        texts = [str(message.data) for _, message in self.read(self.named(name))]
+        texts = [str(message.data) for _, message in self.read(self.only(name))]
         return texts[-1] if texts else ''
 
 

@@ -307,8 +307,9 @@ class McapFile:
         """Return a topic as `rosbags` has it."""
         schema = self.schemas.get(channel.schema_id, NO_SCHEMA)
         form = _DEFINITIONS.get(schema.encoding, MessageDefinitionFormat.NONE)
+        is_text = form != MessageDefinitionFormat.NONE
         definition = MessageDefinition(
-            form, schema.data.decode() if form != MessageDefinitionFormat.NONE else '')
+            form, schema.data.decode(errors='replace') if is_text else '')
         profiles: list[Qos] = []
         with suppress(Exception):  # Of arbitrary text, any; it matters for replay only.
             profiles = parse_qos(channel.metadata[QOS])
