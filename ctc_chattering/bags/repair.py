@@ -24,13 +24,14 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from contextlib import closing, suppress
 import dataclasses
+from itertools import islice
 import os
 from pathlib import Path
 import re
 import tempfile
 from typing import Any, NamedTuple
 
-from ctc_chattering.bags.bag import Bag, damaged, DamagedBag
+from ctc_chattering.bags.bag import Bag, damaged, DamagedBag, is_cdr
 from ctc_chattering.bags.bag_files import (
     check_one_recording,
     FileSpan,
@@ -40,6 +41,7 @@ from ctc_chattering.bags.bag_files import (
     read_metadata,
     UnsupportedBag,
 )
+from ctc_chattering.bags.compression import ZSTD
 from ctc_chattering.bags.mcap_file import (
     map_file,
     McapFile,
@@ -299,9 +301,18 @@ def _write_metadata_of(bag: Path, versions: Mapping[Path, Path], scratch: Path, 
     if recovered:
         notes['repaired'] = f'{recovered} messages recovered'
     compression = {key: before.get(key) or '' for key in NOT_COMPRESSED}
+    if not before and any(map(_is_packed_by_message, versions.values())):
+        compression = {'compression_format': 'zstd', 'compression_mode': 'MESSAGE'}
     target = scratch / METADATA
     write_metadata(target, spans, tuple(topics.values()), notes, compression)
     return target
+
+
+def _is_packed_by_message(file: Path) -> bool:
+    """Return whether the first message of ROS 2 in a file is compressed by itself."""
+    with closing(McapFile(file)) as content:
+        ours = [x for x in content.connections if is_cdr(x)]
+        return any(data.startswith(ZSTD) for _, _, data in islice(content.messages(ours), 1))
 
 
 def _with_current_qos(channel: Channel) -> Channel:

@@ -42,6 +42,7 @@ from motion_bags import string
 from motion_bags import write as write_bag
 import pytest
 from recorded_runs import metadata
+from rosbags.highlevel import AnyReader
 from rosbags.rosbag2 import StoragePlugin
 import yaml
 
@@ -317,6 +318,24 @@ def test_a_bag_that_lacks_its_metadata_only_gets_them(
     assert contents(bag)['bag_0.mcap'] == file
     assert metadata(bag)['message_count'] == len(original.rows)
     assert metadata(bag)['custom_data'] is None
+
+
+def test_messages_that_are_compressed_one_by_one_are_recovered(tmp_path: Path) -> None:
+    """`rosbags`, which unpacks messages only where the metadata say so, reads them, too."""
+    bag = write_bag(tmp_path / 'bag', [('/a', t, string(f'{t}' * 99)) for t in range(3)],
+                    compression='message')
+    (bag / 'metadata.yaml').unlink()
+    for _ in range(2):
+        assert repair(bag) is not None
+        with AnyReader([bag]) as reader:
+            assert [reader.deserialize(data, x.msgtype).data  # type: ignore[attr-defined]
+                    for x, _, data in reader.messages()] == [f'{t}' * 99 for t in range(3)]
+        with closing(open_bag(bag)) as found:
+            assert [x.data for _, x in found.read(found.named('/a'))] == [
+                f'{t}' * 99 for t in range(3)]
+        file = bag / 'bag.mcap'
+        file.write_bytes(file.read_bytes()[:-9])
+        (bag / 'metadata.yaml').unlink()
 
 
 def test_what_is_no_bag_cannot_be_repaired(original: Original, tmp_path: Path) -> None:
