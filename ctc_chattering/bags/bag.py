@@ -202,10 +202,14 @@ class Bag:
                     'of: record with --storage mcap, or convert it where that is installed')
         for x, t, data in self.messages(readable) if readable else ():
             try:
-                message = self._types.deserialize_cdr(data, x.msgtype)
+                message = self.deserialize(data, x.msgtype)
             except Exception:  # Of arbitrary bytes, decoders raise arbitrary exceptions.
                 continue
             yield t, message
+
+    def deserialize(self, data: bytes, kind: str) -> Any:
+        """Return the message of a type; of arbitrary bytes, raise an arbitrary exception."""
+        return self._types.deserialize_cdr(data, kind)
 
     def parameters(self, node: str, kind: Any, own: Mapping[str, object]) -> list[tuple[int, Any]]:
         """
