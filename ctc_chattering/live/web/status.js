@@ -12,6 +12,8 @@ const ctcStatus = (light, reports, log) => {
     into.append(made);
     return made;
   };
+  // The light is as high as its text ever was: what is below does not move under the pointer.
+  let tallest = 0, width = 0;
   return {
     light({ level, sign, lines, law }) {
       light.dataset.level = level;
@@ -19,6 +21,12 @@ const ctcStatus = (light, reports, log) => {
       element('b', light, sign);
       if (law) element('div', light, law, 'ctc-law');
       for (const line of lines) element('div', light, line);
+      if (width !== light.clientWidth) {
+        [tallest, width] = [0, light.clientWidth];
+        light.style.minHeight = '';
+      }
+      tallest = Math.max(tallest, light.scrollHeight);
+      light.style.minHeight = `${tallest}px`;
     },
     reports(nodes) {
       reports.replaceChildren();
