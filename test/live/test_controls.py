@@ -266,9 +266,9 @@ def test_sliders_ask_once_on_release_and_follow_the_values_in_force(started_brow
 
 
 @pytest.mark.browser
-def test_the_light_shows_all_its_lines_and_nothing_below_it_moves_back(
+def test_the_light_shows_all_its_lines_and_nothing_below_it_moves_up_under_the_pointer(
         started_browser: Any) -> None:
-    """It grows with its text, and keeps its height when there is less again."""
+    """It grows with its text, and shrinks when the pointer is elsewhere."""
     with browser_page(started_browser) as page:
         page.set_content(
             '<div id="panel"><div id="light" class="ctc-light"></div><p id="below">x</p></div>'
@@ -287,6 +287,10 @@ def test_the_light_shows_all_its_lines_and_nothing_below_it_moves_back(
                 'document.getElementById("below").getBoundingClientRect().top]; }')
             last, end, hidden, below = bounds
             return last <= end + 1 and hidden <= 1 and end <= below, end
-        few, many, few_again = put(2), put(12), put(2)
-        assert [x[0] for x in (few, many, few_again)] == [True] * 3
-        assert few[1] < many[1] == few_again[1]
+        few, many = put(2), put(12)
+        page.mouse.move(20, 20)
+        under_the_pointer = put(2)
+        page.mouse.move(800, 20)
+        elsewhere = put(2)
+        assert [x[0] for x in (few, many, under_the_pointer, elsewhere)] == [True] * 4
+        assert few[1] == elsewhere[1] < many[1] == under_the_pointer[1]

@@ -75,7 +75,7 @@ const ctcNumbers = (parent, joints) => {
         const row = made('tr', table);
         made('td', row, joint);
         for (const [{ value, t: at }, written] of cells(run, j, now)) {
-          const age = t === null ? silent + end - at : 0;
+          const age = (t ?? silent + end) - at;
           made('td', row, text(value, written), age > OLD ? 'ctc-old' : '');
           if (age > oldest) oldest = age;
         }
