@@ -104,7 +104,7 @@ def open_bag(path: Path) -> Bag:
         If there is no bag.
 
     """
-    if not path.exists():
+    if not (path.is_dir() or path.is_file()):  # A pipe would wait for ever.
         raise CtcError(f'{path}: no such bag')
     try:
         return Bag(path)
@@ -146,16 +146,24 @@ def repair(path: str | Path) -> Repaired | None:
     files = _files_of_damaged(path)
     if damage is not None and any(file.suffix != '.mcap' for file in files):
         raise damage
+    try:
+        with tempfile.TemporaryDirectory(prefix='.repair', dir=folder) as scratch:
+            return _write_anew(path, files, Path(scratch))
+    except OSError as error:
+        raise CtcError(f'{error.filename or path}: {error.strerror or error}') from None
+
+
+def _write_anew(path: Path, files: tuple[Path, ...], scratch: Path) -> Repaired:
+    """Replace the damaged ones of the files of a bag, and its metadata, by way of a directory."""
     broken = [file for file in files if _find_damage(file)]
-    with tempfile.TemporaryDirectory(prefix='.repair', dir=folder) as scratch:
-        new = {file: Path(scratch) / file.name for file in broken}
-        recovered = sum(recover(file, version) for file, version in new.items())
-        if len(broken) == len(files) and not recovered:
-            raise CtcError(f'{path}: no message in a whole chunk')
-        if path.is_dir():
-            versions = {file: new.get(file, file) for file in files}
-            new[path / METADATA] = _write_metadata_of(path, versions, Path(scratch), recovered)
-        return Repaired(recovered, _put_in_place(new))
+    new = {file: scratch / file.name for file in broken}
+    recovered = sum(recover(file, version) for file, version in new.items())
+    if len(broken) == len(files) and not recovered:
+        raise CtcError(f'{path}: no message in a whole chunk')
+    if path.is_dir():
+        versions = {file: new.get(file, file) for file in files}
+        new[path / METADATA] = _write_metadata_of(path, versions, scratch, recovered)
+    return Repaired(recovered, _put_in_place(new))
 
 
 def recover(file: Path, target: Path) -> int:
@@ -163,26 +171,17 @@ def recover(file: Path, target: Path) -> int:
     Write the messages in whole chunks of an MCAP file into a new one; return how many there are.
 
     Every message, channel and definition is the same to the byte, whatever its format.
-
-    Raises
-    ------
-    CtcError
-        If the new file cannot be written.
-
     """
     count = 0
-    try:
-        with target.open('xb') as stream:
-            writer: Any = Writer(stream, chunk_size=CHUNK_SIZE)
-            writer.start(_profile(file), 'ctc_chattering')
-            channels = _Channels(writer)
-            for schema, channel, message in _messages(file):
-                writer.add_message(channels.number(schema, channel), message.log_time,
-                                   message.data, message.publish_time, message.sequence)
-                count += 1
-            writer.finish()
-    except OSError as error:
-        raise CtcError(f'{error.filename or target}: {error.strerror or error}') from None
+    with target.open('xb') as stream:
+        writer: Any = Writer(stream, chunk_size=CHUNK_SIZE)
+        writer.start(_profile(file), 'ctc_chattering')
+        channels = _Channels(writer)
+        for schema, channel, message in _messages(file):
+            writer.add_message(channels.number(schema, channel), message.log_time,
+                               message.data, message.publish_time, message.sequence)
+            count += 1
+        writer.finish()
     return count
 
 

@@ -20,8 +20,10 @@ from collections import Counter
 from collections.abc import Iterator
 from contextlib import closing
 import functools
+import os
 from pathlib import Path
 import random
+import resource
 import shutil
 import struct
 from tempfile import TemporaryDirectory
@@ -338,9 +340,27 @@ def test_messages_that_are_compressed_one_by_one_are_recovered(tmp_path: Path) -
         (bag / 'metadata.yaml').unlink()
 
 
+@pytest.mark.parametrize('limit', [1000, 20_000])
+def test_a_full_disk_changes_nothing(original: Original, tmp_path: Path, limit: int) -> None:
+    bag = original.bag(tmp_path / 'bag', original.data[:original.size])
+    before = contents(tmp_path)
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limits[1]))
+    try:
+        with pytest.raises(CtcError, match='File too large'):
+            repair(bag)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    assert contents(tmp_path) == before
+
+
 def test_what_is_no_bag_cannot_be_repaired(original: Original, tmp_path: Path) -> None:
     with pytest.raises(CtcError, match='no such bag'):
         repair(tmp_path / 'bag')
+    os.mkfifo(tmp_path / 'bag')
+    with pytest.raises(CtcError, match='no such bag'):
+        repair(tmp_path / 'bag')
+    (tmp_path / 'bag').unlink()
     (tmp_path / 'bag').mkdir()
     with pytest.raises(CtcError, match=r'not a bag: .*metadata\.yaml'):
         repair(tmp_path / 'bag')
