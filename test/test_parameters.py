@@ -117,7 +117,7 @@ def test_refusals(config: type[Config], name: str, value: object, allowed: str) 
     (' 5.0 ', '5.0'), ('+1E+2', '+1.0e+2'), ('inf', '.inf'), ('Infinity', '.inf')])
 def test_a_number_that_yaml_takes_for_text_is_shown_as_yaml_reads_it(
         text: str, number: str) -> None:
-    """PyYAML itself, by which `ros2 param set` reads values, is the judge."""
+    """The judge is PyYAML itself, by which `ros2 param set` reads values."""
     assert isinstance(yaml.safe_load(number), (int, float))
     assert yaml.safe_load(number) == float(text)
     for value in (text, [text, 1.0, 1.0]):

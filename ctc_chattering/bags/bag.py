@@ -123,22 +123,24 @@ class Bag:
 
         """
         chosen = connections or self.connections
-        found, count = 0, sum(x.msgcount for x in chosen)
+        expected = sum(x.msgcount for x in chosen)
+        count = 0
         by_file: dict[Any, list[Connection]] = {}
         for x in chosen:
             by_file.setdefault(x.owner, []).append(x)
         streams = [file.messages(same) for file, same in by_file.items()]
         try:
             for connection, t, data in tqdm(
-                    merge(*streams, key=itemgetter(1)), f'reading {self.path.name}', count,
+                    merge(*streams, key=itemgetter(1)), f'reading {self.path.name}', expected,
                     unit=' messages', disable=None, delay=2.0, leave=False):
-                found += 1
+                count += 1
                 packed = is_cdr(connection) and data.startswith(ZSTD)
                 yield connection, t, unpack(data, 'zstd') if packed else data
         except Exception as error:  # Damaged files may raise any exception.
             raise damaged(self.path, error) from None
-        if found != count:
-            raise damaged(self.path, CtcError(f'{found} messages, {count} according to its index'))
+        if count != expected:
+            raise damaged(
+                self.path, CtcError(f'{count} messages, {expected} according to its index'))
 
     @cached_property
     def namespaces(self) -> tuple[str, ...]:
@@ -299,13 +301,13 @@ def _typestore(connections: Collection[Connection]) -> Any:
         If a definition is not the one that its hash is of.
 
     """
-    known = get_typestore(Stores.ROS2_JAZZY).fielddefs
-    types = dict(known)
+    jazzy = get_typestore(Stores.ROS2_JAZZY).fielddefs
+    types = dict(jazzy)
     for x in connections:
         if is_cdr(x) and x.msgdef.format != MessageDefinitionFormat.NONE:
             with suppress(Exception):  # Of arbitrary text, any.
                 types.update({name: definition for name, definition in _definitions(x).items()
-                              if definition[1] or name not in known})
+                              if definition[1] or name not in jazzy})
     store = get_typestore(Stores.EMPTY)
     store.register(types)
     for x in connections:
@@ -320,10 +322,10 @@ def _definitions(connection: Connection) -> dict[str, Any]:
     if connection.msgdef.format == MessageDefinitionFormat.MSG:
         return dict(get_types_from_msg(text, connection.msgtype))
     types: dict[str, Any] = {}
-    for part in text.split(_IDL_RULE):
-        if part.strip():
-            types.update(get_types_from_idl(
-                part.split('\n', 1)[1] if part.startswith('IDL: ') else part))
+    for section in text.split(_IDL_RULE):
+        idl = section.split('\n', 1)[1] if section.startswith('IDL: ') else section
+        if idl.strip():
+            types.update(get_types_from_idl(idl))
     return types
 
 

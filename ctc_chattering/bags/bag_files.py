@@ -158,13 +158,13 @@ def check_one_recording(folder: Path, spans: Sequence[FileSpan]) -> None:
 
     """
     recorded = [x for x in spans if x.start < x.end]
-    for one, other in pairwise(recorded):
-        pause = other.start - one.end
+    for earlier, later in pairwise(recorded):
+        pause = later.start - earlier.end
         if not -_LONGEST_OVERLAP <= pause <= _LONGEST_PAUSE:
             raise several_recordings(
-                folder, [x.path for x in spans], f': {other.path.name} begins '
+                folder, [x.path for x in spans], f': {later.path.name} begins '
                 f'{abs(seconds(pause)):.3g} s {"after" if pause > 0 else "before"} the end of '
-                f'{one.path.name}')
+                f'{earlier.path.name}')
 
 
 def several_recordings(folder: Path, files: Sequence[Path], reason: str = '') -> UnsupportedBag:

@@ -58,10 +58,10 @@ def unpack(data: bytes, compression: str) -> bytes:
 
 def unpack_file(source: Path, target: Path) -> Path:
     """Unpack a file of zstd; return it. Raise `CtcError` if it is more than is allowed."""
-    most = MOST_UNPACKED + _UNPACKED_PER_BYTE * source.stat().st_size
+    limit = MOST_UNPACKED + _UNPACKED_PER_BYTE * source.stat().st_size
     with source.open('rb') as packed, target.open('wb') as content, (
             zstandard.ZstdDecompressor().stream_reader(packed, read_across_frames=True)) as stream:
         while piece := stream.read(1 << 20):
-            if content.write(piece) and content.tell() > most:
-                raise CtcError(f'{source.name} unpacks to more than {most} bytes')
+            if content.write(piece) and content.tell() > limit:
+                raise CtcError(f'{source.name} unpacks to more than {limit} bytes')
     return target

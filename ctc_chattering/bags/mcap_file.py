@@ -50,7 +50,7 @@ from rosbags.interfaces import (
 from rosbags.rosbag2.metadata import parse_qos
 
 MAGIC = b'\x89MCAP0\r\n'
-#: Beginning of a record: kind and length.
+#: Beginning of a record: its opcode, and the length of its content.
 RECORD = struct.Struct('<BQ')
 #: Beginning of a message: channel, sequence number, log time and time of publication [ns].
 _MESSAGE = struct.Struct('<HIQQ')
@@ -71,7 +71,7 @@ _Message = tuple[int, int, bytes]
 _LOG_TIME = itemgetter(0)
 
 
-class _Part(NamedTuple):
+class _RecordBlock(NamedTuple):
     """
     A chunk, or some messages outside chunks that follow each other.
 
@@ -137,14 +137,14 @@ def read_index(data: Any) -> Summary | None:
 
 
 def _records(data: Any, begin: int, end: int) -> Iterator[tuple[int, int, int]]:
-    """Yield the kind of each record, where its content begins, and where it ends."""
+    """Yield the opcode of each record, and where its content begins and ends."""
     while begin < end:
-        kind, length = RECORD.unpack_from(data, begin)
+        opcode, length = RECORD.unpack_from(data, begin)
         content = begin + RECORD.size
         begin = content + length
         if begin > end:
             raise CtcError('a record is longer than the rest of the file')
-        yield kind, content, begin
+        yield opcode, content, begin
 
 
 class McapFile:
@@ -178,10 +178,10 @@ class McapFile:
         self.start_time, self.end_time = 2 ** 63 - 1, 0
         self._data = map_file(path)
         summary = read_index(self._data) or Summary()
-        self._parts = self._find_parts(summary.chunk_indexes)
+        self._blocks = self._find_blocks(summary.chunk_indexes)
         if not self._describe_by_index(summary):
-            self._parts = [self._describe_part(part) for part in self._parts]
-        self._parts.sort(key=attrgetter('start'))
+            self._blocks = [self._describe_block(block) for block in self._blocks]
+        self._blocks.sort(key=attrgetter('start'))
         if not self.counts.keys() <= self.channels.keys():
             raise CtcError('there are messages of a topic that is not described')
 
@@ -192,7 +192,7 @@ class McapFile:
 
     @property
     def message_count(self) -> int:
-        """Number of all messages."""
+        """Return the number of all messages."""
         return self.counts.total()
 
     @property
@@ -205,19 +205,19 @@ class McapFile:
         """Yield connection, log time [ns] and data of some topics, in the order of log times."""
         topics = {x.id: x for x in connections}
         waiting: list[_Message] = []
-        for part in self._parts:
-            if not part.has_any(topics):
+        for block in self._blocks:
+            if not block.has_any(topics):
                 continue
-            due = bisect_left(waiting, part.start, key=_LOG_TIME)
+            due = bisect_left(waiting, block.start, key=_LOG_TIME)
             yield from ((topics[number], t, data) for t, number, data in waiting[:due])
             del waiting[:due]
-            waiting += _messages(self._content(part), topics)
+            waiting += _messages(self._content(block), topics)
             waiting.sort(key=_LOG_TIME)
         yield from ((topics[number], t, data) for t, number, data in waiting)
 
-    def _find_parts(self, indexes: Collection[ChunkIndex]) -> list[_Part]:
+    def _find_blocks(self, indexes: Collection[ChunkIndex]) -> list[_RecordBlock]:
         """
-        Return the parts of the file, in its order.
+        Return the blocks of the file, in its order.
 
         Raises
         ------
@@ -227,33 +227,32 @@ class McapFile:
 
         """
         expected = {x.chunk_start_offset: x for x in indexes}
-        parts: list[_Part] = []
-        for kind, begin, end in _records(self._data, len(MAGIC), len(self._data) - len(MAGIC)):
+        blocks: list[_RecordBlock] = []
+        for opcode, begin, end in _records(self._data, len(MAGIC), len(self._data) - len(MAGIC)):
             record = begin - RECORD.size
-            if kind == Opcode.CHUNK:
+            if opcode == Opcode.CHUNK:
                 chunk, _ = unpack_chunk(self._data[begin:end])
                 self._data.madvise(mmap.MADV_DONTNEED)  # It would stay in memory, else.
                 index = expected.pop(record, None)
-                if index and _size_of(index, index.compressed_size) != _size_of(
-                        chunk, len(chunk.data)):
+                if index and not _describes(index, chunk):
                     raise CtcError('the index has other chunks than the file')
                 # Nothing protects the times in a chunk's own head.
                 start, channels = (index.message_start_time, index.message_index_offsets.keys()
                                    ) if index else (0, ())
-                parts.append(_Part(start, begin, end, True, channels or None))
-            elif kind == Opcode.MESSAGE:
+                blocks.append(_RecordBlock(start, begin, end, True, channels or None))
+            elif opcode == Opcode.MESSAGE:
                 _, _, t, _ = _MESSAGE.unpack_from(self._data, begin)
-                last = parts[-1] if parts else None
+                last = blocks[-1] if blocks else None
                 if last and not last.is_chunk and last.end - last.begin < _GROUP and (
                         last.end == record):
-                    parts[-1] = last._replace(start=min(t, last.start), end=end)
+                    blocks[-1] = last._replace(start=min(t, last.start), end=end)
                 else:
-                    parts.append(_Part(t, record, end, False))
-            elif kind in (Opcode.SCHEMA, Opcode.CHANNEL):
-                self._note(kind, self._data[begin:end])
+                    blocks.append(_RecordBlock(t, record, end, False))
+            elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
+                self._note(opcode, self._data[begin:end])
         if expected:
             raise CtcError('the index has chunks that are not there')
-        return parts
+        return blocks
 
     def _describe_by_index(self, summary: Summary) -> bool:
         """Take topics and counts from the index; return whether it has all of them."""
@@ -270,38 +269,38 @@ class McapFile:
             self.end_time = statistics.message_end_time + 1
         return True
 
-    def _describe_part(self, part: _Part) -> _Part:
-        """Take topics and counts from the records of a part; return it with its first log time."""
-        content, times = self._content(part), []
-        for kind, begin, end in _records(content, 0, len(content)):
-            if kind == Opcode.MESSAGE:
+    def _describe_block(self, block: _RecordBlock) -> _RecordBlock:
+        """Take topics and counts from a block; return it with its first log time."""
+        content, times = self._content(block), []
+        for opcode, begin, end in _records(content, 0, len(content)):
+            if opcode == Opcode.MESSAGE:
                 number, _, t, _ = _MESSAGE.unpack_from(content, begin)
                 self.counts[number] += 1
                 times.append(t)
             else:
-                self._note(kind, content[begin:end])
+                self._note(opcode, content[begin:end])
         if not times:
-            return part
+            return block
         self.start_time = min(self.start_time, min(times))
         self.end_time = max(self.end_time, max(times) + 1)
-        return part._replace(start=min(times))
+        return block._replace(start=min(times))
 
-    def _note(self, kind: int, content: bytes) -> None:
+    def _note(self, opcode: int, content: bytes) -> None:
         """Take a schema or a channel from its record."""
         stream = ReadDataStream(BytesIO(content))
-        if kind == Opcode.SCHEMA:
+        if opcode == Opcode.SCHEMA:
             schema = Schema.read(stream)
             if self.schemas.setdefault(schema.id, schema) != schema:
                 raise CtcError(f'schema {schema.id} is described in two ways')
-        elif kind == Opcode.CHANNEL:
+        elif opcode == Opcode.CHANNEL:
             channel = Channel.read(stream)
             if self.channels.setdefault(channel.id, channel) != channel:
                 raise CtcError(f'channel {channel.id} is described in two ways')
 
-    def _content(self, part: _Part) -> bytes:
-        """Return the records of a part."""
-        data: bytes = self._data[part.begin:part.end]
-        return unpack_chunk(data)[1] if part.is_chunk else data
+    def _content(self, block: _RecordBlock) -> bytes:
+        """Return the records of a block."""
+        data: bytes = self._data[block.begin:block.end]
+        return unpack_chunk(data)[1] if block.is_chunk else data
 
     def _connection(self, number: int, channel: Channel) -> Connection:
         """Return a topic as `rosbags` has it."""
@@ -318,15 +317,17 @@ class McapFile:
             ConnectionExtRosbag2(channel.message_encoding, profiles), self)
 
 
-def _size_of(chunk: Chunk | ChunkIndex, compressed_size: int) -> tuple[int, str, int]:
-    """Return sizes and compression that chunk and index must agree on."""
-    return compressed_size, chunk.compression, chunk.uncompressed_size
+def _describes(index: ChunkIndex, chunk: Chunk) -> bool:
+    """Return whether sizes and compression of a chunk are those in the index."""
+    return (index.compressed_size == len(chunk.data)
+            and index.compression == chunk.compression
+            and index.uncompressed_size == chunk.uncompressed_size)
 
 
 def _messages(content: bytes, channels: Collection[int]) -> Iterator[_Message]:
     """Yield the messages of some channels among records, in their order."""
-    for kind, begin, end in _records(content, 0, len(content)):
-        if kind == Opcode.MESSAGE:
+    for opcode, begin, end in _records(content, 0, len(content)):
+        if opcode == Opcode.MESSAGE:
             number, _, t, _ = _MESSAGE.unpack_from(content, begin)
             if number in channels:
                 yield t, number, content[begin + _MESSAGE.size:end]

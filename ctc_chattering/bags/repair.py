@@ -75,7 +75,7 @@ _KEPT = '.damaged'
 
 class Repaired(NamedTuple):
     """
-    What `repair` has done.
+    Result of a repair.
 
     Attributes
     ----------
@@ -194,13 +194,13 @@ class _Channels:
 
     def number(self, schema: Schema | None, channel: Channel) -> int:
         """Return the number of a channel, which is added where it is new."""
-        kind = schema and (schema.name, schema.encoding, schema.data)
+        definition = schema and (schema.name, schema.encoding, schema.data)
         metadata = channel.metadata
-        key = kind, channel.topic, channel.message_encoding, *metadata.items()
+        key = definition, channel.topic, channel.message_encoding, *metadata.items()
         if key not in self._numbers:
             self._numbers[key] = self._writer.register_channel(
                 channel.topic, channel.message_encoding,
-                self._writer.register_schema(*kind) if kind else 0, metadata)
+                self._writer.register_schema(*definition) if definition else 0, metadata)
         return self._numbers[key]
 
 
@@ -281,9 +281,9 @@ def _write_metadata_of(bag: Path, versions: Mapping[Path, Path], scratch: Path, 
         Messages in files that were written anew.
 
     """
-    before: dict[str, Any] = {}
+    metadata: dict[str, Any] = {}
     with suppress(Exception):  # Damaged metadata may raise any exception.
-        before = read_metadata(bag)
+        metadata = read_metadata(bag)
     spans: dict[str, Span] = {}
     topics: dict[tuple[str, str], RecordedTopic] = {}
     for file, version in versions.items():
@@ -292,15 +292,15 @@ def _write_metadata_of(bag: Path, versions: Mapping[Path, Path], scratch: Path, 
                 content.message_count, content.start_time, content.end_time - 1)
             for number, channel in content.channels.items():
                 schema = content.schemas.get(channel.schema_id, NO_SCHEMA)
-                known = topics.get((channel.topic, schema.name))
+                counted = topics.get((channel.topic, schema.name))
                 topics[channel.topic, schema.name] = RecordedTopic(
                     schema, _with_current_qos(channel),
-                    content.counts[number] + (known.messages if known else 0))
-    notes = dict(before.get('custom_data') or {})
+                    content.counts[number] + (counted.messages if counted else 0))
+    notes = dict(metadata.get('custom_data') or {})
     if recovered:
         notes['repaired'] = f'{recovered} messages recovered'
-    compression = {key: before.get(key) or '' for key in NOT_COMPRESSED}
-    if not before and any(map(_is_packed_by_message, versions.values())):
+    compression = {key: metadata.get(key) or '' for key in NOT_COMPRESSED}
+    if not metadata and any(map(_is_packed_by_message, versions.values())):
         compression = {'compression_format': 'zstd', 'compression_mode': 'MESSAGE'}
     target = scratch / METADATA
     write_metadata(target, spans, tuple(topics.values()), notes, compression)
@@ -310,8 +310,9 @@ def _write_metadata_of(bag: Path, versions: Mapping[Path, Path], scratch: Path, 
 def _is_packed_by_message(file: Path) -> bool:
     """Return whether the first message of ROS 2 in a file is compressed by itself."""
     with closing(McapFile(file)) as content:
-        ours = [x for x in content.connections if is_cdr(x)]
-        return any(data.startswith(ZSTD) for _, _, data in islice(content.messages(ours), 1))
+        connections = [x for x in content.connections if is_cdr(x)]
+        first = islice(content.messages(connections), 1)
+        return any(data.startswith(ZSTD) for _, _, data in first)
 
 
 def _with_current_qos(channel: Channel) -> Channel:
