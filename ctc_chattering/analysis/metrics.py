@@ -16,6 +16,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 from ctc_chattering.numerics.time_grid import missing
@@ -27,6 +28,8 @@ import numpy.typing as npt
 WINDOW = (5.0, 10.0)
 #: Band of |v_i| that counts as reached [rad/s].
 BAND = 0.15
+#: Part of the amplitude of a joint's desired motion above which its RMS error is worth a warning.
+WARN_ERROR_SHARE = 0.1
 #: How much the torque of each joint changes.
 _CHANGES = ('torque_variation_nm_per_s', 'max_torque_step_nm', 'max_torque_rate_nm_per_s')
 
@@ -83,6 +86,26 @@ def metrics(run: Run, window: tuple[float, float] = WINDOW, band: float = BAND,
             **{key: x.tolist() for key, x in zip(_CHANGES, _changes(t, tau, gaps == 0))},
             missing_samples=int(gaps.sum()))
     return result
+
+
+def error_shares(run: Run, rms_error: Sequence[float]) -> Array:
+    """
+    Return the RMS error of each joint over the amplitude of its desired motion, shape (n,).
+
+    The amplitude is half the range of the whole run; of a joint that is to rest the share is 0.
+
+    Parameters
+    ----------
+    run : Run
+        With the desired motion.
+    rms_error : sequence of float
+        Of each joint [rad].
+
+    """
+    amplitude = 0.5 * np.ptp(run.q_d, axis=0)
+    moves = amplitude > 0.0
+    shares: Array = np.where(moves, rms_error, 0.0) / np.where(moves, amplitude, 1.0)
+    return shares
 
 
 def within(t: Array, window: tuple[float, float]) -> npt.NDArray[np.bool_]:

@@ -28,7 +28,13 @@ import json
 from pathlib import Path
 from typing import Any
 
-from ctc_chattering.analysis.metrics import metrics, WINDOW, within
+from ctc_chattering.analysis.metrics import (
+    error_shares,
+    metrics,
+    WARN_ERROR_SHARE,
+    WINDOW,
+    within,
+)
 from ctc_chattering.analysis.output import write_json, writing
 from ctc_chattering.analysis.tables import measured, number_text
 from ctc_chattering.analysis.terms import RunTerms, terms
@@ -38,7 +44,7 @@ from ctc_chattering.controller.health import Saturation, term_saturation
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.dynamics.registry import model_of
 from ctc_chattering.dynamics.urdf_parser import Tree
-from ctc_chattering.errors import CtcError, ParameterError
+from ctc_chattering.errors import CtcError, ParameterError, shortened
 from ctc_chattering.numerics.time_grid import missing
 from ctc_chattering.simulation import closed_loop
 from ctc_chattering.simulation.closed_loop import Array, Run
@@ -242,7 +248,8 @@ class Result(RunAttributes):
             'position_units': list(self.position_units),
             'torque_units': list(self.torque_units), 'gains': self.gains, **numbers,
             'term_at_bound': self.saturation and [x.fraction for x in self.saturation],
-            'notes': [*numbers['notes'], *self._notes(mixed)]}
+            'notes': [*numbers['notes'], *self._notes(mixed),
+                      *self._notes_on_errors(numbers['rms_error_rad'])]}
 
     def _notes(self, mixed: bool) -> Iterator[str]:
         """Yield what else the user should know."""
@@ -255,6 +262,20 @@ class Result(RunAttributes):
         for name, found in zip(self.joint_names, self.saturation or ()):
             if found.cause:
                 yield f'{name}: {found}'
+
+    def _notes_on_errors(self, rms_error: Sequence[float] | None) -> Iterator[str]:
+        """Yield which joints hardly follow their motion, and what can be done."""
+        if rms_error is None:
+            return
+        shares = error_shares(self.run, rms_error)
+        large = np.flatnonzero(shares > WARN_ERROR_SHARE)
+        if len(large):
+            low, high = (f'{100.0 * x:.0f}' for x in (shares[large].min(), shares[large].max()))
+            cure = 'Set ka above friction and disturbance' if self.config.takes('ka') else (
+                'Choose a law that takes friction into account (docs/laws.md)')
+            yield (f'{shortened([self.joint_names[i] for i in large])}: the RMS error is '
+                   f'{low if low == high else f"{low} to {high}"} % of the amplitude of the '
+                   f'motion. {cure}, or raise kp and kv')
 
 
 def simulate(setup: Setup, progress: Callable[[float], None] | None = None, truth: bool = False,

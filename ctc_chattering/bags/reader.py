@@ -27,14 +27,20 @@ from ctc_chattering.analysis.result import Result
 from ctc_chattering.analysis.terms import BRIDGED, terms
 from ctc_chattering.bags.bag import Bag
 from ctc_chattering.bags.motion import JOINT_STATE, MULTI_ARRAY, Signal, SignalTopic, STATE_FIELDS
-from ctc_chattering.bags.recording import alone, answers
+from ctc_chattering.bags.recording import answers, ordered
 from ctc_chattering.bags.repair import open_bag
 from ctc_chattering.control.controller import ControllerConfig
 from ctc_chattering.dynamics.registry import model_of
 from ctc_chattering.errors import CtcError, refused_as, RejectedMessage
 from ctc_chattering.numerics.angles import unwrapped_beside
 from ctc_chattering.numerics.linear_algebra import Array
-from ctc_chattering.numerics.time_grid import missing, nanoseconds, period_ns, seconds
+from ctc_chattering.numerics.time_grid import (
+    missing,
+    NANOSECONDS,
+    nanoseconds,
+    period_ns,
+    seconds,
+)
 from ctc_chattering.ros import topics
 from ctc_chattering.ros.topics import select
 from ctc_chattering.simulation.closed_loop import Run
@@ -87,6 +93,10 @@ def find_bags(directory: Path) -> list[Path]:
 
 def _run(bag: Bag, own: Mapping[str, object]) -> Result:
     """Return the run; `own` stands in the place of classes that the bag names."""
+    if len(bag.namespaces) > 1:
+        raise CtcError(f'{bag.path}: runs of several robots: '
+                       f'{", ".join(f"{x}/controller" for x in bag.namespaces)}; copy the topics '
+                       'of one of them by rosbags-convert --include-topic, or record one')
     history = bag.parameters('controller', ControllerConfig, own)
     if not history:
         raise CtcError(f'{bag.path}: not a bag of this package: no message on '
@@ -140,15 +150,18 @@ def _signal(bag: Bag, name: str, kind: str, fields: tuple[str, ...], joints: tup
 
 def _states(bag: Bag, joints: tuple[str, ...], since: int, period: int) -> Signal:
     """
-    Return the states from time `since` [ns] on, each stamp once, sorted by time.
+    Return the states from time `since` [ns] on, each stamp once, sorted by their stamps.
 
-    Few states that stand alone are left out: `alone`.
+    Few states that stand alone are left out, and two publishers are refused: `ordered`.
     """
     found = _signal(bag, topics.JOINT_STATES, JOINT_STATE, STATE_FIELDS, joints)
     found = found.where(found.stamps >= since)
-    stamps, first = np.unique(found.stamps, return_index=True)
-    found = found.where(np.sort(first[~alone(stamps, period)]))
-    return found.where(np.diff(np.maximum.accumulate(found.stamps), prepend=since - 1) > 0)
+    if len(found.stamps) < 3:
+        return found
+    q, dq, _ = found.values
+    return found.where(ordered(
+        f'{bag.path}: {topics.JOINT_STATES}', (found.stamps - since) / NANOSECONDS, q, dq,
+        period=period / NANOSECONDS))
 
 
 def _trajectory(bag: Bag, joints: tuple[str, ...], continuous: Sequence[bool]

@@ -107,19 +107,28 @@ def run_replay(options: argparse.Namespace) -> int:
     return 0
 
 
-repair_options = add_bag
+def repair_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options of `ctc repair`."""
+    parser.add_argument('bag', type=Path, metavar='BAG',
+                        help='directory of a bag, or one of its files, which is repaired alone')
 
 
 def run_repair(options: argparse.Namespace) -> int:
     """
     Run `ctc repair`.
 
-    Every tool can read it then; the damaged bag is kept beside it.
+    Damaged files are written anew with all messages of whole chunks. A damaged file is kept
+    beside the new one, with the ending .damaged; other files are left as they are.
     """
     from ctc_chattering.bags.repair import repair
 
-    done = repair(options.bag)
-    print(f'{options.bag}: '
-          + (f'{done[0]} messages recovered; the damaged bag is now {done[1]}' if done
-             else 'nothing to repair'))
+    repaired = repair(options.bag)
+    if repaired is None:
+        print(f'{options.bag}: nothing to repair')
+    elif not repaired.recovered:
+        print(f'{options.bag}: no file is damaged; metadata.yaml is written')
+    else:
+        print(f'{options.bag}: {repaired.recovered} messages recovered')
+    for kept in repaired.replaced if repaired else ():
+        print(f'kept as it was: {kept}')
     return 0

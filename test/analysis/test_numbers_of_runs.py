@@ -30,6 +30,7 @@ from ctc_chattering.analysis.run_page import write_samples
 from ctc_chattering.analysis.terms import terms
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.control.controller import ControllerConfig
+from ctc_chattering.dynamics.registry import model_of
 from ctc_chattering.errors import CtcError, ParameterError
 from ctc_chattering.simulation import closed_loop
 from ctc_chattering.simulation.closed_loop import Event, Run
@@ -51,6 +52,31 @@ def result_of(duration: float, *events: str, **controller: object) -> analysis.R
     return analysis.simulate(parameter_file.load(None, {
         'plant': {'duration': duration, 'experiment': 'trial'}, 'controller': controller,
         '/**': {'control_period': 0.002}, 'bringup': {'events': list(events)}}))
+
+
+def notes_with_errors(*rms_errors: float, amplitude: float = 0.5, law: str = 'compensation'
+                      ) -> list[str]:
+    """Return the notes on a sinusoid with constant errors."""
+    t = np.linspace(0.0, 10.0, 10_001)
+    q_d = amplitude * np.sin(2.0 * t)[:, None] + np.zeros(2)
+    zero = np.zeros_like(q_d)
+    config = ControllerConfig(law=law)
+    run = Run(t, q_d - np.array(rms_errors), zero, q_d, zero, zero, zero, zero)
+    computed = terms(run, [(0.0, config)], model_of(config))
+    notes: list[str] = analysis.Result('trial', [(0.0, config)], run, computed).metrics()['notes']
+    return [x for x in notes if 'amplitude of the motion' in x]
+
+
+def test_an_error_that_is_a_large_part_of_the_motion_is_said() -> None:
+    """Beyond a tenth of the amplitude, half the range; a joint that is to rest has none."""
+    assert not notes_with_errors(0.049, 0.0)
+    assert notes_with_errors(0.051, 0.0) == [
+        'joint1: the RMS error is 10 % of the amplitude of the motion. Choose a law that takes '
+        'friction into account (docs/laws.md), or raise kp and kv']
+    assert notes_with_errors(0.078, 0.2, law='chattering') == [
+        'joint1, joint2: the RMS error is 16 to 40 % of the amplitude of the motion. Set ka above '
+        'friction and disturbance, or raise kp and kv']
+    assert not notes_with_errors(0.078, 0.078, amplitude=0.0)
 
 
 def test_keys_are_the_contract_s() -> None:

@@ -83,6 +83,12 @@ SAME: dict[str, Callable[[], list[Entry]]] = {
         'use_sim_time': True, 'state_decimation': 3, 'wait_for': ('a',)}, False)]}
 
 
+def logged_late(found: list[Entry]) -> list[Entry]:
+    """Return messages that are logged up to 15 ms late, each by another time."""
+    dice = np.random.default_rng(3)
+    return [x._replace(t=x.t + int(dice.integers(15_000_000))) for x in found]
+
+
 def check(result: Result) -> None:
     """Assert that a result is the simulated one, to the last bit."""
     assert_equal(result.run, RESULT.run)
@@ -172,6 +178,34 @@ def test_as_many_commands_as_states_that_do_not_answer_them(tmp_path: Path, stam
         k for k in range(41, 120) if k % 10] * stamped
 
 
+def test_an_order_of_the_file_that_contradicts_the_stamps_changes_nothing(tmp_path: Path) -> None:
+    found = [x for x in messages() if x.topic != COMMANDS]
+    check(read(tmp_path, logged_late(found + STAMPED)))
+
+
+def test_two_publishers_of_states_are_refused_and_named(tmp_path: Path) -> None:
+    """Also if one of them has the stamps of the other."""
+    def others(shift: int) -> list[Entry]:
+        states = [x for x in messages() if x.topic == STATES]
+        return [Entry(STATES, x.t + shift, joint_state(
+            x.t + shift, x.message.name, x.message.position + 1.0, x.message.velocity, None))
+            for x in states]
+    for name, more in (('between', others(300_000)), ('same', others(0))):
+        write_bag(tmp_path / name, messages() + more)
+        refused(tmp_path / name, 'joint_states: ', 'are there two publishers of joint states')
+
+
+def test_runs_of_two_robots_are_refused_and_named(tmp_path: Path) -> None:
+    left, right = ([x._replace(topic=f'/{name}{x.topic}') for x in messages()]
+                   for name in ('left', 'right'))
+    write_bag(tmp_path / 'bag', left + right)
+    refused(tmp_path / 'bag', 'runs of several robots: /left/controller, /right/controller')
+    raw = [x._replace(topic=f'/raw{x.topic}') for x in messages() if x.topic == STATES]
+    for x in raw:
+        x.message.position += 1.0
+    check(read(tmp_path / 'raw', raw + messages()))
+
+
 def test_without_the_plant(tmp_path: Path) -> None:
     """Check that a bag of another robot takes its name from the directory."""
     result = read(tmp_path, [x for x in messages() if not x.topic.startswith('/plant')])
@@ -239,7 +273,7 @@ def test_a_gap_in_the_states(tmp_path: Path) -> None:
 
 
 def test_metadata_that_are_cut_off_anywhere_are_found(tmp_path: Path) -> None:
-    """Without them it is as a killed recorder leaves it."""
+    """Without them, as a killed recorder leaves it, the file tells all."""
     write_bag(tmp_path / 'bag', messages())
     path = tmp_path / 'bag' / 'metadata.yaml'
     whole = path.read_bytes()
@@ -248,7 +282,7 @@ def test_metadata_that_are_cut_off_anywhere_are_found(tmp_path: Path) -> None:
         path.write_bytes(whole[:end])
         refused(tmp_path / 'bag')
     path.unlink()
-    refused(tmp_path / 'bag', f'"ctc repair {tmp_path / "bag"}"')
+    check(read_bag(tmp_path / 'bag'))
 
 
 @pytest.mark.parametrize('name', ['run.bag', 'run.db3', 'run'])

@@ -220,7 +220,7 @@ class Panel {
   // Put the lines of cursor and mark, and write the values there.
   place() {
     const { cursor, marked } = this.plots, own = KINDS[this.kind].spectrum;
-    const times = { cursor: own ? this.at ?? null : cursor, mark: own ? null : marked };
+    const times = { cursor: own ? this.plots.frequency : cursor, mark: own ? null : marked };
     for (const [name, t] of Object.entries(times)) {
       const seen = t !== null && this.range && t >= this.range[0] && t <= this.range[1];
       this[name].style.display = seen ? 'block' : 'none';
@@ -282,7 +282,7 @@ function gestures(panel) {
   over.onpointermove = event => {
     const x = left(event), before = fingers.get(event.pointerId);
     const pan = event.shiftKey || event.buttons === 4 || event.pointerType === 'touch';
-    if (spectrum) { panel.at = time(x); panel.place(); } else plots.point(time(x));
+    if (spectrum) plots.hoverSpectra(time(x)); else plots.hover(x / over.clientWidth);
     if (from === null || before === undefined) return;
     const others = [...fingers].filter(([id]) => id !== event.pointerId);
     moved ||= Math.abs(x - from) > 4;
@@ -305,7 +305,7 @@ function gestures(panel) {
     from = null;
   };
   over.onpointercancel = event => { fingers.delete(event.pointerId); from = null; };
-  over.onpointerleave = () => { panel.at = null; panel.place(); plots.point(null); };
+  over.onpointerleave = () => { plots.hoverSpectra(null); plots.hover(null); };
   over.ondblclick = () => show();
   over.addEventListener('wheel', event => {
     if (plots.options.wheel !== 'always' && !event.ctrlKey) return;

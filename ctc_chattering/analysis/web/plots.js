@@ -20,6 +20,7 @@
 //   settled: 1.0,              // errors and torques before it do not scale the axes [s]
 //   window: 10.0,              // a running graph: the last seconds are followed [s]
 //   onSeek: t => {},           // a click at a time
+//   onPoint: t => {},          // the time under the pointer, null for none
 // }
 // plots.append(buffer)   adds packed samples (ArrayBuffer), to the run that their head says; in
 //                        place of those there if it says fresh. Signals of other times than those
@@ -36,6 +37,8 @@ class Plots {
     this.element = made('div', element, 'ctc-plots');
     this.options = options;
     this.cursor = this.marked = this.view = null;
+    // Where the pointer is, as a part of the width, and its frequency in a spectrum [Hz].
+    this.pointer = this.frequency = null;
     this.chosen = { signals: options.signals || ['e', 'q', 'V', 'torque'], joints: null,
       ...this.remembered() };
     this.panels = [];
@@ -169,7 +172,18 @@ class Plots {
     }
     this.redraw();
   }
+  // Show the values at the time under the pointer, which is a part of the width; null for none.
+  hover(part) {
+    this.pointer = part;
+    const [from, to] = this.range();
+    this.point(part === null ? null : from + part * (to - from));
+  }
+  hoverSpectra(frequency) {
+    this.frequency = frequency;
+    for (const panel of this.panels) panel.place();
+  }
   point(t) {
+    if (t !== this.cursor) this.options.onPoint?.(t);
     this.cursor = t;
     const [from, to] = this.range();
     const at = t ?? this.marked;
@@ -190,7 +204,7 @@ class Plots {
       const begin = performance.now();
       for (const panel of this.panels) if (!this.options.window || panel.visible) panel.update();
       this.all.setAttribute('aria-pressed', String(!this.view));
-      this.point(this.cursor);
+      this.hover(this.pointer);
       // uPlot draws after this function, and the browser after that.
       setTimeout(() => { this.pause = Math.min(1000, 2 * (performance.now() - begin)); });
     }), this.pause || 0);
