@@ -163,7 +163,7 @@ def test_notes_are_on_the_page(tmp_path: Path) -> None:
     notes = '\n'.join(page.texts['p'])
     for note in ('weak: chattering (implicit): joint2: chattering term at its bound for ',
                  'ka too small', 'lossy: chattering (implicit): 100 of 6001 samples are missing',
-                 'short: chattering: metrics are computed from 5 s to 10 s'):
+                 'short: chattering: metrics are computed from 0.15 s to 0.3 s, the second half'):
         assert note in notes
     assert any('bag one; kp 100, kv 50, ka 8, ' in text for text in page.texts['small'])
     assert '–' in page.texts['td']
@@ -209,7 +209,8 @@ def test_names_reach_the_plots_as_they_are(tmp_path: Path) -> None:
     (plots,) = (x for x in page.texts['div'] if x.strip().startswith('{'))
     found = json.loads(plots)
     assert found['joints'] == [HOSTILE] and found['runs'] == [
-        {'name': HOSTILE, 'key': 'a b', 'colour': '#123456', 'path': 'samples/a%20b.js'}]
+        {'name': HOSTILE, 'key': 'a b', 'colour': '#123456', 'received': False,
+         'path': 'samples/a%20b.js'}]
 
 
 @pytest.mark.browser

@@ -6,8 +6,9 @@
 // are drawn, too, each in its colour); units are those of the positions, by default rad.
 // run = {name: 'chattering', t: [...], signals: {e: [[...], ...], V: [[...]], ...}}: times [s],
 // and for each signal one column for each joint, V one in all. Arrays may be plain or typed.
-// A run may have its colour, '#rrggbb'. Instead of t and signals it may have packed: '...', which
-// `coded` of Python writes.
+// A run may have its colour, '#rrggbb', and received: true where torques stand at times of
+// reception. Instead of t and signals it may have packed: ['...', ...], which `coded` of Python
+// writes, one for all signals of the same times; or what `ctcPlots.inflated` makes of `compressed`.
 // Signals: q, q_d, dq, e, v, V, torque, nominal, compensation, robust, effort; each may miss, and
 // what is not there cannot be chosen. q, q_d or e follows from the other two. Torque rate, log10
 // of V and spectra are computed here. Every sample is drawn: where there are more samples than
