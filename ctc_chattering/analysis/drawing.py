@@ -151,7 +151,8 @@ def fit(figure: Figure) -> Figure:
     for ax in figure.axes:
         wide, high = figure.get_size_inches() * ax.get_position().size / _LETTER
         left, right = ax._left_title, ax._right_title  # type: ignore[attr-defined]
-        note = min(len(right.get_text()), int(0.5 * wide))
+        note = min(len(right.get_text()), max(
+            int(0.5 * wide), int(wide) - 2 - len(left.get_text())))
         for text, room in ((ax.xaxis.label, wide), (ax.yaxis.label, high), (right, note),
                            (left, wide - note - 2)):
             text.set_text('\n'.join(
@@ -188,6 +189,13 @@ def sheet(title: str, rows: int, widths: Sequence[float], height: float,
         rows, len(widths), width_ratios=list(widths), left=left / _WIDTH,
         right=1.0 - _RIGHT / _WIDTH, bottom=_BOTTOM / whole, top=1.0 - above / whole,
         hspace=_GAP / height, wspace=_SIDE / (width - _SIDE))
+
+
+def column_count(panels: int) -> int:
+    """Return how many panels stand beside each other, so that few places are empty."""
+    if panels <= 4:
+        return (1, 1, 2, 3, 2)[panels]
+    return min((3, 4), key=lambda columns: -panels % columns)
 
 
 def panel(figure: Figure, cell: Any, title: str, ylabel: str, *times: Array) -> Axes:

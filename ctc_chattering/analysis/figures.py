@@ -49,7 +49,7 @@ def error_comparison(results: Sequence[Result]) -> Figure:
     for i, result in enumerate(results):
         for unit, error in error_sums(result):
             groups.setdefault((result.experiment, unit), []).append((i, error))
-    columns = min(3, len(groups))
+    columns = drawing.column_count(len(groups))
     figure, grid = drawing.sheet('Position error of the runs compared', -(-len(groups) // columns),
                                  (1.0,) * columns, 2.9)
     every = np.concatenate([error for group in groups.values() for _, error in group])
@@ -131,7 +131,7 @@ def internals(result: Result, run_name: str = '') -> Figure:
     terms, n = result.terms, _joints(result)
     symbol = _robust_term(result)
     sheet = _RunFigure(result, f'V, filtered error and robust term – {run_name or name(result)}',
-                       n + 1, (1.6, 1.6, 1.0), 1.6, SHORT_SLICE)
+                       n + 1, (1.5, 1.5, 1.2), 1.6, SHORT_SLICE)
     ax = sheet.panel((0, slice(None)), 'Lyapunov function V = ½ vᵀ M(q) v', 'V [J]')
     sheet.line(ax, terms.t, terms.lyapunov, linewidth=0.9)
     drawing.log_axis(ax, terms.lyapunov)
@@ -257,7 +257,7 @@ class _RunFigure:
         """Return axes for the whole run or for the slice, with marks and gaps."""
         t = self._slice if enlarged else self.result.run.t
         if enlarged:
-            title = f'enlarged: {t[0]:.4g} s to {t[-1]:.4g} s'
+            title = f'enlarged: {t[0]:.4g}–{t[-1]:.4g} s'
         ax = drawing.panel(self.figure, self._grid[cell], title, ylabel, t)
         if enlarged:
             self._slices.append(ax)

@@ -142,20 +142,22 @@ def origins_table(results: Sequence[Result]) -> Table:
             groups.setdefault(_origin(result, signal, series), []).append(_SIGNALS[signal])
         rows += [['' if k else run_name, ', '.join(mine), *origin]
                  for k, (origin, mine) in enumerate(groups.items())]
-    return Table('Where the samples come from', [
-        'Run', 'Signals', 'Samples', 'Usual step', 'SignalOrigin', 'From'], rows, 2)
+    heads = ['Run', 'Signals', 'Origin', 'From', 'Samples', 'Usual step']
+    return Table('Where the samples come from', heads, rows, 4)
 
 
 def _origin(result: Result, signal: str, series: Series) -> tuple[str, ...]:
-    """Return number of samples, usual step, origin, and what it is from."""
+    """Return origin, what it is from, number of samples and usual step."""
     source = result.topics.get(signal, 'simulation')
     if series.received:
         source += ', each when the recorder received it'
     elif signal not in ('q', 'dq', 'q_d', 'e', 'torque') and result.replay and (
             series.origin is SignalOrigin.COMPUTED):
         source += ': the law gives every torque and term recorded'
-    return (str(len(series.t)), f'{1e3 * series.step:.4g} ms', series.origin.value,
-            source if series.origin is not SignalOrigin.UNKNOWN else '')
+    if series.origin is SignalOrigin.UNKNOWN:
+        return series.origin.value, '', '', ''
+    return (series.origin.value, source, str(len(series.t)),
+            f'{1e3 * series.step:.3g} ms' if series.step else '')
 
 
 #: Columns of the table, per run and per joint: key, heading, unit.
