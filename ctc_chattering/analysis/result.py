@@ -144,8 +144,8 @@ class Result(RunAttributes):
         Of a bag: whether the law could be recomputed.
     topics : mapping of str to str
         Of a bag: the topics that each signal is taken or computed from.
-    led_back : (float, float), optional
-        Of a bag: when the controller followed a way back to the reference, first and last time.
+    off_reference : (float, float), optional
+        Of a bag: when the controller did not follow the reference, first and last time [s].
 
     Examples
     --------
@@ -170,7 +170,7 @@ class Result(RunAttributes):
     commands: Series | None = None
     replay: Replay | None = None
     topics: Mapping[str, str] = dataclasses.field(default_factory=dict)
-    led_back: tuple[float, float] | None = None
+    off_reference: tuple[float, float] | None = None
 
     def __repr__(self) -> str:
         """Return the run in a line, with its RMS errors in the window."""
@@ -348,9 +348,10 @@ class Result(RunAttributes):
             yield (f'{lost} of {lost + len(self.run.t)} samples are missing; errors are computed '
                    'from the others, the torque variation from '
                    + ('all commands' if self.torque.received else 'consecutive ones'))
-        if self.led_back:
-            yield (f'from {self.led_back[0]:.4g} s to {self.led_back[1]:.4g} s the controller led '
-                   'the robot back to the reference; errors are those to the reference')
+        if self.off_reference:
+            first, last = self.off_reference
+            yield (f'between {first:.4g} s and {last:.4g} s the controller did not always follow '
+                   'the reference, as after a pause; errors are those to the reference')
         yield from self._notes_on_terms()
         for name, found in zip(self.joint_names, self.saturation or ()):
             if found.cause:

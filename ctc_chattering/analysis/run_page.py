@@ -97,7 +97,7 @@ def _written(group: Sequence[tuple[Result, str, str]], directory: Path, used: se
             'the origin that the table below says. While times after '
             f'{2.0 * settled:.3g} s are shown, axes are scaled without the first {settled:.3g} s.')
     if rounded:
-        text += f' Values of {", ".join(rounded)} are rounded to five digits, times to 1 µs.'
+        text += f' Values of {", ".join(rounded)} are rounded by at most 2e-5 of each, times to 1 µs.'
     if long:
         text += (f' Too long to show all: {", ".join(long)}. Figures show the whole run, and ctc '
                  'export writes it.')

@@ -75,8 +75,8 @@ PARTS = ('nominal', 'compensation', 'robust')
 _EXACT = ('t', 'q', 'q_d')
 #: Step to which files of pages round positions: 9e-10 rad, less than any encoder has.
 _POSITION_STEP = 2.0 ** -30
-#: Of runs that are rounded: step of times, 1 µs, and bits of a number of 32 that are left out,
-#: which leaves 1.5e-5 of it.
+#: Of runs that are rounded: step of times, 1 µs, and bits of a number of 32 that are left out:
+#: it differs by at most 1.5e-5 of itself.
 _TIME_STEP, _DROPPED = 2.0 ** -20, 8
 #: Strength of the compression: one less is a fortieth larger, one more takes twice as long.
 _LEVEL = 8
@@ -133,7 +133,8 @@ def compressed(t: Array, signals: Mapping[str, Array], is_rounded: bool = False)
     t, signals
         As of `packed`.
     is_rounded : bool
-        Whether times are rounded to a microsecond, and numbers of 32 bits to 1.5e-5 of each.
+        Whether times are rounded to a microsecond, and numbers of 32 bits by at most
+        1.5e-5 of each.
 
     """
     if is_rounded:

@@ -143,7 +143,7 @@ def _run(bag: Bag, own: Mapping[str, object]) -> Result:
         dataclasses.replace(run, v=_at_states(law_terms, run)), law_terms, description,
         bag.path.resolve().name, commands=torque, replay=replay,
         topics=_topics(law_terms.origin, len(commands.logged) > 0),
-        led_back=_led_back(signals[_TRACKING], reference, start, period))
+        off_reference=_off_reference(signals[_TRACKING], reference, start, period))
 
 
 def _in_force(history: Sequence[tuple[int, Any]], first: int, last: int) -> list[tuple[int, Any]]:
@@ -333,19 +333,20 @@ def _at_states(law_terms: RunTerms, run: Run) -> Array:
     return v
 
 
-def _led_back(tracking: Signal, reference: RecordedReference, start: int, period: int
-              ) -> tuple[float, float] | None:
+def _off_reference(tracking: Signal, reference: RecordedReference, start: int, period: int
+                   ) -> tuple[float, float] | None:
     """
-    Return when the controller followed a way back to the reference, first and last time [s].
+    Return when the controller did not follow the reference, first and last time [s].
 
-    Else what it desired differs from the reference at the stamp of a state by what that moves in
-    a period, at most: the controller takes states at its samples.
+    Where it does, what it desired differs from the reference at the stamp of a state by what that
+    moves in a period, at most: the controller takes states at its samples.
     """
     tracking = tracking.where(tracking.stamps >= start)
     if not len(reference.t) or not len(tracking.stamps):
         return None
-    position, velocity, _ = reference.at(tracking.stamps).transpose(1, 0, 2)
-    allowed = seconds(period) * np.abs(velocity) + ROUNDING
+    position, velocity, acceleration = reference.at(tracking.stamps).transpose(1, 0, 2)
+    h = seconds(period)
+    allowed = h * (np.abs(velocity) + h * np.abs(acceleration)) + ROUNDING
     differs = (np.abs(tracking.values[0] - position) > allowed).any(axis=1)
     times = (tracking.stamps[differs] - start) / NANOSECONDS
     return (float(times[0]), float(times[-1])) if len(times) else None

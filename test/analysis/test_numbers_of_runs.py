@@ -188,6 +188,30 @@ def test_a_page_says_what_it_does_not_show(tmp_path: Path, monkeypatch: pytest.M
     assert np.array_equal(found, made_up(2).run.t[:len(found)]) and 50 < len(found) < 200
 
 
+def test_samples_of_a_long_run_are_rounded(tmp_path: Path) -> None:
+    """Check by how much, what the caption says, and half the bytes."""
+    rng = np.random.default_rng(4)
+    made = made_up(2, 80_000)
+    t = made.run.t + rng.normal(scale=1e-5, size=80_000)
+    noisy = dataclasses.replace(made, run=dataclasses.replace(
+        made.run, t=t, tau=made.run.tau + rng.normal(size=(80_000, 2))))
+    exact, rounded = noisy, dataclasses.replace(noisy, law_terms=dataclasses.replace(
+        made.terms, t=t))
+    (short,), (long,) = (write_samples([x], tmp_path / str(k)) for k, x in enumerate(
+        (dataclasses.replace(exact, law_terms=made_up(2, 100).terms), rounded)))
+    assert 'rounded' not in short.caption
+    assert 'Values of friction: chattering are rounded by at most 2e-5 of each' in long.caption
+    one, two = (columns(x.runs[0].path) for x in (short, long))
+    assert np.array_equal(one['t', 'e'], t)
+    assert np.abs(two['t', 'e'] - t).max() < 5e-7
+    tau = noisy.run.tau[:, 1]
+    assert np.array_equal(one['torque', 1], tau.astype('f4'))
+    assert (np.abs(two['torque', 1] - tau) <= 1.6e-5 * np.abs(tau)).all()
+    numbers = [sum(x.size for x in found.values()) for found in (one, two)]
+    sizes = [x.runs[0].path.stat().st_size / n for x, n in zip((short, long), numbers)]
+    assert sizes[1] < 0.8 * sizes[0] < 4.0
+
+
 GANTRY = """<robot name="gantry"><link name="base"/><link name="beam"/><link name="arm"/>
 <joint name="rail, long" type="prismatic"><parent link="base"/><child link="beam"/></joint>
 <joint name="elbow" type="continuous"><parent link="beam"/><child link="arm"/></joint></robot>"""

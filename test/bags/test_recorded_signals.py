@@ -245,6 +245,6 @@ def test_a_way_back_to_the_reference_is_told(tmp_path: Path) -> None:
             t, ['joint1/desired', 'joint2/desired'], RESULT.run.q_d[k] + [0.0, away], None, None)))
     write_bag(tmp_path / 'bag', found)
     result = read_bag(tmp_path / 'bag')
-    assert result.led_back == pytest.approx((0.3, 0.39))
-    assert any(text.startswith('from 0.3 s to 0.39 s the controller led the robot back')
+    assert result.off_reference == pytest.approx((0.3, 0.39))
+    assert any(text.startswith('between 0.3 s and 0.39 s the controller did not always follow')
                for text in result.metrics()['notes'])
