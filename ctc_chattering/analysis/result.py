@@ -24,12 +24,13 @@ import dataclasses
 from enum import auto, Enum
 from functools import cached_property
 from itertools import cycle, groupby, pairwise
+from math import inf
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from ctc_chattering.analysis.metrics import metrics, WINDOW, window_of, within
 from ctc_chattering.analysis.output import write_json, writing
-from ctc_chattering.analysis.signals import Series, SignalOrigin
+from ctc_chattering.analysis.signals import PARTS, Series, SignalOrigin
 from ctc_chattering.analysis.tables import measured, number_text
 from ctc_chattering.analysis.terms import RunTerms, terms
 from ctc_chattering.configuration.loop_setup import Setup
@@ -73,7 +74,7 @@ class RunAttributes:
 
 
 class ReplayVerdict(Enum):
-    """What came of recomputing the law over recorded states."""
+    """Outcome of recomputing the law over recorded states."""
 
     EXACT = auto()
     OTHER_TORQUES = auto()
@@ -110,6 +111,8 @@ class Replay(NamedTuple):
 
 #: Time after a change in which v reaches 0 and the term may be at its bound [s].
 _REACHING = 0.5
+#: Stands for the window that `window_of` chooses.
+_BY_THE_RUN = -inf, -inf
 #: Gains of one switching only.
 _OF_SWITCHING = {'boundary_layer': 'boundary_layer', 'observer_bandwidth': 'implicit_observer'}
 
@@ -136,8 +139,8 @@ class Result(RunAttributes):
         The URDF of the controller's model; empty for a model that needs none.
     source : str
         Name of the bag; empty for a simulation.
-    asked_window : (float, float), optional
-        Part of the run over which metrics are computed [s]; `window` says which it is otherwise.
+    window : (float, float)
+        Part of the run over which metrics are computed [s]; by default as `window_of` has it.
     commands : Series, optional
         Torques sent, where they have times of their own; otherwise they are those of `run`.
     replay : Replay, optional
@@ -166,11 +169,16 @@ class Result(RunAttributes):
     law_terms: RunTerms | None = None
     description: str = ''
     source: str = ''
-    asked_window: tuple[float, float] | None = None
+    window: tuple[float, float] = _BY_THE_RUN
     commands: Series | None = None
     replay: Replay | None = None
     topics: Mapping[str, str] = dataclasses.field(default_factory=dict)
     off_reference: tuple[float, float] | None = None
+
+    def __post_init__(self) -> None:
+        """Choose a window that the run has."""
+        if self.window == _BY_THE_RUN:
+            object.__setattr__(self, 'window', window_of(self.run.t))
 
     def __repr__(self) -> str:
         """Return the run in a line, with its RMS errors in the window."""
@@ -200,19 +208,24 @@ class Result(RunAttributes):
     @cached_property
     def signals(self) -> dict[str, Series]:
         """Return all signals by the names that plots.js lists, each with its origin."""
-        run, law, of_states = self.run, self.terms, self._origin_of_states
+        run, law, origins = self.run, self.terms, self.origins
+        of_run = {'q': run.q, 'dq': run.dq, 'q_d': run.q_d, 'e': run.e}
         of_law = {'v': law.v, 'V': law.lyapunov[:, None], 'nominal': law.nominal,
                   'compensation': -law.compensation, 'robust': -law.robust}
         return {
-            'q': Series(run.t, run.q, of_states), 'dq': Series(run.t, run.dq, of_states),
-            'q_d': Series(run.t, run.q_d, SignalOrigin.COMPUTED),
-            'e': Series(run.t, run.e, SignalOrigin.COMPUTED), 'torque': self.torque,
-            **{name: Series(law.t, values, law.origin) for name, values in of_law.items()}}
+            **{name: Series(run.t, x, origins[name]) for name, x in of_run.items()},
+            'torque': self.torque,
+            **{name: Series(law.t, x, origins[name]) for name, x in of_law.items()}}
 
     @property
-    def window(self) -> tuple[float, float]:
-        """Return the part of the run over which metrics are computed [s]."""
-        return self.asked_window or window_of(self.run.t)
+    def origins(self) -> dict[str, SignalOrigin]:
+        """Return the origin of each signal."""
+        of_law = SignalOrigin.COMPUTED if self.law_terms is None else self.law_terms.origin
+        return {
+            'q': self._origin_of_states, 'dq': self._origin_of_states,
+            'q_d': SignalOrigin.COMPUTED, 'e': SignalOrigin.COMPUTED,
+            'torque': self.torque.origin, 'v': of_law, 'V': of_law,
+            **dict.fromkeys(PARTS, of_law)}
 
     @property
     def config(self) -> ControllerConfig:
@@ -282,7 +295,7 @@ class Result(RunAttributes):
     @cached_property
     def saturation(self) -> list[Saturation] | None:
         """
-        How often the chattering term of each joint is at its bound within the window.
+        Return how often the chattering term of each joint is at its bound within the window.
 
         The first `_REACHING` seconds after the start and after a change of parameters are not
         counted. None without a sample under a law that takes ``ka``, and where not each sample of
@@ -321,7 +334,7 @@ class Result(RunAttributes):
         """
         numbers = metrics(
             self.run, self.window, period=self.config.control_period, torque=self.torque,
-            v=self.signals['v'])
+            v=None if self.law_terms is None else self.signals['v'])
         mixed = len(set(self.position_units)) > 1
         if mixed:
             numbers['max_error_norm1_rad'] = None
@@ -332,12 +345,12 @@ class Result(RunAttributes):
             'position_units': list(self.position_units),
             'torque_units': list(self.torque_units), 'gains': self.gains, **numbers,
             'term_at_bound': self.saturation and [x.fraction for x in self.saturation],
-            'origins': {name: series.origin.value for name, series in self.signals.items()},
+            'origins': {name: origin.value for name, origin in self.origins.items()},
             'notes': [*numbers['notes'], *self._notes(mixed)]}
 
     def _notes(self, mixed: bool) -> Iterator[str]:
         """Yield what else the user should know."""
-        if self.asked_window is None and self.window != WINDOW:
+        if self.window == window_of(self.run.t) != WINDOW:
             yield (f'metrics are computed from {self.window[0]:.4g} s to {self.window[1]:.4g} s, '
                    'the second half of the run: it has too little of '
                    f'{WINDOW[0]:g} s to {WINDOW[1]:g} s')
@@ -543,9 +556,9 @@ def export(result: Result, path: str | Path) -> None:
     Write the samples of a run with names and units of the joints, for other programs.
 
     In a NumPy file: ``t``, shape (N,), and ``q, dq, q_d, dq_d, ddq_d, tau, v``, shape (N, n);
-    ``command_t``, shape (M,), and ``command``, shape (M, n), all torques sent; ``terms_t`` and
-    ``nominal, compensation, robust, lyapunov``, the terms of the law; ``signals`` and ``origins``,
-    whether each is recorded, computed exactly or not known; ``joint_names``, ``position_units``,
+    ``command_t``, shape (M,), and ``command``, shape (M, n), all torques sent; of a bag ``terms_t``
+    and ``nominal, compensation, robust, lyapunov``, the terms of the law; ``signals`` and
+    ``origins``, whether each is recorded, computed exactly or not known; ``joint_names``, ``position_units``,
     ``torque_units``, shape (n,); ``control_period``, ``law``, ``switching`` and the gains by name,
     as at the end. In comma-separated values: a column per joint and quantity, below its name and
     unit, for example ``q_elbow [rad]``; torques that have times of their own are in
@@ -588,12 +601,14 @@ def export(result: Result, path: str | Path) -> None:
 
 def _write_arrays(result: Result, path: Path) -> None:
     """Write the arrays of a run into a NumPy file."""
-    terms, signals = result.terms, result.signals
+    terms = result.law_terms
+    of_law = {} if terms is None else {
+        'terms_t': terms.t, 'nominal': terms.nominal, 'compensation': terms.compensation,
+        'robust': terms.robust, 'lyapunov': terms.lyapunov}
     np.savez(
         path, **vars(result.run), command_t=result.torque.t, command=result.torque.values,
-        terms_t=terms.t, nominal=terms.nominal, compensation=terms.compensation,
-        robust=terms.robust, lyapunov=terms.lyapunov, signals=list(signals),
-        origins=[series.origin.value for series in signals.values()],
+        **of_law, signals=list(result.origins),
+        origins=[origin.value for origin in result.origins.values()],
         joint_names=result.joint_names, position_units=result.position_units,
         torque_units=result.torque_units, control_period=result.config.control_period,
         law=result.law, switching=result.config.switching, **result.gains)

@@ -42,8 +42,10 @@ from ctc_chattering.errors import ParameterError
 from ctc_chattering.parameters import check_some
 from ctc_chattering.simulation.closed_loop import Array
 
-#: Numbers of a run that a page has, of more those of the first samples; and how many are exact.
-MOST, MOST_EXACT = 8_000_000, 1_000_000
+#: Numbers of a run that a page has; of more, those of the first samples.
+MOST = 8_000_000
+#: Numbers of a run up to which they are exact.
+MOST_EXACT = 1_000_000
 #: Signals that are shown at first.
 _CHOSEN = ('e', 'torque', 'V')
 
@@ -97,7 +99,8 @@ def _written(group: Sequence[tuple[Result, str, str]], directory: Path, used: se
             'the origin that the table below says. While times after '
             f'{2.0 * settled:.3g} s are shown, axes are scaled without the first {settled:.3g} s.')
     if rounded:
-        text += f' Values of {", ".join(rounded)} are rounded by at most 2e-5 of each, times to 1 µs.'
+        text += (f' Values of {", ".join(rounded)} are rounded by at most 2e-5 of each, times to '
+                 '1 µs.')
     if long:
         text += (f' Too long to show all: {", ".join(long)}. Figures show the whole run, and ctc '
                  'export writes it.')
@@ -140,8 +143,8 @@ def origins_table(results: Sequence[Result]) -> Table:
         groups: dict[tuple[str, ...], list[str]] = {}
         for signal, series in result.signals.items():
             groups.setdefault(_origin(result, signal, series), []).append(_SIGNALS[signal])
-        rows += [['' if k else run_name, ', '.join(mine), *origin]
-                 for k, (origin, mine) in enumerate(groups.items())]
+        rows += [['' if k else run_name, ', '.join(signals), *origin]
+                 for k, (origin, signals) in enumerate(groups.items())]
     heads = ['Run', 'Signals', 'Origin', 'From', 'Samples', 'Usual step']
     return Table('Where the samples come from', heads, rows, 4)
 

@@ -33,7 +33,7 @@ import numpy as np
 
 
 class SignalOrigin(Enum):
-    """Where the samples of a signal come from."""
+    """Source of the samples of a signal."""
 
     RECORDED = 'recorded'
     COMPUTED = 'computed exactly'
@@ -75,9 +75,10 @@ PARTS = ('nominal', 'compensation', 'robust')
 _EXACT = ('t', 'q', 'q_d')
 #: Step to which files of pages round positions: 9e-10 rad, less than any encoder has.
 _POSITION_STEP = 2.0 ** -30
-#: Of runs that are rounded: step of times, 1 µs, and bits of a number of 32 that are left out:
-#: it differs by at most 1.5e-5 of itself.
-_TIME_STEP, _DROPPED = 2.0 ** -20, 8
+#: Step to which times of a long run are rounded [s].
+_TIME_STEP = 2.0 ** -20
+#: Bits of a number of 32 that are left out then: it differs by at most 1.5e-5 of itself.
+_DROPPED = 8
 #: Strength of the compression: one less is a fortieth larger, one more takes twice as long.
 _LEVEL = 8
 
@@ -157,13 +158,13 @@ def compressed(t: Array, signals: Mapping[str, Array], is_rounded: bool = False)
 
 def _columns(t: Array, signals: Mapping[str, Array]) -> list[tuple[str, int, Any]]:
     """Return name, joint and numbers of each column."""
-    found = []
+    columns = []
     for name, rows in {'t': t, **signals}.items():
         with np.errstate(over='ignore'):
             values = np.asarray(rows, float).reshape(len(t), -1).T.astype(
                 '<f8' if name in _EXACT else '<f4')
-        found += [(name, joint, column) for joint, column in enumerate(values)]
-    return found
+        columns += [(name, joint, column) for joint, column in enumerate(values)]
+    return columns
 
 
 def _head(columns: list[tuple[str, int, Any]], more: Mapping[str, Any]) -> bytes:

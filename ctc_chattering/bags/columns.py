@@ -36,14 +36,16 @@ from rosbags.typesys import get_typestore, Stores
 
 #: Messages that are read at once, for the memory that they take.
 _BLOCK = 50_000
-#: Bytes of a message: a stamp at its beginning, seconds and nanoseconds.
-_SECONDS, _NANOSECONDS = slice(4, 8), slice(8, 12)
+#: Bytes of a message that begins with a stamp: seconds.
+_SECONDS = slice(4, 8)
+#: Nanoseconds.
+_NANOSECONDS = slice(8, 12)
 _TYPES = get_typestore(Stores.ROS2_JAZZY)
 
 
 class MessageLayout(NamedTuple):
     """
-    Where the numbers of messages are that differ in stamp and numbers only.
+    Positions of the numbers in messages that differ in stamp and numbers only.
 
     Attributes
     ----------
@@ -51,14 +53,14 @@ class MessageLayout(NamedTuple):
         Such a message.
     is_fixed : ndarray of bool, shape (L,)
         Which bytes all of them have in common.
-    places : ndarray of int, shape (..., 8)
-        Where the bytes are of each number that is read.
+    byte_indices : ndarray of int, shape (..., 8)
+        Of the bytes of each number that is read.
 
     """
 
     frame: npt.NDArray[np.uint8]
     is_fixed: npt.NDArray[np.bool_]
-    places: npt.NDArray[np.intp]
+    byte_indices: npt.NDArray[np.intp]
 
     @classmethod
     def of_message(cls, data: bytes, message: Any, numbers: Callable[[Any], Any]
@@ -92,9 +94,9 @@ class MessageLayout(NamedTuple):
         is_fixed &= frame == np.frombuffer(again, np.uint8)
         first = np.vectorize(starts.__getitem__, [int])(np.array(numbers(marked), float))
         layout = cls(frame, is_fixed, first[..., np.newaxis] + np.arange(8))
-        found = layout.read([data])
-        is_read = found is not None and (
-            found.values.tobytes() == np.array(numbers(message), float).tobytes())
+        columns = layout.read([data])
+        is_read = columns is not None and (
+            columns.values.tobytes() == np.array(numbers(message), float).tobytes())
         return layout if is_read else None
 
     def read(self, messages: Sequence[bytes]) -> Columns | None:
@@ -106,11 +108,11 @@ class MessageLayout(NamedTuple):
             return None
         stamps = np.zeros(len(rows), np.int64)
         if not self.is_fixed[_SECONDS].any():
-            sec, nanosec = (rows[:, part].copy().view(kind)[:, 0].astype(np.int64)
-                            for part, kind in ((_SECONDS, '<i4'), (_NANOSECONDS, '<u4')))
+            sec = rows[:, _SECONDS].copy().view('<i4')[:, 0].astype(np.int64)
+            nanosec = rows[:, _NANOSECONDS].copy().view('<u4')[:, 0]
             stamps = sec * NANOSECONDS + nanosec
         return Columns(np.zeros_like(stamps), stamps,
-                       np.take(rows, self.places, axis=1).view('<f8')[..., 0])
+                       np.take(rows, self.byte_indices, axis=1).view('<f8')[..., 0])
 
 
 class Columns(NamedTuple):
@@ -122,10 +124,10 @@ class Columns(NamedTuple):
 
 
 class Sink(Protocol):
-    """What takes the messages of a topic, of one type, in the order of the bag."""
+    """Receiver of the messages of a topic, of one type, in the order of the bag."""
 
     name: str
-    kind: str
+    message_type: str
 
     def take(self, bag: Bag, t: int, data: bytes) -> None:
         """Take a message with its log time [ns]."""
@@ -134,7 +136,7 @@ class Sink(Protocol):
 def read_topics(bag: Bag, sinks: Sequence[Sink]) -> None:
     """Read the messages of several topics in one pass, which takes as long as for one of them."""
     wanted = {(x.topic, x.msgtype): sink for sink in sinks for x in bag.named(sink.name)
-              if x.msgtype == sink.kind}
+              if x.msgtype == sink.message_type}
     connections = [x for x in bag.connections if (x.topic, x.msgtype) in wanted]
     for connection, t, data in bag.messages(connections) if connections else ():
         wanted[connection.topic, connection.msgtype].take(bag, t, data)
@@ -146,15 +148,15 @@ class ColumnSink:
 
     Parameters
     ----------
-    name, kind : str
+    name, message_type : str
         Topic, as `Bag.named` takes it, and message type.
     numbers : callable
         As of `MessageLayout.of_message`. Where it raises an error, there are no columns.
 
     """
 
-    def __init__(self, name: str, kind: str, numbers: Callable[[Any], Any]) -> None:
-        self.name, self.kind, self._numbers = name, kind, numbers
+    def __init__(self, name: str, message_type: str, numbers: Callable[[Any], Any]) -> None:
+        self.name, self.message_type, self._numbers = name, message_type, numbers
         self._layout: MessageLayout | None = None
         self._parts: list[Columns] = []
         self._logged: list[int] = []
@@ -181,7 +183,8 @@ class ColumnSink:
 
     def _layout_of(self, bag: Bag, data: bytes) -> MessageLayout | None:
         try:
-            return MessageLayout.of_message(data, bag.deserialize(data, self.kind), self._numbers)
+            message = bag.deserialize(data, self.message_type)
+            return MessageLayout.of_message(data, message, self._numbers)
         except Exception:  # Of arbitrary bytes, decoders raise arbitrary exceptions.
             return None
 

@@ -152,24 +152,42 @@ def _in_force(history: Sequence[tuple[int, Any]], first: int, last: int) -> list
     return [item for item in history[begins:] if item[0] <= max(last, history[begins][0])]
 
 
-def _read(bag: Bag, joints: tuple[str, ...]
-          ) -> tuple[dict[str, Signal], RecordedReference, int]:
-    """Return all signals by topic, the reference, and the instant of its first point [ns]."""
-    parts = (*PARTS, 'commanded')
-    of_parts = (*(f'{joint}/{part}' for part in parts for joint in joints), 'V')
+class RecordedTopics(NamedTuple):
+    """
+    Signals and reference of a bag, read in one pass.
+
+    Attributes
+    ----------
+    signals : dict of str to Signal
+        By topic.
+    reference : RecordedReference
+        At all instants.
+    start : int
+        Instant of its first point [ns].
+
+    """
+
+    signals: dict[str, Signal]
+    reference: RecordedReference
+    start: int
+
+
+def _read(bag: Bag, joints: tuple[str, ...]) -> RecordedTopics:
+    """Return all signals of some joints, and their reference."""
+    terms_of_joints = (f'{joint}/{term}' for term in (*PARTS, 'commanded') for joint in joints)
     wanted = {
         topics.JOINT_STATES: (JOINT_STATE, ('position', 'velocity'), joints),
         topics.COMMANDS: (MULTI_ARRAY, ('data',), joints),
-        _TORQUES: (JOINT_STATE, ('effort',), of_parts),
+        _TORQUES: (JOINT_STATE, ('effort',), (*terms_of_joints, 'V')),
         _FILTER: (JOINT_STATE, ('velocity',), joints),
         _TRACKING: (JOINT_STATE, ('position',), tuple(f'{x}/desired' for x in joints))}
-    sinks = {name: ColumnSink(name, kind, joint_values(fields, mine))
-             for name, (kind, fields, mine) in wanted.items()}
+    sinks = {topic: ColumnSink(topic, message_type, joint_values(fields, names))
+             for topic, (message_type, fields, names) in wanted.items()}
     reference = ReferenceSink(joints)
     read_topics(bag, [*sinks.values(), reference])
-    signals = {name: _signal(bag, sinks[name], fields, mine)
-               for name, (_, fields, mine) in wanted.items()}
-    return signals, reference.reference(), reference.start
+    signals = {topic: _signal(bag, sinks[topic], fields, names)
+               for topic, (_, fields, names) in wanted.items()}
+    return RecordedTopics(signals, reference.reference(), reference.start)
 
 
 def _signal(bag: Bag, sink: ColumnSink, fields: tuple[str, ...], joints: tuple[str, ...]
@@ -177,29 +195,30 @@ def _signal(bag: Bag, sink: ColumnSink, fields: tuple[str, ...], joints: tuple[s
     """Return the joints' values of messages in which all are finite, whatever their layouts."""
     columns = sink.columns()
     if columns is None:
-        found = SignalTopic(bag, sink.name, sink.kind, fields, tuple(
-            x for x in bag.named(sink.name) if x.msgtype == sink.kind)).read(joints)
+        connections = tuple(x for x in bag.named(sink.name) if x.msgtype == sink.message_type)
+        signal = SignalTopic(
+            bag, sink.name, sink.message_type, fields, connections).read(joints)
     else:
-        found = Signal(
+        signal = Signal(
             columns.logged, columns.stamps, tuple(columns.values.transpose(1, 0, 2)))
-    return found.where(np.isfinite(np.hstack(found.values)).all(axis=1))
+    return signal.where(np.isfinite(np.hstack(signal.values)).all(axis=1))
 
 
-def _states(found: Signal, since: int, period: int) -> Signal:
+def _states(states: Signal, since: int, period: int) -> Signal:
     """
     Return the states from time `since` [ns] on, each stamp once, sorted by time.
 
     Few states that stand alone are left out: `alone`.
     """
-    found = found.where(found.stamps >= since)
-    stamps, first = np.unique(found.stamps, return_index=True)
-    found = found.where(np.sort(first[~alone(stamps, period)]))
-    return found.where(np.diff(np.maximum.accumulate(found.stamps), prepend=since - 1) > 0)
+    states = states.where(states.stamps >= since)
+    stamps, first = np.unique(states.stamps, return_index=True)
+    states = states.where(np.sort(first[~alone(stamps, period)]))
+    return states.where(np.diff(np.maximum.accumulate(states.stamps), prepend=since - 1) > 0)
 
 
 class Published(NamedTuple):
     """
-    What the controller published of every Nth sample, with the stamps of the states.
+    Torques and terms of every Nth sample, as the controller published them.
 
     Attributes
     ----------
@@ -224,10 +243,10 @@ class Published(NamedTuple):
         stamps = stamps[stamps >= start]
 
         def column(signal: Signal, values: Array) -> Array:
-            found = np.full((len(stamps), *values.shape[1:]), np.nan)
-            _, mine, there = np.intersect1d(stamps, signal.stamps, return_indices=True)
-            found[mine] = values[there]
-            return found
+            rows = np.full((len(stamps), *values.shape[1:]), np.nan)
+            _, row, message = np.intersect1d(stamps, signal.stamps, return_indices=True)
+            rows[row] = values[message]
+            return rows
         nominal, compensation, robust, tau, energy = (
             column(self.torques, values) for values in self.torques.values)
         origin = SignalOrigin.RECORDED if len(stamps) else SignalOrigin.UNKNOWN
@@ -249,14 +268,15 @@ def _torques(commands: Signal, published: Published, states: Signal) -> Array:
     The controller publishes every Nth with the stamp of its state. Commands, which have no stamps,
     stand where `answers` is sure of them, and not beside one that differs from what was published.
     """
-    found = answers(commands.values[0], commands.logged, states.stamps, states.logged)
-    tau = np.where(found.own[:, None] & (found.late[1] == 0.0), found.command, np.nan)
-    _, mine, there = np.intersect1d(
+    matched = answers(commands.values[0], commands.logged, states.stamps, states.logged)
+    tau = np.where(matched.own[:, None] & (matched.late[1] == 0.0), matched.command, np.nan)
+    _, state, message = np.intersect1d(
         states.stamps, published.torques.stamps, return_indices=True)
-    differ = (np.abs(tau[mine] - published.commanded[there]) > 0.0).any(axis=1)
-    after = np.searchsorted(mine, np.arange(len(tau)))
-    tau[np.append(differ, False)[after] | np.append(False, differ)[after]] = np.nan
-    tau[mine] = published.commanded[there]
+    differ = (np.abs(tau[state] - published.commanded[message]) > 0.0).any(axis=1)
+    next_published = np.searchsorted(state, np.arange(len(tau)))
+    tau[np.append(differ, False)[next_published]
+        | np.append(False, differ)[next_published]] = np.nan
+    tau[state] = published.commanded[message]
     return tau
 
 
@@ -275,7 +295,8 @@ def _torque(commands: Signal, published: Published, states: Signal, start: int) 
     t = _reception_times(commands.logged, states, start)
     order = np.argsort(t, kind='stable')
     order = order[t[order] >= (states.stamps[0] - start) / NANOSECONDS]
-    return Series(t[order], commands.values[0][order], SignalOrigin.RECORDED, received=True)
+    origin = SignalOrigin.RECORDED if len(order) else SignalOrigin.UNKNOWN
+    return Series(t[order], commands.values[0][order], origin, received=True)
 
 
 def _reception_times(logged: Instants, states: Signal, start: int) -> Array:
@@ -289,8 +310,8 @@ def _reception_times(logged: Instants, states: Signal, start: int) -> Array:
     since = logged - states.logged[0]
     between = np.interp(since, received, states.stamps - start)
     beyond = np.maximum(since - received[-1], 0) + np.minimum(since, 0)
-    found: Array = (between + beyond) / NANOSECONDS
-    return found
+    times: Array = (between + beyond) / NANOSECONDS
+    return times
 
 
 def _ahead(reference: RecordedReference, stamps: Instants, period: int, delay: int) -> Array:
@@ -304,15 +325,15 @@ def _replay(run: Run, configs: Sequence[tuple[float, ControllerConfig]], descrip
     """Return the terms of the law over all states, if they are all that was recorded of them."""
     if len(run.t) > MOST_REPLAYED:
         return Replay(ReplayVerdict.TOO_LONG), None
-    found = terms(run, configs, model_of(configs[0][1], description), ahead)
-    known = published.terms(start)
-    _, mine, there = np.intersect1d(found.t, known.t, return_indices=True)
-    pairs = [(found.tau, run.tau), *(
-        (getattr(found, name)[mine], getattr(known, name)[there])
+    computed = terms(run, configs, model_of(configs[0][1], description), ahead)
+    recorded = published.terms(start)
+    _, state, message = np.intersect1d(computed.t, recorded.t, return_indices=True)
+    pairs = [(computed.tau, run.tau), *(
+        (getattr(computed, name)[state], getattr(recorded, name)[message])
         for name in (*PARTS, 'tau', 'v', 'lyapunov'))]
     if all(_agree(*pair) for pair in pairs):
-        return Replay(ReplayVerdict.EXACT), found
-    difference = np.sqrt(np.nanmean(np.square(found.tau - run.tau), axis=0))
+        return Replay(ReplayVerdict.EXACT), computed
+    difference = np.sqrt(np.nanmean(np.square(computed.tau - run.tau), axis=0))
     return Replay(ReplayVerdict.OTHER_TORQUES, tuple(difference.tolist())), None
 
 
@@ -328,8 +349,8 @@ def _agree(computed: Array, recorded: Array) -> bool:
 def _at_states(law_terms: RunTerms, run: Run) -> Array:
     """Return v at the states, shape (N, n); nan where it is not known."""
     v = np.full_like(run.q, np.nan)
-    _, mine, there = np.intersect1d(run.t, law_terms.t, return_indices=True)
-    v[mine] = law_terms.v[there]
+    _, state, sample = np.intersect1d(run.t, law_terms.t, return_indices=True)
+    v[state] = law_terms.v[sample]
     return v
 
 
@@ -354,9 +375,11 @@ def _off_reference(tracking: Signal, reference: RecordedReference, start: int, p
 
 def _topics(terms_origin: SignalOrigin, has_commands: bool) -> dict[str, str]:
     """Return the topics that each signal is taken or computed from."""
-    states, both = topics.JOINT_STATES, f'{topics.JOINT_STATES}, {topics.REFERENCE}'
+    states = topics.JOINT_STATES
+    states_and_reference = f'{states}, {topics.REFERENCE}'
     is_computed = terms_origin is SignalOrigin.COMPUTED
-    return {'q': states, 'dq': states, 'q_d': both, 'e': both,
+    return {'q': states, 'dq': states, 'q_d': states_and_reference, 'e': states_and_reference,
             'torque': topics.COMMANDS if has_commands else _TORQUES,
-            'v': both if is_computed else _FILTER,
-            **dict.fromkeys((*PARTS, 'V'), both if is_computed else _TORQUES)}
+            'v': states_and_reference if is_computed else _FILTER,
+            **dict.fromkeys(
+                (*PARTS, 'V'), states_and_reference if is_computed else _TORQUES)}

@@ -54,25 +54,26 @@ class RecordedReference(NamedTuple):
         On a point it is that point, to the last bit; between two it is the quintic that meets
         both, and after the last one rest.
         """
-        before = np.searchsorted(self.t, instants, side='right') - 1
-        after = np.minimum(before + 1, len(self.t) - 1)
-        found = self.points[before]
-        on_point = self.t[before] == instants
-        found[(after == before) & ~on_point, 1:] = 0.0
-        between = np.flatnonzero((after > before) & ~on_point)
+        first = np.searchsorted(self.t, instants, side='right') - 1
+        second = np.minimum(first + 1, len(self.t) - 1)
+        points = self.points[first]
+        is_on_point = self.t[first] == instants
+        points[(second == first) & ~is_on_point, 1:] = 0.0
+        between = np.flatnonzero((second > first) & ~is_on_point)
         if len(between):
-            begin, end = (self.t[k[between]] for k in (before, after))
+            begin, end = self.t[first[between]], self.t[second[between]]
             span: Any = ((end - begin) / NANOSECONDS)[:, np.newaxis]
             share = ((instants[between] - begin) / NANOSECONDS)[:, np.newaxis] / span
-            ends = (self.points[k[between], i] for k in (before, after) for i in range(3))
-            found[between] = np.stack(quintic(share, span, *ends), axis=1)
-        return found
+            ends = (self.points[k[between], i] for k in (first, second) for i in range(3))
+            points[between] = np.stack(quintic(share, span, *ends), axis=1)
+        return points
 
 
 class ReferenceSink:
     """Takes the chunks of the reference for some joints."""
 
-    name, kind = topics.REFERENCE, topics.TOPICS[topics.REFERENCE].kind
+    name = topics.REFERENCE
+    message_type = topics.TOPICS[topics.REFERENCE].kind
 
     def __init__(self, joints: tuple[str, ...]) -> None:
         self._joints = joints
@@ -87,7 +88,7 @@ class ReferenceSink:
         chunk = layout and layout.read(data)
         if not chunk:
             try:
-                message = bag.deserialize(data, self.kind)
+                message = bag.deserialize(data, self.message_type)
                 chunk = _chunk(message, self._joints)
             except Exception:  # Of arbitrary bytes, decoders raise arbitrary exceptions.
                 return
@@ -110,10 +111,10 @@ class ReferenceSink:
 def _extend(chunks: list[tuple[Instants, Array]], t: Instants, points: Array) -> None:
     """Add a chunk, which replaces all points from its first instant on."""
     while chunks and chunks[-1][0][-1] >= t[0]:
-        before, old = chunks.pop()
-        kept = int(np.searchsorted(before, t[0]))
+        old_t, old_points = chunks.pop()
+        kept = int(np.searchsorted(old_t, t[0]))
         if kept:
-            chunks.append((before[:kept], old[:kept]))
+            chunks.append((old_t[:kept], old_points[:kept]))
     chunks.append((t, points))
 
 
@@ -127,19 +128,19 @@ def _chunk(message: Any, joints: tuple[str, ...]) -> tuple[Instants, Array]:
 
 
 class _ChunkLayout(NamedTuple):
-    """Where the numbers of a chunk are, and how long after its stamp its points are [ns]."""
+    """Layout of a chunk, and times of its points after its stamp [ns]."""
 
     layout: MessageLayout
-    after: Instants
+    time_from_start: Instants
 
     @classmethod
     def of_message(cls, data: bytes, message: Any, joints: tuple[str, ...]
                    ) -> _ChunkLayout | None:
         layout = MessageLayout.of_message(data, message, lambda marked: _chunk(marked, joints)[1])
-        after = [nanoseconds(x.time_from_start) for x in message.points]
-        return layout and cls(layout, np.array(after, np.int64))
+        times = [nanoseconds(x.time_from_start) for x in message.points]
+        return layout and cls(layout, np.array(times, np.int64))
 
     def read(self, data: bytes) -> tuple[Instants, Array] | None:
         """Return instants and points of a chunk; None if it has another layout."""
         columns = self.layout.read([data])
-        return columns and (columns.stamps[0] + self.after, columns.values[0])
+        return columns and (columns.stamps[0] + self.time_from_start, columns.values[0])

@@ -57,8 +57,8 @@ def run_plot(options: argparse.Namespace) -> int:
         found = find_bags(path)
         for bag in found or [path]:
             try:
-                results.append(dataclasses.replace(
-                    read_bag(bag, **own(options)), asked_window=window))
+                result = read_bag(bag, **own(options))
+                results.append(dataclasses.replace(result, window=window) if window else result)
                 bags.append(bag)
             except CtcError as error:
                 if not found:

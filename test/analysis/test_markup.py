@@ -72,7 +72,7 @@ def figure_files(name: str, out: Path) -> list[FigureFile]:
 def runs(name: str) -> list[Result]:
     joints = [f'1{name}', f'2{name}']
     made = [made_up(2, 50, law=law, joint_names=joints) for law in ('compensation', 'chattering')]
-    return [dataclasses.replace(x, experiment=experiment, source=source, asked_window=(0.0, 0.05))
+    return [dataclasses.replace(x, experiment=experiment, source=source, window=(0.0, 0.05))
             for x in made for experiment, source in ((name, name), (f'short {name}', ''))]
 
 

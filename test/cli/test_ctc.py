@@ -84,7 +84,9 @@ def test_simulate(tmp_path: Path) -> None:
         'control_period_s': 0.001, 'joint_names': ['joint1', 'joint2'],
         'position_units': ['rad', 'rad'], 'torque_units': ['N·m', 'N·m'], 'gains': {
             'kp': [100.0, 100.0], 'kv': [50.0, 50.0], 'lambda': 10.0, 'b': 1.0},
-        'term_at_bound': None}
+        'term_at_bound': None, 'origins': dict.fromkeys(
+            ('q', 'dq', 'q_d', 'e', 'torque', 'v', 'V', 'nominal', 'compensation', 'robust'),
+            'computed exactly')}
     assert 'friction' in result.stdout
     assert 'compensation' in result.stdout
 
