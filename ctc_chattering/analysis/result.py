@@ -556,9 +556,10 @@ def export(result: Result, path: str | Path) -> None:
     Write the samples of a run with names and units of the joints, for other programs.
 
     In a NumPy file: ``t``, shape (N,), and ``q, dq, q_d, dq_d, ddq_d, tau, v``, shape (N, n);
-    ``command_t``, shape (M,), and ``command``, shape (M, n), all torques sent; of a bag ``terms_t``
-    and ``nominal, compensation, robust, lyapunov``, the terms of the law; ``signals`` and
-    ``origins``, whether each is recorded, computed exactly or not known; ``joint_names``, ``position_units``,
+    ``command_t``, shape (M,), and ``command``, shape (M, n), all torques sent. Of a bag
+    ``terms_t`` and ``nominal, compensation, robust, lyapunov``, the terms of the law;
+    ``signals`` and ``origins``, whether each is recorded, computed exactly or not known.
+    ``joint_names``, ``position_units``,
     ``torque_units``, shape (n,); ``control_period``, ``law``, ``switching`` and the gains by name,
     as at the end. In comma-separated values: a column per joint and quantity, below its name and
     unit, for example ``q_elbow [rad]``; torques that have times of their own are in
@@ -602,7 +603,7 @@ def export(result: Result, path: str | Path) -> None:
 def _write_arrays(result: Result, path: Path) -> None:
     """Write the arrays of a run into a NumPy file."""
     terms = result.law_terms
-    of_law = {} if terms is None else {
+    of_law: dict[str, Any] = {} if terms is None else {
         'terms_t': terms.t, 'nominal': terms.nominal, 'compensation': terms.compensation,
         'robust': terms.robust, 'lyapunov': terms.lyapunov}
     np.savez(

@@ -276,11 +276,12 @@ def test_seven_joints_fill_the_page(started_browser: Any, tmp_path: Path) -> Non
         assert [x['panels'] for x in rows] == [7, 1, 7]
         assert all(abs(end) < 2.0 for x in rows for end in x['ends'])
         assert rows[2]['keys'] == ['torque', 'nominal', 'compensation', 'robust']
-        box = page.locator('.ctc-row').last.locator('.u-over').first.bounding_box()
-        page.mouse.move(box['x'] + 0.5 * box['width'], box['y'] + 40)
         values = page.locator('.ctc-row').last.locator('.ctc-values')
-        eventually(lambda: all(len(text.split()) == 4 for text in values.all_inner_texts()),
-                   'values of each line', page)
+
+        def has_values_of_each_line() -> bool:
+            page.locator('.ctc-row').last.locator('.u-over').first.hover()
+            return all(len(text.split()) == 4 for text in values.all_inner_texts())
+        eventually(has_values_of_each_line, 'values of each line', page)
         wide = page.evaluate("""() => [...document.querySelectorAll('div.scroll')].map(
             x => x.scrollWidth - x.clientWidth)""")
         assert wide == [0] * 4
