@@ -17,12 +17,14 @@
 from __future__ import annotations
 
 import argparse
+import dataclasses
+from math import inf
 from pathlib import Path
 
 from ctc_chattering.analysis.output import prepare
 from ctc_chattering.cli.command_line import say
 from ctc_chattering.cli.options import add_bag, add_number, add_output, add_own, own
-from ctc_chattering.errors import CtcError
+from ctc_chattering.errors import CtcError, ParameterError, UsageError
 from ctc_chattering.parameters import LEAST
 
 
@@ -30,6 +32,9 @@ def plot_options(parser: argparse.ArgumentParser) -> None:
     """Add the options of `ctc plot`."""
     parser.add_argument('bags', nargs='+', type=Path, metavar='BAG',
                         help='bag, or directory of bags')
+    parser.add_argument('--window', nargs=2, type=float, metavar=('BEGIN', 'END'),
+                        help='part of the runs over which metrics are computed [s]; default: 5 to '
+                             '10, or the second half of a run that has too little of that')
     add_own(parser)
     add_output(parser, 'plots')
 
@@ -44,12 +49,16 @@ def run_plot(options: argparse.Namespace) -> int:
     from ctc_chattering.bags.reader import find_bags, read_bag
     from ctc_chattering.cli.presentation import present
 
+    window = options.window and tuple(options.window)
+    if window and not -inf < window[0] < window[1] < inf:
+        raise UsageError(str(ParameterError('--window', window, 'two times, BEGIN < END')))
     bags, results = [], []
     for path in options.bags:
         found = find_bags(path)
         for bag in found or [path]:
             try:
-                results.append(read_bag(bag, **own(options)))
+                result = read_bag(bag, **own(options))
+                results.append(dataclasses.replace(result, window=window) if window else result)
                 bags.append(bag)
             except CtcError as error:
                 if not found:
@@ -75,16 +84,21 @@ def run_export(options: argparse.Namespace) -> int:
     Run `ctc export`.
 
     Write trajectory.npz, which also has the gains, or trajectory.csv, with names and units of the
-    joints.
+    joints. Torques that have times of their own are in trajectory_commands.csv.
     """
-    from ctc_chattering.analysis.result import export
+    from ctc_chattering.analysis.result import commands_path, export
     from ctc_chattering.bags.reader import read_bag
 
     result = read_bag(options.bag, **own(options))
-    name = 'trajectory.csv' if options.csv else 'trajectory.npz'
-    out = prepare(options.out, (name,), options.overwrite)
-    export(result, out / name)
-    print(f'{len(result.t)} samples: {out / name}')
+    path = options.out / ('trajectory.csv' if options.csv else 'trajectory.npz')
+    commands = commands_path(path)
+    prepare(options.out, (path.name, commands.name), options.overwrite)
+    export(result, path)
+    print(f'{len(result.t)} samples: {path}')
+    if commands.exists():
+        print(f'{len(result.torque.t)} torques: {commands}')
+    for note in result.metrics()['notes']:
+        print(note)
     return 0
 
 

@@ -84,7 +84,9 @@ def test_simulate(tmp_path: Path) -> None:
         'control_period_s': 0.001, 'joint_names': ['joint1', 'joint2'],
         'position_units': ['rad', 'rad'], 'torque_units': ['N·m', 'N·m'], 'gains': {
             'kp': [100.0, 100.0], 'kv': [50.0, 50.0], 'lambda': 10.0, 'b': 1.0},
-        'term_at_bound': None}
+        'term_at_bound': None, 'origins': dict.fromkeys(
+            ('q', 'dq', 'q_d', 'e', 'torque', 'v', 'V', 'nominal', 'compensation', 'robust'),
+            'computed exactly')}
     assert 'friction' in result.stdout
     assert 'compensation' in result.stdout
 
@@ -143,6 +145,16 @@ def test_plot_and_export(tmp_path: Path) -> None:
     assert len(list((out / 'figures').iterdir())) == 7
     assert '<html' in (out / 'index.html').read_text(encoding='utf-8')
     before = (out / 'metrics.json').read_bytes()
+    assert all(run['window_s'] == [0.025, 0.05] for run in runs)
+    assert 'the second half of the run' in result.stdout
+    chosen = ctc('plot', bags[0], '--window', '0.01', '0.03', '--out', tmp_path / 'chosen')
+    assert chosen.returncode == 0, chosen.stderr
+    (run,) = json.loads((tmp_path / 'chosen' / 'metrics.json').read_text())['runs']
+    mine = simulate(parameter_file.load(None, {
+        'plant': {'duration': 0.05}, 'controller': {'law': 'compensation'}})).run
+    error = (mine.q_d - mine.q)[10:31]
+    assert run['window_s'] == [0.01, 0.03] and run['notes'] == []
+    assert run['rms_error_rad'] == np.sqrt(np.square(error).mean(axis=0)).tolist()
     refused(ctc('plot', bags[0], '--out', out), '--overwrite')
     refused(ctc('plot', FRICTION.parent, '--out', out, '--overwrite'), FRICTION.parent)
     assert (out / 'metrics.json').read_bytes() == before, 'lost to a bad bag'

@@ -276,7 +276,7 @@ def test_nothing_of_a_bag_is_html_in_its_pages(tmp_path: Path) -> None:
     evil = '</script><iframe srcdoc="<script>hacked=1</script>"></iframe>\udcff'
     made, _ = result('chattering')
     run = RecordedRun(replace(
-        made, source=evil, computed=made.terms, description='<robot><link/></robot>',
+        made, source=evil, law_terms=made.terms, description='<robot><link/></robot>',
         configs=[(0.0, replace(made.config, model='urdf'))]))
     assert run.remark == 'no picture of the arm: URDF: a link is not named'
     for t in (0.2, 0.2004):  # The page shows the last sample before a time.

@@ -45,22 +45,31 @@ function chip(parent, text, checked, changed) {
   return label;
 }
 
+// What names a line: a piece of it, and run and signal where there are several.
+function keyOf(parent, line) {
+  const key = made('span', parent, 'ctc-key');
+  if (!line.name && !line.label) return key;
+  key.innerHTML = '<svg width="26" height="8"><line x2="26" y1="4" y2="4" stroke-width="2"'
+    + ` stroke="${line.ink}" stroke-dasharray="${line.dash}"/></svg>`;
+  if (line.name) made('span', key, 'ctc-name', line.name).title = line.name;
+  key.append((line.name && line.label ? ' ' : '') + line.label);
+  return key;
+}
+
 // --- one plot
 class Panel {
-  constructor(plots, parent, kind, joints) {
+  // With a legend of the row, only values stand in the plot, while there is a cursor.
+  constructor(plots, parent, kind, joints, hasLegend) {
     Object.assign(this, { plots, kind, joints, view: null });
     this.element = made('div', parent, 'ctc-panel');
     this.element.tabIndex = 0;
     this.head = made('p', this.element);
     this.title = made('b', this.head);
     this.lines = this.listed();
+    const values = hasLegend ? made('p', this.element, 'ctc-values') : null;
     this.keys = this.lines.map(line => {
-      const key = made('span', this.head, 'ctc-key');
-      const alone = this.lines.length === 1 && !line.name && !line.label;
-      if (!alone) key.innerHTML = '<svg width="26" height="8"><line x2="26" y1="4" y2="4" stroke-width="2"'
-        + ` stroke="${line.ink}" stroke-dasharray="${line.dash}"/></svg>`;
-      if (line.name) made('span', key, 'ctc-name', line.name).title = line.name;
-      key.append((line.name && line.label ? ' ' : '') + line.label);
+      const key = hasLegend ? made('span', values, 'ctc-key') : keyOf(this.head, line);
+      if (hasLegend) key.style.color = line.ink;
       return made('span', key, line.long ? 'ctc-value ctc-long' : 'ctc-value');
     });
     const ink = getComputedStyle(plots.element).color;

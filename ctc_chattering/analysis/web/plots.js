@@ -6,8 +6,9 @@
 // are drawn, too, each in its colour); units are those of the positions, by default rad.
 // run = {name: 'chattering', t: [...], signals: {e: [[...], ...], V: [[...]], ...}}: times [s],
 // and for each signal one column for each joint, V one in all. Arrays may be plain or typed.
-// A run may have its colour, '#rrggbb'. Instead of t and signals it may have packed: '...', which
-// `coded` of Python writes.
+// A run may have its colour, '#rrggbb', and received: true where torques stand at times of
+// reception. Instead of t and signals it may have packed: ['...', ...], which `coded` of Python
+// writes, one for all signals of the same times; or what `ctcPlots.inflated` makes of `compressed`.
 // Signals: q, q_d, dq, e, v, V, torque, nominal, compensation, robust, effort; each may miss, and
 // what is not there cannot be chosen. q, q_d or e follows from the other two. Torque rate, log10
 // of V and spectra are computed here. Every sample is drawn: where there are more samples than
@@ -81,6 +82,7 @@ class Plots {
     for (const panel of this.panels) panel.u.destroy();
     this.element.replaceChildren();
     this.panels = [];
+    this.legend = [];
     this.runs.forEach((run, r) => { run.ink = run.colour ? onGround(run.colour) : colour(r); });
     this.known = Object.keys(KINDS).filter(kind => this.runs.length > !!KINDS[kind].between
       && KINDS[kind].lines.some(signal => this.runs.some(run => run.has(signal))));
@@ -94,7 +96,11 @@ class Plots {
       const together = this.runs.length === 1 && joints.length <= 3
         && KINDS[kind].lines.length === 1;
       const groups = KINDS[kind].common ? [[0]] : together ? [joints] : joints.map(i => [i]);
-      for (const group of groups) this.panels.push(new Panel(this, row, kind, group));
+      const legend = groups.length > 1 ? made('p', row, 'ctc-legend') : null;
+      const panels = groups.map(group => new Panel(this, row, kind, group, Boolean(legend)));
+      this.panels.push(...panels);
+      if (legend) for (const line of panels[0].lines)
+        this.legend.push({ line, key: keyOf(legend, line) });
     }
     for (const panel of this.panels) this.seen.observe(panel.element);
     this.resize();
@@ -249,24 +255,28 @@ function table(plots, t, lines) {
   for (let i = begin; i < end; i++) rows.push([t[i], ...lines.map(line => line.at(i))]);
   return rows.map(row => row.join(',')).join('\n') + '\n';
 }
+// Where the first row begins.
+const topOf = plots => plots.element.querySelector('.ctc-row')?.getBoundingClientRect().top
+  ?? plots.element.getBoundingClientRect().top;
 function picture(plots) {
   const box = plots.element.getBoundingClientRect(), ratio = Math.max(2, devicePixelRatio);
-  const top = plots.panels[0] ? plots.panels[0].element.getBoundingClientRect().top - box.top : 0;
+  const top = topOf(plots) - box.top;
   const canvas = made('canvas'), ctx = canvas.getContext('2d');
   canvas.width = box.width * ratio; canvas.height = (box.height - top) * ratio;
   const style = getComputedStyle(plots.element);
   ctx.fillStyle = style.backgroundColor; ctx.fillRect(0, 0, canvas.width, canvas.height);
   ctx.setTransform(ratio, 0, 0, ratio, -box.left * ratio, -(box.top + top) * ratio);
+  const write = (element, ink, weight) => {
+    const place = element.getBoundingClientRect();
+    ctx.fillStyle = ink; ctx.font = `${weight} ${FONT}`;
+    ctx.fillText(element.textContent, place.left, place.top + 12);
+  };
   for (const panel of plots.panels) {
     const at = panel.u.ctx.canvas.getBoundingClientRect();
     ctx.drawImage(panel.u.ctx.canvas, at.left, at.top, at.width, at.height);
-    const write = (element, ink, weight) => {
-      const place = element.getBoundingClientRect();
-      ctx.fillStyle = ink; ctx.font = `${weight} ${FONT}`;
-      ctx.fillText(element.textContent, place.left, place.top + 12);
-    };
     write(panel.title, style.color, 600);
     panel.keys.forEach((key, i) => write(key.parentElement, panel.lines[i].ink, 400));
   }
+  for (const { line, key } of plots.legend) write(key, line.ink, 400);
   return canvas;
 }

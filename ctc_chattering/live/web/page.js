@@ -44,7 +44,8 @@ const receivers = {
     numbers = ctcNumbers($('numbers'), joints);
     about = runs;
     if (time) player = ctcPlayer($('player'), ...time, seek);
-    plots = ctcPlots.mount($('plots'), { joints, units, runs: runs.map(({ name }) => ({ name })) },
+    plots = ctcPlots.mount($('plots'), { joints, units, runs: runs.map(
+      ({ name, received }) => ({ name, received })) },
       { ...options, wheel: 'always', storage: 'ctc-plots', onSeek: time && (t => player(t, true)),
         onPoint: t => { pointed = t; if (player || t !== null) showNumbers(); } });
   },
