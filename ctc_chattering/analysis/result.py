@@ -23,13 +23,13 @@ from contextlib import suppress
 import csv
 import dataclasses
 from functools import cached_property
+import io
 from itertools import cycle, groupby, pairwise
 import json
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 from ctc_chattering.analysis.metrics import metrics, WINDOW, within
-from ctc_chattering.analysis.output import write_json, writing
 from ctc_chattering.analysis.tables import measured, number_text
 from ctc_chattering.analysis.terms import RunTerms, terms
 from ctc_chattering.configuration.loop_setup import Setup
@@ -40,6 +40,7 @@ from ctc_chattering.dynamics.registry import model_of
 from ctc_chattering.dynamics.urdf_parser import Tree
 from ctc_chattering.errors import CtcError, ParameterError
 from ctc_chattering.numerics.time_grid import missing
+from ctc_chattering.output_files import replacing, write_json
 from ctc_chattering.simulation import closed_loop
 from ctc_chattering.simulation.closed_loop import Array, Run
 from ctc_chattering.simulation.plant import make_plant, Plant
@@ -505,18 +506,24 @@ def export(result: Result, path: str | Path) -> None:
     path = Path(path)
     if path.suffix not in ('.npz', '.csv'):
         raise ParameterError('path', str(path), 'a name that ends in .npz or .csv')
-    with writing(path):
-        if path.suffix == '.npz':
-            np.savez(path, **vars(result.run), joint_names=result.joint_names,
-                     position_units=result.position_units, torque_units=result.torque_units,
-                     control_period=result.config.control_period, law=result.law,
-                     switching=result.config.switching, **result.gains)
+    with replacing(path) as stream:
+        if path.suffix == '.csv':
+            _write_csv(result, stream)
             return
-        heads, columns = ['t [s]'], [result.run.t]
-        for name, suffix in _ARRAYS.items():
-            units = (result.torque_units if suffix is None
-                     else [unit + suffix for unit in result.position_units])
-            heads += [f'{name}_{joint} [{unit}]' for joint, unit in zip(result.joint_names, units)]
-            columns.extend(getattr(result.run, name).T)
-        with path.open('w', newline='', encoding='utf-8') as file:
-            csv.writer(file).writerows([heads, *np.column_stack(columns).tolist()])
+        np.savez(stream, **vars(result.run), joint_names=result.joint_names,
+                 position_units=result.position_units, torque_units=result.torque_units,
+                 control_period=result.config.control_period, law=result.law,
+                 switching=result.config.switching, **result.gains)
+
+
+def _write_csv(result: Result, stream: BinaryIO) -> None:
+    """Write a line for each sample, below one with names and units."""
+    heads, columns = ['t [s]'], [result.run.t]
+    for name, suffix in _ARRAYS.items():
+        units = (result.torque_units if suffix is None
+                 else [unit + suffix for unit in result.position_units])
+        heads += [f'{name}_{joint} [{unit}]' for joint, unit in zip(result.joint_names, units)]
+        columns.extend(getattr(result.run, name).T)
+    text = io.TextIOWrapper(stream, 'utf-8', 'backslashreplace', newline='')
+    csv.writer(text).writerows([heads, *np.column_stack(columns).tolist()])
+    text.detach()

@@ -30,7 +30,6 @@ import re
 import textwrap
 from typing import Any
 
-from ctc_chattering.analysis.output import write_text, writing
 from ctc_chattering.compiled.machine_code import Code, memory_of
 from ctc_chattering.compiled.records import load, packed
 from ctc_chattering.control.controller import Controller, ControllerConfig
@@ -40,10 +39,13 @@ from ctc_chattering.dynamics.compiled_model import set_mass_and_bias, set_terms
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.errors import CtcError, UsageError
 from ctc_chattering.numerics.time_grid import period_ns
+from ctc_chattering.output_files import new_folder, write_bytes, write_text
 from ctc_chattering.parameters import LARGEST, LEAST
 import numpy as np
 
 _TEMPLATES = Path(__file__).with_name('templates')
+#: The command that writes a library.
+EXPORT = 'ctc export-c'
 #: What compiled code calls, by its name in C.
 _FUNCTIONS = {set_terms: 'ctc_dynamics', set_mass_and_bias: 'ctc_mass'}
 #: Parts of the block are words of so many bytes.
@@ -152,7 +154,7 @@ def block_of(step: CompiledStep, gains: Code) -> tuple[Block, dict[str, int]]:
 
 
 def export(config: ControllerConfig, model: Model, out: Path, processor: str = 'host',
-           package: str = '') -> int:
+           package: str = '', overwrite: bool = False) -> int:
     """
     Write the library of one robot; return the size of its code.
 
@@ -169,11 +171,14 @@ def export(config: ControllerConfig, model: Model, out: Path, processor: str = '
     package : str
         Name of an ament_cmake package with a controller of ros2_control, which then is in `out`,
         and the library in its folder ``ctc_law``; empty for the library alone.
+    overwrite : bool
+        Replace what an earlier call has written there.
 
     Raises
     ------
     CtcError
-        If the law cannot be exported for this robot.
+        If the law cannot be exported for this robot, other files are there, or one cannot be
+        written.
 
     """
     if package and not re.fullmatch('[a-z][a-z0-9_]*', package):
@@ -190,13 +195,13 @@ def export(config: ControllerConfig, model: Model, out: Path, processor: str = '
     block, named = block_of(step, gains)
     values = {**_values(config, load(step.code.arguments[0].settings)), 'PACKAGE': package,
               'DATA': _data(block, named, list(codes), config), 'WORDS': len(block.words)}
-    library = out / 'ctc_law' if package else out
-    _write(_TEMPLATES, library, values)
-    if package:
-        _write(_TEMPLATES / 'ros2_control', out, values)
-    with writing(library):
-        (library / 'ctc_law_code.o').write_bytes(code)
-    write_text(library / 'ctc_law_code.ll', text)
+    with new_folder(out, EXPORT, overwrite) as folder:
+        library = folder / 'ctc_law' if package else folder
+        _write(_TEMPLATES, library, values)
+        if package:
+            _write(_TEMPLATES / 'ros2_control', folder, values)
+        write_bytes(library / 'ctc_law_code.o', code)
+        write_text(library / 'ctc_law_code.ll', text)
     return len(code)
 
 

@@ -19,10 +19,11 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from ctc_chattering.analysis.output import prepare
+from ctc_chattering.analysis.tables import counted
 from ctc_chattering.cli.command_line import say
 from ctc_chattering.cli.options import add_bag, add_number, add_output, add_own, own
 from ctc_chattering.errors import CtcError
+from ctc_chattering.output_files import check_folder, new_folder
 from ctc_chattering.parameters import LEAST
 
 
@@ -40,10 +41,11 @@ def run_plot(options: argparse.Namespace) -> int:
 
     Write them with metrics.json and index.html. Several bags are compared.
     """
-    from ctc_chattering.analysis.run_page import NAMES
+    from ctc_chattering.analysis.run_page import PAGE, PLOT, write_runs
     from ctc_chattering.bags.reader import find_bags, read_bag
-    from ctc_chattering.cli.presentation import present
+    from ctc_chattering.cli.presentation import print_page, print_results
 
+    check_folder(options.out, PLOT, options.overwrite)
     bags, results = [], []
     for path in options.bags:
         found = find_bags(path)
@@ -57,8 +59,11 @@ def run_plot(options: argparse.Namespace) -> int:
                 say(f'left out: {error}')
     if not results:
         raise CtcError(f'no bag of this package in {", ".join(map(str, options.bags))}')
-    out = prepare(options.out, NAMES, options.overwrite)
-    return present(results, bags, out, options.format, options.said)
+    print(f'drawing {counted(len(results), "run")} ...', flush=True)
+    write_runs(results, options.out, bags, options.format, options.said, options.overwrite)
+    print_results(results)
+    print_page(options.out / PAGE)
+    return 0
 
 
 def export_options(parser: argparse.ArgumentParser) -> None:
@@ -80,11 +85,11 @@ def run_export(options: argparse.Namespace) -> int:
     from ctc_chattering.analysis.result import export
     from ctc_chattering.bags.reader import read_bag
 
-    result = read_bag(options.bag, **own(options))
-    name = 'trajectory.csv' if options.csv else 'trajectory.npz'
-    out = prepare(options.out, (name,), options.overwrite)
-    export(result, out / name)
-    print(f'{len(result.t)} samples: {out / name}')
+    with new_folder(options.out, 'ctc export', options.overwrite) as folder:
+        result = read_bag(options.bag, **own(options))
+        name = 'trajectory.csv' if options.csv else 'trajectory.npz'
+        export(result, folder / name)
+    print(f'{len(result.t)} samples: {options.out / name}')
     return 0
 
 

@@ -19,7 +19,6 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from ctc_chattering.analysis.output import prepare, writing
 from ctc_chattering.cli.options import (
     add_loop_options,
     add_number,
@@ -29,6 +28,7 @@ from ctc_chattering.cli.options import (
 )
 from ctc_chattering.configuration.node_parameters import parameter_table
 from ctc_chattering.errors import CtcError, given_by_user, UsageError
+from ctc_chattering.output_files import check_file, check_folder, write_text
 
 _COMMENT = """\
 # By `ctc new-robot` from {location}.
@@ -59,13 +59,11 @@ def run_new_robot(options: argparse.Namespace) -> int:
     from ctc_chattering.configuration.new_robot import FRICTION, KA, new_robot
 
     location = options.urdf if '://' in options.urdf else str(Path(options.urdf).resolve())
-    values = new_robot(location, options.joints, options.gravity)
     out = options.out
-    prepare(out.parent, (out.name,), options.overwrite)
-    with writing(out):
-        parameter_file.dump(values, out)
-        out.write_text(_COMMENT.format(location=location, friction=FRICTION, ka=KA)
-                       + out.read_text(encoding='utf-8'), encoding='utf-8')
+    check_file(out, options.overwrite)
+    values = new_robot(location, options.joints, options.gravity)
+    comment = _COMMENT.format(location=location, friction=FRICTION, ka=KA)
+    write_text(out, comment + parameter_file.to_text(values))
     print(f'wrote {out}; next: ctc compile {out}, ctc simulate {out}, bringup {out}')
     return 0
 
@@ -130,7 +128,8 @@ def export_c_options(parser: argparse.ArgumentParser) -> None:
                         help='write an ament_cmake package of this name around the library')
     parser.add_argument('--out', type=Path, metavar='DIR', required=True,
                         help='directory to write')
-    parser.add_argument('--overwrite', action='store_true', help='replace an existing directory')
+    parser.add_argument('--overwrite', action='store_true',
+                        help='replace the output of an earlier run of this command')
 
 
 def run_export_c(options: argparse.Namespace) -> int:
@@ -140,14 +139,14 @@ def run_export_c(options: argparse.Namespace) -> int:
     The library runs in hard real time, without Python, and answers a state with the torque of
     this package to the last bit. docs/ros2_control.md has both.
     """
-    from ctc_chattering.c_export.library import export
+    from ctc_chattering.c_export.library import EXPORT, export
     from ctc_chattering.dynamics.registry import model_of
 
     setup, out = load_setup(options), options.out
     config = setup.controller
-    prepare(out.parent, (out.name,), options.overwrite)
+    check_folder(out, EXPORT, options.overwrite)
     size = export(config, model_of(config, setup.descriptions.get('controller', '')), out,
-                  options.processor, options.ros2_control)
+                  options.processor, options.ros2_control, options.overwrite)
     print(f'wrote {out}: {config.law}, {len(config.joint_names)} joints, {size} bytes of code; '
           'next: see docs/ros2_control.md')
     return 0

@@ -23,6 +23,7 @@ import sys
 from typing import Any
 
 from ctc_chattering.errors import CtcError, near, UsageError
+from ctc_chattering.input_files import read_text
 
 
 def config_directory() -> Path:
@@ -99,10 +100,9 @@ def read_description(location: str) -> str:
     """
     path = find_file(location)
     try:
-        return path.read_text(encoding='utf-8')
-    except (OSError, ValueError) as error:
-        reason = getattr(error, 'strerror', None) or 'not a text file'
-        raise CtcError(f'description: {location}: {reason}') from None
+        return read_text(path)
+    except CtcError as error:
+        raise CtcError(f'description: {error}') from None
 
 
 def find_file(location: str) -> Path:

@@ -17,6 +17,7 @@
 from __future__ import annotations
 
 from argparse import _SubParsersAction
+import os
 from pathlib import Path
 import re
 import subprocess
@@ -67,6 +68,11 @@ FAILS = {
     **{f'{command} {bag}': [bag] for bag in ('none', 'law.yaml', 'empty', 'broken')
        for command in ('plot', 'replay', 'live')},
     'identify none': ['no such bag'],
+    **{f'{command} {file}': [f'{file}: is {kind}; a regular file is needed']
+       for file, kind in (('pipe', 'a pipe'), ('/dev/zero', 'a device'))
+       for command in ('simulate', 'map', 'tune', 'compare', 'excite', 'check-model --urdf',
+                       'new-robot --out new.yaml --urdf', 'compare friction --cases')},
+    'tune --identified piped': ['identified.yaml: is a pipe'],
     BAG: ['without a gap; at least 2 s'], BAG.replace('bag', 'still'): ['at least 2 s'],
     'map map.yaml --scheduler nowhere': ['--scheduler nowhere', 'no scheduler answers'],
     'map nowhere.yaml': ['there is no model nowhere:Arm'],
@@ -129,8 +135,10 @@ WRONG = {
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return a directory of files, bags and specs, most of them wrong."""
     path = tmp_path_factory.mktemp('wrong')
-    for name in ('empty', 'broken'):
+    for name in ('empty', 'broken', 'piped'):
         (path / name).mkdir()
+    os.mkfifo(path / 'pipe')
+    os.mkfifo(path / 'piped' / 'identified.yaml')
     for name, text in FILES.items():
         (path / name).write_text(text, encoding='utf-16' if 'broken' in name else 'utf-8')
     written(path / 'map.yaml')

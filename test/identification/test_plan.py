@@ -42,6 +42,7 @@ from ctc_chattering.identification.random_motions import (
     ExcitationConfig,
     random_motion,
 )
+from ctc_chattering.output_files import LIST
 from ctc_chattering.simulation.closed_loop import Run, simulate
 from ctc_chattering.simulation.plant import make_plant
 from ctc_chattering.trajectory.joint_limits import DescribedLimits
@@ -259,7 +260,7 @@ def test_what_the_command_prints_and_writes(tmp_path: Path) -> None:
     for text in (*PANDA, '/87', 'no acceleration limit', 'nearest approach of two links: '):
         assert text in result.stdout
     assert max(map(len, result.stdout.splitlines()[:-1])) <= 100
-    assert {x.name for x in tmp_path.iterdir()} == {'motion.yaml', 'run.yaml'}
+    assert {x.name for x in tmp_path.iterdir()} == {LIST, 'motion.yaml', 'run.yaml'}
     setup = parameter_file.load(tmp_path / 'run.yaml')
     assert (setup.controller.law, setup.plant.duration, setup.events) == ('compensation', 80.0, ())
     before = parameter_file.load(ROOT / 'config' / 'panda.yaml')
