@@ -16,7 +16,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import contextmanager, ExitStack
 from functools import partial
 from pathlib import Path
@@ -29,9 +29,10 @@ from ctc_chattering.configuration.package_share import find_config
 from ctc_chattering.errors import CtcError
 from ctc_chattering.output_files import check_format, OutputFolder
 from ctc_chattering.parameters import whole
-from ctc_chattering.runs import pool, store
+from ctc_chattering.runs import cluster, pool, store
 from ctc_chattering.runs.points import Points, Runs
 from ctc_chattering.runs.spec import MapSpec, parse, read_spec
+from ctc_chattering.runs.store import Numbers
 import pyarrow
 
 #: Folder of the package's own specs, below `config`.
@@ -124,25 +125,17 @@ def computed(points: Points, out: Path | None, jobs: int, scheduler: str | None,
         path = out or Path(stack.enter_context(TemporaryDirectory()))
         directory = stack.enter_context(store.opened(
             path, store.about(points), store.schema(points), overwrite, points.kind))
-        rows, each = store.schema(points).empty_table(), None
+        rows, compute = store.schema(points).empty_table(), None
         while len(some := points.next_runs(rows)):
             chunks = {directory.file(x): x for x in store.chunks(points, some)}
             found = {file: directory.rows(x, show) for file, x in chunks.items()}
             left = {file: x for file, x in chunks.items() if found[file] is None}
             done = len(some) - sum(map(len, left.values()))
             show(f'{len(some)} runs in {counted(len(chunks), "chunk")}, {done} of them computed')
-            if left and each is None:
-                if scheduler is None:
-                    compile_setups(points.examples(), show)
-                each = pool.serially
-                if jobs > 1 or scheduler is not None:
-                    client = stack.enter_context(pool.workers(jobs, scheduler))
-                    show(counted(pool.threads(client, show), 'worker'))
-                    each = partial(pool.computed, client)
+            if left and compute is None:
+                compute = _compute(stack, points, jobs, scheduler, show)
             try:
-                for file, table in zip(left, each(
-                        store.compute, left.values(), points, scheduler and store.version())
-                        if each else ()):
+                for file, table in zip(left, compute(left.values()) if compute else ()):
                     directory.write(table, file)
                     found[file] = table
                     done += len(table)
@@ -155,3 +148,19 @@ def computed(points: Points, out: Path | None, jobs: int, scheduler: str | None,
                     f'{str(error) or "stopped"}; {done} of {len(some)} runs are {where}') from None
             rows = pyarrow.concat_tables([rows, *found.values()])
         yield Computed(directory.merge(rows), directory.folder)
+
+
+def _compute(stack: ExitStack, points: Points, jobs: int, scheduler: str | None,
+             show: Callable[[str], None]
+             ) -> Callable[[Collection[Numbers]], Iterator[pyarrow.Table]]:
+    """Return what computes the rows of chunks; its processes end with `stack`."""
+    if scheduler is not None:
+        client = stack.enter_context(cluster.connected(scheduler))
+        show(counted(pool.threads(client, show), 'worker'))
+        return partial(cluster.computed, client, points)
+    compile_setups(points.examples(), show)
+    if jobs == 1:
+        return lambda chunks: pool.serially(store.compute, chunks, points, '')
+    client = stack.enter_context(pool.workers(jobs))
+    show(counted(pool.threads(client, show), 'worker'))
+    return lambda chunks: pool.computed(client, store.compute, chunks, points, '')
