@@ -267,6 +267,16 @@ def _check_place(path: Path) -> None:
                        f'--out {path / "output"}')
 
 
+def _check_writable(path: Path) -> None:
+    """Raise `CtcError` unless a folder can be made beside this one; nothing is left of it."""
+    with writing(path):
+        part = _part(path.resolve())
+        missing = [x for x in (part, *part.parents) if not x.exists()]
+        part.mkdir(parents=True, exist_ok=True)
+        for folder in missing:
+            folder.rmdir()
+
+
 def check_folder(path: Path, command: str, overwrite: bool = False) -> None:
     """
     Raise unless a command may write its output to this folder.
@@ -283,10 +293,11 @@ def check_folder(path: Path, command: str, overwrite: bool = False) -> None:
     Raises
     ------
     CtcError
-        If it may not; the message says what to do.
+        If it may not, or cannot; the message says what to do.
 
     """
     check_owner(path, command)
+    _check_writable(path)
     if not path.exists():
         return
     contents = read_contents(path)

@@ -19,6 +19,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import closing, suppress
 import dataclasses
+import os
 from pathlib import Path
 import re
 import tempfile
@@ -48,7 +49,7 @@ def open_bag(path: Path) -> Bag:
         If there is no bag, or it cannot be read.
 
     """
-    if not path.exists():
+    if not os.path.exists(path):  # noqa: PTH110 - A path may be too long for a system.
         raise CtcError(f'{path}: no such bag')
     try:
         return Bag(path)
@@ -163,7 +164,7 @@ def repair(bag: str | Path) -> tuple[int, Path] | None:
                 pass
         return None
     except CtcError:
-        if not any(bag.glob('*.mcap')):
+        if not os.path.isdir(bag) or not any(bag.glob('*.mcap')):  # noqa: PTH112 - As above.
             raise
     aside = bag.with_name(bag.name + '.damaged')
     if aside.exists():

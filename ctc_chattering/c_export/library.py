@@ -23,7 +23,6 @@ text: `templates/ctc_law.c` copies the content, sets the pointers, and calls the
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-import json
 from math import isinf
 from pathlib import Path
 import re
@@ -153,6 +152,23 @@ def block_of(step: CompiledStep, gains: Code) -> tuple[Block, dict[str, int]]:
     return block, named
 
 
+def check_package(name: str) -> None:
+    """Raise `UsageError` unless a ROS package with a controller can have this name."""
+    if not re.fullmatch('[a-z][a-z0-9_]*', name):
+        raise UsageError(f'--ros2-control {name}: not allowed; allowed: small letters, digits '
+                         'and _, as of ROS packages')
+    description = (_TEMPLATES / 'ros2_control' / 'package.xml').read_text(encoding='utf-8')
+    if name in re.findall(r'depend>(\w+)<', description):
+        raise UsageError(f'--ros2-control {name}: not allowed: the controller needs the package '
+                         'of this name')
+
+
+def c_string(text: str) -> str:
+    """Return a literal of C and C++ for text in UTF-8; two question marks are no trigraph."""
+    content = text.encode('utf-8', 'surrogatepass').decode('latin-1')
+    return '"' + re.sub(r'[^ -~]|["\\?]', lambda x: f'\\{ord(x[0]):03o}', content) + '"'
+
+
 def export(config: ControllerConfig, model: Model, out: Path, processor: str = 'host',
            package: str = '', overwrite: bool = False) -> int:
     """
@@ -181,16 +197,16 @@ def export(config: ControllerConfig, model: Model, out: Path, processor: str = '
         written.
 
     """
-    if package and not re.fullmatch('[a-z][a-z0-9_]*', package):
-        raise UsageError(f'--ros2-control {package}: not allowed; allowed: small letters, digits '
-                         'and _, as of ROS packages')
+    if package:
+        check_package(package)
+    from ctc_chattering.compiled.object_file import check_processor, object_file
+    check_processor(processor)
     step = step_of(config, model)
     gains = Code(regained, (step.code.arguments[0], np.array(config.ka)), 'gains')
     codes = {'ctc_control': step.code, **{
         _FUNCTIONS[x.code.function]: x.code for x in step.arm.calls}}
     if takes_gains(step, config, model):
         codes[_SET] = gains
-    from ctc_chattering.compiled.object_file import object_file
     code, text = object_file(codes, processor)
     block, named = block_of(step, gains)
     values = {**_values(config, load(step.code.arguments[0].settings)), 'PACKAGE': package,
@@ -216,7 +232,7 @@ def _values(config: ControllerConfig, settings: ControlSettings) -> dict[str, ob
     """Return what the header says of a law."""
     gains: tuple[Any, ...] = settings.kp.diagonal(), settings.kv.diagonal(), config.ka
     return {'LAW': config.law, 'JOINTS': len(config.joint_names),
-            'JOINT_NAMES': json.dumps(config.joint_names, ensure_ascii=False)[1:-1],
+            'JOINT_NAMES': ', '.join(map(c_string, config.joint_names)),
             'DELAY': config.input_delay, 'PERIOD': config.control_period,
             'PERIOD_NS': period_ns(config.control_period),
             'RATE': f'{1.0 / config.control_period:g}',

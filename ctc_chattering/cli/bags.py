@@ -22,7 +22,7 @@ from pathlib import Path
 from ctc_chattering.analysis.tables import counted
 from ctc_chattering.cli.command_line import say
 from ctc_chattering.cli.options import add_bag, add_number, add_output, add_own, own
-from ctc_chattering.errors import CtcError
+from ctc_chattering.errors import CtcError, refused_as
 from ctc_chattering.output_files import check_folder, new_folder
 from ctc_chattering.parameters import LEAST
 
@@ -48,7 +48,8 @@ def run_plot(options: argparse.Namespace) -> int:
     check_folder(options.out, PLOT, options.overwrite)
     bags, results = [], []
     for path in options.bags:
-        found = find_bags(path)
+        with refused_as(f'{path}: cannot be searched for bags'):
+            found = find_bags(path)
         for bag in found or [path]:
             try:
                 results.append(read_bag(bag, **own(options)))

@@ -39,6 +39,7 @@ from ctc_chattering.identification.excite import (
     write_excitation,
 )
 from ctc_chattering.identification.identified_robot import (
+    GRAVITY,
     IdentifiedRobot,
     IDENTIFY,
     identify,
@@ -136,8 +137,8 @@ def identify_options(parser: argparse.ArgumentParser) -> None:
                         help="two_link, urdf, or package.module:Name, default: the bag's")
     parser.add_argument('--joints', type=words, default=(), metavar='A,B,C',
                         help="joints in the order of the commands, default: the bag's")
-    parser.add_argument('--gravity', type=float, metavar='G',
-                        help="acceleration of gravity [m/s²], default: the bag's, or 9.81")
+    add_declared(parser, dataclasses.replace(
+        GRAVITY, default=None, description="Acceleration of gravity, default: the bag's, or 9.81"))
     parser.add_argument('--effort', choices=(MOTOR, LINK, CURRENT),
                         help='what the effort is: the torque of the motor, that of the link '
                              '(sensor behind the gear), or a current; needed without commands')

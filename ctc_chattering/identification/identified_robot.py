@@ -27,6 +27,7 @@ from typing import Any
 from ctc_chattering.analysis.compilation import compile_setups, has_compiler
 from ctc_chattering.bags.recording import RecordedMotion, Recording
 from ctc_chattering.configuration import parameter_file
+from ctc_chattering.control.controller_config import ControllerConfig
 from ctc_chattering.dynamics.corrected_urdf import corrected_urdf, tip_of, with_payload
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.dynamics.registry import locked_positions, make_model
@@ -148,6 +149,8 @@ PAGE, JSON, VALUES, ROBOT, CORRECTED, FIGURES = (
 IDENTIFY = 'ctc identify'
 #: Acceleration of gravity where nothing says otherwise [m/s²].
 _GRAVITY = 9.81
+#: What is allowed of it.
+GRAVITY = ControllerConfig.parameters()['gravity']
 
 
 @dataclasses.dataclass(frozen=True)
@@ -307,6 +310,7 @@ def _robot(motion: RecordedMotion, model: str, urdf: str, gravity: float | None)
                          '--model; in Python urdf, or model')
     if gravity is None:
         gravity = controller.gravity if controller else _GRAVITY
+    gravity = GRAVITY.checked(gravity)
     locked = controller.locked if controller else ('',)
     positions = locked_positions(locked)
     made = make_model(name, gravity, motion.recording.joints, description, positions)

@@ -85,6 +85,9 @@ def tasks(paths: Iterable[Path], conditions: Sequence[str], laws: Sequence[str] 
                 for factor, run in zip(condition.factors, under):
                     run = merged(run, {'controller': values})
                     setup = parameter_file.load(path, run)
+                    if setup.plant.duration == 0.0:
+                        raise ParameterError(f'{path}: duration', 0.0,
+                                             'a number > 0, for every run must end')
                     yield {
                         'file': str(path), 'experiment': setup.plant.experiment,
                         'condition': condition.name,

@@ -92,7 +92,7 @@ def workers(jobs: int, address: str | None = None) -> Iterator[Client]:
         with client:
             yield client
         return
-    with _without_interrupts():
+    with _without_interrupts(), refused_as('the processes that compute cannot be started'):
         cluster = LocalCluster(
             n_workers=jobs, threads_per_worker=1, memory_limit=0, dashboard_address=None,
             silence_logs=logging.CRITICAL, scheduler_kwargs={'dashboard_address': '127.0.0.1:0'})

@@ -99,7 +99,7 @@ def chunks(points: Points, numbers: Numbers) -> list[npt.NDArray[np.int64]]:
     """
     n, plant = len(points.robot.controller.joint_names), points.robot.plant
     steps = plant.duration / min(plant.control_period, plant.integration_step)
-    size = max(1, min(int(_STEPS / (n ** 2 * steps)), -(-len(numbers) // _FEWEST)))
+    size = max(1, int(min(_STEPS / (n ** 2 * steps), -(-len(numbers) // _FEWEST))))
     return np.split(np.asarray(numbers), range(size, len(numbers), size))
 
 

@@ -16,6 +16,9 @@
 
 from __future__ import annotations
 
+import csv
+import io
+
 from ctc_chattering.analysis import tables
 from ctc_chattering.analysis.markup import in_html
 import pytest
@@ -40,3 +43,13 @@ import pytest
     (str(tables.rounded(123456.0)), '123000.0'), (str(tables.rounded(1.23456789, 6)), '1.23457')])
 def test_text(text: str, wanted: str) -> None:
     assert text == wanted
+
+
+def test_no_cell_of_a_csv_file_is_a_formula() -> None:
+    """Check text from outside; numbers, negative ones as well, are numbers."""
+    names = ['=1+1', '+1', '-1', '@SUM(A1)', '\t=1', '\r=1', 'arm =1', '', 'two\n=1']
+    text = tables.csv_text([{'name': name, 'error': -1.5, 'count': -2} for name in names])
+    rows = list(csv.DictReader(io.StringIO(text, newline='')))
+    assert [row['name'] for row in rows] == [
+        "'=1+1", "'+1", "'-1", "'@SUM(A1)", "' =1", "' =1", 'arm =1', '', 'two =1']
+    assert {(row['error'], row['count']) for row in rows} == {('-1.5', '-2')}

@@ -363,6 +363,11 @@ def test_a_case_is_above_what_all_have_and_that_above_the_file(tmp_path: Path) -
     ('actuator_lag', 'actuator_lags', 'actuator_lags.*did you mean'),
     ('overrides', 'override', 'override.*did you mean overrides'),
     ("'/**'", 'robot', '5 ms.*robot.*controller'), ('cases:', 'cases: 3\nx:', 'x'),
+    ('plant: {duration: 6.0, coulomb_friction: [8.0, 8.0]}', 'plant: 3', 'overrides: plant: 3 is'),
+    ('plant: {actuator_lag: [2.0e-3, 2.0e-3]}', 'plant: [1]', 'lag: 2 ms: plant: .1. is'),
+    ('  Drive lag:\n', '  other: 3\n  Drive lag:\n', 'other: 3 is not .*; allowed: a mapping'),
+    ('cases:\n', 'cases: [1]\nx:\n', "'x' is not allowed"),
+    ('duration: 6.0', 'duration: 0.0', r'duration: 0\.0 is not allowed; allowed: a number > 0'),
     ('    2 ms: {x: 2, plant: {actuator_lag: [2.0e-3, 2.0e-3]}}', '    2 ms: 3', '2 ms.*3')])
 def test_what_is_wrong_is_named_before_anything_runs(
         old: str, new: str, words: str, tmp_path: Path) -> None:
