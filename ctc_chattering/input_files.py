@@ -72,6 +72,30 @@ def read_text(path: Path) -> str:
         raise CtcError(f'{path}: not a text file') from None
 
 
+def check_regular(path: Path) -> None:
+    """
+    Raise where a library would wait for a file, or read one without an end.
+
+    Parameters
+    ----------
+    path : Path
+        A file, or a folder of files.
+
+    Raises
+    ------
+    CtcError
+        If it, or something in the folder, is a pipe, a socket or a device.
+
+    """
+    try:
+        for file in (path, *(path.iterdir() if path.is_dir() else ())):
+            mode = file.stat().st_mode if file.exists() else stat.S_IFREG
+            if not (stat.S_ISREG(mode) or stat.S_ISDIR(mode)):
+                raise CtcError(f'{file}: is {kind_of(mode)}; a regular file is needed')
+    except OSError as error:
+        raise CtcError(f'{path}: {error.strerror or error}') from None
+
+
 def kind_of(mode: int) -> str:
     """Return what a file of this mode is, with its article."""
     kinds = {stat.S_IFREG: 'a file', stat.S_IFDIR: 'a folder', stat.S_IFLNK: 'a link',

@@ -245,8 +245,8 @@ def check_owner(path: Path, command: str) -> None:
         owner = _read_list(path).command
         foreign = '' if owner else next(_names(path), '')
     if foreign:
-        raise CtcError(f'{path}: contains {foreign}, which ctc has not written; choose a new '
-                       'or an empty folder as --out')
+        raise CtcError(f'{path}: contains {foreign}, and no list of what ctc has written; choose '
+                       'a new or an empty folder as --out')
     if owner not in ('', command):
         raise CtcError(f'{path}: has the output of {owner}, which {command} does not replace; '
                        'choose another --out')

@@ -211,7 +211,7 @@ PLACES: dict[str, tuple[Callable[[Path], Path], str]] = {
     'the root': (lambda _: Path('/'), 'is the working directory, or above it'),
     'home': (lambda path: path / 'home', 'is the home folder'),
     'a mount point': (lambda _: Path('/dev/shm'), 'is the top of a file system'),
-    'a workspace': (lambda path: path / 'home/src', r'contains notes\.txt, which ctc has not'),
+    'a workspace': (lambda path: path / 'home/src', r'contains notes\.txt, and no list'),
     'of another command': (lambda path: path / 'map', 'has the output of ctc map, which ctc plot'),
     'a file': (lambda path: path / 'home/src/notes.txt', 'is a file, not a folder'),
     'a pipe': (lambda path: path / 'pipe', 'is a pipe, not a folder'),
@@ -284,7 +284,7 @@ def test_a_link_in_the_place_of_the_new_folder_is_not_followed(plots: Path, tmp_
         write(plots, NEW, overwrite=True)
     part.unlink()
     fill(part, {'notes.txt': 'mine'})
-    with pytest.raises(CtcError, match=r'\.plots\.part: contains notes\.txt, which ctc has not'):
+    with pytest.raises(CtcError, match=r'\.plots\.part: contains notes\.txt, and no list'):
         write(plots, NEW, overwrite=True)
     assert contents(other) == contents(part) == {'notes.txt': 'mine'}
 
@@ -349,7 +349,7 @@ def test_a_list_that_was_cut_off_goes_on(plots: Path) -> None:
 @pytest.mark.parametrize('line', ['[]', '3', '{"file": 3}', '{"file": [], "sha256": {}}', 'x'])
 def test_a_list_of_nonsense_is_no_list(tmp_path: Path, line: str) -> None:
     fill(tmp_path, {'notes.txt': 'mine', LIST: line})
-    with pytest.raises(CtcError, match=r'contains notes\.txt, which ctc has not written'):
+    with pytest.raises(CtcError, match=r'contains notes\.txt, and no list of what ctc has written'):
         write(tmp_path, NEW, overwrite=True)
 
 
@@ -378,7 +378,7 @@ def test_a_pipe_in_the_place_of_a_list_is_not_waited_for(tmp_path: Path) -> None
     os.mkfifo(tmp_path / LIST)
     with pytest.raises(CtcError, match=r'is a pipe; remove it'), holding(tmp_path):
         pass
-    with pytest.raises(CtcError, match=rf'contains {LIST}, which ctc has not written'):
+    with pytest.raises(CtcError, match=rf'contains {LIST}, and no list of what ctc has written'):
         write(tmp_path, NEW)
 
 

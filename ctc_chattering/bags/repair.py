@@ -19,7 +19,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import closing, suppress
 import dataclasses
-import os
 from pathlib import Path
 import re
 import tempfile
@@ -28,6 +27,7 @@ from typing import Any
 from ctc_chattering.bags.bag import Bag, damaged, index_of, mapped, RECORD, unpacked_chunk
 from ctc_chattering.bags.writer import BagWriter, QOS
 from ctc_chattering.errors import CtcError
+from ctc_chattering.input_files import check_regular
 from mcap.records import Channel, Message, Schema
 from mcap.stream_reader import breakup_chunk
 from rosbags.rosbag2.metadata import dump_qos_v9, parse_qos
@@ -49,7 +49,8 @@ def open_bag(path: Path) -> Bag:
         If there is no bag, or it cannot be read.
 
     """
-    if not os.path.exists(path):  # noqa: PTH110 - A path may be too long for a system.
+    check_regular(path)
+    if not path.exists():
         raise CtcError(f'{path}: no such bag')
     try:
         return Bag(path)
@@ -164,7 +165,7 @@ def repair(bag: str | Path) -> tuple[int, Path] | None:
                 pass
         return None
     except CtcError:
-        if not os.path.isdir(bag) or not any(bag.glob('*.mcap')):  # noqa: PTH112 - As above.
+        if not any(bag.glob('*.mcap')):
             raise
     aside = bag.with_name(bag.name + '.damaged')
     if aside.exists():

@@ -23,6 +23,7 @@ from ctc_chattering.analysis.tables import counted
 from ctc_chattering.cli.command_line import say
 from ctc_chattering.cli.options import add_bag, add_number, add_output, add_own, own
 from ctc_chattering.errors import CtcError, refused_as
+from ctc_chattering.input_files import check_regular
 from ctc_chattering.output_files import check_folder, new_folder
 from ctc_chattering.parameters import LEAST
 
@@ -124,6 +125,7 @@ def run_repair(options: argparse.Namespace) -> int:
     """
     from ctc_chattering.bags.repair import repair
 
+    check_regular(options.bag)
     done = repair(options.bag)
     print(f'{options.bag}: '
           + (f'{done[0]} messages recovered; the damaged bag is now {done[1]}' if done

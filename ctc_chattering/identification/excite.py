@@ -38,7 +38,7 @@ from ctc_chattering.identification.random_motions import (
 )
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.output_files import new_folder
-from ctc_chattering.parameters import matrix
+from ctc_chattering.parameters import LEAST, matrix
 from ctc_chattering.trajectory.joint_limits import DescribedLimits, JointLimits
 import numpy as np
 
@@ -220,6 +220,10 @@ def excite(setup: Setup, request: Mapping[str, Any] | None = None, joints: Seque
     limits = (DescribedLimits(description, names).joints if description else
               [JointLimits(name) for name in names])
     bounds = bounds_of(config, limits)
+    for quantity, values in (('velocity', bounds.velocity), ('acceleration', bounds.acceleration)):
+        if values.min() < LEAST:
+            raise CtcError(f'joint {names[int(values.argmin())]}: its {quantity} limit leaves no '
+                           f'motion: {values.min():g}; at least {LEAST:g} is needed')
     friction = AssumedFriction(np.array(config.friction), np.array(plant.viscous_friction))
     effort = np.minimum(controller.largest_torque(model.effort_limits), plant.torque_saturation)
     links, reason = None, ''

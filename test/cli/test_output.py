@@ -41,7 +41,7 @@ OTHERS = {'compile', 'replay', 'repair', 'check-model', 'stability', 'parameters
 #: What is in the place of an output, and why it is refused.
 PLACES = {
     '.': 'is the working directory', 'pipe': 'is a pipe, not a folder',
-    'workspace': 'contains src/main.py, which ctc has not written'}
+    'workspace': 'contains src/main.py, and no list of what ctc has written'}
 
 
 @pytest.fixture

@@ -51,7 +51,7 @@ from ctc_commands import ctc, refused
 import numpy as np
 import numpy.typing as npt
 import pytest
-from urdfs import joint, link, PANDA, panda, UR5, ur5, urdf
+from urdfs import joint, link, PANDA, panda, two_links, UR5, ur5, urdf
 
 Array = npt.NDArray[np.float64]
 ROOT = Path(__file__).parents[2]
@@ -415,3 +415,11 @@ def test_it_is_the_first_that_is_as_large_as_any_can_be() -> None:
     assert bench.first(10) == pytest.approx(bench.drawn(first), abs=1e-9)
     alone, whole = bench.first(1)[1], bench.drawn(0)[1]
     assert np.abs(alone).max() < 0.8 * np.abs(whole).max()
+
+
+def test_a_limit_that_leaves_no_motion_is_refused(tmp_path: Path) -> None:
+    """Take a velocity limit above 0 for which no number of samples is enough."""
+    (tmp_path / 'arm.urdf').write_text(two_links().replace('velocity="1.5"', 'velocity="1e-320"'))
+    assert ctc('new-robot', '--urdf', 'arm.urdf', cwd=tmp_path).returncode == 0
+    refused(ctc('excite', 'robot.yaml', '--evaluations', 1, cwd=tmp_path),
+            'joint b: its velocity limit leaves no motion', 'at least 1e-09 is needed')
