@@ -87,7 +87,9 @@ def check_file(path: Path, overwrite: bool = False) -> None:
 @contextmanager
 def replacing(path: Path) -> Iterator[BinaryIO]:
     """
-    Yield a stream whose content replaces a file in one step, once it is on the disk.
+    Yield a stream whose content gets the name of a file in one step, when it is complete.
+
+    What replaces a file is on the disk before that.
 
     Parameters
     ----------
@@ -109,7 +111,8 @@ def replacing(path: Path) -> Iterator[BinaryIO]:
             with os.fdopen(descriptor, 'wb') as stream:
                 yield stream
                 stream.flush()
-                os.fsync(descriptor)
+                if path.exists():
+                    os.fsync(descriptor)
             part.replace(path)
         except BaseException:
             part.unlink(missing_ok=True)
@@ -135,10 +138,24 @@ def write_text(path: Path, text: str) -> None:
 
 
 class FileList(NamedTuple):
-    """The command that has written a folder, and the digests of the files that it has written."""
+    """
+    What a command has written into a folder.
+
+    Attributes
+    ----------
+    command : str
+        Empty without a list.
+    digests : dict of str to set of str
+        Of every content that each file has had; a process may have been killed between two.
+
+    """
 
     command: str
-    digests: dict[str, str]
+    digests: dict[str, set[str]]
+
+    def is_own(self, folder: Path, name: str) -> bool:
+        """Return whether a file is as the command has written it."""
+        return _digest(folder / name) in self.digests.get(name, ())
 
 
 class FolderContents(NamedTuple):
@@ -164,14 +181,14 @@ class FolderContents(NamedTuple):
 def read_contents(folder: Path) -> FolderContents:
     """Return what is in a folder; raise `CtcError` if it cannot be read."""
     with writing(folder):
-        digests = _read_list(folder).digests
+        files = _read_list(folder)
         contents = FolderContents([], [], [])
         for name in _names(folder):
             if any(map(_PART.fullmatch, Path(name).parts)):
                 contents.own.append(name)
-            elif name not in digests:
+            elif name not in files.digests:
                 contents.others.append(name)
-            elif digests[name] == _digest(folder / name):
+            elif files.is_own(folder, name):
                 contents.own.append(name)
             else:
                 contents.changed.append(name)
@@ -180,14 +197,14 @@ def read_contents(folder: Path) -> FolderContents:
 
 def _read_list(folder: Path) -> FileList:
     """Return the list of a folder; an empty one for a folder without."""
-    path, command, digests = folder / LIST, '', dict[str, str]()
+    path, command, digests = folder / LIST, '', dict[str, set[str]]()
     if _is_file(path):
         for line in read_text(path).splitlines():
             with suppress(ValueError, AttributeError, KeyError):  # Empty, or cut off.
                 entry = json.loads(line)
                 command = str(entry.get('command', command))
                 if 'file' in entry:
-                    digests[str(entry['file'])] = str(entry['sha256'])
+                    digests.setdefault(str(entry['file']), set()).add(str(entry['sha256']))
     return FileList(command, digests)
 
 
@@ -242,12 +259,11 @@ def check_owner(path: Path, command: str) -> None:
         mode = path.stat().st_mode
         if not stat.S_ISDIR(mode):
             raise CtcError(f'{path}: is {kind_of(mode)}, not a folder; choose another --out')
-        owner = _read_list(path).command
-        foreign = '' if owner else next(_names(path), '')
-    if foreign:
-        raise CtcError(f'{path}: contains {foreign}, and no list of what ctc has written; choose '
+        owner, first = _read_list(path).command, next(_names(path), '')
+    if first and not owner:
+        raise CtcError(f'{path}: contains {first}, and no list of what ctc has written; choose '
                        'a new or an empty folder as --out')
-    if owner not in ('', command):
+    if first and owner != command:
         raise CtcError(f'{path}: has the output of {owner}, which {command} does not replace; '
                        'choose another --out')
 
@@ -346,6 +362,7 @@ class OutputFolder:
         with replacing(path) as stream:
             yield stream
             stream.flush()
+            os.fsync(stream.fileno())
             self._note(file=name, sha256=_digest(_part(path)))
 
     @contextmanager
@@ -403,6 +420,8 @@ class OutputFolder:
             if not os.path.lexists(path) or not any(path.iterdir()):
                 self.path.rename(path)
                 return
+            for name in _names(self.path):
+                _sync(self.path / name)
             contents = read_contents(path)
             kept = [*contents.changed, *contents.others]
             for name in kept:
@@ -433,7 +452,7 @@ class OutputFolder:
         for part in (*reversed(path.relative_to(self.path).parents), Path(name)):
             if part != Path() and (self.path / part).is_symlink():
                 raise CtcError(f'{self.path / part}: is a link, which is not followed; remove it')
-        if os.path.lexists(path) and _read_list(self.path).digests.get(name) != _digest(path):
+        if os.path.lexists(path) and not _read_list(self.path).is_own(self.path, name):
             raise CtcError(f'{path}: is not as {self.command} wrote it; move it away, or choose '
                            'another --out')
 
@@ -441,6 +460,16 @@ class OutputFolder:
         """Add an entry to the list, on a line of its own, also after one that was cut off."""
         with writing(self.path / LIST):
             self._stream.write(f'\n{json.dumps(entry)}\n'.encode())
+
+
+def _sync(path: Path) -> None:
+    """Have the disk keep a file, if it is one."""
+    if _is_file(path):
+        descriptor = os.open(path, os.O_RDONLY | _NO_LINK)
+        try:
+            os.fsync(descriptor)
+        finally:
+            os.close(descriptor)
 
 
 def _exchange(one: Path, other: Path) -> None:

@@ -19,9 +19,12 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 import ctypes
+import itertools
 import json
 import os
 from pathlib import Path
+import signal
+import sys
 import types
 
 from ctc_chattering.errors import CtcError
@@ -33,10 +36,11 @@ from ctc_chattering.output_files import (
     LIST,
     new_folder,
     OutputFolder,
+    read_contents,
     replacing,
     write_text,
 )
-from ctc_commands import python
+from ctc_commands import python, ROOT
 import pytest
 
 #: The command that writes here.
@@ -143,52 +147,84 @@ def test_an_error_leaves_the_old_output_and_nothing_beside_it(plots: Path) -> No
     assert list(plots.parent.iterdir()) == [plots]
 
 
-#: A folder is replaced, and its process killed at the step of the file system with this number;
-#: prints the number of steps.
-KILLED = """
-import os, sys
-from pathlib import Path
-from ctc_chattering.output_files import new_folder
+def replace_all(path: Path) -> None:
+    with new_folder(path, PLOT, overwrite=True) as folder:
+        fill(folder, NEW)
 
-path, count = Path(sys.argv[1]), int(sys.argv[2])
-steps = 0
 
-def step(event, arguments):
-    global steps
-    if event.startswith(('os.', 'open', 'shutil.', 'fcntl.')):
-        steps += 1
-        if steps == count:
-            os.kill(os.getpid(), 9)
+def replace_files(path: Path) -> None:
+    with held(path, PLOT) as folder, folder.replacing_files() as scratch:
+        fill(scratch, NEW)
 
-sys.addaudithook(step)
-with new_folder(path, 'ctc plot', True) as folder:
-    for name, text in {new}.items():
-        (folder / name).parent.mkdir(exist_ok=True)
-        (folder / name).write_text(text)
-print(steps)
-"""
+
+def print_kills(path: Path, replace: Callable[[Path], None]) -> None:
+    """
+    Kill a process that replaces files at one step of the file system after the other.
+
+    Print each time what is there, and the changed files; give the folder its old files again.
+    """
+    before = contents(path)
+    for count in itertools.count(1):
+        process = os.fork()
+        if not process:
+            steps = itertools.count(1)
+
+            def step(event: str, _: object, steps: Iterator[int] = steps, count: int = count
+                     ) -> None:
+                if event.startswith(('os.', 'open', 'shutil.', 'fcntl.')) and next(steps) == count:
+                    os.kill(os.getpid(), signal.SIGKILL)
+            sys.addaudithook(step)
+            replace(path)
+            os._exit(0)
+        _, status = os.waitpid(process, 0)
+        print(json.dumps([contents(path), read_contents(path).changed]))
+        if status == 0:
+            return
+        if contents(path) != before:
+            write(path, OLD, overwrite=True)
+
+
+def kills(path: Path, replace: Callable[[Path], None]) -> list[dict[str, str]]:
+    """Return what `print_kills` prints in a process of its own; no file counts as changed."""
+    script = (f'import sys; sys.path.insert(0, {str(Path(__file__).parent)!r})\n'
+              'from pathlib import Path; import test_output_files as t\n'
+              f't.print_kills(Path({str(path)!r}), t.{replace.__name__})')
+    result = python('-c', script, path=ROOT / 'test' / 'support')
+    assert result.returncode == 0, result.stderr
+    states = [json.loads(line) for line in result.stdout.splitlines()]
+    assert not any(changed for _, changed in states)
+    assert len(states) > 30
+    return [files for files, _ in states]
 
 
 def test_a_kill_at_any_step_leaves_the_old_or_the_new_output(plots: Path) -> None:
-    """Kill the process at one step after the other; the next one clears up."""
-    script = KILLED.replace('{new}', repr(NEW))
-    mine = {**MINE, 'link': '-> /nowhere'}
-    states, step = list[str](), 0
-    while True:
-        step += 1
-        result = python('-c', script, plots, step)
-        states.append(({**mine, **OLD} == contents(plots) and 'old')
-                      or ({**mine, **NEW} == contents(plots) and 'new') or 'neither')
-        if result.returncode == 0:
-            break
-        assert result.returncode == -9
-        if states[-1] == 'new':
-            write(plots, OLD, overwrite=True)
-            assert contents(plots) == {**mine, **OLD}
-    assert step > 50
-    assert set(states[:-1]) == {'old', 'new'}
-    assert states[-1] == 'new'
+    """What is left of the one that was killed, the next one clears up."""
+    *killed, last = kills(plots, replace_all)
+    old, new = ({**files, **MINE, 'link': '-> /nowhere'} for files in (OLD, NEW))
+    assert [x for x in killed if x not in (old, new)] == []
+    assert old in killed and new in killed and last == new
     assert list(plots.parent.iterdir()) == [plots]
+
+
+def test_a_kill_at_any_step_leaves_each_file_in_a_folder_that_is_held_whole(plots: Path) -> None:
+    *killed, last = kills(plots, replace_files)
+    mine = {**MINE, 'link': '-> /nowhere'}
+    for files in killed:
+        for name, text in files.items():
+            assert '.files.part' in name or text in (
+                OLD.get(name), NEW.get(name), mine.get(name)), name
+        assert files.keys() >= {**OLD, **mine}.keys()
+    assert last == {**OLD, **NEW, **mine}
+
+
+def test_an_empty_folder_with_a_list_is_for_any_command(plots: Path) -> None:
+    with new_folder(plots.with_name('other'), 'ctc map') as folder:
+        fill(folder, {'map.parquet': 'rows'})
+    (plots.with_name('other') / 'map.parquet').unlink()
+    write(plots.with_name('other'), NEW)
+    assert contents(plots.with_name('other')) == NEW
+    write(plots.with_name('other'), OLD, overwrite=True)
+    assert contents(plots.with_name('other')) == OLD
 
 
 def test_where_two_folders_cannot_be_exchanged_they_are_renamed(
@@ -349,7 +385,7 @@ def test_a_list_that_was_cut_off_goes_on(plots: Path) -> None:
 @pytest.mark.parametrize('line', ['[]', '3', '{"file": 3}', '{"file": [], "sha256": {}}', 'x'])
 def test_a_list_of_nonsense_is_no_list(tmp_path: Path, line: str) -> None:
     fill(tmp_path, {'notes.txt': 'mine', LIST: line})
-    with pytest.raises(CtcError, match=r'contains notes\.txt, and no list of what ctc has written'):
+    with pytest.raises(CtcError, match=r'contains notes\.txt, and no list of what ctc'):
         write(tmp_path, NEW, overwrite=True)
 
 

@@ -33,7 +33,8 @@ REPRODUCE = 'ctc reproduce'
 Progress = Callable[[str, float, float], None]
 
 
-def reproduce(out: str | Path, progress: Progress | None = None) -> list[Result]:
+def reproduce(out: str | Path, progress: Progress | None = None, overwrite: bool = False
+              ) -> list[Result]:
     """
     Run the paper's experiments on the nodes, over ROS, and record them.
 
@@ -45,6 +46,8 @@ def reproduce(out: str | Path, progress: Progress | None = None) -> list[Result]
         Directory for ``bags``, one of each experiment.
     progress : callable, optional
         Called now and then with the name of an experiment, its time and its duration [s].
+    overwrite : bool
+        Replace what an earlier call has written there.
 
     Returns
     -------
@@ -59,7 +62,7 @@ def reproduce(out: str | Path, progress: Progress | None = None) -> list[Result]
         Without ROS.
 
     """
-    with new_folder(Path(out), REPRODUCE) as folder:
+    with new_folder(Path(out), REPRODUCE, overwrite) as folder:
         return record(folder / BAGS, progress)
 
 
