@@ -23,10 +23,10 @@ import re
 from textwrap import fill
 from typing import Any
 
-from ctc_chattering.analysis.output import file_stem, writing
 from ctc_chattering.analysis.page import FigureFile
 from ctc_chattering.analysis.tables import cut
 from ctc_chattering.numerics.time_grid import missing
+from ctc_chattering.output_files import file_stem, write_bytes
 from ctc_chattering.simulation.closed_loop import Array
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -129,20 +129,19 @@ def save(figures: Iterable[tuple[str, Figure, str]], directory: Path, kinds: Seq
     """
     files: list[FigureFile] = []
     used: set[str] = set()
-    with writing(directory):
-        directory.mkdir(parents=True, exist_ok=True)
-        for name, figure, caption in figures:
-            stem = file_stem(name, used)
-            _plain(fit(figure))
-            for kind in dict.fromkeys(kinds):
-                data = io.BytesIO()
-                figure.savefig(data, format=kind, dpi=130, metadata=_METADATA[kind])
-                (directory / f'{stem}.{kind}').write_bytes(
-                    _NOT_XML.sub(b'', data.getvalue()) if kind == 'svg' else data.getvalue())
-            first, *others = (directory / f'{stem}.{kind}' for kind in dict.fromkeys(kinds))
-            width, height = 96.0 * figure.get_size_inches()
-            files.append(FigureFile(first, figure.texts[0].get_text(), caption, tuple(others),
-                                    (round(width), round(height))))
+    for name, figure, caption in figures:
+        stem = file_stem(name, used)
+        _plain(fit(figure))
+        for kind in dict.fromkeys(kinds):
+            data = io.BytesIO()
+            figure.savefig(data, format=kind, dpi=130, metadata=_METADATA[kind])
+            write_bytes(
+                directory / f'{stem}.{kind}',
+                _NOT_XML.sub(b'', data.getvalue()) if kind == 'svg' else data.getvalue())
+        first, *others = (directory / f'{stem}.{kind}' for kind in dict.fromkeys(kinds))
+        width, height = 96.0 * figure.get_size_inches()
+        files.append(FigureFile(first, figure.texts[0].get_text(), caption, tuple(others),
+                                (round(width), round(height))))
     return files
 
 

@@ -26,8 +26,8 @@ from typing import Any, NamedTuple
 import ctc_chattering
 from ctc_chattering.analysis import markup
 from ctc_chattering.analysis.markup import Markup
-from ctc_chattering.analysis.output import write_text
 from ctc_chattering.analysis.tables import Table
+from ctc_chattering.output_files import write_text
 
 _PACKAGE = 'ctc_chattering.analysis'
 #: Entries from which on a page has an index.

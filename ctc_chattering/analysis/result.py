@@ -23,10 +23,11 @@ import csv
 import dataclasses
 from enum import auto, Enum
 from functools import cached_property
+import io
 from itertools import cycle, groupby, pairwise
 from math import inf
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, BinaryIO, NamedTuple
 
 from ctc_chattering.analysis.metrics import (
     error_shares,
@@ -36,7 +37,6 @@ from ctc_chattering.analysis.metrics import (
     window_of,
     within,
 )
-from ctc_chattering.analysis.output import write_json, writing
 from ctc_chattering.analysis.signals import PARTS, Series, SignalOrigin
 from ctc_chattering.analysis.tables import measured, number_text
 from ctc_chattering.analysis.terms import RunTerms, terms
@@ -48,6 +48,7 @@ from ctc_chattering.dynamics.registry import model_of
 from ctc_chattering.dynamics.urdf_parser import Tree
 from ctc_chattering.errors import CtcError, ParameterError, shortened
 from ctc_chattering.numerics.time_grid import missing
+from ctc_chattering.output_files import replacing, write_json
 from ctc_chattering.simulation import closed_loop
 from ctc_chattering.simulation.closed_loop import Array, Run
 from ctc_chattering.simulation.plant import make_plant, Plant
@@ -611,25 +612,25 @@ def export(result: Result, path: str | Path) -> None:
     path = Path(path)
     if path.suffix not in ('.npz', '.csv'):
         raise ParameterError('path', str(path), 'a name that ends in .npz or .csv')
-    with writing(path):
+    columns = {name: getattr(result.run, name) for name in _ARRAYS}
+    with replacing(path) as stream:
         if path.suffix == '.npz':
-            _write_arrays(result, path)
-            return
-        columns = {name: getattr(result.run, name) for name in _ARRAYS}
-        _write_columns(result, path, result.run.t, columns)
-        if result.commands is not None:
-            _write_columns(
-                result, commands_path(path), result.torque.t, {'tau': result.torque.values})
+            _write_arrays(result, stream)
+        else:
+            _write_columns(result, stream, result.run.t, columns)
+    if path.suffix == '.csv' and result.commands is not None:
+        with replacing(commands_path(path)) as stream:
+            _write_columns(result, stream, result.torque.t, {'tau': result.torque.values})
 
 
-def _write_arrays(result: Result, path: Path) -> None:
-    """Write the arrays of a run into a NumPy file."""
+def _write_arrays(result: Result, stream: BinaryIO) -> None:
+    """Write the arrays of a run in NumPy's format."""
     terms = result.law_terms
     of_law: dict[str, Any] = {} if terms is None else {
         'terms_t': terms.t, 'nominal': terms.nominal, 'compensation': terms.compensation,
         'robust': terms.robust, 'lyapunov': terms.lyapunov}
     np.savez(
-        path, **vars(result.run), command_t=result.torque.t, command=result.torque.values,
+        stream, **vars(result.run), command_t=result.torque.t, command=result.torque.values,
         **of_law, signals=list(result.origins),
         origins=[origin.value for origin in result.origins.values()],
         joint_names=result.joint_names, position_units=result.position_units,
@@ -637,7 +638,8 @@ def _write_arrays(result: Result, path: Path) -> None:
         law=result.law, switching=result.config.switching, **result.gains)
 
 
-def _write_columns(result: Result, path: Path, t: Array, arrays: Mapping[str, Array]) -> None:
+def _write_columns(result: Result, stream: BinaryIO, t: Array, arrays: Mapping[str, Array]
+                   ) -> None:
     """Write times and arrays, each of shape (N, n), as comma-separated values."""
     heads, columns = ['t [s]'], [t]
     for name, values in arrays.items():
@@ -646,5 +648,6 @@ def _write_columns(result: Result, path: Path, t: Array, arrays: Mapping[str, Ar
                  else [unit + suffix for unit in result.position_units])
         heads += [f'{name}_{joint} [{unit}]' for joint, unit in zip(result.joint_names, units)]
         columns.extend(values.T)
-    with path.open('w', newline='', encoding='utf-8') as file:
-        csv.writer(file).writerows([heads, *np.column_stack(columns).tolist()])
+    text = io.TextIOWrapper(stream, 'utf-8', 'backslashreplace', newline='')
+    csv.writer(text).writerows([heads, *np.column_stack(columns).tolist()])
+    text.detach()

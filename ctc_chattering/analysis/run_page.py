@@ -26,7 +26,6 @@ from typing import Any
 from ctc_chattering.analysis import page
 from ctc_chattering.analysis.markup import fragment, Markup
 from ctc_chattering.analysis.metrics import BAND
-from ctc_chattering.analysis.output import check_format, file_stem, finite, prepare, write_text
 from ctc_chattering.analysis.page import FigureFile
 from ctc_chattering.analysis.result import (
     colours,
@@ -39,9 +38,18 @@ from ctc_chattering.analysis.result import (
 from ctc_chattering.analysis.signals import by_times, compressed, PARTS, Series, SignalOrigin
 from ctc_chattering.analysis.tables import Table
 from ctc_chattering.errors import ParameterError
+from ctc_chattering.output_files import (
+    check_format,
+    file_stem,
+    finite,
+    new_folder,
+    write_text,
+)
 from ctc_chattering.parameters import check_some
 from ctc_chattering.simulation.closed_loop import Array
 
+#: The command that writes runs.
+PLOT = 'ctc plot'
 #: Numbers of a run that a page has; of more, those of the first samples.
 MOST = 8_000_000
 #: Numbers of a run up to which they are exact.
@@ -296,11 +304,10 @@ def _headline(pairs: Sequence[Pair]) -> str:
 
 #: Names in the directory of `write_runs`.
 FIGURES, PAGE, SAMPLES = 'figures', 'index.html', 'samples'
-NAMES = (FIGURES, METRICS, PAGE, SAMPLES)
 
 
 def write_runs(results: Sequence[Result], out: str | Path, bags: Sequence[str | Path] = (),
-               extra: str = 'svg', command: str = '') -> None:
+               extra: str = 'svg', command: str = '', overwrite: bool = False) -> None:
     """
     Write figures, numbers and a page with interactive plots, on which runs are compared.
 
@@ -316,21 +323,31 @@ def write_runs(results: Sequence[Result], out: str | Path, bags: Sequence[str | 
         A second format for each figure.
     command : str
         What was run, for the page.
+    overwrite : bool
+        Replace what an earlier call has written there.
 
     Raises
     ------
     CtcError
-        If there is no result, a run has no samples, a file exists already, or cannot be written.
+        If there is no result, a run has no samples, other files are there, or one cannot be
+        written.
 
     """
-    from ctc_chattering.analysis.figures import save_figures  # Takes time.
-
     check_some('results', results)
     if len(bags) not in (0, len(results)):
         raise ParameterError('bags', bags, f'none, or {len(results)}, one of each result')
     check_format(extra)
-    out = prepare(Path(out), NAMES)
-    figures = save_figures(results, out / FIGURES, extra)
-    write_metrics(results, out / METRICS)
-    write_page(results, figures, out / PAGE, [os.path.relpath(bag, out) for bag in bags],
-               write_samples(results, out / SAMPLES), command)
+    links = [os.path.relpath(bag, out) for bag in bags]
+    with new_folder(Path(out), PLOT, overwrite) as folder:
+        fill_folder(results, folder, links, extra, command)
+
+
+def fill_folder(results: Sequence[Result], folder: Path, links: Sequence[str], extra: str = 'svg',
+                command: str = '') -> None:
+    """Write the files of `write_runs`; the page has these links to the bags."""
+    from ctc_chattering.analysis.figures import save_figures  # Takes time.
+
+    figures = save_figures(results, folder / FIGURES, extra)
+    write_metrics(results, folder / METRICS)
+    plots = write_samples(results, folder / SAMPLES)
+    write_page(results, figures, folder / PAGE, links, plots, command)

@@ -59,6 +59,7 @@ from ctc_chattering.bags.writer import (
     write_metadata,
 )
 from ctc_chattering.errors import CtcError
+from ctc_chattering.input_files import check_regular
 from mcap.reader import make_reader
 from mcap.records import Channel, Message, Schema
 from mcap.stream_reader import breakup_chunk
@@ -104,7 +105,8 @@ def open_bag(path: Path) -> Bag:
         If there is no bag.
 
     """
-    if not (path.is_dir() or path.is_file()):  # A pipe would wait for ever.
+    check_regular(path)
+    if not path.exists():
         raise CtcError(f'{path}: no such bag')
     try:
         return Bag(path)

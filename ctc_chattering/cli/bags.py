@@ -21,10 +21,12 @@ import dataclasses
 from math import inf
 from pathlib import Path
 
-from ctc_chattering.analysis.output import prepare
+from ctc_chattering.analysis.tables import counted
 from ctc_chattering.cli.command_line import say
 from ctc_chattering.cli.options import add_bag, add_number, add_output, add_own, own
-from ctc_chattering.errors import CtcError, ParameterError, UsageError
+from ctc_chattering.errors import CtcError, ParameterError, refused_as, UsageError
+from ctc_chattering.input_files import check_regular
+from ctc_chattering.output_files import check_folder, new_folder
 from ctc_chattering.parameters import LEAST
 
 
@@ -45,16 +47,18 @@ def run_plot(options: argparse.Namespace) -> int:
 
     Write them with metrics.json and index.html. Several bags are compared.
     """
-    from ctc_chattering.analysis.run_page import NAMES
+    from ctc_chattering.analysis.run_page import PAGE, PLOT, write_runs
     from ctc_chattering.bags.reader import find_bags, read_bag
-    from ctc_chattering.cli.presentation import present
+    from ctc_chattering.cli.presentation import print_page, print_results
 
     window = options.window and tuple(options.window)
     if window and not -inf < window[0] < window[1] < inf:
         raise UsageError(str(ParameterError('--window', window, 'two times, BEGIN < END')))
+    check_folder(options.out, PLOT, options.overwrite)
     bags, results = [], []
     for path in options.bags:
-        found = find_bags(path)
+        with refused_as(f'{path}: cannot be searched for bags'):
+            found = find_bags(path)
         for bag in found or [path]:
             try:
                 result = read_bag(bag, **own(options))
@@ -66,8 +70,11 @@ def run_plot(options: argparse.Namespace) -> int:
                 say(f'left out: {error}')
     if not results:
         raise CtcError(f'no bag of this package in {", ".join(map(str, options.bags))}')
-    out = prepare(options.out, NAMES, options.overwrite)
-    return present(results, bags, out, options.format, options.said)
+    print(f'drawing {counted(len(results), "run")} ...', flush=True)
+    write_runs(results, options.out, bags, options.format, options.said, options.overwrite)
+    print_results(results)
+    print_page(options.out / PAGE)
+    return 0
 
 
 def export_options(parser: argparse.ArgumentParser) -> None:
@@ -89,14 +96,14 @@ def run_export(options: argparse.Namespace) -> int:
     from ctc_chattering.analysis.result import commands_path, export
     from ctc_chattering.bags.reader import read_bag
 
-    result = read_bag(options.bag, **own(options))
-    path = options.out / ('trajectory.csv' if options.csv else 'trajectory.npz')
-    commands = commands_path(path)
-    prepare(options.out, (path.name, commands.name), options.overwrite)
-    export(result, path)
+    with new_folder(options.out, 'ctc export', options.overwrite) as folder:
+        result = read_bag(options.bag, **own(options))
+        name = 'trajectory.csv' if options.csv else 'trajectory.npz'
+        export(result, folder / name)
+    path = options.out / name
     print(f'{len(result.t)} samples: {path}')
-    if commands.exists():
-        print(f'{len(result.torque.t)} torques: {commands}')
+    if commands_path(path).exists():
+        print(f'{len(result.torque.t)} torques: {commands_path(path)}')
     for note in result.metrics()['notes']:
         print(note)
     return 0
@@ -136,6 +143,7 @@ def run_repair(options: argparse.Namespace) -> int:
     """
     from ctc_chattering.bags.repair import repair
 
+    check_regular(options.bag)
     repaired = repair(options.bag)
     if repaired is None:
         print(f'{options.bag}: nothing to repair')

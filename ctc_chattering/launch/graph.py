@@ -129,7 +129,7 @@ def node_values(setup: Setup, record: Path | None, with_bringup: bool = True
         If the bag exists, or there are events and no bringup.
 
     """
-    if record is not None and record.exists():
+    if record is not None and os.path.lexists(record):
         raise CtcError(f'{record}: exists already, not overwritten')
     if setup.events and not with_bringup:
         raise CtcError('bringup: events are not allowed in a launch file; run bringup: '

@@ -23,7 +23,6 @@ from typing import Any
 
 from ctc_chattering.analysis.markup import component
 from ctc_chattering.analysis.markup import page as page_of
-from ctc_chattering.analysis.output import write_text
 from ctc_chattering.analysis.result import Result
 from ctc_chattering.analysis.signals import by_times, coded, packed, SignalOrigin
 from ctc_chattering.errors import CtcError
@@ -31,6 +30,7 @@ from ctc_chattering.live.page import Page, scripts
 from ctc_chattering.live.page_socket import Message, word
 from ctc_chattering.live.skeleton import as_json, places, Skeleton, skeleton_of, stage
 from ctc_chattering.numerics.linear_algebra import Array
+from ctc_chattering.output_files import write_text
 import numpy as np
 
 #: Between two pictures of the arm [s].

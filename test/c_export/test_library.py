@@ -23,7 +23,7 @@ import subprocess
 from typing import Any
 
 from broken_arm import Broken
-from ctc_chattering.c_export.library import export
+from ctc_chattering.c_export.library import c_string, export
 from ctc_chattering.control.controller_config import SWITCHINGS
 from ctc_chattering.controller.trips import TripMonitor
 from ctc_chattering.errors import CtcError
@@ -86,8 +86,10 @@ def test_ten_thousand_torques_to_the_last_bit(tmp_path: Path, file: str, law: st
 
 @pytest.mark.slow
 def test_a_delay_and_limits(tmp_path: Path) -> None:
-    check_bits(robot_of('friction', 'implicit_observer', input_delay=2, inertia_scale=1.1,
-                        effort_rate_limit=[2e4, 2e4], effort_limit=[300.0, 60.0]), tmp_path, 1000)
+    robot = robot_of('friction', 'implicit_observer', input_delay=2, inertia_scale=1.1,
+                     effort_rate_limit=[2e4, 2e4], effort_limit=[300.0, 60.0])
+    odd = robot.config.changed({'joint_names': ['a??/', 'b"\\']})  # As C has them, too.
+    check_bits(robot._replace(config=odd), tmp_path, 1000)
 
 
 class Law:
@@ -339,6 +341,21 @@ def test_a_limit_that_would_turn_the_clamp_round_is_not_exported(tmp_path: Path)
     done = ctc('export-c', 'arm.yaml', '--out', 'law', cwd=tmp_path)
     refused(done, 'joint a: effort is -1')
     assert not (tmp_path / 'law').exists()
+
+
+@pytest.mark.parametrize('standard', ['c99', 'c11', 'gnu17', 'c++98', 'c++17'])
+def test_names_of_joints_are_literals_of_every_version_of_c(standard: str, tmp_path: Path) -> None:
+    """Check trigraphs, ends of strings and lines, and what is no ASCII."""
+    names = ['joint 1', 'a??/', '??=??(', '"\\', 'tab\t1', 'line\n2', 'é\u20ac', '\x7f1', '%s',
+             'b\\']
+    source = tmp_path / ('names.cpp' if '++' in standard else 'names.c')
+    source.write_text('#include <stdio.h>\nint main(void) {\n' + ''.join(
+        f'fwrite({c_string(x)}, 1, sizeof({c_string(x)}), stdout);\n' for x in names)
+        + 'return 0;\n}\n')
+    subprocess.run(['c++' if '++' in standard else 'cc', f'-std={standard}', '-Wall', '-Wextra',
+                    '-Wpedantic', '-Werror', source, '-o', tmp_path / 'names'], check=True)
+    printed = subprocess.check_output([tmp_path / 'names'])
+    assert printed.decode().split('\0')[:-1] == names
 
 
 def test_a_model_of_ones_own_and_full_matrices_are_refused(tmp_path: Path) -> None:

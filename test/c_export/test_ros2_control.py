@@ -76,7 +76,7 @@ def program(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def built(robot: Robot, package: Path) -> Path:
     """Return a program that runs the controller by commands."""
-    export(*robot, package, package='two_link_ctc')
+    export(*robot, package, package='int')  # A word of C++.
     for name in re.findall('#include "(.*/.*)"', (package / 'controller.cpp').read_text()):
         path = package / 'stub' / name
         path.parent.mkdir(parents=True, exist_ok=True)

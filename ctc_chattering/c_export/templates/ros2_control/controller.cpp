@@ -28,7 +28,7 @@
 #include "sensor_msgs/msg/joint_state.hpp"
 #include "trajectory_msgs/msg/joint_trajectory.hpp"
 
-namespace @PACKAGE@
+namespace @PACKAGE@_controller
 {
 using controller_interface::CallbackReturn;
 using controller_interface::InterfaceConfiguration;
@@ -489,6 +489,6 @@ private:
   rclcpp::node_interfaces::OnSetParametersCallbackHandle::SharedPtr on_set_;
   std::unique_ptr<Publisher> tracking_, filter_, torques_;
 };
-}  // namespace @PACKAGE@
+}  // namespace @PACKAGE@_controller
 
-PLUGINLIB_EXPORT_CLASS(@PACKAGE@::Controller, controller_interface::ControllerInterface)
+PLUGINLIB_EXPORT_CLASS(@PACKAGE@_controller::Controller, controller_interface::ControllerInterface)
