@@ -243,6 +243,8 @@ def test_without_commands_the_plant_brakes(commander: Commander) -> None:
     commander.until_well()
     before = commander.diagnostics.next('plant').count('timeouts, command')
     commander.silent = True
+    # With 16000 time constants of the brakes in an integration step.
+    assert commander.probe.set('plant', 'fault_damping', [1e7, 1e7]).successful
     assert commander.until_braked('').count('timeouts, command') > before
     commander.probe.until_said('[ERROR]', 'no command for')
     commander.until_well()
