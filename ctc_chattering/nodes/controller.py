@@ -194,6 +194,8 @@ class ControllerNode(LoopNode[ControllerNodeConfig]):
         if answer is None:
             if not self._loop.mode.sends_torque:
                 self.statistics.pause()
+                if self._loop.last is not None:  # What is set is for the next torque.
+                    self.parameters.announce_change(self._loop.last.t + 1)
             if (self._loop.mode is Mode.TRIPPED and self._loop.simulated
                     and 'bringup' in self.config.wait_for and not self.done.done()):
                 self.failure = f'tripped: {self._loop.tripped}'  # Time would wait for a reset.

@@ -126,6 +126,11 @@ class NodeParameters:
             self._publisher.publish(ParameterEvent(
                 stamp=stamp(t), node=self._node.get_fully_qualified_name(), **{kind: changed}))
 
+    def announce_change(self, t: int) -> None:
+        """Publish what has changed since they were announced, if they were: see `announce`."""
+        if self.changed and self._announced:
+            self.announce(t)
+
     def _coerce(self, parameters: list[RosParameter]) -> list[RosParameter]:
         """Turn integers into numbers where such are due, and complete."""
         found = [self._coerced(parameter) for parameter in parameters]

@@ -82,7 +82,7 @@ def test_where_the_model_has_errors_a_longer_motion_is_no_cure() -> None:
     (-4.0, 1.4, True)])
 def test_directions_differ_where_all_of_the_interval_says_so(
         offset: float, half: float, uneven: bool) -> None:
-    """Check the end of the interval of the offset that is nearer to 0, half of Coulomb friction."""
+    """Check the end of the offset's interval that is nearer to 0: above half of the friction."""
     found = verdicts(made(dataclasses.replace(GOOD, offset=Estimate(offset, half))))
     kinds = [x.kind for x in found[1].findings]
     assert (Kind.UNEVEN in kinds) == uneven

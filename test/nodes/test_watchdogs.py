@@ -26,9 +26,11 @@ from typing import TypeVar
 
 from controller_process import ControllerUnderTest
 from ctc_chattering.control.controller import Controller, ControllerConfig
-from faults import Diagnostics, ERROR, JOINTS, Report, WARN
+from ctc_chattering.ros.subscription import qos
+from faults import Diagnostics, ERROR, JOINTS, OK, Report, WARN
 from processes import Probe, probe
 import pytest
+from rcl_interfaces.msg import ParameterEvent
 from ros_messages import COMMANDS, MS, reference, stamp, state, torques
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
@@ -172,6 +174,38 @@ def test_torques_at_their_limit_are_counted_and_an_error_beyond_its_own_trips_un
     robot.until_well()
     answer = it.call(Trigger, '/controller/reset', Trigger.Request())
     assert answer.success and answer.message == 'was not tripped'
+
+
+def law_of(event: ParameterEvent) -> str | None:
+    """Return the law that an event has; None without one."""
+    return next((x.value.string_value for x in (*event.new_parameters, *event.changed_parameters)
+                 if x.name == 'law'), None)
+
+
+def test_a_law_that_is_set_while_there_is_no_torque_is_announced(robot: Robot) -> None:
+    """Tripped, disabled, without states: `ctc live` shows what is announced."""
+    it = robot.probe
+    robot.until_well()
+    events = it.listen(ParameterEvent, 'controller/parameters', qos(100, latched=True))
+    it.until(lambda: 'chattering' in map(law_of, events), 'the law in force')
+    assert it.set('controller', 'error_limit', [1e-9, 1e-9]).successful
+    robot.refer(1.0)
+    robot.until_error('tripped')
+    for law in ('compensation', 'integral', 'pd_gravity'):
+        if law == 'integral':
+            robot.switch(False)
+        robot.silent = law == 'pd_gravity'
+        events.clear()
+        assert it.set('controller', 'law', law).successful
+        it.until(lambda: events, f'{law} on controller/parameters')
+        assert [law_of(x) for x in events] == [law]
+        report = robot.diagnostics.next('controller')
+        assert report.values['law'] == law and report.level != OK
+    for name, value in (('law', 'chattering'), ('error_limit', [float('inf')] * 2)):
+        assert it.set('controller', name, value).successful
+    assert it.call(Trigger, '/controller/reset', Trigger.Request()).success
+    robot.switch(True)
+    robot.until_well()
 
 
 @pytest.mark.parametrize('silent', [False, True])
