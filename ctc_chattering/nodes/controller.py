@@ -101,8 +101,8 @@ class ControllerNode(LoopNode[ControllerNodeConfig]):
         self.tick = min(TICK, seconds(self._loop.watchdog.timeout) / 2)
         #: Whether all who are to receive the torques do, and whether the clock is published.
         self._matched = self._clock_published = False
-        self.create_service(SetBool, '~/enable', self._on_enable)
-        self.create_service(Trigger, '~/reset', self._on_reset)
+        self.urgent = [self.create_service(SetBool, '~/enable', self._on_enable),
+                       self.create_service(Trigger, '~/reset', self._on_reset)]
         self.find_description()
 
     def begin(self, description: str) -> None:

@@ -116,6 +116,8 @@ class BaseNode(Node):
         Set it to have the process end with status 1.
     stop : sequence of int
         The signals that have asked for the end.
+    urgent : list of Service
+        Those whose requests are served before any for parameters.
     parameter_service : TolerantParameterService
         Takes requests to set parameters.
 
@@ -125,6 +127,7 @@ class BaseNode(Node):
         self.given = dict(values or {})
         super().__init__(name, start_parameter_services=False, parameter_overrides=[
             RosParameter(x, value=self.given[x]) for x in OF_ROS if x in self.given])
+        self.urgent: list[Any] = []
         self.parameter_service = TolerantParameterService(self)
         self.done = Future()
         self.failure: str | None = None

@@ -31,6 +31,9 @@ from faults import Diagnostics, ERROR, JOINTS, OK, Report, WARN
 from processes import Probe, probe
 import pytest
 from rcl_interfaces.msg import ParameterEvent
+from rcl_interfaces.srv import SetParameters
+from rclpy.parameter import Parameter
+from rclpy.qos import qos_profile_parameters
 from ros_messages import COMMANDS, MS, reference, stamp, state, torques
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
@@ -204,6 +207,28 @@ def test_a_law_that_is_set_while_there_is_no_torque_is_announced(robot: Robot) -
     for name, value in (('law', 'chattering'), ('error_limit', [float('inf')] * 2)):
         assert it.set('controller', name, value).successful
     assert it.call(Trigger, '/controller/reset', Trigger.Request()).success
+    robot.switch(True)
+    robot.until_well()
+
+
+def test_a_stop_overtakes_a_flood_of_requests_for_parameters(robot: Robot) -> None:
+    """By what the controller has done before it stopped, not by when its answer came."""
+    it, count = robot.probe, 800
+    robot.until_well()
+    client = it.node.create_client(
+        SetParameters, '/controller/set_parameters', qos_profile=qos_profile_parameters)
+    it.until(client.service_is_ready, 'the parameters')
+    it.lines.clear()
+    asked = [client.call_async(SetParameters.Request(parameters=[
+        Parameter('lambda', value=10.0 + 1e-3 * (k % 2)).to_parameter_msg()]))
+        for k in range(count)]
+    robot.switch(False)
+    it.until(lambda: all(x.done() for x in asked), 'an answer to each request')
+    it.until_said('disable, by a service')
+    stop = next(i for i, line in enumerate(it.lines) if 'disable, by a service' in line)
+    assert sum('lambda: ' in line for line in it.lines[:stop]) < count // 2
+    it.node.destroy_client(client)
+    assert it.set('controller', 'lambda', 10.0).successful
     robot.switch(True)
     robot.until_well()
 
