@@ -149,6 +149,7 @@ def check(steps: Callable[[PageSocket, str], Awaitable[None]]) -> None:
     """Run steps against a socket that is served, with its address."""
     async def run() -> None:
         samples = PageSocket()
+
         async def paced_page(connection: Any) -> None:
             connection.recv = paced(connection.recv)
             await samples.serve(connection)
