@@ -102,8 +102,8 @@ class ControllerNode(LoopNode[ControllerNodeConfig]):
         self.tick = min(TICK, seconds(self._loop.watchdog.timeout) / 2)
         #: Whether all who are to receive the torques do, and whether the clock is published.
         self._matched = self._clock_published = False
-        self.create_service(SetBool, '~/enable', self._on_enable)
-        self.create_service(Trigger, '~/reset', self._on_reset)
+        self.urgent = [self.create_service(SetBool, '~/enable', self._on_enable),
+                       self.create_service(Trigger, '~/reset', self._on_reset)]
         self.find_description()
 
     def begin(self, description: str) -> None:
@@ -198,6 +198,8 @@ class ControllerNode(LoopNode[ControllerNodeConfig]):
         if answer is None:
             if not self._loop.mode.sends_torque:
                 self.statistics.pause()
+                if self._loop.last is not None:  # What is set is for the next torque.
+                    self.parameters.announce_change(self._loop.last.t + 1)
             if (self._loop.mode is Mode.TRIPPED and self._loop.simulated
                     and 'bringup' in self.config.wait_for and not self.done.done()):
                 self.failure = f'tripped: {self._loop.tripped}'  # Time would wait for a reset.

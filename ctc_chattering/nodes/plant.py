@@ -30,7 +30,7 @@ from ctc_chattering.numerics.time_grid import NANOSECONDS, period_ns, samples, s
 from ctc_chattering.ros.messages import effort_reader, LoopMessage, stamp, state_writer
 from ctc_chattering.ros.node import ERROR, LoopNode, OK, qos, Status, WARN
 from ctc_chattering.ros.subscription import ValidatedSubscription
-from ctc_chattering.ros.topics import CLOCK, COMMANDS, JOINT_STATES, select
+from ctc_chattering.ros.topics import CLOCK, COMMANDS, JOINT_STATES, select, TOPICS
 from ctc_chattering.simulation.plant import limits_of, make_plant, Plant
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
@@ -78,7 +78,8 @@ class PlantNode(LoopNode[PlantNodeConfig]):
         self._writer = state_writer(self._names, position=n, velocity=n, effort=n)
         lockstep = self.lockstep = config.pacing == 'lockstep'
         # The clock first: who hears of it knows that a state can wait.
-        self._ticker = self.create_publisher(Clock, CLOCK, qos()) if lockstep else None
+        self._ticker = self.create_publisher(
+            Clock, CLOCK, qos(TOPICS[CLOCK].depth)) if lockstep else None
         self._states = self.create_publisher(JointState, JOINT_STATES, qos())
         self.find_description()
 

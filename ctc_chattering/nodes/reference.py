@@ -29,7 +29,7 @@ from ctc_chattering.numerics.time_grid import NANOSECONDS, nanoseconds, period_n
 from ctc_chattering.ros.messages import LATEST, read_stamp, trajectory
 from ctc_chattering.ros.node import ERROR, LoopNode, OK, qos, Status, WARN
 from ctc_chattering.ros.subscription import ValidatedSubscription
-from ctc_chattering.ros.topics import CLOCK, JOINT_STATES, JOINT_TRAJECTORY, REFERENCE
+from ctc_chattering.ros.topics import CLOCK, JOINT_STATES, JOINT_TRAJECTORY, REFERENCE, TOPICS
 from ctc_chattering.trajectory.joint_limits import DescribedLimits
 from ctc_chattering.trajectory.motions import Route
 from ctc_chattering.trajectory.reference import Followed, MotionPlan, ReferenceConfig
@@ -71,7 +71,8 @@ class ReferenceNode(LoopNode[ReferenceNodeConfig]):
         horizon = round(self.config.horizon * NANOSECONDS)
         self._ahead = max(4, horizon // self._period)
         self._piece = self._ahead // 4
-        self._publisher = self.create_publisher(JointTrajectory, REFERENCE, qos())
+        self._publisher = self.create_publisher(
+            JointTrajectory, REFERENCE, qos(TOPICS[REFERENCE].depth))
         self._simulated = False
         self._start: int | None = None
         self._now: int | None = None

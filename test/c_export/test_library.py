@@ -19,14 +19,15 @@ from __future__ import annotations
 import ctypes
 from math import inf, nan, pi
 from pathlib import Path
+import shutil
 import subprocess
 from typing import Any
 
 from broken_arm import Broken
 from ctc_chattering.c_export.library import c_string, export
 from ctc_chattering.control.controller_config import SWITCHINGS
-from ctc_chattering.controller.trips import TripMonitor
-from ctc_chattering.errors import CtcError
+from ctc_chattering.controller.trips import LARGEST_GROWTH, PATIENCE, TripMonitor
+from ctc_chattering.errors import CtcError, UsageError
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_commands import ctc, refused
 from exported_laws import compiled_by_cc, controller_of, Robot, robot_of, watched
@@ -228,6 +229,47 @@ def test_a_joint_that_is_not_endless_is_not_turned(library: Path) -> None:
     assert law.step([0.1 - 2.0 * pi, 0.2], *REST[1:]) == (ERROR_LIMIT, [0.0, 0.0])
 
 
+NO_LIMIT = ('error_limit[CTC_JOINTS] = {0.5, 0.5}',
+            'error_limit[CTC_JOINTS] = {INFINITY, INFINITY}')
+GROWTH = LARGEST_GROWTH
+TINY = 1e-9
+
+
+@pytest.mark.parametrize(('changes', 'cases'), [
+    ([], [([0.5 - TINY], OK), ([0.5 + TINY], ERROR_LIMIT), ([-0.5 - TINY], ERROR_LIMIT)]),
+    ([NO_LIMIT, ('WATCHED 0', 'WATCHED 1')], [
+        ([3.0, 3.0 - 2.0 * GROWTH], OK), ([0.5, 0.25, 0.25 + GROWTH - TINY], OK),
+        ([0.5, 0.25, 0.25 + GROWTH + TINY], ERROR_GROWTH)]),
+    ([NO_LIMIT, ('STRAINED 0', 'STRAINED MEASURED')], [
+        ([PATIENCE - TINY], OK), ([PATIENCE], OSCILLATION)])])
+def test_the_trips_are_at_their_bounds(
+        library: Path, tmp_path: Path, changes: list[tuple[str, str]],
+        cases: list[tuple[list[float], int]]) -> None:
+    """
+    Check both sides of the bounds of |e|, of its growth, and of a feedback that is not helped.
+
+    The law is law (6); the numbers beside it are changed to say that it is watched as
+    `observer_feedback` is, or that the measured position is how long its feedback was not helped.
+    """
+    path = tmp_path / 'law'
+    shutil.copytree(library, path)
+    (path / 'made').unlink()
+    data = path / 'ctc_law_data.h'
+    text = data.read_text(encoding='utf-8')
+    for before, after in changes:
+        assert text.count(before) == 1
+        text = text.replace(before, after)
+    data.write_text(text, encoding='utf-8')
+    compiled_by_cc(path, '-fPIC', '-shared')
+    # So fast that no position is a jump.
+    law, zero, fast = Law(watched(), path), [0.0, 0.0], [1e5, 0.0]
+    law.call('init')
+    for positions, expected in cases:
+        law.call('reset')
+        results = [law.step([q, 0.0], fast, *[zero] * 3)[0] for q in positions]
+        assert results == [OK] * (len(positions) - 1) + [expected], positions
+
+
 @pytest.mark.slow
 def test_an_error_that_grows_trips_where_the_node_does(tmp_path: Path) -> None:
     robot = robot_of('friction', 'observer_feedback')
@@ -330,6 +372,9 @@ def test_the_same_input_gives_the_same_bytes(tmp_path: Path) -> None:
 def test_a_name_that_is_none_of_a_package_is_refused(tmp_path: Path) -> None:
     refused(ctc('export-c', 'friction', '--out', str(tmp_path / 'out'),
                 '--ros2-control', 'My-Arm'), '--ros2-control My-Arm', 'small letters')
+    for name in ('my_arm-2', 'my_Arm', 'my arm', 'arm/../..', 'arm.h', '2_arms', 'arm"\n'):
+        with pytest.raises(UsageError, match='small letters'):
+            export(*watched(), tmp_path / 'out', package=name)
     assert not list(tmp_path.iterdir())
 
 
