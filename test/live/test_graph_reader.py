@@ -16,6 +16,8 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 from ctc_chattering.live.graph_reader import GraphReader
 from ctc_chattering.ros.node import qos
 from ctc_chattering.ros.parameters import CHANGES
@@ -41,6 +43,11 @@ def test_endless_joints_go_on_where_the_driver_begins_a_turn_again() -> None:
         rclpy.init()
         try:
             reader = GraphReader()
+
+            def heard(count: int) -> bool:
+                reader.poll()
+                return bool(reader.names) and len(reader.tracks[JOINT_STATES].rows) >= count
+
             event = ParameterEvent(node='/controller', new_parameters=[
                 Parameter('joint_names', value=['joint1', 'joint2']).to_parameter_msg(),
                 Parameter('continuous_joints', value=['joint1']).to_parameter_msg()])
@@ -48,13 +55,12 @@ def test_endless_joints_go_on_where_the_driver_begins_a_turn_again() -> None:
                 ParameterEvent, f'controller/{PARAMETERS}', qos(CHANGES, latched=True)
             ).publish(event)
             states = it.node.create_publisher(JointState, JOINT_STATES, 10)
-            it.until(lambda: reader.poll() or reader.names, 'the joints')
+            it.until(partial(heard, 0), 'the joints')
             it.until(states.get_subscription_count, 'the reader')
-            rows = reader.tracks[JOINT_STATES].rows
             for k, q in enumerate(reported):
                 states.publish(state((k + 1) * 10 * MS, joint1=(q, 2.0), joint2=(q, 2.0)))
-                it.until(lambda n=k: reader.poll() or len(rows) > n, 'the state')
-            shown = np.array([row for _, row in rows])
+                it.until(partial(heard, k + 1), 'the state')
+            shown = np.array([row for _, row in reader.tracks[JOINT_STATES].rows])
             reader.destroy_node()
         finally:
             rclpy.shutdown()

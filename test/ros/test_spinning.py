@@ -21,6 +21,7 @@ In 50,000 calls of `spin_until_future_complete` these are 50,000 allocated block
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from itertools import pairwise
 import signal
 import sys
 from typing import Any
@@ -102,4 +103,4 @@ def test_a_node_in_lockstep_keeps_what_it_has_allocated(node: Turning) -> None:
         node.at_turn[turn] = lambda: blocks.append(sys.getallocatedblocks())
     node.at_turn[81] = lambda: node.done.set_result(None)
     spin_until_stopped(node)
-    assert min(after - before for before, after in zip(blocks, blocks[1:])) < 10
+    assert min(after - before for before, after in pairwise(blocks)) < 10
