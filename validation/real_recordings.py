@@ -35,7 +35,7 @@ from ctc_chattering.bags.motion import read_motion
 from ctc_chattering.bags.recording import RecordedMotion
 from ctc_chattering.identification import recorder_faults
 from ctc_chattering.identification.findings import Estimate
-from ctc_chattering.identification.identified_robot import identify, IdentifiedRobot
+from ctc_chattering.identification.identified_robot import IdentifiedRobot, identify
 import numpy as np
 import pinocchio as pin
 from rigid_bodies import Array
@@ -214,10 +214,8 @@ def outsider(robot: IdentifiedRobot, names: Sequence[str], unseen: tuple[Array, 
 
 def _friction(numbers: dict[str, Any], names: Sequence[str], joint: int, dq: Array, torque: Array
               ) -> Array:
-    """Return friction by the numbers of identify.json, shape (K,) [N·m]; 0 if there are none."""
+    """Return friction by the numbers of identify.json, shape (K,) [N·m]; 0 for no number."""
     value = {key: x.get('value') or 0.0 for key, x in numbers.items() if isinstance(x, dict)}
-    if not value:
-        return np.zeros(len(dq))
     sign = np.tanh(dq / SMOOTHED)
     slow = np.exp(-np.square(dq[:, joint] / (value['stribeck_velocity'] or 1.0)))
     dry = value['coulomb'] + value['stribeck'] * slow + value['load'] * np.abs(torque)

@@ -35,6 +35,8 @@ from ctc_chattering.errors import given_by_user, ParameterError, UsageError
 from ctc_chattering.parameters import Parameter, unit_text
 from ctc_chattering.simulation.plant_config import PlantConfig
 
+#: Most processes of a command: each takes some 100 MB.
+_MOST_JOBS = 1000
 #: Options that override a parameter file, and the sections of their parameters.
 _SECTIONS = {'law': 'controller', 'switching': 'controller', 'control_period': '/**',
              'duration': 'plant', 'pacing': 'plant'}
@@ -124,12 +126,13 @@ def add_params_file(parser: argparse.ArgumentParser) -> None:
                         help='the same')
 
 
-def add_urdf_options(parser: argparse.ArgumentParser, required: bool = False) -> None:
-    """Add the options of a robot that a URDF describes."""
+def add_urdf_options(parser: argparse.ArgumentParser, required: bool = False,
+                     default: str = 'all that move') -> None:
+    """Add the options of a robot that a URDF describes; `default` says which joints it has."""
     parser.add_argument('--urdf', metavar='FILE', required=required,
                         help='URDF: a path or package://NAME/PATH')
     parser.add_argument('--joints', type=words, default=(), metavar='A,B,C',
-                        help='joints in the order of the model; default: all that move')
+                        help=f'joints in the order of the model; default: {default}')
     add_number(parser, '--gravity', 'acceleration of gravity', 9.81, 'float', unit='m/s^2',
                minimum=0.0)
 
@@ -168,7 +171,8 @@ def add_output(parser: argparse.ArgumentParser, default: str | None = None,
 def add_jobs(parser: Any) -> None:
     """Add the option of the number of processes: all processors, or one without dask."""
     parser.add_argument(
-        '--jobs', type=value_of(Parameter('--jobs', 'int', None, '', minimum=1)), metavar='N',
+        '--jobs', metavar='N',
+        type=value_of(Parameter('--jobs', 'int', None, '', minimum=1, maximum=_MOST_JOBS)),
         # Text, so that the same number given beside an option that excludes it is refused.
         default=str((os.cpu_count() or 1) if find_spec('distributed') else 1),
         help='number of processes, default: one per processor; no result depends on it')

@@ -17,13 +17,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from enum import Enum
+import io
 import json
 from pathlib import Path
 import re
 from typing import Any
 
 from ctc_chattering.errors import CtcError, near, ParameterError, prefixed
+from ctc_chattering.input_files import read_bytes
 from ctc_chattering.numerics.time_grid import NANOSECONDS, seconds
+from ctc_chattering.output_files import write_text
 from ctc_chattering.parameters import LARGEST, Parameter
 from ctc_chattering.trajectory.motions import Route
 import yaml
@@ -51,6 +55,11 @@ class Loader(yaml.SafeLoader):
 class Dumper(yaml.SafeDumper):
     """YAML that quotes the strings which ROS would read as numbers, such as 1e3."""
 
+    def ignore_aliases(self, data: Any) -> bool:
+        """Write what stands twice twice, not as an anchor and an alias."""
+        del data
+        return True
+
 
 for _kind in (Loader, Dumper):  # What is an integer is one already.
     _kind.add_implicit_resolver(
@@ -77,34 +86,76 @@ def parse_value(text: str) -> Any:
     return value
 
 
-def read_yaml(path: Path) -> object:
+class FileKind(Enum):
+    """Kinds of YAML files that a user writes, by their names in messages."""
+
+    PARAMETERS = 'a parameter file'
+    SPEC = 'a spec of ctc map or ctc tune'
+    WAYPOINTS = 'a file of waypoints'
+    CONDITIONS = 'a file of conditions'
+
+
+#: Where a file belongs.
+_USE = {
+    FileKind.PARAMETERS: 'ctc simulate and bringup take it, and params_file of a spec names one',
+    FileKind.SPEC: 'ctc map and ctc tune take it',
+    FileKind.WAYPOINTS: 'trajectory_file of reference names it',
+    FileKind.CONDITIONS: 'ctc compare --cases takes it'}
+#: Keys of which a file of each kind has one.
+_KEYS = {
+    FileKind.WAYPOINTS: ('points',), FileKind.CONDITIONS: ('cases',),
+    FileKind.SPEC: ('params_file', 'laws', 'axes', 'uncertain', 'tune')}
+
+
+def kind_of(tree: object) -> FileKind | None:
+    """Return the kind of a file with these contents; None where no key tells it."""
+    if not isinstance(tree, dict):
+        return None
+    if any(isinstance(value, dict) and 'ros__parameters' in value for value in tree.values()):
+        return FileKind.PARAMETERS
+    kinds = (kind for kind, keys in _KEYS.items() if not tree.keys().isdisjoint(keys))
+    return next(kinds, None)
+
+
+def read_yaml(path: Path, *expected: FileKind) -> object:
     """
     Return what a YAML file holds.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    *expected : FileKind
+        Kinds that are taken, most wanted first; none for any.
 
     Raises
     ------
     CtcError
-        If it cannot be read, is not one YAML document, or has a key twice.
+        If it cannot be read, is not one YAML document, has a key twice, or is of another kind.
 
     """
+    content = read_bytes(path)
     try:
-        with path.open(encoding='utf-8') as stream:
-            tree = yaml.load(stream, Loader)
+        stream = io.StringIO(content.decode(), newline=None)
+        stream.name = str(path)  # For messages of the parser.
+        tree = yaml.load(stream, Loader)
         json.dumps(tree, default=str, skipkeys=True)  # What contains itself is refused by it.
-    except OSError as error:
-        raise CtcError(f'{path}: {error.strerror or error}') from None
     except (yaml.YAMLError, ValueError) as error:
         raise CtcError(f'{path}: not a YAML file: {" ".join(str(error).split())}') from None
+    kind = kind_of(tree)
+    if expected and kind and kind not in expected:
+        raise CtcError(f'{path}: this is {kind.value}, not {expected[0].value}; {_USE[kind]}')
     return tree
 
 
 def write_yaml(tree: object, path: Path) -> None:
     """Write a YAML file as `read_yaml` reads it; raise `CtcError` if it cannot be written."""
-    text = yaml.dump(tree, Dumper=Dumper, default_flow_style=None, sort_keys=False, width=99)
-    try:
-        path.write_text(text, encoding='utf-8')
-    except OSError as error:
-        raise CtcError(f'cannot write {path}: {error.strerror or error}') from None
+    write_text(path, yaml_text(tree))
+
+
+def yaml_text(tree: object) -> str:
+    """Return the text of a YAML file as `read_yaml` reads it."""
+    return yaml.dump(tree, Dumper=Dumper, default_flow_style=None, sort_keys=False, width=99)
 
 
 def mapping(name: str, value: object, keys: Sequence[str]) -> dict[Any, Any]:
@@ -138,7 +189,7 @@ def read_trajectory(path: Path, joint_names: Sequence[str]) -> Route:
 
     """
     with prefixed(f'{path}: '):
-        return _route(read_yaml(path)).ordered(joint_names)
+        return _route(read_yaml(path, FileKind.WAYPOINTS)).ordered(joint_names)
 
 
 def write_trajectory(route: Route, path: Path) -> None:

@@ -97,6 +97,8 @@ class UrdfModel(Model, LinearModel):
         Least and greatest position; ∓inf where the URDF has none.
     velocity_limits, effort_limits : tuple of float, length n
         inf where the URDF has none, or 0.
+    continuous : tuple of bool, length n
+        Which joints are of this type.
     rotor_inertias : tuple of float, length n
         `rotor_inertia` in <dynamics> of each joint, reflected to the joint, on the diagonal of M.
 
@@ -115,10 +117,12 @@ class UrdfModel(Model, LinearModel):
         check_joint_names(self.joint_names)
         tree = Tree(urdf)
         stand = tree.locked(self.joint_names, locked or {})
+        tree.check_limits(self.joint_names)
         joints = [tree.joints[name] for name in self.joint_names]
         self.position_limits = tuple(joint.position for joint in joints)
         self.velocity_limits = tuple(joint.velocity for joint in joints)
         self.effort_limits = tuple(joint.effort for joint in joints)
+        self.continuous = tuple(joint.continuous for joint in joints)
         self.rotor_inertias = tuple(joint.rotor_inertia for joint in joints)
         self.n, self._links = len(joints), tuple(tree.links)
         self.gravity = gravity

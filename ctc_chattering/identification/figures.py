@@ -62,8 +62,8 @@ def torque_figure(identified: Identification, verdicts: Sequence[Verdict]
                       linewidth=1.8 if label == 'recorded' else 0.9)
     axes.set_xlabel('t [s]')
     legend_of(*figure.axes)
-    return NamedFigure('torque', figure, 'Each block of time is predicted by what was identified from the '
-                       'others. Gaps: the joint rests.')
+    return NamedFigure('torque', figure, 'Each block of time is predicted by what was identified '
+                       'from the others. Gaps: the joint rests.')
 
 
 def friction_figure(identified: Identification, verdicts: Sequence[Verdict]

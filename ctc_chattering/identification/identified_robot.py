@@ -24,12 +24,12 @@ from pathlib import Path
 from typing import Any
 
 from ctc_chattering.analysis.compilation import compile_setups, has_compiler
-from ctc_chattering.analysis.output import check_format, prepare, write_json, write_text, writing
-from ctc_chattering.bags.recording import RecordedMotion
+from ctc_chattering.bags.recording import RecordedMotion, Recording
 from ctc_chattering.configuration import parameter_file
+from ctc_chattering.control.controller_config import ControllerConfig
 from ctc_chattering.dynamics.corrected_urdf import tip_of, with_payload, with_rotors
 from ctc_chattering.dynamics.model import Model
-from ctc_chattering.dynamics.registry import locked_positions, make_model
+from ctc_chattering.dynamics.registry import DESCRIBED, locked_positions, make_model
 from ctc_chattering.dynamics.urdf_model import SingularInertia
 from ctc_chattering.dynamics.urdf_parser import Tree
 from ctc_chattering.errors import ParameterError, UsageError
@@ -51,6 +51,8 @@ from ctc_chattering.identification.trial_runs import (
     trial_runs,
     Values,
 )
+from ctc_chattering.numerics.angles import unwrapped
+from ctc_chattering.output_files import check_format, new_folder, write_json, write_text
 from ctc_chattering.parameters import check_some, LEAST, Parameter, whole
 import numpy as np
 
@@ -67,13 +69,20 @@ UNCERTAINTY = Parameter('urdf_uncertainty', 'float', URDF_UNCERTAINTY, 'uncertai
 #: Kinds of a measured effort.
 SIDES = ('', MOTOR, LINK, CURRENT)
 #: Names in the directory of `write_identified`.
-NAMES = ('index.html', 'identify.json', 'identified.yaml', 'robot.urdf', 'corrected.urdf',
-         'figures')
-PAGE, JSON, VALUES, ROBOT, CORRECTED, FIGURES = NAMES
+PAGE = 'index.html'
+JSON = 'identify.json'
+VALUES = 'identified.yaml'
+ROBOT = 'robot.urdf'
+CORRECTED = 'corrected.urdf'
+FIGURES = 'figures'
+#: The command that writes these.
+IDENTIFY = 'ctc identify'
 #: Turn of the base that needs care [rad].
 MOUNT_NOTE_RAD = 0.02
 #: Acceleration of gravity where nothing says otherwise [m/s²].
-GRAVITY = 9.81
+USUAL_GRAVITY = 9.81
+#: What is allowed of it.
+GRAVITY = ControllerConfig.parameters()['gravity']
 
 
 @dataclasses.dataclass(frozen=True)
@@ -256,6 +265,7 @@ def identify(motions: Sequence[RecordedMotion], model: str = '', urdf: str = '',
     uncertainty = UNCERTAINTY.checked(urdf_uncertainty)
     recordings, side = in_torques([x.recording for x in motions], side, constant)
     notes = [*map(note, (text for x in motions for text in x.notes))]
+    controller = motions[0].controller
     robot = _robot(motions[0], model, urdf, gravity, notes)
     del motions  # Long ones are large.
     payloads = _checked_payloads(payloads, len(recordings), robot, joints)
@@ -264,6 +274,7 @@ def identify(motions: Sequence[RecordedMotion], model: str = '', urdf: str = '',
     name = ', '.join(x.name for x in recordings)
     for k in range(len(recordings)):
         recordings[k], findings = repair(recordings[k])
+        recordings[k] = _turning_on(recordings[k], controller, robot.model)
         notes += findings
     # Velocities are needed no more after this.
     velocities = velocity_noise(recordings[0], regression.common_period(recordings))
@@ -295,6 +306,17 @@ def _checked_payloads(payloads: Sequence[tuple[float, str]], count: int, robot: 
     return [(mass, link or tip_of(Tree(robot.description), joints)) for mass, link in payloads]
 
 
+def _turning_on(recording: Recording, controller: ControllerConfig | None, model: Model
+                ) -> Recording:
+    """Return a recording whose continuous joints count their turns also over pauses."""
+    described = dict(zip(recording.joints, model.continuous))
+    named = (DESCRIBED,) if controller is None else controller.continuous_joints
+    continuous = [name in named or (DESCRIBED in named and described.get(name, False))
+                  for name in recording.joints]
+    q = unwrapped(recording.t, recording.q, None, continuous)
+    return recording if q is recording.q else dataclasses.replace(recording, q=q)
+
+
 def _robot(motion: RecordedMotion, model: str, urdf: str, gravity: float | None,
            notes: list[Finding]) -> RobotModel:
     """Return the model for a motion, from arguments, the recording, or both."""
@@ -305,7 +327,8 @@ def _robot(motion: RecordedMotion, model: str, urdf: str, gravity: float | None,
         raise UsageError(f'{motion.recording.name} has no robot description: give --urdf FILE, or '
                          '--model; in Python urdf, or model')
     if gravity is None:
-        gravity = controller.gravity if controller else GRAVITY
+        gravity = controller.gravity if controller else USUAL_GRAVITY
+    gravity = GRAVITY.checked(gravity)
     locked = controller.locked if controller else ('',)
     positions, joints = locked_positions(locked), motion.recording.joints
     try:
@@ -322,6 +345,9 @@ def _robot(motion: RecordedMotion, model: str, urdf: str, gravity: float | None,
     shared: dict[str, Any] = {'model': name, 'gravity': gravity}
     if any(locked):
         shared['locked'] = list(locked)
+    if controller and controller.joint_names == joints and (
+            controller.continuous_joints != (DESCRIBED,)):
+        shared['continuous_joints'] = list(controller.continuous_joints)
     return RobotModel(dynamics, {ROBOT: description} if name == 'urdf' else {}, positions, shared,
                       (controller.kp, controller.kv) if controller else None)
 
@@ -334,7 +360,7 @@ def _usual_rotors(description: str, joints: Sequence[str]) -> dict[str, float]:
 
 def write_identified(identified: IdentifiedRobot, out: str | Path, trials: int | None = None,
                      show: Callable[[str], None] = print, extra: str = 'svg',
-                     command: str = '') -> IdentifiedRobot:
+                     command: str = '', overwrite: bool = False) -> IdentifiedRobot:
     """
     Try the gains in simulation, and write parameter file, numbers, figures and page.
 
@@ -355,6 +381,8 @@ def write_identified(identified: IdentifiedRobot, out: str | Path, trials: int |
         A second format for each figure.
     command : str
         The command, for the page.
+    overwrite : bool
+        Replace what an earlier call has written there.
 
     Returns
     -------
@@ -364,34 +392,49 @@ def write_identified(identified: IdentifiedRobot, out: str | Path, trials: int |
     Raises
     ------
     CtcError
-        If an argument is not allowed, a file exists already, or cannot be written.
+        If an argument is not allowed, there are files already, or one cannot be written.
 
     """
     check_format(extra)
-    out = prepare(Path(out), NAMES)
     if trials is None:
         trials = COUNT if has_compiler() else COUNT_PLAIN
-    for name, text in identified.robot.files.items():
-        write_text(out / name, text)
-    results = identified.results
-    if whole('trials', trials, 0) and not identified.missing:
-        setups = setups_tried(
-            results.recommended, identified.parameters(out), identified.robot.gains)
-        compile_setups(setups, show)
-        results = dataclasses.replace(results, recommended=trial_runs(
-            results.found, results.run, results.recommended, setups, trials))
-    tried = dataclasses.replace(identified, results=results)
-    if not tried.missing:
-        with writing(out / VALUES):
-            parameter_file.dump(tried.parameters(out), out / VALUES)
-        parameter_file.load(out / VALUES)
-    write_json(results.as_mapping(), out / JSON)
-    words = {VALUES: 'parameter file', JSON: 'all numbers', CORRECTED: 'corrected URDF'}
-    files = {name: content for name, content in words.items() if (out / name).exists()}
-    from ctc_chattering.analysis.drawing import save
-    from ctc_chattering.identification.figures import friction_figure, torque_figure
-    figures = save([torque_figure(results.found, results.verdicts),
-                    friction_figure(results.found, results.verdicts)], out / FIGURES,
-                   ('svg', extra))
-    write_page(results, figures, out / PAGE, files, command)
+    whole('trials', trials, 0)
+    with new_folder(Path(out), IDENTIFY, overwrite) as folder:
+        for name, text in identified.robot.files.items():
+            write_text(folder / name, text)
+        tried = _tried(identified, folder, trials, show)
+        if not tried.missing:
+            parameter_file.dump(tried.parameters(folder), folder / VALUES)
+            parameter_file.load(folder / VALUES)
+            parameter_file.dump(tried.parameters(Path(out)), folder / VALUES)
+        write_json(tried.results.as_mapping(), folder / JSON)
+        _write_page(tried, folder, extra, command)
     return tried
+
+
+def _tried(identified: IdentifiedRobot, folder: Path, trials: int, show: Callable[[str], None]
+           ) -> IdentifiedRobot:
+    """Return the robot with the gains that survive the trials; its URDF is in a folder."""
+    if not trials or identified.missing:
+        return identified
+    results = identified.results
+    setups = setups_tried(
+        results.recommended, identified.parameters(folder), identified.robot.gains)
+    compile_setups(setups, show)
+    return dataclasses.replace(identified, results=dataclasses.replace(
+        results, recommended=trial_runs(
+            results.found, results.run, results.recommended, setups, trials)))
+
+
+def _write_page(identified: IdentifiedRobot, folder: Path, extra: str, command: str) -> None:
+    """Write figures and page."""
+    from ctc_chattering.analysis.drawing import save  # Takes time.
+    from ctc_chattering.identification.figures import friction_figure, torque_figure
+
+    results = identified.results
+    words = {VALUES: 'parameter file', JSON: 'all numbers', CORRECTED: 'corrected URDF'}
+    files = {name: content for name, content in words.items() if (folder / name).exists()}
+    figures = save([torque_figure(results.found, results.verdicts),
+                    friction_figure(results.found, results.verdicts)], folder / FIGURES,
+                   ('svg', extra))
+    write_page(results, figures, folder / PAGE, files, command)

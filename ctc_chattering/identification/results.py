@@ -28,6 +28,7 @@ from ctc_chattering.analysis.markup import fragment
 from ctc_chattering.analysis.page import FigureFile
 from ctc_chattering.analysis.tables import fitted, paragraph, shown, Table
 from ctc_chattering.identification.findings import ALL_JOINTS, Estimate, Severity
+from ctc_chattering.identification.friction import NUMBERS
 from ctc_chattering.identification.gains import Recommendation
 from ctc_chattering.identification.identify import Identification
 from ctc_chattering.identification.perturbation import MeasuredPerturbation
@@ -200,7 +201,8 @@ class IdentificationResults:
             'verdicts': [x.as_mapping() for x in self.verdicts],
             'friction': [
                 friction.as_mapping(found.joints) if verdict.usable else
-                {'value': None, 'reason': verdict.word}
+                {**{name: {'value': None, 'reason': verdict.word} for name in NUMBERS},
+                 'coupled': []}
                 for friction, verdict in zip(found.friction, self.verdicts)],
             **{x.key: [estimate.as_mapping() for estimate in x.estimates] for x in self.sensors},
             **{x.key: list(map(number, x.estimates, self.verdicts)) for x in self.drives},

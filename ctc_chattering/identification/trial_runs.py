@@ -278,7 +278,7 @@ class Draw(NamedTuple):
 
     def __str__(self) -> str:
         """Return it in words."""
-        return (f"delay {self.delay}, lag {self.lag.max():.3g} s, model {self.model_scale:.3g} of "
+        return (f'delay {self.delay}, lag {self.lag.max():.3g} s, model {self.model_scale:.3g} of '
                 f"the robot's, friction {self.friction_end:+d} of its interval")
 
 

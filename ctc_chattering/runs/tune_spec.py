@@ -33,9 +33,10 @@ from ctc_chattering.analysis.tables import rounded
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.configuration.loop_setup import Setup, Values
 from ctc_chattering.configuration.package_share import find_config
-from ctc_chattering.configuration.yaml_file import mapping, read_yaml
+from ctc_chattering.configuration.yaml_file import FileKind, kind_of, mapping, read_yaml
 from ctc_chattering.control.controller import ControllerConfig
 from ctc_chattering.errors import CtcError, ParameterError, prefixed
+from ctc_chattering.input_files import read_text
 from ctc_chattering.parameters import LEAST
 from ctc_chattering.runs.recommended import recommended_setup
 from ctc_chattering.runs.score import limits
@@ -346,10 +347,8 @@ def identified_spec(directory: Path, tree: Mapping[str, Any]) -> TuneSpec:
     path = directory / NUMBERS
     setup = parameter_file.load(directory / VALUES)
     try:
-        found = json.loads(path.read_text(encoding='utf-8'))
+        found = json.loads(read_text(path))
         uncertain = dict((*_friction(found), *_drives(found), *_model(found)))
-    except OSError as error:
-        raise CtcError(f'{path}: {error.strerror or error}') from None
     except (ValueError, KeyError, TypeError, AttributeError, IndexError):
         raise CtcError(f'{path}: not a file of ctc identify') from None
     # The rate in the file is what the recommended law makes do with, no limit of the drives.
@@ -405,8 +404,8 @@ def tune_spec(spec: TuneSpec | Mapping[str, Any] | str | Path,
             return identified_spec(Path(identified), spec)
         return parse_tune(spec, Path(Path(str(spec.get('params_file', 'friction'))).name))
     path = Path(spec)
-    tree = read_yaml(path)
-    if 'ros__parameters' in str(tree):
+    tree = read_yaml(path, FileKind.SPEC, FileKind.PARAMETERS)
+    if kind_of(tree) == FileKind.PARAMETERS:
         return tune_spec({'params_file': str(path), **(more or {})})
     with errors_of(path):
         return parse_tune({**tree, **(more or {})} if isinstance(tree, dict) else tree, path)

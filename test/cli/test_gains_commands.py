@@ -22,7 +22,7 @@ from typing import Any
 
 from ctc_chattering.cli.ctc import main
 from ctc_chattering.configuration import parameter_file
-from ctc_chattering.runs.tune_page import NAMES
+from ctc_chattering.output_files import LIST
 from identified_bags import recorded_bag, short
 import numpy as np
 import pytest
@@ -60,9 +60,9 @@ def test_a_bag_becomes_numbers_gains_figures_and_a_page(
 
 def test_no_usable_joint_is_status_1_and_one_line_and_everything_is_written(
         tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """A torque that depends on the position by more than friction is not that of friction."""
+    """A torque that is mostly one over the position is not that of the model and friction."""
     made = short()
-    torque = made.run.tau + 30.0 * np.sin(7.0 * made.run.q)
+    torque = made.run.tau + 300.0 * np.sin(7.0 * made.run.q)
     bag = recorded_bag(tmp_path / 'odd', made, command=torque)
     out = tmp_path / 'out'
     assert main(['identify', str(bag), '--model', 'two_link', '--out', str(out)]) == 1
@@ -103,7 +103,8 @@ def test_a_spec_becomes_gains(folder: Path, capsys: pytest.CaptureFixture[str]) 
                   'uncertain friction:', 'uniform: [0.8, 1.2], factor: true', '5000',
                   'file chattering sign', 'ctc simulate tuned/tuned.yaml'):
         assert words in text
-    assert {x.name for x in Path('tuned').iterdir()} == set(NAMES)
+    assert {x.name for x in Path('tuned').iterdir()} == {
+        LIST, 'figures', 'front', 'index.html', 'tune.json', 'tune.parquet', 'tuned.yaml'}
     found = numbers(Path('tuned'))
     assert [found[x] for x in ('percentile', 'seed', 'law', 'duration_s')] == [
         50.0, 2 ** 40, 'chattering', 0.4]

@@ -119,7 +119,7 @@ def test_the_other_sign_is_refused_with_the_option_that_turns_it() -> None:
 @pytest.mark.parametrize('friction', [True, False])
 def test_an_arm_on_the_ceiling_has_its_sign(friction: bool) -> None:
     """Its weight has the other sign; friction tells, or without it the inertia."""
-    rows, _, torque = panda()
+    rows = panda().rows
     ceiling, _ = turned(Rotation.from_euler('x', np.pi))
     if not friction:
         away = rows.direction * COULOMB + rows.velocity * VISCOUS

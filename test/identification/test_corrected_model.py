@@ -85,7 +85,7 @@ def test_faulty_robots(name: str, fault: str, seed: int) -> None:
 def test_what_the_corrected_urdf_has_is_noted() -> None:
     """A turned base needs care, since it is mounted otherwise than the URDF says."""
     for fault, reasons in (('forearm', [Reason.NOTE]), ('tilt', [Reason.NOTE, Reason.MOUNT])):
-        _, urdf, found = identified('two_link_urdf', fault, 1, 10.0)
+        _, _, found = identified('two_link_urdf', fault, 1, 10.0)
         notes = [x for x in correction_notes(found, 'x.urdf') if x.joint == ALL_JOINTS]
         assert [x.reason for x in notes] == reasons
         assert all('x.urdf' in x.text for x in notes)

@@ -76,5 +76,6 @@ def test_commands_count_unless_an_effort_is_of_the_motor(
 
 
 def test_an_effort_of_which_nothing_is_said_is_refused() -> None:
-    with pytest.raises(CtcError, match=r'^bag: .*--effort motor .*--effort current .*--effort link'):
+    with pytest.raises(CtcError, match=r'^bag: .*--effort motor .*--effort current .*--effort '
+                       'link'):
         torque_source([stretch(VALUES, None)], '', 'bag')

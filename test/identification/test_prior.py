@@ -68,7 +68,7 @@ def test_rotors_that_the_urdf_lacks_are_expected() -> None:
 def test_a_turn_of_the_base_keeps_the_strength_of_gravity() -> None:
     prior, _ = prior_of(urdfs.two_links(), urdfs.TWO_LINKS)
     turns = prior.transform[-3:, -2:]
-    assert turns.T @ [0.0, 0.0, -9.81] == pytest.approx(np.zeros(2), abs=1e-12)
+    assert pytest.approx(np.zeros(2), abs=1e-12) == turns.T @ [0.0, 0.0, -9.81]
     weightless = BodyRegressor.of(UrdfModel(urdfs.two_links(), urdfs.TWO_LINKS, 0.0))
     assert BodyPrior.of(weightless, UNCERTAINTY).transform.shape == (25, 22)
 
@@ -82,7 +82,7 @@ def test_models_without_bodies_or_regressor() -> None:
 
 def test_a_model_without_any_mass_is_refused() -> None:
     massless = urdfs.two_links().replace('mass value="', 'mass value="0" was="')
-    with pytest.raises(CtcError, match='M is singular|no moved body of the model has a mass'):
+    with pytest.raises(CtcError, match=r'M is singular|no moved body of the model has a mass'):
         prior_of(massless, urdfs.TWO_LINKS)
 
 

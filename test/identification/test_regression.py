@@ -20,8 +20,8 @@ from ctc_chattering.identification.prior import BodyPrior
 from ctc_chattering.identification.regression import (
     BLOCKS,
     correlation_length,
-    fit,
     Fit,
+    fit,
     mean_sign,
     Observations,
     OUTLIER_DEVIATIONS,
@@ -49,7 +49,8 @@ def correlated(rng: np.random.Generator, share: float, count: int = COUNT) -> Ar
 
 def plain_terms(data: Observations) -> Unknowns:
     return Unknowns(NO_BODIES, tuple(
-        term for joint in np.flatnonzero(data.moving).tolist() for term in basic_terms(data, joint)))
+        term for joint in np.flatnonzero(data.moving).tolist()
+        for term in basic_terms(data, joint)))
 
 
 def friction_of(velocity: Array) -> Array:
@@ -64,7 +65,7 @@ def number(solution: Fit, joint: int, kind: TermKind) -> tuple[float, float]:
 
 def test_exact_data_give_exact_coefficients() -> None:
     velocity = velocities(COUNT, 2)
-    torque = friction_of(velocity) + [0.3, 0.0]
+    torque = friction_of(velocity) + np.array([0.3, 0.0])
     solution = fit(data := observed(windows(velocity), torque), plain_terms(data))
     for joint, offset in enumerate((0.3, 0.0)):
         for kind, truth in ((TermKind.COULOMB, COULOMB), (TermKind.VISCOUS, VISCOUS),
@@ -107,7 +108,7 @@ def test_intervals_cover_the_truth(share: float) -> None:
         for kind, truth in ((TermKind.COULOMB, COULOMB), (TermKind.VISCOUS, VISCOUS)):
             value, half = number(solution, 0, kind)
             covered.append(abs(value - truth) <= half)
-    assert 0.9 <= np.mean(covered)
+    assert np.mean(covered) >= 0.9
 
 
 def test_friction_is_not_negative() -> None:

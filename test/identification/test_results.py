@@ -63,8 +63,8 @@ def results(refused: int = 2) -> IdentificationResults:
     n = len(NAMES)
     size, lags, rms = np.full(n, 1.0), np.full(n, 1e-3), np.full(n, 5.0)
     size[refused] = lags[refused] = SECRET
-    timing = Timing('command', 1.0, lags, {1: np.stack((lags, lags, lags))}, np.full((3, n), np.inf),
-                    np.ones(n, bool))
+    timing = Timing('command', 1.0, lags, {1: np.stack((lags, lags, lags))},
+                    np.full((3, n), np.inf), np.ones(n, bool))
     rate = Estimate(None, at_least=680.0, unit='N*m/s')
     findings = (Finding(Reason.UNITS, Severity.REFUSED, refused, WHY, 'Give --torque-constant'),
                 Finding(Reason.UNEXPLAINED, Severity.CARE, 3, WHY),
@@ -75,7 +75,7 @@ def results(refused: int = 2) -> IdentificationResults:
         typical_rms=0.01 * rms, systematic_rms=0.0 * rms)
     fit = SimpleNamespace(
         data=SimpleNamespace(moving=np.ones(n, bool), used=np.ones((9, n), bool)),
-        torque=lambda joint, kinds: np.full(9, 5.0))
+        torque=lambda *_: np.full(9, 5.0))
     found = SimpleNamespace(
         joints=NAMES, timing=timing, findings=findings, fit=fit, prediction=prediction,
         friction=[joint_friction(SECRET if k == refused else 5.12345 + k) for k in range(n)],
@@ -114,7 +114,7 @@ def test_a_joint_that_is_not_usable_has_no_numbers(tmp_path: Path) -> None:
     assert [x['verdict'] for x in found['verdicts']] == [
         *['usable with care'] * 2, 'not usable', *['usable with care'] * 4]
     bad = found['friction'][2]
-    assert bad == {'value': None, 'reason': 'not usable'}
+    assert bad['coulomb'] == {'value': None, 'reason': 'not usable'}
     assert str(SECRET) not in json.dumps(found)
     for values in (found['peak_perturbation_nm'], found['recommended']['ka']['value']):
         assert values[2] is None and values[0] is not None
@@ -146,7 +146,7 @@ def made_up(n: int) -> Identification:
     used = np.ones((50, n), bool)
     data = SimpleNamespace(used=used, beyond_model=torque, windows=SimpleNamespace(
         velocity=np.cos(t)[:, None] * np.ones(n)))
-    fit = SimpleNamespace(data=data, torque=lambda joint, kinds=None: 0.5 * torque[:, joint])
+    fit = SimpleNamespace(data=data, torque=lambda joint, *_: 0.5 * torque[:, joint])
     prediction = SimpleNamespace(t=t, measured=torque, model=0.2 * torque,
                                  with_friction=0.8 * torque, identified=0.9 * torque)
     return cast(Identification, SimpleNamespace(

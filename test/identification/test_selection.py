@@ -55,7 +55,7 @@ def coefficient(solution: Fit, kind: TermKind) -> float:
 
 @pytest.mark.parametrize('seed', range(4))
 def test_plain_friction_needs_no_further_term(seed: int) -> None:
-    solution = selected(lambda rows: np.zeros(COUNT), seed=seed)
+    solution = selected(lambda _: np.zeros(COUNT), seed=seed)
     assert not added(solution, 0) and not added(solution, 1)
 
 

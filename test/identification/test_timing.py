@@ -168,7 +168,7 @@ def ms(*rows: tuple[float, float]) -> np.ndarray:
 
 def test_a_set_in_words() -> None:
     found = made({1: ms((3.1, 3.1), (3.5, 3.5), (4.4, 4.4)),
-                    2: ms((0.0, 0.1), (0.0, 0.2), (0.5, 0.6))})
+                  2: ms((0.0, 0.1), (0.0, 0.2), (0.5, 0.6))})
     assert drives_in_words(found) == (
         'delay 1 with lag 3.1 to 4.4 ms, or delay 2 with lag 0 to 0.6 ms')
     assert lag_in_words(found, 0) == '3.1 to 4.4 ms with delay 1'

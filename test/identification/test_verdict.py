@@ -51,7 +51,7 @@ def made(second: JointFriction = GOOD, findings: tuple[Finding, ...] = (), *,
     prediction = {name: np.array([value, predicted.get(name, value)])
                   for name, value in PREDICTED.items()}
     data = SimpleNamespace(moving=np.array([True, moves]), used=np.ones((9, 2), bool))
-    fit = SimpleNamespace(data=data, torque=lambda joint, kinds: np.full(9, 5.0))
+    fit = SimpleNamespace(data=data, torque=lambda *_: np.full(9, 5.0))
     return cast(Identification, SimpleNamespace(
         joints=('a', 'b'), friction=[GOOD, second], findings=findings, fit=fit,
         prediction=SimpleNamespace(**prediction)))
@@ -104,7 +104,9 @@ def test_a_joint_that_hardly_moves_is_refused_with_a_motion_for_it() -> None:
 
 def test_only_what_motion_settles_asks_for_motion() -> None:
     coupled = CoupledFriction(0, Estimate(1.0), Estimate(0.1))
-    for change, asks in (({'coulomb': Estimate(5.0, 2.0)}, True), ({'coupled': (coupled,)}, False)):
+    cases: list[tuple[dict[str, Any], bool]] = [
+        ({'coulomb': Estimate(5.0, 2.0)}, True), ({'coupled': (coupled,)}, False)]
+    for change, asks in cases:
         found = verdicts(made(dataclasses.replace(GOOD, **change)))
         assert ('ctc excite --for b' in next_step(found)) == asks
 

@@ -45,7 +45,8 @@ def windows(velocity: Array, model_torque: Array | None = None, weight: Array | 
     torque = none if model_torque is None else model_torque
     slow = np.exp(-np.square(velocity[..., None] / np.array(STRIBECK_VELOCITIES)))
     return Windows(
-        t=np.asarray(0.025 * np.arange(count), float), centres=np.arange(count), model_torque=torque,
+        t=np.asarray(0.025 * np.arange(count), float), centres=np.arange(count),
+        model_torque=torque,
         weight=none if weight is None else weight,
         bodies=np.empty((count, n, 0)) if bodies is None else bodies,
         direction=direction, resting=1.0 - np.abs(direction), velocity=velocity, position=none,
