@@ -111,8 +111,8 @@ def of_a_search(name: str, out: Path) -> None:
 @lru_cache(1)
 def identified() -> identification.IdentificationResults:
     recording = short(duration=3.0).recording
-    found = identify([recording], TwoLink(), [], '')
-    run = perturbation(found)
+    found = identify([recording], TwoLink())
+    run = perturbation(found, False)
     return identification.IdentificationResults('', found, run, recommend(found, run, TwoLink()))
 
 
