@@ -16,6 +16,7 @@ Repair of recorded states: turns that are not counted, states that repeat, stamp
 
 A driver may report the angle of a joint within a turn: where it jumps by a turn, turns are
 counted. A broadcaster that is faster than its robot repeats each state: repetitions are left out.
+States of another source between those of the robot are refused.
 Stamps of reception jitter, which shifts states in time and makes torque out of motion. Stamps that
 are coarser than the period are refused where a bag is read.
 """
@@ -27,6 +28,7 @@ import dataclasses
 from typing import NamedTuple
 
 from ctc_chattering.bags.recording import Indices, Recording
+from ctc_chattering.errors import CtcError
 from ctc_chattering.identification.findings import ALL_JOINTS, Finding, note, Reason, Severity
 import numpy as np
 import numpy.typing as npt
@@ -68,6 +70,36 @@ class RepetitionLimits:
 LIMITS = RepetitionLimits()
 
 
+@dataclasses.dataclass(frozen=True)
+class SourceLimits:
+    """
+    Signs of a second source of states.
+
+    Attributes
+    ----------
+    jump : float
+        Least jump of a position to another source and back [rad].
+    motions : float
+        The same over the usual change in two states.
+    back : float
+        Difference of the positions before and after, as a part of the jump.
+    part : float
+        Least part of the states that jump.
+    fewest : int
+        Fewest such states.
+
+    """
+
+    jump: float = 0.02
+    motions: float = 10.0
+    back: float = 0.3
+    part: float = 0.003
+    fewest: int = 10
+
+
+SOURCES = SourceLimits()
+
+
 class Repaired(NamedTuple):
     """A repaired recording, and what was noticed."""
 
@@ -76,9 +108,18 @@ class Repaired(NamedTuple):
 
 
 def repair(recording: Recording) -> Repaired:
-    """Return a recording with turns counted and without repeated states, and findings."""
+    """
+    Return a recording with turns counted and without repeated states, and findings.
+
+    Raises
+    ------
+    CtcError
+        If states of another source are between those of the robot.
+
+    """
     dropped = tuple(_dropped_findings(recording))
     counted = count_turns(recording)
+    check_source(counted.recording)
     single = leave_out_repetitions(counted.recording)
     jitter = tuple(_jitter_findings(single.recording))
     return Repaired(single.recording, (*dropped, *counted.findings, *single.findings, *jitter))
@@ -101,6 +142,24 @@ def count_turns(recording: Recording) -> Repaired:
             f'{recording.name}: the position of {name} jumps by a turn '
             f'{np.count_nonzero(turns)} times; its turns are counted'))
     return Repaired(dataclasses.replace(recording, q=position), tuple(findings))
+
+
+def check_source(recording: Recording) -> None:
+    """Raise `CtcError` if positions often jump and come back: a second source publishes states."""
+    q = recording.q
+    change = np.diff(q, axis=0)
+    over_two = np.abs(q[2:] - q[:-2])
+    smaller = np.minimum(np.abs(change[1:]), np.abs(change[:-1]))
+    least = np.maximum(SOURCES.jump, SOURCES.motions * np.median(over_two, axis=0))
+    jumps = (smaller > least) & (over_two < SOURCES.back * smaller)
+    count = int(jumps.any(axis=1).sum())
+    if count >= max(SOURCES.fewest, SOURCES.part * len(q)):
+        joint = int(np.argmax(np.where(jumps, smaller, 0.0).max(axis=0)))
+        raise CtcError(
+            f'{recording.name}: {count} of {len(q)} states jump and come back, those of '
+            f'{recording.joints[joint]} by {smaller[jumps[:, joint], joint].max():.3g} rad. A '
+            'second source, as a joint_state_publisher, publishes joint states beside the robot. '
+            "Stop it, or record the robot's own topic, and give --states")
 
 
 def leave_out_repetitions(recording: Recording) -> Repaired:

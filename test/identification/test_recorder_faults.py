@@ -84,6 +84,24 @@ def test_turns_that_a_driver_does_not_count_are_counted_and_named() -> None:
     assert finding.text == 'run: the position of a jumps by a turn 3 times; its turns are counted'
 
 
+@pytest.mark.parametrize('every', [2, 12, 60])
+def test_a_second_source_of_states_is_named(every: int) -> None:
+    """A joint_state_publisher says 0 for all joints, beside the robot."""
+    q, effort = SMOOTH.q.copy(), 3.0 * Q
+    q[::every] = 0.0
+    with pytest.raises(CtcError, match=r'run: \d+ of 3000 states jump and come back, those of a '
+                       r'by .* A second source, as a joint_state_publisher'):
+        repair(dataclasses.replace(SMOOTH, q=q, effort=effort))
+
+
+def test_single_wrong_positions_and_a_coarse_encoder_that_flickers_are_no_second_source() -> None:
+    q = SMOOTH.q.copy()
+    q[500:2500:500] = 0.0
+    assert np.array_equal(repair(dataclasses.replace(SMOOTH, q=q)).recording.q, q)
+    flicker = 0.01 * np.round(Q / 0.01 + 0.4 * np.random.default_rng(0).normal(size=Q.shape))
+    repair(dataclasses.replace(SMOOTH, q=flicker))
+
+
 def test_a_pause_in_which_a_joint_moves_far_is_no_turn() -> None:
     t = np.where(T > 12.0, T + 5.0, T)
     q = Q + np.where(t > 12.0, 4.0, 0.0)[:, None]
