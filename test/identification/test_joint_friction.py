@@ -16,11 +16,13 @@
 from __future__ import annotations
 
 from ctc_chattering.identification.friction import joint_friction
+from ctc_chattering.identification.prior import BodyPrior
 from ctc_chattering.identification.selection import select
 from ctc_chattering.numerics.linear_algebra import Array
-from made_up_windows import NO_BODIES, observed, velocities, windows
+from made_up_windows import arm_windows, NO_BODIES, observed, velocities, windows
 import numpy as np
 import pytest
+import urdfs
 
 COUNT = 600
 
@@ -77,3 +79,21 @@ def test_stribeck_friction_is_excluded_only_at_velocities_that_were_shown() -> N
     solution = select(observed(windows(slow), 2.0 * np.sign(slow)), NO_BODIES, False).best
     stribeck = joint_friction(solution, 0).stribeck
     assert stribeck.absent and 'velocities above 0.0' in stribeck.reason
+
+
+def test_little_friction_of_joint_torque_sensors_beside_wrong_bodies() -> None:
+    """Intervals are narrow, and a viscous friction of zero is inside of its interval."""
+    rows, regressor = arm_windows(urdfs.panda(), urdfs.PANDA, 800)
+    rng = np.random.default_rng(1)
+    bodies = np.asarray(1.0 + 0.1 * rng.normal(size=rows.bodies.shape[2]), float)
+    bodies[-3:] = 1.0
+    change = np.append(regressor.parameters[:-3], np.zeros(3)) * (bodies - 1.0)
+    torque = rows.model_torque + rows.bodies @ change + 0.2 * rows.direction
+    torque += 0.1 * rng.normal(size=torque.shape)
+    solution = select(observed(rows, torque), BodyPrior.of(regressor, 0.2), False).best
+    for joint in range(7):
+        friction = joint_friction(solution, joint)
+        assert friction.coulomb.half < 0.1
+        assert friction.coulomb.value == pytest.approx(0.2, abs=1.5 * friction.coulomb.half)
+        assert friction.viscous.value == pytest.approx(0.0, abs=1.5 * friction.viscous.half)
+        assert friction.viscous.number() >= 0.0
