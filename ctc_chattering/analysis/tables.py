@@ -67,7 +67,8 @@ def with_interval(value: float, half: float, unit: str = '') -> str:
     digits = 4
     if half and value:
         digits = min(max(len(f'{abs(value) / half:.0f}') + 1, 3), 6)
-    interval = f' ± {half:.1g}' if half else ''
+    # Not as a power of ten, such as 1e+01.
+    interval = f' ± {float(f"{half:.1g}"):.6g}' if half else ''
     return f'{value:.{digits}g}{interval} {unit}'.strip()
 
 

@@ -108,7 +108,11 @@ class IdentificationResults:
         return numbers
 
     def tables(self) -> Iterator[Table]:
-        """Yield the tables of terminal and page."""
+        """Yield the tables of terminal and page that have numbers."""
+        return (table for table in self._all_tables() if len(table.heads) > 1)
+
+    def _all_tables(self) -> Iterator[Table]:
+        """Yield all tables, also without any number."""
         found, prediction = self.found, self.found.prediction
         columns = {
             'recording': prediction.recording_rms, 'model': prediction.model_rms,
@@ -131,7 +135,13 @@ class IdentificationResults:
 
     def _table(self, title: str, columns: Mapping[str, Sequence[str]], every: bool = False
                ) -> Table:
-        """Return a row a joint; numbers of one that is not usable only if `every` is true."""
+        """
+        Return a row a joint, without columns in which no joint has a number.
+
+        Numbers of a joint that is not usable are there only if `every` is true.
+        """
+        columns = {heading: cells for heading, cells in columns.items()
+                   if any(cell != NO_NUMBER for cell in cells)}
         return Table(title, ('joint', *columns), [
             [verdict.joint, *(cells if every or verdict.usable else [NO_NUMBER] * len(cells))]
             for verdict, *cells in zip(self.verdicts, *columns.values())])
@@ -245,9 +255,9 @@ def write_page(report: IdentificationResults, figures: Sequence[FigureFile], pat
         fragment('{{ x.text }}.{% if x.cure %}<br><i>{{ x.cure }}.</i>{% endif %}', x=x)
         for x in verdict.of_joint()], int(verdict.severity)) for verdict in report.verdicts])
     sections = [
+        page.Section('Prediction of unseen torque', [*figures, tables[0]]),
         page.Section('Verdicts', [
             *(page.Note(f'All joints are {text}') for text in report.shared()), cards]),
-        page.Section('Prediction of unseen torque', [*figures, tables[0]]),
         page.Section('Numbers', [
             *tables[1:], *(page.Listing(*x) for x in report.sentences() if x[1])])]
     page.write_page(path, f'Friction and gains from {report.source}',

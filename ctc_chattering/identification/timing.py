@@ -619,10 +619,10 @@ def milliseconds(low: float, high: float) -> str:
 
 
 def lag_in_words(timing: Timing, joint: int) -> str:
-    """Return the lag of a joint's drive, with its interval at the most likely delay."""
+    """Return the lag of a joint's drive at the most likely delay; `-` if it is not known."""
     commands = timing.of_commands
     if commands is None or not commands.delays or not commands.moving[joint]:
-        return 'not identifiable'
+        return '-'
     low, best, high = commands.delays[int(commands.delay)][:, joint]
     if len(commands.delays) > 1:
         return f'{milliseconds(low, high)} with delay {int(commands.delay)}'

@@ -120,7 +120,10 @@ def verdicts(identified: Identification, later: Sequence[Finding] = ()) -> list[
         Findings on gains.
 
     """
-    judged = [finding for joint in range(len(identified.joints))
+    # What is refused for another reason is not predicted either.
+    refused = {finding.joint for finding in identified.findings
+               if finding.severity == Severity.REFUSED}
+    judged = [finding for joint in range(len(identified.joints)) if joint not in refused
               for finding in _judged(identified, joint)]
     findings = sorted(dict.fromkeys((*identified.findings, *judged, *later)),
                       key=lambda finding: -finding.severity)
@@ -156,8 +159,8 @@ def _judged(identified: Identification, joint: int) -> Iterator[Finding]:
     if lasting > max(MOST_LASTING * typical, negligible) or typical > MOST_UNEXPLAINED * friction:
         yield Finding(
             Reason.UNEXPLAINED, Severity.CARE, joint,
-            f'{unseen:.3g} of {recording:.3g} N*m RMS of unseen torque is not explained, '
-            f'{lasting:.2g} N*m of it lasts longer than noise',
+            f'{unseen:.3g} of {recording:.3g} N*m RMS of unseen torque is not explained'
+            + f', {lasting:.2g} N*m of it lasts longer than noise' * (lasting > negligible),
             'Look at the figure of its torque; ka contains it')
     yield from _uncertain(identified, joint)
     yield from _coupled(identified, joint)

@@ -32,6 +32,7 @@ import pytest
     (tables.with_interval(1.23456, 0.0, 'N*m'), '1.235 N*m'),
     (tables.with_interval(1.23456, 0.0123, 'N*m'), '1.235 ± 0.01 N*m'),
     (tables.with_interval(1.23456, 9.0), '1.23 ± 9'),
+    (tables.with_interval(-14.3, 11.0), '-14.3 ± 10'),
     (in_html(None), '<span class="none" title="none">–</span>'),
     (in_html(-1234.5), '<data value="-1234.5">−1234</data>'),
     (in_html(1e-9), '<data value="1e-09">1.00e−09</data>'),

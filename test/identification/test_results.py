@@ -16,11 +16,13 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 from pathlib import Path
 from types import SimpleNamespace
 from typing import cast
 
+from ctc_chattering.analysis.page import FigureFile
 from ctc_chattering.analysis.tables import WIDTH
 from ctc_chattering.identification.figures import friction_figure, torque_figure
 from ctc_chattering.identification.findings import (
@@ -124,12 +126,24 @@ def test_a_joint_that_is_not_usable_has_no_numbers(tmp_path: Path) -> None:
         assert values[2] is None and values[0] is not None
 
 
-def test_the_page_has_the_verdicts_before_the_numbers(tmp_path: Path) -> None:
+def test_the_page_has_figures_then_verdicts_then_numbers(tmp_path: Path) -> None:
     page = tmp_path / 'index.html'
-    write_page(results(), [], page, {})
+    figure = FigureFile(tmp_path / 'torque.svg', 'Torque', 'Each block of time is predicted')
+    write_page(results(), [figure], page, {})
     text = page.read_text()
-    assert text.index('severity2') < text.index('<h2>Numbers')
+    order = [text.index(x) for x in ('<img', 'severity2', 'Numbers</h2>')]
+    assert order == sorted(order)
     assert '<p class="attention">All joints are usable with care: The base is turned.</p>' in text
+
+
+def test_what_no_joint_has_a_number_of_is_no_column() -> None:
+    heads = {table.title: table.heads for table in results().tables()}
+    assert 'velocity noise [rad/s]' in heads['Sensors']
+    one = results()
+    unknown = [Estimate.unknown('it hardly moves')] * len(NAMES)
+    found = dataclasses.replace(one, found=cast(Identification, SimpleNamespace(
+        **{**vars(one.found), 'noise': unknown, 'encoder': unknown})))
+    assert 'Sensors' not in {table.title for table in found.tables()}
 
 
 def test_notes_stand_below_the_tables() -> None:

@@ -149,7 +149,7 @@ def test_a_joint_that_rests_has_no_timing() -> None:
     part = Stretch(0.0, H, np.zeros((COUNT, 1)), None, command[:, None])
     found = timing([part], [rest], COMMAND, PHI)
     assert found.delays == {} and not found.moving.any()
-    assert lag_in_words(found, 0) == 'not identifiable'
+    assert lag_in_words(found, 0) == '-'
 
 
 JOINTS = ('a', 'b')
