@@ -163,7 +163,7 @@ def identify(recordings: Sequence[Recording], model: Model,
         another unit, sign or order of joints.
 
     """
-    motion = _Motion.of(recordings, loaded or [model] * len(recordings), signal.side)
+    motion = _ModelledStretches.of(recordings, loaded or [model] * len(recordings), signal.side)
     joints, name, commanded = recordings[0].joints, recordings[0].name, motion.source == COMMAND
     regressor = BodyRegressor.of(model)
     windows = motion.windows(regressor)
@@ -210,7 +210,7 @@ def identify(recordings: Sequence[Recording], model: Model,
 
 
 @dataclasses.dataclass(frozen=True)
-class _Motion:
+class _ModelledStretches:
     """
     Stretches that have a torque, each with its model.
 
@@ -233,7 +233,7 @@ class _Motion:
     source: str
 
     @classmethod
-    def of(cls, recordings: Sequence[Recording], models: Sequence[Model], side: str) -> _Motion:
+    def of(cls, recordings: Sequence[Recording], models: Sequence[Model], side: str) -> _ModelledStretches:
         """
         Return the motion of recordings, each with its model.
 

@@ -100,14 +100,14 @@ class SourceLimits:
 SOURCES = SourceLimits()
 
 
-class Repaired(NamedTuple):
+class RepairedStates(NamedTuple):
     """A repaired recording, and what was noticed."""
 
     recording: Recording
     findings: tuple[Finding, ...] = ()
 
 
-def repair(recording: Recording) -> Repaired:
+def repair(recording: Recording) -> RepairedStates:
     """
     Return a recording with turns counted and without repeated states, and findings.
 
@@ -122,10 +122,10 @@ def repair(recording: Recording) -> Repaired:
     check_source(counted.recording)
     single = leave_out_repetitions(counted.recording)
     jitter = tuple(_jitter_findings(single.recording))
-    return Repaired(single.recording, (*dropped, *counted.findings, *single.findings, *jitter))
+    return RepairedStates(single.recording, (*dropped, *counted.findings, *single.findings, *jitter))
 
 
-def count_turns(recording: Recording) -> Repaired:
+def count_turns(recording: Recording) -> RepairedStates:
     """Return a recording in which no joint jumps by a turn from a state to the next one."""
     step = np.diff(recording.t)
     follows = step < NEXT_STATE * np.median(step)
@@ -141,7 +141,7 @@ def count_turns(recording: Recording) -> Repaired:
         findings.append(note(
             f'{recording.name}: the position of {name} jumps by a turn '
             f'{np.count_nonzero(turns)} times; its turns are counted'))
-    return Repaired(dataclasses.replace(recording, q=position), tuple(findings))
+    return RepairedStates(dataclasses.replace(recording, q=position), tuple(findings))
 
 
 def check_source(recording: Recording) -> None:
@@ -162,16 +162,16 @@ def check_source(recording: Recording) -> None:
             "Stop it, or record the robot's own topic, and give --states")
 
 
-def leave_out_repetitions(recording: Recording) -> Repaired:
+def leave_out_repetitions(recording: Recording) -> RepairedStates:
     """Return a recording without the repetitions of a broadcaster."""
     repeats = repeats_the_state_before(recording)
     count = repetition_count(repeats)
     if count == 1.0:
-        return Repaired(recording)
+        return RepairedStates(recording)
     finding = note(
         f'{recording.name}: each state is recorded about {count:.3g} times; '
         f'{int(repeats.sum())} of {len(repeats)} that repeat the one before are left out')
-    return Repaired(select(recording, np.flatnonzero(~repeats)), (finding,))
+    return RepairedStates(select(recording, np.flatnonzero(~repeats)), (finding,))
 
 
 def repeats_the_state_before(recording: Recording) -> Flags:

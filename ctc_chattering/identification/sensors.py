@@ -181,7 +181,7 @@ def velocity_noise(recording: Recording, period: float) -> VelocityNoise:
     return VelocityNoise(estimates, findings)
 
 
-class _Comparison(NamedTuple):
+class _VelocityComparison(NamedTuple):
     """A measured velocity as a factor of the change of the position, and what is left of it."""
 
     ratio: float
@@ -190,7 +190,7 @@ class _Comparison(NamedTuple):
     speed: float
 
 
-def _compare(q: Array, dq: Array, period: float, known: float) -> _Comparison:
+def _compare(q: Array, dq: Array, period: float, known: float) -> _VelocityComparison:
     """Return the comparison of a velocity [rad/s] with a position [rad], shape (N,) each."""
     # What goes with the acceleration is a lag; joints that stop or jerk have more.
     columns = np.column_stack([smooth(q, period, order) for order in (1, 2)])
@@ -203,10 +203,10 @@ def _compare(q: Array, dq: Array, period: float, known: float) -> _Comparison:
     speed = float(sizes[0]) / np.sqrt(max(len(target), 1))
     rests = speed <= max(RESTING_DEVIATIONS * known, RESTING_VELOCITY)
     error = INDEPENDENT * float(np.sqrt(np.square(residual).mean())) / float(sizes[0])
-    return _Comparison(1.0 if rests else float(value[0]), error, residual, speed)
+    return _VelocityComparison(1.0 if rests else float(value[0]), error, residual, speed)
 
 
-def _other_unit(name: str, joint: int, comparison: _Comparison) -> Finding:
+def _other_unit(name: str, joint: int, comparison: _VelocityComparison) -> Finding:
     """Return the finding of a velocity that is none of its position."""
     return Finding(
         Reason.VELOCITY, Severity.REFUSED, joint, f'The velocity of {name} is '
@@ -216,7 +216,7 @@ def _other_unit(name: str, joint: int, comparison: _Comparison) -> Finding:
         'Correct the velocities in joint_states, or record without them')
 
 
-def _noise(comparison: _Comparison, known: float) -> Estimate:
+def _noise(comparison: _VelocityComparison, known: float) -> Estimate:
     """Return the noise of a velocity; `known` is that of the smoothed positions [rad/s]."""
     spread = deviation(comparison.residual)
     apart = deviation(np.diff(comparison.residual)) / np.sqrt(2.0)

@@ -131,7 +131,7 @@ def test_the_page_has_figures_then_verdicts_then_numbers(tmp_path: Path) -> None
     figure = FigureFile(tmp_path / 'torque.svg', 'Torque', 'Each block of time is predicted')
     write_page(results(), [figure], page, {})
     text = page.read_text()
-    order = [text.index(x) for x in ('<img', 'severity2', 'Numbers</h2>')]
+    order = [text.index(x) for x in ('<img', '<h2>Verdicts', '<h2>Numbers')]
     assert order == sorted(order)
     assert '<p class="attention">All joints are usable with care: The base is turned.</p>' in text
 
