@@ -233,7 +233,8 @@ class _ModelledStretches:
     source: str
 
     @classmethod
-    def of(cls, recordings: Sequence[Recording], models: Sequence[Model], side: str) -> _ModelledStretches:
+    def of(cls, recordings: Sequence[Recording], models: Sequence[Model], side: str
+           ) -> _ModelledStretches:
         """
         Return the motion of recordings, each with its model.
 

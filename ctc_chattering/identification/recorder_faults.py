@@ -122,7 +122,8 @@ def repair(recording: Recording) -> RepairedStates:
     check_source(counted.recording)
     single = leave_out_repetitions(counted.recording)
     jitter = tuple(_jitter_findings(single.recording))
-    return RepairedStates(single.recording, (*dropped, *counted.findings, *single.findings, *jitter))
+    findings = (*dropped, *counted.findings, *single.findings, *jitter)
+    return RepairedStates(single.recording, findings)
 
 
 def count_turns(recording: Recording) -> RepairedStates:
