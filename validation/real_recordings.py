@@ -98,7 +98,7 @@ class Row(NamedTuple):
 
     @property
     def ratio(self) -> float:
-        """What is left over what the reference leaves."""
+        """Part of what the reference leaves that is left."""
         return self.identified / self.reference
 
 

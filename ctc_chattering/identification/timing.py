@@ -117,7 +117,7 @@ class Timing:
     source : str
         `command` or `effort`: what the torque was taken from.
     delay : float
-        Samples; of an effort the alignment, from -6 to 0.
+        Samples; of an effort the alignment, at most 0.
     lag : ndarray, shape (n,)
         T of each drive [s]; 0 where none shows.
     delays : dict of int to ndarray, shape (3, n)
@@ -147,7 +147,7 @@ class Timing:
 
     @property
     def of_commands(self) -> Timing | None:
-        """Timing of the commands; None without commands."""
+        """Return the timing of the commands; None without commands."""
         return self if self.source == COMMAND else self.commands
 
     @property

@@ -80,7 +80,7 @@ class Verdict(NamedTuple):
 
     @property
     def word(self) -> str:
-        """The verdict without its reasons."""
+        """Verdict without its reasons."""
         return WORDS[self.severity]
 
     def __str__(self) -> str:
