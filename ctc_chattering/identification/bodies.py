@@ -80,6 +80,9 @@ class IdentifiedBodies:
         values = self.regressor.parameters[first:-3] + change
         for i, value in enumerate(values.tolist()):
             half = half_interval_of(self.fit, first + i)
+            if not half:
+                estimates.append(Estimate.unknown('a sensor behind the gear does not feel it'))
+                continue
             estimates.append(
                 Estimate(value, half, 'kg*m^2') if value > BOUND * half else
                 Estimate.none('at its bound', at_most=half, unit='kg*m^2'))

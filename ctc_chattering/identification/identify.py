@@ -37,7 +37,7 @@ from ctc_chattering.identification.conventions import (
     payload_scale,
 )
 from ctc_chattering.identification.drives import COMMAND, Drive, EFFORT, has, known_torque
-from ctc_chattering.identification.effort import CURRENT, torque_source
+from ctc_chattering.identification.effort import CURRENT, LINK, torque_source
 from ctc_chattering.identification.findings import Estimate, Finding
 from ctc_chattering.identification.friction import joint_friction, JointFriction
 from ctc_chattering.identification.prediction import Prediction
@@ -188,7 +188,8 @@ def identify(recordings: Sequence[Recording], model: Model,
 
     acting = motion.timing(windows)
     data = motion.observe(windows, acting).scaled(conventions.constant)
-    prior = BodyPrior.of(regressor, signal.urdf_uncertainty)
+    prior = BodyPrior.of(regressor, signal.urdf_uncertainty,
+                         rotors_show=commanded or signal.side != LINK)
     constants = conventions.estimates()
     if loaded:
         data, constants = payload_scale(data, prior)

@@ -97,8 +97,21 @@ class BodyPrior:
     bounds: PhysicalBounds
 
     @classmethod
-    def of(cls, regressor: BodyRegressor | None, uncertainty: float) -> BodyPrior:
-        """Return the prior of a model; nothing is unknown without a regressor."""
+    def of(cls, regressor: BodyRegressor | None, uncertainty: float,
+           rotors_show: bool = True) -> BodyPrior:
+        """
+        Return the prior of a model; nothing is unknown without a regressor.
+
+        Parameters
+        ----------
+        regressor : BodyRegressor or None
+            Of the model.
+        uncertainty : float
+            Of a body of the URDF, as a part of the body.
+        rotors_show : bool
+            Whether the torque accelerates the rotors; that of a sensor behind the gear does not.
+
+        """
         if regressor is None:
             return cls(np.zeros((0, 0)), np.zeros(0), PhysicalBounds())
         model = regressor.model
@@ -106,8 +119,11 @@ class BodyPrior:
             bodies, bounds = _urdf_bodies(model.inertial_parameters(), uncertainty)
         else:
             bodies, bounds = np.diag(uncertainty * model.parameter_sizes()), PhysicalBounds()
-        sizes = _rotor_sizes(model)
         rotors = regressor.parameters[regressor.inertial_count:-3]
+        if not (rotors_show or rotors.any()):
+            transform = block_diag(bodies, np.zeros((model.n, 0)), _turns(regressor.gravity))
+            return cls(transform, np.zeros(transform.shape[1]), bounds)
+        sizes = _rotor_sizes(model)
         first = bodies.shape[1]
         least = (-rotors / sizes).tolist()
         bounds = bounds.with_least({first + joint: x for joint, x in enumerate(least)})

@@ -19,11 +19,16 @@ data (`prior.py`):
 
     tau_j = model_j + X_j x + r_j,    r_j of variance σ_j² and correlation length L_j,    (BR1)
 
-so x has the information I + Σ_j X_jᵀ W_j X_j / (σ_j² L_j), with W_j the weights of the windows.
+so x is where (x - x₀)ᵀ (x - x₀) + Σ_j |r_j|² / σ_j² is least, windows weighted by W_j, and with
+H = I + Σ_j X_jᵀ W_j X_j / σ_j² its covariance is
+
+    H⁻¹ (I + Σ_j L_j X_jᵀ W_j X_j / σ_j²) H⁻¹.                                            (BR2)
+
 σ_j and L_j are those of the torque that is *not* predicted in blocks of time that were left out:
-what a flexible model explains only of the data it was fitted to counts as noise. Windows that a
-joint rests in have its static friction as further variance. Windows far beyond the others, as of
-a contact, lose weight.
+what a flexible model explains only of the data it was fitted to counts as noise. L_j widens the
+intervals, and is no weight: a joint that is predicted badly would be left to itself. Windows that
+a joint rests in have its static friction as further variance. Windows far beyond the others, as
+of a contact, lose weight.
 """
 
 from __future__ import annotations
@@ -223,8 +228,8 @@ class Noise:
 
     @property
     def information(self) -> Array:
-        """1 / (σ² L) of each joint, shape (n,) [1/(N·m)²]."""
-        return 1.0 / (np.square(self.deviation) * self.correlation)
+        """1 / σ² of each joint, shape (n,) [1/(N·m)²]."""
+        return 1.0 / np.square(self.deviation)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -289,7 +294,7 @@ class Fit:
 
 
 class _Sums(NamedTuple):
-    """Xᵀ W X and Xᵀ W y over σ² L: of each block (BLOCKS, m, m) and (BLOCKS, m), or of some."""
+    """Xᵀ W X and Xᵀ W y over σ²: of each block (BLOCKS, m, m) and (BLOCKS, m), or of some."""
 
     normal: Array
     right: Array
@@ -321,6 +326,15 @@ class _NormalEquations:
         self.block = blocks_of_time(len(data.torque))
         self.columns = np.stack(
             [unknowns.columns(data, joint) for joint in range(data.joint_count)])
+
+    def covariance(self, noise: Noise) -> Array:
+        """Return the covariance (BR2) of the unknowns, shape (m, m)."""
+        plain = self.sums(noise).drawn(np.ones(BLOCKS)).information
+        widened = dataclasses.replace(
+            noise, deviation=noise.deviation / np.sqrt(noise.correlation))
+        spread = self.sums(widened).drawn(np.ones(BLOCKS)).information
+        inverse = covariance_of(plain)
+        return inverse @ spread @ inverse
 
     def sums(self, noise: Noise) -> _Sums:
         """Return the sums of each block."""
@@ -360,7 +374,7 @@ def fit(data: Observations, unknowns: Unknowns) -> Fit:
     whole = sums.drawn(np.ones(BLOCKS))
     others = [sums.without(k) for k in range(BLOCKS)]
     return Fit(data, unknowns, noise, bounds.nearest(whole.solve(mean), whole.information),
-               covariance_of(whole.information), _block_spread(sums, mean),
+               equations.covariance(noise), _block_spread(sums, mean),
                np.stack([bounds.nearest(x.solve(mean), x.information) for x in others]))
 
 

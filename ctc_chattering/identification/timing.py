@@ -65,8 +65,12 @@ ENOUGH_S = 70.0
 #: Fewest half samples by which a measured effort may be late. It may be that of the period after
 #: the sample, at its instant, of the period before, or, if it is filtered, a later one.
 LEAST_ALIGNMENTS = 13
+#: How many of them are those of an effort that is not filtered.
+USUAL_ALIGNMENTS = 3
 #: Longest time by which a filtered effort may be late [s].
 LATEST_EFFORT_S = 0.02
+#: Part of the squared torque that is left, in the mean of all joints, which a filter must explain.
+LEAST_FILTER_GAIN = 0.1
 #: Samples by which commands may be late without a change of their shape.
 UNEVEN = 0.03
 #: Fewest windows of a joint.
@@ -255,9 +259,19 @@ def timing(parts: Sequence[Stretch], windows: Sequence[Windows], source: str, ph
     count = max(LEAST_ALIGNMENTS, round(2.0 * LATEST_EFFORT_S / phi.period) + 1)
     alignments = [-0.5 * k for k in range(count)]
     table = np.array([profile.squares(x) for x in alignments])
-    scale = np.where(profile.moving, table.min(axis=0), np.inf)
-    best = int(np.argmin((table / scale).sum(axis=1)))
+    usual, best = (int(np.argmin(_excess(part, profile.moving)))
+                   for part in (table[:USUAL_ALIGNMENTS], table))
+    if _excess(table, profile.moving)[usual] < LEAST_FILTER_GAIN:
+        best = usual
     return Timing(source, alignments[best], np.zeros(n), {}, _any_rate(n), profile.moving)
+
+
+def _excess(table: Array, moving: Flags) -> Array:
+    """Return how much more than its least each row leaves, in the mean of the joints in motion."""
+    if not moving.any():
+        return np.zeros(len(table))
+    least = np.maximum(table[:, moving].min(axis=0), np.finfo(float).tiny)
+    return np.asarray((table[:, moving] / least - 1.0).mean(axis=1))
 
 
 def _middle(parts: Sequence[Stretch], windows: Sequence[Windows], phi: TestFunction

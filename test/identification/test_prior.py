@@ -65,6 +65,17 @@ def test_rotors_that_the_urdf_lacks_are_expected() -> None:
     assert not given.mean.any()
 
 
+def test_a_sensor_behind_the_gear_feels_no_rotor() -> None:
+    """Nothing of rotors is expected or unknown, unless the URDF has some."""
+    _, regressor = prior_of(urdfs.panda(), urdfs.PANDA)
+    prior = BodyPrior.of(regressor, UNCERTAINTY, rotors_show=False)
+    assert prior.transform.shape == (80, 72) and not prior.mean.any()
+    assert not prior.transform[70:77].any() and not prior.bounds.least
+    _, given = prior_of(urdfs.panda().replace(
+        '<limit', '<dynamics damping="0" rotor_inertia="0.1"/><limit'), urdfs.PANDA)
+    assert BodyPrior.of(given, UNCERTAINTY, rotors_show=False).transform.shape == (80, 79)
+
+
 def test_a_turn_of_the_base_keeps_the_strength_of_gravity() -> None:
     prior, _ = prior_of(urdfs.two_links(), urdfs.TWO_LINKS)
     turns = prior.transform[-3:, -2:]

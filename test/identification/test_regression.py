@@ -74,13 +74,19 @@ def test_exact_data_give_exact_coefficients() -> None:
     assert np.abs(solution.held_out - torque).max() < 1e-3
 
 
-def test_it_is_ridge_regression_with_the_noise_of_each_joint() -> None:
-    """A plain solver of all rows, each over its noise, and of the prior."""
+@pytest.mark.parametrize('share', [0.0, 0.95])
+def test_it_is_ridge_regression_with_the_noise_of_each_joint(share: float) -> None:
+    """
+    A plain solver of all rows, each over its noise, and of the prior.
+
+    Noise that lasts widens intervals, and is no smaller weight of its joint.
+    """
     rows, regressor = arm_windows(urdfs.two_links(), urdfs.TWO_LINKS, COUNT)
     prior, rng = BodyPrior.of(regressor, 0.2), np.random.default_rng(1)
-    torque = rows.model_torque + friction_of(rows.velocity) + rng.normal(
-        size=(COUNT, 2)) * (0.05, 1.0)
-    data = observed(rows, torque)
+    noise = np.column_stack((correlated(rng, 0.0), correlated(rng, share)))
+    noise *= np.array([0.05, 1.0]) / noise.std(axis=0)
+    rotors = 0.2 * rows.bodies[:, :, regressor.inertial_count:-3].sum(axis=2)
+    data = observed(rows, rows.model_torque + rotors + friction_of(rows.velocity) + noise)
     unknowns = Unknowns(prior, plain_terms(data).terms)
     solution = fit(data, unknowns)
     scale = np.sqrt(solution.noise.information * solution.noise.weights)
@@ -91,9 +97,12 @@ def test_it_is_ridge_regression_with_the_noise_of_each_joint() -> None:
                                np.concatenate((target, unknowns.mean)), rcond=None)[0]
     assert unknowns.bounds.keep(expected)
     assert solution.value == pytest.approx(expected, abs=1e-6)
-    assert np.linalg.inv(columns.T @ columns + np.eye(m)) == pytest.approx(
-        solution.covariance, abs=1e-9)
-    assert solution.noise.deviation == pytest.approx([0.05, 1.0], rel=0.15)
+    length = np.repeat(solution.noise.correlation, COUNT)[:, None]
+    inverse = np.linalg.inv(columns.T @ columns + np.eye(m))
+    lasting = columns.T @ (length * columns) + np.eye(m)
+    assert inverse @ lasting @ inverse == pytest.approx(solution.covariance, abs=1e-9)
+    assert solution.noise.deviation == pytest.approx([0.05, 1.0], rel=0.25)
+    assert (length[-1] > 5.0) == (share > 0.0)
 
 
 @pytest.mark.parametrize('share', [

@@ -18,7 +18,7 @@ from __future__ import annotations
 import dataclasses
 
 from ctc_chattering.bags.recording import Stretch
-from ctc_chattering.identification.drives import COMMAND
+from ctc_chattering.identification.drives import COMMAND, EFFORT
 from ctc_chattering.identification.findings import Reason, Severity
 from ctc_chattering.identification.timing import (
     drives_in_words,
@@ -150,6 +150,27 @@ def test_a_joint_that_rests_has_no_timing() -> None:
     found = timing([part], [rest], COMMAND, PHI)
     assert found.delays == {} and not found.moving.any()
     assert lag_in_words(found, 0) == '-'
+
+
+def aligned(late: float, noise: float) -> float:
+    """Return the alignment that is found of an effort that is so many samples late."""
+    rng = np.random.default_rng(6)
+    t = H * np.arange(COUNT)
+    true = sum(5.0 * np.sin((k + 1) * t + rng.uniform(0.0, 6.0)) for k in range(5))
+    centres = PHI.centres(COUNT, 200)
+    shown = PHI.sums(true[:, None], PHI.over, centres)
+    rows = dataclasses.replace(windows(np.ones_like(shown), shown),
+                               t=np.asarray(H * centres, float), centres=centres)
+    effort = np.interp(t - (0.5 + late) * H, t, true) + rng.normal(0.0, noise, COUNT)
+    part = Stretch(0.0, H, np.zeros((COUNT, 1)), effort[:, None], None)
+    return timing([part], [rows], EFFORT, PHI).delay
+
+
+def test_an_effort_is_late_by_a_filter_only_if_that_shows() -> None:
+    """In noise that hides 8 ms it is that of its sample; a smaller noise shows them."""
+    assert aligned(8.0, 0.01) == pytest.approx(-8.5, abs=1.0)
+    assert aligned(8.0, 30.0) >= -1.0
+    assert aligned(0.0, 30.0) >= -1.0
 
 
 JOINTS = ('a', 'b')
