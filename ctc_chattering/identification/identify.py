@@ -191,7 +191,7 @@ def identify(recordings: Sequence[Recording], model: Model,
     constants = conventions.estimates()
     if loaded:
         data, constants = payload_scale(data, prior)
-    solution, basic = select(data, prior, commanded)
+    solution, basic, curved = select(data, prior, commanded)
     prediction = Prediction.of(solution)
     period = motion.phi.period
     noise = velocities or velocity_noise(recordings[0], period)
@@ -199,7 +199,7 @@ def identify(recordings: Sequence[Recording], model: Model,
         joints=joints, clock=clock(recordings[0], period),
         encoder=[encoder_step(q) for q in recordings[0].q.T], noise=noise.estimates,
         timing=acting, positions=Positions.of(recordings, period), fit=solution,
-        friction=[joint_friction(solution, joint, lasting, basic)
+        friction=[joint_friction(solution, joint, lasting, basic, joint in curved)
                   for joint, lasting in enumerate(prediction.systematic_rms.tolist())],
         bodies=None if regressor is None else IdentifiedBodies.of(solution, regressor),
         prediction=prediction, rate=rate_limits(acting, joints), constant=constants,
