@@ -241,27 +241,39 @@ def _other_unit(name: str, joint: int, factor: Factor, signal: str) -> Finding:
                    'Give --torque-constant, or correct the URDF')
 
 
-def check_sign(data: Observations, joints: Sequence[str], signal: str) -> None:
+def check_sign(data: Observations, joints: Sequence[str], signal: str) -> Conventions:
     """
-    Raise `CtcError` if a torque has the other sign: friction then drives the joints.
+    Return the signs of the torque; friction and inertia of the other sign would drive a joint.
 
-    Friction and inertia have the same sign however the base is mounted. Where neither shows, the
-    weight decides, though an arm that hangs from the ceiling has that with the other sign.
+    They have the same sign however the base is mounted. Where neither shows, the weight decides,
+    though an arm that hangs from the ceiling has that with the other sign.
+
+    Raises
+    ------
+    CtcError
+        If the torque has the other sign.
+
     """
     moving = np.flatnonzero(data.moving).tolist()
-    signs = [factor.sign for joint in moving
-             for factor in (*_beside_any_gravity(data, joint).factors[:2],)]
+    factors = {joint: _beside_any_gravity(data, joint).factors[:2] for joint in moving}
+    evidence = {joint: sum(factor.sign for factor in found) for joint, found in factors.items()}
     weights = [found.weight.value for joint in moving
                if (found := shape(data, joint)).shows_weight]
-    evidence = float(np.sum(signs))
-    if not any(signs) and weights:
-        evidence = float(np.median(weights))
-    if evidence < 0.0:
+    is_shown = any(factor.sign for found in factors.values() for factor in found)
+    if (sum(evidence.values()) if is_shown else float(np.median(weights or [0.0]))) < 0.0:
         flipped = ','.join(['-1'] * len(joints))
         words = f', and {np.median(weights):.2f} times the weight of the model' if weights else ''
         raise CtcError(
             f'the {signal} has the other sign: friction or inertia below 0{words}. Turn the sign '
             f'with --torque-constant={flipped}')
+    constant = np.ones(len(joints))
+    constant[[joint for joint in moving if evidence[joint] < 0.0]] = -1.0
+    option = ','.join(f'{sign:g}' for sign in constant)
+    return Conventions(constant, tuple(Finding(
+        Reason.SIGN, Severity.REFUSED, joint, f'The {signal} of {joints[joint]} has the other '
+        f'sign than that of other joints: friction of {factors[joint][0].value:.2g} ± '
+        f'{2.0 * factors[joint][0].error:.1g} N*m', f'Turn it with --torque-constant={option}')
+        for joint in np.flatnonzero(constant < 0.0).tolist()))
 
 
 def _beside_any_gravity(data: Observations, joint: int) -> _Solution:

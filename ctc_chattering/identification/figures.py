@@ -78,7 +78,7 @@ def friction_figure(identified: Identification, verdicts: Sequence[Verdict]
         speed = fit.data.windows.velocity[used, joint]
         beyond = fit.data.beyond_model[used, joint] - fit.torque(joint)[used]
         points = beyond + fit.torque(joint, OF_VELOCITY)[used]
-        axes.plot(speed, points, '.', markersize=2.0, color=RECORDED_COLOUR,
+        axes.plot(speed, points, '.', markersize=2.5, color=RECORDED_COLOUR, zorder=3,
                   rasterized=len(speed) > MANY_POINTS)
         axes.set_xlabel('velocity [rad/s]')
         for sign in (1.0, -1.0) if verdict.usable else ():

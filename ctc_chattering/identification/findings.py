@@ -117,6 +117,7 @@ class Reason(Enum):
     DROPPED = 'messages were dropped'
     STAMPS = 'stamps'
     UNITS = 'units'
+    SIGN = 'sign of the torque'
     MOUNT = 'mounting of the base'
     SCALE = 'scale of the torque'
     VELOCITY = 'unit of the velocity'

@@ -30,6 +30,8 @@ import numpy as np
 OTHER_FORM = 2.0
 #: Half an interval for a change of 1 by terms that leave as much unexplained as there was before.
 DOUBTFUL_FORM = 1.5
+#: The same where a form that predicts as well would change it the other way.
+OTHER_CURVE = 3.0
 
 
 class CoupledFriction(NamedTuple):
@@ -110,8 +112,8 @@ NUMBERS = tuple(field.name for field in dataclasses.fields(JointFriction)
                 if field.name != 'coupled')
 
 
-def joint_friction(fit: Fit, joint: int, systematic: float = 0.0, basic: Fit | None = None
-                   ) -> JointFriction:
+def joint_friction(fit: Fit, joint: int, systematic: float = 0.0, basic: Fit | None = None,
+                   is_curved: bool = False) -> JointFriction:
     """
     Return the friction of a joint.
 
@@ -127,13 +129,16 @@ def joint_friction(fit: Fit, joint: int, systematic: float = 0.0, basic: Fit | N
     basic : Fit, optional
         The regression without the terms that were selected. Where these leave much unexplained,
         another form of friction explains as much, and intervals contain a part of the change.
+    is_curved : bool
+        Whether another form explains as much in any case.
 
     """
     if not fit.data.moving[joint]:
         return JointFriction.unknown('the joint hardly moves')
     used = fit.data.used[:, joint]
     speed = float(np.sqrt(np.square(fit.data.windows.velocity[used, joint]).mean()))
-    doubt = 0.0 if basic is None else DOUBTFUL_FORM * _unexplained_by_added(fit, basic, joint)
+    unexplained = 0.0 if basic is None else _unexplained_by_added(fit, basic, joint)
+    doubt = OTHER_CURVE if is_curved else DOUBTFUL_FORM * unexplained
 
     def estimate(weights: dict[TermKind, float], unit: str, form: float) -> Estimate:
         row = _row(fit, joint, weights)

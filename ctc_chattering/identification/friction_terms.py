@@ -36,6 +36,7 @@ class TermKind(Enum):
     COUPLED_COULOMB = 'Coulomb of another joint'
     COUPLED_VISCOUS = 'viscous of another joint'
     SCALE = 'scale of the torque'
+    QUADRATIC = 'quadratic'
 
 
 #: Terms that every joint in motion has.
@@ -89,6 +90,8 @@ class FrictionTerm(NamedTuple):
             TermKind.COULOMB: lambda: windows.direction[:, joint],
             TermKind.OFFSET: lambda: np.ones(len(windows.t)),
             TermKind.VISCOUS: lambda: windows.velocity[:, joint],
+            TermKind.QUADRATIC: lambda: windows.velocity[:, joint] * np.abs(
+                windows.velocity[:, joint]),
             TermKind.STRIBECK: lambda: windows.stribeck_column(joint, self.which),
             TermKind.LOAD: lambda: windows.load[:, joint],
             TermKind.SCALE: lambda: windows.model_torque[:, joint],

@@ -32,7 +32,6 @@ from ctc_chattering.identification.conventions import (
     check_sign,
     check_torque,
     constants_of_currents,
-    Conventions,
     mounted_gravity,
     payload_scale,
 )
@@ -176,15 +175,15 @@ def identify(recordings: Sequence[Recording], model: Model,
     if signal.side == CURRENT and motion.source == EFFORT:
         conventions = constants_of_currents(data, joints)
     else:
-        conventions = Conventions(np.ones(len(joints)))
-        check_sign(data, joints, words)
+        conventions = check_sign(data, joints, words)
     if regressor is not None:
         gravity = mounted_gravity(data.scaled(conventions.constant), regressor.gravity)
         if gravity is not regressor.gravity:
             regressor = dataclasses.replace(regressor, gravity=gravity)
             windows = motion.windows(regressor)
             data = motion.observe(windows)
-    units = () if conventions.findings else check_torque(data, joints, words)
+    units = () if signal.side == CURRENT and motion.source == EFFORT else check_torque(
+        data.scaled(conventions.constant), joints, words)
 
     acting = motion.timing(windows)
     data = motion.observe(windows, acting).scaled(conventions.constant)
@@ -193,7 +192,7 @@ def identify(recordings: Sequence[Recording], model: Model,
     constants = conventions.estimates()
     if loaded:
         data, constants = payload_scale(data, prior)
-    solution, basic = select(data, prior, commanded)
+    solution, basic, curved = select(data, prior, commanded)
     prediction = Prediction.of(solution)
     period = motion.phi.period
     noise = velocities or velocity_noise(recordings[0], period)
@@ -201,7 +200,7 @@ def identify(recordings: Sequence[Recording], model: Model,
         joints=joints, clock=clock(recordings[0], period),
         encoder=[encoder_step(q) for q in recordings[0].q.T], noise=noise.estimates,
         timing=acting, positions=Positions.of(recordings, period), fit=solution,
-        friction=[joint_friction(solution, joint, lasting, basic)
+        friction=[joint_friction(solution, joint, lasting, basic, joint in curved)
                   for joint, lasting in enumerate(prediction.systematic_rms.tolist())],
         bodies=None if regressor is None else IdentifiedBodies.of(solution, regressor),
         prediction=prediction, rate=rate_limits(acting, joints), constant=constants,

@@ -107,7 +107,7 @@ class Observations:
 
     @property
     def joint_count(self) -> int:
-        """Number of joints."""
+        """Return the number of joints."""
         return int(self.torque.shape[1])
 
     @cached_property
@@ -153,12 +153,12 @@ class Unknowns:
 
     @property
     def body_count(self) -> int:
-        """Number of unknowns of the bodies."""
+        """Return the number of unknowns of the bodies."""
         return int(self.prior.transform.shape[1])
 
     @property
     def count(self) -> int:
-        """Number m of unknowns."""
+        """Return the number m of unknowns."""
         return self.body_count + len(self.terms)
 
     @cached_property

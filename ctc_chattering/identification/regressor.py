@@ -77,7 +77,7 @@ class BodyRegressor:
 
     @property
     def inertial_count(self) -> int:
-        """Number p of inertial parameters."""
+        """Return the number p of inertial parameters."""
         return len(self.model.inertial_parameters())
 
     @property

@@ -103,10 +103,22 @@ def friction_columns(data: Observations, joint: int) -> Array:
 
 
 class Selected(NamedTuple):
-    """The regression with the terms that predict unseen torque best, and with the basic ones."""
+    """
+    The selected terms.
+
+    Attributes
+    ----------
+    best, basic : Fit
+        The regression with the terms that predict unseen torque best, and with the basic ones.
+    curved : tuple of int
+        Joints of which friction that is quadratic in the velocity predicts as well as Stribeck
+        friction.
+
+    """
 
     best: Fit
     basic: Fit
+    curved: tuple[int, ...] = ()
 
 
 def select(data: Observations, prior: BodyPrior, commanded: bool) -> Selected:
@@ -135,7 +147,18 @@ def select(data: Observations, prior: BodyPrior, commanded: bool) -> Selected:
             break
         terms += added
         best = fit(data, Unknowns(prior, tuple(terms)))
-    return Selected(best, basic)
+    curved = tuple(joint for joint in moving if _is_quadratic(basic, best, joint))
+    return Selected(best, basic, curved)
+
+
+def _is_quadratic(basic: Fit, best: Fit, joint: int) -> bool:
+    """Return whether quadratic friction predicts as well as the Stribeck friction of a joint."""
+    index = best.unknowns.index(joint, TermKind.STRIBECK)
+    if index is None:
+        return False
+    trial, stribeck = _JointTrial(basic, joint), best.unknowns.term(index)
+    quadratic = stribeck._replace(kind=TermKind.QUADRATIC)
+    return bool(trial.squares((quadratic,)).sum() <= trial.squares((stribeck,)).sum())
 
 
 def _options(data: Observations, joint: int, commanded: bool) -> Iterator[Option]:

@@ -209,3 +209,17 @@ def test_a_known_payload_tells_torque_constants_from_masses() -> None:
         assert constants[joint].value == pytest.approx(1.0 / scale[joint], rel=0.02)
         assert data.torque[:, joint] == pytest.approx(
             (torque + extra)[:, joint], rel=0.05, abs=0.5)
+
+
+@pytest.mark.parametrize('joint', [0, 1, 4])
+def test_one_joint_of_the_other_sign_is_refused_alone(joint: int) -> None:
+    """The sign is turned for the bodies that other joints share."""
+    sign = np.ones(7)
+    sign[joint] = -1.0
+    found = check_sign(signal(sign), JOINTS, 'effort')
+    assert found.constant == pytest.approx(sign)
+    (finding,) = found.findings
+    assert (finding.reason, finding.severity, finding.joint) == (
+        Reason.SIGN, Severity.REFUSED, joint)
+    option = ','.join(f'{x:g}' for x in sign)
+    assert finding.cure == f'Turn it with --torque-constant={option}'

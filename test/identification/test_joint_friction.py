@@ -97,3 +97,15 @@ def test_little_friction_of_joint_torque_sensors_beside_wrong_bodies() -> None:
         assert friction.coulomb.value == pytest.approx(0.2, abs=1.5 * friction.coulomb.half)
         assert friction.viscous.value == pytest.approx(0.0, abs=1.5 * friction.viscous.half)
         assert friction.viscous.number() >= 0.0
+
+
+def test_friction_that_is_quadratic_is_no_stribeck_friction_without_a_doubt() -> None:
+    """Stribeck friction explains most of it, with less Coulomb friction than there is."""
+    velocity = 4.0 * velocities(COUNT, 1)
+    torque = 2.0 * np.sign(velocity) + 0.1 * velocity * np.abs(velocity)
+    torque += 0.05 * np.random.default_rng(0).normal(size=velocity.shape)
+    best, basic, curved = select(observed(windows(velocity), torque), NO_BODIES, False)
+    friction = joint_friction(best, 0, 0.0, basic, 0 in curved)
+    assert friction.coulomb.value == pytest.approx(2.0, abs=friction.coulomb.half)
+    stribeck = np.sign(velocity) * (2.0 + np.exp(-np.square(velocity / 0.3)))
+    assert select(observed(windows(velocity), stribeck), NO_BODIES, False).curved == ()
