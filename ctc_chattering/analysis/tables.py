@@ -130,11 +130,11 @@ def markdown(text: str) -> str:
 
 def _plain(text: str) -> str:
     """Return text that has no meaning in Markdown, or in HTML in it, on one line."""
-    text = _line(text).replace('&', '&amp;').replace('<', '&lt;')
+    text = one_line(text).replace('&', '&amp;').replace('<', '&lt;')
     return re.sub(r'[\\|*`~$]|(?<![^\W_])_|_(?![^\W_])|(?<=\])\(', r'\\\g<0>', text)
 
 
-def _line(text: str) -> str:
+def one_line(text: str) -> str:
     """Return text with spaces in the place of what begins a line or steers a terminal."""
     return ''.join(x if x.isprintable() else ' ' for x in text)
 
@@ -156,7 +156,7 @@ def csv_text(rows: Sequence[Mapping[str, object]], heads: Sequence[str] = ()) ->
 
 def columns(rows: Sequence[Sequence[str]]) -> list[str]:
     """Return rows of as many cells each as lines of text, in columns, without control codes."""
-    rows = [[_line(text) for text in row] for row in rows]
+    rows = [[one_line(text) for text in row] for row in rows]
     widths = [max(map(len, column)) for column in zip(*rows)]
     return ['  '.join(text.ljust(width) for text, width in zip(row, widths)).rstrip()
             for row in rows]
@@ -168,12 +168,12 @@ def fitted(rows: Sequence[Sequence[str]], indent: int = 2) -> list[str]:
 
     Columns that do not fit stand below, again with the first one, of which long names are cut.
     """
-    names = [cut(_line(row[0]), _NAME) for row in rows]
+    names = [cut(one_line(row[0]), _NAME) for row in rows]
     room = WIDTH - indent
     left = room - max(map(len, names))
     parts: list[list[Sequence[str]]] = [[names]]
     for column in zip(*(row[1:] for row in rows)):
-        cells = [cut(_line(text), room - _NAME - 2) for text in column]
+        cells = [cut(one_line(text), room - _NAME - 2) for text in column]
         width = 2 + max(map(len, cells))
         if left < width and len(parts[-1]) > 1:
             parts.append([names])
@@ -186,7 +186,7 @@ def fitted(rows: Sequence[Sequence[str]], indent: int = 2) -> list[str]:
 
 def paragraph(text: str, indent: int = 2) -> list[str]:
     """Return text as lines of at most `WIDTH` characters, the first one less indented."""
-    return wrap(_line(text), WIDTH, initial_indent=' ' * indent,
+    return wrap(one_line(text), WIDTH, initial_indent=' ' * indent,
                 subsequent_indent=' ' * (indent + 2), break_on_hyphens=False)
 
 

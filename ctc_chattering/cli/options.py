@@ -124,12 +124,13 @@ def add_params_file(parser: argparse.ArgumentParser) -> None:
                         help='the same')
 
 
-def add_urdf_options(parser: argparse.ArgumentParser, required: bool = False) -> None:
-    """Add the options of a robot that a URDF describes."""
+def add_urdf_options(parser: argparse.ArgumentParser, required: bool = False,
+                     default: str = 'all that move') -> None:
+    """Add the options of a robot that a URDF describes; `default` says which joints it has."""
     parser.add_argument('--urdf', metavar='FILE', required=required,
                         help='URDF: a path or package://NAME/PATH')
     parser.add_argument('--joints', type=words, default=(), metavar='A,B,C',
-                        help='joints in the order of the model; default: all that move')
+                        help=f'joints in the order of the model; default: {default}')
     add_number(parser, '--gravity', 'acceleration of gravity', 9.81, 'float', unit='m/s^2',
                minimum=0.0)
 

@@ -17,10 +17,15 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
+import textwrap
+from typing import TYPE_CHECKING
 
 from ctc_chattering.analysis.output import prepare, writing
+from ctc_chattering.analysis.tables import one_line
 from ctc_chattering.cli.options import (
+    add_declared,
     add_loop_options,
     add_number,
     add_overrides,
@@ -29,19 +34,30 @@ from ctc_chattering.cli.options import (
 )
 from ctc_chattering.configuration.node_parameters import parameter_table
 from ctc_chattering.errors import CtcError, given_by_user, UsageError
+from ctc_chattering.parameters import Parameter
 
+if TYPE_CHECKING:
+    from ctc_chattering.configuration.new_robot import NewRobot
+
+_CENTER = Parameter('center', 'float[]', None, 'Centre of the motion, one position per joint; '
+                    'default: where every joint carries its weight', 'rad')
 _COMMENT = """\
 # By `ctc new-robot` from {location}.
-# Assumed: coulomb_friction of the plant, {friction:.0%} of the torque that the model takes.
+{lines}
 # ka of the controller must exceed the friction of the real robot and the error of the model; it
-# is {ka:.0%} of the effort limit for the one, and a fifth of the model's torque for the other.
+# is {ka:.0%} of the effort limit, or what exceeds the friction of the URDF, for the one, and a
+# fifth of the model's torque for the other.
 # Set what is known of the drives: actuator_lag, torque_rate_limit and input_delay.
 """
 
 
 def new_robot_options(parser: argparse.ArgumentParser) -> None:
     """Add the options of `ctc new-robot`."""
-    add_urdf_options(parser, required=True)
+    add_urdf_options(parser, required=True,
+                     default='those of the longest chain, without its end effector')
+    parser.add_argument('--tip', default='', metavar='LINK',
+                        help='end of the arm: joints between the root and this link')
+    add_declared(parser, _CENTER)
     parser.add_argument('--out', type=Path, metavar='F', default=Path('robot.yaml'),
                         help='parameter file to write, default: robot.yaml')
     parser.add_argument('--overwrite', action='store_true', help='replace an existing file')
@@ -51,23 +67,92 @@ def run_new_robot(options: argparse.Namespace) -> int:
     """
     Run `ctc new-robot`.
 
-    It has a sinusoid around the middle of the limits, at no more than half of them, law
-    observer_feedback with the recommended gains, and a friction that is assumed. docs/robots.md
-    says what to set next.
+    It has a sinusoid at no more than half of the limits, about a posture in which every joint
+    carries its weight, and law observer_feedback with the recommended gains. It says which joints
+    and which friction it has taken. docs/robots.md says what to set next.
     """
     from ctc_chattering.configuration import parameter_file
-    from ctc_chattering.configuration.new_robot import FRICTION, KA, new_robot
+    from ctc_chattering.configuration.new_robot import KA, new_robot
 
+    if options.joints and options.tip:
+        raise UsageError('--tip: not allowed with --joints')
     location = options.urdf if '://' in options.urdf else str(Path(options.urdf).resolve())
-    values = new_robot(location, options.joints, options.gravity)
+    with given_by_user(('joint_names', 'tip', 'center')):
+        robot = new_robot(location, options.joints, options.gravity, options.tip,
+                          options.center or ())
+    lines = [one_line(line) for line in _described(robot, bool(options.center))]
     out = options.out
     prepare(out.parent, (out.name,), options.overwrite)
     with writing(out):
-        parameter_file.dump(values, out)
-        out.write_text(_COMMENT.format(location=location, friction=FRICTION, ka=KA)
+        parameter_file.dump(robot.values, out)
+        comment = '\n'.join(textwrap.fill(
+            line, 99, initial_indent='# ', subsequent_indent='#   ') for line in lines)
+        out.write_text(_COMMENT.format(location=one_line(location), lines=comment, ka=KA)
                        + out.read_text(encoding='utf-8'), encoding='utf-8')
+    print('\n'.join(lines))
     print(f'wrote {out}; next: ctc compile {out}, ctc simulate {out}, bringup {out}')
     return 0
+
+
+def _described(robot: NewRobot, center_given: bool) -> Iterator[str]:
+    """Yield lines that say what was taken of a URDF, and what was not."""
+    yield f'joints: {", ".join(robot.joints)}'
+    if robot.held:
+        yield f'left out, at 0 unless `locked` says otherwise: {", ".join(robot.held)}'
+    yield from _mimicked(robot.leaders)
+    yield from _unexpanded(robot.unexpanded)
+    if robot.unlimited:
+        yield (f'without effort limit, which is 0, inf or missing: {", ".join(robot.unlimited)}; '
+               'set effort_limit of the controller')
+    yield _center_line(robot, center_given)
+    yield from _friction_lines(robot)
+
+
+def _center_line(robot: NewRobot, given: bool) -> str:
+    """Return what the motion is about."""
+    motion = robot.motion
+    about = 'as given' if given else 'the middle of the limits'
+    if motion.about_middle:
+        about = (f'not the middle of the limits, where {motion.about_middle.joint.name} would '
+                 f'take {motion.about_middle}')
+    smaller = f'; amplitude and frequency times {motion.size:g}' if motion.size < 1.0 else ''
+    center = ', '.join(f'{x:.4g}' for x in motion.center)
+    return f'center: {center}; {about}{smaller}; collisions are not checked'
+
+
+def _friction_lines(robot: NewRobot) -> Iterator[str]:
+    """Yield where the friction of the plant is from."""
+    from ctc_chattering.configuration.new_robot import (
+        FRICTION,
+        LARGEST_FRICTION,
+        LEAST_STOPPING_TIME,
+    )
+
+    friction = robot.friction
+    assumed = tuple(x for x in robot.joints if x not in friction.coulomb_described)
+    for names, origin in (
+            (friction.coulomb_described, 'Coulomb friction of the plant from <dynamics friction>'),
+            (friction.viscous_described, 'viscous friction of the plant from <dynamics damping>'),
+            (assumed, f'Coulomb friction of the plant assumed, {FRICTION:.0%} of the torque that '
+             'the model takes'),
+            (friction.implausible, 'not taken from <dynamics>, being more than the torque that '
+             f'the model takes, or {LARGEST_FRICTION:.0%} of the effort limit, or a damping that '
+             f'stops these bodies within {LEAST_STOPPING_TIME * 1e3:g} ms')):
+        if names:
+            yield f'{origin}: {"all joints" if names == robot.joints else ", ".join(names)}'
+
+
+def _mimicked(leaders: Mapping[str, Sequence[str]]) -> Iterator[str]:
+    """Yield a line about joints that others mimic; nothing without any."""
+    if leaders:
+        words = (f'{name} ({", ".join(followers)})' for name, followers in leaders.items())
+        yield f'left out, because others mimic them: {", ".join(words)}'
+
+
+def _unexpanded(macros: Sequence[str]) -> Iterator[str]:
+    """Yield a line about macros that xacro has left in a URDF; nothing without any."""
+    if macros:
+        yield f'ignored: {", ".join(macros)}: xacro had no such macro, so what it makes is missing'
 
 
 def check_model_options(parser: argparse.ArgumentParser) -> None:
@@ -100,13 +185,16 @@ def run_check_model(options: argparse.Namespace) -> int:
         raise UsageError(
             f'the model {name} {"needs" if name == "urdf" else "takes no"} --urdf FILE')
     urdf = read_description(options.urdf) if options.urdf else ''
-    joints = options.joints or (Tree(urdf).movable if urdf else ('joint1', 'joint2'))
+    tree = Tree(urdf) if urdf else None
+    joints = options.joints or (tree.movable if tree else ('joint1', 'joint2'))
     if not joints:
         raise CtcError('the description has no joint that moves')
     with given_by_user(('joint_names', 'model')):
         check_joint_names(joints)
         model = make_model(name, options.gravity, joints, urdf)
     print(f'{name}, {model.n} joints: {", ".join(joints)}')
+    for line in _mimicked(tree.leaders) if tree and not options.joints else ():
+        print(line)
     findings = check_dynamics(model, options.seed, options.samples)
     print_columns([('', 'worst', 'allowed', 'check')] + [
         ('ok' if x.passed else 'FAILED', f'{x.worst:.2g}', f'{x.tolerance:.2g}', x.name)
@@ -117,6 +205,8 @@ def run_check_model(options: argparse.Namespace) -> int:
               + (f': {x.error}' if x.error else ''))
     for fault in inertia_faults(urdf, joints) if urdf else ():
         print(f'warning: {fault}')
+    for line in _unexpanded(tree.unexpanded if tree else ()):
+        print(f'warning: {line}')
     return 1 if failed else 0
 
 

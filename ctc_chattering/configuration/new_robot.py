@@ -16,50 +16,123 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from math import inf, pi, sqrt
+from collections.abc import Mapping, Sequence
+import dataclasses
+from math import inf
+from typing import NamedTuple
 
 from ctc_chattering.configuration import parameter_file
+from ctc_chattering.configuration.holding_motion import (
+    choose_motion,
+    DURATION_S,
+    fastest,
+    HeldArm,
+    HoldingMotion,
+    middle,
+    START_S,
+)
 from ctc_chattering.configuration.loop_setup import Values
 from ctc_chattering.configuration.package_share import read_description
 from ctc_chattering.control.controller_config import ControllerConfig
 from ctc_chattering.control.recommended_gains import LAW, model_torque, recommended_gains
+from ctc_chattering.dynamics.model import Model
 from ctc_chattering.dynamics.registry import model_of
+from ctc_chattering.dynamics.serial_chain import chain_to, longest_chain
 from ctc_chattering.dynamics.urdf_parser import Tree
 from ctc_chattering.errors import CtcError
-from ctc_chattering.numerics.time_grid import NANOSECONDS
+from ctc_chattering.numerics.linear_algebra import Array
+from ctc_chattering.parameters import LARGEST
 from ctc_chattering.trajectory.joint_limits import DescribedLimits, JointLimits
-from ctc_chattering.trajectory.reference import make_motion
 import numpy as np
 
-#: Part of the limits that the motion takes, its largest amplitude [rad or m] and frequency [Hz].
-SHARE, _AMPLITUDE, _FREQUENCY = 0.5, 0.5, 0.5
-#: Coulomb friction that is assumed, as a part of the torque that the model takes, and what ka has
-#: for that of the real robot, as a part of the effort limit.
-FRICTION, KA = 0.1, 0.06
-#: Duration of a run and of its smooth start [s], and time between the instants at which the torque
-#: is evaluated [ns].
-_DURATION, _START, _STEP = 10.0, 2.0, NANOSECONDS // 20
+#: Coulomb friction that is assumed, as a part of the torque that the model takes.
+FRICTION = 0.1
+#: Friction of a URDF that exceeds this part of the effort limit is a placeholder.
+LARGEST_FRICTION = 1.0 / 3.0
+#: Damping of a URDF that stops a joint faster belongs to a rotor that the URDF lacks [s].
+LEAST_STOPPING_TIME = 0.01
+#: Part of the effort limit that ka has for the friction of the real robot.
+KA = 0.06
+#: By what ka exceeds the friction of a URDF.
+_KA_MARGIN = 1.25
+#: Significant digits of friction.
+_DIGITS = 3
 
 
-def new_robot(location: str, joints: Sequence[str] = (), gravity: float = 9.81
-              ) -> dict[str, Values]:
+class DescribedFriction(NamedTuple):
+    """Friction of the simulated robot, and the joints for which the URDF gives it."""
+
+    #: Coulomb friction, shape (n,) [N·m or N].
+    coulomb: Array
+    #: Viscous friction, shape (n,) [N·m·s/rad or N·s/m].
+    viscous: Array
+    #: Joints whose Coulomb, or viscous, friction is that of the URDF.
+    coulomb_described: tuple[str, ...]
+    viscous_described: tuple[str, ...]
+    #: Joints whose friction in the URDF is too large to be taken.
+    implausible: tuple[str, ...]
+
+
+@dataclasses.dataclass(frozen=True)
+class NewRobot:
     """
-    Return the parameters of a run that the robot can do, by section of a file.
+    The parameters of a run that a robot can do, and what was taken of its URDF.
 
-    A sinusoid around the middle of the limits, at no more than half the limits of position,
-    velocity and acceleration and within those of the torque, under law `observer_feedback` with
-    the recommended gains. The friction, which no URDF has, is assumed to be 10 % of the torque
-    that the model takes; `ka` has room for 6 % of the effort limit.
+    Attributes
+    ----------
+    values : dict
+        Parameters by section of a file.
+    joints : tuple of str
+        Those of the model.
+    held : tuple of str
+        Joints that could be joints of the model, and stand at 0.
+    leaders : mapping of str to tuple of str
+        Joints that cannot, because others mimic them: these.
+    unexpanded : tuple of str
+        Macros of xacro that are left in the URDF.
+    unlimited : tuple of str
+        Joints without an effort limit.
+    friction : DescribedFriction
+        Of the plant.
+    motion : HoldingMotion
+        About `center`, or about the posture that was chosen.
+
+    """
+
+    values: dict[str, Values]
+    joints: tuple[str, ...]
+    held: tuple[str, ...]
+    leaders: Mapping[str, tuple[str, ...]]
+    unexpanded: tuple[str, ...]
+    unlimited: tuple[str, ...]
+    friction: DescribedFriction
+    motion: HoldingMotion
+
+
+def new_robot(location: str, joints: Sequence[str] = (), gravity: float = 9.81, tip: str = '',
+              center: Sequence[float] = ()) -> NewRobot:
+    """
+    Return the parameters of a run that the robot can do.
+
+    A sinusoid at no more than half the limits of position, velocity and acceleration, under law
+    `observer_feedback` with the recommended gains. Its centre is the middle of the limits, or the
+    nearest posture found in which every joint carries its weight. Collisions are not checked.
+
+    Friction is that of the URDF where it is plausible, else 10 % of the torque that the model
+    takes; `ka` has room for it, and for 6 % of the effort limit.
 
     Parameters
     ----------
     location : str
         Of the URDF: a path or ``package://NAME/PATH``.
     joints : sequence of str
-        Those that are controlled; by default all that can move.
+        Those that are controlled; by default those up to `tip`, or the longest chain.
     gravity : float
         [m/s²].
+    tip : str
+        Link at the end of the arm.
+    center : sequence of float
+        Centre of the motion [rad or m]; empty to choose it.
 
     Raises
     ------
@@ -68,46 +141,58 @@ def new_robot(location: str, joints: Sequence[str] = (), gravity: float = 9.81
 
     """
     text = read_description(location)
-    names = tuple(joints) or Tree(text).movable
-    every = {'joint_names': names, 'control_period': 1e-3, 'gravity': gravity, 'model': 'urdf',
-             'description': location}
-    config = ControllerConfig.from_mapping(every)
+    tree = Tree(text)
+    names = tuple(joints) or (chain_to(tree, tip) if tip else longest_chain(tree))
+    if not names:
+        raise CtcError('URDF: no joint moves a link with a mass' if tree.movable else
+                       'URDF: it has no joint that moves')
+    shared = {'joint_names': names, 'control_period': 1e-3, 'gravity': gravity, 'model': 'urdf',
+              'description': location}
+    config = ControllerConfig.from_mapping(shared)
     model = model_of(config, text)
     expected = model_torque(config, model)
     assert expected is not None  # Only a model of the user's has none.
-    largest = np.array([a if a < inf else b for a, b in zip(model.effort_limits, expected)])
-    friction = [_short(FRICTION * x) for x in expected]
-    centre, amplitude, frequency = map(list, zip(*map(_sinusoid, DescribedLimits(
-        text, names).joints)))
-    gains = recommended_gains(config.changed({'ka': KA * largest}), expected)
+    effort = np.array(model.effort_limits)
+    largest = np.where(effort < inf, effort, expected)
+    limits = DescribedLimits(text, names).joints
+    friction = _friction(tree, limits, model, largest, expected)
+    motion = choose_motion(HeldArm(limits, model, friction.coulomb, friction.viscous), center)
+    described = np.isin(names, friction.coulomb_described + friction.viscous_described)
+    needed = _KA_MARGIN * (friction.coulomb + friction.viscous * fastest(limits))
+    # Some URDFs have 1e300 for no limit; ka gets a part for the error of the model as well.
+    ka = np.minimum(np.maximum(KA * largest, np.where(described, needed, 0.0)), 0.5 * LARGEST)
+    gains = recommended_gains(config.changed({'ka': ka}), expected)
     values: dict[str, Values] = {
-        parameter_file.EVERY_NODE: every,
-        'plant': {'pacing': 'lockstep', 'duration': _DURATION, 'initial_position': centre,
-                  'coulomb_friction': friction},
+        parameter_file.EVERY_NODE: shared,
+        'plant': {'pacing': 'lockstep', 'duration': DURATION_S,
+                  'initial_position': motion.center,
+                  'coulomb_friction': friction.coulomb.tolist(),
+                  'viscous_friction': friction.viscous.tolist()},
         'controller': {'law': LAW, **gains},
-        'reference': {'center': centre, 'amplitude': amplitude, 'frequency': frequency,
-                      'start_duration': _START}}
-    motion = make_motion(parameter_file.load(None, values).reference, None,
-                         {name: (x, 0.0) for name, x in zip(names, centre)})
-    torques = np.max([np.abs(model.inverse_dynamics(*motion.at(t))) for t in range(
-        0, round(_DURATION * NANOSECONDS), _STEP)], axis=0) + friction
-    for name, needed, most in zip(names, torques, largest):
-        if needed > most:  # Nearly all of it is the weight: a slower motion would not help.
-            raise CtcError(f'{name}: the motion takes {needed:.3g} N·m, but <limit effort> allows '
-                           f'{most:g}; correct the URDF, or choose other joints by --joints')
-    return values
+        'reference': {'center': motion.center, 'amplitude': motion.amplitude,
+                      'frequency': motion.frequency, 'start_duration': START_S}}
+    parameter_file.load(None, values)
+    return NewRobot(
+        values, names, tuple(name for name in tree.movable if name not in names),
+        tree.leaders, tree.unexpanded,
+        tuple(name for name, limit in zip(names, effort) if limit == inf), friction,
+        motion)
 
 
-def _sinusoid(joint: JointLimits) -> tuple[float, float, float]:
-    """Return centre and amplitude [rad or m] and frequency [Hz] of a joint's motion."""
-    low, high = joint.position
-    centre = 0.5 * (low + high) if -inf < low < high < inf else 0.0
-    amplitude = min(_AMPLITUDE, 0.5 * SHARE * (high - low))
-    fastest = min(2.0 * pi * _FREQUENCY, SHARE * joint.velocity[1] / amplitude,
-                  sqrt(SHARE * joint.acceleration[1] / amplitude))
-    return _short(centre), _short(amplitude), _short(fastest / (2.0 * pi))
-
-
-def _short(value: float) -> float:
-    """Return a number to three digits."""
-    return float(f'{value:.3g}')
+def _friction(tree: Tree, limits: Sequence[JointLimits], model: Model, largest: Array,
+              expected: Array) -> DescribedFriction:
+    """Return the friction of the simulated robot: what the URDF says, where its bodies fit it."""
+    joints = [tree.joints[limit.name] for limit in limits]
+    coulomb = np.array([joint.friction for joint in joints])
+    viscous = np.array([joint.damping for joint in joints])
+    mass_matrix = np.array(model.mass_matrix([middle(limit) for limit in limits]))
+    inertia = 1.0 / np.diagonal(np.linalg.inv(mass_matrix))
+    most = np.minimum(LARGEST_FRICTION * largest, expected)
+    implausible = (coulomb + viscous * fastest(limits) > most) | (
+        viscous * LEAST_STOPPING_TIME > inertia)
+    coulomb[implausible] = viscous[implausible] = 0.0
+    assumed = np.array([float(f'{FRICTION * torque:.{_DIGITS}g}') for torque in expected])
+    names = np.array([joint.name for joint in joints])
+    # Every joint has friction: 0 says that nobody knows it.
+    return DescribedFriction(np.where(coulomb > 0.0, coulomb, assumed), viscous, *(
+        tuple(map(str, names[which])) for which in (coulomb > 0.0, viscous > 0.0, implausible)))

@@ -144,7 +144,7 @@ def read(path: Path) -> dict[str, Values]:
 
 def full_sections(path: Path) -> dict[str, Values]:
     """Return the sections of a parameter file: full name and flat values; see `read`."""
-    tree = yaml_file.read_yaml(path)
+    tree = yaml_file.read_yaml(path, yaml_file.FileKind.PARAMETERS)
     if not isinstance(tree, dict):
         raise CtcError(f'{path}: not a parameter file; it needs node names at the top')
     found: dict[str, Values] = {}

@@ -17,6 +17,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from enum import Enum
 import json
 from pathlib import Path
 import re
@@ -51,6 +52,11 @@ class Loader(yaml.SafeLoader):
 class Dumper(yaml.SafeDumper):
     """YAML that quotes the strings which ROS would read as numbers, such as 1e3."""
 
+    def ignore_aliases(self, data: Any) -> bool:
+        """Write what stands twice twice, not as an anchor and an alias."""
+        del data
+        return True
+
 
 for _kind in (Loader, Dumper):  # What is an integer is one already.
     _kind.add_implicit_resolver(
@@ -77,14 +83,52 @@ def parse_value(text: str) -> Any:
     return value
 
 
-def read_yaml(path: Path) -> object:
+class FileKind(Enum):
+    """Kinds of YAML files that a user writes, by their names in messages."""
+
+    PARAMETERS = 'a parameter file'
+    SPEC = 'a spec of ctc map or ctc tune'
+    WAYPOINTS = 'a file of waypoints'
+    CONDITIONS = 'a file of conditions'
+
+
+#: Where a file belongs.
+_USE = {
+    FileKind.PARAMETERS: 'ctc simulate and bringup take it, and params_file of a spec names one',
+    FileKind.SPEC: 'ctc map and ctc tune take it',
+    FileKind.WAYPOINTS: 'trajectory_file of reference names it',
+    FileKind.CONDITIONS: 'ctc compare --cases takes it'}
+#: Keys of which a file of each kind has one.
+_KEYS = {
+    FileKind.WAYPOINTS: ('points',), FileKind.CONDITIONS: ('cases',),
+    FileKind.SPEC: ('params_file', 'laws', 'axes', 'uncertain', 'tune')}
+
+
+def kind_of(tree: object) -> FileKind | None:
+    """Return the kind of a file with these contents; None where no key tells it."""
+    if not isinstance(tree, dict):
+        return None
+    if any(isinstance(value, dict) and 'ros__parameters' in value for value in tree.values()):
+        return FileKind.PARAMETERS
+    kinds = (kind for kind, keys in _KEYS.items() if not tree.keys().isdisjoint(keys))
+    return next(kinds, None)
+
+
+def read_yaml(path: Path, *expected: FileKind) -> object:
     """
     Return what a YAML file holds.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    *expected : FileKind
+        Kinds that are taken, most wanted first; none for any.
 
     Raises
     ------
     CtcError
-        If it cannot be read, is not one YAML document, or has a key twice.
+        If it cannot be read, is not one YAML document, has a key twice, or is of another kind.
 
     """
     try:
@@ -95,6 +139,9 @@ def read_yaml(path: Path) -> object:
         raise CtcError(f'{path}: {error.strerror or error}') from None
     except (yaml.YAMLError, ValueError) as error:
         raise CtcError(f'{path}: not a YAML file: {" ".join(str(error).split())}') from None
+    kind = kind_of(tree)
+    if expected and kind and kind not in expected:
+        raise CtcError(f'{path}: this is {kind.value}, not {expected[0].value}; {_USE[kind]}')
     return tree
 
 
@@ -138,7 +185,7 @@ def read_trajectory(path: Path, joint_names: Sequence[str]) -> Route:
 
     """
     with prefixed(f'{path}: '):
-        return _route(read_yaml(path)).ordered(joint_names)
+        return _route(read_yaml(path, FileKind.WAYPOINTS)).ordered(joint_names)
 
 
 def write_trajectory(route: Route, path: Path) -> None:

@@ -20,6 +20,7 @@ import dataclasses
 from math import inf
 
 from ctc_chattering.dynamics.registry import RobotConfig
+from ctc_chattering.errors import ParameterError
 from ctc_chattering.numerics.linear_algebra import Vector
 from ctc_chattering.parameters import LEAST, parameter
 
@@ -138,8 +139,17 @@ class ControllerConfig(RobotConfig):
         of_model : sequence of float, shape (n,)
             `Model.effort_limits`: what holds where `effort_limit` is inf; empty for nothing.
 
+        Raises
+        ------
+        ParameterError
+            If a limit of the model is none: a negative one would turn the clamp round.
+
         """
-        limits = of_model or (inf,) * len(self.effort_limit)
+        n = len(self.effort_limit)
+        limits = of_model or (inf,) * n
+        if len(limits) != n or not all(limit > 0.0 for limit in limits):
+            raise ParameterError(
+                'effort_limits of the model', tuple(limits), f'{n} numbers > 0, or none')
         return tuple(a if a < inf else b for a, b in zip(self.effort_limit, limits))
 
     @property

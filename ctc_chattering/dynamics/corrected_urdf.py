@@ -29,9 +29,10 @@ from collections.abc import Mapping, Sequence
 from math import atan2, degrees, hypot
 import xml.etree.ElementTree as ET
 
+from ctc_chattering.dynamics.description_xml import parse_description
 from ctc_chattering.dynamics.pseudo_inertia import parameters_of, pseudo_inertia
 from ctc_chattering.dynamics.urdf_model import pinocchio, UrdfModel
-from ctc_chattering.dynamics.urdf_parser import origin, parse_description, Tree
+from ctc_chattering.dynamics.urdf_parser import origin, Tree
 from ctc_chattering.errors import CtcError, near, ParameterError
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
@@ -79,8 +80,7 @@ def corrected_urdf(description: str, joints: Sequence[str], parameters: Array,
     if len(gravity) != 3 or not gravity[2] < 0.0:
         raise CtcError(f'gravity must point down, with three numbers: {list(gravity)}')
     model, tree = UrdfModel(description, joints, locked=locked), Tree(description)
-    robot = ET.fromstring(
-        description.strip(), ET.XMLParser(target=ET.TreeBuilder(insert_comments=True)))
+    robot = parse_description(description, comments=True)
     links, elements = ({x.get('name', ''): x for x in robot.findall(tag)}
                        for tag in ('link', 'joint'))
     for i in range(model.n):

@@ -259,7 +259,7 @@ def _fault(link: ET.Element) -> str:
     if m == 0.0 and shaped:
         return 'moves and has a shape, but no mass'
     slack = _ROUNDING * float(np.abs(moments).max()) + _NOTHING
-    if m < 0.0 or moments[0] < -slack or moments[2] > moments[0] + moments[1] + slack:
+    if moments[0] < -slack or moments[2] > moments[0] + moments[1] + slack:
         shown = ', '.join(f'{x:.4g}' for x in moments)
         return (f'has a mass of {m:g} kg and principal moments {shown} kg*m^2: none may be '
                 'negative, or exceed the sum of the others')

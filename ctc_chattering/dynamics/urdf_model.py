@@ -115,6 +115,7 @@ class UrdfModel(Model, LinearModel):
         check_joint_names(self.joint_names)
         tree = Tree(urdf)
         stand = tree.locked(self.joint_names, locked or {})
+        tree.check_limits(self.joint_names)
         joints = [tree.joints[name] for name in self.joint_names]
         self.position_limits = tuple(joint.position for joint in joints)
         self.velocity_limits = tuple(joint.velocity for joint in joints)

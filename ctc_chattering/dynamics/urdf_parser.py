@@ -16,18 +16,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from math import hypot
 from typing import NamedTuple
 import xml.etree.ElementTree as ET
 
+from ctc_chattering.dynamics.description_xml import parse_description, XACRO
 from ctc_chattering.errors import CtcError, near, ParameterError
 
 #: Types of joint with one degree of freedom.
 _MOVABLE = ('revolute', 'continuous', 'prismatic')
 _INF = float('inf')
-#: Largest description: urdfdom overflows the stack with a chain of 30,000 links.
-_CHARACTERS, _BODIES = 4_000_000, 500
+#: Largest number that counts as one.
+_LARGEST = 1e300
+#: Attributes of the elements of an inertial.
+_INERTIAL = {'mass': ('value',), 'inertia': ('ixx', 'ixy', 'ixz', 'iyy', 'iyz', 'izz')}
 
 
 class Origin(NamedTuple):
@@ -47,14 +50,19 @@ def origin(where: str, element: ET.Element) -> Origin:
 
 def axis(where: str, joint: ET.Element) -> tuple[float, float, float]:
     """Return the axis of a joint with length 1, or 0 as the text has it; raise for no numbers."""
-    found = joint.find('axis')
-    x, y, z = numbers(
-        where, 'axis', '1 0 0' if found is None else found.get('xyz', '1 0 0'), 3)
+    x, y, z = _raw_axis(where, joint)
     size = hypot(x, y, z) or 1.0
     return x / size, y / size, z / size
 
 
-def numbers(where: str, what: str, text: str, count: int, most: float = 1e300) -> list[float]:
+def _raw_axis(where: str, joint: ET.Element) -> list[float]:
+    """Return the axis of a joint as the text has it."""
+    element = joint.find('axis')
+    text = '1 0 0' if element is None else element.get('xyz', '1 0 0')
+    return numbers(where, 'axis', text, 3)
+
+
+def numbers(where: str, what: str, text: str, count: int, most: float = _LARGEST) -> list[float]:
     """Return the numbers of an attribute, none of them larger than `most`."""
     try:
         values = [float(word) for word in text.split()]
@@ -89,7 +97,12 @@ class Joint(NamedTuple):
     acceleration: float
     #: Inertia of the rotor, reflected to the joint [kg·m² or kg]; no body of the URDF has it.
     rotor_inertia: float
+    #: Coulomb [N·m or N] and viscous [N·m·s/rad or N·s/m] friction; 0 where the URDF has none.
+    friction: float
+    damping: float
     mimic: Mimic | None
+    #: Contradiction in its limits or friction; empty for none.
+    fault: str
 
 
 class Tree:
@@ -113,6 +126,8 @@ class Tree:
         Where every joint is on its parent link.
     axes : dict of str to tuple of float, length 3
         Of the joints with one degree of freedom, of length 1, or 0 as the text has it.
+    unexpanded : tuple of str
+        Macros of xacro that are left in the text, each once. They are ignored, as urdfdom does.
 
     Raises
     ------
@@ -125,11 +140,12 @@ class Tree:
         robot = parse_description(urdf) if isinstance(urdf, str) else urdf
         if robot.tag != 'robot':
             raise CtcError(f'URDF: the outermost element is <{robot.tag}>, not <robot>')
-        if any('xacro' in element.tag for element in robot.iter()):
-            raise CtcError('URDF: this is xacro; run xacro on it first')
+        self.unexpanded = tuple(dict.fromkeys(
+            element.tag for element in robot.iter() if str(element.tag).startswith(XACRO)))
         self.links, self._elements = _named(robot, 'link'), _named(robot, 'joint')
         if not self.links:
-            raise CtcError('URDF: it has no link')
+            advice = '; run xacro on it first' if self.unexpanded else ''
+            raise CtcError(f'URDF: it has no link{advice}')
         for link in self.links.values():
             _check_inertia(link)
         self.ends = _outwards(self.links, {
@@ -149,9 +165,19 @@ class Tree:
                                f'joints with one degree of freedom: {", ".join(_MOVABLE)}')
 
     @property
+    def leaders(self) -> dict[str, tuple[str, ...]]:
+        """Joints that others mimic, with these."""
+        followers: dict[str, tuple[str, ...]] = {}
+        for name, joint in self.joints.items():
+            if joint.mimic:
+                leader = joint.mimic.leader
+                followers[leader] = (*followers.get(leader, ()), name)
+        return followers
+
+    @property
     def movable(self) -> tuple[str, ...]:
         """Names of the joints a model can have: they mimic none, and none mimics them."""
-        leaders = {joint.mimic.leader for joint in self.joints.values() if joint.mimic}
+        leaders = self.leaders
         return tuple(name for name, joint in self.joints.items()
                      if joint.mimic is None and name not in leaders)
 
@@ -188,13 +214,30 @@ class Tree:
                     'locked', f'{name}: {value}',
                     f'finite positions of joints not in joint_names: {", ".join(free) or "none"}')
         stand = {name: positions.get(name, 0.0) for name in free}
-        for name, (*_, mimic) in self.joints.items():
-            if mimic is not None:
-                if mimic.leader not in free:
-                    raise CtcError(f'URDF: joint {name} mimics {mimic.leader}, which is a joint '
-                                   'of the model, mimics another joint, or is not movable')
-                stand[name] = mimic.multiplier * stand[mimic.leader] + mimic.offset
-        return stand
+        followers = [name for name, joint in self.joints.items() if joint.mimic is not None]
+        return stand | {name: self._following(name, stand) for name in followers}
+
+    def _following(self, follower: str, stand: Mapping[str, float]) -> float:
+        """Return the position of a joint that mimics, where leaders `stand` [rad or m]."""
+        scale, shift, name = 1.0, 0.0, follower
+        for _ in self.joints:
+            mimic = self.joints[name].mimic
+            if mimic is None:
+                return scale * stand[name] + shift
+            shift += scale * mimic.offset
+            scale *= mimic.multiplier
+            leader = self.joints.get(mimic.leader)
+            if leader is None or (leader.mimic is None and mimic.leader not in stand):
+                what = 'not movable' if leader is None else 'a joint of the model'
+                raise CtcError(f'URDF: joint {name} mimics {mimic.leader}, which is {what}')
+            name = mimic.leader
+        raise CtcError(f'URDF: joint {follower} mimics itself')
+
+    def check_limits(self, names: Iterable[str]) -> None:
+        """Raise `CtcError` if limits or friction of one of these joints contradict themselves."""
+        for name in names:
+            if name in self.joints and self.joints[name].fault:
+                raise CtcError(f'URDF: joint {name}: {self.joints[name].fault}')
 
     def bare(self) -> str:
         """
@@ -207,42 +250,17 @@ class Tree:
         robot = ET.Element('robot', name='robot')
         names = {name: f'link {i}' for i, name in enumerate(self.links)}
         for name, link in self.links.items():
-            ET.SubElement(robot, 'link', name=names[name]).extend(link.findall('inertial'))
+            ET.SubElement(robot, 'link', name=names[name]).extend(
+                map(_bare_inertial, link.findall('inertial')))
         for i, (name, joint) in enumerate(self._elements.items()):
             made = ET.SubElement(robot, 'joint', name=name if name in self.joints else (
                 f'fixed joint {i}'), type=joint.get('type', '').replace('continuous', 'revolute'))
             for tag, end in zip(('parent', 'child'), self.ends[name]):
                 ET.SubElement(made, tag, link=names[end])
-            for tag in ('origin', 'axis'):
-                made.extend(joint.findall(tag))
+            _add_origin(made, self.origins[name])
+            ET.SubElement(made, 'axis', xyz=_words(_raw_axis(f'joint {name}', joint)))
             ET.SubElement(made, 'limit', lower='-1', upper='1', effort='0', velocity='0')
         return ET.tostring(robot, encoding='unicode')
-
-
-def parse_description(text: str) -> ET.Element:
-    """
-    Return the outermost element of a robot's description, URDF or MJCF.
-
-    Raises
-    ------
-    CtcError
-        If the text is not XML, or of a size at which the parsers in C++ take minutes or overflow
-        the stack.
-
-    """
-    if len(text) > _CHARACTERS:
-        raise CtcError(f'the description is too large: {len(text)} characters, of '
-                       f'{_CHARACTERS} at most')
-    if '<!ENTITY' in text:
-        raise CtcError('the description declares XML entities')
-    try:
-        root = ET.fromstring(text.strip())
-    except (ET.ParseError, ValueError) as error:
-        raise CtcError(f'the description is not XML: {error}') from None
-    bodies = sum(element.tag in ('link', 'body') for element in root.iter())
-    if bodies > _BODIES:
-        raise CtcError(f'the description is too large: {bodies} bodies, of {_BODIES} at most')
-    return root
 
 
 def _named(robot: ET.Element, tag: str) -> dict[str, ET.Element]:
@@ -298,36 +316,83 @@ def _check_inertia(link: ET.Element) -> None:
     """Raise unless inertias can be read; the parser would leave them out."""
     for inertial in link.findall('inertial'):
         where = f'inertial of link {link.get("name")}'
-        for tag, keys in (('mass', ('value',)),
-                          ('inertia', ('ixx', 'ixy', 'ixz', 'iyy', 'iyz', 'izz'))):
+        for tag, keys in _INERTIAL.items():
             element = inertial.find(tag)
             if element is None:
                 raise CtcError(f'URDF: {where} has no {tag}')
             for key in keys:
-                numbers(where, f'{tag} {key}', element.get(key, ''), 1)
+                (value,) = numbers(where, f'{tag} {key}', element.get(key, ''), 1)
+                if tag == 'mass' and value < 0.0:
+                    raise CtcError(f'URDF: {where}: mass is {value:g} kg; it must not be negative')
         origin(where, inertial)
+
+
+def _bare_inertial(inertial: ET.Element) -> ET.Element:
+    """Return checked inertias with nothing around their numbers: urdfdom drops those it has."""
+    bare = ET.Element('inertial')
+    _add_origin(bare, origin('', inertial))
+    for tag, keys in _INERTIAL.items():
+        element = inertial.find(tag)
+        assert element is not None  # _check_inertia has seen it.
+        ET.SubElement(bare, tag, {key: repr(float(element.get(key, ''))) for key in keys})
+    return bare
+
+
+def _add_origin(parent: ET.Element, place: Origin) -> None:
+    ET.SubElement(parent, 'origin', xyz=_words(place.xyz), rpy=_words(place.rpy))
+
+
+def _words(values: Iterable[float]) -> str:
+    return ' '.join(map(repr, values))
 
 
 def _joint(element: ET.Element) -> Joint:
     name, kind = element.get('name', ''), element.get('type', '')
-    where, found = f'joint {name}', element.find('limit')
-    limit = {} if found is None else found.attrib
-    low, high, velocity, effort = (numbers(where, key, limit.get(key, '0'), 1, _INF)[0]
-                                   for key in ('lower', 'upper', 'velocity', 'effort'))
-    acceleration = min(numbers(where, key, limit.get(key, 'inf'), 1, _INF)[0] or _INF
-                       for key in ('acceleration', 'deceleration'))
-    dynamics = element.find('dynamics')
-    (rotor_inertia,) = (0.0,) if dynamics is None else numbers(  # It is not in the standard.
-        where, 'rotor_inertia', dynamics.get('rotor_inertia', '0'), 1)
+    where = f'joint {name}'
+
+    def number(tag: str, key: str, default: str = '0', most: float = _INF) -> float:
+        part = element.find(tag)
+        text = default if part is None else part.get(key, default)
+        return numbers(where, key, text, 1, most)[0]
+
+    sizes = {key: number('limit', key) for key in ('effort', 'velocity')}
+    sizes |= {key: number('limit', key, 'inf') for key in ('acceleration', 'deceleration')}
+    sizes |= {key: number('dynamics', key, most=_LARGEST) for key in ('friction', 'damping')}
+    rotor_inertia = number('dynamics', 'rotor_inertia', most=_LARGEST)  # Not in the standard.
     if rotor_inertia < 0.0:
         raise CtcError(f'URDF: {where}: rotor_inertia is {rotor_inertia:g}; it must not be '
                        'negative')
+    low, high = number('limit', 'lower'), number('limit', 'upper')
     if kind == 'continuous' or low == high == 0.0:
         low, high = -_INF, _INF
-    mimic, follows = None, element.find('mimic')
-    if follows is not None:
-        (multiplier,) = numbers(where, 'multiplier', follows.get('multiplier', '1'), 1)
-        (offset,) = numbers(where, 'offset', follows.get('offset', '0'), 1)
-        mimic = Mimic(follows.get('joint', ''), multiplier, offset)
-    return Joint(name, kind, (low, high), velocity or _INF, effort or _INF, acceleration,
-                 rotor_inertia, mimic)
+    acceleration = min(sizes[key] or _INF for key in ('acceleration', 'deceleration'))
+    return Joint(name, kind, (low, high), sizes['velocity'] or _INF, sizes['effort'] or _INF,
+                 acceleration, rotor_inertia, sizes['friction'], sizes['damping'],
+                 _mimic(where, element), _fault(sizes) or _fault_of_range(low, high))
+
+
+def _mimic(where: str, element: ET.Element) -> Mimic | None:
+    mimic = element.find('mimic')
+    if mimic is None:
+        return None
+    (multiplier,) = numbers(where, 'multiplier', mimic.get('multiplier', '1'), 1)
+    (offset,) = numbers(where, 'offset', mimic.get('offset', '0'), 1)
+    return Mimic(mimic.get('joint', ''), multiplier, offset)
+
+
+def _fault(sizes: Mapping[str, float]) -> str:
+    """Return which of some sizes is negative; empty for none."""
+    for name, value in sizes.items():
+        if value < 0.0 and name in ('effort', 'velocity'):
+            return (f'{name} is {value:g}, which Gazebo takes for no limit and ros2_control for '
+                    f'{-value:g}; write 0 for no limit, or the limit')
+        if value < 0.0:
+            return f'{name} is {value:g}; it must not be negative'
+    return ''
+
+
+def _fault_of_range(low: float, high: float) -> str:
+    """Return the fault of limits that leave no room; simulators take some for no limits."""
+    return '' if low < high else (
+        f'lower is {low:g} and upper {high:g}, where one that is missing is 0; lower must be '
+        'below upper, or both 0 for no limits')

@@ -23,8 +23,9 @@ from typing import Any
 import xml.etree.ElementTree as ET
 
 from ctc_chattering.configuration.package_share import config_directory
+from ctc_chattering.dynamics.description_xml import parse_description
 from ctc_chattering.dynamics.registry import locked_positions, RobotConfig
-from ctc_chattering.dynamics.urdf_parser import numbers, Origin, origin, parse_description, Tree
+from ctc_chattering.dynamics.urdf_parser import numbers, Origin, origin, Tree
 from ctc_chattering.errors import CtcError
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np

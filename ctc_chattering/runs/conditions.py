@@ -31,7 +31,7 @@ from pathlib import Path
 from typing import Any, TYPE_CHECKING
 
 from ctc_chattering.configuration.node_parameters import LOOP
-from ctc_chattering.configuration.yaml_file import mapping, read_yaml
+from ctc_chattering.configuration.yaml_file import FileKind, mapping, read_yaml
 from ctc_chattering.dynamics.registry import model_of
 from ctc_chattering.errors import near, UsageError
 import numpy as np
@@ -202,7 +202,8 @@ def read_cases(path: Path) -> tuple[Case, ...]:
     def each(name: str, tree: Any, keys: Sequence[str] | None = None) -> dict[Any, Any]:
         return mapping(f'{path}: {name}', tree, tuple(tree or ()) if keys is None else keys)
 
-    tree, nodes = each('spec', read_yaml(path), ('overrides', 'cases')), ('/**', *LOOP)
+    contents = read_yaml(path, FileKind.CONDITIONS)
+    tree, nodes = each('spec', contents, ('overrides', 'cases')), ('/**', *LOOP)
     common = each('overrides', tree.get('overrides', {}), nodes)
     found = []
     for group, cases in each('cases', tree.get('cases')).items():

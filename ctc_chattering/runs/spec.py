@@ -28,7 +28,7 @@ from ctc_chattering.configuration import parameter_file
 from ctc_chattering.configuration.loop_setup import Setup
 from ctc_chattering.configuration.node_parameters import LOOP
 from ctc_chattering.configuration.package_share import find_config
-from ctc_chattering.configuration.yaml_file import mapping, read_yaml
+from ctc_chattering.configuration.yaml_file import FileKind, mapping, read_yaml
 from ctc_chattering.errors import CtcError, ParameterError, prefixed
 from ctc_chattering.parameters import Config, Parameter, parameter
 from ctc_chattering.runs.recommended import recommended_setup
@@ -410,7 +410,7 @@ def read_spec(path: Path) -> MapSpec:
 
     """
     with errors_of(path):
-        return parse(read_yaml(path), path)
+        return parse(read_yaml(path, FileKind.SPEC), path)
 
 
 def rows_of(tree: Mapping[str, Any]) -> Iterator[tuple[str, str]]:

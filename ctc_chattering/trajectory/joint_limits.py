@@ -55,12 +55,13 @@ class DescribedLimits:
     Raises
     ------
     CtcError
-        If the text is no URDF.
+        If the text is no URDF, or limits of these joints contradict themselves.
 
     """
 
     def __init__(self, urdf: str, joint_names: Sequence[str]) -> None:
         tree = Tree(urdf)
+        tree.check_limits(joint_names)
         self.joints: list[JointLimits] = []
         for name in joint_names:
             joint = tree.joints.get(name)

@@ -34,6 +34,7 @@ from machine_code import compile_step
 from made_once import made_once
 import numpy as np
 import pytest
+from urdfs import two_links
 
 LAWS = ['compensation', *SWITCHINGS, 'observer_feedback']
 (OK, NOT_INITIALIZED, WRONG_ARGUMENT, NOT_FINITE, OVERFLOW, ERROR_LIMIT, ERROR_GROWTH,
@@ -264,6 +265,16 @@ def test_a_name_that_is_none_of_a_package_is_refused(tmp_path: Path) -> None:
     refused(ctc('export-c', 'friction', '--out', str(tmp_path / 'out'),
                 '--ros2-control', 'My-Arm'), '--ros2-control My-Arm', 'small letters')
     assert not list(tmp_path.iterdir())
+
+
+def test_a_limit_that_would_turn_the_clamp_round_is_not_exported(tmp_path: Path) -> None:
+    (tmp_path / 'arm.urdf').write_text(two_links().replace('effort="40"', 'effort="-1"'))
+    (tmp_path / 'arm.yaml').write_text(
+        '/**: {ros__parameters: {model: urdf, description: arm.urdf, joint_names: [a, b]}}\n'
+        'reference: {ros__parameters: {center: [0, 0], amplitude: 0.1, frequency: 0.1}}')
+    done = ctc('export-c', 'arm.yaml', '--out', 'law', cwd=tmp_path)
+    refused(done, 'joint a: effort is -1')
+    assert not (tmp_path / 'law').exists()
 
 
 def test_a_model_of_ones_own_and_full_matrices_are_refused(tmp_path: Path) -> None:

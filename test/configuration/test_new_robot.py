@@ -16,6 +16,7 @@
 
 from __future__ import annotations
 
+from math import sin
 from pathlib import Path
 
 from ctc_chattering.analysis.result import simulate
@@ -23,16 +24,32 @@ from ctc_chattering.configuration import parameter_file
 from ctc_chattering.configuration.new_robot import KA, new_robot
 from ctc_chattering.configuration.package_share import find_file
 from ctc_chattering.dynamics.urdf_parser import Tree
+from ctc_chattering.errors import CtcError, ParameterError
 from ctc_commands import ctc, refused
 import numpy as np
-from urdfs import two_links
+import pytest
+from urdfs import grip, L1, M1, M2, mobile_manipulator, panda, R1, R2, robot, two_links
 
-URDF = 'package://example-robot-data/robots/asr_twodof_description/urdf/TwoDofs.urdf'
+ROBOTS = 'package://example-robot-data/robots'
+URDF = f'{ROBOTS}/asr_twodof_description/urdf/TwoDofs.urdf'
+#: Limits of the first joint of `two_links`, which hangs at 0.
+LIMITS = 'lower="-2" upper="3" effort="40" velocity="0"'
+
+
+def written(path: Path, text: str) -> str:
+    """Write a URDF; return its path."""
+    path.write_text(text)
+    return str(path)
+
+
+def weight_of_two_links(q1: float, q2: float) -> float:
+    """Return the torque that holds the first joint of `two_links` [N·m]."""
+    return 9.81 * ((M1 * R1 + M2 * L1) * sin(q1) + M2 * R2 * sin(q1 + q2))
 
 
 def test_the_motion_is_within_half_the_limits_and_the_torques() -> None:
     """Compare with the limits as the URDF has them, at the samples of a simulated run."""
-    values = new_robot(URDF)
+    values = new_robot(URDF).values
     setup = parameter_file.load(None, {**values, 'plant': {**values['plant'], 'duration': 4.0}})
     result = simulate(setup)
     joints = [Tree(find_file(URDF).read_text()).joints[x] for x in result.joint_names]
@@ -50,27 +67,207 @@ def test_the_motion_is_within_half_the_limits_and_the_torques() -> None:
     assert (error < 0.01 * np.ptp(result.q_d, axis=0)).all()
 
 
+def test_another_centre_where_a_joint_cannot_hold_the_middle(tmp_path: Path) -> None:
+    """From 0.4 to 2.8 rad the first joint must lift the arm: 23 N*m at the middle."""
+    limits = 'lower="0.4" upper="2.8" effort="21" velocity="0"'
+    location = written(tmp_path / 'weak.urdf', two_links().replace(LIMITS, limits))
+    found = new_robot(location)
+    assert found.motion.about_middle is not None
+    assert found.motion.about_middle.joint.name == 'a'
+    assert weight_of_two_links(1.6, 0.0) > 21.0
+    assert weight_of_two_links(*found.motion.center) < 0.6 * 21.0
+    assert found.motion.center[0] - found.motion.amplitude[0] > 0.4
+    assert found.motion.center[0] + found.motion.amplitude[0] < 2.8
+    result = simulate(parameter_file.load(None, {
+        **found.values, 'plant': {**found.values['plant'], 'duration': 3.0}}))
+    assert np.abs(result.tau[:, 0]).max() < 21.0
+    assert np.abs(result.e[result.t >= 2.5]).max() < 0.02
+    again = new_robot(location)
+    assert again.values == found.values
+    strong = new_robot(written(tmp_path / 'strong.urdf', two_links().replace(
+        LIMITS, limits.replace('21', '80'))))
+    assert strong.motion.center == [1.6, 0.0]
+    assert strong.motion.about_middle is None
+    assert strong.motion.size == 1.0
+
+
+def test_a_smaller_and_slower_motion_where_no_posture_is_enough(tmp_path: Path) -> None:
+    """Nothing weighs anything along a horizontal rail: what counts is the acceleration."""
+    rail = grip().replace('type="revolute"', 'type="prismatic"').replace(
+        '<limit effort="0" velocity="0"/>', '<limit effort="6" velocity="0"/>', 1)
+    found = new_robot(written(tmp_path / 'rail.urdf', rail))
+    assert found.joints == ('turn',)
+    assert found.motion.size < 1.0
+    moved = 2.7 * found.motion.amplitude[0] * (2.0 * np.pi * found.motion.frequency[0]) ** 2
+    assert moved + found.friction.coulomb[0] < 0.95 * 6.0
+
+
+def test_a_given_centre_is_taken_or_refused(tmp_path: Path) -> None:
+    location = written(tmp_path / 'arm.urdf', two_links())
+    found = new_robot(location, center=[-1.0, 0.5])
+    assert found.values['reference']['center'] == [-1.0, 0.5]
+    assert found.values['plant']['initial_position'] == [-1.0, 0.5]
+    for center, words in (([-2.0, 0.0], 'above -2 and below 3 rad, the limits of a'),
+                          ([float('nan'), 0.0], 'above -2 and below 3'), ([0.0], '2 positions')):
+        with pytest.raises(ParameterError, match=words):
+            new_robot(location, center=center)
+    weak = written(tmp_path / 'weak.urdf', two_links().replace('effort="40"', 'effort="20"'))
+    assert new_robot(weak, center=[0.0, 0.0]).motion.size == 1.0
+    with pytest.raises(CtcError, match=r'a: the lightest motion about --center takes .* of 20 N'):
+        new_robot(weak, center=[1.57, 0.0])
+
+
+@pytest.mark.parametrize(('limits', 'center'), [
+    ('lower="2" upper="inf" effort="80" velocity="1"', 3.0),
+    ('lower="-inf" upper="-1" effort="80" velocity="1"', -2.0),
+    ('lower="-inf" upper="inf" effort="inf" velocity="inf"', 0.0),
+    ('upper="1" effort="80" velocity="1"', 0.5), ('effort="80" velocity="1"', 0.0),
+    ('lower="0.1" upper="0.100001" effort="80" velocity="1"', 0.1),
+    ('lower="-1e9" upper="1e9" effort="1e300" velocity="1e-9"', 0.0)])
+def test_odd_limits_are_kept(limits: str, center: float, tmp_path: Path) -> None:
+    """One bound, none, hardly any room: a file, and no division by zero."""
+    found = new_robot(written(tmp_path / 'odd.urdf', two_links().replace(LIMITS, limits)))
+    assert found.motion.center[0] == pytest.approx(center, abs=2e-6)
+
+
+@pytest.mark.parametrize('limit', ['effort="-1" velocity="1"', 'effort="10" velocity="-1"',
+                                   'lower="1" upper="0" effort="1" velocity="1"',
+                                   'lower="1" upper="1" effort="1" velocity="1"'])
+def test_limits_that_contradict_themselves_are_refused(limit: str, tmp_path: Path) -> None:
+    location = written(tmp_path / 'odd.urdf', two_links().replace(LIMITS, limit))
+    with pytest.raises(CtcError, match=r'^URDF: joint a: (effort|velocity|lower) is '):
+        new_robot(location)
+
+
+def test_friction_of_the_urdf_is_taken_where_it_fits_the_bodies(tmp_path: Path) -> None:
+    """The plant has it, and ka has room for it; placeholders and what is missing are assumed."""
+    def arm(*dynamics: str) -> str:
+        text = two_links()
+        for (name, more) in zip('ab', dynamics):
+            text = text.replace(f'<joint name="{name}" type="revolute">',
+                                f'<joint name="{name}" type="revolute">{more}')
+        return text
+
+    taken = new_robot(written(tmp_path / 'a.urdf', arm(
+        '<dynamics friction="3" damping="1.5"/>', '<dynamics damping="0.2"/>')))
+    assert taken.values['plant']['viscous_friction'] == [1.5, 0.2]
+    assert taken.values['plant']['coulomb_friction'][0] == 3.0
+    assert taken.values['controller']['ka'][0] > 3.0 + 1.5 * 0.5 * np.pi
+    assert taken.friction.coulomb_described == ('a',)
+    assert taken.friction.viscous_described == ('a', 'b')
+    assert taken.friction.implausible == ()
+    bare = new_robot(written(tmp_path / 'b.urdf', arm()))
+    assert bare.values['plant']['viscous_friction'] == [0.0, 0.0]
+    assert bare.values['plant']['coulomb_friction'][1] == (
+        taken.values['plant']['coulomb_friction'][1])
+    for too_much in ('friction="15"', 'damping="40"'):  # Of 40 N*m, and of 0.1 kg*m^2.
+        found = new_robot(written(tmp_path / 'c.urdf', arm(
+            f'<dynamics {too_much}/>', '<dynamics friction="0.5" damping="30"/>')))
+        assert found.friction.implausible == ('a', 'b')
+        assert found.values == {
+            **bare.values, '/**': {**bare.values['/**'], 'description': f'{tmp_path}/c.urdf'}}
+
+
+def test_a_robot_with_the_damping_of_a_simulator_follows_its_motion(tmp_path: Path) -> None:
+    """1 N*m and 1 N*m*s/rad on a wrist of 3e-4 kg*m^2: the simulated motion would diverge."""
+    wrist = two_links().replace('type="revolute">', 'type="revolute"><dynamics friction="1" '
+                                'damping="1"/>').replace('mass value="1.5"', 'mass value="0.05"')
+    light = wrist.replace('ixx="0.05" iyy="0.05" izz="0.01"', 'ixx="3e-4" iyy="3e-4" izz="1e-4"'
+                          ).replace('xyz="0 0 -0.25"', 'xyz="0 0 -0.01"')
+    assert light != wrist
+    found = new_robot(written(tmp_path / 'light.urdf', light))
+    assert found.friction.implausible == ('b',)
+    result = simulate(parameter_file.load(None, {
+        **found.values, 'plant': {**found.values['plant'], 'duration': 3.0}}))
+    assert np.abs(result.e[result.t >= 2.5]).max() < 0.01
+
+
+def test_a_real_arm_that_cannot_hold_the_middle_of_its_limits() -> None:
+    location = f'{ROBOTS}/talos_data/robots/talos_left_arm.urdf'
+    found = new_robot(location)
+    load = found.motion.about_middle
+    assert load is not None
+    assert (load.joint.name, load.limit) == ('arm_left_2_joint', 22.32)
+    assert load.torque > 22.32
+    assert found.motion.load.share <= 0.9
+    limits = [Tree(robot('talos_left_arm')).joints[name].position for name in found.joints]
+    for (low, high), center, amplitude in zip(limits, found.motion.center, found.motion.amplitude):
+        assert low < center - amplitude < center + amplitude < high
+
+
 def test_the_command_writes_a_file_that_runs(tmp_path: Path) -> None:
     (tmp_path / 'arm.urdf').write_text(two_links())
     done = ctc('new-robot', '--urdf', 'arm.urdf', '--out', 'mine/arm.yaml', cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert done.stdout.splitlines()[-1].startswith('wrote mine/arm.yaml; next: ctc compile mine')
-    assert (tmp_path / 'mine' / 'arm.yaml').read_text().startswith('# By `ctc new-robot` from ')
+    text = (tmp_path / 'mine' / 'arm.yaml').read_text()
+    assert text.startswith('# By `ctc new-robot` from ')
+    assert [word for word in ('&', '*id') if word in text.replace('/**', '')] == []
     assert ctc('simulate', tmp_path / 'mine' / 'arm.yaml', '--duration', '0.1').returncode == 0
     again = ('new-robot', '--urdf', 'arm.urdf', '--out', 'mine/arm.yaml')
     refused(ctc(*again, cwd=tmp_path), 'mine/arm.yaml: exists already')
     assert ctc(*again, '--overwrite', cwd=tmp_path).returncode == 0
 
 
+def test_the_command_says_what_it_took(tmp_path: Path) -> None:
+    """On the screen, and as comments of the file."""
+    text = mobile_manipulator().replace('</robot>', '<xacro:sensors/></robot>').replace(
+        '<joint name="wrist" type="revolute">',
+        '<joint name="wrist" type="revolute"><dynamics damping="9"/>').replace(
+        'effort="300"', 'effort="0"')
+    (tmp_path / 'robot.urdf').write_text(text)
+    arguments = ('new-robot', '--urdf', 'robot.urdf', '--overwrite')
+    done = ctc(*arguments, cwd=tmp_path)
+    assert done.stdout.splitlines()[:-1] == [
+        'joints: lift, shoulder, elbow, wrist',
+        'left out, at 0 unless `locked` says otherwise: drive_1, drive_2, pan, tilt, open_1, '
+        'open_2',
+        'ignored: xacro:sensors: xacro had no such macro, so what it makes is missing',
+        'without effort limit, which is 0, inf or missing: shoulder; set effort_limit of the '
+        'controller',
+        'center: 0.2, 0.25, 0.25, 0.25; the middle of the limits; collisions are not checked',
+        'Coulomb friction of the plant assumed, 10% of the torque that the model takes: all '
+        'joints',
+        'not taken from <dynamics>, being more than the torque that the model takes, or 33% of '
+        'the effort limit, or a damping that stops these bodies within 10 ms: wrist']
+    assert '# joints: lift, shoulder, elbow, wrist\n' in (tmp_path / 'robot.yaml').read_text()
+    done = ctc(*arguments, '--tip', 'head', '--center', '0.2,0.1,0.3', cwd=tmp_path)
+    assert done.stdout.startswith('joints: lift, pan, tilt\n')
+    assert 'center: 0.2, 0.1, 0.3; as given; collisions are not checked\n' in done.stdout
+    (tmp_path / 'panda.urdf').write_text(panda())
+    done = ctc('new-robot', '--urdf', 'panda.urdf', '--out', 'panda.yaml', cwd=tmp_path)
+    assert ('left out, because others mimic them: panda_finger_joint1 (panda_finger_joint2)\n'
+            in done.stdout)
+
+
+def test_a_name_does_not_end_the_comment_that_it_stands_in(tmp_path: Path) -> None:
+    """Names come from outside; YAML takes these characters for the end of a line."""
+    for end in ('\u2028', '\x85', '&#10;'):
+        name = f'wheel{end}plant: {{ros__parameters: {{gravity: 0.0}}}}'
+        (tmp_path / 'robot.urdf').write_text(
+            mobile_manipulator().replace('"drive_1"', f'"{name}"'), encoding='utf-8')
+        done = ctc('new-robot', '--urdf', 'robot.urdf', '--overwrite', cwd=tmp_path)
+        assert done.returncode == 0, done.stderr
+        assert parameter_file.load(tmp_path / 'robot.yaml').plant.gravity == 9.81
+        assert len(done.stdout.splitlines()) == 5
+
+
 def test_what_has_no_motion_is_refused(tmp_path: Path) -> None:
-    """A robot without joints, and one that its drives cannot hold."""
-    weak, fixed = tmp_path / 'weak.urdf', tmp_path / 'fixed.urdf'
+    """A robot without joints or masses, and one that its drives cannot hold."""
+    weak, fixed, weightless = (tmp_path / f'{name}.urdf' for name in ('weak', 'fixed', 'empty'))
     weak.write_text(two_links().replace('effort="', 'effort="0.0001" was="'))
     fixed.write_text('<robot name="r"><link name="base"/></robot>')
-    refused(ctc('new-robot', '--urdf', weak, '--out', tmp_path / 'a.yaml'),
-            'the motion takes', 'allows 0.0001')
-    refused(ctc('new-robot', '--urdf', fixed, '--out', tmp_path / 'a.yaml'), 'joint_names')
-    refused(ctc('new-robot', '--urdf', weak, '--joints', 'a,elbow', '--out', tmp_path / 'a.yaml'),
-            'elbow')
+    weightless.write_text(two_links().replace('<mass value="3.0"/>', '<mass value="0"/>').replace(
+        '<mass value="1.5"/>', '<mass value="0"/>'))
+    out = ('--out', tmp_path / 'a.yaml')
+    refused(ctc('new-robot', '--urdf', weak, *out), 'the lightest motion', 'of 0.0001 N·m',
+            'for the weight', '--center')
+    refused(ctc('new-robot', '--urdf', fixed, *out), 'it has no joint that moves')
+    refused(ctc('new-robot', '--urdf', weightless, *out), 'no joint moves a link with a mass')
+    refused(ctc('new-robot', '--urdf', weak, '--joints', 'a,elbow', *out), 'elbow')
+    for wrong in (('--tip', 'elbow'), ('--center', '1'), ('--tip', 'lower', '--joints', 'a')):
+        done = ctc('new-robot', '--urdf', weak, *wrong, *out)
+        refused(done, wrong[0].lstrip('-'))
+        assert done.returncode == 2
     refused(ctc('new-robot'), '--urdf')
     assert not (tmp_path / 'a.yaml').exists()

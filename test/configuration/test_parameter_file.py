@@ -94,6 +94,11 @@ def test_what_is_no_parameter_file(file: Path, content: bytes | None, word: str)
     ('controller', f'lambda: 1{"0" * 400}', '1000', 'number'),
     ('controller', 'kp: [1, null]', 'None', 'list'),
     ('controller', 'kv: [1, 0.5, 0.4, 1]', '0.4', 'symmetric'),
+    *((node, f'{name}: [1.0, {value}]', str(float(value.replace('.', ''))), '>= 1e-09')
+      for node, name in (('controller', 'effort_limit'), ('controller', 'effort_rate_limit'),
+                         ('controller', 'torque_rate_limit'), ('plant', 'torque_saturation'),
+                         ('plant', 'torque_rate_limit'), ('controller', 'error_limit'))
+      for value in ('-1', '0', '.nan', '-.inf')),
     ('controller', 'law: 5', '5', 'compensation'), ('controller', 'state_decimation: 0', '0', '1'),
     ('plant', 'duration: 2024-01-01', '2024', 'number'),
     ('plant', 'disturbance: {amplitude: [1, 2, 3]}', '1.0', 'n = 2'),

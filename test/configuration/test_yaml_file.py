@@ -20,9 +20,10 @@ from collections.abc import Callable
 from pathlib import Path
 
 from ctc_chattering.configuration import parameter_file
-from ctc_chattering.configuration.yaml_file import read_trajectory, read_yaml
+from ctc_chattering.configuration.yaml_file import read_trajectory, read_yaml, write_yaml
 from ctc_chattering.errors import CtcError
 from ctc_chattering.ros.ros_arguments import parse
+from ctc_chattering.runs.conditions import read_cases
 from ctc_chattering.runs.spec import read_spec
 import pytest
 
@@ -65,3 +66,37 @@ def test_what_is_merged_may_be_replaced(tmp_path: Path) -> None:
     path.write_text('b: &b {x: 1}\nouter: {inner: &c {<<: *b, x: 2}}\nd: {<<: *c, x: 4, y: 3}\n')
     assert read_yaml(path) == {
         'b': {'x': 1}, 'outer': {'inner': {'x': 2}}, 'd': {'x': 4, 'y': 3}}
+
+
+def test_what_stands_twice_is_written_twice(tmp_path: Path) -> None:
+    """Anchors such as &id001 are no numbers to read or to change."""
+    twice, path = [0.0, 1.0], tmp_path / 'file.yaml'
+    write_yaml({'plant': {'initial_position': twice}, 'reference': {'center': twice}}, path)
+    assert path.read_text() == (
+        'plant:\n  initial_position: [0.0, 1.0]\nreference:\n  center: [0.0, 1.0]\n')
+
+
+#: A file of each kind, as short as it can be.
+KINDS = {
+    'a parameter file': '/**:\n  ros__parameters: {joint_names: [a]}\n',
+    'a spec of ctc map or ctc tune': 'params_file: friction\nduration: 1.0\n',
+    'a file of waypoints': 'joint_names: [a]\npoints: []\n',
+    'a file of conditions': 'overrides: {}\ncases: {}\n'}
+READERS: dict[Callable[[Path], object], str] = {
+    parameter_file.load: 'a parameter file', as_a_node: 'a parameter file',
+    read_spec: 'a spec of ctc map or ctc tune',
+    lambda path: read_trajectory(path, ('a',)): 'a file of waypoints',
+    read_cases: 'a file of conditions'}
+
+
+@pytest.mark.parametrize(('read', 'expected'), READERS.items())
+def test_a_file_of_another_kind_is_named(
+        read: Callable[[Path], object], expected: str, tmp_path: Path) -> None:
+    """And where such a file belongs."""
+    path = tmp_path / 'file.yaml'
+    for kind, text in KINDS.items():
+        if kind != expected:
+            path.write_text(text)
+            with pytest.raises(CtcError) as error:
+                read(path)
+            assert str(error.value).startswith(f'{path}: this is {kind}, not {expected}; ')

@@ -21,6 +21,7 @@ from ctc_chattering.control.controller import Controller, ControllerConfig, Samp
 from ctc_chattering.control.controller_config import SWITCHINGS
 from ctc_chattering.control.switching import Perturbation
 from ctc_chattering.dynamics.two_link import TwoLink
+from ctc_chattering.errors import CtcError
 from laws import GAINS, inputs
 import numpy as np
 from oracles import Array, Masses, paper_c, paper_m
@@ -38,6 +39,15 @@ def estimate_of(controller: Controller) -> Array:
     memory = controller.memories.law
     assert isinstance(memory, Perturbation)
     return memory.perturbation
+
+
+@pytest.mark.parametrize('limits', [(-1.0, 10.0), (0.0, 10.0), (math.nan, 10.0), (10.0,)])
+def test_effort_limits_of_a_model_that_are_none_are_refused(limits: tuple[float, ...]) -> None:
+    """A limit of -1 N*m would clamp every torque to -1 N*m."""
+    model = TwoLink(9.81)
+    model.effort_limits = limits
+    with pytest.raises(CtcError, match=r'effort_limits of the model: .* 2 numbers > 0'):
+        Controller(ControllerConfig(), model)
 
 
 @pytest.mark.parametrize('law', ['compensation', 'chattering'])

@@ -18,8 +18,10 @@ from __future__ import annotations
 
 from math import inf
 
+from ctc_chattering.dynamics.urdf_model import UrdfModel
 from ctc_chattering.dynamics.urdf_parser import Mimic, Tree
 from ctc_chattering.errors import CtcError
+from ctc_chattering.trajectory.joint_limits import DescribedLimits
 import pytest
 from urdfs import grip, joint, link, PANDA, panda, two_links, UR5, ur5, urdf
 
@@ -47,6 +49,91 @@ def test_limits_that_are_absent_or_zero() -> None:
     assert Tree(bare).joints['j'].effort == inf
     endless = bare.replace('</joint>', '<limit lower="0" upper="inf" effort="inf"/></joint>')
     assert Tree(endless).joints['j'].position == (0.0, inf)
+
+
+LIMITED = two_links().replace('<limit effort="0" velocity="1.5"/>', '<limit {}/>{}')
+
+
+@pytest.mark.parametrize(('limit', 'words'), [
+    ('effort="-1" velocity="1"', ['effort is -1', 'Gazebo', 'ros2_control', 'write 0']),
+    ('effort="10" velocity="-1"', ['velocity is -1', 'write 0']),
+    ('effort="10" velocity="1" acceleration="-2"', ['acceleration is -2', 'negative']),
+    ('effort="10" velocity="1" deceleration="-2"', ['deceleration is -2', 'negative']),
+    ('lower="1" upper="-1" effort="10" velocity="1"', ['lower is 1', 'upper -1']),
+    ('lower="0.5" upper="0.5" effort="10" velocity="1"', ['lower is 0.5', 'upper 0.5']),
+    ('lower="0.5" effort="10" velocity="1"', ['lower is 0.5', 'upper 0']),
+    ('lower="inf" upper="inf" effort="10" velocity="1"', ['lower is inf', 'upper inf'])])
+def test_limits_that_contradict_themselves_are_refused_where_the_joint_is_used(
+        limit: str, words: list[str]) -> None:
+    """Programs read them in different ways; those of a joint that is locked do not matter."""
+    text = LIMITED.format(limit, '')
+    for use in (lambda: UrdfModel(text, ['a', 'b']), lambda: DescribedLimits(text, ['b'])):
+        with pytest.raises(CtcError) as error:
+            use()
+        assert [word for word in ['joint b', *words] if word not in str(error.value)] == []
+        assert '\n' not in str(error.value)
+    assert UrdfModel(text, ['a']).effort_limits == (40.0,)
+
+
+@pytest.mark.parametrize('name', ['friction', 'damping'])
+def test_negative_friction_is_refused_where_the_joint_is_used(name: str) -> None:
+    text = LIMITED.format('effort="10" velocity="1"', f'<dynamics {name}="-0.1"/>')
+    with pytest.raises(CtcError, match=rf'joint b: {name} is -0\.1'):
+        UrdfModel(text, ['a', 'b'])
+
+
+@pytest.mark.parametrize('limit', ['effort', 'velocity', 'lower', 'upper', 'acceleration'])
+def test_a_limit_that_is_no_number_is_refused(limit: str) -> None:
+    with pytest.raises(CtcError, match=f"joint b: {limit} is 'nan', not a number"):
+        Tree(LIMITED.format(f'{limit}="nan"', ''))
+
+
+def test_a_bound_that_is_missing_is_0() -> None:
+    """URDF says so of lower and upper; without both there is no limit."""
+    assert Tree(LIMITED.format('lower="-1"', '')).joints['b'].position == (-1.0, 0.0)
+    assert Tree(LIMITED.format('upper="2"', '')).joints['b'].position == (0.0, 2.0)
+    assert Tree(LIMITED.format('', '')).joints['b'].position == (-inf, inf)
+
+
+def test_friction_and_damping() -> None:
+    text = LIMITED.format('', '<dynamics friction="0.7" damping="1.5"/>')
+    joints = Tree(text).joints
+    assert (joints['b'].friction, joints['b'].damping) == (0.7, 1.5)
+    assert (joints['a'].friction, joints['a'].damping) == (0.0, 0.0)
+
+
+def test_tags_of_other_programs_are_left_alone() -> None:
+    """As urdfdom does, with a prefix that nothing declares, and with macros left over."""
+    robot = two_links().replace('</robot>', (
+        '<gazebo><sensor:camera name="rgb"><imageSize>1</imageSize></sensor:camera></gazebo>'
+        '<xacro:grey/><xacro:grey/><xacro:pelvis_sensors port="1"/></robot>'))
+    assert Tree(robot).movable == ('a', 'b')
+    assert Tree(robot).unexpanded == ('xacro:grey', 'xacro:pelvis_sensors')
+    declared = robot.replace('<robot', '<robot xmlns:xacro="http://ros.org/wiki/xacro"')
+    assert Tree(declared).unexpanded == Tree(robot).unexpanded
+    assert Tree(two_links()).unexpanded == ()
+    drake = two_links().replace('<robot', '<robot xmlns="http://drake.mit.edu"')
+    assert Tree(drake).movable == ('a', 'b')
+
+
+@pytest.mark.parametrize('command', [
+    'include filename="x"/', 'macro name="x"/', 'property name="x" value="1"/', 'arg name="x"/',
+    'if value="1"/', 'unless value="0"/', 'insert_block name="x"/'])
+def test_what_xacro_has_not_run_on_is_refused_with_the_line(command: str) -> None:
+    text = two_links().replace('</robot>', f'\n<xacro:{command}>\n</robot>')
+    name = command.split()[0].rstrip('/')
+    with pytest.raises(CtcError, match=f'line 2: <xacro:{name}>.* run xacro on it first'):
+        Tree(text)
+
+
+def test_a_joint_that_mimics_a_joint_that_mimics_goes_with_both() -> None:
+    third = joint('f3', 'prismatic', 'right', 'thumb', more='<mimic joint="f2" multiplier="3"/>')
+    tree = Tree(grip().replace('</robot>', f'{link("thumb")}{third}</robot>'))
+    assert tree.movable == ('turn',)
+    assert tree.locked(['turn'], {'f1': 0.03}) == {
+        'f1': 0.03, 'f2': pytest.approx(-0.05), 'f3': pytest.approx(-0.15)}
+    with pytest.raises(CtcError, match='f2 mimics f1, which is a joint of the model'):
+        tree.locked(['turn', 'f1'], {})
 
 
 def test_order_is_from_the_root_whatever_the_text_s() -> None:
@@ -83,7 +170,7 @@ def test_wrong_joints(chosen: list[str], positions: dict[str, float], words: lis
 
 
 @pytest.mark.parametrize(('mimic', 'words'), [
-    ('<mimic joint="f2"/>', 'f2 mimics f2, .* mimics another joint'),
+    ('<mimic joint="f2"/>', 'f2 mimics itself'),
     ('<mimic joint="nothing"/>', 'f2 mimics nothing, .* is not movable'),
     ('<mimic joint="f1" multiplier="two"/>', "joint f2: multiplier is 'two'")])
 def test_bad_mimics(mimic: str, words: str) -> None:
@@ -120,6 +207,8 @@ A, B = link('a'), link('b')
         ('prismatic', '<axis xyz="up"/>', 'axis', "'up'"))),
     (two_links().replace('value="3.0"', 'value="heavy"'),
      ['inertial of link upper', 'mass value', "'heavy'"]),
+    (two_links().replace('value="3.0"', 'value="-3.0"'),
+     ['inertial of link upper', 'mass is -3 kg', 'negative']),
     (two_links().replace('ixy="0"', '', 1), ['inertial of link base', 'inertia ixy', "''"]),
     (two_links().replace('<mass value="3.0"/>', ''), ['inertial of link upper has no mass']),
     (two_links().replace('xyz="0 0 -0.3"', 'xyz="0 -0.3"'), ['link upper', 'xyz', '3 numbers'])])

@@ -214,7 +214,9 @@ def test_a_description_that_comes_later_and_is_wrong_at_first() -> None:
         for text, words in (
                 ('', ['model urdf needs']), ('<robot', ['the description is not XML']),
                 (ur5(), ["joint_names: ['a', 'b'] is not allowed", 'shoulder_pan_joint']),
-                (massless, ['M is singular', 'moved by b '])):
+                (massless, ['M is singular', 'moved by b ']),
+                (two_links().replace('effort="40"', 'effort="-1"'), ['joint a: effort is -1']),
+                (two_links().replace('value="3.0"', 'value="-3"'), ['upper: mass is -3 kg'])):
             topic.publish(String(data=text))
             for node in nodes:
                 it.until(lambda: any(

@@ -101,6 +101,30 @@ def grip(kind: str = 'prismatic', mimic: str = '<mimic joint="f1" multiplier="-2
               more=f'<limit effort="0" velocity="0"/>{mimic}')])
 
 
+def mobile_manipulator() -> str:
+    """Return wheels, a lift with a head and an arm of three joints, and a gripper, z upwards."""
+    def body(name: str, mass: float, x: float = 0.0) -> str:
+        return link(name, mass, (x, 0.0, 0.0), (0.01 * mass, 0.02 * mass, 0.02 * mass))
+    strong, weak = (f'<limit lower="-1.5" upper="2" effort="{effort}" velocity="2"/>'
+                    for effort in (300, 60))
+    return urdf([
+        body('base', 20.0), body('wheel_1', 1.0), body('wheel_2', 1.0),
+        joint('drive_1', 'continuous', 'base', 'wheel_1', '0 1 0'),
+        joint('drive_2', 'continuous', 'base', 'wheel_2', '0 1 0'),
+        body('column', 5.0), joint('lift', 'prismatic', 'base', 'column', more=(
+            '<limit lower="0" upper="0.4" effort="900" velocity="0.2"/>')),
+        body('neck', 0.5), body('head', 1.0, 0.1),
+        joint('pan', 'revolute', 'column', 'neck', more=weak),
+        joint('tilt', 'revolute', 'neck', 'head', '0 1 0', more=weak),
+        body('upper', 3.0, 0.2), body('lower', 2.0, 0.2), body('hand', 0.25, 0.05),
+        joint('shoulder', 'revolute', 'column', 'upper', '0 1 0', '0.1 0 0.5', strong),
+        joint('elbow', 'revolute', 'upper', 'lower', '0 1 0', '0.4 0 0', weak),
+        joint('wrist', 'revolute', 'lower', 'hand', '1 0 0', '0.4 0 0', weak),
+        *(body(f'finger_{i}', 0.05, 0.02) for i in (1, 2)),
+        *(joint(f'open_{i}', 'prismatic', 'hand', f'finger_{i}', '0 1 0', '0.1 0 0', weak)
+          for i in (1, 2))])
+
+
 def heavier_links(description: str, joints: Sequence[str], factor: float = 2.0
                   ) -> list[tuple[str, str]]:
     """

@@ -1,0 +1,273 @@
+# Copyright 2026 The ctc_chattering maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+A motion that every joint of an arm can hold: about which posture, and how large.
+
+It is about the middle of the limits where the joints can hold that. Else postures are found by
+steps of one joint at a time, from the middle and then from postures that are drawn. The same robot
+always gets the same motion.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from itertools import chain
+from math import inf, pi, sqrt
+from typing import NamedTuple
+
+from ctc_chattering.dynamics.model import Model
+from ctc_chattering.errors import CtcError, ParameterError
+from ctc_chattering.numerics.linear_algebra import Array
+from ctc_chattering.numerics.time_grid import NANOSECONDS
+from ctc_chattering.trajectory.joint_limits import JointLimits
+from ctc_chattering.trajectory.reference import make_motion, ReferenceConfig
+import numpy as np
+
+#: Part of the limits of position, velocity and acceleration that a motion takes.
+SHARE = 0.5
+#: Part of the effort limits that a motion takes: the rest is for the law.
+EFFORT_SHARE = 0.9
+#: Largest amplitude [rad or m].
+_AMPLITUDE = 0.5
+#: Largest frequency [Hz].
+_FREQUENCY = 0.5
+#: Factors of amplitude and frequency, one after the other, where joints cannot hold a motion.
+_SMALLER = (0.5, 0.25)
+#: Part of the effort limits at which the weight of a posture is small enough.
+_LIGHT = 0.5
+#: First and last step of a joint to another posture [rad or m].
+_FIRST_STEP = 0.5
+_LAST_STEP = 0.02
+#: Postures that are drawn.
+_DRAWS = 20
+#: Distance that a posture keeps to the limits [rad or m], and at most this part of their range.
+_ROOM = 1.0
+_ROOM_SHARE = 0.25
+#: Range of positions of a joint that has no limit [rad or m].
+_RANGE = 2.0 * pi
+#: Duration of a motion, and of its smooth start.
+DURATION_S = 10.0
+START_S = 2.0
+#: Time between the instants at which the torque is evaluated.
+_STEP_NS = NANOSECONDS // 20
+#: Significant digits of amplitudes and frequencies, and of positions.
+_DIGITS = 3
+_DIGITS_OF_POSITION = 6
+
+
+class HeldArm(NamedTuple):
+    """What a motion is for: n joints."""
+
+    limits: Sequence[JointLimits]
+    model: Model
+    #: Coulomb friction, shape (n,) [N·m or N].
+    coulomb: Array
+    #: Viscous friction, shape (n,) [N·m·s/rad or N·s/m].
+    viscous: Array
+
+
+class Load(NamedTuple):
+    """Largest torque or force of a joint in a motion, and its effort limit [N·m or N]."""
+
+    joint: JointLimits
+    torque: float
+    #: What the weight takes at the centre of the motion.
+    weight: float
+    limit: float
+
+    def __str__(self) -> str:
+        """Return the torque and the limit with their unit."""
+        unit = 'N' if self.joint.unit == 'm' else 'N·m'
+        return f'{self.torque:.3g} of {self.limit:g} {unit} ({self.weight:.3g} for the weight)'
+
+    @property
+    def share(self) -> float:
+        """Return the part of the limit that is taken."""
+        return self.torque / self.limit
+
+
+class HoldingMotion(NamedTuple):
+    """A sinusoid, and the joint that it loads most."""
+
+    center: list[float]
+    amplitude: list[float]
+    frequency: list[float]
+    #: Factor of the usual amplitudes and frequencies.
+    size: float
+    load: Load
+    #: Load of the motion about the middle of the limits, where that is another and too large.
+    about_middle: Load | None = None
+
+
+def choose_motion(arm: HeldArm, center: Sequence[float] = ()) -> HoldingMotion:
+    """
+    Return the first motion that every joint can hold with a margin.
+
+    Parameters
+    ----------
+    arm : HeldArm
+        For which it is.
+    center : sequence of float
+        Centre of the motion [rad or m]; empty to choose it.
+
+    Raises
+    ------
+    CtcError
+        If a joint can hold none, or the centre is not within the limits.
+
+    """
+    motions = []
+    for motion in _motions(arm, center):
+        motions.append(motion)
+        if motion.load.share <= EFFORT_SHARE:
+            first = motions[0]
+            return motion if motion.center == first.center else motion._replace(
+                about_middle=first.load)
+    best = min((motion.load for motion in motions), key=lambda load: load.share)
+    where = 'about --center' if len(center) else 'of those that were tried'
+    raise CtcError(
+        f'{best.joint.name}: the lightest motion {where} takes {best}, and may take '
+        f'{EFFORT_SHARE:.0%} of <limit effort>; correct the URDF, or give other --joints, a '
+        '--tip, or another --center')
+
+
+def middle(joint: JointLimits) -> float:
+    """Return the middle of a joint's limits; 0, or what is nearest to it, without both limits."""
+    low, high = joint.position
+    if -inf < low < high < inf:
+        return 0.5 * (low + high)
+    return float(np.clip(0.0, *_inner_range(joint)))
+
+
+def fastest(limits: Sequence[JointLimits]) -> Array:
+    """Return velocities that no motion exceeds, shape (n,) [rad/s or m/s]."""
+    usual = 2.0 * pi * _FREQUENCY * _AMPLITUDE
+    return np.array([min(usual, SHARE * joint.velocity[1]) for joint in limits])
+
+
+def _motions(arm: HeldArm, center: Sequence[float]) -> Iterator[HoldingMotion]:
+    """Yield motions, the most wanted first: large ones, about the middle of the limits."""
+    if len(center):
+        _check_center(center, arm.limits)
+        centers: Iterable[Array] = [np.array(center, float)]
+    else:
+        first = np.array([middle(joint) for joint in arm.limits])
+        centers = map(_rounded, chain([first], _light_postures(arm, first)))
+    tried = []
+    for posture in centers:
+        tried.append(posture)
+        yield _motion(arm, posture, 1.0)
+    for size in _SMALLER:
+        for posture in tried:
+            yield _motion(arm, posture, size)
+
+
+def _check_center(center: Sequence[float], limits: Sequence[JointLimits]) -> None:
+    """Raise `ParameterError` unless a centre is within the limits of all joints."""
+    if len(center) != len(limits):
+        raise ParameterError('center', tuple(center), f'{len(limits)} positions, one per joint')
+    for value, joint in zip(center, limits):
+        low, high = joint.position
+        if not low < value < high:
+            raise ParameterError('center', value, f'above {low:g} and below {high:g} '
+                                 f'{joint.unit}, the limits of {joint.name}')
+
+
+def _motion(arm: HeldArm, center: Array, size: float) -> HoldingMotion:
+    """Return a motion with its load, friction included."""
+    positions = center.tolist()
+    amplitudes = [_amplitude(joint, x, size) for joint, x in zip(arm.limits, positions)]
+    frequencies = [_short(size * _frequency(*x)) for x in zip(arm.limits, amplitudes)]
+    names = [joint.name for joint in arm.limits]
+    reference = ReferenceConfig.from_mapping({
+        'joint_names': names, 'model': 'urdf', 'center': positions, 'amplitude': amplitudes,
+        'frequency': frequencies, 'start_duration': START_S})
+    desired = make_motion(reference, None, {name: (x, 0.0) for name, x in zip(names, positions)})
+    points = [desired.at(t) for t in range(0, round(DURATION_S * NANOSECONDS), _STEP_NS)]
+    torques = np.abs([arm.model.inverse_dynamics(*point) for point in points])
+    speeds = np.abs([dq for _, dq, _ in points])
+    peaks = (torques + arm.coulomb + arm.viscous * speeds).max(axis=0)
+    efforts = arm.model.effort_limits
+    worst = int((peaks / np.array(efforts)).argmax())
+    weight = abs(arm.model.gravity_torque(positions)[worst])
+    load = Load(arm.limits[worst], float(peaks[worst]), weight, efforts[worst])
+    return HoldingMotion(positions, amplitudes, frequencies, size, load)
+
+
+def _amplitude(joint: JointLimits, center: float, size: float) -> float:
+    """Return the amplitude of a joint's motion [rad or m]."""
+    low, high = joint.position
+    room = max(0.0, min(center - low, high - center))
+    return _short(size * min(_AMPLITUDE, SHARE * room))
+
+
+def _frequency(joint: JointLimits, amplitude: float) -> float:
+    """Return the frequency of a joint's motion [Hz]."""
+    if amplitude == 0.0:
+        return _FREQUENCY
+    by_velocity = SHARE * joint.velocity[1] / amplitude
+    by_acceleration = sqrt(SHARE * joint.acceleration[1] / amplitude)
+    return min(_FREQUENCY, by_velocity / (2.0 * pi), by_acceleration / (2.0 * pi))
+
+
+def _light_postures(arm: HeldArm, first: Array) -> Iterator[Array]:
+    """Yield postures whose weight is less than around them; the first one is near to `first`."""
+    low, high = np.transpose([_inner_range(joint) for joint in arm.limits])
+    draws = np.random.default_rng(0).uniform(low, high, (_DRAWS, len(low)))
+    for start in (first, *draws):
+        yield _lighter_posture(arm.model, start, low, high)
+
+
+def _inner_range(joint: JointLimits) -> tuple[float, float]:
+    """Return the least and greatest position of a posture [rad or m]."""
+    low, high = joint.position
+    room = min(_ROOM, _ROOM_SHARE * (high - low))
+    if low == -inf and high == inf:
+        return -0.5 * _RANGE, 0.5 * _RANGE
+    if low == -inf:
+        return high - room - _RANGE, high - room
+    if high == inf:
+        return low + room, low + room + _RANGE
+    return low + room, high - room
+
+
+def _lighter_posture(model: Model, start: Array, low: Array, high: Array) -> Array:
+    """Return a posture near `start` that weighs less; steps get smaller until none helps."""
+    posture, share, step = start, _weight_share(model, start), _FIRST_STEP
+    moves = np.concatenate((np.eye(len(low)), -np.eye(len(low))))
+    while step >= _LAST_STEP and share > _LIGHT:
+        candidates = np.clip(posture + step * moves, low, high)
+        shares = [_weight_share(model, candidate) for candidate in candidates]
+        best = int(np.argmin(shares))
+        if shares[best] < share:
+            posture, share = candidates[best], shares[best]
+        else:
+            step *= 0.5
+    return posture
+
+
+def _weight_share(model: Model, q: Array) -> float:
+    """Return the largest part of an effort limit that the weight takes at a posture."""
+    weights = np.abs(model.gravity_torque(q.tolist()))
+    return float((weights / np.array(model.effort_limits)).max())
+
+
+def _short(value: float) -> float:
+    return float(f'{value:.{_DIGITS}g}')
+
+
+def _rounded(posture: Array) -> Array:
+    """Return a posture to fewer digits [rad or m]."""
+    return np.array([float(f'{x:.{_DIGITS_OF_POSITION}g}') for x in posture])
