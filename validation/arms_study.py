@@ -167,8 +167,7 @@ class Arm:
         rigid = spec.copy().compile()
         data = mujoco.MjData(rigid)
         mujoco.mj_forward(rigid, data)
-        mass = np.zeros((rigid.nv, rigid.nv))
-        mujoco.mj_fullM(rigid, mass, data.qM)
+        mass = mass_matrix(rigid, data)
         for name, motor, rotor in zip(joints, motors, self.rotor):
             inertia = mass.diagonal()[rigid.joint(name).dofadr[0]]
             stiffness = inertia * (2.0 * np.pi * self.case.resonance) ** 2
@@ -217,6 +216,16 @@ class Arm:
             mujoco.mj_step(self.model, self.data)
 
 
+def mass_matrix(model: Any, data: Any) -> Array:
+    """Return M at the state of MuJoCo's data, shape (nv, nv) [kg·m²]."""
+    columns = []
+    for unit in np.eye(model.nv):
+        column = np.zeros(model.nv)
+        mujoco.mj_mulM(model, data, column, unit)
+        columns.append(column)
+    return np.stack(columns, axis=1)
+
+
 def without_shapes(urdf: str) -> str:
     """Return a URDF without shapes, whose meshes are not there."""
     robot = ET.fromstring(urdf)
@@ -241,7 +250,7 @@ def setups(urdf: str, joints: Sequence[str], laws: Sequence[str], options: dict[
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / 'robot.urdf'
         file.write_text(urdf, encoding='utf-8')
-        setup = parameter_file.load(None, new_robot(str(file), joints, **options))
+        setup = parameter_file.load(None, new_robot(str(file), joints, **options).values)
     n = len(joints)
     known = {'actuator_lag': [LAG_S] * n, 'input_delay': DELAY}
     limits = np.array(model_of(setup.controller, urdf).effort_limits)

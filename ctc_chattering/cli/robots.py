@@ -18,12 +18,13 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Iterator, Mapping, Sequence
+from math import inf
 from pathlib import Path
 import textwrap
 from typing import TYPE_CHECKING
 
 from ctc_chattering.analysis.output import prepare, writing
-from ctc_chattering.analysis.tables import one_line
+from ctc_chattering.analysis.tables import fitted, one_line
 from ctc_chattering.cli.options import (
     add_declared,
     add_loop_options,
@@ -32,12 +33,24 @@ from ctc_chattering.cli.options import (
     add_urdf_options,
     load_setup,
 )
+from ctc_chattering.configuration.arm_knowledge import (
+    ArmKnowledge,
+    Known,
+    PAYLOAD,
+    RESONANCE,
+    ROTOR,
+    rotors_of,
+    Source,
+    TORQUE_RATE,
+    torque_rates_of,
+)
 from ctc_chattering.configuration.node_parameters import parameter_table
 from ctc_chattering.errors import CtcError, given_by_user, UsageError
 from ctc_chattering.parameters import Parameter
 
 if TYPE_CHECKING:
     from ctc_chattering.configuration.new_robot import NewRobot
+    from ctc_chattering.dynamics.urdf_parser import Tree
 
 _CENTER = Parameter('center', 'float[]', None, 'Centre of the motion, one position per joint; '
                     'default: where every joint carries its weight', 'rad')
@@ -58,6 +71,8 @@ def new_robot_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--tip', default='', metavar='LINK',
                         help='end of the arm: joints between the root and this link')
     add_declared(parser, _CENTER)
+    for spec in (ROTOR, TORQUE_RATE, RESONANCE, PAYLOAD):
+        add_declared(parser, spec)
     parser.add_argument('--out', type=Path, metavar='F', default=Path('robot.yaml'),
                         help='parameter file to write, default: robot.yaml')
     parser.add_argument('--overwrite', action='store_true', help='replace an existing file')
@@ -72,14 +87,16 @@ def run_new_robot(options: argparse.Namespace) -> int:
     and which friction it has taken. docs/robots.md says what to set next.
     """
     from ctc_chattering.configuration import parameter_file
-    from ctc_chattering.configuration.new_robot import KA, new_robot
+    from ctc_chattering.configuration.new_robot import KA, new_robot, Told
 
     if options.joints and options.tip:
         raise UsageError('--tip: not allowed with --joints')
     location = options.urdf if '://' in options.urdf else str(Path(options.urdf).resolve())
-    with given_by_user(('joint_names', 'tip', 'center')):
+    told = Told(options.rotor_inertia or (), options.torque_rate or (), options.resonance,
+                options.payload)
+    with given_by_user(('joint_names', 'tip', 'center', 'rotor_inertia', 'torque_rate')):
         robot = new_robot(location, options.joints, options.gravity, options.tip,
-                          options.center or ())
+                          options.center or (), told)
     lines = [one_line(line) for line in _described(robot, bool(options.center))]
     out = options.out
     prepare(out.parent, (out.name,), options.overwrite)
@@ -106,6 +123,8 @@ def _described(robot: NewRobot, center_given: bool) -> Iterator[str]:
                'set effort_limit of the controller')
     yield _center_line(robot, center_given)
     yield from _friction_lines(robot)
+    yield from fitted(list(robot.knowledge.rows()), 0)
+    yield from robot.knowledge.lines()
 
 
 def _center_line(robot: NewRobot, given: bool) -> str:
@@ -207,7 +226,20 @@ def run_check_model(options: argparse.Namespace) -> int:
         print(f'warning: {fault}')
     for line in _unexpanded(tree.unexpanded if tree else ()):
         print(f'warning: {line}')
+    if tree:
+        _print_knowledge(tree, joints)
     return 1 if failed else 0
+
+
+def _print_knowledge(tree: Tree, joints: Sequence[str]) -> None:
+    """Print what a URDF says of the arm besides its bodies, and what it lacks."""
+    knowledge = ArmKnowledge(
+        tuple(joints), rotors_of(tree, joints), torque_rates_of(tree.name, joints),
+        Known(inf, Source.NOT_KNOWN), Known(inf, Source.NOT_KNOWN),
+        tuple(name for name in joints if tree.joints[name].kind == 'continuous'))
+    print('what `ctc new-robot` takes besides the bodies:')
+    print('\n'.join(fitted(list(knowledge.rows()))))
+    print('\n'.join(f'  {line}' for line in knowledge.lines()))
 
 
 def export_c_options(parser: argparse.ArgumentParser) -> None:

@@ -106,6 +106,9 @@ class ControllerConfig(RobotConfig):
     friction_lead: float = parameter(
         0.0, 'Time before a reversal at which this friction changes sign.', 's', maximum=0.1,
         laws=('pid_kalman', 'extended_state_observer'))
+    resonance: float = parameter(
+        inf, 'Lowest resonance of the arm while its drives hold it; .inf for stiff joints. The '
+        'recommended gains and `ctc stability` take it.', 'Hz', minimum=LEAST, infinite=True)
     input_delay: int = parameter(
         0, 'Known delay of the torque, in samples; the law predicts the state.', maximum=100,
         read_only=True)

@@ -21,6 +21,7 @@ the one place that decides which gains a law takes where a user chooses it and g
 
 from __future__ import annotations
 
+from math import inf, pi
 from typing import Any
 
 from ctc_chattering.control.controller_config import ControllerConfig
@@ -35,6 +36,8 @@ GAINS = ('kp', 'kv', 'ka', 'estimator_bandwidth')
 POLE = 100.0
 #: Most that the pole times lag and delay may be.
 SLOWNESS = 0.4
+#: Pole over the lowest resonance of elastic joints, whose encoders are at the motors.
+RESONANCE_PART = 0.2
 #: ω over the pole, for positions of at most this resolution [rad], and for coarser ones.
 _FINE, _FAST, _SLOW = 2e-5, 2.0, 1.0
 #: Part of the model's torque that may be wrong, the acceleration that this torque is taken for
@@ -47,9 +50,19 @@ def lateness(lag: float, period: float, delay: int) -> float:
     return lag + period * (1 + delay)
 
 
-def largest_pole(late: float) -> float:
-    """Return p [rad/s] of kp = p², kv = 2 p, where torques act after `late` [s]."""
-    return min(POLE, SLOWNESS / late)
+def largest_pole(late: float, resonance: float = inf) -> float:
+    """
+    Return p [rad/s] of kp = p², kv = 2 p.
+
+    Parameters
+    ----------
+    late : float
+        Time after which a torque acts [s].
+    resonance : float
+        Lowest one of elastic joints [Hz].
+
+    """
+    return min(POLE, SLOWNESS / late, RESONANCE_PART * 2.0 * pi * resonance)
 
 
 def estimator_bandwidth(pole: float, resolution: float) -> float:
@@ -99,7 +112,7 @@ def recommended_gains(config: ControllerConfig, torque: Array | None = None) -> 
     """
     n = len(config.joint_names)
     pole = largest_pole(lateness(
-        max(config.assumed_lag), config.control_period, config.input_delay))
+        max(config.assumed_lag), config.control_period, config.input_delay), config.resonance)
     error = MODEL_ERROR * np.array([0.0] * n if torque is None else torque)
     return {'kp': (pole ** 2,) * n, 'kv': (2.0 * pole,) * n,
             'ka': tuple(float(f'{x:.3g}') for x in np.add(config.ka, error)),

@@ -71,6 +71,14 @@ def joint_beyond(e: Vector, limit: Vector) -> int | None:
 
 #: How long a loop may seem out of control [s], and how often that is read [ns].
 PATIENCE, _INTERVAL = 0.2, NANOSECONDS // 50
+#: Part of its bandwidth below which a law that goes on oscillating has not found calm gains.
+LIMIT_CYCLE_BANDWIDTH = 0.2
+#: How long that may last [s].
+LIMIT_CYCLE_S = 1.0
+#: Least frequency of such an oscillation [Hz].
+LEAST_FREQUENCY_HZ = 2.0
+#: Time over which the mean of a torque is taken, about which it alternates [s].
+MEAN_TIME_S = 0.2
 #: Part of the bandwidth below which it is worth a word.
 _WORTH_A_WORD = 0.7
 #: The law whose errors must not grow, where `error_limit` is not set.
@@ -95,7 +103,8 @@ class TripMonitor:
 
     def __init__(self, names: Sequence[str], period: int) -> None:
         self._names = names
-        self._interval = max(_INTERVAL // period, 1)
+        self._interval, self._period = max(_INTERVAL // period, 1), period
+        self._low_bandwidth = False
         self._samples = 0
         #: Of (TR1): under which law, and the least errors.
         self._law = ''
@@ -104,6 +113,7 @@ class TripMonitor:
     def restart(self) -> None:
         """Begin again with the torques."""
         self._least = [inf] * len(self._names)
+        self._cycle = LimitCycle(len(self._names), self._period)
 
     def check(self, law: Controller, sample: Sample) -> str:
         """Return why the torque of a sample must not be sent until a reset; '' if it may be."""
@@ -122,9 +132,73 @@ class TripMonitor:
                 return (f'the position error of {self._names[joint]} has grown by {grown:.2f} rad '
                         f'(set error_limit to allow more than {LARGEST_GROWTH:g} rad); {_CAUSES}')
         self._samples += 1
-        if self._samples % self._interval or law.stability[1] < PATIENCE:
+        if self._low_bandwidth:
+            self._cycle.follow(sample.tau)
+        if self._samples % self._interval:
             return ''
-        return f'the feedback of {config.law} oscillated; {_CAUSES}'
+        bandwidth, strained = law.stability
+        if strained >= PATIENCE:
+            return f'the feedback of {config.law} oscillated; {_CAUSES}'
+        if bandwidth >= LIMIT_CYCLE_BANDWIDTH:
+            self._low_bandwidth = False
+        elif not self._low_bandwidth:
+            self._low_bandwidth = True
+            self._cycle = LimitCycle(len(self._names), self._period)
+        elif self._cycle.lasts:
+            joint, frequency = self._cycle.largest()
+            return (f'{self._names[joint]} oscillates at {frequency:.0f} Hz, and '
+                    f'{config.law} finds no bandwidth at which it is calm: the joint is elastic, '
+                    'or the inertia of its rotor is wrong; see docs/safety.md')
+        return ''
+
+
+class LimitCycle:
+    """
+    A torque that alternates about its mean.
+
+    Parameters
+    ----------
+    n : int
+        Number of joints.
+    period : int
+        Control period [ns].
+
+    """
+
+    def __init__(self, n: int, period: int) -> None:
+        self._period_s = period / NANOSECONDS
+        self._share = min(self._period_s / MEAN_TIME_S, 1.0)
+        self._mean: list[float] | None = None
+        self._sign, self._turns, self._swing = [0.0] * n, [0] * n, [0.0] * n
+        self._samples = 0
+
+    def follow(self, tau: Vector) -> None:
+        """Take the torque of a sample, shape (n,) [N·m]."""
+        if self._mean is None:
+            self._mean = list(tau)
+        self._samples += 1
+        for i, torque in enumerate(tau):
+            deviation = torque - self._mean[i]
+            self._mean[i] += self._share * deviation
+            if deviation * self._sign[i] < 0.0:
+                self._turns[i] += 1
+            self._sign[i] = deviation or self._sign[i]
+            self._swing[i] += abs(deviation)
+
+    @property
+    def duration_s(self) -> float:
+        """Time for which it was followed [s]."""
+        return self._samples * self._period_s
+
+    @property
+    def lasts(self) -> bool:
+        """Whether it alternates for long enough."""
+        return self.duration_s >= LIMIT_CYCLE_S and self.largest()[1] >= LEAST_FREQUENCY_HZ
+
+    def largest(self) -> tuple[int, float]:
+        """Return the joint with the largest torque about its mean, and its frequency [Hz]."""
+        joint = max(range(len(self._swing)), key=lambda i: self._swing[i])
+        return joint, 0.5 * self._turns[joint] / max(self.duration_s, self._period_s)
 
 
 #: Largest factor by which a number changes at once.
