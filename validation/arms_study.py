@@ -30,9 +30,10 @@ import tempfile
 from typing import Any, NamedTuple
 import xml.etree.ElementTree as ET
 
+from ctc_chattering.analysis.compilation import compile_setups
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.configuration.loop_setup import Setup
-from ctc_chattering.configuration.new_robot import new_robot
+from ctc_chattering.configuration.new_robot import new_robot, Told
 from ctc_chattering.control.controller import Controller
 from ctc_chattering.controller.trips import TripMonitor
 from ctc_chattering.dynamics.registry import model_of
@@ -250,7 +251,10 @@ def setups(urdf: str, joints: Sequence[str], laws: Sequence[str], options: dict[
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / 'robot.urdf'
         file.write_text(urdf, encoding='utf-8')
-        setup = parameter_file.load(None, new_robot(str(file), joints, **options).values)
+        setup = parameter_file.load(None, new_robot(
+            str(file), joints, told=Told(**options)).values)
+        if options.get('rotor_inertia') == []:
+            setup = setup.changed({'/**': {'rotor_inertia': 0.0}})
     n = len(joints)
     known = {'actuator_lag': [LAG_S] * n, 'input_delay': DELAY}
     limits = np.array(model_of(setup.controller, urdf).effort_limits)
@@ -318,6 +322,7 @@ def rows(name: str, cases: Sequence[str], laws: Sequence[str], seeds: Sequence[i
     """Yield an outcome of each case, law and seed."""
     urdf, joints = urdfs.robot(DESCRIBED[name][0]), DESCRIBED[name][1]
     made = setups(urdf, joints, laws, options)
+    compile_setups(list(made.values()), print)
     model = model_of(next(iter(made.values())).controller, urdf)
     effort = np.array(model.effort_limits)  # type: ignore[attr-defined]
     velocity = np.array(model.velocity_limits)  # type: ignore[attr-defined]
