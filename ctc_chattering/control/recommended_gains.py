@@ -40,6 +40,8 @@ SLOWNESS = 0.4
 RESONANCE_PART = 0.2
 #: ω over the pole, for positions of at most this resolution [rad], and for coarser ones.
 _FINE, _FAST, _SLOW = 2e-5, 2.0, 1.0
+#: How much faster an observer without a slope may be, for the same noise of P̂ or less.
+_WITHOUT_SLOPE = 2.0
 #: Part of the model's torque that may be wrong, the acceleration that this torque is taken for
 #: [rad/s²], and the number of positions at which it is.
 MODEL_ERROR, _ACCELERATION, _POSITIONS = 0.2, 20.0, 100
@@ -65,7 +67,7 @@ def largest_pole(late: float, resonance: float = inf) -> float:
     return min(POLE, SLOWNESS / late, RESONANCE_PART * 2.0 * pi * resonance)
 
 
-def estimator_bandwidth(pole: float, resolution: float) -> float:
+def estimator_bandwidth(pole: float, resolution: float, slope: bool = True) -> float:
     """
     Return ω of the observer [rad/s].
 
@@ -75,9 +77,12 @@ def estimator_bandwidth(pole: float, resolution: float) -> float:
         p [rad/s].
     resolution : float
         Step of the encoders, or noise of the positions, if that is more [rad].
+    slope : bool
+        Whether the observer has one, `estimator_slope`.
 
     """
-    return (_FAST if resolution <= _FINE else _SLOW) * pole
+    ratio = _FAST if resolution <= _FINE else _SLOW
+    return ratio * pole * (1.0 if slope else _WITHOUT_SLOPE)
 
 
 def model_torque(config: ControllerConfig, model: Model) -> Array | None:
@@ -116,7 +121,7 @@ def recommended_gains(config: ControllerConfig, torque: Array | None = None) -> 
     error = MODEL_ERROR * np.array([0.0] * n if torque is None else torque)
     return {'kp': (pole ** 2,) * n, 'kv': (2.0 * pole,) * n,
             'ka': tuple(float(f'{x:.3g}') for x in np.add(config.ka, error)),
-            'estimator_bandwidth': estimator_bandwidth(pole, np.inf)}
+            'estimator_bandwidth': estimator_bandwidth(pole, np.inf, config.estimator_slope)}
 
 
 class GainChoice:

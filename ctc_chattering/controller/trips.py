@@ -44,6 +44,7 @@ from math import inf
 
 from ctc_chattering.control.controller import Controller, Sample
 from ctc_chattering.control.controller_config import ControllerConfig
+from ctc_chattering.control.laws.base import Stability
 from ctc_chattering.errors import ParameterError
 from ctc_chattering.numerics.linear_algebra import Vector
 from ctc_chattering.numerics.time_grid import NANOSECONDS
@@ -71,21 +72,20 @@ def joint_beyond(e: Vector, limit: Vector) -> int | None:
 
 #: How long a loop may seem out of control [s], and how often that is read [ns].
 PATIENCE, _INTERVAL = 0.2, NANOSECONDS // 50
-#: Part of its bandwidth below which a law that goes on oscillating has not found calm gains.
-LIMIT_CYCLE_BANDWIDTH = 0.2
-#: How long that may last [s].
+#: Longest limit cycle [s].
 LIMIT_CYCLE_S = 1.0
-#: Least frequency of such an oscillation [Hz].
-LEAST_FREQUENCY_HZ = 2.0
-#: Time over which the mean of a torque is taken, about which it alternates [s].
-MEAN_TIME_S = 0.2
+#: Least frequency of an oscillation [Hz].
+LEAST_FREQUENCY_HZ = 1.0
 #: Part of the bandwidth below which it is worth a word.
 _WORTH_A_WORD = 0.7
 #: The law whose errors must not grow, where `error_limit` is not set.
 WATCHED = 'observer_feedback'
 #: Why the error of a joint grows, or the feedback oscillates.
 _CAUSES = ('the drives may be slower than torque_rate_limit, or later than actuator_lag and '
-           'input_delay say, or ka too small')
+           'input_delay say, ka too small, joints elastic, or a rotor far from that of the model')
+#: Why a loop has a limit cycle, and what to do about it.
+_CYCLE_CAUSES = ('the joints are elastic, or an inertia is far from that of the model, often a '
+                 "rotor's; set resonance, or correct rotor_inertia (docs/safety.md#limit-cycles)")
 
 
 class TripMonitor:
@@ -103,8 +103,7 @@ class TripMonitor:
 
     def __init__(self, names: Sequence[str], period: int) -> None:
         self._names = names
-        self._interval, self._period = max(_INTERVAL // period, 1), period
-        self._low_bandwidth = False
+        self._interval = max(_INTERVAL // period, 1)
         self._samples = 0
         #: Of (TR1): under which law, and the least errors.
         self._law = ''
@@ -113,7 +112,6 @@ class TripMonitor:
     def restart(self) -> None:
         """Begin again with the torques."""
         self._least = [inf] * len(self._names)
-        self._cycle = LimitCycle(len(self._names), self._period)
 
     def check(self, law: Controller, sample: Sample) -> str:
         """Return why the torque of a sample must not be sent until a reset; '' if it may be."""
@@ -130,75 +128,25 @@ class TripMonitor:
                 (abs(x) - least, i) for i, (x, least) in enumerate(zip(e, self._least)))
             if grown > LARGEST_GROWTH:
                 return (f'the position error of {self._names[joint]} has grown by {grown:.2f} rad '
-                        f'(set error_limit to allow more than {LARGEST_GROWTH:g} rad); {_CAUSES}')
+                        f'(set error_limit to allow more than {LARGEST_GROWTH:g} rad)'
+                        f'{self._where(law.stability)}; {_CAUSES}')
         self._samples += 1
-        if self._low_bandwidth:
-            self._cycle.follow(sample.tau)
-        if self._samples % self._interval:
-            return ''
-        bandwidth, strained = law.stability
-        if strained >= PATIENCE:
-            return f'the feedback of {config.law} oscillated; {_CAUSES}'
-        if bandwidth >= LIMIT_CYCLE_BANDWIDTH:
-            self._low_bandwidth = False
-        elif not self._low_bandwidth:
-            self._low_bandwidth = True
-            self._cycle = LimitCycle(len(self._names), self._period)
-        elif self._cycle.lasts:
-            joint, frequency = self._cycle.largest()
-            return (f'{self._names[joint]} oscillates at {frequency:.0f} Hz, and '
-                    f'{config.law} finds no bandwidth at which it is calm: the joint is elastic, '
-                    'or the inertia of its rotor is wrong; see docs/safety.md')
+        return '' if self._samples % self._interval else self._oscillation(config.law, law.stability)
+
+    def _oscillation(self, law: str, state: Stability) -> str:
+        """Return why a feedback that oscillates must end; '' if it need not."""
+        if state.strained >= PATIENCE:
+            return f'the feedback of {law} oscillated{self._where(state)}; {_CAUSES}'
+        if state.cycling >= LIMIT_CYCLE_S:
+            return (f'the feedback of {law} found no bandwidth at which it is calm'
+                    f'{self._where(state)}; {_CYCLE_CAUSES}')
         return ''
 
-
-class LimitCycle:
-    """
-    A torque that alternates about its mean.
-
-    Parameters
-    ----------
-    n : int
-        Number of joints.
-    period : int
-        Control period [ns].
-
-    """
-
-    def __init__(self, n: int, period: int) -> None:
-        self._period_s = period / NANOSECONDS
-        self._share = min(self._period_s / MEAN_TIME_S, 1.0)
-        self._mean: list[float] | None = None
-        self._sign, self._turns, self._swing = [0.0] * n, [0] * n, [0.0] * n
-        self._samples = 0
-
-    def follow(self, tau: Vector) -> None:
-        """Take the torque of a sample, shape (n,) [N·m]."""
-        if self._mean is None:
-            self._mean = list(tau)
-        self._samples += 1
-        for i, torque in enumerate(tau):
-            deviation = torque - self._mean[i]
-            self._mean[i] += self._share * deviation
-            if deviation * self._sign[i] < 0.0:
-                self._turns[i] += 1
-            self._sign[i] = deviation or self._sign[i]
-            self._swing[i] += abs(deviation)
-
-    @property
-    def duration_s(self) -> float:
-        """Time for which it was followed [s]."""
-        return self._samples * self._period_s
-
-    @property
-    def lasts(self) -> bool:
-        """Whether it alternates for long enough."""
-        return self.duration_s >= LIMIT_CYCLE_S and self.largest()[1] >= LEAST_FREQUENCY_HZ
-
-    def largest(self) -> tuple[int, float]:
-        """Return the joint with the largest torque about its mean, and its frequency [Hz]."""
-        joint = max(range(len(self._swing)), key=lambda i: self._swing[i])
-        return joint, 0.5 * self._turns[joint] / max(self.duration_s, self._period_s)
+    def _where(self, state: Stability) -> str:
+        """Return which joint oscillates, and how fast; '' if none does."""
+        if state.bandwidth > _WORTH_A_WORD or state.frequency < LEAST_FREQUENCY_HZ:
+            return ''
+        return f': {self._names[state.joint]} oscillates at {state.frequency:.0f} Hz'
 
 
 #: Largest factor by which a number changes at once.
@@ -209,7 +157,7 @@ UNBOUNDED = ('integral', 'momentum_observer', 'super_twisting')
 
 def low_bandwidth(law: Controller) -> list[str]:
     """Return a line if the feedback of a law oscillates so much that it uses less bandwidth."""
-    part, _ = law.stability
+    part = law.stability.bandwidth
     return [] if part > _WORTH_A_WORD else [
         f'the feedback oscillates; the law is down to {100.0 * part:.0f} % of its bandwidth; '
         f'{_CAUSES}']
