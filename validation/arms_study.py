@@ -35,14 +35,16 @@ from ctc_chattering.configuration import parameter_file
 from ctc_chattering.configuration.loop_setup import Setup
 from ctc_chattering.configuration.new_robot import new_robot, Told
 from ctc_chattering.control.controller import Controller
-from ctc_chattering.controller.trips import TripMonitor
+from ctc_chattering.controller import trips
 from ctc_chattering.dynamics.registry import model_of
+from ctc_chattering.dynamics.urdf_model import UrdfModel
 from ctc_chattering.runs.recommended import recommended_setup
 from ctc_chattering.trajectory.reference import make_motion
 import mujoco
 import numpy as np
 from rigid_bodies import Array
 from robots import DESCRIBED
+import scipy.linalg  # type: ignore[import-untyped]
 import urdfs
 
 #: Step of MuJoCo [s], and steps of a control period of 1 ms.
@@ -59,6 +61,8 @@ MODEL_ERROR = 0.1
 DURATION_S, JUDGED_FROM_S, PICKED_S = 10.0, 2.5, 5.0
 #: Damping ratio of an elastic joint.
 DAMPING_RATIO = 0.02
+#: Fastest resonance of a joint alone [Hz].
+FASTEST_HZ = 250.0
 
 
 class Case(NamedTuple):
@@ -70,7 +74,7 @@ class Case(NamedTuple):
     rotor : (float, float)
         Least and largest inertia of a rotor per effort limit [kg·m² per N·m].
     resonance : float
-        Of each joint with its motor held [Hz]; 0 for rigid joints.
+        The lowest one with all motors held [Hz]; 0 for rigid joints.
     encoder : str
         Side of an elastic joint that is measured: motor or link.
     payload : float
@@ -108,6 +112,8 @@ class Arm:
         Effort limits [N·m].
     velocity : ndarray, shape (n,)
         Velocity limits [rad/s].
+    posture : ndarray, shape (n,)
+        Middle of the motion [rad].
     case : Case
         What it is like.
     seed : int
@@ -116,11 +122,14 @@ class Arm:
     """
 
     def __init__(self, urdf: str, joints: Sequence[str], effort: Array, velocity: Array,
-                 case: Case, seed: int) -> None:
+                 posture: Array, case: Case, seed: int) -> None:
         rng = np.random.default_rng(seed)
         self.effort, self.case, n = effort, case, len(joints)
-        self.rotor = effort * np.exp(rng.uniform(*np.log(case.rotor), n))
+        least, most = np.log(case.rotor)
+        self.rotor = effort * np.exp(rng.uniform(least, most, n))
         spec = mujoco.MjSpec.from_string(without_shapes(urdf))
+        for equality in list(spec.equalities):
+            spec.delete(equality)
         for joint in list(spec.joints):
             if joint.name not in joints:
                 spec.delete(joint)
@@ -135,7 +144,7 @@ class Arm:
         driven = list(joints)
         if case.resonance:
             driven = [f'motor {name}' for name in joints]
-            self._add_springs(spec, joints, driven)
+            self._add_springs(spec, joints, driven, posture)
         self.model = spec.compile()
         self.model.jnt_limited[:] = 0
         self.model.dof_damping[:] = self.model.dof_frictionloss[:] = 0.0
@@ -163,21 +172,22 @@ class Arm:
                 # One factor: principal moments keep what bodies can have.
                 body.inertia = np.array(body.inertia) * mass * moments[0]
 
-    def _add_springs(self, spec: Any, joints: Sequence[str], motors: Sequence[str]) -> None:
+    def _add_springs(self, spec: Any, joints: Sequence[str], motors: Sequence[str],
+                     posture: Array) -> None:
         """Put a motor with its rotor and a spring before each joint."""
         rigid = spec.copy().compile()
         data = mujoco.MjData(rigid)
+        of_joint = [rigid.joint(name).dofadr[0] for name in joints]
+        data.qpos[of_joint] = posture
         mujoco.mj_forward(rigid, data)
-        mass = mass_matrix(rigid, data)
-        for name, motor, rotor in zip(joints, motors, self.rotor):
-            inertia = mass.diagonal()[rigid.joint(name).dofadr[0]]
-            stiffness = inertia * (2.0 * np.pi * self.case.resonance) ** 2
+        mass = mass_matrix(rigid, data)[np.ix_(of_joint, of_joint)]
+        stiffness, damping = springs(mass, self.effort, self.case.resonance)
+        for k, (name, motor, rotor) in enumerate(zip(joints, motors, self.rotor)):
             body = spec.worldbody.add_body(name=motor)
             body.mass, body.inertia, body.explicitinertial = 1.0, (rotor, rotor, rotor), True
             body.add_joint(name=motor, type=mujoco.mjtJoint.mjJNT_HINGE, axis=(0.0, 0.0, 1.0))
             spring = spec.add_tendon(
-                name=f'spring {name}', stiffness=stiffness,
-                damping=2.0 * DAMPING_RATIO * np.sqrt(stiffness * inertia))
+                name=f'spring {name}', stiffness=stiffness[k], damping=damping[k])
             spring.wrap_joint(name, 1.0)
             spring.wrap_joint(motor, -1.0)
 
@@ -195,7 +205,7 @@ class Arm:
 
     def links(self) -> Array:
         """Return the true positions of the links, shape (n,) [rad]."""
-        return self.data.qpos[self.link].copy()
+        return np.array(self.data.qpos[self.link])
 
     def pick(self) -> None:
         """Pick up the payload."""
@@ -215,6 +225,30 @@ class Arm:
             self.torque = self.torque + np.clip(change, -most, most)
             self.data.qfrc_applied[self.motor] = self.torque
             mujoco.mj_step(self.model, self.data)
+
+
+def springs(mass: Array, effort: Array, resonance: float) -> tuple[Array, Array]:
+    """
+    Return stiffness [N·m/rad] and damping [N·m·s/rad] of the joints, each of shape (n,).
+
+    Stiffness is in proportion to the effort limits, so that the lowest resonance is as asked for
+    while all motors are held, but no joint alone is faster than MuJoCo's step resolves.
+
+    Parameters
+    ----------
+    mass : array, shape (n, n)
+        M in the middle of the motion [kg·m²].
+    effort : array, shape (n,)
+        Effort limits [N·m].
+    resonance : float
+        The lowest one [Hz].
+
+    """
+    squares = scipy.linalg.eigh(np.diag(effort), mass, eigvals_only=True)
+    alone = 1.0 / np.diagonal(np.linalg.inv(mass))
+    stiffness = np.minimum((2.0 * np.pi * resonance) ** 2 / squares[0] * effort,
+                           alone * (2.0 * np.pi * FASTEST_HZ) ** 2)
+    return stiffness, 2.0 * DAMPING_RATIO * np.sqrt(stiffness * alone)
 
 
 def mass_matrix(model: Any, data: Any) -> Array:
@@ -245,23 +279,39 @@ def without_shapes(urdf: str) -> str:
     return ET.tostring(robot, encoding='unicode')
 
 
-def setups(urdf: str, joints: Sequence[str], laws: Sequence[str], options: dict[str, Any]
+def setups(urdf: str, joints: Sequence[str], laws: Sequence[str], told: Told, before: bool
            ) -> dict[str, Setup]:
-    """Return the setup of each law from what `ctc new-robot` writes."""
+    """
+    Return the setup of each law from what `ctc new-robot` writes.
+
+    Parameters
+    ----------
+    urdf : str
+        Text of the description.
+    joints : sequence of str
+        The arm.
+    laws : sequence of str
+        With gains by rule.
+    told : Told
+        What `ctc new-robot` is told of the arm.
+    before : bool
+        Whether no rotors are assumed, as before they were.
+
+    """
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / 'robot.urdf'
         file.write_text(urdf, encoding='utf-8')
-        setup = parameter_file.load(None, new_robot(
-            str(file), joints, told=Told(**options)).values)
-        if options.get('rotor_inertia') == []:
-            setup = setup.changed({'/**': {'rotor_inertia': 0.0}})
-    n = len(joints)
-    known = {'actuator_lag': [LAG_S] * n, 'input_delay': DELAY}
+        setup = parameter_file.load(None, new_robot(str(file), joints, told=told).values)
+    if before:
+        setup = setup.changed({
+            'plant': {'rotor_inertia': 0.0},
+            'controller': {'rotor_inertia': 0.0, 'estimator_slope': True}})
     limits = np.array(model_of(setup.controller, urdf).effort_limits)
     setup = setup.changed({'plant': {
-        'actuator_lag': known['actuator_lag'], 'input_delay': DELAY,
+        'actuator_lag': [LAG_S] * len(joints), 'input_delay': DELAY,
         'torque_rate_limit': (RATE_PER_EFFORT * limits).tolist(),
-        'encoder_resolution': [ENCODER] * n, 'coulomb_friction': (DRY * limits).tolist()},
+        'encoder_resolution': [ENCODER] * len(joints),
+        'coulomb_friction': (DRY * limits).tolist()},
         'controller': {'input_delay': DELAY}})
     return {law: recommended_setup(setup, law) for law in laws}
 
@@ -271,12 +321,12 @@ def run(setup: Setup, urdf: str, arm: Arm) -> Outcome:
     config = setup.controller
     model = model_of(config, urdf)
     controller = Controller(config, model)
-    monitor = TripMonitor(config.joint_names, 1_000_000)
+    monitor = trips.TripMonitor(config.joint_names, 1_000_000)
     motion = make_motion(setup.reference, setup.route, dict(zip(
         setup.plant.joint_names, zip(setup.plant.initial_position,
                                      setup.plant.initial_velocity))))
     count = round(DURATION_S * 1e3)
-    points = [tuple(list(x) for x in motion.at(k * 1_000_000)) for k in range(count + DELAY + 2)]
+    points = [motion.at(k * 1_000_000) for k in range(count + DELAY + 2)]
     arm.start(np.array(points[0][0]), np.array(model.gravity_torque(points[0][0])))
     last, errors, torques = arm.positions(), [], []
     trip, trip_time = '', np.nan
@@ -312,26 +362,29 @@ LAWS = ('observer_feedback', 'compensation', 'pd_gravity', 'pid_kalman', 'slotin
 #: Cases by name.
 CASES = {
     'exact': Case((1e-6, 1e-6 + 1e-9)), 'rigid': Case(), 'light rotors': Case((0.0005, 0.0005001)),
-    **{f'elastic {f} Hz, encoder at the {side}': Case(resonance=f, encoder=side)
+    **{f'elastic {f:g} Hz, encoder at the {side}': Case(resonance=f, encoder=side)
        for f in (10.0, 20.0, 40.0) for side in ('motor', 'link')},
-    **{f'payload {m:g} kg': Case(payload=m) for m in (1.0, 2.0, 5.0)}}
+    **{f'payload {m:g} kg': Case(payload=m) for m in (2.0, 5.0)}}
 
 
 def rows(name: str, cases: Sequence[str], laws: Sequence[str], seeds: Sequence[int],
-         options: dict[str, Any]) -> Iterator[dict[str, Any]]:
+         told: Told, before: bool) -> Iterator[dict[str, Any]]:
     """Yield an outcome of each case, law and seed."""
     urdf, joints = urdfs.robot(DESCRIBED[name][0]), DESCRIBED[name][1]
-    made = setups(urdf, joints, laws, options)
+    made = setups(urdf, joints, laws, told, before)
     compile_setups(list(made.values()), print)
     model = model_of(next(iter(made.values())).controller, urdf)
-    effort = np.array(model.effort_limits)  # type: ignore[attr-defined]
-    velocity = np.array(model.velocity_limits)  # type: ignore[attr-defined]
+    assert isinstance(model, UrdfModel)
+    effort = np.array(model.effort_limits)
+    velocity = np.array(model.velocity_limits)
     for case in cases:
         for law in laws:
             for seed in seeds:
-                arm = Arm(urdf, joints, effort, velocity, CASES[case], seed)
+                posture = np.array(made[law].plant.initial_position)
+                arm = Arm(urdf, joints, effort, velocity, posture, CASES[case], seed)
                 outcome = run(made[law], urdf, arm)
                 yield {'arm': name, 'case': case, 'law': law, 'seed': seed,
+                       'before': before, 'told': told.resonance < np.inf,
                        **outcome._asdict()}
 
 
@@ -344,13 +397,17 @@ def main() -> None:
     parser.add_argument('--seeds', type=int, default=2)
     parser.add_argument('--first', type=int, default=0)
     parser.add_argument('--rows', type=Path, default=Path('arms.jsonl'))
-    parser.add_argument('--options', type=json.loads, default={}, help='of new_robot, as JSON')
+    parser.add_argument('--told', type=json.loads, default={}, help='of new_robot, as JSON')
+    parser.add_argument('--before', action='store_true')
     options = parser.parse_args()
+    if options.before:
+        trips.LIMIT_CYCLE_S = np.inf
     cases = list(CASES) if options.cases == 'all' else [
         case for case in CASES if any(case.startswith(x) for x in options.cases.split(','))]
     for name in options.arms.split(','):
         for row in rows(name, cases, options.laws.split(','),
-                        range(options.first, options.first + options.seeds), options.options):
+                        range(options.first, options.first + options.seeds), Told(**options.told),
+                        options.before):
             print(f"{row['arm']:8s} {row['case']:34s} {row['law']:18s} {row['seed']:3d} "
                   f"rms {row['rms']:.2e} variation {row['variation']:8.0f} rate "
                   f"{row['rate']:9.0f} {row['trip_time']:6.2f} {row['trip'][:70]}", flush=True)

@@ -88,6 +88,7 @@ def run_new_robot(options: argparse.Namespace) -> int:
     """
     from ctc_chattering.configuration import parameter_file
     from ctc_chattering.configuration.new_robot import KA, new_robot, Told
+    from ctc_chattering.runs.arm_margins import arm_margins, with_stable_gains
 
     if options.joints and options.tip:
         raise UsageError('--tip: not allowed with --joints')
@@ -95,9 +96,11 @@ def run_new_robot(options: argparse.Namespace) -> int:
     told = Told(options.rotor_inertia or (), options.torque_rate or (), options.resonance,
                 options.payload)
     with given_by_user(('joint_names', 'tip', 'center', 'rotor_inertia', 'torque_rate')):
-        robot = new_robot(location, options.joints, options.gravity, options.tip,
-                          options.center or (), told)
+        robot = with_stable_gains(new_robot(
+            location, options.joints, options.gravity, options.tip, options.center or (), told))
+    margins = arm_margins(parameter_file.load(None, robot.values))
     lines = [one_line(line) for line in _described(robot, bool(options.center))]
+    lines += margins.lines() if margins else ()
     out = options.out
     prepare(out.parent, (out.name,), options.overwrite)
     with writing(out):

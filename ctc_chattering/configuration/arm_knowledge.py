@@ -35,6 +35,8 @@ from ctc_chattering.parameters import LEAST, Parameter
 #: per N·m]. Data sheets of geared arms have `LEAST_ROTOR` to `MOST_ROTOR`.
 ASSUMED_ROTOR = 0.002
 LEAST_ROTOR, MOST_ROTOR = 0.001, 0.006
+#: Effort limit from which on it is none, but a way to write that there is none [N·m].
+NO_LIMIT = 1e5
 #: Payload of an arm that carries what its effort limits allow, at most, as a part of its mass.
 MOST_PAYLOAD = 0.3
 #: What the user may say of an arm.
@@ -72,7 +74,8 @@ class Known(NamedTuple):
         """Return number, unit and origin."""
         if self.source == Source.NOT_KNOWN:
             return str(self.source.value)
-        return ' '.join(filter(None, (f'{self.value:.3g}', unit, f'({self.source.value})')))
+        number = f'{float(f"{self.value:.3g}"):g}'
+        return ' '.join(filter(None, (number, unit, f'({self.source.value})')))
 
 
 class KnownArm(NamedTuple):
@@ -145,8 +148,8 @@ class ArmKnowledge:
                    if rotor.source == Source.ASSUMED]
         if assumed:
             which = 'all joints' if len(assumed) == len(self.joints) else ', '.join(assumed)
-            yield (f'the URDF has no rotors for {which}: {ASSUMED_ROTOR:g} kg*m^2 per N*m of effort '
-                   'are assumed. Take them from a data sheet (--rotor-inertia), or from '
+            yield (f'the URDF has no rotors for {which}: {ASSUMED_ROTOR:g} kg*m^2 per N*m of '
+                   'effort are assumed. Take them from a data sheet (--rotor-inertia), or from '
                    '`ctc identify`; a wrong one costs more than all else')
 
 
@@ -173,7 +176,7 @@ def rotors_of(tree: Tree, joints: Sequence[str], given: Sequence[float] = ()) ->
             rotors.append(Known(given[k], Source.USER))
         elif joint.rotor_inertia > 0.0:
             rotors.append(Known(joint.rotor_inertia, Source.URDF))
-        elif joint.kind != 'prismatic' and joint.effort < inf:
+        elif joint.kind != 'prismatic' and joint.effort < NO_LIMIT:
             rotors.append(Known(ASSUMED_ROTOR * joint.effort, Source.ASSUMED))
         else:
             rotors.append(Known(0.0, Source.NOT_KNOWN))

@@ -187,6 +187,8 @@ def new_robot(location: str, joints: Sequence[str] = (), gravity: float = 9.81, 
     if not names:
         raise CtcError('URDF: no joint moves a link with a mass' if tree.movable else
                        'URDF: it has no joint that moves')
+    tree.locked(names, {})  # Refuses joints that are not there.
+    tree.check_limits(names)
     rotors = rotors_of(tree, names, told.rotor_inertia)
     shared: Values = {
         'joint_names': names, 'control_period': 1e-3, 'gravity': gravity, 'model': 'urdf',
@@ -208,12 +210,15 @@ def new_robot(location: str, joints: Sequence[str] = (), gravity: float = 9.81, 
     ka = np.minimum(np.maximum(KA * largest, np.where(described, needed, 0.0)), 0.5 * LARGEST)
     payload, load = _payload(text, names, model, gravity, told.payload, effort)
     rates = torque_rates_of(tree.name, names, told.torque_rate)
-    known = {'ka': ka + load, 'resonance': told.resonance, **(
+    assumed = any(rotor.source == Source.ASSUMED for rotor in rotors)
+    known = {'ka': ka + load, 'estimator_slope': not assumed, 'resonance': told.resonance, **(
         {'torque_rate_limit': [rate.value for rate in rates]}
         if rates[0].source != Source.NOT_KNOWN else {})}
     gains = recommended_gains(config.changed(known), expected)
     if told.resonance < inf:
         gains['resonance'] = told.resonance
+    if assumed:
+        gains['estimator_slope'] = False
     for name in ('torque_rate_limit', 'effort_rate_limit') if 'torque_rate_limit' in known else ():
         gains[name] = known['torque_rate_limit']
     values: dict[str, Values] = {

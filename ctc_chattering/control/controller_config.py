@@ -73,8 +73,8 @@ class ControllerConfig(RobotConfig):
         100.0, 'Bandwidth of the observer, or of the Kalman filter.', 'rad/s', minimum=LEAST,
         maximum=1e4, laws=_OF_DRIVES)
     estimator_slope: bool = parameter(
-        True, 'Whether the observer has a slope of the perturbation: more accurate, but the inertia '
-        'of the model must be known better.', laws=('observer_feedback',))
+        True, 'Whether the observer has a slope of the perturbation: more accurate, but the '
+        'inertia of the model must be known better.', laws=('observer_feedback',))
     actuator_lag: tuple[float, ...] = parameter(
         inf, 'Time constant of the drives; .inf if unknown: 3 ms.', 's', maximum=1.0,
         laws=_OF_DRIVES)

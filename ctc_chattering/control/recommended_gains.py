@@ -27,6 +27,7 @@ from typing import Any
 from ctc_chattering.control.controller_config import ControllerConfig
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.numerics.linear_algebra import Array
+from ctc_chattering.parameters import matrix
 import numpy as np
 
 #: The law with gains of its own, and which of its parameters these are.
@@ -65,6 +66,12 @@ def largest_pole(late: float, resonance: float = inf) -> float:
 
     """
     return min(POLE, SLOWNESS / late, RESONANCE_PART * 2.0 * pi * resonance)
+
+
+def pole_over_resonance(config: ControllerConfig) -> float:
+    """Return the fastest pole of the feedback over the lowest resonance; 0 for stiff joints."""
+    stiffness = np.diagonal(np.array(matrix(config.kp, len(config.joint_names))))
+    return float(np.sqrt(stiffness.max()) / (2.0 * pi * config.resonance))
 
 
 def estimator_bandwidth(pole: float, resolution: float, slope: bool = True) -> float:

@@ -131,7 +131,9 @@ class TripMonitor:
                         f'(set error_limit to allow more than {LARGEST_GROWTH:g} rad)'
                         f'{self._where(law.stability)}; {_CAUSES}')
         self._samples += 1
-        return '' if self._samples % self._interval else self._oscillation(config.law, law.stability)
+        if self._samples % self._interval:
+            return ''
+        return self._oscillation(config.law, law.stability)
 
     def _oscillation(self, law: str, state: Stability) -> str:
         """Return why a feedback that oscillates must end; '' if it need not."""

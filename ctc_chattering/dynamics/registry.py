@@ -72,8 +72,8 @@ class RobotConfig(DescribedConfig):
         read_only=True)
     gravity: float = parameter(9.81, 'Acceleration of gravity in G.', 'm/s^2', read_only=True)
     rotor_inertia: tuple[float, ...] = parameter(
-        0.0, 'Model urdf: inertia of the rotors at the joints, gear ratios squared included; 0 for '
-        'that of the description.', 'kg*m^2', read_only=True)
+        0.0, 'Model urdf: inertia of the rotors at the joints, gear ratios squared included; 0 '
+        'for that of the description.', 'kg*m^2', read_only=True)
     compiled: bool = parameter(
         True, 'Use the machine code of `ctc compile` where it is available.', read_only=True)
 
