@@ -17,6 +17,7 @@
 from __future__ import annotations
 
 import dataclasses
+from math import inf
 
 from ctc_chattering.control.controller import ControllerConfig
 from ctc_chattering.parameters import Config, LEAST, Parameter, parameter, unit_text
@@ -44,6 +45,10 @@ class PlantNodeConfig(NodeConfig, PlantConfig):
         0.02, 'Real time: after this time without a command (at least three control periods), '
         'torque 0 and brakes until the next one. At most 1/Kv, or the motion may diverge.', 's',
         minimum=LEAST)
+    least_angle: float = parameter(
+        inf, 'Continuous joints: joint_states have their positions from here on to before 2 pi '
+        'more, as drivers report them, -3.14159 or 0; .inf for positions that count turns.', 'rad',
+        minimum=-inf, read_only=True)
 
 
 @dataclasses.dataclass(frozen=True)

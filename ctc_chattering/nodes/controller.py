@@ -27,7 +27,8 @@ from ctc_chattering.configuration.loop_setup import Values
 from ctc_chattering.configuration.node_parameters import ControllerNodeConfig
 from ctc_chattering.control.controller import Controller, ControllerConfig, LAWS
 from ctc_chattering.control.recommended_gains import GainChoice, GAINS, LAW, model_torque
-from ctc_chattering.controller.loop import Answer, ControlLoop, JointSample
+from ctc_chattering.controller.loop import Answer, ControlLoop
+from ctc_chattering.controller.positions import JointSample
 from ctc_chattering.controller.state_machine import Input, Mode
 from ctc_chattering.controller.trips import check_change, missing_limits
 from ctc_chattering.dynamics.registry import model_of
@@ -101,20 +102,20 @@ class ControllerNode(LoopNode[ControllerNodeConfig]):
         self.tick = min(TICK, seconds(self._loop.watchdog.timeout) / 2)
         #: Whether all who are to receive the torques do, and whether the clock is published.
         self._matched = self._clock_published = False
-        self.create_service(SetBool, '~/enable', self._on_enable)
-        self.create_service(Trigger, '~/reset', self._on_reset)
+        self.urgent = [self.create_service(SetBool, '~/enable', self._on_enable),
+                       self.create_service(Trigger, '~/reset', self._on_reset)]
         self.find_description()
 
     def begin(self, description: str) -> None:
         """Make the law for a robot, and begin to listen."""
         model = model_of(self.config, description)
-        self._loop.law = Controller(self.config, model)
+        law = self._loop.law = Controller(self.config, model)
         self._gains.torque = model_torque(self.config, model)
         self._take_recommended_gains()
-        step = self._loop.law.compiled_step()
+        step = law.compiled_step()
         if step is not None and not all(code.compiled for code in step.codes):
             self.get_logger().info(f'law {self.config.law}: {HOW_TO_COMPILE}')
-        if missing := missing_limits(self.config, self._loop.law.model.effort_limits):
+        if missing := missing_limits(self.config, law.model.effort_limits):
             self.get_logger().warning(f'{missing}: set them to the limits of the drives')
         if description:
             self._described = self.create_publisher(
@@ -137,12 +138,15 @@ class ControllerNode(LoopNode[ControllerNodeConfig]):
         return f'law {self.config.law}, {1 / self.config.control_period:g} Hz; {waits}'
 
     def _on_reference(self, chunk: JointTrajectory, now: int) -> None:
-        rows = select(self._names, chunk.joint_names, *(
-            row for x in chunk.points for row in (x.positions, x.velocities, x.accelerations)))
+        rows: list[tuple[float, ...]] = []
+        if chunk.points or chunk.joint_names:
+            rows = select(self._names, chunk.joint_names, *(
+                row for x in chunk.points for row in (x.positions, x.velocities, x.accelerations)))
         start = nanoseconds(chunk.header.stamp)
         times = [start + nanoseconds(point.time_from_start) for point in chunk.points]
-        if any(b <= a for a, b in pairwise(times)):
-            raise RejectedMessage('times', 'points whose times do not increase')
+        if any(b <= a for a, b in pairwise([start - 1, *times])):
+            raise RejectedMessage('times', (
+                'points whose times do not increase, or with a negative time_from_start'))
         self._loop.take_reference(times, list(zip(rows[::3], rows[1::3], rows[2::3])))
         self._answer(now)
 
@@ -194,6 +198,8 @@ class ControllerNode(LoopNode[ControllerNodeConfig]):
         if answer is None:
             if not self._loop.mode.sends_torque:
                 self.statistics.pause()
+                if self._loop.last is not None:  # What is set is for the next torque.
+                    self.parameters.announce_change(self._loop.last.t + 1)
             if (self._loop.mode is Mode.TRIPPED and self._loop.simulated
                     and 'bringup' in self.config.wait_for and not self.done.done()):
                 self.failure = f'tripped: {self._loop.tripped}'  # Time would wait for a reset.

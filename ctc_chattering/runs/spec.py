@@ -454,9 +454,10 @@ def parse(tree: object, path: Path) -> MapSpec:
         failure, coarse_steps(values, axes), values)
     parts, n = len(spec.uncertain) + 2, spec.repeats.repeats
     if spec.repeats.sampling == 'saltelli' and (
-            spec.axes or not spec.uncertain or n % parts or (n // parts).bit_count() != 1):
+            spec.axes or len(spec.uncertain) < 2 or n % parts or (n // parts).bit_count() != 1):
         raise ParameterError('sampling', 'saltelli', (
-            f'without axes, for what is uncertain, with repeats of {parts} times a power of two'))
+            'without axes, for what is uncertain, two quantities or more, with repeats of '
+            f'{parts} times a power of two'))
     if spec.runs > MOST:
         raise CtcError(f'{spec.runs} runs: {prod(spec.shape)} points, {len(spec.variants)} laws, '
                        f'{spec.repeats.repeats} repeats; allowed: {MOST}')
@@ -517,7 +518,7 @@ def read_law(key: str, item: object, setup: Setup) -> LawSettings:
     values: dict[str, Any] = {'law': setup.controller.law}
     if isinstance(item, str) and 0 < len(item.split()) <= 2:
         values.update(zip(('law', 'switching'), item.split()))
-    elif isinstance(item, dict):
+    elif isinstance(item, dict) and all(isinstance(name, str) for name in item):
         values.update(item)
     else:
         raise ParameterError(key, item, 'a law, a law and a switching, or a mapping of '

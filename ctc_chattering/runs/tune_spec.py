@@ -36,6 +36,7 @@ from ctc_chattering.configuration.package_share import find_config
 from ctc_chattering.configuration.yaml_file import FileKind, kind_of, mapping, read_yaml
 from ctc_chattering.control.controller import ControllerConfig
 from ctc_chattering.errors import CtcError, ParameterError, prefixed
+from ctc_chattering.input_files import read_text
 from ctc_chattering.parameters import LEAST
 from ctc_chattering.runs.recommended import recommended_setup
 from ctc_chattering.runs.score import limits
@@ -346,10 +347,8 @@ def identified_spec(directory: Path, tree: Mapping[str, Any]) -> TuneSpec:
     path = directory / NUMBERS
     setup = parameter_file.load(directory / VALUES)
     try:
-        found = json.loads(path.read_text(encoding='utf-8'))
+        found = json.loads(read_text(path))
         uncertain = dict((*_friction(found), *_drives(found), *_model(found, setup)))
-    except OSError as error:
-        raise CtcError(f'{path}: {error.strerror or error}') from None
     except (ValueError, KeyError, TypeError, AttributeError, IndexError):
         raise CtcError(f'{path}: not a file of ctc identify') from None
     # The rate in the file is what the recommended law makes do with, no limit of the drives.

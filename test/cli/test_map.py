@@ -27,10 +27,10 @@ import sys
 from typing import Any
 
 from ctc_chattering.configuration import parameter_file
+from ctc_chattering.output_files import held, LIST
 from ctc_chattering.runs import store
 from ctc_chattering.runs.points import Runs
 from ctc_chattering.runs.spec import read_spec
-from ctc_chattering.runs.store import locked
 from ctc_commands import ctc, refused, ROOT
 from map_specs import BRIEF, written
 import psutil  # type: ignore[import-untyped]
@@ -74,12 +74,12 @@ def shards(out: Path) -> set[str]:
 def in_one_process(spec: Path, out: Path) -> dict[str, bytes]:
     """Compute a map run by run here; return the bytes of its tables."""
     runs = Runs(read_spec(spec))
-    directory = store.Directory(out, store.about(runs), store.schema(runs))
     parts = []
-    for chunk in reversed(store.chunks(runs, range(len(runs)))):
-        parts.append(store.compute(runs, store.version(), chunk))
-        store.write_table(parts[-1], directory.file(chunk))
-    directory.merge(pyarrow.concat_tables(parts))
+    with store.opened(out, store.about(runs), store.schema(runs)) as directory:
+        for chunk in reversed(store.chunks(runs, range(len(runs)))):
+            parts.append(store.compute(runs, store.version(), chunk))
+            directory.write(parts[-1], directory.file(chunk))
+        directory.merge(pyarrow.concat_tables(parts))
     return tables(out)
 
 
@@ -138,12 +138,12 @@ def test_results(tmp_path: Path) -> None:
     assert result.returncode == 0, result.stderr
     assert result.stdout.splitlines()[0] == '12 runs in 12 chunks, 0 of them computed'
     assert {x.name for x in out.iterdir()} == {
-        'map.parquet', 'map.json', 'shards', 'figures', 'index.html', '.lock'}
+        'map.parquet', 'map.json', 'shards', 'figures', 'index.html', LIST}
     about = json.loads((out / 'map.json').read_text(encoding='utf-8'))
     assert about['spec']['window'] == [0.05, 0.1]
     assert about['versions']['ctc_chattering'] == store.version()
     before = tables(out)
-    with locked(out):
+    with held(out, 'ctc map'):
         refused(ctc(*words), f'{out}: another process is writing there')
     written(spec, seed=8)
     refused(ctc(*words), f'{out}: the output of ctc map of another spec or version',

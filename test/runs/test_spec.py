@@ -137,14 +137,21 @@ def test_what_is_no_spec(tmp_path: Path, text: str, word: str) -> None:
         read_spec(tmp_path / 'none.yaml')
 
 
+#: Two uncertain quantities.
+TWO = {**SMALL['uncertain'], 'lag': {'parameter': 'plant.actuator_lag', 'uniform': [0.0, 1e-3]}}
+
+
 @pytest.mark.parametrize(('changes', 'words'), [
     ({'refine': 1}, 'refine: 1 is not allowed; allowed: 0, or an axis with a range'),
     ({'refine': -1}, 'refine: -1'),
     ({'refine': 2, 'axes': {'ka': {'parameter': 'ka', 'range': [1, 9], 'count': 8}}},
      'axes.ka.count: 8 is not allowed; allowed: a multiple of 4 and 1 with refine 2'),
+    ({'laws': [{1: 2}]}, 'laws[0]: {1: 2} is not allowed; allowed: a law, a law and a switching'),
+    ({'laws': [{None: 2, 'law': 'integral'}]}, 'is not allowed; allowed: a law, a law and'),
+    ({'sampling': 'saltelli', 'axes': None, 'repeats': 12}, 'two quantities or more, with'),
     ({'sampling': 'saltelli'}, 'is not allowed; allowed: without axes, for what is uncertain'),
-    ({'sampling': 'saltelli', 'axes': None, 'repeats': 9},
-     'with repeats of 3 times a power of two')])
+    ({'sampling': 'saltelli', 'axes': None, 'repeats': 9, 'uncertain': TWO},
+     'with repeats of 4 times a power of two')])
 def test_refine_and_saltelli_are_checked(changes: dict[str, Any], words: str) -> None:
     with pytest.raises(CtcError, match=re.escape(words)):
         spec(**changes)
@@ -155,7 +162,7 @@ def test_the_coarse_grid_is_of_axes_with_a_range() -> None:
             'delay': {'parameter': 'plant.input_delay', 'values': [0, 1, 2]}}
     assert spec(axes=axes, refine=2).coarse == (4, 1)
     assert spec(axes=axes).coarse == (1, 1)
-    assert spec(sampling='saltelli', axes=None, repeats=12).runs == 24
+    assert spec(sampling='saltelli', axes=None, repeats=16, uncertain=TWO).runs == 32
 
 
 SETUP = parameter_file.load(None, {'plant': {'duration': 1.0}})

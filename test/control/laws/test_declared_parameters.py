@@ -47,7 +47,7 @@ SWITCHING = {'boundary_layer': 'boundary_layer', 'observer_bandwidth': 'implicit
 #: Parameters without an effect on single torques: what is not the law's, and the period, which
 #: laws without memory do not have.
 OUTSIDE = ('joint_names', 'model', 'description', 'locked', 'law', 'error_limit',
-           'control_period', 'compiled')
+           'control_period', 'compiled', 'continuous_joints')
 
 
 def torques(law: str, values: dict[str, Any]) -> Array:
