@@ -31,6 +31,7 @@ pytestmark = pytest.mark.ros
 PERIOD, STEP = 0.01, 0.05
 WINDOW = round(1.0 / PERIOD)
 ZERO = [0.0, 0.0]
+MEASURED = 'before the first torque'
 #: A robot whose equations take five periods while a file is there.
 MODEL = f"""
 import os
@@ -57,6 +58,7 @@ class SlowedController(ControllerUnderTest):
             'model:=slow_arm:Slow', 'law:=compensation', f'control_period:={PERIOD}',
             'state_timeout:=3600.0', 'least_answered:=0.1') for x in ('-p', value)),
             simulated=False)
+        it.until_said(MEASURED)
 
     def _send(self) -> None:
         if hasattr(self, 'states'):
@@ -70,7 +72,7 @@ class SlowedController(ControllerUnderTest):
 
     def measured(self) -> list[str]:
         """Return the lines of the measurement before the first torque."""
-        return [line for line in self.probe.lines if 'before the first torque' in line]
+        return [line for line in self.probe.lines if MEASURED in line]
 
     def until_tripped(self) -> str:
         words = 'tripped: the computer is too slow: '
