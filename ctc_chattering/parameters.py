@@ -184,7 +184,12 @@ class Parameter:
         if isinstance(item, accepted) and (make is bool or not isinstance(item, bool)):
             with suppress(OverflowError):
                 return make(item)
-        raise ParameterError(self.name, whole, self.allowed)
+        hint = ''
+        if isinstance(item, str) and make in (int, float):
+            number = yaml_number(item)
+            if number and (make is float or number.lstrip('+-').isdecimal()):
+                hint = f'; write {number}: {item!r} is text to YAML'
+        raise ParameterError(self.name, whole, self.allowed + hint)
 
     def checked(self, value: object, n: int = 0) -> Any:
         """Return `value` as `coerce` does; raise `ParameterError` as that and `check` do."""
@@ -211,6 +216,27 @@ class Parameter:
                 not full or _positive_definite(matrix(items, n)))
         if not fits:
             raise ParameterError(self.name, value, self.allowed + near(value, self.choices))
+
+
+#: A number as people write it: mantissa, and sign and digits of the exponent.
+_NUMBER = re.compile(r'([-+]?(?:\d+\.?\d*|\.\d+))(?:[eE]([-+]?)(\d+))?')
+
+
+def yaml_number(text: str) -> str:
+    """
+    Return how the number in a text is written so that YAML reads a number; empty for no number.
+
+    To YAML, and to `ros2 param set`, 1e-9 is text and 1.0e-9 a number.
+    """
+    if text.strip().lstrip('+-.').lower() in ('inf', 'infinity'):
+        return '-.inf' if text.strip().startswith('-') else '.inf'
+    match = _NUMBER.fullmatch(text.strip())
+    if match is None:
+        return ''
+    mantissa, sign, exponent = match.groups()
+    if exponent is None:
+        return mantissa
+    return f'{mantissa}{"" if "." in mantissa else ".0"}e{sign or "+"}{exponent}'
 
 
 def _positive_definite(a: npt.NDArray[np.float64]) -> bool:

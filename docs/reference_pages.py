@@ -32,8 +32,9 @@ _BEGIN = """# Commands
 
 `ctc COMMAND --help` prints the same in a terminal.
 Exit status: 0 success, 1 failure, 2 wrong command line or missing package, 130 Ctrl-C. Nothing is
-overwritten without `--overwrite`. `F` is a path or a parameter file of the package: `friction`,
-`disturbance`, `switch`, `switching`, `panda`, `ur5`.
+overwritten without `--overwrite`, and with it only
+[what the same command wrote](interfaces.md#output-folders). `F` is a path or a parameter file of
+the package: `friction`, `disturbance`, `switch`, `switching`, `panda`, `ur5`.
 
 ## plant, controller, reference, recorder
 

@@ -43,8 +43,8 @@ from ctc_chattering import (
 def recorded(robot: Setup) -> RecordedMotion:
     """Return a motion of a simulated robot that shows its friction, as a recorder would."""
     found = excite(robot, {'duration': 30.0, 'poses': 1})
-    write_excitation(found, robot, 'gains/motion')
-    run = simulate(load_parameters('gains/motion/run.yaml'))
+    write_excitation(found, robot, 'motion')
+    run = simulate(load_parameters('motion/run.yaml'))
     return RecordedMotion(Recording('simulation', run.joint_names, run.t, run.q, run.dq,
                                     command=run.tau).checked())
 

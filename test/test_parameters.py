@@ -29,6 +29,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 import numpy as np
 import pytest
+import yaml
 
 NAN, INF = math.nan, math.inf
 CONFIGS: list[type[Config]] = [PlantConfig, ControllerConfig, ReferenceConfig]
@@ -109,6 +110,26 @@ def test_refusals(config: type[Config], name: str, value: object, allowed: str) 
     assert repr(value) in str(error)
     with pytest.raises(ParameterError):
         config().changed({name: value})
+
+
+@pytest.mark.parametrize(('text', 'number'), [
+    ('1e-9', '1.0e-9'), ('1e3', '1.0e+3'), ('-2.5E4', '-2.5e+4'), ('.5e-1', '.5e-1'), ('5', '5'),
+    (' 5.0 ', '5.0'), ('+1E+2', '+1.0e+2'), ('inf', '.inf'), ('Infinity', '.inf')])
+def test_a_number_that_yaml_takes_for_text_is_shown_as_yaml_reads_it(
+        text: str, number: str) -> None:
+    """The judge is PyYAML itself, by which `ros2 param set` reads values."""
+    assert isinstance(yaml.safe_load(number), (int, float))
+    assert yaml.safe_load(number) == float(text)
+    for value in (text, [text, 1.0, 1.0]):
+        error = _refuse(Sample, 'limit', value)
+        assert error.allowed.endswith(f'; write {number}: {text!r} is text to YAML')
+
+
+@pytest.mark.parametrize(('name', 'value'), [
+    ('share', 'much'), ('share', '1e'), ('share', '1,5'), ('share', 'nan'), ('flag', '1'),
+    ('count', '1e3'), ('limit', ['1e3x'])])
+def test_other_text_gets_no_advice_on_numbers(name: str, value: object) -> None:
+    assert 'write' not in _refuse(Sample, name, value).allowed
 
 
 @pytest.mark.parametrize(('config', 'name', 'value'), ODD, ids=map(str, range(len(ODD))))

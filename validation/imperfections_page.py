@@ -25,6 +25,7 @@ import dataclasses
 import itertools
 import os
 from pathlib import Path
+import shutil
 from textwrap import fill
 from typing import Any
 
@@ -33,12 +34,12 @@ from ctc_chattering.analysis.compilation import compile_setups
 from ctc_chattering.analysis.drawing import legend
 from ctc_chattering.analysis.markup import Markup
 from ctc_chattering.analysis.metrics import within
-from ctc_chattering.analysis.output import prepare, write_text
 from ctc_chattering.analysis.page import FigureFile
 from ctc_chattering.analysis.result import LAW_COLOURS, simulate
 from ctc_chattering.analysis.tables import markdown, markdown_table, Table
 from ctc_chattering.control.controller_config import LAWS, SWITCHINGS
 from ctc_chattering.errors import shortened
+from ctc_chattering.output_files import write_text
 from imperfections import (
     about,
     BASIC,
@@ -297,7 +298,8 @@ def write_study(outcomes: Sequence[CaseOutcome], out: str | Path) -> None:
 
     """
     kind = kind_of(outcomes)
-    out = prepare(Path(out), kind.names, overwrite=True)
+    out = Path(out)
+    shutil.rmtree(out / kind.figures, ignore_errors=True)
     text, table = (out / name for name in kind.names[:2])
     write_text(table, to_csv(outcomes, kind.what))
     write_text(text, to_markdown(kind, outcomes, save_study_figures(outcomes, out / kind.figures),

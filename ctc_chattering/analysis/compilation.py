@@ -17,6 +17,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import suppress
 import dataclasses
 from importlib.util import find_spec
 from multiprocessing import current_process, get_context
@@ -152,6 +153,10 @@ def _build(todo: Sequence[Code]) -> Iterator[str]:
 
     running: list[tuple[Code, BaseProcess]] = []
 
+    def silent(code: Code) -> None:
+        with suppress(Exception):
+            build(code)
+
     def ended() -> str:
         code, process = running.pop(0)
         process.join()
@@ -166,7 +171,7 @@ def _build(todo: Sequence[Code]) -> Iterator[str]:
         if len(running) == min(len(os.sched_getaffinity(0)), _MOST):
             yield ended()
         # Forked: the user's script does not run again, and its classes are known there.
-        process = get_context('fork').Process(target=build, args=(code,), daemon=True)
+        process = get_context('fork').Process(target=silent, args=(code,), daemon=True)
         process.start()
         running.append((code, process))
     while running:

@@ -23,10 +23,10 @@ import re
 from textwrap import fill
 from typing import Any
 
-from ctc_chattering.analysis.output import file_stem, writing
 from ctc_chattering.analysis.page import FigureFile
 from ctc_chattering.analysis.tables import cut
 from ctc_chattering.numerics.time_grid import missing
+from ctc_chattering.output_files import file_stem, write_bytes
 from ctc_chattering.simulation.closed_loop import Array
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -35,6 +35,7 @@ from matplotlib.gridspec import GridSpec
 from matplotlib.text import Text
 from matplotlib.ticker import LogFormatter, NullFormatter
 import numpy as np
+import numpy.typing as npt
 
 #: Of letters of 9 points [inch], for a legend's samples and gaps, and of a line of it.
 _LETTER, _SAMPLE, _ROW = 0.078, 0.55, 0.19
@@ -44,6 +45,8 @@ _LINE, _TITLE_LINE = 90, 85
 REFERENCE = '#222222'
 #: Samples missing at a stretch from which on a line is broken and the gap is shaded.
 SHOWN_GAP = 5
+#: Columns of pixels that a figure shows of a run, at most.
+COLUMNS = 1600
 #: Of a sheet, and between its panels [inch].
 _WIDTH, _LEFT, _RIGHT, _TOP, _BOTTOM, _GAP, _SIDE = 11.0, 0.85, 0.25, 0.78, 0.55, 0.75, 0.85
 STEPS: dict[str, Any] = {'linewidth': 0.9, 'drawstyle': 'steps-post'}
@@ -126,20 +129,19 @@ def save(figures: Iterable[tuple[str, Figure, str]], directory: Path, kinds: Seq
     """
     files: list[FigureFile] = []
     used: set[str] = set()
-    with writing(directory):
-        directory.mkdir(parents=True, exist_ok=True)
-        for name, figure, caption in figures:
-            stem = file_stem(name, used)
-            _plain(fit(figure))
-            for kind in dict.fromkeys(kinds):
-                data = io.BytesIO()
-                figure.savefig(data, format=kind, dpi=130, metadata=_METADATA[kind])
-                (directory / f'{stem}.{kind}').write_bytes(
-                    _NOT_XML.sub(b'', data.getvalue()) if kind == 'svg' else data.getvalue())
-            first, *others = (directory / f'{stem}.{kind}' for kind in dict.fromkeys(kinds))
-            width, height = 96.0 * figure.get_size_inches()
-            files.append(FigureFile(first, figure.texts[0].get_text(), caption, tuple(others),
-                                    (round(width), round(height))))
+    for name, figure, caption in figures:
+        stem = file_stem(name, used)
+        _plain(fit(figure))
+        for kind in dict.fromkeys(kinds):
+            data = io.BytesIO()
+            figure.savefig(data, format=kind, dpi=130, metadata=_METADATA[kind])
+            write_bytes(
+                directory / f'{stem}.{kind}',
+                _NOT_XML.sub(b'', data.getvalue()) if kind == 'svg' else data.getvalue())
+        first, *others = (directory / f'{stem}.{kind}' for kind in dict.fromkeys(kinds))
+        width, height = 96.0 * figure.get_size_inches()
+        files.append(FigureFile(first, figure.texts[0].get_text(), caption, tuple(others),
+                                (round(width), round(height))))
     return files
 
 
@@ -148,7 +150,8 @@ def fit(figure: Figure) -> Figure:
     for ax in figure.axes:
         wide, high = figure.get_size_inches() * ax.get_position().size / _LETTER
         left, right = ax._left_title, ax._right_title  # type: ignore[attr-defined]
-        note = min(len(right.get_text()), int(0.5 * wide))
+        note = min(len(right.get_text()), max(
+            int(0.5 * wide), int(wide) - 2 - len(left.get_text())))
         for text, room in ((ax.xaxis.label, wide), (ax.yaxis.label, high), (right, note),
                            (left, wide - note - 2)):
             text.set_text('\n'.join(
@@ -187,6 +190,13 @@ def sheet(title: str, rows: int, widths: Sequence[float], height: float,
         hspace=_GAP / height, wspace=_SIDE / (width - _SIDE))
 
 
+def column_count(panels: int) -> int:
+    """Return how many panels stand beside each other, so that few places are empty."""
+    if panels <= 4:
+        return (1, 1, 2, 3, 2)[panels]
+    return min((3, 4), key=lambda columns: -panels % columns)
+
+
 def panel(figure: Figure, cell: Any, title: str, ylabel: str, *times: Array) -> Axes:
     ax = figure.add_subplot(cell)
     ax.set_title(title, loc='left', fontsize=10, color='#333333', pad=4, parse_math=False)
@@ -204,6 +214,8 @@ def line(ax: Axes, t: Array, y: Array, period: float, **style: Any) -> None:
     """
     Draw a line, with dots if it is too short to be seen, broken where samples are missing.
 
+    Of more samples than `COLUMNS` can show, the least and greatest of each column are drawn.
+
     Parameters
     ----------
     ax : Axes
@@ -216,16 +228,40 @@ def line(ax: Axes, t: Array, y: Array, period: float, **style: Any) -> None:
         Arguments of matplotlib.
 
     """
-    after = _gaps(t, period) + 1
+    gaps = _gaps(t, period)
+    shown = np.union1d(envelope(y), np.concatenate((gaps, gaps + 1)))
+    after = np.searchsorted(shown, gaps) + 1
+    t, y = t[shown], y[shown]
     ax.plot(np.insert(t, after, t[after - 1]), np.insert(y, after, np.nan),
             **{'linewidth': 1.3, 'marker': '.' if len(t) < 4 else None, **style})
 
 
+def envelope(y: Array) -> npt.NDArray[np.intp]:
+    """
+    Return which samples to draw: all, or the extremes of each column, the first and the last.
+
+    Where some samples of a column are not finite, one of them is kept, so that a line is broken.
+    """
+    if len(y) <= 4 * COLUMNS:
+        return np.arange(len(y))
+    width = -(-len(y) // COLUMNS)
+    columns = np.append(y, np.full(-len(y) % width, y[-1])).reshape(-1, width)
+    is_finite = np.isfinite(columns)
+    picked = [np.where(is_finite, columns, np.inf).argmin(axis=1),
+              np.where(is_finite, columns, -np.inf).argmax(axis=1), is_finite.argmin(axis=1)]
+    starts = width * np.arange(len(columns))
+    return np.unique(np.concatenate([
+        [0, len(y) - 1], *(np.minimum(starts + x, len(y) - 1) for x in picked)]))
+
+
 def shade_gaps(ax: Axes, t: Array, period: float) -> None:
     """Hatch where `SHOWN_GAP` samples or more are missing; arguments as `line` has them."""
-    for k in _gaps(t, period):
-        ax.axvspan(t[k], t[k + 1], facecolor='none', edgecolor='#999999', hatch='////', lw=0,
-                   zorder=0)
+    gaps = _gaps(t, period)
+    if len(gaps):
+        ax.broken_barh(
+            list(zip(t[gaps], t[gaps + 1] - t[gaps])), (0.0, 1.0), facecolor='none',
+            edgecolor='#999999', hatch='////', linewidth=0, zorder=0,
+            transform=ax.get_xaxis_transform())
 
 
 def _gaps(t: Array, period: float) -> Any:
@@ -285,6 +321,8 @@ def decades(ax: Axes, axis: str, values: Iterable[float]) -> None:
 def steady_axis(ax: Axes, t: Array, y: Array) -> None:
     """Fit the axis of y to the run after its start, with a note if that cuts the start."""
     finite = np.isfinite(y)
+    if not finite.any():
+        return
     late = y[finite & (t >= t[0] + min(1.0, (t[-1] - t[0]) / 3.0))]
     if not len(late):
         return

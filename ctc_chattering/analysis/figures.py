@@ -23,11 +23,12 @@ from typing import Any
 
 from ctc_chattering.analysis import drawing
 from ctc_chattering.analysis.drawing import legend_of
-from ctc_chattering.analysis.output import check_format, file_stem
 from ctc_chattering.analysis.page import FigureFile
 from ctc_chattering.analysis.result import colour, colours, name, names, Result
+from ctc_chattering.analysis.signals import Series, SignalOrigin
 from ctc_chattering.control.laws.base import law_class
 from ctc_chattering.errors import CtcError
+from ctc_chattering.output_files import check_format, file_stem
 from ctc_chattering.simulation.closed_loop import Array
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -48,7 +49,7 @@ def error_comparison(results: Sequence[Result]) -> Figure:
     for i, result in enumerate(results):
         for unit, error in error_sums(result):
             groups.setdefault((result.experiment, unit), []).append((i, error))
-    columns = min(3, len(groups))
+    columns = drawing.column_count(len(groups))
     figure, grid = drawing.sheet('Position error of the runs compared', -(-len(groups) // columns),
                                  (1.0,) * columns, 2.9)
     every = np.concatenate([error for group in groups.values() for _, error in group])
@@ -81,7 +82,8 @@ SLICE, SHORT_SLICE = 1.0, 0.2
 #: Figures of a run.
 _PER_RUN = 3
 _THIN: dict[str, Any] = {'linewidth': 0.6, 'alpha': 0.85}
-_WHOLE = slice(None)
+#: Of samples between which the signal may be anything.
+_DOTS: dict[str, Any] = {'linestyle': 'none', 'marker': '.', 'markersize': 3.0}
 
 
 def tracking(result: Result, run_name: str = '') -> Figure:
@@ -90,13 +92,16 @@ def tracking(result: Result, run_name: str = '') -> Figure:
     sums = error_sums(result)
     sheet = _RunFigure(result, f'Tracking – {run_name or name(result)}{_paper(result, 0)}',
                        n + len(sums), (3.0, 1.35), 1.45, SLICE)
-    for column, part in enumerate((_WHOLE, sheet.window)):
+    for column, enlarged in enumerate((False, True)):
         for i, (joint, unit) in enumerate(zip(result.joint_names, result.position_units)):
-            ax = sheet.panel((i, column), joint, f'q, q_d [{unit}]', run.q[:, i], part, label='q')
-            sheet.line(ax, run.q_d[:, i], part, label='q_d', color=drawing.REFERENCE,
+            ax = sheet.panel((i, column), joint, f'q, q_d [{unit}]', enlarged)
+            sheet.line(ax, run.t, run.q[:, i], label='q')
+            sheet.line(ax, run.t, run.q_d[:, i], label='q_d', color=drawing.REFERENCE,
                        linewidth=1.1, linestyle=(0, (4, 2.5)))
         for i, (unit, error) in enumerate(sums, n):
-            ax = sheet.panel((i, column), 'position error Σ |eᵢ|', f'Σ |eᵢ| [{unit}]', error, part)
+            ax = sheet.panel(
+                (i, column), 'position error Σ |eᵢ|', f'Σ |eᵢ| [{unit}]', enlarged)
+            sheet.line(ax, run.t, error)
             if column:
                 ax.set_ylim(bottom=0.0)
             else:
@@ -107,15 +112,17 @@ def tracking(result: Result, run_name: str = '') -> Figure:
 
 def torques(result: Result, run_name: str = '') -> Figure:
     """Draw the torque of each joint over the whole run and over a slice."""
-    n = _joints(result)
+    n, torque = _joints(result), result.torque
     sheet = _RunFigure(result, f'Torques – {run_name or name(result)}{_paper(result, 1)}', n,
                        (3.0, 1.35), 2.1 if n < 4 else 1.5, SHORT_SLICE)
     for i, (joint, unit, tau) in enumerate(zip(
-            result.joint_names, result.torque_units, result.run.tau.T)):
+            result.joint_names, result.torque_units, torque.values.T)):
         ylabel = f'{"τ" if unit == "N·m" else "force"} [{unit}]'
-        ax = sheet.panel((i, 0), joint, ylabel, tau, **_THIN)
-        drawing.steady_axis(ax, result.run.t, tau)
-        sheet.panel((i, 1), joint, ylabel, tau, sheet.window, **drawing.STEPS)
+        ax = sheet.panel((i, 0), joint, ylabel)
+        sheet.line(ax, torque.t, tau, **_THIN)
+        drawing.steady_axis(ax, torque.t, tau)
+        ax = sheet.panel((i, 1), joint, ylabel, enlarged=True)
+        sheet.line(ax, torque.t, tau, **drawing.STEPS)
     return sheet.figure
 
 
@@ -124,22 +131,25 @@ def internals(result: Result, run_name: str = '') -> Figure:
     terms, n = result.terms, _joints(result)
     symbol = _robust_term(result)
     sheet = _RunFigure(result, f'V, filtered error and robust term – {run_name or name(result)}',
-                       n + 1, (1.6, 1.6, 1.0), 1.6, SHORT_SLICE)
-    ax = sheet.panel((0, _WHOLE), 'Lyapunov function V = ½ vᵀ M(q) v', 'V [J]', terms.lyapunov,
-                     linewidth=0.9)
+                       n + 1, (1.5, 1.5, 1.2), 1.6, SHORT_SLICE)
+    ax = sheet.panel((0, slice(None)), 'Lyapunov function V = ½ vᵀ M(q) v', 'V [J]')
+    sheet.line(ax, terms.t, terms.lyapunov, linewidth=0.9)
     drawing.log_axis(ax, terms.lyapunov)
+    is_sparse = Series(terms.t, terms.v, terms.origin).step > 1.5 * result.config.control_period
     for i, (joint, position, torque, v, term) in enumerate(zip(
             result.joint_names, result.position_units, result.torque_units, terms.v.T,
             terms.robust.T)):
-        ax = sheet.panel((i + 1, 0), f'{joint}: v', f'v [{position}/s]', v, **_THIN)
-        drawing.steady_axis(ax, result.run.t, v)
-        reach = 1.25 * float(np.abs(term).max()) or 1.0
-        for column, part, style in ((1, _WHOLE, {**_THIN, 'linewidth': 0.35}),
-                                    (2, sheet.window, drawing.STEPS)):
+        ax = sheet.panel((i + 1, 0), f'{joint}: v', f'v [{position}/s]')
+        sheet.line(ax, terms.t, v, **_THIN)
+        drawing.steady_axis(ax, terms.t, v)
+        reach = 1.25 * float(np.nanmax(np.abs(term), initial=0.0)) or 1.0
+        for column, style in ((1, {**_THIN, 'linewidth': 0.35}),
+                              (2, _DOTS if is_sparse else drawing.STEPS)):
             ax = sheet.panel((i + 1, column), f'{joint}: {symbol or "robust term"}',
-                             f'z [{torque}]', term, part, **style)
+                             f'z [{torque}]', column == 2)
+            sheet.line(ax, terms.t, term, **style)
             ax.set_ylim(-reach, reach)
-            if not term.any():
+            if len(term) and not term.any():
                 drawing.label(ax, 0.5, 0.62, 'zero' if symbol else 'zero: not part of this law',
                               ha='center')
             elif column == 1 and result.saturation and result.saturation[i].cause:
@@ -206,14 +216,30 @@ def _figures(results: Sequence[Result]) -> Iterator[tuple[str, Figure, str]]:
             'Joint positions (solid) against the reference (dashed), and the sum of the '
             f'absolute errors, on a logarithmic axis. Right: {where}')
         yield f'{slug}_torques', torques(result, run_name), (
-            f'Torques sent to the joints. Right: {where}')
+            f'Torques sent to the joints{_times_of_torques(result)}. Right: {where}')
         yield f'{slug}_internals', internals(result, run_name), (
             'Not in the paper: the Lyapunov function V of its proof, the filtered error v, and '
-            f'the robust term z of the law. Right: {where}')
+            f'the robust term z of the law{_times_of_terms(result)}. Right: {where}')
+
+
+def _times_of_torques(result: Result) -> str:
+    """Return at which times torques stand, where these are not those of the states."""
+    return ', each when the recorder received it' if result.torque.received else ''
+
+
+def _times_of_terms(result: Result) -> str:
+    """Return at which times terms stand, where these are not those of the states."""
+    terms = result.terms
+    if terms.origin is SignalOrigin.COMPUTED:
+        return ''
+    if terms.origin is SignalOrigin.UNKNOWN:
+        return ', none of which is known'
+    every = 1e3 * Series(terms.t, terms.v, terms.origin).step
+    return f', as the controller published them, every {every:.3g} ms'
 
 
 class _RunFigure:
-    """A figure of one run; `window` is the enlarged slice, at the end or a change of law."""
+    """A figure of one run, with an enlarged slice at its end, or at a change of law."""
 
     def __init__(self, result: Result, title: str, rows: int, widths: Sequence[float],
                  height: float, length: float) -> None:
@@ -222,30 +248,44 @@ class _RunFigure:
         length = min(length * (2.5 if result.marks else 1.0), float(t[-1] - t[0]) / 3.0)
         change = result.marks[-1][0] if result.marks else np.inf
         start = min(t[-1] - length, change - 0.2 * length)
-        first, last = np.searchsorted(t, (start - 1e-9, start + length + 1e-9))
-        self.window = slice(int(first), max(int(last), int(first) + 1))
+        #: First and last sample of the slice [s].
+        self._slice = _part(t, start, start + length)
+        self._slices: list[Axes] = []
 
-    def panel(self, cell: tuple[int, int | slice], title: str, ylabel: str, y: Array,
-              part: slice = _WHOLE, **style: Any) -> Axes:
-        """Draw the samples `part` of `y` in axes of their own, with marks and gaps."""
-        t, window = self.result.run.t[part], self.result.run.t[self.window]
-        if part == _WHOLE:
-            ax = drawing.panel(self.figure, self._grid[cell], title, ylabel, t)
-            ax.axvspan(window[0], window[-1], color='#eeeeee', lw=0, zorder=0)
-        else:
-            title = f'enlarged: {t[0]:.4g} s to {t[-1]:.4g} s'
-            ax = drawing.panel(self.figure, self._grid[cell], title, ylabel, t)
+    def panel(self, cell: tuple[int, int | slice], title: str, ylabel: str,
+              enlarged: bool = False) -> Axes:
+        """Return axes for the whole run or for the slice, with marks and gaps."""
+        t = self._slice if enlarged else self.result.run.t
+        if enlarged:
+            title = f'enlarged: {t[0]:.4g}–{t[-1]:.4g} s'
+        ax = drawing.panel(self.figure, self._grid[cell], title, ylabel, t)
+        if enlarged:
+            self._slices.append(ax)
             ax.xaxis.set_major_locator(MaxNLocator(4))
+        else:
+            ax.axvspan(self._slice[0], self._slice[-1], color='#eeeeee', lw=0, zorder=0)
         for time, change in self.result.marks:
-            drawing.mark(ax, time, change if part == _WHOLE and not cell[0] else '')
+            drawing.mark(ax, time, '' if enlarged or cell[0] else change)
         drawing.shade_gaps(ax, t, self.result.config.control_period)
-        self.line(ax, y, part, **style)
         return ax
 
-    def line(self, ax: Axes, y: Array, part: slice, **style: Any) -> None:
-        """Draw the samples `part` of `y`."""
-        drawing.line(ax, self.result.run.t[part], y[part], self.result.config.control_period,
+    def line(self, ax: Axes, t: Array, y: Array, **style: Any) -> None:
+        """Draw samples, of the slice if the axes are of it, or say that there are none."""
+        if ax in self._slices and len(t):
+            part = slice(*np.searchsorted(t, (self._slice[0] - 1e-9, self._slice[-1] + 1e-9)))
+            t, y = t[part], y[part]
+        if not np.isfinite(y).any():
+            drawing.label(ax, 0.5, 0.45, 'not known', ha='center')
+            return
+        step = float(np.median(np.diff(t))) if len(t) > 1 else 0.0
+        drawing.line(ax, t, y, max(step, self.result.config.control_period),
                      **{'color': colour(self.result), **style})
+
+
+def _part(t: Array, begin: float, end: float) -> Array:
+    """Return the times from `begin` to `end`, one of them at least."""
+    first, last = np.searchsorted(t, (begin - 1e-9, end + 1e-9))
+    return t[first:max(last, first + 1)]
 
 
 def _joints(result: Result) -> int:

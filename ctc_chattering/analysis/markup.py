@@ -91,7 +91,8 @@ def component() -> Markup:
     own = '\n'.join(map(read, _SCRIPTS))
     return Markup(f'<style>{style}</style>\n<script>\n/*{read("uPlot.LICENSE")}*/\n'
                   f'{read("uPlot.iife.min.js")}\nconst ctcPlots = (() => {{\n"use strict";\n{own}'
-                  'return { mount: (...given) => new Plots(...given) };\n})();\n</script>')
+                  'return { mount: (...given) => new Plots(...given), inflated };\n})();\n'
+                  '</script>')
 
 
 def url(path: str) -> str:

@@ -26,8 +26,8 @@ from typing import Any, NamedTuple
 import ctc_chattering
 from ctc_chattering.analysis import markup
 from ctc_chattering.analysis.markup import Markup
-from ctc_chattering.analysis.output import write_text
 from ctc_chattering.analysis.tables import Table
+from ctc_chattering.output_files import write_text
 
 _PACKAGE = 'ctc_chattering.analysis'
 #: Entries from which on a page has an index.
@@ -106,11 +106,26 @@ class Listing(NamedTuple):
 
 
 class PlottedRun(NamedTuple):
-    """A run of plots: its name, the file with its samples, and its colour, ``#rrggbb``."""
+    """
+    A run of plots.
+
+    Attributes
+    ----------
+    name : str
+        Its name.
+    path : Path
+        The file with its samples.
+    colour : str
+        Its colour, ``#rrggbb``.
+    received : bool
+        Whether torques stand at times of reception, from which no rate or spectrum follows.
+
+    """
 
     name: str
     path: Path
     colour: str
+    received: bool = False
 
 
 class SignalPlots(NamedTuple):
@@ -221,7 +236,7 @@ def _part(item: Item, root: Path, numbers: Iterator[int], anchors: Iterator[int]
         part['data'] = {
             'joints': item.joints, 'units': item.units, 'mark': item.mark,
             'settled': item.settled, 'signals': item.signals, 'runs': [
-                {'name': x.name, 'key': x.path.stem, 'colour': x.colour,
+                {'name': x.name, 'key': x.path.stem, 'colour': x.colour, 'received': x.received,
                  'path': markup.url(_relative(x.path, root))} for x in item.runs]}
     if isinstance(item, Table):
         part['spans'] = list(_spans(item.rows))

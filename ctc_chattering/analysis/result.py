@@ -16,20 +16,28 @@
 
 from __future__ import annotations
 
-import base64
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 import csv
 import dataclasses
+from enum import auto, Enum
 from functools import cached_property
+import io
 from itertools import cycle, groupby, pairwise
-import json
+from math import inf
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO, NamedTuple
 
-from ctc_chattering.analysis.metrics import metrics, WINDOW, within
-from ctc_chattering.analysis.output import write_json, writing
+from ctc_chattering.analysis.metrics import (
+    error_shares,
+    metrics,
+    WARN_ERROR_SHARE,
+    WINDOW,
+    window_of,
+    within,
+)
+from ctc_chattering.analysis.signals import PARTS, Series, SignalOrigin
 from ctc_chattering.analysis.tables import measured, number_text
 from ctc_chattering.analysis.terms import RunTerms, terms
 from ctc_chattering.configuration.loop_setup import Setup
@@ -38,8 +46,9 @@ from ctc_chattering.controller.health import Saturation, term_saturation
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.dynamics.registry import model_of
 from ctc_chattering.dynamics.urdf_parser import Tree
-from ctc_chattering.errors import CtcError, ParameterError
+from ctc_chattering.errors import CtcError, ParameterError, shortened
 from ctc_chattering.numerics.time_grid import missing
+from ctc_chattering.output_files import replacing, write_json
 from ctc_chattering.simulation import closed_loop
 from ctc_chattering.simulation.closed_loop import Array, Run
 from ctc_chattering.simulation.plant import make_plant, Plant
@@ -72,8 +81,46 @@ class RunAttributes:
     v: Array = _of_run('v', 'the filtered error of equation (3), shape (N, n) [rad/s]')
 
 
+class ReplayVerdict(Enum):
+    """Outcome of recomputing the law over recorded states."""
+
+    EXACT = auto()
+    OTHER_TORQUES = auto()
+    NOT_ONE_TO_ONE = auto()
+    TOO_LONG = auto()
+
+
+class Replay(NamedTuple):
+    """
+    The law recomputed over the states of a bag, compared with all that was recorded of it.
+
+    Attributes
+    ----------
+    verdict : ReplayVerdict
+        It is shown if it is `ReplayVerdict.EXACT` only.
+    difference : tuple of float
+        RMS of the difference to the torques recorded, a number a joint [N·m]; empty if it was not
+        recomputed.
+
+    """
+
+    verdict: ReplayVerdict
+    difference: tuple[float, ...] = ()
+
+    def __str__(self) -> str:
+        """Say why the law is not recomputed; empty where it is."""
+        if self.verdict is ReplayVerdict.OTHER_TORQUES:
+            return ('recomputed over the recorded states, the law has other torques than were '
+                    f'sent, by {measured(list(self.difference))} N·m RMS')
+        return {ReplayVerdict.EXACT: '',
+                ReplayVerdict.NOT_ONE_TO_ONE: 'not every state has one command that answers it',
+                ReplayVerdict.TOO_LONG: 'the run is too long to recompute the law'}[self.verdict]
+
+
 #: Time after a change in which v reaches 0 and the term may be at its bound [s].
 _REACHING = 0.5
+#: Stands for the window that `window_of` chooses.
+_BY_THE_RUN = -inf, -inf
 #: Gains of one switching only.
 _OF_SWITCHING = {'boundary_layer': 'boundary_layer', 'observer_bandwidth': 'implicit_observer'}
 
@@ -94,14 +141,22 @@ class Result(RunAttributes):
         The controller's configurations, and the times from which they apply [s].
     run : Run
         The samples.
-    computed : RunTerms, optional
-        Terms, if they are known; otherwise computed when first asked for.
+    law_terms : RunTerms, optional
+        Terms of the law, if they are known; otherwise computed when first asked for.
     description : str
         The URDF of the controller's model; empty for a model that needs none.
     source : str
         Name of the bag; empty for a simulation.
     window : (float, float)
-        Part of the run over which metrics are computed [s].
+        Part of the run over which metrics are computed [s]; by default as `window_of` has it.
+    commands : Series, optional
+        Torques sent, where they have times of their own; otherwise they are those of `run`.
+    replay : Replay, optional
+        Of a bag: whether the law could be recomputed.
+    topics : mapping of str to str
+        Of a bag: the topics that each signal is taken or computed from.
+    off_reference : (float, float), optional
+        Of a bag: when the controller did not follow the reference, first and last time [s].
 
     Examples
     --------
@@ -119,10 +174,19 @@ class Result(RunAttributes):
     experiment: str
     configs: Sequence[tuple[float, ControllerConfig]]
     run: Run
-    computed: RunTerms | None = None
+    law_terms: RunTerms | None = None
     description: str = ''
     source: str = ''
-    window: tuple[float, float] = WINDOW
+    window: tuple[float, float] = _BY_THE_RUN
+    commands: Series | None = None
+    replay: Replay | None = None
+    topics: Mapping[str, str] = dataclasses.field(default_factory=dict)
+    off_reference: tuple[float, float] | None = None
+
+    def __post_init__(self) -> None:
+        """Choose a window that the run has."""
+        if self.window == _BY_THE_RUN:
+            object.__setattr__(self, 'window', window_of(self.run.t))
 
     def __repr__(self) -> str:
         """Return the run in a line, with its RMS errors in the window."""
@@ -132,9 +196,44 @@ class Result(RunAttributes):
 
     @cached_property
     def terms(self) -> RunTerms:
-        """Return the parts of the torque, v and V; a simulation lacks what was not sent."""
-        return self.computed or terms(
-            self.run, self.configs, model_of(self.config, self.description), unsent=True)
+        """
+        Return the parts of the torque, v and V; a simulation lacks what was not sent.
+
+        Those of a bag are recorded, every Nth sample, unless they can be computed exactly.
+        """
+        return self.law_terms or terms(
+            self.run, self.configs, model_of(self.config, self.description))
+
+    @property
+    def torque(self) -> Series:
+        """Return the torques sent: at the states that they answer, or when they were received."""
+        return self.commands or Series(self.run.t, self.run.tau, self._origin_of_states)
+
+    @property
+    def _origin_of_states(self) -> SignalOrigin:
+        return SignalOrigin.RECORDED if self.source else SignalOrigin.COMPUTED
+
+    @cached_property
+    def signals(self) -> dict[str, Series]:
+        """Return all signals by the names that plots.js lists, each with its origin."""
+        run, law, origins = self.run, self.terms, self.origins
+        of_run = {'q': run.q, 'dq': run.dq, 'q_d': run.q_d, 'e': run.e}
+        of_law = {'v': law.v, 'V': law.lyapunov[:, None], 'nominal': law.nominal,
+                  'compensation': -law.compensation, 'robust': -law.robust}
+        return {
+            **{name: Series(run.t, x, origins[name]) for name, x in of_run.items()},
+            'torque': self.torque,
+            **{name: Series(law.t, x, origins[name]) for name, x in of_law.items()}}
+
+    @property
+    def origins(self) -> dict[str, SignalOrigin]:
+        """Return the origin of each signal."""
+        of_law = SignalOrigin.COMPUTED if self.law_terms is None else self.law_terms.origin
+        return {
+            'q': self._origin_of_states, 'dq': self._origin_of_states,
+            'q_d': SignalOrigin.COMPUTED, 'e': SignalOrigin.COMPUTED,
+            'torque': self.torque.origin, 'v': of_law, 'V': of_law,
+            **dict.fromkeys(PARTS, of_law)}
 
     @property
     def config(self) -> ControllerConfig:
@@ -204,13 +303,17 @@ class Result(RunAttributes):
     @cached_property
     def saturation(self) -> list[Saturation] | None:
         """
-        How often the chattering term of each joint is at its bound within the window.
+        Return how often the chattering term of each joint is at its bound within the window.
 
         The first `_REACHING` seconds after the start and after a change of parameters are not
-        counted. None without a sample under a law that takes ``ka``.
+        counted. None without a sample under a law that takes ``ka``, and where not each sample of
+        the term is known: how long it stays at its bound is not known then.
         """
-        t, parts = self.run.t, []
-        inside, gaps = within(t, self.window), np.append(0, self.missing) > 0
+        t, parts = self.terms.t, []
+        if self._terms_are_sparse:
+            return None
+        inside = within(t, self.window)
+        gaps = np.append(0, missing(t, self.config.control_period)) > 0
         for (begin, config), (end, _) in pairwise([*self.configs, (np.inf, self.config)]):
             if config.takes('ka'):
                 k = np.flatnonzero(inside & (t >= begin + _REACHING) & (t < end))
@@ -218,6 +321,11 @@ class Result(RunAttributes):
                     np.insert(self.terms.robust[k], np.flatnonzero(gaps[k]), np.nan, axis=0),
                     config.ka, config.switching_in_force))
         return term_saturation(parts) or None
+
+    @property
+    def _terms_are_sparse(self) -> bool:
+        """Return whether the terms of most samples are not known."""
+        return 2 * len(self.terms.t) < len(self.run.t)
 
     def metrics(self) -> dict[str, Any]:
         """
@@ -228,10 +336,13 @@ class Result(RunAttributes):
         dict
             What `analysis.metrics.metrics` returns for `window`, such as ``rms_error_rad``, a
             number per joint; experiment, bag, law, switching, period, joints, units and gains;
-            ``term_at_bound``, how often the chattering term of each joint is at its bound.
+            ``term_at_bound``, how often the chattering term of each joint is at its bound;
+            ``origins``, where the samples of each signal come from.
 
         """
-        numbers = metrics(self.run, self.window, period=self.config.control_period)
+        numbers = metrics(
+            self.run, self.window, period=self.config.control_period, torque=self.torque,
+            v=None if self.law_terms is None else self.signals['v'])
         mixed = len(set(self.position_units)) > 1
         if mixed:
             numbers['max_error_norm1_rad'] = None
@@ -242,19 +353,59 @@ class Result(RunAttributes):
             'position_units': list(self.position_units),
             'torque_units': list(self.torque_units), 'gains': self.gains, **numbers,
             'term_at_bound': self.saturation and [x.fraction for x in self.saturation],
-            'notes': [*numbers['notes'], *self._notes(mixed)]}
+            'origins': {name: origin.value for name, origin in self.origins.items()},
+            'notes': [*numbers['notes'], *self._notes(mixed),
+                      *self._notes_on_errors(numbers['rms_error_rad'])]}
 
     def _notes(self, mixed: bool) -> Iterator[str]:
         """Yield what else the user should know."""
+        if self.window == window_of(self.run.t) != WINDOW:
+            yield (f'metrics are computed from {self.window[0]:.4g} s to {self.window[1]:.4g} s, '
+                   'the second half of the run: it has too little of '
+                   f'{WINDOW[0]:g} s to {WINDOW[1]:g} s')
         if mixed:
             yield 'no sum of errors: prismatic joints have errors in m, the others in rad'
         lost = int(self.missing.sum())
         if lost:
             yield (f'{lost} of {lost + len(self.run.t)} samples are missing; errors are computed '
-                   'from the others, the torque variation from consecutive ones')
+                   'from the others, the torque variation from '
+                   + ('all commands' if self.torque.received else 'consecutive ones'))
+        if self.off_reference:
+            first, last = self.off_reference
+            yield (f'between {first:.4g} s and {last:.4g} s the controller did not always follow '
+                   'the reference, as after a pause; errors are those to the reference')
+        yield from self._notes_on_terms()
         for name, found in zip(self.joint_names, self.saturation or ()):
             if found.cause:
                 yield f'{name}: {found}'
+
+    def _notes_on_errors(self, rms_error: Sequence[float] | None) -> Iterator[str]:
+        """Yield which joints hardly follow their motion, and what can be done."""
+        if rms_error is None:
+            return
+        shares = error_shares(self.run, rms_error)
+        large = np.flatnonzero(shares > WARN_ERROR_SHARE)
+        if len(large):
+            low, high = (f'{100.0 * x:.0f}' for x in (shares[large].min(), shares[large].max()))
+            cure = 'Set ka above friction and disturbance' if self.config.takes('ka') else (
+                'Choose a law that takes friction into account (docs/laws.md)')
+            yield (f'{shortened([self.joint_names[i] for i in large])}: the RMS error is '
+                   f'{low if low == high else f"{low} to {high}"} % of the amplitude of the '
+                   f'motion. {cure}, or raise kp and kv')
+
+    def _notes_on_terms(self) -> Iterator[str]:
+        """Yield which terms are shown where the law cannot be recomputed, and why."""
+        if self.replay is None or self.replay.verdict is ReplayVerdict.EXACT:
+            return
+        if self.terms.origin is SignalOrigin.UNKNOWN:
+            shown = 'are not known'
+        else:
+            every = 1e3 * Series(self.terms.t, self.terms.v, self.terms.origin).step
+            shown = f'are those that the controller published, every {every:.3g} ms'
+        yield f'{self.replay}: v, V and the parts of the torque {shown}'
+        if self._terms_are_sparse and self.config.takes('ka'):
+            yield ('how often the chattering term is at its bound is not known; record with '
+                   'state_decimation 1')
 
 
 def simulate(setup: Setup, progress: Callable[[float], None] | None = None, truth: bool = False,
@@ -331,59 +482,6 @@ def position_units(names: Sequence[str], description: str) -> tuple[str, ...]:
     with suppress(CtcError):
         kinds = {name: joint.kind for name, joint in Tree(description).joints.items()}
     return tuple('m' if kinds.get(name) == 'prismatic' else 'rad' for name in names)
-
-
-#: Signals that differ less than 32 bits tell: q of q_d, and one time of the next.
-_EXACT = ('t', 'q', 'q_d')
-#: Parts of a torque as the controller publishes them: nominal + compensation + robust.
-PARTS = ('nominal', 'compensation', 'robust')
-
-
-def signals_of(result: Result) -> dict[str, Array]:
-    """Return all signals of a run by the names that plots.js lists, each of shape (N, columns)."""
-    run, terms = result.run, result.terms
-    parts = terms.nominal, -terms.compensation, -terms.robust
-    return {'q': run.q, 'q_d': run.q_d, 'dq': run.dq, 'e': run.e, 'v': terms.v,
-            'V': terms.lyapunov[:, None], 'torque': run.tau, **dict(zip(PARTS, parts))}
-
-
-def packed(t: Array, signals: Mapping[str, Array], **head: Any) -> bytes:
-    """
-    Return samples as the script reads them.
-
-    Four bytes with the length of the head, the head in JSON, then the columns, each beginning at
-    a multiple of eight bytes: 64 bits a number for `t`, `q` and `q_d`, 32 for the others.
-
-    Parameters
-    ----------
-    t : ndarray, shape (N,)
-        Times [s].
-    signals : mapping of str to ndarray, shape (N,) or (N, n)
-        By the names that plots.js lists.
-    **head : Any
-        More for the head: ``run``, number of the run, and ``fresh``; see `append` in plots.js.
-
-    """
-    columns, parts = [], []
-    for name, rows in {'t': t, **signals}.items():
-        kind = '<f8' if name in _EXACT else '<f4'
-        with np.errstate(over='ignore'):
-            values = np.asarray(rows, float).reshape(len(t), -1).T.astype(kind)
-        for joint, column in enumerate(values):
-            columns.append((name, joint, column.itemsize))
-            parts.append(_filled(column.tobytes()))
-    text = json.dumps({'count': len(t), 'columns': columns, **head}).encode()
-    return b''.join((_filled(len(text).to_bytes(4, 'little') + text), *parts))
-
-
-def coded(t: Array, signals: Mapping[str, Array]) -> str:
-    """Return `packed` samples as text, for `packed` of a run in a page."""
-    return base64.b64encode(packed(t, signals)).decode()
-
-
-def _filled(data: bytes) -> bytes:
-    """Return bytes with zeros up to a multiple of eight."""
-    return data + bytes(-len(data) % 8)
 
 
 #: Colour of each law, the same in all figures and pages, and of a run under several (after
@@ -471,15 +569,24 @@ def _repeated(found: Sequence[str]) -> list[int]:
 _ARRAYS = {'q': '', 'dq': '/s', 'q_d': '', 'dq_d': '/s', 'ddq_d': '/s²', 'tau': None, 'v': '/s'}
 
 
+def commands_path(path: Path) -> Path:
+    """Return where `export` writes torques at times of their own beside a CSV file."""
+    return path.with_name(f'{path.stem}_commands.csv')
+
+
 def export(result: Result, path: str | Path) -> None:
     """
     Write the samples of a run with names and units of the joints, for other programs.
 
     In a NumPy file: ``t``, shape (N,), and ``q, dq, q_d, dq_d, ddq_d, tau, v``, shape (N, n);
-    ``joint_names``, ``position_units``, ``torque_units``, shape (n,); ``control_period``, ``law``,
-    ``switching`` and the gains by name, as at the end. In comma-separated values: a column per
-    joint and quantity, below its name and unit, for example ``q_elbow [rad]``; numbers are exact,
-    unknown ones are ``nan``.
+    ``command_t``, shape (M,), and ``command``, shape (M, n), all torques sent. Of a bag
+    ``terms_t`` and ``nominal, compensation, robust, lyapunov``, the terms of the law;
+    ``signals`` and ``origins``, whether each is recorded, computed exactly or not known.
+    ``joint_names``, ``position_units``,
+    ``torque_units``, shape (n,); ``control_period``, ``law``, ``switching`` and the gains by name,
+    as at the end. In comma-separated values: a column per joint and quantity, below its name and
+    unit, for example ``q_elbow [rad]``; torques that have times of their own are in
+    ``NAME_commands.csv`` beside it. Numbers are exact, unknown ones are ``nan``.
 
     Parameters
     ----------
@@ -505,18 +612,42 @@ def export(result: Result, path: str | Path) -> None:
     path = Path(path)
     if path.suffix not in ('.npz', '.csv'):
         raise ParameterError('path', str(path), 'a name that ends in .npz or .csv')
-    with writing(path):
+    columns = {name: getattr(result.run, name) for name in _ARRAYS}
+    with replacing(path) as stream:
         if path.suffix == '.npz':
-            np.savez(path, **vars(result.run), joint_names=result.joint_names,
-                     position_units=result.position_units, torque_units=result.torque_units,
-                     control_period=result.config.control_period, law=result.law,
-                     switching=result.config.switching, **result.gains)
-            return
-        heads, columns = ['t [s]'], [result.run.t]
-        for name, suffix in _ARRAYS.items():
-            units = (result.torque_units if suffix is None
-                     else [unit + suffix for unit in result.position_units])
-            heads += [f'{name}_{joint} [{unit}]' for joint, unit in zip(result.joint_names, units)]
-            columns.extend(getattr(result.run, name).T)
-        with path.open('w', newline='', encoding='utf-8') as file:
-            csv.writer(file).writerows([heads, *np.column_stack(columns).tolist()])
+            _write_arrays(result, stream)
+        else:
+            _write_columns(result, stream, result.run.t, columns)
+    if path.suffix == '.csv' and result.commands is not None:
+        with replacing(commands_path(path)) as stream:
+            _write_columns(result, stream, result.torque.t, {'tau': result.torque.values})
+
+
+def _write_arrays(result: Result, stream: BinaryIO) -> None:
+    """Write the arrays of a run in NumPy's format."""
+    terms = result.law_terms
+    of_law: dict[str, Any] = {} if terms is None else {
+        'terms_t': terms.t, 'nominal': terms.nominal, 'compensation': terms.compensation,
+        'robust': terms.robust, 'lyapunov': terms.lyapunov}
+    np.savez(
+        stream, **vars(result.run), command_t=result.torque.t, command=result.torque.values,
+        **of_law, signals=list(result.origins),
+        origins=[origin.value for origin in result.origins.values()],
+        joint_names=result.joint_names, position_units=result.position_units,
+        torque_units=result.torque_units, control_period=result.config.control_period,
+        law=result.law, switching=result.config.switching, **result.gains)
+
+
+def _write_columns(result: Result, stream: BinaryIO, t: Array, arrays: Mapping[str, Array]
+                   ) -> None:
+    """Write times and arrays, each of shape (N, n), as comma-separated values."""
+    heads, columns = ['t [s]'], [t]
+    for name, values in arrays.items():
+        suffix = _ARRAYS[name]
+        units = (result.torque_units if suffix is None
+                 else [unit + suffix for unit in result.position_units])
+        heads += [f'{name}_{joint} [{unit}]' for joint, unit in zip(result.joint_names, units)]
+        columns.extend(values.T)
+    text = io.TextIOWrapper(stream, 'utf-8', 'backslashreplace', newline='')
+    csv.writer(text).writerows([heads, *np.column_stack(columns).tolist()])
+    text.detach()

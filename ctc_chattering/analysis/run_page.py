@@ -26,25 +26,34 @@ from typing import Any
 from ctc_chattering.analysis import page
 from ctc_chattering.analysis.markup import fragment, Markup
 from ctc_chattering.analysis.metrics import BAND
-from ctc_chattering.analysis.output import check_format, file_stem, finite, prepare, write_text
 from ctc_chattering.analysis.page import FigureFile
 from ctc_chattering.analysis.result import (
-    coded,
     colours,
     gains,
     METRICS,
     names,
-    PARTS,
     Result,
-    signals_of,
     write_metrics,
 )
+from ctc_chattering.analysis.signals import by_times, compressed, PARTS, Series, SignalOrigin
 from ctc_chattering.analysis.tables import Table
 from ctc_chattering.errors import ParameterError
+from ctc_chattering.output_files import (
+    check_format,
+    file_stem,
+    finite,
+    new_folder,
+    write_text,
+)
 from ctc_chattering.parameters import check_some
+from ctc_chattering.simulation.closed_loop import Array
 
+#: The command that writes runs.
+PLOT = 'ctc plot'
 #: Numbers of a run that a page has; of more, those of the first samples.
-MOST = 5_000_000
+MOST = 8_000_000
+#: Numbers of a run up to which they are exact.
+MOST_EXACT = 1_000_000
 #: Signals that are shown at first.
 _CHOSEN = ('e', 'torque', 'V')
 
@@ -77,23 +86,29 @@ def write_samples(results: Sequence[Result], directory: Path) -> list[page.Signa
 def _written(group: Sequence[tuple[Result, str, str]], directory: Path, used: set[str]
              ) -> page.SignalPlots:
     """Write the samples of runs that are plotted together."""
-    first, runs, long = group[0][0], [], []
+    first, runs, long, rounded = group[0][0], [], [], []
     for result, name, colour in group:
-        # The page has q_d from q and e; beside each other, runs have no parts of the torque.
-        left_out = ('q_d', *(PARTS if len(group) > 1 else ()))
-        signals = {x: y for x, y in signals_of(result).items() if x not in left_out}
-        t = result.run.t[:MOST // (1 + sum(y.shape[1] for y in signals.values()))]
-        samples = coded(t, {x: y[:len(t)] for x, y in signals.items()})
+        # The page has q from q_d and e; beside each other, runs have no parts of the torque.
+        left_out = ('q', *(PARTS if len(group) > 1 else ()))
+        signals = {x: y for x, y in result.signals.items() if x not in left_out}
+        tracks, end = _first_samples(by_times(signals))
+        is_rounded = _count(tracks) > MOST_EXACT
         path = directory / f'{file_stem(name, used)}.js'
-        write_text(path, f'ctcSamples[{json.dumps(path.stem)}] = "{samples}";\n')
-        runs.append(page.PlottedRun(name.removeprefix(f'{result.experiment}: '), path, colour))
-        long += [f'{name} to {t[-1]:.4g} s'] if len(t) < len(result.run.t) else []
+        texts = [compressed(t, values, is_rounded) for t, values in tracks]
+        write_text(path, f'ctcSamples[{json.dumps(path.stem)}] = {json.dumps(texts)};\n')
+        runs.append(page.PlottedRun(name.removeprefix(f'{result.experiment}: '), path, colour,
+                                    result.torque.received))
+        long += [f'{name} to {end:.4g} s'] if end < result.run.t[-1] else []
+        rounded += [name] if is_rounded else []
     # Not the start, with its large errors.
     settled = min(first.window[0], 0.4 * float(first.run.t[-1]))
     marks = {time for result, _, _ in group for time, _ in result.marks}
-    text = ('Error e = q_d − q, torque sent, V and further signals of every sample. While times '
-            f'after {2.0 * settled:.3g} s are shown, axes are scaled without the first '
-            f'{settled:.3g} s.')
+    text = ('Error e = q_d − q, torque sent, V and further signals, each at the times and with '
+            'the origin that the table below says. While times after '
+            f'{2.0 * settled:.3g} s are shown, axes are scaled without the first {settled:.3g} s.')
+    if rounded:
+        text += (f' Values of {", ".join(rounded)} are rounded by at most 2e-5 of each, times to '
+                 '1 µs.')
     if long:
         text += (f' Too long to show all: {", ".join(long)}. Figures show the whole run, and ctc '
                  'export writes it.')
@@ -102,6 +117,58 @@ def _written(group: Sequence[tuple[Result, str, str]], directory: Path, used: se
     return page.SignalPlots(
         f'Signals of {first.experiment}', text, first.joint_names, first.position_units, runs,
         _CHOSEN, settled, marks.pop() if len(marks) == 1 else None)
+
+
+def _count(tracks: list[tuple[Array, dict[str, Array]]]) -> int:
+    """Return the number of numbers in tracks."""
+    return sum(len(t) * (1 + sum(y.shape[1] for y in values.values())) for t, values in tracks)
+
+
+def _first_samples(tracks: list[tuple[Array, dict[str, Array]]]
+                   ) -> tuple[list[tuple[Array, dict[str, Array]]], float]:
+    """Return the first `MOST` numbers of tracks, and the time up to which these are [s]."""
+    end = max(float(t[-1]) for t, _ in tracks)
+    count = _count(tracks)
+    if count <= MOST:
+        return tracks, end
+    begin = min(float(t[0]) for t, _ in tracks)
+    end = begin + (end - begin) * MOST / count
+    return [(t[t <= end], {name: y[t <= end] for name, y in values.items()})
+            for t, values in tracks if t[0] <= end], end
+
+
+#: What the signals of a run are called in the table of origins, together where one origin has
+#: them.
+_SIGNALS = {'q': 'position q', 'dq': 'velocity dq', 'q_d': 'reference q_d', 'e': 'error e',
+            'torque': 'torque sent', 'v': 'filtered error v', 'V': 'V', 'nominal': 'nominal',
+            'compensation': 'compensation', 'robust': 'robust'}
+
+
+def origins_table(results: Sequence[Result]) -> Table:
+    """Return where the samples of each signal come from, a row for each origin of a run."""
+    rows: list[list[str]] = []
+    for result, run_name in zip(results, names(results)):
+        groups: dict[tuple[str, ...], list[str]] = {}
+        for signal, series in result.signals.items():
+            groups.setdefault(_origin(result, signal, series), []).append(_SIGNALS[signal])
+        rows += [['' if k else run_name, ', '.join(signals), *origin]
+                 for k, (origin, signals) in enumerate(groups.items())]
+    heads = ['Run', 'Signals', 'Origin', 'From', 'Samples', 'Usual step']
+    return Table('Where the samples come from', heads, rows, 4)
+
+
+def _origin(result: Result, signal: str, series: Series) -> tuple[str, ...]:
+    """Return origin, what it is from, number of samples and usual step."""
+    source = result.topics.get(signal, 'simulation')
+    if series.received:
+        source += ', each when the recorder received it'
+    elif signal not in ('q', 'dq', 'q_d', 'e', 'torque') and result.replay and (
+            series.origin is SignalOrigin.COMPUTED):
+        source += ': the law gives every torque and term recorded'
+    if series.origin is SignalOrigin.UNKNOWN:
+        return series.origin.value, '', '', ''
+    return (series.origin.value, source, str(len(series.t)),
+            f'{1e3 * series.step:.3g} ms' if series.step else '')
 
 
 #: Columns of the table, per run and per joint: key, heading, unit.
@@ -156,7 +223,7 @@ def write_page(results: Sequence[Result], figures: Sequence[FigureFile], path: P
     page.write_page(path, _headline(pairs), _LEAD, [
         page.Section('Result', [*([page.Cards(list(map(_gain, pairs)))] if pairs else []),
                                 *(x for x in figures if not x.group)]),
-        page.Section('Signals', plots),
+        page.Section('Signals', [*plots, origins_table(results)] if plots else []),
         page.Section('Numbers', [_table(results, runs), *(
             page.Note(f'{text}.', f'{run["name"]}:') for run in runs for text in run['notes'])]),
         page.Section('Figures of each run', folded)],
@@ -189,9 +256,11 @@ def _table(results: Sequence[Result], runs: Sequence[dict[str, Any]]) -> Table:
                   for key, _, unit in JOINT_COLUMNS)])
     note = (f'v reached: the time from which every |vᵢ| stays within {BAND:g} rad/s to the end. '
             'Torque variation: Σ |Δτ| per second; step and rate: from one sample to the next.')
-    if any(run['rms_error_rad'] for run in runs):
-        low, high = runs[0]['window_s']
-        note = f'Errors and torques: over t = {low:g} s to {high:g} s. {note}'
+    windows = {tuple(run['window_s']): run['name'] for run in runs if run['rms_error_rad']}
+    if windows:
+        over = ', '.join(f'{low:.4g} s to {high:.4g} s' + (
+            f' ({called})' if len(windows) > 1 else '') for (low, high), called in windows.items())
+        note = f'Errors and torques: over t = {over}. {note}'
     return Table('', ['Run', 'Joint', *(
         fragment('{{ name }}<br><small>[{{ unit }}]</small>', name=heading, unit=unit)
         for _, heading, unit in (*RUN_COLUMNS, *JOINT_COLUMNS))], rows, 2, note)
@@ -235,11 +304,10 @@ def _headline(pairs: Sequence[Pair]) -> str:
 
 #: Names in the directory of `write_runs`.
 FIGURES, PAGE, SAMPLES = 'figures', 'index.html', 'samples'
-NAMES = (FIGURES, METRICS, PAGE, SAMPLES)
 
 
 def write_runs(results: Sequence[Result], out: str | Path, bags: Sequence[str | Path] = (),
-               extra: str = 'svg', command: str = '') -> None:
+               extra: str = 'svg', command: str = '', overwrite: bool = False) -> None:
     """
     Write figures, numbers and a page with interactive plots, on which runs are compared.
 
@@ -255,21 +323,31 @@ def write_runs(results: Sequence[Result], out: str | Path, bags: Sequence[str | 
         A second format for each figure.
     command : str
         What was run, for the page.
+    overwrite : bool
+        Replace what an earlier call has written there.
 
     Raises
     ------
     CtcError
-        If there is no result, a run has no samples, a file exists already, or cannot be written.
+        If there is no result, a run has no samples, other files are there, or one cannot be
+        written.
 
     """
-    from ctc_chattering.analysis.figures import save_figures  # Takes time.
-
     check_some('results', results)
     if len(bags) not in (0, len(results)):
         raise ParameterError('bags', bags, f'none, or {len(results)}, one of each result')
     check_format(extra)
-    out = prepare(Path(out), NAMES)
-    figures = save_figures(results, out / FIGURES, extra)
-    write_metrics(results, out / METRICS)
-    write_page(results, figures, out / PAGE, [os.path.relpath(bag, out) for bag in bags],
-               write_samples(results, out / SAMPLES), command)
+    links = [os.path.relpath(bag, out) for bag in bags]
+    with new_folder(Path(out), PLOT, overwrite) as folder:
+        fill_folder(results, folder, links, extra, command)
+
+
+def fill_folder(results: Sequence[Result], folder: Path, links: Sequence[str], extra: str = 'svg',
+                command: str = '') -> None:
+    """Write the files of `write_runs`; the page has these links to the bags."""
+    from ctc_chattering.analysis.figures import save_figures  # Takes time.
+
+    figures = save_figures(results, folder / FIGURES, extra)
+    write_metrics(results, folder / METRICS)
+    plots = write_samples(results, folder / SAMPLES)
+    write_page(results, figures, folder / PAGE, links, plots, command)

@@ -146,12 +146,23 @@ def markdown_table(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> list[
 
 
 def csv_text(rows: Sequence[Mapping[str, object]], heads: Sequence[str] = ()) -> str:
-    """Return rows of the same keys as CSV, `heads` without any row; None is empty."""
+    """
+    Return rows of the same keys as CSV, `heads` without any row; None is empty.
+
+    Text is on one line; what a spreadsheet would compute stands behind an apostrophe.
+    """
     text = io.StringIO()
     writer = csv.DictWriter(text, rows[0] if rows else heads, lineterminator='\n')
     writer.writeheader()
-    writer.writerows(rows)
+    writer.writerows({key: _in_csv(x) if isinstance(x, str) else x for key, x in row.items()}
+                     for row in rows)
     return text.getvalue()
+
+
+def _in_csv(text: str) -> str:
+    """Return text on one line, with an apostrophe before what begins a formula."""
+    line = one_line(text)
+    return f"'{line}" if line.lstrip().startswith(('=', '+', '-', '@')) else line
 
 
 def columns(rows: Sequence[Sequence[str]]) -> list[str]:

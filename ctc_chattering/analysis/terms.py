@@ -12,56 +12,58 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Every term of the law over a recorded run, recomputed by the controller itself."""
+"""Every term of the law over the states of a run, recomputed by the controller itself."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 import dataclasses
 from typing import Any
 
+from ctc_chattering.analysis.signals import SignalOrigin
 from ctc_chattering.control.controller import Controller, ControllerConfig
 from ctc_chattering.dynamics.model import Model
-from ctc_chattering.numerics.time_grid import missing, NANOSECONDS
+from ctc_chattering.numerics.time_grid import NANOSECONDS
 from ctc_chattering.simulation.closed_loop import Array, Run
 import numpy as np
-
-#: Missing samples at a stretch that are interpolated.
-BRIDGED = 20
 
 
 @dataclasses.dataclass(frozen=True)
 class RunTerms:
     """
-    Terms of the law sample by sample.
+    Terms of the law, sample by sample, at times of their own.
 
     Attributes
     ----------
+    t : ndarray, shape (N,)
+        Times [s]: those of the states, or of every Nth that the controller published.
     tau, nominal, compensation, robust : ndarray, shape (N, n)
         Torque, and its parts: tau = nominal - compensation - robust [N·m].
     v : ndarray, shape (N, n)
         Filtered error [rad/s].
     lyapunov : ndarray, shape (N,)
         V of equation (9) [J].
+    origin : SignalOrigin
+        Whether they are recorded or computed.
 
     """
 
+    t: Array
     tau: Array
     nominal: Array
     compensation: Array
     robust: Array
     v: Array
     lyapunov: Array
+    origin: SignalOrigin = SignalOrigin.COMPUTED
 
 
 def terms(run: Run, configs: Sequence[tuple[float, ControllerConfig]],
-          model: Model | None = None, known: Mapping[float, Sequence[float]] | None = None,
-          unsent: bool = False, ahead: Sequence[Any] | None = None) -> RunTerms:
+          model: Model | None = None, ahead: Array | None = None) -> RunTerms:
     """
     Run the controller over the states and the reference of `run`.
 
-    Where samples are missing, the controller runs over straight lines between the neighbours, up
-    to `BRIDGED` of them; over more it begins again with v = 0, as it does itself without states.
+    That is what it did if it has received these states and no others, at once.
 
     Parameters
     ----------
@@ -72,12 +74,7 @@ def terms(run: Run, configs: Sequence[tuple[float, ControllerConfig]],
         Configurations, each in force from the first sample at or after its time [s].
     model : Model, optional
         In place of the one that the configurations name.
-    known : mapping of float to sequence of float, shape (n,), optional
-        By times of samples [s], v as the controller published it [rad/s]: after missing samples
-        it is taken from here.
-    unsent : bool
-        Missing samples were never sent: the controller has not stepped there.
-    ahead : sequence, shape (N, input_delay, 3, n), optional
+    ahead : ndarray, shape (N, input_delay, 3, n), optional
         What is desired at the samples of the delay; by default at the samples of the run that
         follow.
 
@@ -87,38 +84,17 @@ def terms(run: Run, configs: Sequence[tuple[float, ControllerConfig]],
     delay = law.config.input_delay
     rows = np.stack((run.q, run.dq, run.q_d, run.dq_d, run.ddq_d), axis=1)
     points: Any = np.concatenate((rows, rows[-1:].repeat(delay, axis=0)))[:, 2:]
-    gaps = [0, *missing(run.t, law.config.control_period)]
-    columns = {name: np.zeros_like(run.q) for name in (
+    columns: dict[str, Any] = {name: np.zeros_like(run.q) for name in (
         'tau', 'nominal', 'compensation', 'robust', 'v')}
     lyapunov = np.zeros_like(run.t)
-    doubtful = False
     for k, t in enumerate(run.t.tolist()):
-        if gaps[k] and not unsent:
-            _bridge(law, rows[k - 1], rows[k], gaps[k], run.t[k - 1:k + 1])
-            doubtful = True
         while due and t >= due[0][0]:
             law.configure(due.pop(0)[1])
         q, dq, q_d, dq_d, ddq_d = rows[k]
-        if doubtful and known and t in known:
-            law.memories = law.memories._replace(control=law.memories.control._replace(
-                xi=np.array(known[t]) + law.config.b * (dq_d - dq)))
-            doubtful = False
         sample = law.step(q, dq, q_d, dq_d, ddq_d,
-                          points[k + 1:k + 1 + delay] if ahead is None else ahead[k],
+                          points[k + 1:k + 1 + delay] if ahead is None else list(ahead[k]),
                           round(NANOSECONDS * t))
         for name, column in columns.items():
             column[k] = getattr(sample, name)
         lyapunov[k] = law.lyapunov(q.tolist(), sample.v)
-    return RunTerms(**columns, lyapunov=lyapunov)
-
-
-def _bridge(law: Controller, before: Array, after: Array, count: int, t: Array) -> None:
-    """Take `law` over `count` missing samples between two rows (q, dq, q_d, dq_d, ddq_d) at t."""
-    if count > BRIDGED:
-        law.reset(bumpless=True)
-        return
-    ahead: Any = [after[2:]] * law.config.input_delay
-    for share in np.arange(1, count + 1) / (count + 1):
-        q, dq, q_d, dq_d, ddq_d = before + share * (after - before)
-        law.step(q, dq, q_d, dq_d, ddq_d, ahead,
-                 round(NANOSECONDS * float(t[0] + share * (t[1] - t[0]))))
+    return RunTerms(run.t, lyapunov=lyapunov, **columns)

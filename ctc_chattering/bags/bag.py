@@ -15,147 +15,42 @@
 """
 Reading a bag of any recorder: MCAP or sqlite3, compressed or not.
 
-`rosbags` reads. What it lacks is here: it unpacks as much as a file states, and reads MCAP files
-whose index is not what it was.
+`rosbags` decodes messages, and reads sqlite3; `mcap_file.py` reads MCAP. A topic whose messages
+are no CDR, as of Protobuf or JSON, is there, and its messages are bytes.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterator, Mapping
-from contextlib import ExitStack
-from io import BytesIO
-import mmap
-from pathlib import Path, PurePath
-import struct
+from collections.abc import Collection, Iterator, Mapping
+from contextlib import closing, ExitStack, suppress
+from functools import cached_property
+from heapq import merge
+from operator import itemgetter
+from pathlib import Path
+import shlex
 import tempfile
 from typing import Any
-import zlib
 
-from ctc_chattering.errors import CtcError
+from ctc_chattering.bags.bag_files import (
+    check_one_recording,
+    ENDINGS,
+    FileSpan,
+    list_files,
+    storage_of,
+    UnsupportedBag,
+)
+from ctc_chattering.bags.compression import unpack, unpack_file, ZSTD
+from ctc_chattering.bags.mcap_file import McapFile
+from ctc_chattering.errors import CtcError, shortened
 from ctc_chattering.numerics.time_grid import nanoseconds
 from ctc_chattering.ros.topics import PARAMETERS, ROBOT_DESCRIPTION
-import lz4.frame  # type: ignore[import-untyped]
-from mcap.data_stream import ReadDataStream
-from mcap.opcode import Opcode
-from mcap.reader import SeekingReader
-from mcap.records import Chunk
-from mcap.summary import Summary
-from rosbags.highlevel import AnyReader
-from rosbags.interfaces import Connection
-from rosbags.typesys import get_typestore, Stores
+from rosbags.interfaces import Connection, MessageDefinitionFormat
+from rosbags.rosbag2 import Reader
+from rosbags.typesys import get_types_from_idl, get_types_from_msg, get_typestore, Stores
 from tqdm import tqdm
-import yaml
-import zstandard
 
-MAGIC = b'\x89MCAP0\r\n'
-#: What a record begins with: kind and length.
-RECORD = struct.Struct('<BQ')
-#: Footer, with the place and the checksum of the index, and the end of a file.
-_END = struct.Struct('<BQQQI8s')
-#: Most that a chunk or message may unpack to, and a file besides what is allowed for its size
-#: [bytes]; the latter for each packed byte.
-_MOST, _RATIO = 1 << 27, 100
-
-
-def unpacked(data: bytes, compression: str) -> bytes:
-    """
-    Return what a chunk or message is unpacked.
-
-    Raises
-    ------
-    CtcError
-        If it is more than is allowed, or the compression is not known. What unpacks raises
-        errors of its own.
-
-    """
-    if compression == 'zstd':
-        with zstandard.ZstdDecompressor().stream_reader(data, read_across_frames=True) as stream:
-            found = stream.read(_MOST + 1)
-    elif compression == 'lz4':
-        found = lz4.frame.LZ4FrameDecompressor().decompress(data, max_length=_MOST + 1)
-    elif compression:
-        raise CtcError(f'unknown compression {compression!r}; allowed: zstd, lz4')
-    else:
-        found = data
-    if len(found) > _MOST:
-        raise CtcError(f'{len(data)} bytes unpack to more than {_MOST} bytes, which is allowed')
-    return bytes(found)
-
-
-def _unpacked_file(source: Path, target: Path) -> Path:
-    """Unpack a file of zstd; return it. Raise `CtcError` if it is more than is allowed."""
-    most = _MOST + _RATIO * source.stat().st_size
-    with source.open('rb') as packed, target.open('wb') as found, (
-            zstandard.ZstdDecompressor().stream_reader(packed, read_across_frames=True)) as stream:
-        while piece := stream.read(1 << 20):
-            if found.write(piece) and found.tell() > most:
-                raise CtcError(f'{source.name} unpacks to more than {most} bytes')
-    return target
-
-
-def mapped(path: Path) -> Any:
-    """Return the bytes of a file, which are read where they are used."""
-    with path.open('rb') as stream:
-        return mmap.mmap(
-            stream.fileno(), 0, access=mmap.ACCESS_READ) if path.stat().st_size else b''
-
-
-def unpacked_chunk(content: bytes) -> tuple[Chunk, bytes]:
-    """
-    Return a chunk and the records in it, from the content of its own record.
-
-    Raises
-    ------
-    CtcError
-        If the records are not what it states; where it is damaged, errors of any kind.
-
-    """
-    stream = ReadDataStream(BytesIO(content))
-    chunk: Chunk = Chunk.read(stream)
-    found = unpacked(chunk.data, chunk.compression)
-    if (stream.count, len(found)) != (len(content), chunk.uncompressed_size):
-        raise CtcError(f'a chunk of {chunk.uncompressed_size} bytes has another size')
-    if chunk.uncompressed_crc not in (0, zlib.crc32(found)):
-        raise CtcError('a chunk has a wrong checksum')
-    return chunk, found
-
-
-def index_of(data: Any) -> Summary | None:
-    """Return the index of a file, None without one; raise `CtcError` if it is not what it was."""
-    if data[-len(MAGIC):] != MAGIC:
-        raise CtcError('the file is cut off')
-    footer = len(data) - _END.size
-    _, _, start, _, checksum, _ = _END.unpack_from(data, footer)
-    if checksum not in (0, zlib.crc32(data[start or footer:-12])):
-        raise CtcError('the index has a wrong checksum')
-    return SeekingReader(data).get_summary()
-
-
-def check(path: Path) -> None:
-    """
-    Check that the chunks of a file unpack to what they state, and that its index is of them.
-
-    Raises
-    ------
-    CtcError
-        Otherwise, or if the file is cut off. Where it is damaged, errors of any kind.
-
-    """
-    data, chunks, begin = mapped(path), set(), len(MAGIC)
-    summary = index_of(data)
-    while begin + RECORD.size <= len(data) - len(MAGIC):
-        kind, length = RECORD.unpack_from(data, begin)
-        end = begin + RECORD.size + length
-        if kind == Opcode.CHUNK:
-            chunk, _ = unpacked_chunk(data[begin + RECORD.size:end])
-            data.madvise(mmap.MADV_DONTNEED)  # It would stay in memory, else.
-            chunks.add((begin, len(chunk.data), chunk.compression, chunk.uncompressed_size))
-        begin = end
-    if summary and not chunks >= {
-            (x.chunk_start_offset, x.compressed_size, x.compression, x.uncompressed_size)
-            for x in summary.chunk_indexes}:
-        raise CtcError('the index has chunks that are not there')
-
+#: Line between the parts of a definition in IDL.
+_IDL_RULE = '=' * 80 + '\n'
 
 #: Field of a ParameterValue that holds the value, by its type.
 _FIELDS = {1: 'bool_value', 2: 'integer_value', 3: 'double_value', 4: 'string_value',
@@ -184,54 +79,37 @@ class Bag:
 
     Raises
     ------
+    UnsupportedBag
+        If it is none, or of a kind that is not read.
     Exception
         Of any kind, if it is damaged.
 
     """
 
     def __init__(self, path: Path) -> None:
-        self.path, self._is_packed = path, False
+        self.path = path
+        listed = list_files(path)
         with ExitStack() as stack:
-            files, counted = self._listed(stack) if path.is_dir() else ([path], None)
-            for file in files:
-                if file.suffix == '.mcap':
-                    check(file)
-                elif file.suffix != '.db3':
-                    raise CtcError(f'unknown storage {file.suffix!r}; known: .mcap, .db3')
-                elif not set('%?#').isdisjoint(str(file)):  # They mean something to sqlite3.
-                    raise CtcError('its path has one of % ? #, not allowed with sqlite3')
-            known = get_typestore(Stores.ROS2_JAZZY)
-            self._reader = stack.enter_context(AnyReader(files, default_typestore=known))
-            self._reader.typestore.register({  # What the definitions in the bag lack.
-                name: fields for name, fields in known.fielddefs.items()
-                if name not in self._reader.typestore.fielddefs})
-            self.message_count = self._reader.message_count
-            if counted not in (None, self.message_count):
+            files = [_open_file(file, stack) for file in listed.paths]
+            if listed.metadata is None:
+                check_one_recording(path, [
+                    FileSpan(name, file.start_time, file.end_time)
+                    for name, file in zip(listed.paths, files)])
+            self.message_count = sum(x.message_count for x in files)
+            counted = self.message_count if listed.metadata is None else (
+                listed.metadata['message_count'])
+            if counted != self.message_count:
                 raise CtcError(
                     f'{self.message_count} messages, {counted} according to its metadata')
+            self.connections: list[Connection] = [x for file in files for x in file.connections]
+            self._types = _typestore(self.connections)
             self._stack = stack.pop_all()
-        self.deserialize: Callable[[bytes, str], Any] = self._reader.deserialize
-        self.connections: list[Connection] = list(self._reader.connections)
-        self.start_time: int = self._reader.start_time
-        self.end_time: int = self._reader.end_time - 1
+        self.start_time: int = min((x.start_time for x in files), default=2 ** 63 - 1)
+        self.end_time: int = max((x.end_time for x in files), default=0) - 1
 
     def close(self) -> None:
         """Close the files."""
         self._stack.close()
-
-    def _listed(self, stack: ExitStack) -> tuple[list[Path], int]:
-        """Return the files that the metadata of a bag name, and how many messages they count."""
-        info = yaml.safe_load((self.path / 'metadata.yaml').read_text(encoding='utf-8')
-                              )['rosbag2_bagfile_information']
-        if info['version'] > 9:
-            raise CtcError(f'version {info["version"]}; known: 1 to 9')
-        files = [self.path / PurePath(x).name for x in info['relative_file_paths']]
-        mode = (info.get('compression_mode') or 'none').lower()
-        self._is_packed = {'none': False, 'file': False, 'message': True}[mode]
-        if mode == 'file':
-            scratch = Path(stack.enter_context(tempfile.TemporaryDirectory()))
-            files = [_unpacked_file(x, scratch / x.stem) for x in files]
-        return files, info['message_count']
 
     def messages(self, connections: Collection[Connection] = ()
                  ) -> Iterator[tuple[Connection, int, bytes]]:
@@ -244,55 +122,110 @@ class Bag:
             Where the bag is damaged, or its index has more messages.
 
         """
-        found, count = 0, sum(x.msgcount for x in connections or self.connections)
+        chosen = connections or self.connections
+        expected = sum(x.msgcount for x in chosen)
+        count = 0
+        by_file: dict[Any, list[Connection]] = {}
+        for x in chosen:
+            by_file.setdefault(x.owner, []).append(x)
+        streams = [file.messages(same) for file, same in by_file.items()]
         try:
             for connection, t, data in tqdm(
-                    self._reader.messages(connections), f'reading {self.path.name}', count,
+                    merge(*streams, key=itemgetter(1)), f'reading {self.path.name}', expected,
                     unit=' messages', disable=None, delay=2.0, leave=False):
-                found += 1
-                yield connection, t, unpacked(data, 'zstd') if self._is_packed else data
+                count += 1
+                packed = is_cdr(connection) and data.startswith(ZSTD)
+                yield connection, t, unpack(data, 'zstd') if packed else data
         except Exception as error:  # Damaged files may raise any exception.
             raise damaged(self.path, error) from None
-        if found != count:
-            raise damaged(self.path, CtcError(f'{found} messages, {count} according to its index'))
+        if count != expected:
+            raise damaged(
+                self.path, CtcError(f'{count} messages, {expected} according to its index'))
+
+    @cached_property
+    def namespaces(self) -> tuple[str, ...]:
+        """Namespaces with a controller of this package, in the order of their names."""
+        name = f'/controller/{PARAMETERS}'
+        return tuple(sorted({
+            x.topic.removesuffix(name) for x in self.connections
+            if x.topic.endswith(name) and is_cdr(x)}))
 
     def named(self, name: str) -> list[Connection]:
-        """Return the topic `name`; without a slash in front, it stands for any namespace."""
-        return [x for x in self.connections if x.topic == name or (
-            not name.startswith('/') and x.topic.endswith('/' + name))]
+        """
+        Return the topic `name`.
+
+        Without a slash in front, it stands for that in the namespace of a controller of this
+        package, or if there is none, in any namespace.
+        """
+        if name.startswith('/'):
+            return [x for x in self.connections if x.topic == name]
+        beside = {f'{namespace}/{name}' for namespace in self.namespaces}
+        return [x for x in self.connections if x.topic in beside] or [
+            x for x in self.connections if x.topic.endswith('/' + name)]
+
+    def only(self, name: str) -> list[Connection]:
+        """
+        Return the topic `name`, as `named`.
+
+        Raises
+        ------
+        CtcError
+            If there are several, as of several robots.
+
+        """
+        connections = self.named(name)
+        topics = sorted({x.topic for x in connections})
+        if len(topics) > 1:
+            raise CtcError(f'{self.path}: several topics {name}, and no way to tell which one '
+                           f'belongs to the states: {shortened(topics)}')
+        return connections
 
     def read(self, connections: Collection[Connection]) -> Iterator[tuple[int, Any]]:
         """
         Yield log time [ns] and message of topics, without messages that cannot be decoded.
 
+        Topics that are no CDR are left out.
+
         Raises
         ------
         CtcError
-            If the bag has no definition of their type; as `messages`.
+            If no topic is CDR, or the bag has no definition of a type; as `messages`.
 
         """
+        readable = [x for x in connections if is_cdr(x)]
         for x in connections:
-            if x.msgtype not in self._reader.typestore.fielddefs:
+            if not readable:
+                raise CtcError(f'{self.path}: messages on {x.topic} are of format '
+                               f'{serialization(x)!r}; allowed: cdr, as ROS 2 has it')
+        for x in readable:
+            if x.msgtype not in self._types.fielddefs:
                 raise CtcError(
                     f'{self.path}: the bag has no definition of {x.msgtype}, which {x.topic} is '
                     'of: record with --storage mcap, or convert it where that is installed')
-        for x, t, data in self.messages(connections) if connections else ():
+        for x, t, data in self.messages(readable) if readable else ():
             try:
                 message = self.deserialize(data, x.msgtype)
             except Exception:  # Of arbitrary bytes, decoders raise arbitrary exceptions.
                 continue
             yield t, message
 
+    def deserialize(self, data: bytes, kind: str) -> Any:
+        """Return the message of a type; of arbitrary bytes, raise an arbitrary exception."""
+        return self._types.deserialize_cdr(data, kind)
+
     def parameters(self, node: str, kind: Any, own: Mapping[str, object]) -> list[tuple[int, Any]]:
         """
         Return the configurations of a node, each with the time [ns] from which it applies.
+
+        They are in the order of these times, whatever the order in the bag.
 
         `own` stands in the place of classes that the bag names: `Config.received`.
         """
         known = kind.parameters()
         values: dict[str, Any] = {}
         history: list[tuple[int, Any]] = []
-        for _, message in self.read(self.named(f'{node}/{PARAMETERS}')):
+        messages = [message for _, message in self.read(self.only(f'{node}/{PARAMETERS}'))]
+        for message in sorted(messages, key=lambda x: nanoseconds(x.stamp)):
             for item in [*message.new_parameters, *message.changed_parameters]:
                 if item.name in known and item.value.type in _FIELDS:
                     values[item.name] = getattr(item.value, _FIELDS[item.value.type])
@@ -306,13 +239,104 @@ class Bag:
 
     def description(self, name: str = f'controller/{ROBOT_DESCRIPTION}') -> str:
         """Return the last robot description on a topic; empty for none."""
-        texts = [str(message.data) for _, message in self.read(self.named(name))]
+        texts = [str(message.data) for _, message in self.read(self.only(name))]
         return texts[-1] if texts else ''
 
 
-def damaged(path: Path, error: Exception) -> CtcError:
+def serialization(connection: Connection) -> str:
+    """Return the format of a topic's messages: cdr, protobuf, json, ..."""
+    return str(getattr(connection.ext, 'serialization_format', ''))
+
+
+def is_cdr(connection: Connection) -> bool:
+    """Return whether a topic's messages are those of ROS 2."""
+    return serialization(connection) == 'cdr'
+
+
+def _open_file(file: Path, stack: ExitStack) -> Any:
+    """
+    Return an open file of a bag, `McapFile` or `Reader`, which the stack closes.
+
+    Raises
+    ------
+    UnsupportedBag
+        If it is no file of a ROS 2 bag.
+    Exception
+        Of any kind, if it is damaged.
+
+    """
+    storage = storage_of(file)
+    if storage == '.bag':
+        raise UnsupportedBag(
+            f'{file}: a bag of ROS 1, which is not read; convert it: rosbags-convert --src '
+            f'{shlex.quote(str(file))} --dst {shlex.quote(str(file.with_suffix("")))}_ros2 '
+            '--dst-storage mcap --dst-typestore ros2_jazzy')
+    if storage not in ENDINGS:
+        raise UnsupportedBag(f'{file}: unknown storage {file.suffix!r}; known: '
+                             f'{", ".join(ENDINGS)}, also with .zstd behind it')
+    if not set('%?#').isdisjoint(str(file)) and storage == '.db3':  # They mean much to sqlite3.
+        raise UnsupportedBag(f'{file}: the path has one of % ? #, not allowed with sqlite3')
+    if file.suffix == '.zstd':
+        scratch = Path(stack.enter_context(tempfile.TemporaryDirectory()))
+        file = unpack_file(file, scratch / file.stem)
+    if storage == '.mcap':
+        return stack.enter_context(closing(McapFile(file)))
+    try:
+        return stack.enter_context(Reader(file))
+    except KeyError as error:
+        raise UnsupportedBag(
+            f'{file}: definitions of messages in the format {error}, not known in sqlite3; '
+            'convert it to MCAP by ros2 bag convert') from None
+
+
+def _typestore(connections: Collection[Connection]) -> Any:
+    """
+    Return the types that a bag defines, and those of ROS 2 Jazzy that it does not.
+
+    A definition without fields, or one that cannot be read, is none.
+
+    Raises
+    ------
+    CtcError
+        If a definition is not the one that its hash is of.
+
+    """
+    jazzy = get_typestore(Stores.ROS2_JAZZY).fielddefs
+    types = dict(jazzy)
+    for x in connections:
+        if is_cdr(x) and x.msgdef.format != MessageDefinitionFormat.NONE:
+            with suppress(Exception):  # Of arbitrary text, any.
+                types.update({name: definition for name, definition in _definitions(x).items()
+                              if definition[1] or name not in jazzy})
+    store = get_typestore(Stores.EMPTY)
+    store.register(types)
+    for x in connections:
+        if x.digest and x.msgdef.data and store.hash_rihs01(x.msgtype) != x.digest:
+            raise CtcError(f'the definition of {x.msgtype} does not have its hash')
+    return store
+
+
+def _definitions(connection: Connection) -> dict[str, Any]:
+    """Return the types that a topic's definition has; raise an error of any kind."""
+    text = connection.msgdef.data
+    if connection.msgdef.format == MessageDefinitionFormat.MSG:
+        return dict(get_types_from_msg(text, connection.msgtype))
+    types: dict[str, Any] = {}
+    for section in text.split(_IDL_RULE):
+        idl = section.split('\n', 1)[1] if section.startswith('IDL: ') else section
+        if idl.strip():
+            types.update(get_types_from_idl(idl))
+    return types
+
+
+class DamagedBag(CtcError):
+    """A bag of which something is missing or wrong."""
+
+
+def damaged(path: Path, error: Exception) -> DamagedBag:
     """Return an error that names the bag and what to do."""
-    bag = path if path.is_dir() else path.parent
     name = '' if isinstance(error, CtcError) else f'{type(error).__name__}: '
-    advice = f'; "ctc repair {bag}" recovers the rest' if any(bag.glob('*.mcap')) else ''
-    return CtcError(f'{path}: damaged, or not a bag: {name}{" ".join(str(error).split())}{advice}')
+    repairable = any(path.glob('*.mcap')) if path.is_dir() else path.suffix == '.mcap'
+    advice = f'; "ctc repair {shlex.quote(str(path))}" recovers the rest' if repairable else ''
+    return DamagedBag(
+        f'{path}: damaged, or not a bag: {name}{" ".join(str(error).split())}{advice}')

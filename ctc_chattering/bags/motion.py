@@ -48,7 +48,7 @@ from ctc_chattering.dynamics.urdf_parser import Tree
 from ctc_chattering.errors import CtcError, near, refused_as, shortened
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.numerics.time_grid import NANOSECONDS, nanoseconds
-from ctc_chattering.ros.topics import COMMANDS, JOINT_STATES, ROBOT_DESCRIPTION
+from ctc_chattering.ros.topics import COMMANDS, JOINT_STATES, PARAMETERS, ROBOT_DESCRIPTION
 import numpy as np
 import numpy.typing as npt
 from rosbags.interfaces import Connection
@@ -170,6 +170,16 @@ def _topic(bag: Bag, text: str, option: str, kind: str, fields: tuple[str, ...])
     return found[0]
 
 
+def _beside(bag: Bag, topic: str, name: str) -> str:
+    """Return the full name of the topic in the innermost namespace around another, else `name`."""
+    namespace = topic
+    while namespace:
+        namespace = namespace.rpartition('/')[0]
+        if bag.named(f'{namespace}/{name}'):
+            return f'{namespace}/{name}'
+    return name
+
+
 _getter = cache(attrgetter)
 
 
@@ -246,10 +256,13 @@ def read_motion(path: str | Path, joints: Sequence[str] = (), description: str =
         own = {'law': LAWS[0], 'switching': SWITCHINGS[0]}
         if model or description:
             own['model'] = model or 'urdf'
-        history = bag.parameters('controller', ControllerConfig, own)
-        controller = history[0][1] if history else None
-        description = description or bag.description() or bag.description(ROBOT_DESCRIPTION)
         source = _topic(bag, states, '--states', JOINT_STATE, STATE_FIELDS)
+        node = _beside(bag, source.name, f'controller/{PARAMETERS}').removesuffix(
+            f'/{PARAMETERS}')
+        history = bag.parameters(node, ControllerConfig, own)
+        controller = history[0][1] if history else None
+        description = description or bag.description(f'{node}/{ROBOT_DESCRIPTION}') or (
+            bag.description(_beside(bag, source.name, ROBOT_DESCRIPTION)))
         names = tuple(joints or (
             controller.joint_names if controller else _joints(source, description)))
         motion = source.read(names)
@@ -281,7 +294,7 @@ def read_motion(path: str | Path, joints: Sequence[str] = (), description: str =
         if without:
             notes.append(f'the effort is not used: there is none of {", ".join(without)}')
         recording = Recording(
-            path.resolve().name, names, (stamps - stamps[0]) / NANOSECONDS, q, dq,
+            path.resolve().name, names, (stamps - stamps.min()) / NANOSECONDS, q, dq,
             effort, *((found.command, found.late) if found else ()))
         return RecordedMotion(recording.checked(), description, controller, tuple(notes))
 
@@ -292,8 +305,11 @@ def _joints(states: SignalTopic, description: str) -> tuple[str, ...]:
     movable = Tree(description).movable if description else in_states
     found = tuple(name for name in movable if name in in_states)
     if not found:
-        raise CtcError(f'{states.bag.path}: the description has the joints {shortened(movable)}; '
-                       f'the states have {shortened(in_states)}')
+        described = f'the joints {shortened(movable)}' if movable else (
+            'no joint that moves by itself: fixed joints, joints that mimic others, and their '
+            'leaders are left out')
+        raise CtcError(f'{states.bag.path}: the description has {described}; the states have '
+                       f'{shortened(in_states)}')
     return found
 
 
@@ -341,7 +357,8 @@ def _command(topic: SignalTopic, names: tuple[str, ...], motion: Signal, stamps:
         if np.percentile(step, 25.0) < 0.5 * step.mean() or (one > _SMOOTH * two).any():
             raise CtcError(f'{topic.bag.path}: {len(values)} commands for {count} states, uneven '
                            'or to and fro: two publishers of commands? If not, record more states')
-    answered = answers(values, times, stamps, received)
+    order = np.argsort(stamps, kind='stable')
+    answered = answers(values, times, stamps[order], received[order]).where(np.argsort(order))
     for row, what in zip(motion.values, ('positions', 'velocities')):
         command = answered.command[:len(row)]
         known = np.isfinite(command).all(axis=1) & np.isfinite(row).all(axis=1)

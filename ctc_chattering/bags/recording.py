@@ -44,7 +44,7 @@ _CROWD, _CLOSE = 21, 0.625
 _FEW = 20
 
 
-def ordered(name: str, t: Array, *contents: Array) -> Indices:
+def ordered(name: str, t: Array, *contents: Array, period: float | None = None) -> Indices:
     """
     Return the indices of the states that are used, in the order of time, each stamp once.
 
@@ -59,6 +59,8 @@ def ordered(name: str, t: Array, *contents: Array) -> Indices:
         Stamps in the order of arrival [s].
     contents : ndarray, each of shape (N, m)
         What the states say; those that repeat a stamp and say the same are dropped.
+    period : float, optional
+        Between two states [s]; without it, the one that most of them have.
 
     Raises
     ------
@@ -71,23 +73,44 @@ def ordered(name: str, t: Array, *contents: Array) -> Indices:
     for column in (column for values in contents for column in values.T):
         repeated &= column[found[1:]] == column[found[:-1]]
     found = found[np.append(True, ~repeated)]
+    usual = period or _usual_step(t[found])
+    each = np.unique(t)
+    found = found[~np.isin(t[found], each[alone(each, usual)])]
     stamps = t[found]
-    step = np.diff(stamps)
-    period = float(np.median(step[step > 0.0])) if (step > 0.0).any() else np.inf
     two = stamps[2:] - stamps[:-2]
-    crowded = median_filter(two, _CROWD) < 2.0 * _CLOSE * period
-    # Where two series with the period h are the most, steps are a, h - a, a, h - a, ...
-    often = two <= 2.0 * _CLOSE * np.median(two)
-    if (np.abs(np.diff(step)) > 0.1 * two)[often].mean() > 0.8 and (
-            np.ptp(np.percentile(two[often], (10.0, 90.0))) < 0.4 * np.median(two)):
-        crowded |= often
+    crowded = median_filter(two, _CROWD) < 2.0 * _CLOSE * usual
+    if period is None:
+        crowded |= _alternating(np.diff(stamps), two)
     if crowded.any():
         raise CtcError(
             f'{name}: {stamps[int(crowded.argmax())] - stamps[0]:.4g} s after the first, states '
-            f'stand closer than the period of {period:.3g} s: was a clock set back, are there two '
+            f'stand closer than the period of {usual:.3g} s: was a clock set back, are there two '
             'publishers of joint states, or are stamps coarser than the period? Record it again')
-    found = found[~alone(stamps, period)]
-    return found[np.diff(t[found], prepend=-np.inf) > 0.0]
+    return found[np.diff(stamps, prepend=-np.inf) > 0.0]
+
+
+def _usual_step(stamps: Array) -> float:
+    """Return the median step of sorted stamps, without those that repeat; inf for none."""
+    step = np.diff(stamps)
+    return float(np.median(step[step > 0.0])) if (step > 0.0).any() else np.inf
+
+
+def _alternating(step: Array, two: Array) -> npt.NDArray[np.bool_]:
+    """
+    Return where states are those of two series with the period h, if these are the most.
+
+    Their steps are a, h - a, a, h - a, ...
+
+    Parameters
+    ----------
+    step, two : ndarray, shape (N - 1,) and (N - 2,)
+        From each state to the next one, and to the one after it [s].
+
+    """
+    often: npt.NDArray[np.bool_] = two <= 2.0 * _CLOSE * np.median(two)
+    changes = (np.abs(np.diff(step)) > 0.1 * two)[often]
+    is_even = np.ptp(np.percentile(two[often], (10.0, 90.0))) < 0.4 * np.median(two)
+    return often & bool(changes.mean() > 0.8 and is_even)
 
 
 def alone(t: npt.NDArray[Any], period: float) -> npt.NDArray[np.bool_]:
@@ -131,6 +154,10 @@ class Answers(NamedTuple):
     command: Array
     late: tuple[float, float]
     own: npt.NDArray[np.bool_]
+
+    def where(self, rows: Indices) -> Answers:
+        """Return the commands of some states."""
+        return self._replace(command=self.command[rows], own=self.own[rows])
 
 
 def answers(values: Array, times: Indices, stamps: Indices, received: Indices) -> Answers:

@@ -12,30 +12,83 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Opening bags, and recovering the messages of damaged ones."""
+"""
+Opening bags, and repairing damaged ones.
+
+A file is repaired by itself: its damaged version stays beside it as ``NAME.mcap.damaged``. Other
+files of the directory, whether of the bag or not, are left as they are.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import closing, suppress
 import dataclasses
+from itertools import islice
+import os
 from pathlib import Path
 import re
 import tempfile
-from typing import Any
+from typing import Any, NamedTuple
 
-from ctc_chattering.bags.bag import Bag, damaged, index_of, mapped, RECORD, unpacked_chunk
-from ctc_chattering.bags.writer import BagWriter, QOS
+from ctc_chattering.bags.bag import Bag, damaged, DamagedBag, is_cdr
+from ctc_chattering.bags.bag_files import (
+    check_one_recording,
+    FileSpan,
+    find_recording,
+    METADATA,
+    named_files,
+    read_metadata,
+    UnsupportedBag,
+)
+from ctc_chattering.bags.compression import ZSTD
+from ctc_chattering.bags.mcap_file import (
+    map_file,
+    McapFile,
+    NO_SCHEMA,
+    QOS,
+    read_index,
+    RECORD,
+    unpack_chunk,
+)
+from ctc_chattering.bags.writer import (
+    CHUNK_SIZE,
+    NOT_COMPRESSED,
+    RecordedTopic,
+    Span,
+    write_metadata,
+)
 from ctc_chattering.errors import CtcError
+from ctc_chattering.input_files import check_regular
+from mcap.reader import make_reader
 from mcap.records import Channel, Message, Schema
 from mcap.stream_reader import breakup_chunk
+from mcap.writer import Writer
 from rosbags.rosbag2.metadata import dump_qos_v9, parse_qos
-from rosbags.typesys import get_types_from_msg
 import yaml
 
 #: A chunk: its length, times, size, checksum, and what it is packed with.
 _CHUNK_START = re.compile(
     rb'\x06(?=.{5}\0{3}.{28}(?:\0{4}|\x04\0{3}zstd|\x03\0{3}lz4))', re.DOTALL)
+#: Ending of a file that a repaired one replaces.
+_KEPT = '.damaged'
+
+
+class Repaired(NamedTuple):
+    """
+    Result of a repair.
+
+    Attributes
+    ----------
+    recovered : int
+        Number of messages in the files that were written anew.
+    replaced : tuple of Path
+        Where the damaged versions of replaced files are now.
+
+    """
+
+    recovered: int
+    replaced: tuple[Path, ...]
 
 
 def open_bag(path: Path) -> Bag:
@@ -44,25 +97,248 @@ def open_bag(path: Path) -> Bag:
 
     Raises
     ------
+    UnsupportedBag
+        If it is of a kind that is not read.
+    DamagedBag
+        If it is damaged.
     CtcError
-        If there is no bag, or it cannot be read.
+        If there is no bag.
 
     """
+    check_regular(path)
     if not path.exists():
         raise CtcError(f'{path}: no such bag')
     try:
         return Bag(path)
+    except UnsupportedBag:
+        raise
     except Exception as error:  # Damaged YAML or MCAP may raise any exception.
         raise damaged(path, error) from None
 
 
-def _messages(path: Path) -> Iterator[tuple[Schema, Channel, Message]]:
+def repair(path: str | Path) -> Repaired | None:
+    """
+    Replace each damaged file of a bag by one with all messages of its whole chunks.
+
+    Parameters
+    ----------
+    path : str or Path
+        Directory of the bag, or one of its files, which is repaired alone.
+
+    Returns
+    -------
+    Repaired or None
+        None if nothing is damaged.
+
+    Raises
+    ------
+    UnsupportedBag
+        If a directory has several recordings.
+    CtcError
+        If there is no bag, or a file cannot be repaired; then nothing is changed.
+
+    """
+    path = Path(path).absolute()
+    damage = _find_damage(path)
+    if damage is None and not _lacks_metadata(path):
+        return None
+    folder = path if path.is_dir() else path.parent
+    if damage is not None and path.is_dir() and not any(path.glob('*.mcap')):
+        raise damage
+    files = _files_of_damaged(path)
+    if damage is not None and any(file.suffix != '.mcap' for file in files):
+        raise damage
+    try:
+        with tempfile.TemporaryDirectory(prefix='.repair', dir=folder) as scratch:
+            return _write_anew(path, files, Path(scratch))
+    except OSError as error:
+        raise CtcError(f'{error.filename or path}: {error.strerror or error}') from None
+
+
+def _write_anew(path: Path, files: tuple[Path, ...], scratch: Path) -> Repaired:
+    """Replace the damaged ones of the files of a bag, and its metadata, by way of a directory."""
+    broken = [file for file in files if _find_damage(file)]
+    new = {file: scratch / file.name for file in broken}
+    recovered = sum(recover(file, version) for file, version in new.items())
+    if len(broken) == len(files) and not recovered:
+        raise CtcError(f'{path}: no message in a whole chunk')
+    if path.is_dir():
+        versions = {file: new.get(file, file) for file in files}
+        new[path / METADATA] = _write_metadata_of(path, versions, scratch, recovered)
+    return Repaired(recovered, _put_in_place(new))
+
+
+def recover(file: Path, target: Path) -> int:
+    """
+    Write the messages in whole chunks of an MCAP file into a new one; return how many there are.
+
+    Every message, channel and definition is the same to the byte, whatever its format.
+    """
+    count = 0
+    with target.open('xb') as stream:
+        writer: Any = Writer(stream, chunk_size=CHUNK_SIZE)
+        writer.start(_profile(file), 'ctc_chattering')
+        channels = _Channels(writer)
+        for schema, channel, message in _messages(file):
+            writer.add_message(channels.number(schema, channel), message.log_time,
+                               message.data, message.publish_time, message.sequence)
+            count += 1
+        writer.finish()
+    return count
+
+
+class _Channels:
+    """The channels of a file that is written, each once."""
+
+    def __init__(self, writer: Any) -> None:
+        self._writer = writer
+        self._numbers: dict[tuple[object, ...], int] = {}
+
+    def number(self, schema: Schema | None, channel: Channel) -> int:
+        """Return the number of a channel, which is added where it is new."""
+        definition = schema and (schema.name, schema.encoding, schema.data)
+        metadata = channel.metadata
+        key = definition, channel.topic, channel.message_encoding, *metadata.items()
+        if key not in self._numbers:
+            self._numbers[key] = self._writer.register_channel(
+                channel.topic, channel.message_encoding,
+                self._writer.register_schema(*definition) if definition else 0, metadata)
+        return self._numbers[key]
+
+
+def _find_damage(path: Path) -> DamagedBag | None:
+    """
+    Return what is wrong with a bag, or with a file of one, read to its end.
+
+    Raises
+    ------
+    CtcError
+        If there is no bag, or one that no repair makes readable.
+
+    """
+    try:
+        with closing(open_bag(path)) as reader:
+            for _ in reader.messages():
+                pass
+    except DamagedBag as damage:
+        return damage
+    return None
+
+
+def _lacks_metadata(path: Path) -> bool:
+    """Return whether a directory of MCAP files has no metadata, which other tools need."""
+    return path.is_dir() and not (path / METADATA).exists() and any(path.glob('*.mcap'))
+
+
+def _files_of_damaged(path: Path) -> tuple[Path, ...]:
+    """Return the files of a damaged bag: those that metadata name, or one recording."""
+    if not path.is_dir():
+        return (path,)
+    named: tuple[Path, ...] = ()
+    with suppress(Exception):  # Damaged metadata may raise any exception.
+        named = tuple(x for x in named_files(path, read_metadata(path)) if x.is_file())
+    if named:
+        return named
+    files = find_recording(path)
+    check_one_recording(path, [_span(file) for file in files])
+    return files
+
+
+def _span(file: Path) -> FileSpan:
+    """Return the log times of the messages that are left in a file."""
+    times = [message.log_time for _, _, message in _messages(file)]
+    return FileSpan(file, min(times, default=0), max(times, default=-1) + 1)
+
+
+def _put_in_place(new: Mapping[Path, Path]) -> tuple[Path, ...]:
+    """Move new files into their places, and those that are there aside; return where to."""
+    aside = {file: file.with_name(file.name + _KEPT) for file in new if file.exists()}
+    for kept in aside.values():
+        if kept.exists():
+            raise CtcError(f'{kept}: exists already, not overwritten')
+    for version in new.values():
+        with version.open('rb') as stream:
+            os.fsync(stream.fileno())
+    for file, version in new.items():
+        if file in aside:
+            file.rename(aside[file])
+        version.rename(file)
+    return tuple(aside.values())
+
+
+def _write_metadata_of(bag: Path, versions: Mapping[Path, Path], scratch: Path, recovered: int
+                       ) -> Path:
+    """
+    Write the metadata of a bag.
+
+    Parameters
+    ----------
+    bag : Path
+        Its directory.
+    versions : mapping of Path to Path
+        The files of the bag, and where they are now.
+    scratch : Path
+        Directory to write into.
+    recovered : int
+        Messages in files that were written anew.
+
+    """
+    metadata: dict[str, Any] = {}
+    with suppress(Exception):  # Damaged metadata may raise any exception.
+        metadata = read_metadata(bag)
+    spans: dict[str, Span] = {}
+    topics: dict[tuple[str, str], RecordedTopic] = {}
+    for file, version in versions.items():
+        with closing(McapFile(version)) as content:
+            spans[file.name] = Span(
+                content.message_count, content.start_time, content.end_time - 1)
+            for number, channel in content.channels.items():
+                schema = content.schemas.get(channel.schema_id, NO_SCHEMA)
+                counted = topics.get((channel.topic, schema.name))
+                topics[channel.topic, schema.name] = RecordedTopic(
+                    schema, _with_current_qos(channel),
+                    content.counts[number] + (counted.messages if counted else 0))
+    notes = dict(metadata.get('custom_data') or {})
+    if recovered:
+        notes['repaired'] = f'{recovered} messages recovered'
+    compression = {key: metadata.get(key) or '' for key in NOT_COMPRESSED}
+    if not metadata and any(map(_is_packed_by_message, versions.values())):
+        compression = {'compression_format': 'zstd', 'compression_mode': 'MESSAGE'}
+    target = scratch / METADATA
+    write_metadata(target, spans, tuple(topics.values()), notes, compression)
+    return target
+
+
+def _is_packed_by_message(file: Path) -> bool:
+    """Return whether the first message of ROS 2 in a file is compressed by itself."""
+    with closing(McapFile(file)) as content:
+        connections = [x for x in content.connections if is_cdr(x)]
+        first = islice(content.messages(connections), 1)
+        return any(data.startswith(ZSTD) for _, _, data in first)
+
+
+def _with_current_qos(channel: Channel) -> Channel:
+    """Return a channel with QoS as ROS 2 Jazzy writes it; without any where it is no QoS."""
+    profiles = ''
+    with suppress(Exception):  # Of arbitrary text, any.
+        profiles = yaml.safe_dump(dump_qos_v9(parse_qos(channel.metadata[QOS])))
+    return dataclasses.replace(channel, metadata={**channel.metadata, QOS: profiles})
+
+
+def _profile(file: Path) -> str:
+    """Return the profile that a file states; that of ROS 2 if it cannot be read."""
+    with suppress(Exception), file.open('rb') as stream:  # Of a damaged header, any.
+        return str(make_reader(stream).get_header().profile)
+    return 'ros2'
+
+
+def _messages(path: Path) -> Iterator[tuple[Schema | None, Channel, Message]]:
     """Yield the messages in the whole chunks of a file, which are looked for byte by byte."""
-    data, end = mapped(path), 0
+    data, end = map_file(path), 0
     schemas: dict[int, Schema] = {}
     channels: dict[int, Channel] = {}
     with suppress(Exception):  # A damaged index may raise any exception; there may be none.
-        summary: Any = index_of(data)
+        summary: Any = read_index(data)
         schemas, channels = summary.schemas, summary.channels
     for match in _CHUNK_START.finditer(data):
         begin = match.start() + RECORD.size
@@ -70,9 +346,9 @@ def _messages(path: Path) -> Iterator[tuple[Schema, Channel, Message]]:
         if match.start() < end or stop > len(data):
             continue
         try:
-            chunk, found = unpacked_chunk(data[begin:stop])
+            chunk, content = unpack_chunk(data[begin:stop])
             records: list[Any] = breakup_chunk(
-                dataclasses.replace(chunk, compression='', data=found))
+                dataclasses.replace(chunk, compression='', data=content))
         except Exception:  # A damaged chunk may raise any exception.
             continue
         end = stop
@@ -81,95 +357,7 @@ def _messages(path: Path) -> Iterator[tuple[Schema, Channel, Message]]:
                 schemas[x.id] = x
             elif isinstance(x, Channel):
                 channels[x.id] = x
-            elif x.channel_id in channels and channels[x.channel_id].schema_id in schemas:
+            elif x.channel_id in channels:
                 channel = channels[x.channel_id]
-                yield schemas[channel.schema_id], channel, x
-
-
-def _readable(schema: Schema, channel: Channel) -> tuple[Schema, Channel]:
-    """Return the description of a topic as `rosbags` reads it, and QoS as of ROS 2 Jazzy."""
-    try:
-        if schema.encoding != 'ros2idl':
-            get_types_from_msg({'ros2msg': schema.data}[schema.encoding].decode(), schema.name)
-    except Exception:  # As of services; of arbitrary text, any.
-        schema = dataclasses.replace(schema, encoding='', data=b'')
-    profiles = ''
-    with suppress(Exception):  # Of arbitrary text, any.
-        profiles = yaml.safe_dump(dump_qos_v9(parse_qos(channel.metadata[QOS])))
-    return schema, dataclasses.replace(channel, metadata={**channel.metadata, QOS: profiles})
-
-
-def recover(bag: Path, target: Path) -> int:
-    """
-    Write the messages in whole chunks of a damaged bag as a new bag; return how many there are.
-
-    Parameters
-    ----------
-    bag : Path
-        Directory with MCAP files.
-    target : Path
-        Directory to create.
-
-    Raises
-    ------
-    CtcError
-        If there is no message left, or the new bag cannot be written.
-
-    """
-    recording = BagWriter(target)
-    try:
-        for path in sorted(bag.glob('*.mcap'), key=lambda x: (len(x.name), x.name)):
-            for schema, channel, message in _messages(path):
-                if message.data.startswith(b'\x28\xb5\x2f\xfd'):  # As of zstd; no CDR does.
-                    raise CtcError(f'{bag}: messages compressed one by one cannot be recovered')
-                if channel.topic not in recording.topics:
-                    recording.topics[channel.topic] = _readable(schema, channel)
-                recording.add_message(channel.topic, message.log_time, message.data)
-        count = recording.counts.total()
-        recording.notes['repaired'] = f'{count} messages recovered'
-        recording.close()
-    except OSError as error:
-        raise CtcError(f'{error.filename or target}: {error.strerror or error}') from None
-    if not count:
-        raise CtcError(f'{bag}: no message in a whole chunk')
-    return count
-
-
-def repair(bag: str | Path) -> tuple[int, Path] | None:
-    """
-    Replace a damaged bag by one with all messages of whole chunks; keep the damaged one.
-
-    Parameters
-    ----------
-    bag : str or Path
-        Directory of the bag.
-
-    Returns
-    -------
-    (int, Path) or None
-        How many messages were recovered, and the new path of the damaged bag; None if the bag is
-        not damaged.
-
-    Raises
-    ------
-    CtcError
-        If there is no bag, or nothing can be recovered.
-
-    """
-    bag = Path(bag).absolute()
-    try:
-        with closing(open_bag(bag)) as reader:
-            for _ in reader.messages():
-                pass
-        return None
-    except CtcError:
-        if not any(bag.glob('*.mcap')):
-            raise
-    aside = bag.with_name(bag.name + '.damaged')
-    if aside.exists():
-        raise CtcError(f'{aside}: exists already, not overwritten')
-    with tempfile.TemporaryDirectory(dir=bag.parent) as scratch:
-        count = recover(bag, Path(scratch) / bag.name)
-        bag.rename(aside)
-        (Path(scratch) / bag.name).rename(bag)
-    return count, aside
+                if not channel.schema_id or channel.schema_id in schemas:
+                    yield schemas.get(channel.schema_id), channel, x

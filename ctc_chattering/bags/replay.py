@@ -23,7 +23,7 @@ import sys
 import time
 from typing import Any
 
-from ctc_chattering.bags.bag import Bag
+from ctc_chattering.bags.bag import Bag, is_cdr, serialization
 from ctc_chattering.bags.repair import open_bag
 from ctc_chattering.errors import CtcError, ParameterError
 from ctc_chattering.numerics.time_grid import NANOSECONDS
@@ -81,27 +81,43 @@ def replay(bag: str | Path, rate: float = 1.0, delay: float = 1.0) -> int:
 
 def _published(reader: Bag, rate: float, delay: float, node: Any, stop: Sequence[int]) -> int:
     """Publish all messages by a node; return how many."""
-    count, publishers = 0, {}
-    for x in {x.topic: x for x in reader.connections}.values():  # Each file of the bag has them.
-        try:
-            # Subscribers match a reliable publisher, whatever they ask for.
-            publishers[x.topic] = node.create_publisher(
-                message_type(x.msgtype), x.topic, qos(latched=any(
-                    y.durability == QosDurability.TRANSIENT_LOCAL
-                    for y in getattr(x.ext, 'offered_qos_profiles', []))))
-        except CtcError:
-            print(f'not replayed, because its message type is not installed: {x.topic} '
-                  f'({x.msgtype})', file=sys.stderr, flush=True)
+    count, publishers = 0, _create_publishers(reader, node)
     begin = time.monotonic() + delay
     for connection, t, data in reader.messages():
         _sleep_until(begin + (t - reader.start_time) / NANOSECONDS / rate, stop)
         if stop:
             break
-        if connection.topic in publishers:
-            publishers[connection.topic].publish(bytes(data))
+        publisher = publishers.get((connection.topic, connection.msgtype))
+        if publisher is not None and is_cdr(connection):
+            publisher.publish(bytes(data))
             count += 1
     wait_for_all_acked(node, stop)
     return count
+
+
+def _create_publishers(reader: Bag, node: Any) -> dict[tuple[str, str], Any]:
+    """Return a publisher for each topic and its type; say which topics are left out, and why."""
+    publishers: dict[tuple[str, str], Any] = {}
+    # Each file of the bag has the topics.
+    for x in {(x.topic, x.msgtype, is_cdr(x)): x for x in reader.connections}.values():
+        # Subscribers match a reliable publisher, whatever they ask for.
+        latched = any(profile.durability == QosDurability.TRANSIENT_LOCAL
+                      for profile in getattr(x.ext, 'offered_qos_profiles', []))
+        reason = ''
+        if not is_cdr(x):
+            reason = f'its messages are {serialization(x)}, not of ROS 2'
+        elif any(topic == x.topic for topic, _ in publishers):
+            reason = 'the topic has messages of another type, too'
+        else:
+            try:
+                publishers[x.topic, x.msgtype] = node.create_publisher(
+                    message_type(x.msgtype), x.topic, qos(latched=latched))
+            except CtcError:
+                reason = 'its message type is not installed'
+        if reason:
+            print(f'not replayed, because {reason}: {x.topic} ({x.msgtype})', file=sys.stderr,
+                  flush=True)
+    return publishers
 
 
 def _sleep_until(instant: float, stop: Sequence[int]) -> None:

@@ -23,16 +23,18 @@ they are. What each of them would send next is remembered, also of those that ha
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import suppress
 import dataclasses
 import os
 from pathlib import Path
 import time
-from typing import Any, BinaryIO
+from typing import Any, BinaryIO, NamedTuple
 import zlib
 
+from ctc_chattering.bags.bag_files import METADATA
+from ctc_chattering.bags.mcap_file import QOS
 from ctc_chattering.errors import CtcError
 from ctc_chattering.numerics.time_grid import NANOSECONDS
 from mcap.data_stream import RecordBuilder
@@ -104,10 +106,10 @@ class SequenceTracker:
 #: Age at which a file is ended and a new one begun [s]. The index of a file, about 1 kB for each
 #: chunk, is in memory until the file ends.
 _FILE_AGE = 600.0
+#: Compression of a bag whose files and messages are not compressed as a whole.
+NOT_COMPRESSED = {'compression_format': '', 'compression_mode': ''}
 #: Size at which a chunk is ended [bytes]: compressing takes some times as much memory.
-_CHUNK = 1 << 18
-#: Where the metadata of a channel have what its publishers offer.
-QOS = 'offered_qos_profiles'
+CHUNK_SIZE = 1 << 18
 
 
 def offered_qos(depth: int, latched: bool) -> str:
@@ -133,6 +135,54 @@ class Span:
         return {'message_count': self.count,
                 'starting_time': {'nanoseconds_since_epoch': self.begin},
                 'duration': {'nanoseconds': max(0, self.end - self.begin)}}
+
+
+class RecordedTopic(NamedTuple):
+    """A topic of a bag: schema and channel as in a file, and its number of messages."""
+
+    schema: Schema
+    channel: Channel
+    messages: int
+
+
+def write_metadata(path: Path, files: Mapping[str, Span], topics: Sequence[RecordedTopic],
+                   notes: Mapping[str, str], compression: Mapping[str, str] = NOT_COMPRESSED
+                   ) -> None:
+    """
+    Write the metadata of a bag.
+
+    Parameters
+    ----------
+    path : Path
+        File to write.
+    files : mapping of str to Span
+        Names of the files of the bag, in the order of their times.
+    topics : sequence of RecordedTopic
+        Topics of all files.
+    notes : mapping of str to str
+        Remarks on the recording.
+    compression : mapping of str to str
+        Its mode and format, under the keys that metadata have for them.
+
+    """
+    spans = files.values()
+    whole = Span(sum(x.count for x in spans), min(x.begin for x in spans),
+                 max(x.end for x in spans))
+    information = {
+        'version': 9, 'storage_identifier': 'mcap', 'ros_distro': 'jazzy', **whole.entry(),
+        'relative_file_paths': list(files),
+        'files': [{'path': name, **span.entry()} for name, span in files.items()],
+        'topics_with_message_count': [{
+            'message_count': x.messages, 'topic_metadata': {
+                'name': x.channel.topic, 'type': x.schema.name,
+                'serialization_format': x.channel.message_encoding,
+                'offered_qos_profiles': yaml.safe_load(x.channel.metadata[QOS] or '[]'),
+                'type_description_hash': x.channel.metadata.get('topic_type_hash', '')}}
+            for x in topics],
+        **compression, 'custom_data': dict(notes) or None}
+    # Keys are sorted: of metadata that are cut off, the version is missing.
+    path.write_text(
+        yaml.safe_dump({'rosbag2_bagfile_information': information}), encoding='utf-8')
 
 
 class BagWriter:
@@ -239,29 +289,16 @@ class BagWriter:
     def abandon(self) -> None:
         """Close without index and metadata: the disk takes no more."""
         for action in (self._sync.result, self._stream.close,
-                       (self.path / 'metadata.yaml').unlink):
+                       (self.path / METADATA).unlink):
             with suppress(OSError):
                 action()
 
     def close(self) -> None:
         """Write index and metadata; without them, tools cannot open the bag."""
         self._end_file()
-        spans = self._files.values()
-        span = Span(self.counts.total(), min(x.begin for x in spans), max(x.end for x in spans))
-        information = {
-            'version': 9, 'storage_identifier': 'mcap', 'ros_distro': 'jazzy', **span.entry(),
-            'relative_file_paths': list(self._files),
-            'files': [{'path': name, **span.entry()} for name, span in self._files.items()],
-            'topics_with_message_count': [{
-                'message_count': self.counts[topic], 'topic_metadata': {
-                    'name': topic, 'type': schema.name, 'serialization_format': 'cdr',
-                    'offered_qos_profiles': yaml.safe_load(channel.metadata[QOS] or '[]'),
-                    'type_description_hash': channel.metadata.get('topic_type_hash', '')}}
-                for topic, (schema, channel) in self.topics.items()],
-            'compression_format': '', 'compression_mode': '', 'custom_data': self.notes or None}
-        # Keys are sorted: of metadata that are cut off, the version is missing.
-        (self.path / 'metadata.yaml').write_text(
-            yaml.safe_dump({'rosbag2_bagfile_information': information}), encoding='utf-8')
+        topics = [RecordedTopic(schema, channel, self.counts[topic])
+                  for topic, (schema, channel) in self.topics.items()]
+        write_metadata(self.path / METADATA, self._files, topics, self.notes)
 
     def _begin_file(self) -> None:
         """Begin a file, named as the recorder of ROS names it."""
@@ -270,7 +307,7 @@ class BagWriter:
         self._numbers: dict[str, int] = {}
         self._begun: float = time.monotonic()
         self._stream: BinaryIO = self.file.open('xb')
-        self._writer: Any = Writer(self._stream, chunk_size=_CHUNK)
+        self._writer: Any = Writer(self._stream, chunk_size=CHUNK_SIZE)
         self._writer.start('ros2', 'ctc_chattering')
 
     def _end_file(self) -> None:

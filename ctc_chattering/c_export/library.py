@@ -23,18 +23,17 @@ text: `templates/ctc_law.c` copies the content, sets the pointers, and calls the
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-import json
 from math import isinf
 from pathlib import Path
 import re
 import textwrap
 from typing import Any
 
-from ctc_chattering.analysis.output import write_text, writing
 from ctc_chattering.compiled.machine_code import Code, memory_of
 from ctc_chattering.compiled.records import load, packed
 from ctc_chattering.control.controller import Controller, ControllerConfig
 from ctc_chattering.control.step import CompiledStep, ControlSettings, regained
+from ctc_chattering.controller.positions import LIMITS
 from ctc_chattering.controller.trips import (
     LARGEST_GROWTH,
     LIMIT_CYCLE_S,
@@ -45,10 +44,14 @@ from ctc_chattering.dynamics.compiled_model import set_mass_and_bias, set_terms
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.errors import CtcError, UsageError
 from ctc_chattering.numerics.time_grid import period_ns
+from ctc_chattering.output_files import new_folder, write_bytes, write_text
 from ctc_chattering.parameters import LARGEST, LEAST
+from ctc_chattering.trajectory.motions import BRAKING_TIME
 import numpy as np
 
 _TEMPLATES = Path(__file__).with_name('templates')
+#: The command that writes a library.
+EXPORT = 'ctc export-c'
 #: What compiled code calls, by its name in C.
 _FUNCTIONS = {set_terms: 'ctc_dynamics', set_mass_and_bias: 'ctc_mass'}
 #: Parts of the block are words of so many bytes.
@@ -157,8 +160,25 @@ def block_of(step: CompiledStep, gains: Code) -> tuple[Block, dict[str, int]]:
     return block, named
 
 
+def check_package(name: str) -> None:
+    """Raise `UsageError` unless a ROS package with a controller can have this name."""
+    if not re.fullmatch('[a-z][a-z0-9_]*', name):
+        raise UsageError(f'--ros2-control {name}: not allowed; allowed: small letters, digits '
+                         'and _, as of ROS packages')
+    description = (_TEMPLATES / 'ros2_control' / 'package.xml').read_text(encoding='utf-8')
+    if name in re.findall(r'depend>(\w+)<', description):
+        raise UsageError(f'--ros2-control {name}: not allowed: the controller needs the package '
+                         'of this name')
+
+
+def c_string(text: str) -> str:
+    """Return a literal of C and C++ for text in UTF-8; two question marks are no trigraph."""
+    content = text.encode('utf-8', 'surrogatepass').decode('latin-1')
+    return '"' + re.sub(r'[^ -~]|["\\?]', lambda x: f'\\{ord(x[0]):03o}', content) + '"'
+
+
 def export(config: ControllerConfig, model: Model, out: Path, processor: str = 'host',
-           package: str = '') -> int:
+           package: str = '', overwrite: bool = False) -> int:
     """
     Write the library of one robot; return the size of its code.
 
@@ -175,34 +195,40 @@ def export(config: ControllerConfig, model: Model, out: Path, processor: str = '
     package : str
         Name of an ament_cmake package with a controller of ros2_control, which then is in `out`,
         and the library in its folder ``ctc_law``; empty for the library alone.
+    overwrite : bool
+        Replace what an earlier call has written there.
 
     Raises
     ------
     CtcError
-        If the law cannot be exported for this robot.
+        If the law cannot be exported for this robot, other files are there, or one cannot be
+        written.
 
     """
-    if package and not re.fullmatch('[a-z][a-z0-9_]*', package):
-        raise UsageError(f'--ros2-control {package}: not allowed; allowed: small letters, digits '
-                         'and _, as of ROS packages')
+    if package:
+        check_package(package)
+    from ctc_chattering.compiled.object_file import check_processor, object_file
+    check_processor(processor)
     step = step_of(config, model)
     gains = Code(regained, (step.code.arguments[0], np.array(config.ka)), 'gains')
     codes = {'ctc_control': step.code, **{
         _FUNCTIONS[x.code.function]: x.code for x in step.arm.calls}}
     if takes_gains(step, config, model):
         codes[_SET] = gains
-    from ctc_chattering.compiled.object_file import object_file
     code, text = object_file(codes, processor)
     block, named = block_of(step, gains)
+    continuous = config.which_are_continuous(model.continuous)
     values = {**_values(config, load(step.code.arguments[0].settings)), 'PACKAGE': package,
+              'CONTINUOUS': ', '.join(str(int(x)) for x in continuous),
+              'BRAKING_TIME': BRAKING_TIME,
               'DATA': _data(block, named, list(codes), config), 'WORDS': len(block.words)}
-    library = out / 'ctc_law' if package else out
-    _write(_TEMPLATES, library, values)
-    if package:
-        _write(_TEMPLATES / 'ros2_control', out, values)
-    with writing(library):
-        (library / 'ctc_law_code.o').write_bytes(code)
-    write_text(library / 'ctc_law_code.ll', text)
+    with new_folder(out, EXPORT, overwrite) as folder:
+        library = folder / 'ctc_law' if package else folder
+        _write(_TEMPLATES, library, values)
+        if package:
+            _write(_TEMPLATES / 'ros2_control', folder, values)
+        write_bytes(library / 'ctc_law_code.o', code)
+        write_text(library / 'ctc_law_code.ll', text)
     return len(code)
 
 
@@ -217,11 +243,12 @@ def _values(config: ControllerConfig, settings: ControlSettings) -> dict[str, ob
     """Return what the header says of a law."""
     gains: tuple[Any, ...] = settings.kp.diagonal(), settings.kv.diagonal(), config.ka
     return {'LAW': config.law, 'JOINTS': len(config.joint_names),
-            'JOINT_NAMES': json.dumps(config.joint_names, ensure_ascii=False)[1:-1],
+            'JOINT_NAMES': ', '.join(map(c_string, config.joint_names)),
             'DELAY': config.input_delay, 'PERIOD': config.control_period,
             'PERIOD_NS': period_ns(config.control_period),
             'RATE': f'{1.0 / config.control_period:g}',
             'GROWTH': LARGEST_GROWTH, 'PATIENCE': PATIENCE, 'CYCLE': LIMIT_CYCLE_S,
+            'MARGIN': LIMITS.margin,
             'LEAST': LEAST, 'LARGEST': LARGEST,
             **{name.upper(): ', '.join(map(repr, map(float, x)))
                for name, x in zip(_GAINS, gains)}}
@@ -232,7 +259,8 @@ def _data(block: Block, named: dict[str, int], functions: Sequence[str],
     """Return the numbers of a law in C."""
     constants = named | {
         'WATCHED': int(config.law == WATCHED), 'LARGEST_GROWTH': LARGEST_GROWTH,
-        'PATIENCE': PATIENCE, 'LONGEST_CYCLE': LIMIT_CYCLE_S,
+        'PATIENCE': PATIENCE, 'LONGEST_CYCLE': LIMIT_CYCLE_S, 'POSITION_MARGIN': LIMITS.margin,
+        'LARGEST_ACCELERATION': LIMITS.acceleration,
         'GAINS_FUNCTION': _SET if _SET in functions else 'NULL'}
     bounds = [config.parameters()[name].bounds for name in _GAINS]
     tables = {

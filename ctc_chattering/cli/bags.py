@@ -17,12 +17,16 @@
 from __future__ import annotations
 
 import argparse
+import dataclasses
+from math import inf
 from pathlib import Path
 
-from ctc_chattering.analysis.output import prepare
+from ctc_chattering.analysis.tables import counted
 from ctc_chattering.cli.command_line import say
 from ctc_chattering.cli.options import add_bag, add_number, add_output, add_own, own
-from ctc_chattering.errors import CtcError
+from ctc_chattering.errors import CtcError, ParameterError, refused_as, UsageError
+from ctc_chattering.input_files import check_regular
+from ctc_chattering.output_files import check_folder, new_folder
 from ctc_chattering.parameters import LEAST
 
 
@@ -30,6 +34,9 @@ def plot_options(parser: argparse.ArgumentParser) -> None:
     """Add the options of `ctc plot`."""
     parser.add_argument('bags', nargs='+', type=Path, metavar='BAG',
                         help='bag, or directory of bags')
+    parser.add_argument('--window', nargs=2, type=float, metavar=('BEGIN', 'END'),
+                        help='part of the runs over which metrics are computed [s]; default: 5 to '
+                             '10, or the second half of a run that has too little of that')
     add_own(parser)
     add_output(parser, 'plots')
 
@@ -40,16 +47,22 @@ def run_plot(options: argparse.Namespace) -> int:
 
     Write them with metrics.json and index.html. Several bags are compared.
     """
-    from ctc_chattering.analysis.run_page import NAMES
+    from ctc_chattering.analysis.run_page import PAGE, PLOT, write_runs
     from ctc_chattering.bags.reader import find_bags, read_bag
-    from ctc_chattering.cli.presentation import present
+    from ctc_chattering.cli.presentation import print_page, print_results
 
+    window = options.window and tuple(options.window)
+    if window and not -inf < window[0] < window[1] < inf:
+        raise UsageError(str(ParameterError('--window', window, 'two times, BEGIN < END')))
+    check_folder(options.out, PLOT, options.overwrite)
     bags, results = [], []
     for path in options.bags:
-        found = find_bags(path)
+        with refused_as(f'{path}: cannot be searched for bags'):
+            found = find_bags(path)
         for bag in found or [path]:
             try:
-                results.append(read_bag(bag, **own(options)))
+                result = read_bag(bag, **own(options))
+                results.append(dataclasses.replace(result, window=window) if window else result)
                 bags.append(bag)
             except CtcError as error:
                 if not found:
@@ -57,8 +70,11 @@ def run_plot(options: argparse.Namespace) -> int:
                 say(f'left out: {error}')
     if not results:
         raise CtcError(f'no bag of this package in {", ".join(map(str, options.bags))}')
-    out = prepare(options.out, NAMES, options.overwrite)
-    return present(results, bags, out, options.format, options.said)
+    print(f'drawing {counted(len(results), "run")} ...', flush=True)
+    write_runs(results, options.out, bags, options.format, options.said, options.overwrite)
+    print_results(results)
+    print_page(options.out / PAGE)
+    return 0
 
 
 def export_options(parser: argparse.ArgumentParser) -> None:
@@ -75,16 +91,21 @@ def run_export(options: argparse.Namespace) -> int:
     Run `ctc export`.
 
     Write trajectory.npz, which also has the gains, or trajectory.csv, with names and units of the
-    joints.
+    joints. Torques that have times of their own are in trajectory_commands.csv.
     """
-    from ctc_chattering.analysis.result import export
+    from ctc_chattering.analysis.result import commands_path, export
     from ctc_chattering.bags.reader import read_bag
 
-    result = read_bag(options.bag, **own(options))
-    name = 'trajectory.csv' if options.csv else 'trajectory.npz'
-    out = prepare(options.out, (name,), options.overwrite)
-    export(result, out / name)
-    print(f'{len(result.t)} samples: {out / name}')
+    with new_folder(options.out, 'ctc export', options.overwrite) as folder:
+        result = read_bag(options.bag, **own(options))
+        name = 'trajectory.csv' if options.csv else 'trajectory.npz'
+        export(result, folder / name)
+    path = options.out / name
+    print(f'{len(result.t)} samples: {path}')
+    if commands_path(path).exists():
+        print(f'{len(result.torque.t)} torques: {commands_path(path)}')
+    for note in result.metrics()['notes']:
+        print(note)
     return 0
 
 
@@ -107,19 +128,29 @@ def run_replay(options: argparse.Namespace) -> int:
     return 0
 
 
-repair_options = add_bag
+def repair_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options of `ctc repair`."""
+    parser.add_argument('bag', type=Path, metavar='BAG',
+                        help='directory of a bag, or one of its files, which is repaired alone')
 
 
 def run_repair(options: argparse.Namespace) -> int:
     """
     Run `ctc repair`.
 
-    Every tool can read it then; the damaged bag is kept beside it.
+    Damaged files are written anew with all messages of whole chunks. A damaged file is kept
+    beside the new one, with the ending .damaged; other files are left as they are.
     """
     from ctc_chattering.bags.repair import repair
 
-    done = repair(options.bag)
-    print(f'{options.bag}: '
-          + (f'{done[0]} messages recovered; the damaged bag is now {done[1]}' if done
-             else 'nothing to repair'))
+    check_regular(options.bag)
+    repaired = repair(options.bag)
+    if repaired is None:
+        print(f'{options.bag}: nothing to repair')
+    elif not repaired.recovered:
+        print(f'{options.bag}: no file is damaged; metadata.yaml is written')
+    else:
+        print(f'{options.bag}: {repaired.recovered} messages recovered')
+    for kept in repaired.replaced if repaired else ():
+        print(f'kept as it was: {kept}')
     return 0

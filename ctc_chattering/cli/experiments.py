@@ -19,16 +19,18 @@ from __future__ import annotations
 import argparse
 import time
 
-from ctc_chattering.analysis.output import prepare
 from ctc_chattering.cli.command_line import say
 from ctc_chattering.cli.options import add_output, add_run_options, load_setup
-from ctc_chattering.cli.presentation import present, print_results, progress
+from ctc_chattering.cli.presentation import print_page, print_results, progress
+from ctc_chattering.output_files import check_folder, new_folder
 
 #: Simulated duration of a run without an end [s].
 _DURATION = 10.0
 #: From which duration on plain Python takes longer than the compiler [s].
 _LONG = 60.0
 _SAMPLES = 'trajectory.npz'
+#: The command that owns an output folder.
+_SIMULATE = 'ctc simulate'
 
 
 def simulate_options(parser: argparse.ArgumentParser) -> None:
@@ -55,7 +57,7 @@ def run_simulate(options: argparse.Namespace) -> int:
         say(f'duration is 0, no end: simulating {_DURATION:g} s')
         setup = setup.changed({'plant': {'duration': _DURATION}})
     if options.out is not None:
-        prepare(options.out, (METRICS, _SAMPLES), options.overwrite)
+        check_folder(options.out, _SIMULATE, options.overwrite)
     duration = setup.plant.duration
     if missing([setup]):
         if duration < _LONG or options.plain:
@@ -66,8 +68,9 @@ def run_simulate(options: argparse.Namespace) -> int:
         result = simulate(setup, moved)
         moved(duration)
     if options.out is not None:
-        write_metrics([result], options.out / METRICS)
-        export(result, options.out / _SAMPLES)
+        with new_folder(options.out, _SIMULATE, options.overwrite) as folder:
+            write_metrics([result], folder / METRICS)
+            export(result, folder / _SAMPLES)
     print_results([result])
     return 0
 
@@ -83,15 +86,19 @@ def run_reproduce(options: argparse.Namespace) -> int:
 
     Write bags, figures, metrics.json and index.html.
     """
-    from ctc_chattering.analysis.run_page import NAMES
+    from ctc_chattering.analysis.run_page import fill_folder, PAGE
     from ctc_chattering.configuration.package_share import EXPERIMENTS
-    from ctc_chattering.runs.reproduction import BAGS, reproduce
+    from ctc_chattering.runs.reproduction import BAGS, record, REPRODUCE
 
-    out = prepare(options.out, (BAGS, *NAMES), options.overwrite)
-    with progress(f'each of {len(EXPERIMENTS)} experiments') as moved:
-        results = reproduce(out, lambda _, at, duration: moved(at, duration))
-    bags = [out / BAGS / name for name in EXPERIMENTS]
-    return present(results, bags, out, options.format, options.said)
+    with new_folder(options.out, REPRODUCE, options.overwrite) as folder:
+        with progress(f'each of {len(EXPERIMENTS)} experiments') as moved:
+            results = record(folder / BAGS, lambda _, at, duration: moved(at, duration))
+        print(f'drawing {len(results)} runs ...', flush=True)
+        links = [f'{BAGS}/{name}' for name in EXPERIMENTS]
+        fill_folder(results, folder, links, options.format, options.said)
+    print_results(results)
+    print_page(options.out / PAGE)
+    return 0
 
 
 def compile_options(parser: argparse.ArgumentParser) -> None:

@@ -21,7 +21,6 @@ import dataclasses
 from math import inf
 from pathlib import Path
 
-from ctc_chattering.analysis.output import prepare
 from ctc_chattering.analysis.tables import fitted, paragraph
 from ctc_chattering.bags.motion import read_motion
 from ctc_chattering.cli.command_line import say
@@ -31,11 +30,19 @@ from ctc_chattering.configuration import parameter_file
 from ctc_chattering.configuration.package_share import find_config, read_description
 from ctc_chattering.errors import CtcError, given_by_user
 from ctc_chattering.identification.effort import CURRENT, LINK, MOTOR
-from ctc_chattering.identification.excite import excite, MOTION, Plan, RUN, write_excitation
+from ctc_chattering.identification.excite import (
+    EXCITE,
+    excite,
+    MOTION,
+    Plan,
+    RUN,
+    write_excitation,
+)
 from ctc_chattering.identification.identified_robot import (
+    GRAVITY,
     IdentifiedRobot,
+    IDENTIFY,
     identify,
-    NAMES,
     PAGE,
     TORQUE_CONSTANT,
     TORQUE_RATE,
@@ -43,6 +50,7 @@ from ctc_chattering.identification.identified_robot import (
     write_identified,
 )
 from ctc_chattering.identification.random_motions import ExcitationConfig
+from ctc_chattering.output_files import check_folder
 import numpy as np
 
 #: What is asked of the motion: parameters that are options.
@@ -73,11 +81,12 @@ def run_excite(options: argparse.Namespace) -> int:
     # The motion of the reference is not played, and so may exceed the limits.
     still = {'reference': {'amplitude': 0.0, 'trajectory_file': ''}}
     setup = parameter_file.load(find_config(options.params_file), still)
-    out = prepare(options.out, (MOTION, RUN), options.overwrite)
+    out = options.out
+    check_folder(out, EXCITE, options.overwrite)
     with given_by_user(_ASKED):
         found = excite(setup, {name: x for name in _ASKED
                                if (x := getattr(options, name)) is not None}, options.joints)
-    write_excitation(found, setup, out)
+    write_excitation(found, setup, out, options.overwrite)
     _show_motion(found)
     print(f'{len(found.excitation.times) - 1} waypoints: {out / MOTION}; play them with bringup '
           f'{out / RUN}')
@@ -128,8 +137,8 @@ def identify_options(parser: argparse.ArgumentParser) -> None:
                         help="two_link, urdf, or package.module:Name, default: the bag's")
     parser.add_argument('--joints', type=words, default=(), metavar='A,B,C',
                         help="joints in the order of the commands, default: the bag's")
-    parser.add_argument('--gravity', type=float, metavar='G',
-                        help="acceleration of gravity [m/s²], default: the bag's, or 9.81")
+    add_declared(parser, dataclasses.replace(
+        GRAVITY, default=None, description="Acceleration of gravity, default: the bag's, or 9.81"))
     parser.add_argument('--effort', choices=(MOTOR, LINK, CURRENT),
                         help='what the effort is: the torque of the motor, that of the link '
                              '(sensor behind the gear), or a current; needed without commands')
@@ -156,19 +165,21 @@ def run_identify(options: argparse.Namespace) -> int:
     The bags may come from any recorder; intervals are those of 95 %. Write identified.yaml,
     identify.json, figures and index.html.
     """
+    out = options.out
+    check_folder(out, IDENTIFY, options.overwrite)
     urdf = read_description(options.urdf) if options.urdf else ''
     motions = [read_motion(bag, options.joints, urdf, options.states, options.commands,
                            options.model) for bag in options.bags]
     for note in [note for motion in motions for note in motion.notes]:
         say(note)
-    out = prepare(options.out, NAMES, options.overwrite)
     with given_by_user(('torque_rate', 'torque_constant', 'payloads')):
         # Motions are not kept here: long ones are large.
         found = identify([motions.pop(0) for _ in options.bags], options.model, urdf,
                          options.gravity, options.effort or '', options.torque_rate or (),
                          options.torque_constant, options.payload)
-    return _show_robot(write_identified(found, out, options.trials, say, options.format,
-                                        options.said), out)
+    identified = write_identified(
+        found, out, options.trials, say, options.format, options.said, options.overwrite)
+    return _show_robot(identified, out)
 
 
 def payload(text: str) -> tuple[float, str]:

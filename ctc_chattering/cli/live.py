@@ -25,7 +25,8 @@ from typing import Any, TYPE_CHECKING
 
 from ctc_chattering.cli.command_line import say
 from ctc_chattering.cli.options import add_number, add_own, own
-from ctc_chattering.errors import CtcError, UsageError
+from ctc_chattering.errors import UsageError
+from ctc_chattering.output_files import check_file
 
 if TYPE_CHECKING:
     from ctc_chattering.live.page import Page
@@ -124,8 +125,7 @@ def _export(options: argparse.Namespace) -> int:
     from ctc_chattering.live.bag_page import write_export
     if not options.bags:
         raise UsageError('--export needs a bag')
-    if options.export.exists() and not options.overwrite:
-        raise CtcError(f'{options.export}: exists already; choose another file, or --overwrite')
+    check_file(options.export, options.overwrite)
     size = write_export(_runs(options), options.export)
     print(f'{options.export}: {size / 1e6:.1f} MB; it opens in a browser and needs no network')
     return 0

@@ -70,6 +70,9 @@ def _run(name: str, arguments: Sequence[str]) -> int:
     module = importlib.import_module(f'ctc_chattering.nodes.{name}')
     run = importlib.import_module('ctc_chattering.ros.node').run
 
+    if parent is not None:
+        child_process.await_start()
+
     def make_node() -> Any:
         with given_by_user(ros.assigned):
             return getattr(module, f'{name.capitalize()}Node')(values)

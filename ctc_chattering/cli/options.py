@@ -35,6 +35,8 @@ from ctc_chattering.errors import given_by_user, ParameterError, UsageError
 from ctc_chattering.parameters import Parameter, unit_text
 from ctc_chattering.simulation.plant_config import PlantConfig
 
+#: Most processes of a command: each takes some 100 MB.
+_MOST_JOBS = 1000
 #: Options that override a parameter file, and the sections of their parameters.
 _SECTIONS = {'law': 'controller', 'switching': 'controller', 'control_period': '/**',
              'duration': 'plant', 'pacing': 'plant'}
@@ -169,7 +171,8 @@ def add_output(parser: argparse.ArgumentParser, default: str | None = None,
 def add_jobs(parser: Any) -> None:
     """Add the option of the number of processes: all processors, or one without dask."""
     parser.add_argument(
-        '--jobs', type=value_of(Parameter('--jobs', 'int', None, '', minimum=1)), metavar='N',
+        '--jobs', metavar='N',
+        type=value_of(Parameter('--jobs', 'int', None, '', minimum=1, maximum=_MOST_JOBS)),
         # Text, so that the same number given beside an option that excludes it is refused.
         default=str((os.cpu_count() or 1) if find_spec('distributed') else 1),
         help='number of processes, default: one per processor; no result depends on it')

@@ -59,17 +59,6 @@ def progress(title: str, total: float = 0.0, unit: str = 's') -> Iterator[Callab
             bar.close()
 
 
-def present(results: Sequence[Any], bags: Sequence[Path], out: Path, extra: str = 'svg',
-            command: str = '') -> int:
-    """Write figures, metrics, samples and page into `out`; the figures as `extra` as well."""
-    from ctc_chattering.analysis.run_page import PAGE, write_runs
-    print(f'drawing {len(results)} run{"s" if len(results) > 1 else ""} ...', flush=True)
-    write_runs(results, out, bags, extra, command)
-    print_results(results)
-    print_page(out / PAGE)
-    return 0
-
-
 def print_page(page: Path, *commands: str) -> None:
     """Print where the page is, as the last line of a command, and what can be done next."""
     print('; '.join([f'open {page}', *commands]))

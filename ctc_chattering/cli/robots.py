@@ -23,7 +23,6 @@ from pathlib import Path
 import textwrap
 from typing import TYPE_CHECKING
 
-from ctc_chattering.analysis.output import prepare, writing
 from ctc_chattering.analysis.tables import fitted, one_line
 from ctc_chattering.cli.options import (
     add_declared,
@@ -46,6 +45,7 @@ from ctc_chattering.configuration.arm_knowledge import (
 )
 from ctc_chattering.configuration.node_parameters import parameter_table
 from ctc_chattering.errors import CtcError, given_by_user, UsageError
+from ctc_chattering.output_files import check_file, check_folder, write_text
 from ctc_chattering.parameters import Parameter
 
 if TYPE_CHECKING:
@@ -95,20 +95,18 @@ def run_new_robot(options: argparse.Namespace) -> int:
     location = options.urdf if '://' in options.urdf else str(Path(options.urdf).resolve())
     told = Told(options.rotor_inertia or (), options.torque_rate or (), options.resonance,
                 options.payload)
+    out = options.out
+    check_file(out, options.overwrite)
     with given_by_user(('joint_names', 'tip', 'center', 'rotor_inertia', 'torque_rate')):
         robot = with_stable_gains(new_robot(
             location, options.joints, options.gravity, options.tip, options.center or (), told))
     margins = arm_margins(parameter_file.load(None, robot.values))
     lines = [one_line(line) for line in _described(robot, bool(options.center))]
     lines += margins.lines() if margins else ()
-    out = options.out
-    prepare(out.parent, (out.name,), options.overwrite)
-    with writing(out):
-        parameter_file.dump(robot.values, out)
-        comment = '\n'.join(textwrap.fill(
-            line, 99, initial_indent='# ', subsequent_indent='#   ') for line in lines)
-        out.write_text(_COMMENT.format(location=one_line(location), lines=comment, ka=KA)
-                       + out.read_text(encoding='utf-8'), encoding='utf-8')
+    comment = '\n'.join(textwrap.fill(
+        line, 99, initial_indent='# ', subsequent_indent='#   ') for line in lines)
+    write_text(out, _COMMENT.format(location=one_line(location), lines=comment, ka=KA)
+               + parameter_file.to_text(robot.values))
     print('\n'.join(lines))
     print(f'wrote {out}; next: ctc compile {out}, ctc simulate {out}, bringup {out}')
     return 0
@@ -255,7 +253,8 @@ def export_c_options(parser: argparse.ArgumentParser) -> None:
                         help='write an ament_cmake package of this name around the library')
     parser.add_argument('--out', type=Path, metavar='DIR', required=True,
                         help='directory to write')
-    parser.add_argument('--overwrite', action='store_true', help='replace an existing directory')
+    parser.add_argument('--overwrite', action='store_true',
+                        help='replace the output of an earlier run of this command')
 
 
 def run_export_c(options: argparse.Namespace) -> int:
@@ -265,14 +264,14 @@ def run_export_c(options: argparse.Namespace) -> int:
     The library runs in hard real time, without Python, and answers a state with the torque of
     this package to the last bit. docs/ros2_control.md has both.
     """
-    from ctc_chattering.c_export.library import export
+    from ctc_chattering.c_export.library import EXPORT, export
     from ctc_chattering.dynamics.registry import model_of
 
     setup, out = load_setup(options), options.out
     config = setup.controller
-    prepare(out.parent, (out.name,), options.overwrite)
+    check_folder(out, EXPORT, options.overwrite)
     size = export(config, model_of(config, setup.descriptions.get('controller', '')), out,
-                  options.processor, options.ros2_control)
+                  options.processor, options.ros2_control, options.overwrite)
     print(f'wrote {out}: {config.law}, {len(config.joint_names)} joints, {size} bytes of code; '
           'next: see docs/ros2_control.md')
     return 0

@@ -21,7 +21,6 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ctc_chattering.analysis.output import prepare, writing
 from ctc_chattering.cli.command_line import say
 from ctc_chattering.cli.options import (
     add_jobs,
@@ -36,6 +35,7 @@ from ctc_chattering.configuration import parameter_file
 from ctc_chattering.configuration.package_share import find_config
 from ctc_chattering.control.controller import LAWS
 from ctc_chattering.errors import CtcError, given_by_user, UsageError
+from ctc_chattering.output_files import check_file, check_folder, claim
 from ctc_chattering.parameters import LEAST
 
 if TYPE_CHECKING:
@@ -77,7 +77,8 @@ def run_compare(options: argparse.Namespace) -> int:
     is continued.
     """
     from ctc_chattering.runs.compare import compare
-    from ctc_chattering.runs.compare_page import outcomes, PAGE, to_markdown
+    from ctc_chattering.runs.compare_page import outcomes, to_markdown
+    from ctc_chattering.runs.store import PAGE
 
     with progress('compare', unit='run') as moved, given_by_user(
             ('laws', 'condition', 'held_out', 'seed')):
@@ -136,9 +137,9 @@ def _explain(runs: Runs, options: argparse.Namespace) -> int:
         and '://' not in x else x for name, x in mine.items()}
         for node, mine in runs.setup(run).values.items()}
     values['plant']['experiment'] = name = f'run_{run}'
-    file = prepare(options.out / 'explain', (f'{name}.yaml',), options.overwrite) / f'{name}.yaml'
-    with writing(file):
-        parameter_file.dump(values, file)
+    file = claim(options.out, 'ctc map', 'explain') / f'{name}.yaml'
+    check_file(file, options.overwrite)
+    parameter_file.dump(values, file)
     print(f'its parameters: {file}; next: ctc simulate {file}, or for figures '
           f'bringup {file} --record {name} and ctc plot {name}')
     return 0
@@ -171,7 +172,7 @@ def run_tune(options: argparse.Namespace) -> int:
     Pareto-optimal gains, figures and index.html.
     """
     from ctc_chattering.runs.tune import require_optuna, tune
-    from ctc_chattering.runs.tune_page import closest, NAMES, PAGE, text, TUNED, write_tuning
+    from ctc_chattering.runs.tune_page import closest, PAGE, text, TUNE, TUNED, write_tuning
     from ctc_chattering.runs.tune_spec import tune_spec
 
     require_optuna()
@@ -179,11 +180,12 @@ def run_tune(options: argparse.Namespace) -> int:
     with given_by_user(more):
         spec = tune_spec(more if options.identified else find_config(options.file),
                          options.identified, more)
-    out = prepare(options.out, NAMES, options.overwrite)
+    out = options.out
+    check_folder(out, TUNE, options.overwrite)
     with progress('tune', unit='trial') as moved:
         tuning = tune(spec, options.trials, options.percentile, jobs=options.jobs,
                       show=partial(print, flush=True), progress=moved)
-    write_tuning(tuning, out, options.format, options.said)
+    write_tuning(tuning, out, options.format, options.said, options.overwrite)
     print(text(tuning))
     if tuning.best is None:
         raise CtcError(f'no trial keeps the limits; {closest(tuning.trials)}; see {out / PAGE}')

@@ -32,6 +32,7 @@ from ctc_chattering.compiled.machine_code import Code, invoke, Layout
 from ctc_chattering.compiled.matrices import MatrixType
 from ctc_chattering.compiled.records import kind_of, load, rows, store, value, write
 from ctc_chattering.compiled.vectors import lowered, overloaded, read, VectorType
+from ctc_chattering.output_files import writing
 from llvmlite import ir
 import numba
 from numba import types
@@ -189,8 +190,19 @@ _INT = ir.IntType(64)
 
 
 def build(code: Code) -> None:
-    """Compile a function, unless another process has done it meanwhile, and keep its code."""
-    with code.path.with_suffix('.lock').open('w') as lock:
+    """
+    Compile a function, unless another process has done it meanwhile, and keep its code.
+
+    Raises
+    ------
+    CtcError
+        If the code cannot be written.
+
+    """
+    file = code.path.with_suffix('.lock')
+    with writing(file):
+        lock = file.open('w')
+    with lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
         if not code.compiled:
             made = compiled(code)

@@ -125,6 +125,24 @@ def solve_where(chosen: Truths, matrix: Array, x: Array) -> Array:
     return y
 
 
+def solve_damped(chosen: Truths, matrix: Array, damping: Array, x: Array) -> Array:
+    """Return what `solve_where` does of ``M + diag(damping)``, shape (n,)."""
+    return solve_where(chosen, matrix + np.diag(damping), x)
+
+
+def outweighs(chosen: Truths, matrix: Array, weights: Array) -> bool:
+    """Return whether ``M - diag(weights)`` is positive definite in rows and columns `chosen`."""
+    remainder = matrix - np.diag(weights)
+    if not every(chosen):
+        at = np.flatnonzero(chosen)
+        remainder = remainder[np.ix_(at, at)]
+    try:
+        np.linalg.cholesky(remainder)
+    except np.linalg.LinAlgError:
+        return False
+    return True
+
+
 def some(condition: Truths | Array) -> bool:
     """Return whether any element is true, or not 0; a fifth of the time of ``.any()``."""
     return any(condition.tolist())

@@ -35,6 +35,7 @@ from typing import Any, NamedTuple
 
 from ctc_chattering.compiled import compilable
 from ctc_chattering.errors import CtcError
+from ctc_chattering.output_files import write_bytes
 import numpy as np
 import numpy.typing as npt
 
@@ -139,11 +140,9 @@ class Code:
         return False
 
     def keep(self, symbol: str, machine_code: bytes) -> None:
-        """Keep an object file with the function of this name."""
+        """Keep an object file with the function of this name; raise `CtcError` if that fails."""
         content = f'{symbol}\n'.encode() + machine_code
-        part = self.path.with_suffix('.part')
-        part.write_bytes(f'{hashlib.sha256(content).hexdigest()}\n'.encode() + content)
-        part.replace(self.path)
+        write_bytes(self.path, f'{hashlib.sha256(content).hexdigest()}\n'.encode() + content)
 
     def address(self) -> int:
         """Return where the machine code is."""

@@ -148,10 +148,18 @@ def _solve(matrix: Any, x: Any) -> Any:
 
 @overloaded(compilable.solve_where)
 def _solve_where(chosen: Any, matrix: Any, x: Any) -> Any:
+    del chosen, matrix, x
+    return lambda chosen, matrix, x: compilable.solve_damped(
+        chosen, matrix, np.where(chosen, 0.0, 0.0), x)
+
+
+@overloaded(compilable.solve_damped)
+def _solve_damped(chosen: Any, matrix: Any, damping: Any, x: Any) -> Any:
     """Eliminate by Cholesky's method, with the identity in rows and columns that are left out."""
+    del damping
     n = x.n
 
-    def solution(chosen: Any, matrix: Any, x: Any) -> Any:
+    def solution(chosen: Any, matrix: Any, damping: Any, x: Any) -> Any:
         lower, row, y = _scratch(x), x, x
         for i in range(n):
             total = x[i] if chosen[i] else 0.0
@@ -161,7 +169,7 @@ def _solve_where(chosen: Any, matrix: Any, x: Any) -> Any:
                     rest -= row[k] * lower[j, k]
                 row = with_element(row, j, rest * lower[j, j])
                 total -= row[j] * y[j]
-            rest = matrix[i, i] if chosen[i] else 1.0
+            rest = matrix[i, i] + damping[i] if chosen[i] else 1.0
             for k in range(i):
                 rest -= row[k] * row[k]
             row = with_element(row, i, 1.0 / np.sqrt(rest))
@@ -174,6 +182,17 @@ def _solve_where(chosen: Any, matrix: Any, x: Any) -> Any:
             y = with_element(y, i, total * lower[i, i])
         return y
     return solution
+
+
+@overloaded(compilable.outweighs)
+def _outweighs(chosen: Any, matrix: Any, weights: Any) -> Any:
+    """Try the elimination: it meets a number that is not positive where there is no solution."""
+    del chosen, matrix, weights
+
+    def definite(chosen: Any, matrix: Any, weights: Any) -> Any:
+        y = compilable.solve_damped(chosen, matrix, -weights, weights)
+        return compilable.every(np.abs(y) < np.inf)
+    return definite
 
 
 @overloaded(compilable.inverse_diagonal)

@@ -17,10 +17,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+import subprocess
+import sys
 
 from ctc_chattering.compiled.build import compiled
 from ctc_chattering.compiled.machine_code import Code
-from ctc_chattering.errors import CtcError
+from ctc_chattering.errors import CtcError, UsageError
 from llvmlite import binding
 
 #: What compiled code calls of the C library.
@@ -28,6 +30,37 @@ _LIBRARY = {'cbrt', 'cos', 'exp', 'floor', 'fmod', 'log', 'memcpy', 'memmove', '
             'sin', 'sqrt', 'tanh'}
 #: The processor of this computer.
 HOST = 'host'
+#: Makes code for a processor. LLVM writes to stderr what is wrong with its name, or ends.
+_PROBE = """
+import sys
+from llvmlite import binding
+for start in (binding.initialize_native_target, binding.initialize_native_asmprinter):
+    try:
+        start()
+    except RuntimeError:  # Newer versions do it by themselves.
+        continue
+machine = binding.Target.from_default_triple().create_target_machine(sys.argv[1])
+machine.emit_object(binding.parse_assembly('define void @f() { ret void }'))
+"""
+
+
+def check_processor(processor: str) -> None:
+    """
+    Raise unless code can be made for a processor: LLVM would end this process.
+
+    Raises
+    ------
+    UsageError
+        If LLVM does not know it, or it is of another kind.
+
+    """
+    if processor == HOST:
+        return
+    done = subprocess.run([sys.executable, '-c', _PROBE, processor], capture_output=True,
+                          check=False)
+    if done.returncode or done.stderr:
+        raise UsageError(f'--processor {processor}: not allowed; allowed: {HOST}, and names of '
+                         '`llc -mcpu=help` for machines of this kind, such as x86-64-v3')
 
 
 def object_file(codes: Mapping[str, Code], processor: str = HOST) -> tuple[bytes, str]:

@@ -84,14 +84,22 @@ class Setup:
     def __post_init__(self) -> None:
         """Refuse values that contradict each other."""
         shared = [(name, 'controller', 'plant') for name in (
-            'joint_names', 'gravity', 'model', 'locked', 'control_period')]
+            'joint_names', 'gravity', 'model', 'locked', 'continuous_joints', 'control_period')]
         for name, one, other in (*shared, ('control_period', 'reference', 'plant'),
-                                 ('joint_names', 'reference', 'controller')):
+                                 ('joint_names', 'reference', 'controller'),
+                                 ('continuous_joints', 'reference', 'controller')):
             mine, theirs = (getattr(getattr(self, node), name) for node in (one, other))
-            more = (one, name) == ('reference', 'joint_names')  # It may have joints more.
+            more = one == 'reference' and name != 'control_period'  # It may have joints more.
             if not (set(theirs) <= set(mine) if more else mine == theirs):
                 raise CtcError(f'{name}: {mine} of {one} contradicts {theirs} of {other}; put '
                                'what nodes share under /**')
+
+    @property
+    def continuous(self) -> tuple[bool, ...]:
+        """Mask of the reference's joints that turn endlessly, shape (n,)."""
+        names, text = self.reference.joint_names, self.descriptions.get('reference', '')
+        return self.reference.which_are_continuous(
+            DescribedLimits(text, names).continuous if text else ())
 
     def changed(self, values: Overrides) -> Setup:
         """

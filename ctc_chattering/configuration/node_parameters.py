@@ -17,6 +17,7 @@
 from __future__ import annotations
 
 import dataclasses
+from math import inf
 
 from ctc_chattering.control.controller import ControllerConfig
 from ctc_chattering.parameters import Config, LEAST, Parameter, parameter, unit_text
@@ -44,6 +45,10 @@ class PlantNodeConfig(NodeConfig, PlantConfig):
         0.02, 'Real time: after this time without a command (at least three control periods), '
         'torque 0 and brakes until the next one. At most 1/Kv, or the motion may diverge.', 's',
         minimum=LEAST)
+    least_angle: float = parameter(
+        inf, 'Continuous joints: joint_states have their positions from here on to before 2 pi '
+        'more, as drivers report them, -3.14159 or 0; .inf for positions that count turns.', 'rad',
+        minimum=-inf, read_only=True)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -56,6 +61,10 @@ class ControllerNodeConfig(NodeConfig, ControllerConfig):
     predicted_periods: int = parameter(
         5, 'Real time: so many periods without a state are answered by the torque for the '
         'predicted one, none from state_timeout on; 0 for none.', maximum=100)
+    least_answered: float = parameter(
+        0.05, 'Real time: least share of the states of the last second that are answered within a '
+        'control period, or the torques end until ~/reset. Before the first torque this is '
+        'measured for a second. 0 for neither.', minimum=0.0, maximum=1.0)
     reference_timeout: float = parameter(
         0.1, 'A late reference continues at its last velocity for this time, then stands.', 's',
         read_only=True)

@@ -23,6 +23,7 @@ import sys
 from typing import Any
 
 from ctc_chattering.errors import CtcError, near, UsageError
+from ctc_chattering.input_files import read_text
 
 
 def config_directory() -> Path:
@@ -68,7 +69,7 @@ def find_config(text: str, beside: Path = Path(), folder: str = '') -> Path:
     own = {path.stem: path for path in sorted((config_directory() / folder).glob('*.yaml'))}
     if text in own:
         return own[text]
-    if Path(text).name == text and not (beside / text).exists():
+    if Path(text).name == text and not os.path.lexists(beside / text):
         raise UsageError(f'{text}: no such file, and the package has none with this name: '
                          f'{", ".join(own)}{near(text, own)}')
     return beside / text
@@ -99,10 +100,9 @@ def read_description(location: str) -> str:
     """
     path = find_file(location)
     try:
-        return path.read_text(encoding='utf-8')
-    except (OSError, ValueError) as error:
-        reason = getattr(error, 'strerror', None) or 'not a text file'
-        raise CtcError(f'description: {location}: {reason}') from None
+        return read_text(path)
+    except CtcError as error:
+        raise CtcError(f'description: {error}') from None
 
 
 def find_file(location: str) -> Path:
@@ -127,7 +127,7 @@ def find_file(location: str) -> Path:
     bundles = (Path(entry, 'cmeel.prefix') for entry in filter(None, sys.path))
     looked = [*map(Path, ament), Path(sys.prefix), *filter(Path.is_dir, bundles)]
     for prefix in looked:
-        if (prefix / below).is_file():
+        if os.path.isfile(prefix / below):  # noqa: PTH113 - A path may be too long for a system.
             return prefix / below
     hint = f'; {_INSTALL}' if location.startswith(_ROBOTS) else ''
     raise CtcError(f'description: {location}: not installed; looked for {below} below '

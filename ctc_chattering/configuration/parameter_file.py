@@ -38,6 +38,7 @@ from ctc_chattering.controller.trips import check_change
 from ctc_chattering.dynamics.registry import model_of
 from ctc_chattering.errors import CtcError, near, ParameterError, prefixed, UsageError
 from ctc_chattering.numerics.linear_algebra import Array
+from ctc_chattering.output_files import write_text
 from ctc_chattering.simulation.closed_loop import Event
 
 #: Section whose parameters apply to every node that has them.
@@ -117,10 +118,20 @@ def dump(values: Mapping[str, Values], path: Path) -> None:
     path : Path
         File to write.
 
+    Raises
+    ------
+    CtcError
+        If it cannot be written.
+
     """
-    yaml_file.write_yaml({node: {'ros__parameters': {
+    write_text(path, to_text(values))
+
+
+def to_text(values: Mapping[str, Values]) -> str:
+    """Return the text of a parameter file with these values by node and parameter."""
+    return yaml_file.yaml_text({node: {'ros__parameters': {
         name: list(value) if isinstance(value, tuple) else value
-        for name, value in mine.items()}} for node, mine in values.items()}, path)
+        for name, value in mine.items()}} for node, mine in values.items()})
 
 
 def read(path: Path) -> dict[str, Values]:

@@ -18,13 +18,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from enum import Enum
+import io
 import json
 from pathlib import Path
 import re
 from typing import Any
 
 from ctc_chattering.errors import CtcError, near, ParameterError, prefixed
+from ctc_chattering.input_files import read_bytes
 from ctc_chattering.numerics.time_grid import NANOSECONDS, seconds
+from ctc_chattering.output_files import write_text
 from ctc_chattering.parameters import LARGEST, Parameter
 from ctc_chattering.trajectory.motions import Route
 import yaml
@@ -131,12 +134,12 @@ def read_yaml(path: Path, *expected: FileKind) -> object:
         If it cannot be read, is not one YAML document, has a key twice, or is of another kind.
 
     """
+    content = read_bytes(path)
     try:
-        with path.open(encoding='utf-8') as stream:
-            tree = yaml.load(stream, Loader)
+        stream = io.StringIO(content.decode(), newline=None)
+        stream.name = str(path)  # For messages of the parser.
+        tree = yaml.load(stream, Loader)
         json.dumps(tree, default=str, skipkeys=True)  # What contains itself is refused by it.
-    except OSError as error:
-        raise CtcError(f'{path}: {error.strerror or error}') from None
     except (yaml.YAMLError, ValueError) as error:
         raise CtcError(f'{path}: not a YAML file: {" ".join(str(error).split())}') from None
     kind = kind_of(tree)
@@ -147,11 +150,12 @@ def read_yaml(path: Path, *expected: FileKind) -> object:
 
 def write_yaml(tree: object, path: Path) -> None:
     """Write a YAML file as `read_yaml` reads it; raise `CtcError` if it cannot be written."""
-    text = yaml.dump(tree, Dumper=Dumper, default_flow_style=None, sort_keys=False, width=99)
-    try:
-        path.write_text(text, encoding='utf-8')
-    except OSError as error:
-        raise CtcError(f'cannot write {path}: {error.strerror or error}') from None
+    write_text(path, yaml_text(tree))
+
+
+def yaml_text(tree: object) -> str:
+    """Return the text of a YAML file as `read_yaml` reads it."""
+    return yaml.dump(tree, Dumper=Dumper, default_flow_style=None, sort_keys=False, width=99)
 
 
 def mapping(name: str, value: object, keys: Sequence[str]) -> dict[Any, Any]:

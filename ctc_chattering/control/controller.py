@@ -97,6 +97,8 @@ class Controller:
         In force.
     model : Model
         With `inertia_scale` and `gravity_scale`.
+    continuous : tuple of bool, shape (n,)
+        Which joints turn endlessly. Positions that `step` takes count turns all the same.
     settings, law : ControlSettings, Law
         What is common to all laws, and the law in force.
     memories : Memories
@@ -116,6 +118,7 @@ class Controller:
                            f'of {self.model.n} joints')
         if (config.inertia_scale, config.gravity_scale) != (1.0, 1.0):
             self.model = Scaled(self.model, config.inertia_scale, config.gravity_scale)
+        self.continuous = config.which_are_continuous(known.continuous)
         self._arm: Arm | None = None
         if config.compiled:
             self._arm = arm_of(known, config.inertia_scale, config.gravity_scale)

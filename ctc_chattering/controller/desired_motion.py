@@ -66,6 +66,10 @@ class DesiredMotion(Trajectory):
         if not driven and self._driven is None:
             self._driven = t
 
+    def resumes(self, t: int) -> bool:
+        """Return whether the robot is driven again at `t` [ns], after a pause."""
+        return self._driven is not None and t - self._driven > PAUSE
+
     def desired(self, t: int, q: Vector, dq: Vector, wait: bool, duration: float
                 ) -> list[Point] | None:
         """
@@ -97,7 +101,7 @@ class DesiredMotion(Trajectory):
         late = self.end is None or t + self._lags[-1] > self.end
         if points[0] is None or (wait and late and not self.ends_at_rest):
             return None
-        if self._driven is not None and t - self._driven > PAUSE and duration > 0.0:
+        if self.resumes(t) and duration > 0.0:
             self.way_back = smooth_start(
                 cast('TimedMotion', self), t, (q, dq, (0.0,) * len(q)), duration)
         self._driven = t

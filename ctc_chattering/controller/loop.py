@@ -18,12 +18,25 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
-from typing import NamedTuple
+from typing import cast, NamedTuple
 
 from ctc_chattering.control.controller import Controller, ControllerConfig, Sample
 from ctc_chattering.controller import timing
+from ctc_chattering.controller.answers import (
+    Answered,
+    AnsweredStates,
+    LEAST_STATES,
+    Rehearsal,
+    shortfall,
+)
 from ctc_chattering.controller.desired_motion import DesiredMotion
 from ctc_chattering.controller.health import ControllerHealth
+from ctc_chattering.controller.positions import (
+    find_jump,
+    JointSample,
+    Jump,
+    PositionTracker,
+)
 from ctc_chattering.controller.state_machine import Input, Mode
 from ctc_chattering.controller.timing import Logger, Watchdog
 from ctc_chattering.controller.trips import low_bandwidth, TripMonitor, unsafe_settings
@@ -31,19 +44,12 @@ from ctc_chattering.errors import ParameterError, RejectedMessage
 from ctc_chattering.numerics.linear_algebra import Vector
 from ctc_chattering.numerics.time_grid import NANOSECONDS, period_ns, seconds
 from ctc_chattering.trajectory.buffer import Point
+from ctc_chattering.trajectory.motions import BRAKING_TIME, Stop, TimedMotion
 
 #: Points of the reference that are kept while there is no state: a minute at 1 kHz.
 _MOST_POINTS = 60_000
 #: Steps are too slow if none of so many answers took less than a period.
 _SLOW = 10
-
-
-class JointSample(NamedTuple):
-    """A joint state: stamp [ns], position [rad] and velocity [rad/s], each of shape (n,)."""
-
-    t: int
-    q: Vector
-    dq: Vector
 
 
 class Answer(NamedTuple):
@@ -79,12 +85,14 @@ class ControlLoop:
     ----------
     mode : Mode
         The present one.
-    law : Controller or None
-        Once the model is known.
     period : int
         Control period [ns].
     restart_duration, predicted_periods : float, int
         As the parameters of these names [s].
+    least_answered : float
+        As the parameter of this name; 0 until it is set.
+    rehearsal : Rehearsal or None
+        What is measured before the first torque, where time is real; None when it is over.
     took : deque of int
         Processor time of the last answers [ns], to be noted by the caller.
     simulated : bool
@@ -101,9 +109,14 @@ class ControlLoop:
         self._names, self.period = config.joint_names, period_ns(config.control_period)
         self._send, self._log = send, logger
         self._reference_timeout = reference_timeout
-        self.law: Controller | None = None
+        self._law: Controller | None = None
         self.restart_duration = 0.0
         self.predicted_periods = 0
+        self.least_answered = 0.0
+        self.rehearsal: Rehearsal | None = None
+        self._answers = AnsweredStates(self.period)
+        #: States since the last answer that got none, and all so far.
+        self._missed = self._unanswered = 0
         self.took: deque[int] = deque(maxlen=_SLOW)
         #: Whether the law has answered the last state, and all that were predicted after it.
         self._goes_on = False
@@ -114,6 +127,7 @@ class ControlLoop:
         self.watchdog = Watchdog('joint_states', 'state', 'no torque', logger)
         self.watchdog.timeout = max(round(state_timeout * NANOSECONDS), 3 * self.period)
         self._stamps = timing.Stamps(self.watchdog.timeout)
+        self._positions = PositionTracker()
         self.health = ControllerHealth(self._names, self.period)
         self._trips = TripMonitor(self._names, self.period)
         self.reference_outages = 0
@@ -126,15 +140,51 @@ class ControlLoop:
         #: Whether a torque was ever sent: before that, gaps of the states are those of the start.
         self._begun = False
 
+    @property
+    def law(self) -> Controller | None:
+        """Return the law, once the model is known."""
+        return self._law
+
+    @law.setter
+    def law(self, law: Controller) -> None:
+        self._law = law
+        self._positions.continuous = self.motion.continuous = law.continuous
+
     def take_reference(self, times: Sequence[int], points: Sequence[Point]) -> None:
-        """Add a chunk of the reference: instants [ns] and points."""
+        """
+        Add a chunk of the reference: instants [ns] and points; without any, the motion stops.
+
+        Raises
+        ------
+        RejectedMessage
+            If time is real, and all of it is longer past than a reference may be late; or without
+            a point, if there is no motion to stop.
+
+        """
+        if not times:
+            self._stop_motion()
+        elif self.last is not None and not self.simulated and (
+                self.motion.grace < self.last.t - times[-1]):
+            raise RejectedMessage('past', (
+                f'all of its points are past: the last one is at {seconds(times[-1]):.3f} s, the '
+                f'last state at {seconds(self.last.t):.3f} s; are the clocks synchronised?'))
         self.motion.extend(times, points)
         if self.last is not None:
             self.motion.forget(self.last.t - self.period)
         if self.last is None or self.watchdog.out:
             self.motion.limit(max(_MOST_POINTS, len(times)))
 
-    def take_state(self, state: JointSample, now: int, simulated: bool) -> bool:
+    def _stop_motion(self) -> None:
+        """Bring the reference to rest on its path, from the next sample on."""
+        begin = None if self.last is None else self.last.t + self.period
+        if begin is None or self.motion.at(begin) is None:
+            raise RejectedMessage('early', 'it has no points, and there is no motion to stop')
+        stop = Stop(cast('TimedMotion', self.motion), begin, BRAKING_TIME)
+        times = range(begin, stop.end + self.period, self.period)
+        self.motion.extend(times, [stop.at(t) for t in times])
+
+    def take_state(self, state: JointSample, now: int, simulated: bool,
+                   unanswered: int = 0) -> bool:
         """
         Take the next joint state; return whether time begins with it, also the first time.
 
@@ -146,14 +196,18 @@ class ControlLoop:
             When it came, on a clock that only goes forward [ns].
         simulated : bool
             Whether time is simulated.
+        unanswered : int
+            States so far that were skipped for newer ones, or refused as stale.
 
         Raises
         ------
         RejectedMessage
-            If its stamp does not follow the last one.
+            If its stamp, or a position, does not follow the last one.
 
         """
         self.simulated = simulated
+        self._missed += unanswered - self._unanswered
+        self._unanswered = unanswered
         verdict = self._stamps.classify(state.t, now, simulated)
         if verdict not in timing.TAKEN:
             again = verdict == timing.REPEATED and simulated  # By a plant that waits.
@@ -163,6 +217,11 @@ class ControlLoop:
                 f'stamp {seconds(state.t):.9f} s: {verdict}, '
                 f'{1e3 * seconds(self._stamps.lateness):.1f} ms late; allowed: increasing, at '
                 f'most {1e3 * seconds(self._stamps.limit):g} ms late (state_timeout)'))
+        if verdict != timing.NEXT:
+            self._positions.forget()
+        state = self._positions.follow(state)
+        self._check_position(state)
+        self._positions.take(state)
         goes_on = verdict == timing.NEXT and not self.watchdog.out
         self.watchdog.feed(now, self._begun)
         if self._begun and not goes_on:
@@ -175,6 +234,28 @@ class ControlLoop:
         self.last = self._pending = state
         self._goes_on = False
         return verdict == timing.RESTART
+
+    def _check_position(self, state: JointSample) -> None:
+        """Refuse a jump, where the state would be answered; end the torques where it stays."""
+        last = self._positions.last
+        if last is None or not (self.mode.sends_torque or self.mode is Mode.NO_STATE):
+            return
+        jump = find_jump(last, state)
+        if jump is None:
+            return
+        text = self._described(jump)
+        if self._positions.agrees(state):
+            self._positions.take(state)
+            self._trip(f'{text} It stays there: was its encoder set anew, or does it slip?')
+        raise RejectedMessage('position_jump', text)
+
+    def _described(self, jump: Jump) -> str:
+        """Return what is wrong with a position, and what may be the reason."""
+        name = self._names[jump.joint]
+        text = (f'{name} is at {jump.position:.4g} rad, but {1e3 * jump.elapsed:.3g} ms before it '
+                f'was at {jump.last_position:.4g} rad with {jump.last_velocity:.3g} rad/s.')
+        return text if not jump.is_whole_turns else (
+            f'{text} That is a whole turn: if it turns endlessly, add it to continuous_joints.')
 
     def answer(self, matched: bool, now: int = 0) -> Answer | None:
         """
@@ -194,14 +275,19 @@ class ControlLoop:
 
         """
         state, law = self._pending, self.law
-        if state is None or law is None or self._is_silent(now):
+        if state is None or law is None or self._is_silent(now) or self.rehearses:
             return None
         allowed = self.mode.allows_torque
         at = law.instant(state.t)
+        if allowed and matched:
+            state = self._anchored(law, at, state)
         points = self._desired(at, state) if allowed and matched else None
         if points is None:
             self.motion.pass_over(state.t, driven=allowed)
             self.handle(Input.NO_REFERENCE)
+            self._missed = 0
+            return None
+        if self._is_too_slow(self._answers.total, self._answers.window):
             return None
         # Before the first torque it is not known what moved the robot, such as a brake.
         late = 0 if self.simulated or self._too_slow or self._held is None else (
@@ -217,6 +303,74 @@ class ControlLoop:
         self._pending, self._begun, self._goes_on = None, True, True
         self._note(state.t, sample)
         return Answer(state, points[0], sample)
+
+    @property
+    def answered(self) -> Answered:
+        """Return the last states in real time, and those answered in time."""
+        return self._answers.total
+
+    @property
+    def rehearses(self) -> bool:
+        """Whether the loop is measured, or will be with the first states."""
+        return bool(self.rehearsal and self.least_answered and not self.simulated)
+
+    def rehearse(self, now: int) -> bool:
+        """
+        Real time, before the first torque: compute one for the pending state, and send none.
+
+        Return whether one was computed; see `note_answer`.
+        """
+        rehearsal, state = self.rehearsal, self._pending
+        if rehearsal is None or self.last is None:
+            return False
+        rehearsal.begin(now)
+        if not self.rehearses:
+            self.rehearsal = None
+        elif rehearsal.over(now, self._answers.complete):
+            self.rehearsal = None
+            rehearsal.report(self._log)
+            if self.mode.allows_torque:
+                self._is_too_slow(rehearsal.total, LEAST_STATES)
+        elif state is not None and rehearsal.step(state):
+            return True
+        return False
+
+    def _is_too_slow(self, answered: Answered, enough: int) -> bool:
+        """End the torques where too few of `enough` states were answered in time."""
+        reason = shortfall(answered, self.least_answered, enough)
+        if reason:
+            self._trip(reason)
+        return bool(reason)
+
+    def note_answer(self, end: int) -> None:
+        """Real time: count the last state, whose torque is sent or computed at `end` [ns]."""
+        if self.last is None or self.simulated:
+            return
+        in_time = end - self._stamps.arrival(self.last.t) <= self.period
+        self._answers.add(self._missed, in_time)
+        if self.rehearsal is not None:
+            self.rehearsal.add(self._missed, in_time)
+        self._missed = 0
+
+    def _anchored(self, law: Controller, at: int, state: JointSample) -> JointSample:
+        """
+        Return the pending state with the turns that it keeps until the law begins again.
+
+        Those nearest to the reference, at an instant [ns]. After a pause without a torque the
+        joints may have been turned, so that the law begins again if these are other ones.
+        """
+        began = self._positions.anchored
+        if began and not self.motion.resumes(at):
+            return state
+        point = self.motion.at(at)
+        if point is None:
+            return state
+        anchored = self._positions.anchor(state, point[0])
+        if anchored is not state:
+            self.last = self._pending = anchored
+            if began:
+                law.reset(bumpless=True, held=self._held)
+        return anchored
 
     @property
     def _too_slow(self) -> bool:
@@ -291,14 +445,19 @@ class ControlLoop:
     def _send_checked(self, law: Controller, sample: Sample) -> bool:
         """Send the torque of a sample, or none until a reset; return whether it was sent."""
         if reason := self._trips.check(law, sample):
-            self.tripped = reason
-            self.handle(Input.TRIP)
-            self.end_torque()
-            self._log.error(f'{reason}; no torque until ~/reset')
+            self._trip(reason)
             return False
         self._send(sample.tau)
         self._held = sample.tau
         return True
+
+    def _trip(self, reason: str) -> None:
+        """End the torques until a reset."""
+        self.tripped = reason
+        self._answers.clear()
+        self.handle(Input.TRIP)
+        self.end_torque()
+        self._log.error(f'{reason}; no torque until ~/reset')
 
     def _note(self, t: int, sample: Sample) -> None:
         """Note what a torque was made of, after it was sent."""
@@ -327,6 +486,7 @@ class ControlLoop:
         return changed
 
     def _restart_law(self, bumpless: bool = True) -> None:
+        self._positions.anchored = False
         if self.law is not None:
             self.law.reset(bumpless, self._held if bumpless else None)
             self._trips.restart()

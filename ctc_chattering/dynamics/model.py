@@ -22,6 +22,7 @@ scalar. The control step takes M, C and G as arrays, from `Model.evaluate`.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from typing import Protocol, runtime_checkable
 
 from ctc_chattering.numerics.linear_algebra import Array, Rows, Vector
@@ -40,6 +41,8 @@ class Model(ABC):
     n: int
     #: Largest torque of each joint, inf for unlimited [N·m]; empty where nothing is known.
     effort_limits: Vector = ()
+    #: Which joints turn endlessly, their position counting modulo 2π; empty for none.
+    continuous: Sequence[bool] = ()
 
     @abstractmethod
     def mass_matrix(self, q: Vector) -> Rows:
@@ -145,6 +148,7 @@ class Scaled(Model):
 
     def __init__(self, model: Model, inertia: float, gravity: float) -> None:
         self.n, self.effort_limits = model.n, model.effort_limits
+        self.continuous = model.continuous
         self._model = model
         self._inertia, self._gravity = inertia, gravity
 

@@ -36,6 +36,8 @@ from ctc_chattering.parameters import Config, LEAST, named_class, parameter
 
 #: Values of the parameter ``model``, besides classes.
 MODELS = ('two_link', 'urdf')
+#: Value of the parameter ``continuous_joints`` that stands for those of the robot's description.
+DESCRIBED = 'described'
 
 
 @dataclasses.dataclass(frozen=True)
@@ -50,17 +52,39 @@ class DescribedConfig(Config):
     description: str = parameter(
         '', 'Model urdf: file of the robot, a path or package://NAME/PATH; empty for the topic '
         'robot_description.', read_only=True)
+    continuous_joints: tuple[str, ...] = parameter(
+        (DESCRIBED,), 'Joints that turn endlessly, whose positions count modulo 2 pi; described: '
+        'those that the description, or the model, says.', read_only=True)
     control_period: float = parameter(
         1e-3, 'Sample period h.', 's', minimum=LEAST, maximum=10.0, read_only=True)
 
     def validate(self) -> None:
-        """Check the period."""
+        """Check the period, and that continuous joints are joints."""
         period_ns(self.control_period)
+        unknown = set(self.continuous_joints) - {DESCRIBED, '', *self.joint_names}
+        if unknown:
+            raise ParameterError('continuous_joints', self.continuous_joints, (
+                f'{DESCRIBED}, or some of {", ".join(self.joint_names)}'))
 
     @property
     def described(self) -> bool:
         """Whether a description of the robot is needed."""
         return self.model == 'urdf'
+
+    def which_are_continuous(self, described: Sequence[bool] = ()) -> tuple[bool, ...]:
+        """
+        Return which joints turn endlessly, shape (n,).
+
+        Parameters
+        ----------
+        described : sequence of bool, shape (n,)
+            Those of the robot's description, or `Model.continuous`; empty for none.
+
+        """
+        known = described if DESCRIBED in self.continuous_joints and described else (
+            (False,) * len(self.joint_names))
+        return tuple(x or name in self.continuous_joints
+                     for name, x in zip(self.joint_names, known))
 
 
 @dataclasses.dataclass(frozen=True)

@@ -100,6 +100,8 @@ class UrdfModel(Model, LinearModel):
         Least and greatest position; ∓inf where the URDF has none.
     velocity_limits, effort_limits : tuple of float, length n
         inf where the URDF has none, or 0.
+    continuous : tuple of bool, length n
+        Which joints are of this type.
     rotor_inertias : tuple of float, length n
         Of the rotor of each joint, reflected to the joint, on the diagonal of M: as given, or
         `rotor_inertia` in <dynamics>.
@@ -125,6 +127,7 @@ class UrdfModel(Model, LinearModel):
         self.position_limits = tuple(joint.position for joint in joints)
         self.velocity_limits = tuple(joint.velocity for joint in joints)
         self.effort_limits = tuple(joint.effort for joint in joints)
+        self.continuous = tuple(joint.continuous for joint in joints)
         self.rotor_inertias = tuple(
             rotor or joint.rotor_inertia
             for joint, rotor in zip(joints, rotors or (0.0,) * len(joints)))

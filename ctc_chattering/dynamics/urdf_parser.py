@@ -104,6 +104,11 @@ class Joint(NamedTuple):
     #: Contradiction in its limits or friction; empty for none.
     fault: str
 
+    @property
+    def continuous(self) -> bool:
+        """Whether it turns endlessly."""
+        return self.kind == 'continuous'
+
 
 class Tree:
     """

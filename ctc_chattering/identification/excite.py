@@ -22,7 +22,6 @@ from itertools import product
 from pathlib import Path
 from typing import Any
 
-from ctc_chattering.analysis.output import prepare
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.configuration.loop_setup import Setup, Values
 from ctc_chattering.configuration.yaml_file import write_trajectory
@@ -38,12 +37,15 @@ from ctc_chattering.identification.random_motions import (
     random_motion,
 )
 from ctc_chattering.numerics.linear_algebra import Array
-from ctc_chattering.parameters import matrix
+from ctc_chattering.output_files import new_folder
+from ctc_chattering.parameters import LEAST, matrix
 from ctc_chattering.trajectory.joint_limits import DescribedLimits, JointLimits
 import numpy as np
 
 #: Files that `write_excitation` makes.
 MOTION, RUN = 'motion.yaml', 'run.yaml'
+#: The command that writes them.
+EXCITE = 'ctc excite'
 #: What may help where no motion keeps a limit.
 ADVICE = 'choose smaller limits, a smaller position_range or another centre'
 #: By what random motions are scaled one after the other until they keep all limits.
@@ -218,6 +220,10 @@ def excite(setup: Setup, request: Mapping[str, Any] | None = None, joints: Seque
     limits = (DescribedLimits(description, names).joints if description else
               [JointLimits(name) for name in names])
     bounds = bounds_of(config, limits)
+    for quantity, values in (('velocity', bounds.velocity), ('acceleration', bounds.acceleration)):
+        if values.min() < LEAST:
+            raise CtcError(f'joint {names[int(values.argmin())]}: its {quantity} limit leaves no '
+                           f'motion: {values.min():g}; at least {LEAST:g} is needed')
     friction = AssumedFriction(np.array(config.friction), np.array(plant.viscous_friction))
     effort = np.minimum(controller.largest_torque(model.effort_limits), plant.torque_saturation)
     links, reason = None, ''
@@ -290,7 +296,7 @@ def _torque_beyond(found: Excitation, friction: AssumedFriction, model: Model, e
             f'{effort[i]:g} N*m, its effort limit: {ADVICE}')
 
 
-def write_excitation(found: Plan, setup: Setup, out: str | Path) -> None:
+def write_excitation(found: Plan, setup: Setup, out: str | Path, overwrite: bool = False) -> None:
     """
     Write a motion, and a parameter file that plays it; check that both are accepted.
 
@@ -303,22 +309,26 @@ def write_excitation(found: Plan, setup: Setup, out: str | Path) -> None:
     out : str or Path
         Directory for ``motion.yaml``, the waypoints, and ``run.yaml``, the robot's parameters
         with this motion under law compensation.
+    overwrite : bool
+        Replace what an earlier call has written there.
 
     Raises
     ------
     CtcError
-        If a file exists already, or cannot be written.
+        If there are files already, or one cannot be written.
 
     """
-    out = prepare(Path(out), (MOTION, RUN)).resolve()
-    write_trajectory(found.excitation.route, out / MOTION)
     changed: dict[str, Values] = {
         'plant': {'duration': float(found.excitation.times[-1])},
         'controller': {'law': 'compensation', 'kp': found.kp.tolist(), 'kv': found.kv.tolist()},
-        'reference': {'trajectory_file': str(out / MOTION), 'start_duration': 0.0},
+        'reference': {'trajectory_file': str(Path(out).resolve() / MOTION),
+                      'start_duration': 0.0},
         'bringup': {'events': ['']}}
-    parameter_file.dump({node: {
-        **setup.values.get(node, {}),
-        **(getattr(setup, node).as_mapping() if hasattr(setup, node) else {}),
-        **changed.get(node, {})} for node in (*setup.values, *changed)}, out / RUN)
-    parameter_file.load(out / RUN)
+    with new_folder(Path(out), EXCITE, overwrite) as folder:
+        write_trajectory(found.excitation.route, folder / MOTION)
+        parameter_file.dump({node: {
+            **setup.values.get(node, {}),
+            **(getattr(setup, node).as_mapping() if hasattr(setup, node) else {}),
+            **changed.get(node, {})} for node in (*setup.values, *changed)}, folder / RUN)
+        parameter_file.load(
+            folder / RUN, {'reference': {'trajectory_file': str(folder / MOTION)}})

@@ -25,12 +25,12 @@ from pathlib import Path
 from typing import Any
 
 from ctc_chattering.analysis.compilation import compile_setups, has_compiler
-from ctc_chattering.analysis.output import check_format, prepare, write_json, write_text, writing
 from ctc_chattering.bags.recording import RecordedMotion, Recording
 from ctc_chattering.configuration import parameter_file
+from ctc_chattering.control.controller_config import ControllerConfig
 from ctc_chattering.dynamics.corrected_urdf import corrected_urdf, tip_of, with_payload
 from ctc_chattering.dynamics.model import Model
-from ctc_chattering.dynamics.registry import locked_positions, make_model
+from ctc_chattering.dynamics.registry import DESCRIBED, locked_positions, make_model
 from ctc_chattering.dynamics.urdf_parser import Tree
 from ctc_chattering.errors import ParameterError, UsageError
 from ctc_chattering.identification import identify as regression
@@ -52,6 +52,8 @@ from ctc_chattering.identification.trial_runs import (
     trial_runs,
     Values,
 )
+from ctc_chattering.numerics.angles import unwrapped
+from ctc_chattering.output_files import check_format, new_folder, write_json, write_text
 from ctc_chattering.parameters import check_some, LEAST, Parameter, whole
 
 #: By how much the corrected model may explain the torque of a joint worse.
@@ -142,10 +144,14 @@ def with_correction(before: Identification, after: Identification, name: str
 
 
 #: Names in the directory of `write_identified`.
-PAGE, JSON, VALUES, ROBOT, CORRECTED, FIGURES = NAMES = (
+PAGE, JSON, VALUES, ROBOT, CORRECTED, FIGURES = (
     'index.html', 'identify.json', 'identified.yaml', 'robot.urdf', 'corrected.urdf', 'figures')
+#: The command that writes it.
+IDENTIFY = 'ctc identify'
 #: Acceleration of gravity where nothing says otherwise [m/s²].
 _GRAVITY = 9.81
+#: What is allowed of it.
+GRAVITY = ControllerConfig.parameters()['gravity']
 
 
 @dataclasses.dataclass(frozen=True)
@@ -262,6 +268,7 @@ def identify(motions: Sequence[RecordedMotion], model: str = '', urdf: str = '',
         for spec, x in ((TORQUE_CONSTANT, torque_constant), (TORQUE_RATE, torque_rate)))
     recordings, side = in_torques([x.recording for x in motions], side, constant)
     robot = _robot(motions[0], model, urdf, gravity)
+    recordings = [_turning_on(x, motions[0].controller, robot.model) for x in recordings]
     if not all(0.0 <= mass < inf for mass, _ in payloads):
         raise ParameterError('payloads', payloads, 'pairs of a mass >= 0 [kg] and a link')
     if payloads and (len(payloads) != len(motions) or not robot.files):
@@ -295,6 +302,17 @@ def identify(motions: Sequence[RecordedMotion], model: str = '', urdf: str = '',
         name, found, perturbed, recommend(found, perturbed, robot.model, rate or ())), robot)
 
 
+def _turning_on(recording: Recording, controller: ControllerConfig | None, model: Model
+                ) -> Recording:
+    """Return a recording whose continuous joints count their turns, as a driver may not."""
+    described = dict(zip(recording.joints, model.continuous))
+    named = (DESCRIBED,) if controller is None else controller.continuous_joints
+    continuous = [name in named or (DESCRIBED in named and described.get(name, False))
+                  for name in recording.joints]
+    q = unwrapped(recording.t, recording.q, None, continuous)
+    return recording if q is recording.q else dataclasses.replace(recording, q=q)
+
+
 def _robot(motion: RecordedMotion, model: str, urdf: str, gravity: float | None) -> RobotModel:
     """Return the model for a motion, from arguments, the recording, or both."""
     controller, description = motion.controller, urdf or motion.description
@@ -305,19 +323,23 @@ def _robot(motion: RecordedMotion, model: str, urdf: str, gravity: float | None)
                          '--model; in Python urdf, or model')
     if gravity is None:
         gravity = controller.gravity if controller else _GRAVITY
+    gravity = GRAVITY.checked(gravity)
     locked = controller.locked if controller else ('',)
     positions = locked_positions(locked)
     made = make_model(name, gravity, motion.recording.joints, description, positions)
     shared: dict[str, Any] = {'model': name, 'gravity': gravity}
     if any(locked):
         shared['locked'] = list(locked)
+    if controller and controller.joint_names == motion.recording.joints and (
+            controller.continuous_joints != (DESCRIBED,)):
+        shared['continuous_joints'] = list(controller.continuous_joints)
     return RobotModel(made, {ROBOT: description} if name == 'urdf' else {}, positions, shared,
                       (controller.kp, controller.kv) if controller else None)
 
 
 def write_identified(identified: IdentifiedRobot, out: str | Path, trials: int | None = None,
                      show: Callable[[str], None] = print, extra: str = 'svg',
-                     command: str = '') -> IdentifiedRobot:
+                     command: str = '', overwrite: bool = False) -> IdentifiedRobot:
     """
     Try the gains in simulation, and write parameter file, numbers, figures and page.
 
@@ -338,6 +360,8 @@ def write_identified(identified: IdentifiedRobot, out: str | Path, trials: int |
         A second format for each figure.
     command : str
         What was run, for the page.
+    overwrite : bool
+        Replace what an earlier call has written there.
 
     Returns
     -------
@@ -347,34 +371,49 @@ def write_identified(identified: IdentifiedRobot, out: str | Path, trials: int |
     Raises
     ------
     CtcError
-        If an argument is not allowed, a file exists already, or cannot be written.
+        If an argument is not allowed, there are files already, or one cannot be written.
 
     """
     check_format(extra)
-    out = prepare(Path(out), NAMES)
     if trials is None:
         trials = COUNT if has_compiler() else COUNT_PLAIN
-    for name, text in identified.robot.files.items():
-        write_text(out / name, text)
+    whole('trials', trials, 0)
+    with new_folder(Path(out), IDENTIFY, overwrite) as folder:
+        for name, text in identified.robot.files.items():
+            write_text(folder / name, text)
+        tried = _tried(identified, folder, trials, show)
+        if not tried.missing:
+            parameter_file.dump(tried.parameters(folder), folder / VALUES)
+            parameter_file.load(folder / VALUES)
+            parameter_file.dump(tried.parameters(Path(out)), folder / VALUES)
+        write_json(tried.results.as_mapping(), folder / JSON)
+        _write_page(tried, folder, extra, command)
+    return tried
+
+
+def _tried(identified: IdentifiedRobot, folder: Path, trials: int, show: Callable[[str], None]
+           ) -> IdentifiedRobot:
+    """Return the robot with the gains that survive the trials; its URDF is in a folder."""
+    if not trials or identified.missing:
+        return identified
     results = identified.results
-    if whole('trials', trials, 0) and not identified.missing:
-        setups = setups_tried(
-            results.recommended, identified.parameters(out), identified.robot.gains)
-        compile_setups(setups, show)
-        results = dataclasses.replace(results, recommended=trial_runs(
-            results.found, results.run, results.recommended, setups, trials))
-    tried = dataclasses.replace(identified, results=results)
-    if not tried.missing:
-        with writing(out / VALUES):
-            parameter_file.dump(tried.parameters(out), out / VALUES)
-        parameter_file.load(out / VALUES)
-    write_json(results.as_mapping(), out / JSON)
+    setups = setups_tried(
+        results.recommended, identified.parameters(folder), identified.robot.gains)
+    compile_setups(setups, show)
+    return dataclasses.replace(identified, results=dataclasses.replace(
+        results, recommended=trial_runs(
+            results.found, results.run, results.recommended, setups, trials)))
+
+
+def _write_page(identified: IdentifiedRobot, folder: Path, extra: str, command: str) -> None:
+    """Write figures and page."""
+    from ctc_chattering.analysis.drawing import save  # Takes time.
+    from ctc_chattering.identification.figures import friction_figure
+
+    results = identified.results
     files = {name: what for name, what in (
         (VALUES, 'parameter file'), (JSON, 'all numbers'), (CORRECTED, 'corrected URDF'))
-        if (out / name).exists()}
-    from ctc_chattering.analysis.drawing import save
-    from ctc_chattering.identification.figures import friction_figure
-    figures = save([friction_figure(results.found, results.verdicts)], out / FIGURES,
+        if (folder / name).exists()}
+    figures = save([friction_figure(results.found, results.verdicts)], folder / FIGURES,
                    ('svg', extra))
-    write_page(results, figures, out / PAGE, files, command)
-    return tried
+    write_page(results, figures, folder / PAGE, files, command)

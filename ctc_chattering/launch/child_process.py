@@ -52,6 +52,12 @@ def end_with(parent: int) -> None:
         os._exit(1)
 
 
+def await_start() -> None:
+    """Wait until the parent closes the pipe that it has given as standard input, if it has."""
+    while os.read(0, 1):
+        pass
+
+
 class Child:
     """
     A process whose output is read as it comes.
@@ -64,16 +70,18 @@ class Child:
         Called with every line it prints.
     processors : set of int, optional
         The only ones it may run on.
+    start : int
+        File from which `await_start` reads there.
 
     """
 
     def __init__(self, name: str, argv: Sequence[str], show: Callable[[str], None],
-                 processors: Set[int] | None = None) -> None:
+                 processors: Set[int] | None = None, start: int = subprocess.DEVNULL) -> None:
         self.name = name
         self.tail: deque[str] = deque(maxlen=20)  # Of its output, for the exit report.
         # glibc returns freed memory from this size on [bytes]; a burst does not raise it.
         self.process = subprocess.Popen(
-            argv, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
+            argv, stdin=start, stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
             text=True, errors='replace', start_new_session=True,
             env={'MALLOC_TRIM_THRESHOLD_': str(1 << 17), **os.environ, 'PYTHONUNBUFFERED': '1'})
         if processors:

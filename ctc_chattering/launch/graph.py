@@ -16,15 +16,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from contextlib import ExitStack
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, ExitStack
 import os
 from pathlib import Path
 import random
 import signal
 import sys
 import tempfile
-from typing import Any
+from typing import Any, BinaryIO
 
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.configuration.loop_setup import Setup
@@ -80,18 +80,22 @@ def run_graph(setup: Setup, record: Path | None = None, ros_args: Sequence[str] 
           tempfile.TemporaryDirectory(prefix='ctc_chattering_') as scratch):
         file = Path(scratch) / 'params.yaml'
         parameter_file.dump(values, file)
+        start, hold = leaving.enter_context(_pipe())
         try:
             for name in values:
                 argv = child_process.node_command(
                     name, *ros_args, '--ros-args', '--params-file', str(file))
                 children[name] = child_process.Child(
-                    name, argv, show, turns if name in ('plant', 'controller') else None)
+                    name, argv, show, turns if name in ('plant', 'controller') else None,
+                    start.fileno())
+            # Another graph is looked for while they load their modules.
+            look, report_end = leaving.enter_context(
+                graph_monitor(setup.events, lockstep, ros_args))
+            hold.close()
             if live:
                 children['live'] = child_process.Child('live', child_process.node_command(
                     'live', '--open' if sys.stdout.isatty() else '--no-open', *ros_args,
                     program='ctc'), show)
-            look, report_end = leaving.enter_context(
-                graph_monitor(setup.events, lockstep, ros_args))
             try:
                 _watch({name: children[name] for name in values}, look, caught,
                        setup.plant.duration > 0.0, progress)
@@ -100,6 +104,9 @@ def run_graph(setup: Setup, record: Path | None = None, ros_args: Sequence[str] 
                 report_end(' '.join(str(error).split()))
                 raise
         finally:
+            if not hold.closed:  # They have not joined the graph.
+                for child in children.values():
+                    child.signal(signal.SIGKILL)
             child_process.stop([children[x] for x in LOOP if x in children])
             # Later: it shows how the graph has ended.
             child_process.stop([children[x] for x in children if x == 'live'])
@@ -107,6 +114,14 @@ def run_graph(setup: Setup, record: Path | None = None, ros_args: Sequence[str] 
     for name in values:
         if children[name].status:
             raise CtcError(children[name].exit_report())
+
+
+@contextmanager
+def _pipe() -> Iterator[tuple[BinaryIO, BinaryIO]]:
+    """Yield the ends of a pipe."""
+    read, write = os.pipe()
+    with os.fdopen(read, 'rb') as start, os.fdopen(write, 'wb') as hold:
+        yield start, hold
 
 
 def node_values(setup: Setup, record: Path | None, with_bringup: bool = True
@@ -129,7 +144,7 @@ def node_values(setup: Setup, record: Path | None, with_bringup: bool = True
         If the bag exists, or there are events and no bringup.
 
     """
-    if record is not None and record.exists():
+    if record is not None and os.path.lexists(record):
         raise CtcError(f'{record}: exists already, not overwritten')
     if setup.events and not with_bringup:
         raise CtcError('bringup: events are not allowed in a launch file; run bringup: '

@@ -28,6 +28,7 @@ from typing import Any
 
 from ctc_chattering.analysis.tables import in_field
 from ctc_chattering.errors import CtcError, refused_as
+from ctc_chattering.launch.sole_graph import sole_graph
 from ctc_chattering.numerics.time_grid import NANOSECONDS, seconds
 from ctc_chattering.ros.messages import read_stamp
 from ctc_chattering.ros.node import BaseNode, Executor, qos, wait_for_all_acked
@@ -226,7 +227,7 @@ def graph_monitor(events: Sequence[Event], lockstep: bool, ros_args: Sequence[st
     Raises
     ------
     CtcError
-        If ROS cannot start.
+        If ROS cannot start, or there is another graph in its domain and namespace.
 
     """
     with ExitStack() as leaving:
@@ -235,6 +236,7 @@ def graph_monitor(events: Sequence[Event], lockstep: bool, ros_args: Sequence[st
             rclpy.init(args=['bringup', *ros_args], signal_handler_options=SignalHandlerOptions.NO)
             node = ParameterEventScheduler(events, lockstep)
             leaving.callback(node.destroy_node)
+        leaving.enter_context(sole_graph(node))
         executor = Executor()
         executor.add_node(node)
         leaving.callback(executor.shutdown)

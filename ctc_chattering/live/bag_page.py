@@ -23,13 +23,14 @@ from typing import Any
 
 from ctc_chattering.analysis.markup import component
 from ctc_chattering.analysis.markup import page as page_of
-from ctc_chattering.analysis.output import write_text
-from ctc_chattering.analysis.result import coded, packed, Result, signals_of
+from ctc_chattering.analysis.result import Result
+from ctc_chattering.analysis.signals import by_times, coded, packed, SignalOrigin
 from ctc_chattering.errors import CtcError
 from ctc_chattering.live.page import Page, scripts
 from ctc_chattering.live.page_socket import Message, word
 from ctc_chattering.live.skeleton import as_json, places, Skeleton, skeleton_of, stage
 from ctc_chattering.numerics.linear_algebra import Array
+from ctc_chattering.output_files import write_text
 import numpy as np
 
 #: Between two pictures of the arm [s].
@@ -55,13 +56,14 @@ class RecordedRun:
     ----------
     result : Result
     about : dict of str to Any
-        ``name`` of the bag, and ``laws``: from when on [s] which law and switching was in force.
+        ``name`` of the bag, ``laws``: from when on [s] which law and switching was in force, and
+        whether torques stand at times of reception (``received``).
     skeleton : Skeleton or None
         None for a model without a description, or with one that cannot be drawn.
     remark : str
         Why it cannot; else empty.
-    signals : dict of str to ndarray
-        As `signals_of` returns them.
+    tracks : list of (ndarray, dict of str to ndarray)
+        Signals of the same times together: times, and values by name.
     begin, end : float
         Times of the first and of the last sample [s].
     settled : float
@@ -75,6 +77,7 @@ class RecordedRun:
         self.about: dict[str, Any] = {
             # The name of a file may have bytes that are no text.
             'name': (result.source or result.label).encode('utf-8', 'replace').decode(),
+            'received': result.torque.received,
             'laws': [(begin, config.law + (f', {config.switching}' if config.takes('switching')
                                            else '')) for begin, config in result.configs]}
         self.skeleton: Skeleton | None = None
@@ -85,7 +88,7 @@ class RecordedRun:
             self.remark = f'no picture of the arm: {error}'
         self.begin, self.end = float(t[0]), float(t[-1])
         self.settled = self.begin + min(_SETTLED, 0.2 * (self.end - self.begin))
-        self.signals = signals_of(result)
+        self.tracks = by_times(result.signals)
 
     def at(self, t: float) -> tuple[Array, Array]:
         """Return q and q_d at a time, that of the last sample before it, each of shape (n,)."""
@@ -93,6 +96,15 @@ class RecordedRun:
         # The slider's times are rounded to a millisecond, and a sum of steps.
         k = max(0, int(np.searchsorted(run.t, t + 5e-7, side='right')) - 1)
         return run.q[k], run.q_d[k]
+
+
+def _note(run: RecordedRun) -> str:
+    """Return what is drawn of a run."""
+    recorded, computed = ([name for name, x in run.result.signals.items() if x.origin is origin]
+                          for origin in (SignalOrigin.RECORDED, SignalOrigin.COMPUTED))
+    times = ', torques when they were received' if run.result.torque.received else ''
+    return (f'Drawn of {run.about["name"]}: every sample{times}; recorded: {", ".join(recorded)}; '
+            f'computed exactly: {", ".join(computed)}.')
 
 
 def check_comparable(runs: Sequence[RecordedRun]) -> None:
@@ -174,9 +186,10 @@ class BagPage:
             'runs': [run.about for run in self._runs], 'time': (self._begin, self._end),
             'options': {'signals': ('e', 'V', 'torque'),
                         'settled': max(run.settled for run in self._runs)},
-            'note': 'Drawn: every sample.'})
+            'note': ' '.join(map(_note, self._runs))})
         for r, run in enumerate(self._runs):
-            yield packed(run.result.run.t, run.signals, run=r)
+            for t, signals in run.tracks:
+                yield packed(t, signals, run=r)
 
     def run(self, stop: Sequence[int]) -> None:
         """Serve until a signal is in `stop`."""
@@ -232,5 +245,6 @@ def _run(run: RecordedRun, place: Sequence[float], every: int) -> dict[str, Any]
     return {
         **run.about, 'place': place,
         'bodies': [] if run.skeleton is None else as_json(run.skeleton),
-        'packed': coded(run.result.run.t[part], {
-            name: values[part] for name, values in run.signals.items()})}
+        'packed': [
+            coded(t[part], {name: values[part] for name, values in signals.items()})
+            for t, signals in run.tracks]}

@@ -40,16 +40,19 @@ from ctc_chattering.live.graph_reader import GraphReader
 from ctc_chattering.live.page_socket import PageSocket
 from ctc_chattering.numerics.time_grid import NANOSECONDS, seconds
 from ctc_chattering.parameters import Parameter, unit_text
+from ctc_chattering.simulation.plant_config import PlantConfig
 from msgspec import Meta, Struct
 
 #: The gains with a slider.
 GAINS = ('kp', 'kv', 'lambda', 'ka', 'observer_bandwidth', 'estimator_bandwidth')
 #: Stands for all joints: their values keep their ratios, and the slider shows the largest.
 ALL = -1
-#: Parameters of the plant with a field of their own, and their titles.
-PLANT = {'coulomb_friction': 'Coulomb friction [N·m]', 'viscous_friction': 'viscous friction',
-         'disturbance.amplitude': 'disturbance [N·m]',
-         'disturbance.frequency': 'disturbance frequency [rad/s]'}
+#: Room on a slider on both sides of the values in force, as a factor.
+ROOM = 10.0
+#: Parameters of the plant with a field of their own, and their titles, which get the units.
+PLANT = {'coulomb_friction': 'Coulomb friction', 'viscous_friction': 'viscous friction',
+         'disturbance.amplitude': 'disturbance',
+         'disturbance.frequency': 'disturbance frequency'}
 #: How long a recorder may take to write what it has, when the page ends [s].
 _PATIENCE = 20.0
 #: Answers that are shown.
@@ -67,10 +70,12 @@ class GainSlider(NamedTuple):
 
     @property
     def limits(self) -> tuple[float, float]:
-        """Return where the slider begins and ends: its declared range and the values in force."""
+        """Return where the slider begins and ends: the values in force have room on both sides."""
         least, most = self.spec.usual
+        lowest, highest = self.spec.bounds
         known = [x for x in self.values if x > 0.0]
-        return min(least, *known, most), max(most, *known, least)
+        return (max(min((least, *(x / ROOM for x in known))), min(lowest, least)),
+                min(max((most, *(x * ROOM for x in known))), highest))
 
     def shown(self) -> dict[str, Any]:
         """Return what the page has to know."""
@@ -93,8 +98,24 @@ class GainSlider(NamedTuple):
         made = tuple(value if i == joint or (joint == ALL and not largest) else
                      value * (x / largest) if joint == ALL else x
                      for i, x in enumerate(self.values))
-        self.spec.check(made, len(made))
-        return list(made) if self.spec.kind == 'float[]' else made[0]
+        return self._checked(made)
+
+    def replaced(self, values: Sequence[float]) -> list[float] | float:
+        """
+        Return the parameter's value for other numbers, one for all joints or one for each.
+
+        Raises
+        ------
+        CtcError
+            If a number is not allowed.
+
+        """
+        return self._checked(tuple(values) * (len(self.values) if len(values) == 1 else 1))
+
+    def _checked(self, values: tuple[float, ...]) -> list[float] | float:
+        """Return numbers as the parameter has them; raise `CtcError` if they are not allowed."""
+        self.spec.check(values, len(self.values))
+        return list(values) if self.spec.kind == 'float[]' else values[0]
 
 
 def gains_of(parameters: Mapping[str, Any], names: Sequence[str]) -> dict[str, GainSlider]:
@@ -112,8 +133,20 @@ def gains_of(parameters: Mapping[str, Any], names: Sequence[str]) -> dict[str, G
     return found
 
 
+def plant_title(name: str) -> str:
+    """Return the title of a parameter of the plant, with its unit."""
+    return f'{PLANT[name]} [{unit_text(PlantConfig.parameters()[name].unit)}]'
+
+
+class GainsRequest(Struct, forbid_unknown_fields=True):
+    """Numbers for a gain: one for all joints, or one for each."""
+
+    name: str
+    values: Annotated[list[float], Meta(min_length=1)]
+
+
 class GainRequest(Struct, forbid_unknown_fields=True):
-    """A value for a gain of a joint or of `ALL`."""
+    """A value for a gain of a joint, or the largest of `ALL`, whose ratios are kept."""
 
     name: str
     joint: Annotated[int, Meta(ge=ALL)]
@@ -166,8 +199,9 @@ class Controls:
         for name, names in (('law', LAWS), ('switching', SWITCHINGS)):
             socket.on(name, one_of[names], partial(self._set, 'controller', name))
         for name, kind, receive in (
-                ('gain', GainRequest, self._gain), ('torques', bool, requests.torques),
-                ('record', bool, self._record), ('plant', FieldRequest, self._plant),
+                ('gain', GainRequest, self._gain), ('gains', GainsRequest, self._gains),
+                ('torques', bool, requests.torques), ('record', bool, self._record),
+                ('plant', FieldRequest, self._plant),
                 ('push', PushRequest, self._push), ('time', HoldRequest, self._hold)):
             socket.on(name, kind, receive)
 
@@ -186,8 +220,8 @@ class Controls:
             'joints': self._reader.names,
             'gains': [x.shown() for x in gains_of(self._in_force, self._reader.names).values()],
             'record': self._recording.shown(), 'answered': self._answered,
-            'plant': [{'name': name, 'title': title, 'value': in_field(plant[name])}
-                      for name, title in PLANT.items() if name in plant],
+            'plant': [{'name': name, 'title': plant_title(name), 'value': in_field(plant[name])}
+                      for name in PLANT if name in plant],
             'held': '' if pacing == 'lockstep' else (
                 _NO_PLANT if pacing is None else _REAL.format(pacing))}
 
@@ -204,10 +238,19 @@ class Controls:
     def _gain(self, asked: GainRequest) -> None:
         gain = gains_of(self._in_force, self._reader.names).get(asked.name)
         if gain is not None and asked.joint < len(gain.values):
-            try:
-                self._set('controller', asked.name, gain.changed(asked.joint, asked.value))
-            except CtcError as error:
-                self.answer(asked.name, False, str(error))
+            self._set_gain(asked.name, partial(gain.changed, asked.joint, asked.value))
+
+    def _gains(self, asked: GainsRequest) -> None:
+        gain = gains_of(self._in_force, self._reader.names).get(asked.name)
+        if gain is not None:
+            self._set_gain(asked.name, partial(gain.replaced, asked.values))
+
+    def _set_gain(self, name: str, value: Callable[[], Any]) -> None:
+        """Set a gain to what `value` returns; where that raises an error, answer with it."""
+        try:
+            self._set('controller', name, value())
+        except CtcError as error:
+            self.answer(name, False, str(error))
 
     def _record(self, on: bool) -> None:
         (self._recording.start if on else self._recording.stop)()

@@ -26,7 +26,7 @@ import os
 import time
 from typing import Any
 
-from ctc_chattering.analysis.result import packed, PARTS
+from ctc_chattering.analysis.signals import packed, PARTS
 from ctc_chattering.control.controller import ControllerConfig
 from ctc_chattering.errors import CtcError, refused_as, RejectedMessage
 from ctc_chattering.live.health import NodeReport

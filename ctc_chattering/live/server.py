@@ -22,7 +22,8 @@ WebSocket.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import asyncio
+from collections.abc import Awaitable, Callable, Iterator
 from contextlib import contextmanager, redirect_stdout, suppress
 import errno
 from functools import partial
@@ -32,11 +33,12 @@ from http.client import HTTPConnection, HTTPException
 from io import StringIO
 from ipaddress import ip_address
 from itertools import chain
-from math import isfinite
+from math import inf, isfinite
 from pathlib import Path
 from secrets import token_urlsafe
 import socket
 import tempfile
+import time
 from typing import Any
 from urllib.parse import parse_qsl
 import webbrowser
@@ -142,6 +144,36 @@ class Access:
         return compare_digest(text.encode(errors='replace'), self._token.encode())
 
 
+#: Messages per second that are taken of a page in the long run, and at once: more than a slider or
+#: a camera that is moved sends. Others wait in the browser.
+RATE = 100.0
+BURST = 100.0
+
+
+class Pace:
+    """Spreads events to `RATE` per second, but for `BURST` of them."""
+
+    def __init__(self) -> None:
+        #: When all events so far have had their time [s].
+        self._due = -inf
+
+    def delay(self, now: float) -> float:
+        """Count an event at `now` [s]; return how long it must wait [s]."""
+        self._due = max(self._due, now - BURST / RATE) + 1.0 / RATE
+        return max(self._due - now, 0.0)
+
+
+def paced(receive: Callable[[], Awaitable[Any]]) -> Callable[[], Awaitable[Any]]:
+    """Return a function that receives messages, but no more of them than a page sends."""
+    pace = Pace()
+
+    async def received() -> Any:
+        data = await receive()
+        await asyncio.sleep(pace.delay(time.monotonic()))
+        return data
+    return received
+
+
 class _Front:
     """Stands before viser's handlers of requests and of connections."""
 
@@ -171,10 +203,10 @@ class _Front:
 
     async def connection(self, handle: Any, connection: Any) -> None:
         """Serve a connection to us, or have viser serve one that only says where its camera is."""
+        receive = connection.recv = paced(connection.recv)
         if _path(connection.request) == _SAMPLES:
             await self._samples.serve(connection)
             return
-        receive = connection.recv
 
         async def camera() -> Any:
             while not is_camera(data := await receive()):

@@ -27,8 +27,11 @@ from ctc_chattering.configuration.loop_setup import Values
 from ctc_chattering.configuration.node_parameters import ControllerNodeConfig
 from ctc_chattering.control.controller import Controller, ControllerConfig, LAWS
 from ctc_chattering.control.recommended_gains import GainChoice, GAINS, LAW, model_torque
-from ctc_chattering.controller.loop import Answer, ControlLoop, JointSample
+from ctc_chattering.controller.answers import Rehearsal
+from ctc_chattering.controller.loop import Answer, ControlLoop
+from ctc_chattering.controller.positions import JointSample
 from ctc_chattering.controller.state_machine import Input, Mode
+from ctc_chattering.controller.timing import STALE
 from ctc_chattering.controller.trips import check_change, missing_limits
 from ctc_chattering.dynamics.registry import model_of
 from ctc_chattering.errors import RejectedMessage
@@ -101,30 +104,40 @@ class ControllerNode(LoopNode[ControllerNodeConfig]):
         self.tick = min(TICK, seconds(self._loop.watchdog.timeout) / 2)
         #: Whether all who are to receive the torques do, and whether the clock is published.
         self._matched = self._clock_published = False
-        self.create_service(SetBool, '~/enable', self._on_enable)
-        self.create_service(Trigger, '~/reset', self._on_reset)
+        self.urgent = [self.create_service(SetBool, '~/enable', self._on_enable),
+                       self.create_service(Trigger, '~/reset', self._on_reset)]
         self.find_description()
 
     def begin(self, description: str) -> None:
         """Make the law for a robot, and begin to listen."""
         model = model_of(self.config, description)
-        self._loop.law = Controller(self.config, model)
+        law = self._loop.law = Controller(self.config, model)
         self._gains.torque = model_torque(self.config, model)
         self._take_recommended_gains()
-        step = self._loop.law.compiled_step()
+        self._loop.rehearsal = Rehearsal(
+            Controller(self.config, model), self._loop.period, self._loop.watchdog.timeout)
+        step = law.compiled_step()
         if step is not None and not all(code.compiled for code in step.codes):
             self.get_logger().info(f'law {self.config.law}: {HOW_TO_COMPILE}')
-        if missing := missing_limits(self.config, self._loop.law.model.effort_limits):
+        if missing := missing_limits(self.config, law.model.effort_limits):
             self.get_logger().warning(f'{missing}: set them to the limits of the drives')
         if description:
             self._described = self.create_publisher(
                 String, f'~/{ROBOT_DESCRIPTION}', qos(1, latched=True))
             self._described.publish(String(data=description))
-        reference = ValidatedSubscription(
-            self, JointTrajectory, REFERENCE, self._on_reference, qos())
-        states = ValidatedSubscription(
-            self, JointState, JOINT_STATES, self._on_state, qos(), state_reader(), newest=False)
-        self.inputs = [states, reference]
+        self.inputs = [ValidatedSubscription(
+            self, JointState, JOINT_STATES, self._on_state, qos(), state_reader(), newest=False)]
+        self._listen_to_reference()
+
+    def _listen_to_reference(self) -> None:
+        """
+        Subscribe to the reference, once the loop has been measured.
+
+        A reference that waits for its subscriber then begins its motion with the torques.
+        """
+        if len(self.inputs) == 1 and not self._loop.rehearses:
+            self.inputs.append(ValidatedSubscription(
+                self, JointTrajectory, REFERENCE, self._on_reference, qos()))
 
     @property
     def in_real_time(self) -> bool:
@@ -137,12 +150,15 @@ class ControllerNode(LoopNode[ControllerNodeConfig]):
         return f'law {self.config.law}, {1 / self.config.control_period:g} Hz; {waits}'
 
     def _on_reference(self, chunk: JointTrajectory, now: int) -> None:
-        rows = select(self._names, chunk.joint_names, *(
-            row for x in chunk.points for row in (x.positions, x.velocities, x.accelerations)))
+        rows: list[tuple[float, ...]] = []
+        if chunk.points or chunk.joint_names:
+            rows = select(self._names, chunk.joint_names, *(
+                row for x in chunk.points for row in (x.positions, x.velocities, x.accelerations)))
         start = nanoseconds(chunk.header.stamp)
         times = [start + nanoseconds(point.time_from_start) for point in chunk.points]
-        if any(b <= a for a, b in pairwise(times)):
-            raise RejectedMessage('times', 'points whose times do not increase')
+        if any(b <= a for a, b in pairwise([start - 1, *times])):
+            raise RejectedMessage('times', (
+                'points whose times do not increase, or with a negative time_from_start'))
         self._loop.take_reference(times, list(zip(rows[::3], rows[1::3], rows[2::3])))
         self._answer(now)
 
@@ -153,7 +169,9 @@ class ControllerNode(LoopNode[ControllerNodeConfig]):
         if self._loop.last is None:
             self._clock_published = self.count_publishers(CLOCK) > 0
         self.lockstep, self.inputs[0].newest = self._clock_published, not self._clock_published
-        if self._loop.take_state(JointSample(state.t, q, dq), now, self._clock_published):
+        unanswered = self.inputs[0].skipped + self.inputs[0].rejected[STALE]
+        if self._loop.take_state(
+                JointSample(state.t, q, dq), now, self._clock_published, unanswered):
             self._samples = 0
             self.parameters.changed = True
             self.get_logger().info(
@@ -163,6 +181,10 @@ class ControllerNode(LoopNode[ControllerNodeConfig]):
     def idle(self) -> None:
         """Answer a state that waits; end the torques when no state comes."""
         self._clock_published = self.count_publishers(CLOCK) > 0
+        if self._clock_published:
+            self._loop.rehearsal = None
+        if self.inputs:
+            self._listen_to_reference()
         now = time.monotonic_ns()
         if self.in_real_time:
             self._loop.check_silence(now)
@@ -185,6 +207,9 @@ class ControllerNode(LoopNode[ControllerNodeConfig]):
     def _answer(self, now: int) -> None:
         """Have the pending state answered, and publish what the torque is made of."""
         begin = time.thread_time_ns()
+        if self._loop.rehearse(now):
+            self._loop.note_answer(time.monotonic_ns())
+            return
         self._matched = self._matched or self.matched(self._commands, *self._terms)
         try:
             answer = self._loop.answer(self._matched, now)
@@ -194,6 +219,8 @@ class ControllerNode(LoopNode[ControllerNodeConfig]):
         if answer is None:
             if not self._loop.mode.sends_torque:
                 self.statistics.pause()
+                if self._loop.last is not None:  # What is set is for the next torque.
+                    self.parameters.announce_change(self._loop.last.t + 1)
             if (self._loop.mode is Mode.TRIPPED and self._loop.simulated
                     and 'bringup' in self.config.wait_for and not self.done.done()):
                 self.failure = f'tripped: {self._loop.tripped}'  # Time would wait for a reset.
@@ -207,6 +234,7 @@ class ControllerNode(LoopNode[ControllerNodeConfig]):
         if self.parameters.changed:
             self.parameters.announce(answer.state.t)
         end = time.monotonic_ns()
+        self._loop.note_answer(end)
         self.statistics.sample(now, end)
         if self.in_real_time and end - now > self._loop.period:
             self.statistics.misses += 1
@@ -270,6 +298,7 @@ class ControllerNode(LoopNode[ControllerNodeConfig]):
         """Have the law take what has been set."""
         self._loop.restart_duration = self.config.restart_duration
         self._loop.predicted_periods = self.config.predicted_periods
+        self._loop.least_answered = self.config.least_answered
         if self._loop.law is not None:
             self._loop.law.configure(self.config)
 
@@ -288,6 +317,7 @@ class ControllerNode(LoopNode[ControllerNodeConfig]):
             'computed by': loop.law.computed_by if loop.law else '',
             'points of the reference': len(loop.motion),
             'saturated samples': loop.health.saturated, 'restarts': loop.health.restarts,
+            'states answered in time': '{1} of {0}'.format(*loop.answered),
             'timeouts, state': loop.watchdog.outages,
             'timeouts, reference': loop.reference_outages,
             'time': 'simulated' if loop.simulated else 'real'})

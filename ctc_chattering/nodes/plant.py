@@ -16,6 +16,7 @@
 
 from __future__ import annotations
 
+from math import inf
 import time
 
 from ctc_chattering.configuration.loop_setup import Values
@@ -23,12 +24,13 @@ from ctc_chattering.configuration.node_parameters import PlantNodeConfig
 from ctc_chattering.controller.health import FaultRates
 from ctc_chattering.controller.timing import LockstepExchange, Watchdog
 from ctc_chattering.errors import CtcError, UsageError
+from ctc_chattering.numerics.angles import within_turn
 from ctc_chattering.numerics.linear_algebra import Vector
 from ctc_chattering.numerics.time_grid import NANOSECONDS, period_ns, samples, seconds
 from ctc_chattering.ros.messages import effort_reader, LoopMessage, stamp, state_writer
 from ctc_chattering.ros.node import ERROR, LoopNode, OK, qos, Status, WARN
 from ctc_chattering.ros.subscription import ValidatedSubscription
-from ctc_chattering.ros.topics import CLOCK, COMMANDS, JOINT_STATES, select
+from ctc_chattering.ros.topics import CLOCK, COMMANDS, JOINT_STATES, select, TOPICS
 from ctc_chattering.simulation.plant import limits_of, make_plant, Plant
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
@@ -76,7 +78,8 @@ class PlantNode(LoopNode[PlantNodeConfig]):
         self._writer = state_writer(self._names, position=n, velocity=n, effort=n)
         lockstep = self.lockstep = config.pacing == 'lockstep'
         # The clock first: who hears of it knows that a state can wait.
-        self._ticker = self.create_publisher(Clock, CLOCK, qos()) if lockstep else None
+        self._ticker = self.create_publisher(
+            Clock, CLOCK, qos(TOPICS[CLOCK].depth)) if lockstep else None
         self._states = self.create_publisher(JointState, JOINT_STATES, qos())
         self.find_description()
 
@@ -84,6 +87,7 @@ class PlantNode(LoopNode[PlantNodeConfig]):
         """Make the robot, and begin to listen."""
         self._robot = make_plant(self.config, description)
         self._limits = limits_of(self.config, description)
+        self._continuous = self.config.which_are_continuous(self._robot.model.continuous)
         self.inputs = [ValidatedSubscription(
             self, Float64MultiArray, COMMANDS,
             self._on_command if self.in_real_time else self._on_answer, qos(), effort_reader(),
@@ -267,8 +271,11 @@ class PlantNode(LoopNode[PlantNodeConfig]):
 
     def _publish_state(self) -> None:
         robot = self._robot
-        self._states.publish(self._writer.write(
-            *robot.measured, robot.applied, t=self._start + robot.stamp))
+        q, dq = robot.measured
+        if self.config.least_angle < inf:
+            q = [within_turn(x, self.config.least_angle) if turns else x
+                 for x, turns in zip(q, self._continuous)]
+        self._states.publish(self._writer.write(q, dq, robot.applied, t=self._start + robot.stamp))
 
     def _torques(self, efforts: LoopMessage) -> Vector:
         """Return the torques of a message in our order."""

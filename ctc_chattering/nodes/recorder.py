@@ -36,8 +36,8 @@ from ctc_chattering.ros.topics import CLOCK, JOINT_STATES, Topic, TOPICS
 
 #: Messages that DDS keeps for us while we sleep, or the disk does.
 _DEPTH = 100_000
-#: Between two flushes to the disk [s].
-_FLUSH = 0.3
+#: Time between two flushes to the disk [s].
+FLUSH_PERIOD = 0.3
 #: How long a message may still be on its way at the end [s].
 _SLICE = 0.02
 #: So many messages wait until a state or a clock tells what the time is.
@@ -126,7 +126,7 @@ class RecorderNode(BaseNode):
                 self, kind, topic.name, lambda stamp, _now: self._time.note(name, stamp),
                 profile, read_stamp)
         return _Recorded(
-            name, topic.kind, offered_qos(100 if topic.latched else 1000, topic.latched),
+            name, topic.kind, offered_qos(topic.depth, topic.latched),
             timing.subscription if timing else MatchingSubscription(
                 self, kind, topic.name, lambda _: None, profile), timing, SequenceTracker())
 
@@ -223,7 +223,7 @@ class RecorderNode(BaseNode):
     def idle(self) -> None:
         """Put what was received onto the disk every so often."""
         now = time.monotonic()
-        if now - self._flushed > _FLUSH:
+        if now - self._flushed > FLUSH_PERIOD:
             self._attempt(self._recording.flush)
             self._flushed = time.monotonic()
 

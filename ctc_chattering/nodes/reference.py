@@ -24,15 +24,15 @@ from typing import Any
 from ctc_chattering.configuration.loop_setup import Values
 from ctc_chattering.configuration.node_parameters import ReferenceNodeConfig
 from ctc_chattering.configuration.yaml_file import read_trajectory
-from ctc_chattering.errors import CtcError, RejectedMessage
-from ctc_chattering.numerics.time_grid import NANOSECONDS, nanoseconds, period_ns
+from ctc_chattering.errors import CtcError, ParameterError, RejectedMessage
+from ctc_chattering.numerics.time_grid import NANOSECONDS, nanoseconds, period_ns, seconds
 from ctc_chattering.ros.messages import LATEST, read_stamp, trajectory
 from ctc_chattering.ros.node import ERROR, LoopNode, OK, qos, Status, WARN
 from ctc_chattering.ros.subscription import ValidatedSubscription
-from ctc_chattering.ros.topics import CLOCK, JOINT_STATES, JOINT_TRAJECTORY, REFERENCE
+from ctc_chattering.ros.topics import CLOCK, JOINT_STATES, JOINT_TRAJECTORY, REFERENCE, TOPICS
 from ctc_chattering.trajectory.joint_limits import DescribedLimits
 from ctc_chattering.trajectory.motions import Route
-from ctc_chattering.trajectory.reference import MotionPlan, ReferenceConfig
+from ctc_chattering.trajectory.reference import Followed, MotionPlan, ReferenceConfig
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import JointTrajectory
@@ -65,11 +65,14 @@ class ReferenceNode(LoopNode[ReferenceNodeConfig]):
         self._plan = MotionPlan(config, route)
         #: Why the motion does not begin, and when to try again [ns].
         self._refusal, self._retry = '', 0
+        #: Why the last waypoints were refused; empty once some are accepted.
+        self._refused_waypoints = ''
         self._period = period_ns(config.control_period)
         horizon = round(self.config.horizon * NANOSECONDS)
         self._ahead = max(4, horizon // self._period)
         self._piece = self._ahead // 4
-        self._publisher = self.create_publisher(JointTrajectory, REFERENCE, qos())
+        self._publisher = self.create_publisher(
+            JointTrajectory, REFERENCE, qos(TOPICS[REFERENCE].depth))
         self._simulated = False
         self._start: int | None = None
         self._now: int | None = None
@@ -134,7 +137,11 @@ class ReferenceNode(LoopNode[ReferenceNodeConfig]):
             return Status(ERROR, problem, {})
         if self._now is None or self._plan.motion is None:
             return Status(WARN, f'waiting for {JOINT_STATES} or {CLOCK}', {})
-        return Status(OK, 'running', {'time': 'simulated' if self._simulated else 'real'})
+        values = {'time': 'simulated' if self._simulated else 'real'}
+        if self._refused_waypoints:
+            return Status(WARN, f'running as before, because {JOINT_TRAJECTORY} was refused: '
+                          f'{self._refused_waypoints}', values)
+        return Status(OK, 'running', values)
 
     def _on_clock(self, now: int, _arrival: int) -> None:
         if self._start is not None and not self._simulated:
@@ -185,20 +192,32 @@ class ReferenceNode(LoopNode[ReferenceNodeConfig]):
             self.get_logger().error(self._refusal)
 
     def _on_route(self, chunk: JointTrajectory, _arrival: int) -> None:
-        """Go through waypoints, after what has been published already."""
-        if self._now is None or self._plan.motion is None:
-            raise RejectedMessage('early', 'the motion has not begun')
-        begin = self._after_published(self._now)
-        start = nanoseconds(chunk.header.stamp)
-        start += self._lead - (self._start or 0) if start else begin
+        """Go through waypoints, or stop, after what has been published already."""
         try:
-            self._plan.follow(Route(
-                tuple(chunk.joint_names),
-                [start + nanoseconds(x.time_from_start) for x in chunk.points],
-                [(x.positions, x.velocities, x.accelerations) for x in chunk.points]), begin)
+            if self._now is None or self._plan.motion is None:
+                raise RejectedMessage('early', 'the motion has not begun')
+            self._follow(chunk, self._now)
         except CtcError as error:
-            raise RejectedMessage('waypoints', str(error)) from None
+            self._refused_waypoints = str(error)
+            raise RejectedMessage(getattr(error, 'kind', 'waypoints'), str(error)) from None
+        self._refused_waypoints = ''
+
+    def _follow(self, chunk: JointTrajectory, now: int) -> None:
+        """Have the motion follow a message that comes at `now` [ns]; say what becomes of it."""
+        begin = self._after_published(now)
+        stamp, epoch = nanoseconds(chunk.header.stamp), (self._start or 0) - self._lead
+        start = stamp - epoch if stamp else begin
+        times = [nanoseconds(x.time_from_start) for x in chunk.points]
+        for i, t in enumerate(times):
+            if t < 0:
+                raise ParameterError(f'points[{i}].time_from_start', seconds(t), '0 s or more')
+        points = [(x.positions, x.velocities, x.accelerations) for x in chunk.points]
+        followed = self._plan.follow(
+            Route(tuple(chunk.joint_names), [start + t for t in times], points), now, begin, epoch)
         self._next = begin // self._period
+        self.get_logger().info(
+            f'{JOINT_TRAJECTORY}: accepted: {_described(followed)}; at rest in '
+            f'{max(seconds(followed.end - now), 0.0):.3g} s')
 
     def _after_published(self, now: int) -> int:
         """Return an instant that the controller surely hears of in time [ns]."""
@@ -223,3 +242,11 @@ class ReferenceNode(LoopNode[ReferenceNodeConfig]):
                 self._period, [self._plan.motion.at((self._next + k) * self._period)
                                for k in range(self._piece)]))
             self._next += self._piece
+
+
+def _described(followed: Followed) -> str:
+    """Return what becomes of waypoints."""
+    if not followed.waypoints:
+        return 'no waypoint, so that the motion stops'
+    text = f'{followed.waypoints} waypoints, {followed.past} of them past'
+    return f'{text}, the short way: {", ".join(followed.turned)}' if followed.turned else text

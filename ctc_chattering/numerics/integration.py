@@ -13,7 +13,12 @@
 # limitations under the License.
 
 
-"""Integration of ddq = f(q, dq, u): a step of Runge and Kutta, and the instants of events."""
+"""
+Integration of ddq = f(q, dq, u), and the instants of events.
+
+`runge_kutta` is for motions that a step resolves. `extrapolated_euler` is for those with a damping
+that a step does not resolve: with that damping implicit it is stable for any step.
+"""
 
 from __future__ import annotations
 
@@ -23,7 +28,7 @@ from typing import Any
 from ctc_chattering.compiled.compilable import function
 from ctc_chattering.numerics.linear_algebra import Array
 
-Load = tuple[Array, Array, Array]
+Load = tuple[Array, Array]
 
 
 @function
@@ -34,7 +39,7 @@ def simpson(x: Array, sixth: float, k1: Array, k2: Array, k3: Array, k4: Array) 
 
 @function
 def runge_kutta(f: Callable[[Any, Array, Array, Array], Array], system: Any, q: Array, dq: Array,
-                load: Load, h: float) -> tuple[Array, Array]:
+                ddq: Array, load: Load, h: float) -> tuple[Array, Array]:
     """
     Return q and dq after `h`, by the classical method of Runge and Kutta of fourth order.
 
@@ -46,21 +51,58 @@ def runge_kutta(f: Callable[[Any, Array, Array, Array], Array], system: Any, q: 
         Handed on to `f`.
     q, dq : array, shape (n,)
         Position [rad] and velocity [rad/s].
-    load : (u(t), u(t + h/2), u(t + h))
+    ddq : array, shape (n,)
+        f(system, q, dq, load) at the start [rad/s²].
+    load : (u(t + h/2), u(t + h))
         Torques, each of shape (n,) [N·m].
     h : float
         Step [s].
 
     """
     half = 0.5 * h
-    a = f(system, q, dq, load[0])
-    v2 = dq + half * a
-    b = f(system, q + half * dq, v2, load[1])
+    v2 = dq + half * ddq
+    b = f(system, q + half * dq, v2, load[0])
     v3 = dq + half * b
-    c = f(system, q + half * v2, v3, load[1])
+    c = f(system, q + half * v2, v3, load[0])
     v4 = dq + h * c
-    d = f(system, q + h * v3, v4, load[2])
-    return simpson(q, h / 6.0, dq, v2, v3, v4), simpson(dq, h / 6.0, a, b, c, d)
+    d = f(system, q + h * v3, v4, load[1])
+    return simpson(q, h / 6.0, dq, v2, v3, v4), simpson(dq, h / 6.0, ddq, b, c, d)
+
+
+#: Weights of the results of 1, 2, 3 and 4 steps that cancel the errors in h, h² and h³.
+_WEIGHTS = (-1.0 / 6.0, 4.0, -13.5, 32.0 / 3.0)
+
+
+@function
+def extrapolated_euler(f: Callable[[Any, Array, Array, Array, float], Array], system: Any,
+                       q: Array, dq: Array, load: Array, h: float) -> tuple[Array, Array]:
+    """
+    Return q and dq after `h`, to fourth order, by Euler steps that are extrapolated.
+
+    Parameters
+    ----------
+    f : callable
+        (dq(t + s) - dq(t)) / s = f(system, q, dq, u, s) of an Euler step s, implicit in the
+        damping. A damping D of an inertia M multiplies dq by 1 / (1 + s D / M).
+    system : Any
+        Handed on to `f`.
+    q, dq : array, shape (n,)
+        Position [rad] and velocity [rad/s].
+    load : array, shape (n,)
+        Mean torque over the step [N·m].
+    h : float
+        Step [s].
+
+    """
+    end_q, end_dq = q, 0.0 * dq
+    for i in range(4):
+        s, way, v = h / (i + 1), 0.0 * q, dq
+        for _ in range(i + 1):
+            v = v + s * f(system, q + way, v, load, s)
+            way = way + s * v
+        end_q = end_q + _WEIGHTS[i] * way
+        end_dq = end_dq + _WEIGHTS[i] * v
+    return end_q, end_dq
 
 
 #: Enough for 40 bisections, one step in eight.

@@ -62,9 +62,11 @@ __all__ = ['ENDED', 'ERROR', 'NAP', 'OK', 'TICK', 'WARN', 'BaseNode', 'Executor'
 
 #: Levels of a `Status`, as `DiagnosticStatus` has them.
 OK, WARN, ERROR = range(3)
-#: Longest time between two looks at signals and at `BaseNode.idle` [s]. It must be finite: see
-#: docs/design.md.
+#: Longest time between two looks at signals and at `BaseNode.idle` [s].
 TICK = 0.05
+#: Duration of a spin in lockstep [s]: finite, as an infinite one hangs, and long, as each loses
+#: some memory; see docs/design.md.
+_LOCKSTEP_SPIN = 3600.0
 #: Sleep between two batches [s].
 NAP = 0.02
 #: Key of the value of a node's last report that says why it ends.
@@ -114,6 +116,8 @@ class BaseNode(Node):
         Set it to have the process end with status 1.
     stop : sequence of int
         The signals that have asked for the end.
+    urgent : list of Service
+        Those whose requests are served before any for parameters.
     parameter_service : TolerantParameterService
         Takes requests to set parameters.
 
@@ -123,6 +127,7 @@ class BaseNode(Node):
         self.given = dict(values or {})
         super().__init__(name, start_parameter_services=False, parameter_overrides=[
             RosParameter(x, value=self.given[x]) for x in OF_ROS if x in self.given])
+        self.urgent: list[Any] = []
         self.parameter_service = TolerantParameterService(self)
         self.done = Future()
         self.failure: str | None = None
@@ -131,15 +136,33 @@ class BaseNode(Node):
         self.lockstep = False
         self.statistics = LoopStatistics()
         self.inputs: list[ValidatedSubscription[Any]] = []
-        # A spin for simulated time does not come back while there are messages: see `serve`.
-        self.create_timer(TICK, self.check_signals, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        self.create_timer(TICK, self._take_turn, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        self.done.add_done_callback(lambda _: self._leave_spin())
+        #: Ends the spin in which the node is in lockstep.
+        self._spin_end = Future()
         self._report_due = 0
-        self._diagnostics = self.create_publisher(DiagnosticArray, DIAGNOSTICS, qos(10))
+        self._diagnostics = self.create_publisher(
+            DiagnosticArray, DIAGNOSTICS, qos(TOPICS[DIAGNOSTICS].depth))
 
-    def check_signals(self) -> None:
-        """End the spin when a signal has come."""
+    def _take_turn(self) -> None:
+        """Do what lies between messages; end the spin when a signal has come."""
         if self.stop and not self.done.done():
             self.done.set_result(None)
+        elif self.lockstep:
+            self.turn()
+        else:
+            self._leave_spin()
+
+    def _leave_spin(self) -> None:
+        if not self._spin_end.done():
+            self._spin_end.set_result(None)
+
+    def turn(self) -> None:
+        """Do what lies between messages."""
+        self.idle()
+        self.report(time.monotonic_ns())
+        if gc.get_count()[0] > _GARBAGE:  # In no sample, as Python would.
+            gc.collect()
 
     def idle(self) -> None:
         """Do what need not wait for a message; called at least every `tick`."""
@@ -222,13 +245,14 @@ class BaseNode(Node):
 
     def spin(self, executor: Any) -> None:
         """
-        Serve callbacks for `tick`, or until it is done.
+        Serve callbacks for `tick`, or until it is done; in lockstep, as long as that lasts.
 
         In real time it ends with a sample, if there is one: what is done before the next spin has
         the most time then.
         """
         if self.lockstep:
-            executor.spin_until_future_complete(self.done, self.tick)
+            self._spin_end = Future()
+            executor.spin_until_future_complete(self._spin_end, _LOCKSTEP_SPIN)
         else:
             self.serve(executor, self.tick / 2)
             self.serve(executor, self.tick / 2, self.statistics.samples)
@@ -237,8 +261,8 @@ class BaseNode(Node):
         """
         Serve callbacks for `lasts` [s], until it is done, or there are more than `samples`.
 
-        A tenth faster in lockstep is EventsExecutor's spin_until_future_complete, but it does not
-        come back while there are messages, and loses some memory each time.
+        A tenth faster is EventsExecutor's spin_until_future_complete, but it does not come back
+        while there are messages, and loses some memory each time.
         """
         end = time.monotonic() + lasts
         while (left := end - time.monotonic()) > 0.0 and not self.done.done():
@@ -426,10 +450,7 @@ def spin_until_stopped(node: BaseNode) -> None:
     try:
         while not (node.stop or node.done.done()) and rclpy.ok():
             node.spin(executor)
-            node.idle()
-            node.report(time.monotonic_ns())
-            if gc.get_count()[0] > _GARBAGE:  # In no sample, as Python would.
-                gc.collect()
+            node.turn()
     finally:
         executor.remove_node(node)
         gc.unfreeze()  # For the node, whose end is that of its DDS participant.

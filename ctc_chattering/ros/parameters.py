@@ -16,8 +16,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
+from functools import partial
+import time
 from typing import Any
 
 from ctc_chattering.errors import CtcError, ParameterError
@@ -39,17 +41,94 @@ from rclpy.parameter_service import ParameterService
 CHANGES = 1000
 
 
-class TolerantParameterService(ParameterService):
-    """Takes a value of no known type for one that is not set; rclpy's raises, in our spin."""
+#: Share of the time that setting parameters may take: a slider that is moved takes less.
+_SHARE = 0.5
+#: What setting parameters may take at once [s], such as those of a file.
+_BURST = 1.0
+_TOO_MANY = ('too many requests: setting parameters took more than half of the time; ask again '
+             'later')
 
-    #: Parameters that the request at hand sets, one after the other or together.
-    names: frozenset[str] = frozenset()
+
+class TimeBudget:
+    """
+    Limits the share of the time that something takes, but for bursts.
+
+    Parameters
+    ----------
+    share : float
+        Of the time, in the long run.
+    burst : float
+        What may be taken beyond it [s].
+
+    """
+
+    def __init__(self, share: float, burst: float) -> None:
+        self._share, self._burst = share, burst
+        #: What was taken beyond the share, and until when that is known [s].
+        self._debt = self._known = 0.0
+
+    def exhausted(self, now: float) -> bool:
+        """Return whether too much was taken until `now` [s]."""
+        self._debt = max(self._debt - self._share * (now - self._known), 0.0)
+        self._known = now
+        return self._debt > self._burst
+
+    def spend(self, until: float) -> None:
+        """Note that all of the time since the last call was taken, until now [s]."""
+        self._debt += (1.0 - self._share) * (until - self._known)
+        self._known = until
+
+
+class TolerantParameterService(ParameterService):
+    """
+    Serves parameters so that no request, and no number of them, holds up what is more urgent.
+
+    A value of no known type is taken for one that is not set; rclpy's service raises, in our spin.
+    Before each request those of ``node.urgent`` are served; requests to set parameters are refused
+    where they take too much of the time.
+
+    Parameters
+    ----------
+    node : BaseNode
+        Whose parameters they are.
+
+    Attributes
+    ----------
+    names : frozenset of str
+        Parameters that the request at hand sets, one after the other or together.
+
+    """
+
+    def __init__(self, node: Any) -> None:
+        before = set(node.services)
+        super().__init__(node)
+        for service in set(node.services) - before:
+            service.callback = partial(self._serve, node, service.callback)
+        self.names: frozenset[str] = frozenset()
+        self._budget = TimeBudget(_SHARE, _BURST)
+
+    def _serve(self, node: Any, callback: Callable[[Any, Any], Any], request: Any, response: Any
+               ) -> Any:
+        """Answer a request for parameters, after what is more urgent."""
+        for service in node.urgent:
+            serve_waiting(service)
+        return callback(request, response)
 
     def _set_parameters_callback(self, request: Any, response: Any) -> Any:
-        return super()._set_parameters_callback(self._typed(request), response)
+        if self._budget.exhausted(time.monotonic()):
+            response.results = [_refused(_TOO_MANY)] * len(request.parameters)
+            return response
+        response = super()._set_parameters_callback(self._typed(request), response)
+        self._budget.spend(time.monotonic())
+        return response
 
     def _set_parameters_atomically_callback(self, request: Any, response: Any) -> Any:
-        return super()._set_parameters_atomically_callback(self._typed(request), response)
+        if self._budget.exhausted(time.monotonic()):
+            response.result = _refused(_TOO_MANY)
+            return response
+        response = super()._set_parameters_atomically_callback(self._typed(request), response)
+        self._budget.spend(time.monotonic())
+        return response
 
     def _typed(self, request: Any) -> Any:
         self.names = frozenset(parameter.name for parameter in request.parameters)
@@ -57,6 +136,21 @@ class TolerantParameterService(ParameterService):
             if parameter.value.type > ParameterType.PARAMETER_STRING_ARRAY:
                 parameter.value.type = ParameterType.PARAMETER_NOT_SET
         return request
+
+
+def serve_waiting(service: Any) -> None:
+    """Answer the requests that wait for a service, before others that came earlier."""
+    while True:
+        with service.handle:
+            request, header = service.handle.service_take_request(service.srv_type.Request)
+        if header is None:
+            return
+        service.send_response(
+            service.callback(request, service.srv_type.Response()), header)
+
+
+def _refused(reason: str) -> SetParametersResult:
+    return SetParametersResult(successful=False, reason=reason)
 
 
 class NodeParameters:
@@ -126,6 +220,11 @@ class NodeParameters:
             self._publisher.publish(ParameterEvent(
                 stamp=stamp(t), node=self._node.get_fully_qualified_name(), **{kind: changed}))
 
+    def announce_change(self, t: int) -> None:
+        """Publish what has changed since they were announced, if they were: see `announce`."""
+        if self.changed and self._announced:
+            self.announce(t)
+
     def _coerce(self, parameters: list[RosParameter]) -> list[RosParameter]:
         """Turn integers into numbers where such are due, and complete."""
         found = [self._coerced(parameter) for parameter in parameters]
@@ -161,7 +260,7 @@ class NodeParameters:
                         'false: /clock has no publisher, and time would stand still'))
             self._node.check(self._candidate(parameters))
         except CtcError as error:
-            return SetParametersResult(successful=False, reason=str(error))
+            return _refused(str(error))
         return SetParametersResult(successful=True)
 
     def _apply(self, parameters: list[RosParameter]) -> None:

@@ -25,6 +25,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from itertools import pairwise
+import os
 from pathlib import Path
 import re
 from typing import NamedTuple
@@ -95,7 +96,7 @@ def _in_file(file: Path, namespace: str, names: Mapping[str, str]) -> dict[str, 
 
     A section without a namespace is for that node in any namespace.
     """
-    if not file.exists():
+    if not os.path.exists(file):  # noqa: PTH110 - A name may be too long for a system.
         raise UsageError(f'{_FILE} {file}: there is no such file')
     found: dict[str, Values] = {}
     everything = parameter_file.full_sections(file)

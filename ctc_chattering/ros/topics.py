@@ -52,6 +52,9 @@ class Topic:
         Our own nodes that subscribe to it.
     latched : bool
         Whether a late subscriber gets the messages sent before.
+    depth : int
+        Messages that its publisher keeps for a reader that is stopped: a second of them and more,
+        for the recorder.
 
     """
 
@@ -59,14 +62,16 @@ class Topic:
     kind: str
     readers: tuple[str, ...]
     latched: bool = False
+    depth: int = 1000
 
 
 #: Every topic of the graph by name.
 TOPICS = {topic.name: topic for topic in (
     Topic(JOINT_STATES, 'sensor_msgs/msg/JointState', ('controller', 'recorder')),
     Topic(COMMANDS, 'std_msgs/msg/Float64MultiArray', ('plant', 'recorder')),
-    Topic(REFERENCE, 'trajectory_msgs/msg/JointTrajectory', ('controller', 'recorder')),
-    Topic(CLOCK, 'rosgraph_msgs/msg/Clock', ('reference', 'bringup', 'recorder')),
+    Topic(REFERENCE, 'trajectory_msgs/msg/JointTrajectory', ('controller', 'recorder'),
+          depth=100),
+    Topic(CLOCK, 'rosgraph_msgs/msg/Clock', ('reference', 'bringup', 'recorder'), depth=100),
     Topic(f'reference/{JOINT_TRAJECTORY}', 'trajectory_msgs/msg/JointTrajectory',
           ('reference', 'recorder')),
     *(Topic(f'controller/{name}', 'sensor_msgs/msg/JointState', ('recorder',))
@@ -75,7 +80,7 @@ TOPICS = {topic.name: topic for topic in (
       for node in ('plant', 'controller', 'reference')),
     *(Topic(name, 'std_msgs/msg/String', ('recorder',), True)
       for name in (ROBOT_DESCRIPTION, f'controller/{ROBOT_DESCRIPTION}')),
-    Topic(DIAGNOSTICS, 'diagnostic_msgs/msg/DiagnosticArray', ('recorder',)),
+    Topic(DIAGNOSTICS, 'diagnostic_msgs/msg/DiagnosticArray', ('recorder',), depth=10),
 )}
 
 

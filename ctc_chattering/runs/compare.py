@@ -21,13 +21,13 @@ import json
 from pathlib import Path
 from typing import Any
 
-from ctc_chattering.analysis.output import check_format, finite
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.configuration.loop_setup import Overrides, Setup
 from ctc_chattering.configuration.package_share import find_config
 from ctc_chattering.control.controller import ControllerConfig, LAWS
 from ctc_chattering.control.controller_config import SWITCHINGS
 from ctc_chattering.errors import CtcError, near, ParameterError
+from ctc_chattering.output_files import check_format, finite
 from ctc_chattering.parameters import check_some, whole
 from ctc_chattering.runs.conditions import chosen, Condition, HeldOut, read_cases, SEED
 from ctc_chattering.runs.conditions import held_out as drawn
@@ -85,6 +85,9 @@ def tasks(paths: Iterable[Path], conditions: Sequence[str], laws: Sequence[str] 
                 for factor, run in zip(condition.factors, under):
                     run = merged(run, {'controller': values})
                     setup = parameter_file.load(path, run)
+                    if setup.plant.duration == 0.0:
+                        raise ParameterError(f'{path}: duration', 0.0,
+                                             'a number > 0, for every run must end')
                     yield {
                         'file': str(path), 'experiment': setup.plant.experiment,
                         'condition': condition.name,
@@ -182,9 +185,10 @@ def compare(files: Sequence[str | Path], laws: Sequence[str] = LAWS,
     runs = Comparison(tasks(paths, conditions or ([] if given else ['']), laws, gains, (
         *given, *drawn(whole('held_out', held_out, 0), whole('seed', seed, 0)))))
     path = Path(out) if out else None
-    with computed(runs, path, jobs, None, overwrite, show, progress) as table:
-        rows = table.to_pandas()
+    with computed(runs, path, jobs, None, overwrite, show, progress) as made:
+        rows = made.table.to_pandas()
         if path:
             from ctc_chattering.runs.compare_page import write_comparison  # Takes time.
-            write_comparison(runs, rows, path, extra, command)
+            with made.folder.replacing_files() as folder:
+                write_comparison(runs, rows, folder, extra, command)
     return rows

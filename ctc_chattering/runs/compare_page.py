@@ -25,17 +25,18 @@ from pathlib import Path
 from statistics import geometric_mean, median
 from typing import Any
 
-from ctc_chattering.analysis import drawing, output, page
+from ctc_chattering.analysis import drawing, page
 from ctc_chattering.analysis.markup import Markup
 from ctc_chattering.analysis.page import FigureFile
 from ctc_chattering.analysis.tables import bold, csv_text, markdown, markdown_table, Table
 from ctc_chattering.configuration import parameter_file
+from ctc_chattering.output_files import file_stem, write_text
 from ctc_chattering.runs.conditions import CONDITIONS
 from ctc_chattering.runs.figures import law_styles, panels, trade_off
 from ctc_chattering.runs.points import Points
 from ctc_chattering.runs.recommended import BASE, BEST, RECOMMENDED, Variant
 from ctc_chattering.runs.score import PER_JOINT
-from ctc_chattering.runs.store import FIGURES, NAMES
+from ctc_chattering.runs.store import FIGURES, PAGE
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 import pandas  # type: ignore[import-untyped]
@@ -50,7 +51,7 @@ _NUMBERS = {'rms_error': 'rms', 'torque_variation_per_s': 'variation', 'max_torq
             'max_torque_rate_per_s': 'rate', 'max_torque': 'peak',
             'slips_at_rest_per_s': 'slips'}
 #: Names in the directory.
-_, ROWS, _, _, PAGE, CSV, TABLE, PARAMETERS = NAMES['compare']
+ROWS, CSV, TABLE, PARAMETERS = 'compare.parquet', 'compare.csv', 'compare.md', 'parameters'
 #: Most conditions whose tables are unfolded.
 _MANY = 16
 _LEAD = ('Every law with the same motion on the same robot: position error and torque of each '
@@ -214,7 +215,7 @@ def figures(found: Sequence[Outcome]) -> Iterator[tuple[str, Figure, str]]:
 def write_comparison(comparison: Points, rows: pandas.DataFrame, out: Path,
                      extra: str = 'svg', command: str = '') -> None:
     """
-    Write tables, figures, page, and a parameter file of every run, in place of those there.
+    Write tables, figures, page, and a parameter file of every run.
 
     Parameters
     ----------
@@ -223,7 +224,7 @@ def write_comparison(comparison: Points, rows: pandas.DataFrame, out: Path,
     rows : pandas.DataFrame
         Its rows.
     out : Path
-        Directory of `NAMES`.
+        Directory of ``index.html``, ``figures`` and the files named above.
     extra : {'svg', 'pdf', 'png'}
         A second format for each figure.
     command : str
@@ -236,8 +237,8 @@ def write_comparison(comparison: Points, rows: pandas.DataFrame, out: Path,
 
     """
     found = outcomes(rows)
-    output.write_text(out / TABLE, to_markdown(found))
-    output.write_text(out / CSV, to_csv(found))
+    write_text(out / TABLE, to_markdown(found))
+    write_text(out / CSV, to_csv(found))
     write_parameters(comparison, out / PARAMETERS)
     write_page(found, drawing.save(figures(found), out / FIGURES, ('svg', extra)), out / PAGE,
                command)
@@ -262,9 +263,7 @@ def write_page(found: Sequence[Outcome], files: Sequence[FigureFile], path: Path
 def write_parameters(comparison: Points, directory: Path) -> None:
     """Write a file for every run, as `ctc simulate` takes it."""
     used: set[str] = set()
-    with output.writing(directory):
-        directory.mkdir(parents=True, exist_ok=True)
-        for x, setup in comparison.listed:
-            stem = '_'.join(filter(None, (x['experiment'], x['condition'], x['switching'] or (
-                x['law']), x['settings'], x['part'])))
-            parameter_file.dump(setup.values, directory / f'{output.file_stem(stem, used)}.yaml')
+    for x, setup in comparison.listed:
+        stem = '_'.join(filter(None, (x['experiment'], x['condition'], x['switching'] or (
+            x['law']), x['settings'], x['part'])))
+        parameter_file.dump(setup.values, directory / f'{file_stem(stem, used)}.yaml')

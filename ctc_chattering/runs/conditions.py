@@ -33,7 +33,7 @@ from typing import Any, TYPE_CHECKING
 from ctc_chattering.configuration.node_parameters import LOOP
 from ctc_chattering.configuration.yaml_file import FileKind, mapping, read_yaml
 from ctc_chattering.dynamics.registry import model_of
-from ctc_chattering.errors import near, UsageError
+from ctc_chattering.errors import near, ParameterError, UsageError
 import numpy as np
 
 if TYPE_CHECKING:
@@ -200,17 +200,23 @@ def read_cases(path: Path) -> tuple[Case, ...]:
 
     """
     def each(name: str, tree: Any, keys: Sequence[str] | None = None) -> dict[Any, Any]:
-        return mapping(f'{path}: {name}', tree, tuple(tree or ()) if keys is None else keys)
+        if keys is None and not isinstance(tree, dict):
+            raise ParameterError(f'{path}: {name}', tree, 'a mapping')
+        return mapping(f'{path}: {name}', tree, tuple(tree) if keys is None else keys)
+
+    def by_node(name: str, tree: Any, *keys: str) -> dict[str, dict[str, Any]]:
+        values = each(name, tree, (*nodes, *keys))
+        return {node: each(f'{name}: {node}', values[node]) for node in nodes if node in values}
 
     contents = read_yaml(path, FileKind.CONDITIONS)
     tree, nodes = each('spec', contents, ('overrides', 'cases')), ('/**', *LOOP)
-    common = each('overrides', tree.get('overrides', {}), nodes)
+    common = by_node('overrides', tree.get('overrides', {}))
     found = []
     for group, cases in each('cases', tree.get('cases')).items():
         for name, case in each(group, cases).items():
-            values = each(f'{group}: {name}', case, (*nodes, 'x'))
+            values = by_node(f'{group}: {name}', case, 'x')
             found.append(Case(f'{group}: {name}', values={
-                node: {**common.get(node, {}), **values.get(node, {})} for node in nodes
+                node: common.get(node, {}) | values.get(node, {}) for node in nodes
                 if node in common or node in values}))
     return tuple(found)
 

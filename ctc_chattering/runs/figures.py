@@ -29,8 +29,6 @@ import numpy as np
 
 #: A place in a figure, torque variation [N·m/s] and error [rad], and what its mark looks like.
 Mark = tuple[float, float, dict[str, Any]]
-#: Most panels beside each other.
-_COLUMNS = 3
 #: Room around what is drawn, as a factor, and ratio of ends from which on only decades have ticks.
 _ROOM, _DECADES = 1.4, 300.0
 
@@ -45,7 +43,7 @@ def law_styles(laws: Sequence[str]) -> list[dict[str, Any]]:
 def panels(title: str, names: Sequence[str], ylabel: str, height: float, **more: Any
            ) -> tuple[Figure, list[Axes]]:
     """Return a figure and its panels, one for each name; the first of a row has a label."""
-    columns = min(len(names), _COLUMNS)
+    columns = drawing.column_count(len(names))
     figure, grid = drawing.sheet(title, -(-len(names) // columns), (1.0,) * columns, height,
                                  **more)
     return figure, [drawing.panel(figure, grid[k // columns, k % columns], name,

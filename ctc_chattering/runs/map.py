@@ -16,22 +16,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import contextmanager, ExitStack
 from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any
+from typing import Any, NamedTuple
 
 from ctc_chattering.analysis.compilation import codes, compile_setups
-from ctc_chattering.analysis.output import check_format
 from ctc_chattering.analysis.tables import counted
 from ctc_chattering.configuration.package_share import find_config
 from ctc_chattering.errors import CtcError
+from ctc_chattering.output_files import check_format, OutputFolder
 from ctc_chattering.parameters import whole
-from ctc_chattering.runs import pool, store
+from ctc_chattering.runs import cluster, pool, store
 from ctc_chattering.runs.points import Points, Runs
 from ctc_chattering.runs.spec import MapSpec, parse, read_spec
+from ctc_chattering.runs.store import Numbers
 import pyarrow
 
 #: Folder of the package's own specs, below `config`.
@@ -92,20 +93,29 @@ def compute_map(spec: Mapping[str, Any] | str | Path, out: str | Path, jobs: int
     jobs = whole('jobs', jobs, 1)
     check_format(extra)
     runs, out = Runs(map_spec(spec)), Path(out)
-    with computed(runs, out, jobs, scheduler, overwrite, show, progress) as table:
+    with computed(runs, out, jobs, scheduler, overwrite, show, progress) as made:
+        table = made.table
         failed = len(table) - table['failure'].to_pylist().count('')
         show(f'{len(table)} runs, {failed} failed: {out / store.TABLE}; drawing ...')
         from ctc_chattering.runs.map_page import write_report  # Takes time.
-        write_report(runs.spec, table, out, extra, command)
+        with made.folder.replacing_files() as folder:
+            write_report(runs.spec, table, folder, extra, command)
     return table
+
+
+class Computed(NamedTuple):
+    """All rows of a table, and the folder that has it."""
+
+    table: pyarrow.Table
+    folder: OutputFolder
 
 
 @contextmanager
 def computed(points: Points, out: Path | None, jobs: int, scheduler: str | None, overwrite: bool,
              show: Callable[[str], None], progress: Callable[[int, int], None] | None
-             ) -> Iterator[pyarrow.Table]:
+             ) -> Iterator[Computed]:
     """
-    Compute the runs that are missing in a directory, of which None keeps nothing; yield all rows.
+    Compute the runs that are missing in a directory, of which None keeps nothing.
 
     Until the end of the context no other process writes there; arguments and errors as of
     `compute_map`.
@@ -113,36 +123,44 @@ def computed(points: Points, out: Path | None, jobs: int, scheduler: str | None,
     codes(points.robot)  # What is missing shows here.
     with ExitStack() as stack:
         path = out or Path(stack.enter_context(TemporaryDirectory()))
-        stack.enter_context(store.locked(path))
-        directory = store.Directory(
-            path, store.about(points), store.schema(points), overwrite, points.kind)
-        rows, each = store.schema(points).empty_table(), None
+        directory = stack.enter_context(store.opened(
+            path, store.about(points), store.schema(points), overwrite, points.kind))
+        rows, compute = store.schema(points).empty_table(), None
         while len(some := points.next_runs(rows)):
             chunks = {directory.file(x): x for x in store.chunks(points, some)}
             found = {file: directory.rows(x, show) for file, x in chunks.items()}
             left = {file: x for file, x in chunks.items() if found[file] is None}
             done = len(some) - sum(map(len, left.values()))
             show(f'{len(some)} runs in {counted(len(chunks), "chunk")}, {done} of them computed')
-            if left and each is None:
-                if scheduler is None:
-                    compile_setups(points.examples(), show)
-                each = pool.serially
-                if jobs > 1 or scheduler is not None:
-                    client = stack.enter_context(pool.workers(jobs, scheduler))
-                    show(counted(pool.threads(client, show), 'worker'))
-                    each = partial(pool.computed, client)
+            if left and compute is None:
+                compute = _compute(stack, points, jobs, scheduler, show)
             try:
-                for file, table in zip(left, each(
-                        store.compute, left.values(), points, scheduler and store.version())
-                        if each else ()):
-                    store.write_table(table, file)
+                for file, table in zip(left, compute(left.values()) if compute else ()):
+                    directory.write(table, file)
                     found[file] = table
                     done += len(table)
                     if progress is not None:
                         progress(done, len(some))
             except (CtcError, KeyboardInterrupt) as error:
+                where = (f'in {directory.path}, run the same command to continue' if out
+                         else 'done')
                 raise (CtcError if isinstance(error, CtcError) else KeyboardInterrupt)(
-                    f'{str(error) or "stopped"}; {done} of {len(some)} runs are '
-                    + (f'in {out}, run the same command to continue' if out else 'done')) from None
+                    f'{str(error) or "stopped"}; {done} of {len(some)} runs are {where}') from None
             rows = pyarrow.concat_tables([rows, *found.values()])
-        yield directory.merge(rows)
+        yield Computed(directory.merge(rows), directory.folder)
+
+
+def _compute(stack: ExitStack, points: Points, jobs: int, scheduler: str | None,
+             show: Callable[[str], None]
+             ) -> Callable[[Collection[Numbers]], Iterator[pyarrow.Table]]:
+    """Return what computes the rows of chunks; its processes end with `stack`."""
+    if scheduler is not None:
+        client = stack.enter_context(cluster.connected(scheduler))
+        show(counted(pool.threads(client, show), 'worker'))
+        return partial(cluster.computed, client, points)
+    compile_setups(points.examples(), show)
+    if jobs == 1:
+        return lambda chunks: pool.serially(store.compute, chunks, points, '')
+    client = stack.enter_context(pool.workers(jobs))
+    show(counted(pool.threads(client, show), 'worker'))
+    return lambda chunks: pool.computed(client, store.compute, chunks, points, '')

@@ -207,8 +207,13 @@ class MapData:
         first = rows.drop_duplicates('variant')
         self.variants, self.laws = tuple(first['variant']), tuple(first['law'])
         self.base = self.laws.index(BASE) if BASE in self.laws else None
-        cells = [pandas.Categorical(rows['variant'], self.variants), *(
-            pandas.Categorical(rows[x.name], x.values) for x in self.axes)]
+
+        def labels(name: str, values: Sequence[Any]) -> Any:
+            # A column: of plain categories, as many as there are rows, pandas takes the list of
+            # them for one of labels.
+            return pandas.Series(pandas.Categorical(rows[name], values), rows.index)
+
+        cells = [labels('variant', self.variants), *(labels(x.name, x.values) for x in self.axes)]
 
         def grid(column: Any, what: str, *arguments: Any) -> Any:
             found = getattr(column.groupby(cells, observed=False), what)(*arguments)

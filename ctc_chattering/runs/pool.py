@@ -81,18 +81,18 @@ def workers(jobs: int, address: str | None = None) -> Iterator[Client]:
     from distributed import Client, LocalCluster
     from distributed.comm.addressing import parse_address, parse_host_port
     for name in ('distributed', 'distributed.client'):  # They log what is raised, too.
-        logging.getLogger(name).setLevel(logging.CRITICAL)
+        logging.getLogger(name).setLevel(logging.CRITICAL + 1)
     if address is not None:
         try:
             parse_host_port(parse_address(address)[1])
             client = Client(address, timeout=_CONNECT, set_as_default=False)
-        except (OSError, ValueError) as error:
+        except Exception as error:  # What is no scheduler may have sent anything.
             text = ' '.join(str(error).split())
             raise CtcError(f'--scheduler {address}: no scheduler answers: {text}') from None
         with client:
             yield client
         return
-    with _without_interrupts():
+    with _without_interrupts(), refused_as('the processes that compute cannot be started'):
         cluster = LocalCluster(
             n_workers=jobs, threads_per_worker=1, memory_limit=0, dashboard_address=None,
             silence_logs=logging.CRITICAL, scheduler_kwargs={'dashboard_address': '127.0.0.1:0'})

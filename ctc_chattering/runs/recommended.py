@@ -142,8 +142,8 @@ def desired_points(setup: Setup, duration: float, count: int
                    ) -> Iterator[tuple[list[float], list[float], list[float]]]:
     """Yield q_d, dq_d and ddq_d of the controller's joints at instants of a duration [s]."""
     plant, reference = setup.plant, setup.reference
-    motion = make_motion(reference, setup.route, dict(zip(
-        plant.joint_names, zip(plant.initial_position, plant.initial_velocity))))
+    start = dict(zip(plant.joint_names, zip(plant.initial_position, plant.initial_velocity)))
+    motion = make_motion(reference, setup.route, start, continuous=setup.continuous)
     order = [reference.joint_names.index(name) for name in setup.controller.joint_names]
     for t in np.linspace(0.0, 1e9 * duration, count).astype(int).tolist():
         q, dq, ddq = ([row[i] for i in order] for row in motion.at(t))

@@ -20,16 +20,20 @@ from collections.abc import Callable
 import os
 from pathlib import Path
 
-from ctc_chattering.analysis.output import prepare
 from ctc_chattering.analysis.result import Result
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.configuration.package_share import EXPERIMENTS, find_config
+from ctc_chattering.output_files import new_folder
 
 #: Name in the directory of `reproduce`.
 BAGS = 'bags'
+#: The command that writes it.
+REPRODUCE = 'ctc reproduce'
+#: Takes the name of an experiment, its time and its duration [s].
+Progress = Callable[[str, float, float], None]
 
 
-def reproduce(out: str | Path, progress: Callable[[str, float, float], None] | None = None
+def reproduce(out: str | Path, progress: Progress | None = None, overwrite: bool = False
               ) -> list[Result]:
     """
     Run the paper's experiments on the nodes, over ROS, and record them.
@@ -42,6 +46,8 @@ def reproduce(out: str | Path, progress: Callable[[str, float, float], None] | N
         Directory for ``bags``, one of each experiment.
     progress : callable, optional
         Called now and then with the name of an experiment, its time and its duration [s].
+    overwrite : bool
+        Replace what an earlier call has written there.
 
     Returns
     -------
@@ -51,15 +57,20 @@ def reproduce(out: str | Path, progress: Callable[[str, float, float], None] | N
     Raises
     ------
     CtcError
-        If a bag exists already, a node dies, or SIGINT or SIGTERM stops the run.
+        If there are files already, a node dies, or SIGINT or SIGTERM stops the run.
     ModuleNotFoundError
         Without ROS.
 
     """
+    with new_folder(Path(out), REPRODUCE, overwrite) as folder:
+        return record(folder / BAGS, progress)
+
+
+def record(directory: Path, progress: Progress | None = None) -> list[Result]:
+    """Run the experiments; record a bag of each in a directory, as `reproduce` does."""
     from ctc_chattering.bags.reader import read_bag
     from ctc_chattering.launch.graph import run_graph
 
-    directory = prepare(Path(out), (BAGS,)) / BAGS
     bags = [directory / name for name in EXPERIMENTS]
     # Another graph on this host may run meanwhile.
     ours = '--ros-args', '-r', f'__ns:=/reproduction_{os.getpid()}'

@@ -24,6 +24,7 @@ from math import inf, prod
 from pathlib import Path
 from typing import Any
 
+from ctc_chattering.analysis.metrics import WARN_ERROR_SHARE
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.configuration.loop_setup import Setup
 from ctc_chattering.configuration.node_parameters import LOOP
@@ -310,11 +311,17 @@ class Failure(Config):
     """What counts as a failure besides a run that diverges or is refused."""
 
     error_above: float = parameter(inf, 'RMS error of any joint in the window.', 'rad')
+    error_share_above: float = parameter(
+        inf, 'RMS error of any joint in the window, as a part of the amplitude of its motion.')
     saturated_above: float = parameter(
         1.0, 'Part of the samples in the window with a torque at its limit.', maximum=1.0)
     slips_above: float = parameter(inf, 'Stick-slips of any joint in a second of rest.', '1/s')
     not_reached: bool = parameter(
         False, 'Whether v that never stays within its band is a failure.')
+
+
+#: Where a spec names no failure: an error of which `simulate` warns.
+USUAL_FAILURE = Failure(error_share_above=WARN_ERROR_SHARE)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -445,8 +452,8 @@ def parse(tree: object, path: Path) -> MapSpec:
     uncertain = _quantities(values, 'uncertain', read_uncertain, (
         *taken, *(axis.name for axis in axes)))
     with prefixed('failure.'):
-        failure = Failure.from_mapping(mapping(
-            'failure', values.get('failure', {}), tuple(Failure.parameters())))
+        failure = USUAL_FAILURE if 'failure' not in values else Failure.from_mapping(mapping(
+            'failure', values['failure'], tuple(Failure.parameters())))
     spec = MapSpec(
         path.stem, setup, _window(values, setup.plant.duration), _variants(values, setup),
         axes, uncertain,
@@ -454,9 +461,10 @@ def parse(tree: object, path: Path) -> MapSpec:
         failure, coarse_steps(values, axes), values)
     parts, n = len(spec.uncertain) + 2, spec.repeats.repeats
     if spec.repeats.sampling == 'saltelli' and (
-            spec.axes or not spec.uncertain or n % parts or (n // parts).bit_count() != 1):
+            spec.axes or len(spec.uncertain) < 2 or n % parts or (n // parts).bit_count() != 1):
         raise ParameterError('sampling', 'saltelli', (
-            f'without axes, for what is uncertain, with repeats of {parts} times a power of two'))
+            'without axes, for what is uncertain, two quantities or more, with repeats of '
+            f'{parts} times a power of two'))
     if spec.runs > MOST:
         raise CtcError(f'{spec.runs} runs: {prod(spec.shape)} points, {len(spec.variants)} laws, '
                        f'{spec.repeats.repeats} repeats; allowed: {MOST}')
@@ -517,7 +525,7 @@ def read_law(key: str, item: object, setup: Setup) -> LawSettings:
     values: dict[str, Any] = {'law': setup.controller.law}
     if isinstance(item, str) and 0 < len(item.split()) <= 2:
         values.update(zip(('law', 'switching'), item.split()))
-    elif isinstance(item, dict):
+    elif isinstance(item, dict) and all(isinstance(name, str) for name in item):
         values.update(item)
     else:
         raise ParameterError(key, item, 'a law, a law and a switching, or a mapping of '

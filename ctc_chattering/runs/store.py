@@ -15,27 +15,35 @@
 """
 The directory of a table: a parquet file per chunk of runs, one of all rows, and what they are of.
 
-Every file is written under another name and renamed, so that a process that is killed leaves whole
-files only. The name of a chunk's file is a key of all that its rows depend on, the text of the
-package among it; a file that is damaged is noticed by parquet's checksums and computed again.
+A process that is killed leaves whole files only. The name of a chunk's file is a key of all that
+its rows depend on, the text of the package among it; a file that is damaged is noticed by
+parquet's checksums and computed again.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-import fcntl
 from functools import cache, lru_cache
 import hashlib
 import json
 import os
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import ctc_chattering
 from ctc_chattering.analysis.compilation import compile_setups
-from ctc_chattering.analysis.output import finite, prepare, write_text, writing
 from ctc_chattering.errors import CtcError, refused_as
+from ctc_chattering.input_files import read_bytes, read_text
+from ctc_chattering.output_files import (
+    beside,
+    check_owner,
+    finite,
+    held,
+    OutputFolder,
+    read_contents,
+    writing,
+)
 from ctc_chattering.runs.points import Points
 import numpy as np
 import numpy.typing as npt
@@ -43,12 +51,8 @@ import pyarrow
 from pyarrow import parquet
 
 #: Names in the directory.
-LOCK, SHARDS, TABLE, JSON, FIGURES, PAGE = (
-    '.lock', 'shards', 'map.parquet', 'map.json', 'figures', 'index.html')
-#: All of them, by what `Points` are; those that are there are not replaced.
-NAMES = {'map': (SHARDS, TABLE, JSON, FIGURES, PAGE), 'compare': (
-    SHARDS, 'compare.parquet', 'compare.json', FIGURES, PAGE, 'compare.csv', 'compare.md',
-    'parameters')}
+SHARDS, TABLE, JSON, FIGURES, PAGE = (
+    'shards', 'map.parquet', 'map.json', 'figures', 'index.html')
 #: Control steps of a chunk, with the step of the file, times the square of the number of joints:
 #: a second of work, half a minute where it is plain Python.
 _STEPS = 4e6
@@ -95,7 +99,7 @@ def chunks(points: Points, numbers: Numbers) -> list[npt.NDArray[np.int64]]:
     """
     n, plant = len(points.robot.controller.joint_names), points.robot.plant
     steps = plant.duration / min(plant.control_period, plant.integration_step)
-    size = max(1, min(int(_STEPS / (n ** 2 * steps)), -(-len(numbers) // _FEWEST)))
+    size = max(1, int(min(_STEPS / (n ** 2 * steps), -(-len(numbers) // _FEWEST))))
     return np.split(np.asarray(numbers), range(size, len(numbers), size))
 
 
@@ -139,101 +143,116 @@ class Directory:
 
     Parameters
     ----------
-    path : Path
-        Created if it does not exist.
+    folder : OutputFolder
+        Which only this process writes.
     about : mapping
         As `about` returns it.
     columns : pyarrow.Schema
         Of all rows.
-    overwrite : bool
-        Remove what is there, of this table or of another, first.
     kind : str
-        The subcommand of `ctc` that makes it.
-
-    Raises
-    ------
-    CtcError
-        If another table is there, or the directory cannot be written.
+        What `Points` are: ``map`` or ``compare``.
 
     """
 
-    def __init__(self, path: Path, about: Mapping[str, Any], columns: pyarrow.Schema,
-                 overwrite: bool = False, kind: str = 'map') -> None:
-        self.path, self.key, self._columns, self._kind = path, about['key'], columns, kind
-        file = path / f'{kind}.json'
-        if overwrite or not file.exists():
-            prepare(path, NAMES[kind], overwrite)
-            with _replacing(file) as temporary:
-                write_text(temporary, json.dumps(about, indent=2, ensure_ascii=False) + '\n')
-            return
-        with refused_as(f'{file}: cannot be read'):
-            there = json.loads(file.read_text(encoding='utf-8'))['key']
-        if there != about['key']:
-            raise CtcError(f'{path}: the output of ctc {kind} of another spec or version is '
-                           'there; choose another --out, or --overwrite')
+    def __init__(self, folder: OutputFolder, about: Mapping[str, Any], columns: pyarrow.Schema,
+                 kind: str) -> None:
+        self.folder, self.path, self.key = folder, folder.path, about['key']
+        self._columns, self._kind = columns, kind
+        if not _key_there(folder.path, kind):
+            text = json.dumps(about, indent=2, ensure_ascii=False) + '\n'
+            with folder.replacing(f'{kind}.json') as stream:
+                stream.write(text.encode())
 
-    def file(self, chunk: Numbers) -> Path:
+    def file(self, chunk: Numbers) -> str:
         """Return the file of a chunk, whose name changes with all that the rows depend on."""
-        return self.path / SHARDS / f'{_key([self.key, *map(int, chunk)])}.parquet'
+        return f'{SHARDS}/{_key([self.key, *map(int, chunk)])}.parquet'
 
     def rows(self, chunk: Numbers, show: Callable[[str], None]) -> pyarrow.Table | None:
-        """Return the rows of a chunk; None if it is not there, or damaged: `show` takes a line."""
-        path = self.file(chunk)
-        if not path.exists():
+        """Return the rows of a chunk; None if there are none. `show` takes a line on damage."""
+        path = self.path / self.file(chunk)
+        if not os.path.lexists(path):
             return None
         try:
-            table = parquet.ParquetFile(path, page_checksum_verification=True).read()
+            content = pyarrow.BufferReader(read_bytes(path))
+            table = parquet.ParquetFile(content, page_checksum_verification=True).read()
             if table.schema.equals(self._columns) and np.array_equal(table['run'], chunk):
                 return table
             reason = 'it has other rows or columns'
-        except (ValueError, pyarrow.ArrowException, OSError) as error:
+        except (CtcError, ValueError, pyarrow.ArrowException, OSError) as error:
             reason = ' '.join(str(error).split())
         show(f'{path}: damaged, {reason}; it is computed again')
+        with writing(path):
+            path.unlink()
         return None
+
+    def write(self, table: pyarrow.Table, name: str) -> None:
+        """Write a table as a file of this directory."""
+        with self.folder.replacing(name) as stream:
+            write_table(table, stream)
 
     def merge(self, table: pyarrow.Table) -> pyarrow.Table:
         """Write and return all rows in the order of the runs."""
         table = table.sort_by('run').combine_chunks()
-        write_table(table, self.path / f'{self._kind}.parquet')
+        self.write(table, f'{self._kind}.parquet')
         return table
 
 
-def write_table(table: pyarrow.Table, path: Path) -> None:
-    """Write a file whose pages have checksums."""
-    with _replacing(path) as temporary:
-        parquet.write_table(table, temporary, compression='zstd', write_page_checksum=True)
+def write_table(table: pyarrow.Table, stream: BinaryIO) -> None:
+    """Write a table whose pages have checksums."""
+    parquet.write_table(table, stream, compression='zstd', write_page_checksum=True)
+
+
+def _key_there(path: Path, kind: str) -> str:
+    """Return the key of the table in a directory; empty without one."""
+    file = path / f'{kind}.json'
+    if not os.path.lexists(file):
+        return ''
+    with refused_as(f'{file}: cannot be read'):
+        return str(json.loads(read_text(file))['key'])
 
 
 @contextmanager
-def _replacing(path: Path) -> Iterator[Path]:
-    """Yield another name for a file, that is given its own once it is on the disk."""
-    temporary = path.with_name(f'.{path.name}.part')
-    with writing(path):
-        path.parent.mkdir(exist_ok=True)
-        yield temporary
-        with temporary.open('rb') as stream:
-            os.fsync(stream.fileno())
-        temporary.replace(path)
-
-
-@contextmanager
-def locked(directory: Path) -> Iterator[None]:
+def opened(path: Path, about: Mapping[str, Any], columns: pyarrow.Schema, overwrite: bool = False,
+           kind: str = 'map') -> Iterator[Directory]:
     """
-    Hold a directory, made if it does not exist, for this process alone, however that ends.
+    Hold the directory of a table for this process alone, however that ends.
+
+    The same table is continued where it is. Instead of another one, it is made beside it, and
+    takes its place when the context ends without an error; after an error it can be continued.
+
+    Parameters
+    ----------
+    path : Path
+        Made if it does not exist.
+    about, columns, kind
+        As `Directory` takes them.
+    overwrite : bool
+        Replace a table that is there, the same or another one.
 
     Raises
     ------
     CtcError
-        If another process holds it, or the directory cannot be written.
+        If another table is there, or anything that ``ctc`` has not written; if another process
+        holds the directory, or it cannot be written.
 
     """
-    with writing(directory):
-        directory.mkdir(parents=True, exist_ok=True)
-        stream = (directory / LOCK).open('w')
-    with stream:
-        try:
-            fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError:
-            raise CtcError(f'{directory}: another process is writing there; wait until it ends, '
-                           'or choose another --out') from None
-        yield
+    command = f'ctc {kind}'
+    check_owner(path, command)
+    place = path.resolve()
+    with held(place, command) as folder:
+        contents = read_contents(place)
+        for name in contents.changed:
+            if not name.startswith(f'{SHARDS}/'):  # These are computed again.
+                raise CtcError(f'{path / name}: was changed since {command} wrote it; move it '
+                               'away, or choose another --out')
+        if not overwrite and _key_there(place, kind) not in ('', about['key']):
+            raise CtcError(f'{path}: the output of {command} of another spec or version is '
+                           'there; choose another --out, or --overwrite')
+        if not overwrite or not contents.own:
+            yield Directory(folder, about, columns, kind)
+            return
+        with beside(place, command) as new:
+            if _key_there(new.path, kind) != about['key']:
+                new.begin()
+            yield Directory(new, about, columns, kind)
+            new.take_place(place)

@@ -23,10 +23,10 @@ from typing import Any
 
 from ctc_chattering.analysis import drawing, page
 from ctc_chattering.analysis.drawing import legend_of
-from ctc_chattering.analysis.output import check_format, prepare, write_json, writing
 from ctc_chattering.analysis.page import FigureFile
 from ctc_chattering.analysis.tables import columns, number_text, rounded, Table
 from ctc_chattering.configuration import parameter_file
+from ctc_chattering.output_files import check_format, new_folder, replacing, write_json
 from ctc_chattering.runs.figures import Mark, panels, trade_off
 from ctc_chattering.runs.spec import rows_of
 from ctc_chattering.runs.store import write_table
@@ -37,8 +37,10 @@ from matplotlib.figure import Figure
 #: Most joints whose numbers are all shown.
 _MANY = 3
 #: Names in the directory.
-TUNED, NUMBERS, TABLE, POINTS, FIGURES, PAGE = NAMES = (
+TUNED, NUMBERS, TABLE, POINTS, FIGURES, PAGE = (
     'tuned.yaml', 'tune.json', 'tune.parquet', 'front', 'figures', 'index.html')
+#: The command that writes it.
+TUNE = 'ctc tune'
 _LEAD = ('Gains with little error and little torque variation for a robot that is known in part: '
          'the best compromises of a search, and what they do on draws that it has not seen.')
 _CAPTION = (
@@ -146,7 +148,8 @@ def front_figure(tuning: Tuning) -> Figure:
     return figure
 
 
-def write_tuning(tuning: Tuning, out: str | Path, extra: str = 'svg', command: str = '') -> None:
+def write_tuning(tuning: Tuning, out: str | Path, extra: str = 'svg', command: str = '',
+                 overwrite: bool = False) -> None:
     """
     Write parameter files, numbers, figures and page of a search for gains.
 
@@ -161,23 +164,27 @@ def write_tuning(tuning: Tuning, out: str | Path, extra: str = 'svg', command: s
         A second format for each figure.
     command : str
         What was run, for the page.
+    overwrite : bool
+        Replace what an earlier call has written there.
 
     Raises
     ------
     CtcError
-        If a file exists already, or cannot be written.
+        If there are files already, or one cannot be written.
 
     """
     check_format(extra)
-    out = prepare(Path(out), NAMES)
-    for point in tuning.points:
-        write_parameters(tuning.spec, point, out / POINTS / f'{point.name}.yaml')
-    if tuning.best:
-        write_parameters(tuning.spec, tuning.best, out / TUNED)
-    write_json(as_mapping(tuning), out / NUMBERS)
-    write_table(tuning.table, out / TABLE)
-    made = [('front', front_figure(tuning), _CAPTION)]
-    write_page(tuning, drawing.save(made, out / FIGURES, ('svg', extra)), out / PAGE, command)
+    with new_folder(Path(out), TUNE, overwrite) as folder:
+        for point in tuning.points:
+            write_parameters(tuning.spec, point, folder / POINTS / f'{point.name}.yaml')
+        if tuning.best:
+            write_parameters(tuning.spec, tuning.best, folder / TUNED)
+        write_json(as_mapping(tuning), folder / NUMBERS)
+        with replacing(folder / TABLE) as stream:
+            write_table(tuning.table, stream)
+        figures = drawing.save(
+            [('front', front_figure(tuning), _CAPTION)], folder / FIGURES, ('svg', extra))
+        write_page(tuning, figures, folder / PAGE, command)
 
 
 def write_page(tuning: Tuning, files: Sequence[FigureFile], path: Path, command: str = ''
@@ -208,9 +215,7 @@ def write_parameters(spec: TuneSpec, point: Candidate, path: Path) -> None:
     """
     controller = spec.setup.controller.changed(point.values).as_mapping()
     values = {**spec.values, 'controller': {**spec.values['controller'], **controller}}
-    with writing(path):
-        path.parent.mkdir(parents=True, exist_ok=True)
-        parameter_file.dump(values, path)
+    parameter_file.dump(values, path)
 
 
 def as_mapping(tuning: Tuning) -> dict[str, Any]:

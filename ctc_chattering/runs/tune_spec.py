@@ -36,10 +36,19 @@ from ctc_chattering.configuration.package_share import find_config
 from ctc_chattering.configuration.yaml_file import FileKind, kind_of, mapping, read_yaml
 from ctc_chattering.control.controller import ControllerConfig
 from ctc_chattering.errors import CtcError, ParameterError, prefixed
+from ctc_chattering.input_files import read_text
 from ctc_chattering.parameters import LEAST
 from ctc_chattering.runs.recommended import recommended_setup
 from ctc_chattering.runs.score import limits
-from ctc_chattering.runs.spec import errors_of, KEYS, MapSpec, parse, read_law, read_value
+from ctc_chattering.runs.spec import (
+    errors_of,
+    Failure,
+    KEYS,
+    MapSpec,
+    parse,
+    read_law,
+    read_value,
+)
 
 #: What is uncertain of model, of friction, and of lag and noise that the file has.
 _MODEL: dict[str, Any] = {'parameters': ['controller.inertia_scale', 'controller.gravity_scale'],
@@ -260,8 +269,8 @@ def parse_tune(tree: object, path: Path) -> TuneSpec:
     values = {**file.values, 'bringup': {**file.values['bringup'], 'events': ['']},
               'plant': {**file.values['plant'], 'duration': own.plant.duration}}
     found = TuneSpec(**{
-        **vars(spec), 'setup': setup, 'variants': (variant,)}, file=file, values=values,
-        limits=_limits(section, setup), ranges=_ranges(section.get('search') or {}, setup))
+        **vars(spec), 'setup': setup, 'variants': (variant,), 'failure': Failure()},
+        file=file, values=values, limits=_limits(section, setup), ranges=_ranges(section.get('search') or {}, setup))
     _check(found)
     return found
 
@@ -346,10 +355,8 @@ def identified_spec(directory: Path, tree: Mapping[str, Any]) -> TuneSpec:
     path = directory / NUMBERS
     setup = parameter_file.load(directory / VALUES)
     try:
-        found = json.loads(path.read_text(encoding='utf-8'))
+        found = json.loads(read_text(path))
         uncertain = dict((*_friction(found), *_drives(found), *_model(found, setup)))
-    except OSError as error:
-        raise CtcError(f'{path}: {error.strerror or error}') from None
     except (ValueError, KeyError, TypeError, AttributeError, IndexError):
         raise CtcError(f'{path}: not a file of ctc identify') from None
     # The rate in the file is what the recommended law makes do with, no limit of the drives.

@@ -28,6 +28,7 @@ from ctc_chattering.control.step import CompiledStep
 from ctc_chattering.controller.trips import joint_beyond
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.errors import CtcError
+from ctc_chattering.numerics.angles import TURN, turns_to
 from ctc_chattering.numerics.linear_algebra import Vector
 from ctc_chattering.numerics.time_grid import seconds
 from ctc_chattering.simulation.compiled_loop import (
@@ -159,16 +160,22 @@ def simulate(plant: PlantConfig, controller: ControllerConfig, reference: Refere
         raise CtcError('duration: a simulation must end; set the duration of the plant above 0')
     robot, law = robot or make_plant(plant), Controller(controller, model)
     start = tuple(zip(plant.joint_names, zip(*map(tuple, robot.measured))))
+    endless = dict(zip(controller.joint_names, law.continuous))
     table = reference_table(
         reference, route, start if reference.start_duration or route is not None else (),
-        controller.joint_names, robot.period_ns, robot.last + 1 + controller.input_delay)
+        controller.joint_names, robot.period_ns, robot.last + 1 + controller.input_delay,
+        tuple(endless.get(name, False) for name in reference.joint_names))
+    #: What the angles of the robot lack to those nearest to the reference [rad].
+    lacking = TURN * np.array([turns_to(q, target) if turns else 0 for q, target, turns in zip(
+        robot.measured[0], table[0, 0].tolist(), law.continuous)])
     show = progress or (lambda _: None)
     show(0.0)
     loop = None if events else compiled_loop_of(robot, law)
     compiled = loop is not None and loop.compiled
     stamps, rows = (
-        _by_machine_code(loop, table, robot, law, truth) if loop is not None and compiled
-        else _by_steps(robot, law, table, events, show, truth))
+        _by_machine_code(loop, table, robot, law, truth, lacking)
+        if loop is not None and compiled
+        else _by_steps(robot, law, table, events, show, truth, lacking))
     show(plant.duration)
     return _run_of(stamps, rows, table, robot.period_ns, truth, compiled)
 
@@ -200,11 +207,11 @@ def compiled_loop_of(robot: Plant, law: Controller) -> CompiledLoop | None:
     return loop
 
 
-def _by_machine_code(loop: CompiledLoop, table: Array, robot: Plant, law: Controller, truth: bool
-                     ) -> tuple[Any, Array]:
+def _by_machine_code(loop: CompiledLoop, table: Array, robot: Plant, law: Controller, truth: bool,
+                     lacking: Array) -> tuple[Any, Array]:
     """Return what `_by_steps` does, of machine code."""
     end, last, joint, stamps, rows = loop.run(
-        robot, table, np.array(law.config.error_limit), truth)
+        robot, table, np.array(law.config.error_limit), truth, lacking)
     t = seconds(last * robot.period_ns)
     if end == DIVERGED:
         raise diverged(t, loop.plant_step.state.driven.commanded)
@@ -216,7 +223,7 @@ def _by_machine_code(loop: CompiledLoop, table: Array, robot: Plant, law: Contro
 
 
 def _by_steps(robot: Plant, law: Controller, table: Array, events: Sequence[Event],
-              show: Callable[[float], None], truth: bool) -> tuple[Any, Array]:
+              show: Callable[[float], None], truth: bool, lacking: Array) -> tuple[Any, Array]:
     """
     Return stamp [ns], and q, dq, tau and v, of each sample not lost, (N,) and (N, 4, n).
 
@@ -228,6 +235,8 @@ def _by_steps(robot: Plant, law: Controller, table: Array, events: Sequence[Even
         Of `reference_table`.
     events, show, truth
         As of `simulate`.
+    lacking : array, shape (n,)
+        What is added to the robot's positions [rad].
 
     """
     period, last, delay = robot.period_ns, robot.last, law.config.input_delay
@@ -242,10 +251,12 @@ def _by_steps(robot: Plant, law: Controller, table: Array, events: Sequence[Even
             changed[event.node].configure(changed[event.node].config.changed(event.values))
         if not robot.lost:
             point, *ahead = table[k:k + delay + 1].tolist()
-            sample = _step(law, robot.stamp, k * period, *robot.measured, point, ahead)
+            q, dq = robot.measured
+            sample = _step(law, robot.stamp, k * period, (q + lacking).tolist(), dq, point, ahead)
             tau = sample.tau
             stamps[count] = robot.stamp
-            rows[count] = *((robot.q, robot.dq) if truth else robot.measured), tau, sample.v
+            rows[count] = *((robot.q, robot.dq) if truth else (q, dq)), tau, sample.v
+            rows[count, Q] += lacking
             count += 1
         if k < last:
             robot.step(tau)

@@ -54,6 +54,8 @@ class Control(NamedTuple):
     made: Array
     #: Largest position error, shape (n,) [rad]; inf for any.
     error_limit: Array
+    #: What is added to the measured positions: whole turns of continuous joints, shape (n,) [rad].
+    lacking: Array
 
 
 class CompiledLoop(Program):
@@ -79,13 +81,14 @@ class CompiledLoop(Program):
     def __init__(self, plant_step: CompiledPlantStep, step: CompiledStep) -> None:
         self.measured, self.error, self.step = step.measured, step.made[E], step
         self.plant_step, self._error_limit = plant_step, np.zeros_like(step.made[E])
+        self._lacking = np.zeros_like(step.made[E])
         n = len(self._error_limit)
         self._result = numpy_record(dict.fromkeys(('rows', 'last', 'joint', 'truth'), np.array(0)))
         calls = numpy_record(dict.fromkeys(
             ('control', 'control_places', 'plant', 'plant_places'), np.array(0)))
         kept = plant_step.records, Control(
             calls, plant_step.given, step.measured, step.points, step.arrival, step.made,
-            self._error_limit), self._result
+            self._error_limit, self._lacking), self._result
         super().__init__((*step.codes, *plant_step.codes), run, (
             *kept, *_arrays(no_inputs(n, 1), np.zeros((3, n)))), f'loop-{n}')
         self.compiled &= step.compiled and plant_step.compiled
@@ -116,7 +119,7 @@ class CompiledLoop(Program):
             step.arm.fill(arm)
             step.records.transit[:] = transit
 
-    def run(self, plant: Plant, table: Array, error_limit: Array, truth: bool
+    def run(self, plant: Plant, table: Array, error_limit: Array, truth: bool, lacking: Array
             ) -> tuple[int, int, int, Any, Array]:
         """
         Run it.
@@ -131,6 +134,8 @@ class CompiledLoop(Program):
             Largest position error [rad]; inf for any.
         truth : bool
             Record the true state in place of the one that the sensors show.
+        lacking : array, shape (n,)
+            What is added to the positions: whole turns of continuous joints [rad].
 
         Returns
         -------
@@ -143,7 +148,7 @@ class CompiledLoop(Program):
 
         """
         fill(self._result, (0, 0, 0, truth))
-        self._error_limit[:] = error_limit
+        self._error_limit[:], self._lacking[:] = error_limit, lacking
         count = plant.last + 1
         arrays = _arrays(inputs(plant, count), table.reshape(-1, plant.n))
         at = np.concatenate((self._places, places(arrays)))
@@ -203,12 +208,13 @@ def run(p: CompiledPlant, c: Control, result: Any, drawn: Any, points: Array,
     s, tau = p.state, value(p.state.driven.received)
     measured, ahead, made = rows(c.measured, tau), rows(c.points, tau), rows(c.made, tau)
     table, kept, limit = rows(points, tau), rows(out, tau), rows(c.error_limit, tau)
+    lacking = rows(c.lacking, tau)[0]
     last, period = p.parameters.last, p.parameters.mechanics.period_ns
     before, offset = -period, 0
     for k in range(last + 1):
         result.last = k
         if not s.lost_in_a_row:  # Else the plant takes the last torque again.
-            measured[0], measured[1] = value(s.shown.q), value(s.shown.dq)
+            measured[0], measured[1] = value(s.shown.q) + lacking, value(s.shown.dq)
             for j in range(len(c.points)):
                 ahead[j] = table[3 * k + j]
             stamp = k * period + round(1e9 * s.offset)
@@ -228,7 +234,7 @@ def run(p: CompiledPlant, c: Control, result: Any, drawn: Any, points: Array,
             i = 4 * result.rows
             kept[i + Q], kept[i + DQ] = measured[0], measured[1]
             if result.truth:
-                kept[i + Q], kept[i + DQ] = value(s.motion.q), value(s.motion.dq)
+                kept[i + Q], kept[i + DQ] = value(s.motion.q) + lacking, value(s.motion.dq)
             kept[i + SENT], kept[i + FILTERED] = tau, made[V]
             stamps[result.rows] = stamp
             result.rows += 1

@@ -16,7 +16,9 @@
 Equation (1) over one sample period, with set-valued Coulomb friction, under a held torque.
 
 Between changes of stick and slide the motion is smooth and a Runge-Kutta step of fourth order
-follows it. Where a sliding joint comes to rest, or a stuck one is overloaded, the instant is
+follows it. Where a step h is longer than the time constants of damping, as of brakes on a light
+link, that is where M - h D is not positive definite, a method that is implicit in D replaces it.
+Where a sliding joint comes to rest, or a stuck one is overloaded, the instant is
 located within the step, the modes are determined again there, and the rest of the step goes on.
 
 The coordinates are the positions of the joints or, with elastic joints, of links and motors
@@ -28,8 +30,22 @@ from __future__ import annotations
 from math import inf
 from typing import Any, NamedTuple
 
-from ctc_chattering.compiled.compilable import every, function, record, solve_where, some, Truths
-from ctc_chattering.numerics.integration import first_negative, runge_kutta
+from ctc_chattering.compiled.compilable import (
+    every,
+    function,
+    outweighs,
+    record,
+    solve_damped,
+    solve_where,
+    some,
+    Truths,
+)
+from ctc_chattering.numerics.integration import (
+    extrapolated_euler,
+    first_negative,
+    runge_kutta,
+    simpson,
+)
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.simulation.drive import middle_error, response
 from ctc_chattering.simulation.friction import Friction, margin_of_rest, modes
@@ -37,6 +53,11 @@ import numpy as np
 
 #: Changes of mode that one step may hold; beyond it the step ends in the mode it is in.
 _MAX_EVENTS = 50
+#: Rotation in a step from which on it is divided [rad], and into how many parts at the most: with
+#: half a turn in a step, Coriolis forces would add energy.
+_MOST_TURN, _MOST_PARTS = 0.5, 1000
+#: Change of velocity over which the slope of an own friction is taken, relative to 1 + |dq|.
+_VELOCITY_STEP = 1e-6
 
 
 @record
@@ -94,7 +115,11 @@ class Mechanism(NamedTuple):
             motion = decided(self, now, motion.q, motion.dq, t)
         h = p.period / p.steps
         for i in range(p.steps):
-            motion = integrated(self, now, motion, t + i * h, h)
+            fastest = np.abs(motion.dq).max()
+            parts = 1 + int(min(h * fastest / _MOST_TURN, _MOST_PARTS))
+            for j in range(parts):
+                s = h / parts
+                motion = integrated(self, now, motion, t + i * h + j * s, s)
         return motion
 
 
@@ -130,17 +155,29 @@ class Acting(NamedTuple):
 
 
 @record
+class Onset(NamedTuple):
+    """What a motion in which no mode changes begins with; vectors over the coordinates."""
+
+    #: Command less the friction of sliding near rest [N·m].
+    load: Array
+    #: Which joints do not stick.
+    free: Truths
+    #: Acceleration [rad/s²].
+    ddq: Array
+    #: Whether a step is longer than a time constant of the damping.
+    stiff: bool
+
+
+@record
 class Smooth(NamedTuple):
     """A motion in which no mode changes."""
 
     mechanism: Mechanism
     forces: Acting
     start: Motion
-    #: Time of its start [s], and command less the friction of sliding near rest [N·m].
+    #: Time of its start [s].
     t: float
-    load: Array
-    #: Which joints do not stick.
-    free: Truths
+    onset: Onset
 
 
 @function
@@ -214,21 +251,58 @@ def in_motion(mechanism: Mechanism, now: Acting, load: Array, dq: Array, mode: A
 
 
 @function
+def damping(mechanism: Mechanism, now: Acting, dq: Array, mode: Array) -> Array:
+    """Return the slope of friction over velocity, where it damps, shape (n,) [N·m·s/rad]."""
+    slope = mechanism.mechanics.friction.viscous
+    if mechanism.mechanics.friction.own:
+        step = _VELOCITY_STEP * (1.0 + np.abs(dq))
+        change = mechanism.own.resistance(dq + step, now.mean, mode) - mechanism.own.resistance(
+            dq, now.mean, mode)
+        slope = slope + np.maximum(change / step, 0.0)
+    return slope
+
+
+@function
+def onset(mechanism: Mechanism, now: Acting, start: Motion, t: float, h: float) -> Onset:
+    """Return what a motion of `h` [s] begins with at `t` [s]."""
+    load, free = now.commanded - start.friction, start.stuck == 0.0
+    u = in_motion(mechanism, now, total(mechanism.mechanics, now, load, t, 0.0), start.dq,
+                  start.mode)
+    slope = damping(mechanism, now, start.dq, start.mode)
+    M, bias = mechanism.model.mass_and_bias(start.q, start.dq)
+    ddq = solve_where(free, M, u - bias)
+    stiff = some(slope) and not outweighs(free, M, h * slope)
+    return Onset(load, free, ddq, stiff)
+
+
+@function
+def damped_acceleration(at: Smooth, q: Array, dq: Array, u: Array, s: float) -> Array:
+    """Return the mean ddq of an Euler step `s`, implicit in the damping, shape (n,) [rad/s²]."""
+    slope = damping(at.mechanism, at.forces, dq, at.start.mode)
+    u = in_motion(at.mechanism, at.forces, u, dq, at.start.mode)
+    M, bias = at.mechanism.model.mass_and_bias(q, dq)
+    return solve_damped(at.onset.free, M, s * slope, u - bias)
+
+
+@function
 def acceleration(at: Smooth, q: Array, dq: Array, u: Array) -> Array:
     """Return ddq of (1), shape (n,) [rad/s²]; `u` has the friction near rest subtracted."""
     u = in_motion(at.mechanism, at.forces, u, dq, at.start.mode)
     M, bias = at.mechanism.model.mass_and_bias(q, dq)
-    return solve_where(at.free, M, u - bias)
+    return solve_where(at.onset.free, M, u - bias)
 
 
 @function
 def after(at: Smooth, h: float) -> tuple[Array, Array]:
     """Return q and dq after `h` [s] in the present modes, to fourth order."""
-    p, load = at.mechanism.mechanics, at.load
-    loads = (total(p, at.forces, load, at.t, 0.0),
-             total(p, at.forces, load, at.t + 0.5 * h, 0.5 * h),
-             total(p, at.forces, load, at.t + h, 0.0))
-    return runge_kutta(acceleration, at, at.start.q, at.start.dq, loads, h)
+    p, load, q, dq = at.mechanism.mechanics, at.onset.load, at.start.q, at.start.dq
+    middle = total(p, at.forces, load, at.t + 0.5 * h, 0.5 * h)
+    end = total(p, at.forces, load, at.t + h, 0.0)
+    if at.onset.stiff:
+        start = total(p, at.forces, load, at.t, 0.0)
+        mean = simpson(0.0 * load, 1.0 / 6.0, start, middle, middle, end)
+        return extrapolated_euler(damped_acceleration, at, q, dq, mean, h)
+    return runge_kutta(acceleration, at, q, dq, at.onset.ddq, (middle, end), h)
 
 
 @function
@@ -236,12 +310,12 @@ def margin(at: Smooth, h: float, q: Array, dq: Array) -> float:
     """Return how far the joint nearest to it is from leaving its mode; negative if it has."""
     mode = at.start.mode
     sliding: float = np.where(mode != 0.0, dq * mode, inf).min()
-    if every(at.free):
+    if every(at.onset.free):
         return sliding
-    u = total(at.mechanism.mechanics, at.forces, at.load, at.t + h, 0.0)
+    u = total(at.mechanism.mechanics, at.forces, at.onset.load, at.t + h, 0.0)
     u = in_motion(at.mechanism, at.forces, u, dq, mode)
     M, bias = at.mechanism.model.mass_and_bias(q, dq)
-    return min(sliding, margin_of_rest(M, bias, u, at.forces.breakaway, ~at.free))
+    return min(sliding, margin_of_rest(M, bias, u, at.forces.breakaway, ~at.onset.free))
 
 
 @function
@@ -265,7 +339,7 @@ def integrated(mechanism: Mechanism, now: Acting, start: Motion, t: float, h: fl
     """Return the motion after `h` [s] from `t` [s], through any change of mode."""
     q, dq = start.q, start.dq
     for event in range(_MAX_EVENTS + 1):
-        at = Smooth(mechanism, now, start, t, now.commanded - start.friction, start.stuck == 0.0)
+        at = Smooth(mechanism, now, start, t, onset(mechanism, now, start, t, h))
         q, dq = after(at, h)
         held = margin(at, h, q, dq)
         if not held < 0.0 or event == _MAX_EVENTS:  # Not a number: the motion has diverged.

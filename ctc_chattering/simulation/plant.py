@@ -52,6 +52,8 @@ import numpy as np
 
 #: Largest step of the integrator times the fastest eigenvalue of an elastic joint.
 _STEP_RATE = 0.2
+#: Most steps in a control period that elastic joints may take; more would seem to hang.
+_MOST_STEPS = 10_000
 
 
 class _ElasticJoints:
@@ -136,6 +138,12 @@ class Plant:
                 self.model, config.joint_stiffness, config.joint_damping, config.motor_inertia)
             self._joints = _ElasticJoints(elastic, config.encoder_side)
             self._motors, longest = elastic.motors, _STEP_RATE / elastic.rate(q)
+            if longest * _MOST_STEPS < config.control_period:
+                raise CtcError(
+                    f'joint_stiffness {list(config.joint_stiffness)}, joint_damping and '
+                    f'motor_inertia take integration steps of {longest:.2g} s; allowed: at most '
+                    f'{_MOST_STEPS} in a control period; set joint_stiffness to .inf for a joint '
+                    'that is this stiff')
             q, dq = map(tuple, elastic.start(q, dq))
         self.own = own_friction(config.friction_model, config.joint_names)
         self.arm: Arm | None = None

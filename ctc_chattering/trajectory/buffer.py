@@ -17,8 +17,9 @@
 from __future__ import annotations
 
 from bisect import bisect_left, bisect_right
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
+from ctc_chattering.numerics.angles import expected, turned, turns_to
 from ctc_chattering.numerics.interpolation import quintic
 from ctc_chattering.numerics.linear_algebra import Vector
 from ctc_chattering.numerics.time_grid import seconds
@@ -26,11 +27,43 @@ from ctc_chattering.numerics.time_grid import seconds
 Point = tuple[Vector, Vector, Vector]
 
 
+def following(times: Sequence[int], points: Sequence[Point], continuous: Sequence[bool],
+              start: int, state: Point | None) -> Iterator[Point]:
+    """
+    Yield points in which each joint that turns endlessly follows the point before, by (AN1).
+
+    Velocities count where both points have some.
+
+    Parameters
+    ----------
+    times : sequence of int
+        Instants [ns], increasing.
+    points : sequence of (position, velocity, acceleration)
+        Each of shape (n,) [rad, rad/s, rad/s²]; velocities may be empty.
+    continuous : sequence of bool, shape (n,)
+        Which joints turn endlessly.
+    start, state : int, (position, velocity, acceleration) or None
+        What the first one follows: instant [ns] and point; None for nothing.
+
+    """
+    last = state
+    for t, (q, dq, ddq) in zip(times, points):
+        if last is not None:
+            rest = (0.0,) * len(q)
+            speeds = (last[1], dq) if len(last[1]) and len(dq) else (rest, rest)
+            h = seconds(t - start)
+            q = tuple(turned(x, turns_to(x, expected(x0, v0, v, h))) if endless else x
+                      for x, x0, v0, v, endless in zip(q, last[0], *speeds, continuous))
+        start, last = t, (q, dq, ddq)
+        yield last
+
+
 class Trajectory:
     """
     Points of position, velocity and acceleration over integer nanoseconds.
 
-    A new chunk replaces all points from its first instant on. Between two points the motion is
+    A new chunk replaces all points from its first instant on; continuous joints follow what was
+    before it by the nearest turn. Between two points the motion is
     the quintic that meets both; on a point it is that point, to the last bit. After the last one
     it goes on at that point's velocity for as long as `grace`, and then rests where it is.
 
@@ -39,10 +72,18 @@ class Trajectory:
     grace : int
         How long the next chunk may be late [ns].
 
+    Attributes
+    ----------
+    grace : int
+        As given.
+    continuous : sequence of bool, shape (n,)
+        Which joints turn endlessly; empty for none.
+
     """
 
     def __init__(self, grace: int = 0) -> None:
-        self._grace = grace
+        self.grace = grace
+        self.continuous: Sequence[bool] = ()
         self._times: list[int] = []
         self._points: list[Point] = []
 
@@ -63,7 +104,7 @@ class Trajectory:
 
     def overdue(self, t: int) -> bool:
         """Return whether a chunk that should go on at `t` [ns] has not come within the grace."""
-        return bool(self._times) and t > self._times[-1] + self._grace and not self.ends_at_rest
+        return bool(self._times) and t > self._times[-1] + self.grace and not self.ends_at_rest
 
     def extend(self, times: Sequence[int], points: Sequence[Point]) -> None:
         """
@@ -78,6 +119,9 @@ class Trajectory:
 
         """
         if times:
+            if any(self.continuous):
+                points = list(following(
+                    times, points, self.continuous, times[0], self.at(times[0])))
             kept = bisect_left(self._times, times[0])
             self._times[kept:], self._points[kept:] = times, points
 
@@ -104,9 +148,9 @@ class Trajectory:
         if begin == t:
             return before
         if i == len(self._times):
-            h, rest = seconds(min(t - begin, self._grace)), (0.0,) * len(before[0])
+            h, rest = seconds(min(t - begin, self.grace)), (0.0,) * len(before[0])
             return (tuple(x + h * v for x, v in zip(*before[:2])),
-                    before[1] if t <= begin + self._grace else rest, rest)
+                    before[1] if t <= begin + self.grace else rest, rest)
         h = seconds(self._times[i] - begin)
         s = seconds(t - begin) / h
         joints = [quintic(s, h, *ends) for ends in zip(*before, *self._points[i])]

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Limits of position, velocity and acceleration that a URDF gives its joints."""
+"""Limits of position, velocity and acceleration, and those that a URDF gives its joints."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from collections.abc import Iterable, Sequence
 from math import inf
 from typing import NamedTuple
 
-from ctc_chattering.dynamics.urdf_parser import Tree
+from ctc_chattering.dynamics.urdf_parser import Joint, Tree
 from ctc_chattering.errors import CtcError
 from ctc_chattering.trajectory.buffer import Point
 
@@ -41,33 +41,19 @@ class JointLimits(NamedTuple):
     acceleration: tuple[float, float] = -inf, inf
 
 
-class DescribedLimits:
+class LimitSet:
     """
     Limits of some joints.
 
     Parameters
     ----------
-    urdf : str
-        Text of the URDF.
-    joint_names : sequence of str
-        Joints in the order of the vectors; one that the URDF does not have is not limited.
-
-    Raises
-    ------
-    CtcError
-        If the text is no URDF, or limits of these joints contradict themselves.
+    joints : sequence of JointLimits
+        In the order of the vectors.
 
     """
 
-    def __init__(self, urdf: str, joint_names: Sequence[str]) -> None:
-        tree = Tree(urdf)
-        tree.check_limits(joint_names)
-        self.joints: list[JointLimits] = []
-        for name in joint_names:
-            joint = tree.joints.get(name)
-            self.joints.append(JointLimits(name) if joint is None else JointLimits(
-                name, 'm' if joint.kind == 'prismatic' else 'rad', joint.position,
-                (-joint.velocity, joint.velocity), (-joint.acceleration, joint.acceleration)))
+    def __init__(self, joints: Sequence[JointLimits]) -> None:
+        self.joints = list(joints)
 
     def excess(self, points: Iterable[Point]) -> str:
         """
@@ -94,8 +80,53 @@ class DescribedLimits:
                                  f'{beyond:.3g} {side} limit of {limit:.4g}')
         return '; '.join(found)
 
+    def slower(self, velocity: float) -> LimitSet:
+        """Return the same with at most this speed of every joint [rad/s or m/s]."""
+        return LimitSet([joint._replace(velocity=(
+            max(joint.velocity[0], -velocity), min(joint.velocity[1], velocity)))
+            for joint in self.joints])
 
-def check_limits(what: str, limits: DescribedLimits, points: Iterable[Point]) -> None:
+
+class DescribedLimits(LimitSet):
+    """
+    Limits that a URDF gives some joints.
+
+    Parameters
+    ----------
+    urdf : str
+        Text of the URDF.
+    joint_names : sequence of str
+        Joints in the order of the vectors; one that the URDF does not have is not limited.
+
+    Attributes
+    ----------
+    continuous : tuple of bool, shape (n,)
+        Which joints turn endlessly.
+
+    Raises
+    ------
+    CtcError
+        If the text is no URDF, or limits of these joints contradict themselves.
+
+    """
+
+    def __init__(self, urdf: str, joint_names: Sequence[str]) -> None:
+        tree = Tree(urdf)
+        tree.check_limits(joint_names)
+        described = tree.joints
+        super().__init__([_limits_of(name, described.get(name)) for name in joint_names])
+        self.continuous = tuple(
+            name in described and described[name].continuous for name in joint_names)
+
+
+def _limits_of(name: str, joint: Joint | None) -> JointLimits:
+    """Return the limits of a joint of a URDF; none without one."""
+    return JointLimits(name) if joint is None else JointLimits(
+        name, 'm' if joint.kind == 'prismatic' else 'rad', joint.position,
+        (-joint.velocity, joint.velocity), (-joint.acceleration, joint.acceleration))
+
+
+def check_limits(what: str, limits: LimitSet, points: Iterable[Point]) -> None:
     """Raise `CtcError` if points are beyond the limits, and say by how much."""
     text = limits.excess(points)
     if text:

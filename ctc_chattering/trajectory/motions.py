@@ -27,10 +27,11 @@ from math import isfinite
 from typing import NamedTuple, Protocol
 
 from ctc_chattering.errors import ParameterError
+from ctc_chattering.numerics.angles import turned, turns_to
 from ctc_chattering.numerics.interpolation import cubic, linear, quintic
 from ctc_chattering.numerics.time_grid import NANOSECONDS, seconds
 from ctc_chattering.parameters import Parameter, whole
-from ctc_chattering.trajectory.buffer import Point
+from ctc_chattering.trajectory.buffer import following, Point
 
 _FIELDS = ('positions', 'velocities', 'accelerations')
 #: Parts of the way between two waypoints at which limits are checked.
@@ -135,13 +136,44 @@ class Route(NamedTuple):
             Unless they are for each of these joints, for no other, and `Waypoints` takes them.
 
         """
-        if sorted(self.names) != sorted(names):
-            raise ParameterError(
-                'joint_names', tuple(self.names), 'each of these once: ' + ', '.join(names))
+        check_names(self.names, names)
         order = [self.names.index(name) for name in names]
         points = [tuple(tuple(row[i] for i in order) if row else () for row in point)
                   for point in _checked(self.times, self.points, len(order))]
         return Route(tuple(names), tuple(self.times), tuple(points))  # type: ignore[arg-type]
+
+    def by_the_short_way(self, continuous: Sequence[bool], start: tuple[int, Point] | None = None
+                         ) -> Route:
+        """
+        Return the same waypoints, with continuous joints turned from each to the next by (AN1).
+
+        Parameters
+        ----------
+        continuous : sequence of bool, shape (n,)
+            Which joints turn endlessly.
+        start : (int, (position, velocity, acceleration)), optional
+            Instant [ns] and state from which the first waypoint after it is reached, or the last
+            one; by default the first one stays as it is.
+
+        """
+        if not any(continuous):
+            return self
+        points = list(following(self.times, self.points, continuous, self.times[0], None))
+        if start is None:
+            return self._replace(points=points)
+        begin, state = start
+        i = min(bisect_right(self.times, begin), len(points) - 1)
+        (reached,) = following(self.times[i:i + 1], points[i:i + 1], continuous, begin, state)
+        turns = [turns_to(x, there) for x, there in zip(points[i][0], reached[0])]
+        return self._replace(points=[
+            (tuple(map(turned, q, turns)), dq, ddq) for q, dq, ddq in points])
+
+
+def check_names(names: Sequence[str], needed: Sequence[str]) -> None:
+    """Raise `ParameterError` unless joints are those that are needed, each of them once."""
+    if sorted(names) != sorted(needed):
+        raise ParameterError(
+            'joint_names', tuple(names), 'each of these once: ' + ', '.join(needed))
 
 
 def _checked(times: Sequence[int], points: Sequence[Point], n: int = 0) -> list[Point]:
@@ -218,6 +250,46 @@ def braking(t0: int, start: Point, duration: float) -> Waypoints:
     end = tuple(q + duration * (0.5 * dq + duration * ddq / 12.0) for q, dq, ddq in zip(*start))
     rest = (0.0,) * len(end)
     return Waypoints([t0 + round(duration * NANOSECONDS)], [(end, rest, rest)], (t0, start))
+
+
+class Stop:
+    """
+    A motion that comes to rest on its own path: its time slows down until it stands.
+
+    With τ = (t - t0) / T, the motion at t is the one before at s(t) = t0 + T (τ - τ³ + τ⁴/2). Its
+    rate ds/dt = 1 - 3 τ² + 2 τ³ falls from 1 to 0. No velocity exceeds that of the path, and
+    |ddq| is at most that of the path plus 1.5 |dq| / T.
+
+    Parameters
+    ----------
+    before : TimedMotion
+        The motion to stop.
+    t0 : int
+        Instant until which it is `before` [ns].
+    duration : float
+        T, until it rests [s].
+
+    Attributes
+    ----------
+    end : int
+        Instant from which on it rests [ns].
+
+    """
+
+    def __init__(self, before: TimedMotion, t0: int, duration: float) -> None:
+        self._before, self.t0, self.end = before, t0, t0 + round(duration * NANOSECONDS)
+        self._span = seconds(self.end - t0)
+
+    def at(self, t: int) -> Point:
+        """Return position, velocity and acceleration, each of shape (n,), at `t` [ns]."""
+        if t <= self.t0:
+            return self._before.at(t)
+        s = seconds(min(t, self.end) - self.t0) / self._span
+        passed = self._span * (s - s ** 3 + 0.5 * s ** 4)
+        rate, change = 1.0 - s * s * (3.0 - 2.0 * s), 6.0 * s * (s - 1.0) / self._span
+        q, dq, ddq = self._before.at(self.t0 + round(passed * NANOSECONDS))
+        return (tuple(q), tuple(rate * v for v in dq),
+                tuple(rate * rate * a + change * v for v, a in zip(dq, ddq)))
 
 
 class Transition:

@@ -26,21 +26,32 @@ deceleration for as long each, then rest until 2 / f is over.
 
 from __future__ import annotations
 
+from bisect import bisect_right
 from collections.abc import Callable, Mapping, Sequence
 import dataclasses
 from functools import lru_cache
 from math import ceil, cos, inf, log10, pi, sin
+from typing import NamedTuple, Protocol, TypeVar
 
 from ctc_chattering.dynamics.registry import DescribedConfig
 from ctc_chattering.errors import CtcError, ParameterError
+from ctc_chattering.numerics.angles import turned, turns_to
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.numerics.time_grid import NANOSECONDS, seconds
 from ctc_chattering.parameters import parameter, whole
 from ctc_chattering.trajectory.buffer import Point
-from ctc_chattering.trajectory.joint_limits import check_limits, DescribedLimits
+from ctc_chattering.trajectory.joint_limits import (
+    check_limits,
+    DescribedLimits,
+    JointLimits,
+    LimitSet,
+)
 from ctc_chattering.trajectory.motions import (
+    BRAKING_TIME,
+    check_names,
     Route,
     smooth_start,
+    Stop,
     TimedMotion,
     Transition,
     Waypoints,
@@ -141,7 +152,8 @@ def _move(angle: float) -> tuple[float, float, float]:
 
 def make_motion(config: ReferenceConfig, route: Route | None = None,
                 start: Mapping[str, tuple[float, float]] | None = None, t0: int = 0,
-                limits: DescribedLimits | None = None) -> TimedMotion:
+                limits: DescribedLimits | None = None, continuous: Sequence[bool] | None = None
+                ) -> TimedMotion:
     """
     Return the desired motion that a configuration describes.
 
@@ -159,6 +171,9 @@ def make_motion(config: ReferenceConfig, route: Route | None = None,
         Instant of the start [ns].
     limits : DescribedLimits, optional
         Of the joints of `config`, which the start and the motion must keep.
+    continuous : sequence of bool, optional
+        Which joints of `config` turn endlessly: they start at the angle nearest to the motion, and
+        take the short way between waypoints. By default as `config` and `limits` say.
 
     Returns
     -------
@@ -174,9 +189,13 @@ def make_motion(config: ReferenceConfig, route: Route | None = None,
 
     """
     names = config.joint_names
+    if continuous is None:
+        continuous = config.which_are_continuous(limits.continuous if limits else ())
     motion: Waypoints | Sinusoid
     if route is not None:
-        motion = _through(route.ordered(names), names, start, t0, config.start_duration > 0.0)
+        route = route.ordered(names).by_the_short_way(continuous)
+        start = _nearest(names, start, Waypoints(route.times, route.points).at(t0), continuous)
+        motion = _through(route, names, start, t0, config.start_duration > 0.0)
     elif config.trajectory_file:
         raise CtcError(f'trajectory_file: {config.trajectory_file} has not been read')
     else:
@@ -184,6 +203,7 @@ def make_motion(config: ReferenceConfig, route: Route | None = None,
     if config.start_duration and start is None:
         raise ParameterError('start_duration', config.start_duration,
                              '0 where it is not known where the robot is')
+    start = _nearest(names, start, motion.at(t0), continuous)
     begin = _begin(names, start or {}, motion.at(t0))
     if limits is not None:
         check_limits('the motion', limits, motion.extremes())
@@ -203,8 +223,17 @@ def make_motion(config: ReferenceConfig, route: Route | None = None,
     return found
 
 
-def shortest(make: Callable[[float], Transition], duration: float, limits: DescribedLimits
-             ) -> float:
+class Passage(TimedMotion, Protocol):
+    """A motion from one into another."""
+
+    t0: int
+    end: int
+
+
+P = TypeVar('P', bound=Passage)
+
+
+def shortest(make: Callable[[float], Passage], duration: float, limits: LimitSet) -> float:
     """
     Return the shortest duration of a transition, to a tenth, that keeps the limits.
 
@@ -214,7 +243,7 @@ def shortest(make: Callable[[float], Transition], duration: float, limits: Descr
         Returns the transition of a duration [s].
     duration : float
         The least one [s].
-    limits : DescribedLimits
+    limits : LimitSet
         What it must keep.
 
     Returns
@@ -236,7 +265,7 @@ def shortest(make: Callable[[float], Transition], duration: float, limits: Descr
     return inf
 
 
-def _sampled(transition: Transition) -> list[Point]:
+def _sampled(transition: Passage) -> list[Point]:
     """Return points of a transition, a millisecond apart or a two-thousandth of it."""
     t0, end = transition.t0, transition.end
     step = max(NANOSECONDS // 1000, (end - t0) // 2000)
@@ -253,6 +282,17 @@ def _through(route: Route, names: Sequence[str],
     return Waypoints(route.times, route.points, (t0, (q, rest if smooth else dq, ddq)))
 
 
+def _nearest(names: Sequence[str], start: Mapping[str, tuple[float, float]] | None, there: Point,
+             continuous: Sequence[bool]) -> Mapping[str, tuple[float, float]] | None:
+    """Return a start with the turns of continuous joints that bring it nearest to a motion."""
+    if start is None or not any(continuous):
+        return start
+    targets = {name: target for name, target, endless in zip(names, there[0], continuous)
+               if endless}
+    return {name: (turned(q, turns_to(q, targets.get(name, q))), dq)
+            for name, (q, dq) in start.items()}
+
+
 def _begin(names: Sequence[str], start: Mapping[str, tuple[float, float]], there: Point) -> Point:
     """Return the robot's state, without acceleration, and `there` of joints it does not have."""
     rows = [(*start[name], 0.0) if name in start else row
@@ -262,7 +302,7 @@ def _begin(names: Sequence[str], start: Mapping[str, tuple[float, float]], there
 
 def reference_table(config: ReferenceConfig, route: Route | None,
                     start: tuple[tuple[str, tuple[float, float]], ...], joints: tuple[str, ...],
-                    period: int, count: int) -> Array:
+                    period: int, count: int, continuous: tuple[bool, ...] = ()) -> Array:
     """
     Return the desired motion at ``k period``, shape (count, 3, n) [rad, rad/s, rad/s²].
 
@@ -280,24 +320,28 @@ def reference_table(config: ReferenceConfig, route: Route | None,
         [ns].
     count : int
         Number of samples.
+    continuous : tuple of bool
+        Which joints of `config` turn endlessly.
 
     """
     order = tuple(config.joint_names.index(name) for name in joints)
     if route is not None:
-        return _samples_of(make_motion(config, route, dict(start)), order, period, count)
-    table: Array = _kept(config, start, order, period, count)
+        motion = make_motion(config, route, dict(start), continuous=continuous)
+        return _samples_of(motion, order, period, count)
+    table: Array = _kept(config, start, order, period, count, continuous)
     return table
 
 
 @lru_cache(128)
 def _kept(config: ReferenceConfig, start: tuple[tuple[str, tuple[float, float]], ...],
-          order: tuple[int, ...], period: int, count: int) -> Array:
+          order: tuple[int, ...], period: int, count: int, continuous: tuple[bool, ...]) -> Array:
     """Return the samples of a sinusoid and its start, which are the same in many runs."""
-    motion = make_motion(config, None, dict(start))
+    motion = make_motion(config, None, dict(start), continuous=continuous)
     if not isinstance(motion, Transition):
         return _samples_of(motion, order, period, count)
     # What comes after the start does not depend on it.
-    table: Array = _kept(config.changed({'start_duration': 0.0}), (), order, period, count).copy()
+    alone = config.changed({'start_duration': 0.0})
+    table: Array = _kept(alone, (), order, period, count, continuous).copy()
     inside = min(-(-motion.end // period), count)
     table[:inside] = _samples_of(motion, order, period, inside)
     return table
@@ -314,6 +358,22 @@ def _samples_of(motion: TimedMotion, order: Sequence[int], period: int, count: i
 #: Without a start duration: time over which waypoints that begin in the past are joined, and over
 #: which the motion passes into one with changed parameters [s].
 _JOIN, _CHANGE = 0.5, 2.0
+#: Greatest speed of the way into waypoints that are late, over the greatest of their own.
+_MAX_HASTE = 1.5
+#: Speed that is never too fast for it [rad/s or m/s].
+_GENTLE_SPEED = 0.5
+
+
+class Followed(NamedTuple):
+    """Outcome of waypoints that were accepted."""
+
+    #: Number of waypoints, and of those that were past.
+    waypoints: int
+    past: int
+    #: Instant at which the motion comes to rest, also where there is no waypoint [ns].
+    end: int
+    #: Joints of which a position is that of another turn than was written.
+    turned: tuple[str, ...] = ()
 
 
 class MotionPlan:
@@ -388,37 +448,79 @@ class MotionPlan:
         if self.from_state:
             self.motion = None
 
-    def follow(self, route: Route, begin: int) -> None:
+    @property
+    def continuous(self) -> tuple[bool, ...]:
+        """Mask of the joints that turn endlessly, shape (n,)."""
+        return self.config.which_are_continuous(self.limits.continuous if self.limits else ())
+
+    def follow(self, route: Route, now: int, begin: int, epoch: int = 0) -> Followed:
         """
-        Go through waypoints.
+        Go through waypoints; stop without any.
+
+        Those until `begin` are left out. Where the next one is too near in time for the speed that
+        the waypoints have, the motion passes into theirs instead, and is late.
 
         Parameters
         ----------
         route : Route
             Some of it may be past.
-        begin : int
-            Instant until which the motion is the present one [ns].
+        now, begin : int
+            Present instant, and the one until which the motion is the present one [ns].
+        epoch : int
+            Instant 0 by the clock that a user of the waypoints knows, for messages [ns].
 
         Raises
         ------
         CtcError
-            If a waypoint is not allowed.
+            If a waypoint is not allowed, or all are past.
 
         """
         before = self.motion
         assert before is not None
         if isinstance(before, Transition) and before.t0 == begin - 1:
             before = before.before  # What was to come at that instant never does.
+        if not len(route.points):
+            return self._stop(route.names, before, begin)
         state = before.at(begin)
-        ordered = route.ordered(self.config.joint_names)
-        after = Waypoints(ordered.times, ordered.points, (begin, state))
+        written = route.ordered(self.config.joint_names)
+        route = written.by_the_short_way(self.continuous, (begin, state))
+        if route.times[-1] <= now:
+            due, present = (seconds(epoch + t) for t in (route.times[-1], now))
+            raise CtcError(f'all waypoints are past: the last one was due at {due:.3f} s, now it '
+                           f'is {present:.3f} s; are the clocks synchronised?')
+        left_out = bisect_right(route.times, begin)
+        after = Waypoints(route.times, route.points, (begin, state))
         if self.limits is not None:
             check_limits('the motion', self.limits, after.extremes())
+        passage = self._late(route, left_out, after, begin, state) if left_out else after
         # In a nanosecond, so that every sample is of the one or the other.
-        self.motion = Transition(
-            before, after if ordered.times[0] > begin else self._fitting(
-                lambda duration: smooth_start(after, begin, state, duration), _JOIN),
-            begin - 1, 1e-9)
+        self.motion = Transition(before, passage, begin - 1, 1e-9)
+        turned = tuple(name for i, name in enumerate(route.names) if any(
+            a[0][i] != b[0][i] for a, b in zip(written.points, route.points)))
+        return Followed(len(route.points), left_out, max(route.times[-1], passage.end), turned)
+
+    def _late(self, route: Route, left_out: int, whole: Waypoints, begin: int, state: Point
+              ) -> Waypoints | Transition:
+        """Return the way from a state into waypoints of which the first ones are past."""
+        fastest = max(abs(x) for point in (*whole.extremes(), state) for x in point[1])
+        limits = self.limits or LimitSet(list(map(JointLimits, route.names)))
+        limits = limits.slower(max(_MAX_HASTE * fastest, _GENTLE_SPEED))
+        if left_out < len(route.points):
+            direct = Waypoints(route.times[left_out:], route.points[left_out:], (begin, state))
+            if not limits.excess(direct.extremes()):
+                return direct
+        return _fitting(lambda duration: smooth_start(whole, begin, state, duration),
+                        self.config.start_duration or _JOIN, limits)
+
+    def _stop(self, names: Sequence[str], before: TimedMotion, begin: int) -> Followed:
+        """Bring a motion to rest on its path; joints may be named, then all of them."""
+        if names:
+            check_names(names, self.config.joint_names)
+        if isinstance(before, Stop):
+            return Followed(0, 0, before.end)
+        stop = _fitting(lambda duration: Stop(before, begin, duration), BRAKING_TIME, self.limits)
+        self.motion = stop
+        return Followed(0, 0, stop.end)
 
     def update(self, now: int, begin: int) -> bool:
         """
@@ -434,23 +536,26 @@ class MotionPlan:
         """
         while isinstance(self.motion, Transition) and now >= self.motion.end:
             self.motion = self.motion.after
+        if isinstance(self.motion, Stop) and now >= self.motion.end:
+            self.motion = Waypoints([self.motion.end], [self.motion.at(self.motion.end)])
         before = self.motion
         if (before is None or self._shape == _shape(self.config) or self._route is not None
                 or isinstance(before, Transition)):
             return False
         after = make_motion(self.config.changed({'start_duration': 0.0}))
-        self.motion = self._fitting(
-            lambda duration: Transition(before, after, begin, duration), _CHANGE)
+        self.motion = _fitting(
+            lambda duration: Transition(before, after, begin, duration),
+            self.config.start_duration or _CHANGE, self.limits)
         self._shape, self.in_force = _shape(self.config), begin
         return True
 
-    def _fitting(self, make: Callable[[float], Transition], least: float) -> Transition:
-        """Return a transition that lasts `start_duration`, or longer if the limits ask for it."""
-        duration = self.config.start_duration or least
-        if self.limits is None:
-            return make(duration)
-        longer = shortest(make, duration, self.limits)
-        return make(longer if longer < inf else duration)
+
+def _fitting(make: Callable[[float], P], duration: float, limits: LimitSet | None) -> P:
+    """Return a passage that lasts `duration` [s], or longer if limits ask for it."""
+    if limits is None:
+        return make(duration)
+    longer = shortest(make, duration, limits)
+    return make(longer if longer < inf else duration)
 
 
 def _shape(config: ReferenceConfig) -> tuple[tuple[float, ...], ...]:

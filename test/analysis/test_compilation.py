@@ -17,6 +17,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+import json
 from pathlib import Path
 from typing import Any
 
@@ -28,6 +29,7 @@ from ctc_chattering.compiled.machine_code import Code
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.configuration.loop_setup import Setup
 from ctc_chattering.configuration.package_share import find_config
+from ctc_chattering.errors import CtcError
 from ctc_chattering.simulation import closed_loop
 from ctc_commands import python
 from machine_code import compile_runs
@@ -65,7 +67,10 @@ def test_the_same_result() -> None:
             np.testing.assert_allclose(x, vars(other.run)[name], rtol=1e-6, atol=1e-9)
     on_grid = np.abs(one.run.q / 0.01 - np.round(one.run.q / 0.01)).max() < 1e-9
     assert on_grid
-    assert {**one.metrics(), 'notes': []} == {**other.metrics(), 'notes': []}
+    plain, compiled = (json.loads(
+        json.dumps({**x.metrics(), 'notes': []}), parse_float=lambda text: f'{float(text):.9g}')
+        for x in (one, other))
+    assert plain == compiled
     assert (one.experiment, one.description) == (other.experiment, other.description)
     np.testing.assert_allclose(other.terms.tau, other.run.tau, rtol=1e-9, atol=1e-6)
 
@@ -90,6 +95,21 @@ def test_each_function_is_compiled_once(monkeypatch: pytest.MonkeyPatch, tmp_pat
     assert said == ['compiling 5 functions, once for this version ...', *(
         f'compiled {name} ({i} of 5)' for i, name in enumerate(names, 1))]
     assert made == names
+
+
+def test_what_fails_in_a_process_that_compiles_is_said_once(
+        monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+        ) -> None:
+    """As on a full disk: the process says nothing, and this one raises the error."""
+    def fail(code: Code) -> None:
+        raise CtcError(f'cannot write {code.name}')
+
+    monkeypatch.setattr(machine_code, 'cache_directory', lambda: tmp_path)
+    monkeypatch.setattr(closed_loop, '_LOOPS', {})
+    monkeypatch.setattr('ctc_chattering.compiled.build.build', fail)
+    with pytest.raises(CtcError, match=r'^cannot write dynamics-2$'):
+        compile_setups([setup()], lambda _: None)
+    assert capfd.readouterr() == ('', '')
 
 
 def test_without_numba_plain_python_runs(tmp_path: Path) -> None:

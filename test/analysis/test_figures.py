@@ -23,7 +23,7 @@ from xml.etree import ElementTree
 
 from ctc_chattering.analysis import drawing, figures
 from ctc_chattering.analysis.result import LAW_COLOURS, Result
-from ctc_chattering.analysis.terms import RunTerms
+from ctc_chattering.analysis.signals import SignalOrigin
 from ctc_chattering.control.controller import ControllerConfig
 from ctc_chattering.errors import CtcError
 from ctc_chattering.simulation.closed_loop import Event, Run, simulate
@@ -229,7 +229,8 @@ def test_gaps_break_the_lines_and_are_hatched() -> None:
     kept = np.ones(300, bool)
     kept[100:150] = kept[200] = False
     run = Run(*(x[kept] for x in list(vars(whole.run).values())[:-1]))
-    terms = RunTerms(*(x[kept] for x in vars(whole.terms).values()))
+    terms = dataclasses.replace(whole.terms, **{
+        name: x[kept] for name, x in vars(whole.terms).items() if name != 'origin'})
     result = Result('friction', whole.configs, run, terms)
     assert result.missing.sum() == 51
     for draw in DRAWN:
@@ -238,9 +239,9 @@ def test_gaps_break_the_lines_and_are_hatched() -> None:
                 t, y = np.asarray(ax.lines[0].get_xdata()), drawn(ax)
                 assert t[~np.isfinite(y)].tolist() == [run.t[99]]
                 assert len(t) == len(run.t) + 1
-                hatched = [p for p in ax.patches if p.get_hatch()]
-                assert [p.get_extents().transformed(ax.transData.inverted()).intervalx.tolist()
-                        for p in hatched] == [pytest.approx([run.t[99], run.t[100]])]
+                hatched = [x for x in ax.collections if x.get_hatch()]
+                assert [path.get_extents().intervalx.tolist() for x in hatched
+                        for path in x.get_paths()] == [pytest.approx([run.t[99], run.t[100]])]
     assert 'hatched' in next(caption for _, _, caption in figures._figures([result]))
 
 
@@ -268,3 +269,43 @@ def test_panels_keep_their_size_and_nothing_is_over_the_legend(names: list[str])
     assert len(figure.legends) == bool(names)
     assert not overlaps(figure)
     assert [len(x.get_texts()) for x in figure.legends] == [len(names)] * bool(names)
+
+
+def test_a_long_run_is_drawn_by_its_extremes() -> None:
+    """Check that each is an actual sample, that no extreme is lost, and that gaps stay gaps."""
+    rng = np.random.default_rng(1)
+    y = rng.normal(size=200_003)
+    y[70_000:70_200], y[123_456], y[3] = np.nan, 50.0, -60.0
+    t = np.arange(len(y)) / 1000.0
+    t[150_000:] += 1.0
+    figure, grid = drawing.sheet('Title', 1, (1.0,), 1.5)
+    ax = drawing.panel(figure, grid[0, 0], 'panel', 'y [rad]', t)
+    drawing.line(ax, t, y, 1e-3)
+    shown_t, shown_y = np.asarray(ax.lines[0].get_xdata()), drawn(ax)
+    assert len(shown_t) < 3 * drawing.COLUMNS + 10
+    assert (shown_t[0], shown_t[-1]) == (t[0], t[-1])
+    width = -(-len(y) // drawing.COLUMNS)
+    for begin in range(0, len(y), width):
+        part = slice(begin, begin + width)
+        if np.isfinite(y[part]).any():
+            inside = (shown_t >= t[part][0]) & (shown_t <= t[part][-1])
+            assert np.nanmin(shown_y[inside]) == np.nanmin(y[part])
+            assert np.nanmax(shown_y[inside]) == np.nanmax(y[part])
+    there = np.isfinite(shown_y)
+    assert np.array_equal(shown_y[there], y[np.searchsorted(t, shown_t[there])])
+    assert ((shown_t >= t[70_000]) & (shown_t < t[70_200]) & ~there).any()
+    assert ((shown_t >= t[149_999]) & (shown_t <= t[150_000]) & ~there).any()
+
+
+def test_terms_of_every_tenth_sample_are_dots_in_the_slice(chattering: Result) -> None:
+    """Check that no line claims what the term was between, and that captions say it."""
+    terms = dataclasses.replace(chattering.terms, origin=SignalOrigin.RECORDED, **{
+        name: x[::10] for name, x in vars(chattering.terms).items() if name != 'origin'})
+    result = dataclasses.replace(chattering, law_terms=terms)
+    figure = figures.internals(result)
+    whole, part = panel(figure, 'N·m'), panel(figure, 'N·m', enlarged=True)
+    assert np.array_equal(drawn(whole), terms.robust[:, 0])
+    assert np.array_equal(np.asarray(whole.lines[0].get_xdata()), terms.t)
+    assert (part.lines[0].get_linestyle(), part.lines[0].get_marker()) == ('None', '.')
+    captions = [caption for _, _, caption in figures._figures([result])]
+    assert 'as the controller published them, every 10 ms' in captions[2]

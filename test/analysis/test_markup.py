@@ -27,7 +27,6 @@ from xml.etree import ElementTree
 from ctc_chattering.analysis.drawing import save
 from ctc_chattering.analysis.figures import tracking
 from ctc_chattering.analysis.markup import fragment, Markup
-from ctc_chattering.analysis.output import file_stem
 from ctc_chattering.analysis.page import FigureFile
 from ctc_chattering.analysis.result import Result
 from ctc_chattering.analysis.run_page import write_page
@@ -37,6 +36,7 @@ from ctc_chattering.identification import results as identification
 from ctc_chattering.identification.gains import recommend
 from ctc_chattering.identification.identify import identify
 from ctc_chattering.identification.perturbation import perturbation
+from ctc_chattering.output_files import file_stem
 from ctc_chattering.runs.compare_page import Outcome, to_markdown
 from ctc_chattering.runs.compare_page import write_page as write_comparison_page
 from ctc_chattering.runs.map_data import MapData

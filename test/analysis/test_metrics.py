@@ -16,7 +16,8 @@
 
 from collections.abc import Sequence
 
-from ctc_chattering.analysis.metrics import BAND, metrics, reaching_time, WINDOW
+from ctc_chattering.analysis.metrics import BAND, metrics, reaching_time, WINDOW, window_of
+from ctc_chattering.analysis.signals import Series, SignalOrigin
 from ctc_chattering.simulation.closed_loop import Run
 import numpy as np
 import pytest
@@ -105,3 +106,29 @@ def test_reaching_time(v: list[list[float]], expected: float | None) -> None:
     """Check the first time from which |v| stays in the band; on the band is inside."""
     assert reaching_time(np.array([1.0, 2.0, 3.0]), np.array(v), 0.5) == expected
     assert reaching_time(np.zeros(0), np.zeros((0, 2))) is None
+
+
+def test_torques_and_v_at_times_of_their_own() -> None:
+    """Check that all received torques count, and that two at once have the rate of a period."""
+    t = np.array([4.9, 5.0, 5.001, 5.001 + 1e-6, 9.0, 10.1])
+    tau = np.array([[99.0], [1.0], [2.0], [5.0], [4.0], [99.0]])
+    torque = Series(t, tau, SignalOrigin.RECORDED, received=True)
+    v = Series(np.array([0.0, 2.0, 8.0]), np.array([[9.0], [0.1], [0.1]]), SignalOrigin.RECORDED)
+    found = metrics(TINY, period=0.001, torque=torque, v=v)
+    assert found['torque_variation_nm_per_s'] == pytest.approx([5.0 / 4.0])
+    assert found['max_torque_step_nm'] == [3.0]
+    assert found['max_torque_rate_nm_per_s'] == pytest.approx([3000.0])
+    assert found['rms_torque_nm'] == pytest.approx([np.sqrt(46.0 / 4.0)])
+    assert found['reaching_time_s'] == 2.0
+    assert found['rms_error_rad'] == metrics(TINY)['rms_error_rad']
+    published = torque._replace(received=False)
+    assert metrics(TINY, period=0.001, torque=published)['torque_variation_nm_per_s'] == (
+        pytest.approx([4.0 / 0.001001]))
+
+
+@pytest.mark.parametrize(('begin', 'end', 'window'), [
+    (0.0, 12.0, WINDOW), (0.0, 5.5, WINDOW), (9.5, 60.0, WINDOW), (0.0, 5.4, (2.7, 5.4)),
+    (0.0, 3.0, (1.5, 3.0)), (20.0, 24.0, (22.0, 24.0)), (9.6, 11.6, (10.6, 11.6))])
+def test_a_window_that_the_run_has(begin: float, end: float, window: tuple[float, float]) -> None:
+    assert window_of(np.linspace(begin, end, 50)) == pytest.approx(window)
+    assert window_of(np.zeros(0)) == WINDOW

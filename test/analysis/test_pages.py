@@ -21,6 +21,7 @@ import json
 from pathlib import Path
 from typing import Any, NoReturn
 from urllib.parse import unquote
+from xml.etree import ElementTree
 
 from browser import browser_page, eventually, inked
 from ctc_chattering.analysis.figures import internals
@@ -146,7 +147,7 @@ def test_a_larger_error_is_called_larger(results: list[Result], tmp_path: Path) 
 
 def test_a_file_that_cannot_be_written(results: list[Result], tmp_path: Path) -> None:
     for write in (write_metrics, lambda r, path: write_page(r, [], path)):
-        with pytest.raises(CtcError, match=r'^cannot write '):
+        with pytest.raises(CtcError, match=r': is a folder, which is not replaced'):
             write(results, tmp_path)
 
 
@@ -163,7 +164,7 @@ def test_notes_are_on_the_page(tmp_path: Path) -> None:
     notes = '\n'.join(page.texts['p'])
     for note in ('weak: chattering (implicit): joint2: chattering term at its bound for ',
                  'ka too small', 'lossy: chattering (implicit): 100 of 6001 samples are missing',
-                 'short: chattering: metrics are computed from 5 s to 10 s'):
+                 'short: chattering: metrics are computed from 0.15 s to 0.3 s, the second half'):
         assert note in notes
     assert any('bag one; kp 100, kv 50, ka 8, ' in text for text in page.texts['small'])
     assert '–' in page.texts['td']
@@ -209,7 +210,8 @@ def test_names_reach_the_plots_as_they_are(tmp_path: Path) -> None:
     (plots,) = (x for x in page.texts['div'] if x.strip().startswith('{'))
     found = json.loads(plots)
     assert found['joints'] == [HOSTILE] and found['runs'] == [
-        {'name': HOSTILE, 'key': 'a b', 'colour': '#123456', 'path': 'samples/a%20b.js'}]
+        {'name': HOSTILE, 'key': 'a b', 'colour': '#123456', 'received': False,
+         'path': 'samples/a%20b.js'}]
 
 
 @pytest.mark.browser
@@ -243,6 +245,50 @@ def test_the_page_of_runs_in_a_browser(started_browser: Any, tmp_path: Path) -> 
         page.evaluate('id => location.hash = id', folded.get_attribute('id'))
         eventually(lambda: folded.get_attribute('open') is not None, 'the figures', page)
         assert page.locator('nav details').get_attribute('open') is None
+
+
+@pytest.mark.browser
+def test_seven_joints_fill_the_page(started_browser: Any, tmp_path: Path) -> None:
+    """Check that no line of plots is half empty, and that one legend names the lines of a row."""
+    run = made_up(7, 400, joint_names=[f'panda_joint{i}' for i in range(7)])
+    changes = Table('Changes', ['law', *(f'panda_joint{i}' for i in range(1, 8))], [
+        [f'chattering implicit_observer {k}, file', *['8058 / 17 / 16952'] * 7]
+        for k in range(9)])
+    write_sections(tmp_path / 'index.html', 'Title', '', [
+        Section('Signals', write_samples([run], tmp_path / 'samples')),
+        *(Section(f'Numbers {k}', [changes]) for k in range(4))])
+    with browser_page(started_browser, offline=True,
+                      viewport={'width': 1280, 'height': 900}) as page:
+        page.goto((tmp_path / 'index.html').as_uri())
+        page.locator('.signals').scroll_into_view_if_needed()
+        eventually(lambda: len(inked(page)) > 14 and min(inked(page)) > 50, 'plots', page)
+        rows = page.evaluate("""() => [...document.querySelectorAll('.ctc-row')].map(row => {
+            const lines = {}, box = row.getBoundingClientRect();
+            for (const panel of row.querySelectorAll('.ctc-panel')) {
+              const {bottom, right} = panel.getBoundingClientRect();
+              lines[Math.round(bottom)] = Math.max(lines[Math.round(bottom)] || 0, right);
+            }
+            return {ends: Object.values(lines).map(x => box.right - x),
+                    panels: row.querySelectorAll('.ctc-panel').length,
+                    keys: [...row.querySelectorAll('.ctc-key:has(svg)')].map(
+                      x => x.textContent)};
+        })""")
+        assert [x['panels'] for x in rows] == [7, 1, 7]
+        assert all(abs(end) < 2.0 for x in rows for end in x['ends'])
+        assert rows[2]['keys'] == ['torque', 'nominal', 'compensation', 'robust']
+        values = page.locator('.ctc-row').last.locator('.ctc-values')
+
+        def has_values_of_each_line() -> bool:
+            page.locator('.ctc-row').last.locator('.u-over').first.hover()
+            return all(len(text.split()) == 4 for text in values.all_inner_texts())
+        eventually(has_values_of_each_line, 'values of each line', page)
+        wide = page.evaluate("""() => [...document.querySelectorAll('div.scroll')].map(
+            x => x.scrollWidth - x.clientWidth)""")
+        assert wide == [0] * 4
+        with page.expect_download() as saved:
+            page.get_by_role('button', name='SVG').click()
+        texts = ElementTree.parse(saved.value.path()).findall('.//{*}text')
+        assert [x.text for x in texts].count('compensation') == 1
 
 
 def test_a_page_has_the_licence_of_uplot_and_loads_nothing_from_elsewhere() -> None:

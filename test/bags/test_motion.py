@@ -259,6 +259,20 @@ def test_grippers_and_namespaces(tmp_path: Path) -> None:
     assert found.recording.q == pytest.approx(x.q)
 
 
+def test_a_gripper_whose_joints_only_mimic_others_is_refused_by_that_reason(
+        tmp_path: Path) -> None:
+    x = made().recording
+    urdf = urdfs.two_links()
+    for joint in urdfs.TWO_LINKS:
+        urdf = urdf.replace(f'<joint name="{joint}" type="revolute">',
+                            f'<joint name="{joint}" type="revolute"><mimic joint="drive"/>')
+    assert urdf.count('<mimic') == 2
+    with pytest.raises(CtcError, match=(
+            'the description has no joint that moves by itself: .* mimic others.*; the states '
+            f'have {", ".join(urdfs.TWO_LINKS)}$')):
+        read(tmp_path, messages_of(x.t, urdfs.TWO_LINKS, x.q, None, x.command, None, urdf=urdf))
+
+
 REPORTS, TRAJECTORY_STATE = ('/joint_trajectory_controller/controller_state',
                              'control_msgs/msg/JointTrajectoryControllerState')
 TORQUES = f'{REPORTS}:output.effort'
@@ -297,6 +311,33 @@ def test_output_of_a_trajectory_controller_by_its_stamps(tmp_path: Path) -> None
         read(tmp_path / 'a', trajectory_bag(effort=False), commands=TORQUES)
     with pytest.raises(CtcError, match=r'26 torques on .* for 501 states: .*state_publish_rate'):
         read(tmp_path / 'b', trajectory_bag(every=20), commands=TORQUES)
+
+
+def test_an_order_of_the_file_that_contradicts_the_stamps_changes_nothing(tmp_path: Path) -> None:
+    dice, x = np.random.default_rng(3), made().recording
+    found = read(tmp_path, by_time(*(
+        (topic, t + int(dice.integers(15_000_000)), message)
+        for topic, t, message in trajectory_bag())), commands=TORQUES).recording
+    assert found.t == pytest.approx(x.t)
+    assert found.q == pytest.approx(x.q)
+    assert found.effort == pytest.approx(x.command)
+    assert found.command == pytest.approx(x.command)
+
+
+def test_of_two_robots_the_parameters_beside_the_states_are_taken(tmp_path: Path) -> None:
+    """Those in the namespace of the states, not those of all controllers together."""
+    found = []
+    for name, offset in (('left', 0.0), ('right', 5.0)):
+        urdf = urdfs.two_links().replace('<robot name="', f'<robot name="{name}')
+        found += [(f'/{name}{topic}', t, message) for topic, t, message in messages(
+            q=made().recording.q + offset, urdf=urdf)]
+    path = write(tmp_path / 'bag', found)
+    joints = made().recording.joints
+    for name, offset in (('left', 0.0), ('right', 5.0)):
+        motion = read_motion(path, joints, states=f'/{name}/joint_states',
+                             commands=f'/{name}{COMMANDS}')
+        assert f'<robot name="{name}' in motion.description
+        assert motion.recording.q == pytest.approx(made().recording.q + offset)
 
 
 def test_the_state_of_a_franka_robot(tmp_path: Path) -> None:

@@ -17,14 +17,18 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+import dataclasses
 from pathlib import Path
 
 from bags import entries, Entry, nanoseconds, parameters, write_bag
-from ctc_chattering.analysis.result import Result, simulate
+from ctc_chattering.analysis.result import Replay, ReplayVerdict, Result, simulate
+from ctc_chattering.analysis.signals import SignalOrigin
 from ctc_chattering.bags.reader import read_bag
 from ctc_chattering.bags.repair import repair
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.errors import CtcError
+from ctc_chattering.numerics.angles import within_turn
+from ctc_chattering.numerics.linear_algebra import Array
 from faults import KINDS, malformed
 from motion_bags import joint_state, serialized, string, torques
 import numpy as np
@@ -80,12 +84,22 @@ SAME: dict[str, Callable[[], list[Entry]]] = {
         'use_sim_time': True, 'state_decimation': 3, 'wait_for': ('a',)}, False)]}
 
 
+def logged_late(found: list[Entry]) -> list[Entry]:
+    """Return messages that are logged up to 15 ms late, each by another time."""
+    dice = np.random.default_rng(3)
+    return [x._replace(t=x.t + int(dice.integers(15_000_000))) for x in found]
+
+
 def check(result: Result) -> None:
     """Assert that a result is the simulated one, to the last bit."""
     assert_equal(result.run, RESULT.run)
     assert result.configs == RESULT.configs
     assert (result.experiment, result.label) == ('trial', 'trial: compensation → chattering')
-    assert result.metrics() == {**RESULT.metrics(), 'bag': 'bag'}
+    assert result.metrics() == {
+        **RESULT.metrics(), 'bag': 'bag', 'origins': result.metrics()['origins']}
+    assert result.replay == Replay(ReplayVerdict.EXACT)
+    assert {x.origin for x in result.signals.values()} == {
+        SignalOrigin.RECORDED, SignalOrigin.COMPUTED}
     assert result.terms.tau.tobytes() == RESULT.run.tau.tobytes()
     assert result.terms.v.tobytes() == RESULT.run.v.tobytes()
 
@@ -95,15 +109,41 @@ def test_run_comes_back_to_the_last_bit(tmp_path: Path, how: str) -> None:
     check(read(tmp_path, SAME[how](), '/a/b' if how == 'extra' else ''))
 
 
-def commanded(k: int) -> Entry:
-    """Return what the controller publishes of the torque that answers state k, among others."""
-    (one, two), t = RESULT.run.tau[k], nanoseconds(1e-3 * k)
-    names = ['joint2/commanded', 'V', 'joint1/commanded', 'joint1/robust']
+@pytest.mark.parametrize('least', [-np.pi, 1.5])
+def test_turns_of_continuous_joints_are_counted(tmp_path: Path, least: float) -> None:
+    """States and reference within a driver's window, which both cross: no jump is left."""
+    joints = ['joint1', 'joint2']
+    setup = parameter_file.load(None, {
+        '/**': {'continuous_joints': joints},
+        'plant': {'duration': 0.2, 'initial_position': [3.1, 1.45]},
+        'controller': {'law': 'compensation', 'ka': 20.0}})
+    counted = simulate(setup)
+
+    def seen(q: Array) -> Array:
+        return np.asarray(np.vectorize(within_turn)(q, least), float)
+
+    run = dataclasses.replace(counted.run, q=seen(counted.run.q), q_d=seen(counted.run.q_d))
+    assert max(np.abs(np.diff(x, axis=0)).max() for x in (run.q, run.q_d)) > 6.0
+    found = read(tmp_path, entries(dataclasses.replace(counted, run=run), setup.plant))
+    for name in ('q', 'q_d', 'e', 'v', 'tau'):
+        x, y = getattr(found, name), getattr(counted, name)
+        turns = np.rint((x[0] - y[0]) / (2.0 * np.pi)) if name in ('q', 'q_d') else 0.0
+        np.testing.assert_allclose(x - 2.0 * np.pi * turns, y, atol=1e-9, err_msg=name)
+
+
+def published(k: int) -> Entry:
+    """Return what the controller publishes of the torque that answers state k."""
+    terms, t = RESULT.terms, nanoseconds(1e-3 * k)
+    values = {f'{joint}/{part}': sign * getattr(terms, name)[k, i]
+              for i, joint in enumerate(RESULT.joint_names) for part, name, sign in (
+                  ('commanded', 'tau', 1.0), ('nominal', 'nominal', 1.0),
+                  ('compensation', 'compensation', -1.0), ('robust', 'robust', -1.0))}
+    values['V'] = terms.lyapunov[k]
     return Entry('/controller/torques', t, joint_state(
-        t, names, None, None, np.array([two, 1.0, one, 2.0])))  # type: ignore[arg-type]
+        t, list(values), None, None, np.array(list(values.values()))))  # type: ignore[arg-type]
 
 
-STAMPED = [commanded(k) for k in range(201)]
+STAMPED = [published(k) for k in range(201)]
 
 
 @pytest.mark.parametrize('keep', [0, 150])
@@ -145,6 +185,34 @@ def test_as_many_commands_as_states_that_do_not_answer_them(tmp_path: Path, stam
     assert (tau[known].tobytes() == RESULT.run.tau[known].tobytes()) == stamped
     assert np.flatnonzero(~known).tolist() == [
         k for k in range(41, 120) if k % 10] * stamped
+
+
+def test_an_order_of_the_file_that_contradicts_the_stamps_changes_nothing(tmp_path: Path) -> None:
+    found = [x for x in messages() if x.topic != COMMANDS]
+    check(read(tmp_path, logged_late(found + STAMPED)))
+
+
+def test_two_publishers_of_states_are_refused_and_named(tmp_path: Path) -> None:
+    """Also if one of them has the stamps of the other."""
+    def others(shift: int) -> list[Entry]:
+        states = [x for x in messages() if x.topic == STATES]
+        return [Entry(STATES, x.t + shift, joint_state(
+            x.t + shift, x.message.name, x.message.position + 1.0, x.message.velocity, None))
+            for x in states]
+    for name, more in (('between', others(300_000)), ('same', others(0))):
+        write_bag(tmp_path / name, messages() + more)
+        refused(tmp_path / name, 'joint_states: ', 'are there two publishers of joint states')
+
+
+def test_runs_of_two_robots_are_refused_and_named(tmp_path: Path) -> None:
+    left, right = ([x._replace(topic=f'/{name}{x.topic}') for x in messages()]
+                   for name in ('left', 'right'))
+    write_bag(tmp_path / 'bag', left + right)
+    refused(tmp_path / 'bag', 'runs of several robots: /left/controller, /right/controller')
+    raw = [x._replace(topic=f'/raw{x.topic}') for x in messages() if x.topic == STATES]
+    for x in raw:
+        x.message.position += 1.0
+    check(read(tmp_path / 'raw', raw + messages()))
 
 
 def test_without_the_plant(tmp_path: Path) -> None:
@@ -214,7 +282,7 @@ def test_a_gap_in_the_states(tmp_path: Path) -> None:
 
 
 def test_metadata_that_are_cut_off_anywhere_are_found(tmp_path: Path) -> None:
-    """Without them it is as a killed recorder leaves it."""
+    """Without them, as a killed recorder leaves it, the file tells all."""
     write_bag(tmp_path / 'bag', messages())
     path = tmp_path / 'bag' / 'metadata.yaml'
     whole = path.read_bytes()
@@ -223,7 +291,7 @@ def test_metadata_that_are_cut_off_anywhere_are_found(tmp_path: Path) -> None:
         path.write_bytes(whole[:end])
         refused(tmp_path / 'bag')
     path.unlink()
-    refused(tmp_path / 'bag', f'"ctc repair {tmp_path / "bag"}"')
+    check(read_bag(tmp_path / 'bag'))
 
 
 @pytest.mark.parametrize('name', ['run.bag', 'run.db3', 'run'])
@@ -255,15 +323,20 @@ def lossy(drop: Callable[[int], bool], commands: bool, effort: bool = True) -> l
 @pytest.mark.parametrize(('commands', 'effort'), [(True, True), (False, True), (False, False)])
 def test_a_recorder_that_dropped_messages(
         tmp_path: Path, commands: bool, effort: bool) -> None:
-    """Check the torques at the recorded states, from whichever message they are known."""
+    """Check torques at the recorded states, and that no term is made up for the others."""
     def drop(k: int) -> bool:
         return (k > 30 and k % 3 == 0) or 110 <= k < 120
     kept = np.array([not drop(k) for k in range(201)])
     result = read(tmp_path, lossy(drop, commands, effort))
     assert_equal(result.run, RESULT.run, ['v'], kept)
     assert int(result.missing.sum()) == 201 - kept.sum()
-    difference = np.abs(result.run.v - RESULT.run.v[kept]).max(axis=0)
-    assert (difference < 0.05 * np.abs(RESULT.run.v).max(axis=0)).all()
+    assert result.replay is not None
+    assert result.replay.verdict is ReplayVerdict.OTHER_TORQUES
+    assert all(x > 0.0 for x in result.replay.difference)
+    assert np.isnan(result.run.v).all() and not len(result.terms.t)
+    assert result.metrics()['origins']['nominal'] == 'not known'
+    assert any('recomputed over the recorded states, the law has other torques' in text
+               for text in result.metrics()['notes'])
 
 
 @pytest.mark.parametrize('commands', [False, True])
@@ -281,12 +354,48 @@ def test_unknown_torques(tmp_path: Path, commands: bool) -> None:
     assert np.delete(tau, 49, 0).tobytes() == RESULT.run.tau[known].tobytes()
 
 
-def test_the_filtered_error_after_a_gap_is_the_published_one(tmp_path: Path) -> None:
+def test_after_a_gap_the_terms_are_the_published_ones(tmp_path: Path) -> None:
     found = lossy(lambda k: 50 <= k < 90, True)
-    at = nanoseconds(0.1)
-    found.append(Entry('/controller/filter', at, joint_state(
-        at, ['joint2', 'joint1'], None, RESULT.run.v[100][::-1], None)))  # type: ignore[arg-type]
-    v = read(tmp_path, found).run.v
-    assert v[:50].tobytes() == RESULT.run.v[:50].tobytes()
-    assert v[50].tolist() == [0.0, 0.0]
-    np.testing.assert_allclose(v[60:], RESULT.run.v[100:], atol=1e-9)
+    stamps = [20, 100]
+    found += [published(k) for k in stamps]
+    for k in stamps:
+        t = nanoseconds(1e-3 * k)
+        found.append(Entry('/controller/filter', t, joint_state(
+            t, ['joint2', 'joint1'], None, RESULT.run.v[k][::-1], None)))  # type: ignore[arg-type]
+    result = read(tmp_path, found)
+    known = np.isfinite(result.run.v).all(axis=1)
+    assert result.run.t[known].tolist() == result.terms.t.tolist() == [0.02, 0.1]
+    for name in ('v', 'nominal', 'compensation', 'robust', 'tau', 'lyapunov'):
+        assert getattr(result.terms, name).tolist() == getattr(
+            RESULT.terms, name)[stamps].tolist(), name
+    assert result.run.v[known].tolist() == result.terms.v.tolist()
+
+
+@pytest.mark.parametrize('topic', ['torques', 'filter'])
+def test_a_law_that_publishes_something_else_is_not_recomputed(tmp_path: Path, topic: str) -> None:
+    """Check that one value that differs, of all that the bag has, is enough."""
+    t = nanoseconds(0.12)
+    entry = published(120) if topic == 'torques' else Entry('/controller/filter', t, joint_state(
+        t, ['joint1', 'joint2'], None, RESULT.run.v[120].copy(), None))  # type: ignore[arg-type]
+    values = entry.message.effort if topic == 'torques' else entry.message.velocity
+    values[1] *= 1.0 + 1e-4
+    assert read(tmp_path, [*messages(), entry]).replay == Replay(
+        ReplayVerdict.OTHER_TORQUES, (0.0, 0.0))
+
+
+def test_a_long_run_is_not_recomputed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr('ctc_chattering.bags.reader.MOST_REPLAYED', 200)
+    result = read(tmp_path, messages() + STAMPED[::10])
+    assert result.replay == Replay(ReplayVerdict.TOO_LONG)
+    assert result.terms.t.tolist() == RESULT.run.t[::10].tolist()
+    assert result.run.tau.tobytes() == RESULT.run.tau.tobytes()
+
+
+def test_the_law_before_a_recording_began_is_none_of_its_laws(tmp_path: Path) -> None:
+    """Parameters are latched: a recorder that is started late receives all changes before."""
+    found = [x for x in messages() if x.topic == '/controller/parameters' or x.t > nanoseconds(
+        0.12)]
+    found += [x._replace(t=nanoseconds(0.121)) for x in messages() if x.topic == '/reference']
+    result = read(tmp_path, found)
+    assert (result.label, result.changes) == ('bag: chattering', [])
+    assert [config.ka for _, config in result.configs] == [(10.0, 10.0), (8.0, 9.0)]

@@ -18,14 +18,18 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator
+from contextlib import closing
 import functools
+import os
 from pathlib import Path
 import random
+import resource
 import shutil
 import struct
 from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
 
+from ctc_chattering.bags.bag_files import UnsupportedBag
 from ctc_chattering.bags.reader import read_bag
 from ctc_chattering.bags.repair import open_bag, recover, repair
 from ctc_chattering.bags.writer import BagWriter
@@ -40,6 +44,7 @@ from motion_bags import string
 from motion_bags import write as write_bag
 import pytest
 from recorded_runs import metadata
+from rosbags.highlevel import AnyReader
 from rosbags.rosbag2 import StoragePlugin
 import yaml
 
@@ -88,9 +93,9 @@ class Original(NamedTuple):
     def recovered(self, data: bytes, is_closed: bool = False) -> list[Row]:
         """Return what is recovered of such a bag, as the mcap library reads it."""
         with TemporaryDirectory() as scratch:
-            new = Path(scratch) / 'new'
-            count = recover(self.bag(Path(scratch) / 'bag', data, is_closed), new)
-            rows = rows_of(new / 'new_0.mcap')
+            new = Path(scratch) / 'new.mcap'
+            count = recover(self.bag(Path(scratch) / 'bag', data, is_closed) / 'bag_0.mcap', new)
+            rows = rows_of(new)
         assert len(rows) == count
         return rows
 
@@ -191,34 +196,171 @@ def test_files_of_other_recorders(
     whole = bytearray(file.read_bytes())
     whole[60:60 + NOISE] = random.Random(5).randbytes(NOISE)
     if 'use_chunking' in options:
-        with pytest.raises(CtcError, match='no message in a whole chunk'):
-            original.recovered(bytes(whole))
+        assert not original.recovered(bytes(whole))
     else:
         assert original.recovered(bytes(whole)) == rows[12:]
 
 
+def contents(folder: Path) -> dict[str, tuple[int, bytes]]:
+    """Return the inode and the bytes of every file below a directory."""
+    return {str(x.relative_to(folder)): (x.stat().st_ino, x.read_bytes())
+            for x in sorted(folder.rglob('*')) if x.is_file()}
+
+
 def test_a_repaired_bag_is_in_its_place_and_is_not_repaired_again(
         original: Original, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The damaged file is kept beside it; notes, and other files, are what they were."""
     bag = original.bag(tmp_path / 'bag', original.data[:original.chunks[6][0]])
-    with pytest.raises(CtcError, match=f'metadata.yaml.*; "ctc repair {bag}" recovers the rest$'):
+    (bag / 'notes.txt').write_text('mine')
+    before = contents(tmp_path)
+    with pytest.raises(CtcError, match=f'cut off; "ctc repair {bag}" recovers the rest$'):
         read_bag(bag)
-    assert repair(bag) == (72, tmp_path / 'bag.damaged')
+    assert main(['repair', str(bag)]) == 0
+    assert capsys.readouterr().out == (
+        f'{bag}: 72 messages recovered\nkept as it was: {bag}/bag_0.mcap.damaged\n')
     assert rows_of(bag / 'bag_0.mcap') == original.rows[:72]
     assert metadata(bag)['custom_data'] == {'repaired': '72 messages recovered'}
-    before = {path.name: (path.stat().st_ino, path.read_bytes()) for path in bag.iterdir()}
+    after = contents(tmp_path)
+    assert after['bag/bag_0.mcap.damaged'] == before['bag/bag_0.mcap']
+    assert after['bag/notes.txt'] == before['bag/notes.txt']
+    assert set(after) == {*before, 'bag/bag_0.mcap.damaged', 'bag/metadata.yaml'}
     assert main(['repair', str(bag)]) == 0
     assert capsys.readouterr().out == f'{bag}: nothing to repair\n'
-    assert {path.name: (path.stat().st_ino, path.read_bytes())
-            for path in bag.iterdir()} == before
-    assert sorted(path.name for path in tmp_path.iterdir()) == ['bag', 'bag.damaged']
-    (bag / 'metadata.yaml').unlink()
-    with pytest.raises(CtcError, match='exists already'):
+    assert contents(tmp_path) == after
+    (bag / 'bag_0.mcap').write_bytes(original.data[:original.chunks[6][0]])
+    with pytest.raises(CtcError, match=r'bag_0\.mcap\.damaged: exists already'):
         repair(bag)
+
+
+def two_recordings(original: Original, folder: Path) -> dict[str, tuple[int, bytes]]:
+    """Make a directory with two recordings, the second one cut off, and notes."""
+    folder.mkdir()
+    (folder / 'monday.mcap').write_bytes(original.data)
+    (folder / 'tuesday.mcap').write_bytes(original.data[:original.chunks[3][0]])
+    (folder / 'notes.txt').write_text('mine')
+    return contents(folder)
+
+
+def test_a_directory_of_two_recordings_is_refused_and_left_alone(
+        original: Original, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder = tmp_path / 'trials'
+    before = two_recordings(original, folder)
+    for command in ('repair', 'export'):
+        assert main([command, str(folder)]) == 1
+        assert capsys.readouterr().err == (
+            f'ctc {command}: {folder}: several recordings and no metadata.yaml: monday.mcap, '
+            'tuesday.mcap. Name one of the files, or give each recording a directory of its own'
+            '\n')
+    assert contents(folder) == before
+    assert [x.name for x in tmp_path.iterdir()] == ['trials']
+
+
+def test_the_file_that_is_named_is_repaired_alone(
+        original: Original, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The message that a damaged file causes names this file."""
+    folder = tmp_path / 'all trials'
+    before = two_recordings(original, folder)
+    file = folder / 'tuesday.mcap'
+    with pytest.raises(CtcError, match=f"cut off; \"ctc repair '{file}'\" recovers the rest$"):
+        read_bag(file)
+    assert repair(folder / 'monday.mcap') is None
+    assert main(['repair', str(file)]) == 0
+    assert capsys.readouterr().out == (
+        f'{file}: 36 messages recovered\nkept as it was: {file}.damaged\n')
+    assert rows_of(file) == original.rows[:36]
+    after = contents(folder)
+    assert after.pop('tuesday.mcap.damaged') == before['tuesday.mcap']
+    assert {**after, 'tuesday.mcap': before['tuesday.mcap']} == before
+
+
+def test_two_healthy_files_are_not_damaged(original: Original, tmp_path: Path) -> None:
+    """The second one is no part of the first; without metadata each is read by its name."""
+    folder = tmp_path / 'trials'
+    two_recordings(original, folder)
+    (folder / 'tuesday.mcap').write_bytes(original.data)
+    before = contents(folder)
+    for name in ('monday.mcap', 'tuesday.mcap'):
+        assert repair(folder / name) is None
+    with pytest.raises(UnsupportedBag, match='several recordings'):
+        repair(folder)
+    assert contents(folder) == before
+
+
+def test_of_a_split_recording_only_the_damaged_file_is_written_anew(
+        tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It stays a bag of several files, and has metadata, which a killed recorder did not write."""
+    clock = 0.0
+    monkeypatch.setattr('time.monotonic', lambda: clock)
+    recording = BagWriter(tmp_path / 'bag')
+    for t in range(1, 91):
+        clock = 15.0 * t
+        recording.write('/news', 'std_msgs/msg/String', t, b'\0\1\0\0\1\0\0\0\0', '')
+        recording.flush()
+    recording.abandon()
+    monkeypatch.undo()
+    bag = tmp_path / 'bag'
+    before = contents(bag)
+    assert set(before) == {'bag_0.mcap', 'bag_1.mcap', 'bag_2.mcap'}
+    assert repair(bag) == (10, (bag / 'bag_2.mcap.damaged',))
+    after = contents(bag)
+    assert after['bag_0.mcap'] == before['bag_0.mcap']
+    assert after['bag_1.mcap'] == before['bag_1.mcap']
+    assert after['bag_2.mcap.damaged'] == before['bag_2.mcap']
+    assert [x['message_count'] for x in metadata(bag)['files']] == [40, 40, 10]
+    with closing(open_bag(bag)) as reader:
+        assert [t for _, t, _ in reader.messages()] == list(range(1, 91))
+
+
+def test_a_bag_that_lacks_its_metadata_only_gets_them(
+        original: Original, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    bag = original.bag(tmp_path / 'bag', original.data)
+    file = contents(bag)['bag_0.mcap']
+    assert main(['repair', str(bag)]) == 0
+    assert capsys.readouterr().out == f'{bag}: no file is damaged; metadata.yaml is written\n'
+    assert contents(bag)['bag_0.mcap'] == file
+    assert metadata(bag)['message_count'] == len(original.rows)
+    assert metadata(bag)['custom_data'] is None
+
+
+def test_messages_that_are_compressed_one_by_one_are_recovered(tmp_path: Path) -> None:
+    """`rosbags`, which unpacks messages only where the metadata say so, reads them, too."""
+    bag = write_bag(tmp_path / 'bag', [('/a', t, string(f'{t}' * 99)) for t in range(3)],
+                    compression='message')
+    (bag / 'metadata.yaml').unlink()
+    for _ in range(2):
+        assert repair(bag) is not None
+        with AnyReader([bag]) as reader:
+            assert [reader.deserialize(data, x.msgtype).data  # type: ignore[attr-defined]
+                    for x, _, data in reader.messages()] == [f'{t}' * 99 for t in range(3)]
+        with closing(open_bag(bag)) as found:
+            assert [x.data for _, x in found.read(found.named('/a'))] == [
+                f'{t}' * 99 for t in range(3)]
+        file = bag / 'bag.mcap'
+        file.write_bytes(file.read_bytes()[:-9])
+        (bag / 'metadata.yaml').unlink()
+
+
+@pytest.mark.parametrize('limit', [1000, 20_000])
+def test_a_full_disk_changes_nothing(original: Original, tmp_path: Path, limit: int) -> None:
+    bag = original.bag(tmp_path / 'bag', original.data[:original.size])
+    before = contents(tmp_path)
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limits[1]))
+    try:
+        with pytest.raises(CtcError, match='File too large'):
+            repair(bag)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    assert contents(tmp_path) == before
 
 
 def test_what_is_no_bag_cannot_be_repaired(original: Original, tmp_path: Path) -> None:
     with pytest.raises(CtcError, match='no such bag'):
         repair(tmp_path / 'bag')
+    os.mkfifo(tmp_path / 'bag')
+    with pytest.raises(CtcError, match='no such bag'):
+        repair(tmp_path / 'bag')
+    (tmp_path / 'bag').unlink()
     (tmp_path / 'bag').mkdir()
     with pytest.raises(CtcError, match=r'not a bag: .*metadata\.yaml'):
         repair(tmp_path / 'bag')
@@ -245,12 +387,13 @@ def test_a_bag_with_fewer_messages_than_it_counts_is_refused(
 
 def test_types_and_qos_of_other_recorders_are_recovered(tmp_path: Path) -> None:
     """Check a type that is not installed, and policies as numbers, as in bags of ROS 2 Humble."""
-    (tmp_path / 'bag').mkdir()
+    bag = tmp_path / 'bag'
+    bag.mkdir()
     forever = {'sec': 1, 'nsec': 2}
     profile = {'history': 1, 'depth': 5, 'reliability': 2, 'durability': 1, 'deadline': forever,
                'lifespan': forever, 'liveliness': 1, 'liveliness_lease_duration': forever,
                'avoid_ros_namespace_conventions': False}
-    with (tmp_path / 'bag' / 'bag_0.mcap').open('wb') as stream:
+    with (bag / 'bag_0.mcap').open('wb') as stream:
         writer: Any = McapWriter(stream)
         writer.start('ros2')
         schema = writer.register_schema('my_msgs/msg/Thing', 'ros2msg', b'float64 x')
@@ -260,16 +403,16 @@ def test_types_and_qos_of_other_recorders_are_recovered(tmp_path: Path) -> None:
             channel = writer.register_channel(topic, 'cdr', kind, {'offered_qos_profiles': text})
             writer.add_message(channel, 7, b'\0\1\0\0' + bytes(8), 7)
         writer.flush()
-    assert recover(tmp_path / 'bag', tmp_path / 'whole') == 3
-    open_bag(tmp_path / 'whole').close()
-    with (tmp_path / 'whole' / 'whole_0.mcap').open('rb') as stream:
+    assert repair(bag) == (3, (bag / 'bag_0.mcap.damaged',))
+    open_bag(bag).close()
+    with (bag / 'bag_0.mcap').open('rb') as stream:
         rows = [(channel.topic, schema and (schema.name, schema.data), message.data)
                 for schema, channel, message in make_reader(stream).iter_messages()]
     thing = 'my_msgs/msg/Thing', b'float64 x'
     assert rows == [(topic, kind, b'\0\1\0\0' + bytes(8)) for topic, kind in (
-        ('/a', thing), ('/b', thing), ('/c', ('std_srvs/srv/Trigger_Event', b'')))]
+        ('/a', thing), ('/b', thing), ('/c', ('std_srvs/srv/Trigger_Event', b'what it is')))]
     profiles = [x['topic_metadata']['offered_qos_profiles']
-                for x in metadata(tmp_path / 'whole')['topics_with_message_count']]
+                for x in metadata(bag)['topics_with_message_count']]
     assert profiles == [[{
         **profile, 'history': 'keep_last', 'reliability': 'best_effort',
         'durability': 'transient_local', 'liveliness': 'automatic'}], [], []]

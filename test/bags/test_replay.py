@@ -21,6 +21,7 @@ from pathlib import Path
 import signal
 import subprocess
 import sys
+from typing import Any
 
 from ctc_chattering import replay
 from ctc_chattering.analysis.compilation import compile_setups
@@ -33,7 +34,8 @@ from ctc_chattering.ros.process import STOP
 from ctc_chattering.ros.subscription import with_info
 from domains import own_domain
 from made_once import made_once
-from motion_bags import made, STORE, string, write
+from mcap.writer import Writer
+from motion_bags import made, serialized, STORE, string, write
 from processes import CONFIG, PATIENCE, probe, run_bringup, Stopwatch
 import pytest
 import rclpy
@@ -41,7 +43,7 @@ from recorded_runs import assert_equal, counts, metadata, reports_of
 from rosbags.typesys import get_types_from_msg
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Float64MultiArray
+from std_msgs.msg import Float64MultiArray, String
 
 pytestmark = pytest.mark.ros
 SETUP = parameter_file.load(CONFIG / 'friction.yaml', {'plant': {'duration': 0.5}})
@@ -141,3 +143,31 @@ def test_topics_whose_types_are_not_installed_are_named_and_passed_over(
     assert capsys.readouterr().err.splitlines() == [
         f'not replayed, because its message type is not installed: {topic} ({topics[topic]})'
         for topic in topics]
+
+
+def test_messages_of_other_encodings_and_types_of_a_topic_are_not_published(
+        tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file = tmp_path / 'file.mcap'
+    with file.open('wb') as stream:
+        writer: Any = Writer(stream)
+        writer.start('ros2')
+        news, number = serialized(string('hi')), b'\0\1\0\0' + bytes(8)
+        for topic, encoding, schema, data in (
+                ('/news', 'cdr', ('std_msgs/msg/String', 'ros2msg', b'string data'), news),
+                ('/news', 'cdr', ('std_msgs/msg/Float64', 'ros2msg', b'float64 data'), number),
+                ('/news', 'json', ('std_msgs/msg/String', 'jsonschema', b'{}'), b'{}'),
+                ('/raw', 'json', None, b'{}')):
+            channel = writer.register_channel(
+                topic, encoding, writer.register_schema(*schema) if schema else 0)
+            writer.add_message(channel, 1, data, 1)
+        writer.finish()
+    with probe() as it:
+        heard = it.listen(String, 'news', 10)
+        assert replay(file, rate=10.0, delay=1.0) == 1
+        it.until(lambda: heard, 'the message')
+    assert [x.data for x in heard] == ['hi']
+    assert capsys.readouterr().err.splitlines() == [
+        'not replayed, because the topic has messages of another type, too: /news '
+        '(std_msgs/msg/Float64)',
+        'not replayed, because its messages are json, not of ROS 2: /news (std_msgs/msg/String)',
+        'not replayed, because its messages are json, not of ROS 2: /raw ()']

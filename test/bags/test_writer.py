@@ -147,7 +147,7 @@ def test_a_disk_that_is_full_at_any_moment(
     assert {x.name for x in (tmp_path / 'bag').iterdir()} <= {'bag_0.mcap', 'metadata.yaml'}
     if found and not flushed:
         return
-    assert flushed <= recover(tmp_path / 'bag', tmp_path / 'rewritten') <= len(messages)
+    assert flushed <= recover(tmp_path / 'bag/bag_0.mcap', tmp_path / 'new.mcap') <= len(messages)
 
 
 def test_empty_bag_is_a_bag(tmp_path: Path) -> None:
@@ -226,7 +226,7 @@ def test_a_slow_disk_holds_nothing_up(tmp_path: Path, monkeypatch: pytest.Monkey
     monkeypatch.setattr('os.fsync', sync)
     recording = BagWriter(tmp_path / 'bag')
     flushed(recording, 3)
-    assert recover(tmp_path / 'bag', tmp_path / 'rewritten') == 3
+    assert recover(tmp_path / 'bag/bag_0.mcap', tmp_path / 'new.mcap') == 3
     sync.assert_called_once()
     go.set()
     recording.close()
@@ -247,7 +247,7 @@ def test_an_error_of_the_disk_is_reported(
         while time.monotonic() < end:
             flushed(recording, 1)
     recording.abandon()
-    assert recover(tmp_path / 'flushed', tmp_path / 'rewritten') > 0
+    assert recover(tmp_path / 'flushed/flushed_0.mcap', tmp_path / 'new.mcap') > 0
 
 
 MS = S // 1000

@@ -20,14 +20,15 @@ import ctypes
 from math import inf, nan, pi, sin
 from pathlib import Path
 import re
+import shutil
 import subprocess
 from typing import Any
 
 from broken_arm import Broken
-from ctc_chattering.c_export.library import export
+from ctc_chattering.c_export.library import c_string, export
 from ctc_chattering.control.controller_config import SWITCHINGS
-from ctc_chattering.controller.trips import TripMonitor
-from ctc_chattering.errors import CtcError
+from ctc_chattering.controller.trips import LARGEST_GROWTH, PATIENCE, TripMonitor
+from ctc_chattering.errors import CtcError, UsageError
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_commands import ctc, refused
 from exported_laws import compiled_by_cc, controller_of, Robot, robot_of, watched
@@ -39,7 +40,7 @@ from urdfs import two_links
 
 LAWS = ['compensation', *SWITCHINGS, 'observer_feedback']
 (OK, NOT_INITIALIZED, WRONG_ARGUMENT, NOT_FINITE, OVERFLOW, ERROR_LIMIT, ERROR_GROWTH,
- OSCILLATION, WRONG_GAIN, FIXED_GAINS) = range(10)
+ OSCILLATION, WRONG_GAIN, FIXED_GAINS, JUMP) = range(11)
 
 
 def recorded(robot: Robot, count: int) -> tuple[Array, Array]:
@@ -87,8 +88,10 @@ def test_ten_thousand_torques_to_the_last_bit(tmp_path: Path, file: str, law: st
 
 @pytest.mark.slow
 def test_a_delay_and_limits(tmp_path: Path) -> None:
-    check_bits(robot_of('friction', 'implicit_observer', input_delay=2, inertia_scale=1.1,
-                        effort_rate_limit=[2e4, 2e4], effort_limit=[300.0, 60.0]), tmp_path, 1000)
+    robot = robot_of('friction', 'implicit_observer', input_delay=2, inertia_scale=1.1,
+                     effort_rate_limit=[2e4, 2e4], effort_limit=[300.0, 60.0])
+    odd = robot.config.changed({'joint_names': ['a??/', 'b"\\']})  # As C has them, too.
+    check_bits(robot._replace(config=odd), tmp_path, 1000)
 
 
 class Law:
@@ -166,6 +169,108 @@ def test_errors_have_a_code_and_a_torque_of_0(library: Path) -> None:
     assert law.call('set_gains', *[[1.0, 1.0]] * 3) == NOT_INITIALIZED
 
 
+def test_a_position_that_jumps_ends_the_torques_until_a_reset(library: Path) -> None:
+    """By the rule of the node, also where the driver makes the velocity of the jump."""
+    law = Law(watched(), library)
+    law.call('init')
+    first = law.step(*REST)
+    assert law.step([0.19, 0.2], *REST[1:])[0] == OK
+    assert law.step([0.1, 0.2], *REST[1:])[0] == OK
+    for velocity in (0.2, 250.0):
+        assert law.step([0.1, 0.45], [0.1, velocity], *REST[2:]) == (JUMP, [0.0, 0.0])
+        assert law.step(*REST) == (JUMP, [0.0, 0.0])
+        assert b'jumped' in law.library.ctc_message(JUMP)
+        law.call('reset')
+        assert law.step(*REST) == first
+
+
+def test_the_time_that_has_elapsed_says_how_far_a_joint_can_have_moved(library: Path) -> None:
+    """0.3 rad are a jump within a period, and none within 50 ms at 6 rad/s."""
+    law = Law(watched(), library)
+    for elapsed, error in ((1e-3, JUMP), (0.05, OK), (nan, NOT_FINITE)):
+        law.call('init')
+        law.step(REST[0], [0.1, 6.0], *REST[2:])
+        arrays = [np.array(x) for x in ([0.1, 0.5], [0.1, 6.0], [0.1, 0.5], *REST[3:])]
+        tau = np.zeros(2)
+        law.library.ctc_step_after.argtypes = (
+            ctypes.c_void_p, ctypes.c_double, *[ctypes.c_void_p] * 6)
+        assert law.library.ctc_step_after(
+            law.law, elapsed, *(x.ctypes.data for x in (*arrays, tau))) == error
+        assert tau.any() == (error == OK)
+
+
+@pytest.mark.parametrize('delay', [0, pytest.param(2, marks=pytest.mark.slow)])
+def test_an_endless_joint_counts_its_turns(tmp_path: Path, delay: int) -> None:
+    """States and reference within a driver's window: the torques of positions that count turns."""
+    robot = robot_of('friction', 'implicit_observer', input_delay=delay)
+    robot = robot._replace(config=robot.config.changed({'continuous_joints': ['joint1']}))
+    law, controller = Law(robot, tmp_path), controller_of(robot)
+    law.call('init')
+    rate = np.array([8.0, 0.3])
+    for k in range(1500):
+        t = 1e-3 * (k + np.arange(delay + 1))[:, np.newaxis]
+        points = np.array([3.0, 0.2]) + rate * t
+        q = points[0] + 0.02 * np.sin(5.0 * t[0])
+        speed = rate.tolist()
+        expected = controller.step(q.tolist(), speed, points[0].tolist(), speed, [0.0, 0.0], [
+            (x, speed, [0.0, 0.0]) for x in points[1:].tolist()])
+        wrapped = points.copy()
+        wrapped[:, 0] = (points[:, 0] + pi) % (2.0 * pi) - pi
+        error, tau = law.step([(q[0] + pi) % (2.0 * pi) - pi, q[1]], rate, wrapped,
+                              [rate] * (delay + 1), np.zeros((delay + 1, 2)))
+        assert error == OK
+        assert tau == pytest.approx(expected.tau, rel=1e-9, abs=1e-9)
+    assert q[0] > 14.0
+
+
+def test_a_joint_that_is_not_endless_is_not_turned(library: Path) -> None:
+    """Nor is a start: that of an endless joint is the one nearest to the reference."""
+    law = Law(watched(), library)
+    law.call('init')
+    assert law.step([0.1 - 2.0 * pi, 0.2], *REST[1:]) == (ERROR_LIMIT, [0.0, 0.0])
+
+
+NO_LIMIT = ('error_limit[CTC_JOINTS] = {0.5, 0.5}',
+            'error_limit[CTC_JOINTS] = {INFINITY, INFINITY}')
+GROWTH = LARGEST_GROWTH
+TINY = 1e-9
+
+
+@pytest.mark.parametrize(('changes', 'cases'), [
+    ([], [([0.5 - TINY], OK), ([0.5 + TINY], ERROR_LIMIT), ([-0.5 - TINY], ERROR_LIMIT)]),
+    ([NO_LIMIT, ('WATCHED 0', 'WATCHED 1')], [
+        ([3.0, 3.0 - 2.0 * GROWTH], OK), ([0.5, 0.25, 0.25 + GROWTH - TINY], OK),
+        ([0.5, 0.25, 0.25 + GROWTH + TINY], ERROR_GROWTH)]),
+    ([NO_LIMIT, ('STRAINED 0', 'STRAINED MEASURED')], [
+        ([PATIENCE - TINY], OK), ([PATIENCE], OSCILLATION)])])
+def test_the_trips_are_at_their_bounds(
+        library: Path, tmp_path: Path, changes: list[tuple[str, str]],
+        cases: list[tuple[list[float], int]]) -> None:
+    """
+    Check both sides of the bounds of |e|, of its growth, and of a feedback that is not helped.
+
+    The law is law (6); the numbers beside it are changed to say that it is watched as
+    `observer_feedback` is, or that the measured position is how long its feedback was not helped.
+    """
+    path = tmp_path / 'law'
+    shutil.copytree(library, path)
+    (path / 'made').unlink()
+    data = path / 'ctc_law_data.h'
+    text = data.read_text(encoding='utf-8')
+    for before, after in changes:
+        assert text.count(before) == 1
+        text = text.replace(before, after)
+    data.write_text(text, encoding='utf-8')
+    compiled_by_cc(path, '-fPIC', '-shared')
+    # So fast that no position is a jump.
+    law, zero, fast = Law(watched(), path), [0.0, 0.0], [1e5, 0.0]
+    law.call('init')
+    for positions, expected in cases:
+        law.call('reset')
+        results = [law.step([q, 0.0], fast, *[zero] * 3)[0] for q in positions]
+        assert results == [OK] * (len(positions) - 1) + [expected], positions
+
+
 @pytest.mark.slow
 def test_an_error_that_grows_trips_where_the_node_does(tmp_path: Path) -> None:
     robot = robot_of('friction', 'observer_feedback')
@@ -174,7 +279,8 @@ def test_an_error_that_grows_trips_where_the_node_does(tmp_path: Path) -> None:
     law.call('init')
     reason, count = '', 0
     while not reason:
-        rows = [[-0.5 + 0.3 * (count > 20) - 1.5 * (count > 40), 0.2], *REST[1:]]
+        away = -0.5 + 0.05 * min(max(count - 20, 0), 6) - 0.05 * max(count - 40, 0)
+        rows = [[away, 0.2], *REST[1:]]
         sample = controller.step(*rows)
         reason, count = trips.check(controller, sample), count + 1
         expected = (ERROR_GROWTH, [0.0, 0.0]) if reason else (OK, sample.tau)
@@ -196,7 +302,8 @@ def test_a_limit_cycle_trips_where_the_node_does(tmp_path: Path) -> None:
     law.call('init')
     reason, count, tripped = '', 0, 0
     while not reason and count < 3000:
-        rows = [[0.0, 0.003 * sin(0.04 * pi * max(count - 500, 0))], *[[0.0, 0.0]] * 4]
+        rows: list[Any] = [
+            [0.0, 0.003 * sin(0.04 * pi * max(count - 500, 0))], *[[0.0, 0.0]] * 4]
         sample = controller.step(*rows)
         if not tripped:
             answer = law.step(*rows)
@@ -265,13 +372,15 @@ def test_a_floating_point_trap_or_rounding_of_the_caller_changes_nothing(
     libm.feenableexcept(0x1 | 0x4 | 0x8)
     try:
         found = [law.step(*x) for x in states]
+        jump = law.step([1e200] * 2, [1e200] * 2, *REST[2:])
+        law.call('reset')
         overflow = law.step([1e200] * 2, [1e200] * 2, *REST[2:])
         assert libm.fegetround() == upward
     finally:
         libm.fedisableexcept(0x3d)
         libm.fesetround(0)
     assert found == right
-    assert overflow == (OVERFLOW, [0.0, 0.0])
+    assert (jump, overflow) == ((JUMP, [0.0, 0.0]), (OVERFLOW, [0.0, 0.0]))
 
 
 @pytest.mark.slow
@@ -291,6 +400,9 @@ def test_the_same_input_gives_the_same_bytes(tmp_path: Path) -> None:
 def test_a_name_that_is_none_of_a_package_is_refused(tmp_path: Path) -> None:
     refused(ctc('export-c', 'friction', '--out', str(tmp_path / 'out'),
                 '--ros2-control', 'My-Arm'), '--ros2-control My-Arm', 'small letters')
+    for name in ('my_arm-2', 'my_Arm', 'my arm', 'arm/../..', 'arm.h', '2_arms', 'arm"\n'):
+        with pytest.raises(UsageError, match='small letters'):
+            export(*watched(), tmp_path / 'out', package=name)
     assert not list(tmp_path.iterdir())
 
 
@@ -302,6 +414,21 @@ def test_a_limit_that_would_turn_the_clamp_round_is_not_exported(tmp_path: Path)
     done = ctc('export-c', 'arm.yaml', '--out', 'law', cwd=tmp_path)
     refused(done, 'joint a: effort is -1')
     assert not (tmp_path / 'law').exists()
+
+
+@pytest.mark.parametrize('standard', ['c99', 'c11', 'gnu17', 'c++98', 'c++17'])
+def test_names_of_joints_are_literals_of_every_version_of_c(standard: str, tmp_path: Path) -> None:
+    """Check trigraphs, ends of strings and lines, and what is no ASCII."""
+    names = ['joint 1', 'a??/', '??=??(', '"\\', 'tab\t1', 'line\n2', 'é\u20ac', '\x7f1', '%s',
+             'b\\']
+    source = tmp_path / ('names.cpp' if '++' in standard else 'names.c')
+    source.write_text('#include <stdio.h>\nint main(void) {\n' + ''.join(
+        f'fwrite({c_string(x)}, 1, sizeof({c_string(x)}), stdout);\n' for x in names)
+        + 'return 0;\n}\n')
+    subprocess.run(['c++' if '++' in standard else 'cc', f'-std={standard}', '-Wall', '-Wextra',
+                    '-Wpedantic', '-Werror', source, '-o', tmp_path / 'names'], check=True)
+    printed = subprocess.check_output([tmp_path / 'names'])
+    assert printed.decode().split('\0')[:-1] == names
 
 
 def test_a_model_of_ones_own_and_full_matrices_are_refused(tmp_path: Path) -> None:

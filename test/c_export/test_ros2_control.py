@@ -26,13 +26,16 @@ from pathlib import Path
 import re
 import shutil
 import subprocess
+from typing import cast
 
 from ctc_chattering.c_export.library import export
 from ctc_chattering.controller.trips import PATIENCE
 from ctc_chattering.numerics.linear_algebra import Vector
 from ctc_chattering.trajectory.buffer import Point, Trajectory
+from ctc_chattering.trajectory.motions import BRAKING_TIME, Stop, TimedMotion
 from exported_laws import controller_of, Robot, robot_of, watched
 from machine_code import compile_step
+import numpy as np
 import pytest
 
 #: The compiler takes half a minute; `.ci/run` runs them.
@@ -73,7 +76,7 @@ def program(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def built(robot: Robot, package: Path) -> Path:
     """Return a program that runs the controller by commands."""
-    export(*robot, package, package='two_link_ctc')
+    export(*robot, package, package='int')  # A word of C++.
     for name in re.findall('#include "(.*/.*)"', (package / 'controller.cpp').read_text()):
         path = package / 'stub' / name
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -135,12 +138,49 @@ def test_the_torques_are_those_of_the_controller(program: Path) -> None:
     (['publishers 2', reference(), update(BEGIN)], [GOOD]),           # None is obeyed.
     ([reference(stamp=-BEGIN), update(BEGIN)], [GOOD]),
     ([reference([POINTS[1], POINTS[0]]), update(BEGIN + 10 * MS)], [GOOD]),
+    ([reference(POINTS[:2], POINTS[1][0]), update(BEGIN + 5 * MS)], [GOOD]),  # Negative times.
+    (['reference 0 0', update(BEGIN)], [GOOD]),                       # Nothing to stop.
+    ([update(END + GRACE + MS), reference(RESTING[:-1]), update(END + GRACE + 2 * MS)],
+     [GOOD, GOOD]),                                                   # All of it is past.
+    ([reference(), update(BEGIN), update(BEGIN + MS, (0.2, 0.2))], [GOOD, FAILED]),  # A jump.
     ([reference([(BEGIN, ((nan, 0.0), *POINTS[0][1][1:]))]), update(BEGIN)], [GOOD]),
     ([reference(), update(BEGIN), 'deactivate'], [GOOD])])
 def test_where_there_is_no_torque(program: Path, commands: list[str], results: list[int]) -> None:
     found = run(program, 'configure', 'activate', *commands)
     assert results == [x[0] for x, line in zip(found[2:], commands) if line[:6] == 'update']
     assert found[-1][1:3] == [0.0, 0.0]
+
+
+def test_a_reference_without_points_stops_the_motion_on_its_path(program: Path) -> None:
+    """Within half a second from 20 ms on, to a place that is held; the next points move again."""
+    points = [(t, point_at(t)) for t in range(BEGIN, BEGIN + 500 * MS, 10 * MS)]
+    trajectory = Trajectory(GRACE)
+    trajectory.extend([t for t, _ in points], [x for _, x in points])
+    begin = BEGIN + 30 * MS
+    stop = Stop(cast('TimedMotion', trajectory), begin + 20 * MS, BRAKING_TIME)
+    times = range(BEGIN, BEGIN + 1500 * MS, MS)
+    commands, desired = ['configure', 'activate', reference(points)], []
+    for t in times:
+        q, dq, _ = stop.at(t)
+        commands += ['reference 0 0'] * (t == begin + MS) + [update(t, q, dq)]
+        desired.append(q)
+    done = [x for x, line in zip(run(program, *commands), commands) if line[:6] == 'update']
+    assert {x[0] for x in done} == {GOOD}
+    found = np.array([x[3:5] for x in done])
+    assert np.abs(found - desired).max() < 1e-6
+    assert np.ptp(found[-800:], axis=0).max() == 0.0
+    last = stop.at(stop.end)[0]
+    assert found[-1] == pytest.approx(last, abs=1e-6)
+    assert np.abs(np.diff(found, axis=0)).max() < 1.01e-3
+
+
+def test_late_points_of_the_reference_are_gone_through_where_they_are_due(program: Path) -> None:
+    """Those that are past are dropped; the motion is where the trajectory is now."""
+    late = BEGIN + 55 * MS
+    found = run(program, 'configure', 'activate', update(late - MS), reference(),
+                update(late, point_at(late)[0], point_at(late)[1]))
+    assert found[-1][0] == GOOD
+    assert found[-1][3:5] == pytest.approx(point_at(late)[0], abs=1e-9)
 
 
 def test_an_oscillating_feedback_trips_until_it_is_activated_again(tmp_path: Path) -> None:
@@ -151,11 +191,11 @@ def test_an_oscillating_feedback_trips_until_it_is_activated_again(tmp_path: Pat
     """
     robot = robot_of('friction', 'observer_feedback')
     rest, times = RESTING[-1][1], range(END + 10 * MS, END + 3000 * MS, MS)
-    states = [(rest[0][0] + 0.3 * (-1) ** k, rest[0][1]) for k in range(len(times))]
+    states = [(rest[0][0] + 0.049 * (-1) ** k, rest[0][1]) for k in range(len(times))]
     found = run(
         built(robot, tmp_path), 'configure', 'activate', reference(RESTING),
         *(update(t, q, rest[1]) for t, q in zip(times, states)), 'deactivate', 'activate',
-        reference(RESTING), update(times[-1], *rest[:2]))
+        reference([(times[-1], rest)], times[-1]), update(times[-1], *rest[:2]))
     controller, expected = controller_of(robot), list[list[float]]()
     while controller.stability[1] < PATIENCE:
         expected.append([GOOD, *controller.step(states[len(expected)], rest[1], *rest).tau])

@@ -17,6 +17,7 @@
 from __future__ import annotations
 
 from argparse import _SubParsersAction
+import os
 from pathlib import Path
 import re
 import subprocess
@@ -46,7 +47,10 @@ FILES = {
     'plain.yaml': '/**: {ros__parameters: {compiled: false}}',
     'other.yaml': '/**: {ros__parameters: {model: "nowhere:Arm"}}',
     'robot.yaml': ROBOT, 'tune.yaml': SPEC, 'axes.yaml': f'{SPEC}axes: {{}}\n',
+    'endless.yaml': 'plant: {ros__parameters: {duration: 0.0}}',
     'broken/metadata.yaml': '\ufffe\0'}
+#: Longer than a file's name may be.
+LONG = 'x' * 300
 BAG = 'identify bag --model two_link'
 DRIVEN = 'identify driven --model two_link --effort current'
 #: What is wrong in a file, or not there: status 1, and words of the line.
@@ -67,6 +71,17 @@ FAILS = {
     **{f'{command} {bag}': [bag] for bag in ('none', 'law.yaml', 'empty', 'broken')
        for command in ('plot', 'replay', 'live')},
     'identify none': ['no such bag'],
+    'compare endless.yaml --laws integral': ['duration: 0.0 is not allowed', 'must end'],
+    **{f'{command}{LONG}': [LONG[:9], reason] for command, reason in (
+        ('simulate --params-file empty/', 'too long'), ('check-model --urdf ', 'too long'),
+        ('check-model --urdf package://a/', 'not installed'), ('repair ', 'too long'),
+        ('live ', 'too long'), ('plot ', 'too long'),
+        ('simulate --duration 0.01 --out ', 'too long'))},
+    **{f'{command} {file}': [f'{file}: is {kind}; a regular file is needed']
+       for file, kind in (('pipe', 'a pipe'), ('/dev/zero', 'a device'))
+       for command in ('simulate', 'map', 'tune', 'compare', 'excite', 'check-model --urdf',
+                       'new-robot --out new.yaml --urdf', 'compare friction --cases')},
+    'tune --identified piped': ['identified.yaml: is a pipe'],
     BAG: ['without a gap; at least 2 s'], BAG.replace('bag', 'still'): ['at least 2 s'],
     'map map.yaml --scheduler nowhere': ['--scheduler nowhere', 'no scheduler answers'],
     'map nowhere.yaml': ['there is no model nowhere:Arm'],
@@ -82,6 +97,14 @@ WRONG = {
     'simulate --duration=nan': ['duration', 'allowed'],
     'simulate --duration -1': ['duration', '-1.0', '>= 0'],
     'simulate --law=pid': ['law', 'pid', 'compensation | chattering'],
+    f'simulate {LONG}': ['no such file'], f'map {LONG}': ['no such file'],
+    'compare friction --jobs 1001': ['--jobs: 1001 is not allowed', '<= 1000'],
+    f'{BAG} --gravity nan': ['gravity: nan is not allowed; allowed: a finite number >= 0'],
+    f'{BAG} --gravity -1': ['gravity: -1.0 is not allowed'],
+    'export-c friction --out out --processor nonsense': [
+        '--processor nonsense: not allowed', 'x86-64-v3'],
+    'export-c friction --out out --processor help': ['--processor help: not allowed'],
+    'export-c friction --out out --ros2-control sensor_msgs': ['the controller needs'],
     'simulat': ['did you mean simulate?'],
     'simulate --params-file none.yaml': ['none.yaml'], 'map none.yaml': ['none.yaml'],
     'simulate --params-file fricton': ['panda', 'did you mean friction?'],
@@ -107,7 +130,8 @@ WRONG = {
     'replay bag --rate 0': ['--rate', 'allowed'], 'replay bag --delay=-1': ['--delay', 'allowed'],
     'live --port 99999': ['99999', '65535'], 'live bag bag bag': ['3 bags'],
     'live --export x.html': ['needs a bag'], 'live bag --read-only': ['graph'],
-    'plot bag --format jpg': ['svg'],
+    **{f'plot bag --window {x}': ['--window', 'BEGIN < END'] for x in ('3 2', '1 1', 'nan 3')},
+    'plot bag --window 3': ['--window'], 'plot bag --format jpg': ['svg'],
     'identify bag': ['no robot description: give --urdf FILE, or --model'],
     f'{BAG} --trials -1': ['--trials: -1 is not allowed; allowed: an integer >= 0'],
     f'{BAG} --torque-rate -1': ['torque_rate: [-1.0] is not allowed'],
@@ -129,8 +153,10 @@ WRONG = {
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return a directory of files, bags and specs, most of them wrong."""
     path = tmp_path_factory.mktemp('wrong')
-    for name in ('empty', 'broken'):
+    for name in ('empty', 'broken', 'piped'):
         (path / name).mkdir()
+    os.mkfifo(path / 'pipe')
+    os.mkfifo(path / 'piped' / 'identified.yaml')
     for name, text in FILES.items():
         (path / name).write_text(text, encoding='utf-16' if 'broken' in name else 'utf-8')
     written(path / 'map.yaml')

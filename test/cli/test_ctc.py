@@ -29,6 +29,7 @@ from ctc_chattering.analysis.metrics import metrics
 from ctc_chattering.analysis.result import simulate
 from ctc_chattering.cli.ctc import COMMANDS
 from ctc_chattering.configuration import parameter_file
+from ctc_chattering.output_files import LIST
 from ctc_chattering.simulation import closed_loop
 from ctc_chattering.simulation.closed_loop import Run
 from ctc_commands import ctc, ctc_process, python, refused
@@ -69,7 +70,8 @@ def test_simulate(tmp_path: Path) -> None:
     result = ctc_process('simulate', '--params-file', FRICTION, '--law', 'compensation',
                          '--out', tmp_path / 'out')
     assert result.returncode == 0, result.stderr
-    assert {x.name for x in (tmp_path / 'out').iterdir()} == {'metrics.json', 'trajectory.npz'}
+    assert {x.name for x in (tmp_path / 'out').iterdir()} == {
+        LIST, 'metrics.json', 'trajectory.npz'}
     entry, arrays = run_of(tmp_path / 'out')
     assert arrays['joint_names'].tolist() == ['joint1', 'joint2']
     assert {arrays[name].dtype for name in ARRAYS} == {np.dtype('float64')}
@@ -84,7 +86,9 @@ def test_simulate(tmp_path: Path) -> None:
         'control_period_s': 0.001, 'joint_names': ['joint1', 'joint2'],
         'position_units': ['rad', 'rad'], 'torque_units': ['N·m', 'N·m'], 'gains': {
             'kp': [100.0, 100.0], 'kv': [50.0, 50.0], 'lambda': 10.0, 'b': 1.0},
-        'term_at_bound': None}
+        'term_at_bound': None, 'origins': dict.fromkeys(
+            ('q', 'dq', 'q_d', 'e', 'torque', 'v', 'V', 'nominal', 'compensation', 'robust'),
+            'computed exactly')}
     assert 'friction' in result.stdout
     assert 'compensation' in result.stdout
 
@@ -136,22 +140,34 @@ def test_plot_and_export(tmp_path: Path) -> None:
     assert result.returncode == 0, result.stderr
     (line,) = result.stderr.splitlines()
     assert 'left out' in line and 'foreign' in line
-    assert {x.name for x in out.iterdir()} == {'figures', 'metrics.json', 'index.html', 'samples'}
+    assert {x.name for x in out.iterdir()} == {
+        LIST, 'figures', 'metrics.json', 'index.html', 'samples'}
     runs = json.loads((out / 'metrics.json').read_text())['runs']
     assert [(run['bag'], run['law']) for run in runs] == [(x, x) for x in sorted(
         ('compensation', 'chattering'))]
     assert len(list((out / 'figures').iterdir())) == 7
     assert '<html' in (out / 'index.html').read_text(encoding='utf-8')
     before = (out / 'metrics.json').read_bytes()
+    assert all(run['window_s'] == [0.025, 0.05] for run in runs)
+    assert 'the second half of the run' in result.stdout
+    chosen = ctc('plot', bags[0], '--window', '0.01', '0.03', '--out', tmp_path / 'chosen')
+    assert chosen.returncode == 0, chosen.stderr
+    (run,) = json.loads((tmp_path / 'chosen' / 'metrics.json').read_text())['runs']
+    mine = simulate(parameter_file.load(None, {
+        'plant': {'duration': 0.05}, 'controller': {'law': 'compensation'}})).run
+    error = (mine.q_d - mine.q)[10:31]
+    assert run['window_s'] == [0.01, 0.03] and run['notes'] == []
+    assert run['rms_error_rad'] == np.sqrt(np.square(error).mean(axis=0)).tolist()
     refused(ctc('plot', bags[0], '--out', out), '--overwrite')
     refused(ctc('plot', FRICTION.parent, '--out', out, '--overwrite'), FRICTION.parent)
     assert (out / 'metrics.json').read_bytes() == before, 'lost to a bad bag'
 
-    result = ctc('export', bags[1], '--csv', '--out', tmp_path)
+    samples = tmp_path / 'samples'
+    result = ctc('export', bags[1], '--csv', '--out', samples)
     assert result.returncode == 0, result.stderr
-    table = np.genfromtxt(tmp_path / 'trajectory.csv', delimiter=',', skip_header=1)
+    table = np.genfromtxt(samples / 'trajectory.csv', delimiter=',', skip_header=1)
     np.testing.assert_array_equal(table[:, 1:3], expected.run.q)
-    refused(ctc('export', bags[1], '--csv', '--out', tmp_path), '--overwrite')
+    refused(ctc('export', bags[1], '--csv', '--out', samples), '--overwrite')
 
 
 def test_help_names_all_commands() -> None:

@@ -22,7 +22,7 @@ from typing import Any
 
 from ctc_chattering.cli.ctc import main
 from ctc_chattering.configuration import parameter_file
-from ctc_chattering.runs.tune_page import NAMES
+from ctc_chattering.output_files import LIST
 from identified_bags import recorded_bag, short
 import numpy as np
 import pytest
@@ -103,7 +103,8 @@ def test_a_spec_becomes_gains(folder: Path, capsys: pytest.CaptureFixture[str]) 
                   'uncertain friction:', 'uniform: [0.8, 1.2], factor: true', '5000',
                   'file chattering sign', 'ctc simulate tuned/tuned.yaml'):
         assert words in text
-    assert {x.name for x in Path('tuned').iterdir()} == set(NAMES)
+    assert {x.name for x in Path('tuned').iterdir()} == {
+        LIST, 'figures', 'front', 'index.html', 'tune.json', 'tune.parquet', 'tuned.yaml'}
     found = numbers(Path('tuned'))
     assert [found[x] for x in ('percentile', 'seed', 'law', 'duration_s')] == [
         50.0, 2 ** 40, 'chattering', 0.4]

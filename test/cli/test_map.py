@@ -26,17 +26,21 @@ import subprocess
 import sys
 from typing import Any
 
+from ctc_chattering.analysis.result import simulate
 from ctc_chattering.configuration import parameter_file
+from ctc_chattering.output_files import held, LIST
 from ctc_chattering.runs import store
 from ctc_chattering.runs.points import Runs
 from ctc_chattering.runs.spec import read_spec
-from ctc_chattering.runs.store import locked
 from ctc_commands import ctc, refused, ROOT
 from map_specs import BRIEF, written
+import pandas  # type: ignore[import-untyped]
 import psutil  # type: ignore[import-untyped]
 import pyarrow
 import pytest
 from stopwatch import PATIENCE
+from urdfs import two_links
+import yaml
 
 
 @contextmanager
@@ -74,12 +78,12 @@ def shards(out: Path) -> set[str]:
 def in_one_process(spec: Path, out: Path) -> dict[str, bytes]:
     """Compute a map run by run here; return the bytes of its tables."""
     runs = Runs(read_spec(spec))
-    directory = store.Directory(out, store.about(runs), store.schema(runs))
     parts = []
-    for chunk in reversed(store.chunks(runs, range(len(runs)))):
-        parts.append(store.compute(runs, store.version(), chunk))
-        store.write_table(parts[-1], directory.file(chunk))
-    directory.merge(pyarrow.concat_tables(parts))
+    with store.opened(out, store.about(runs), store.schema(runs)) as directory:
+        for chunk in reversed(store.chunks(runs, range(len(runs)))):
+            parts.append(store.compute(runs, store.version(), chunk))
+            directory.write(parts[-1], directory.file(chunk))
+        directory.merge(pyarrow.concat_tables(parts))
     return tables(out)
 
 
@@ -138,12 +142,12 @@ def test_results(tmp_path: Path) -> None:
     assert result.returncode == 0, result.stderr
     assert result.stdout.splitlines()[0] == '12 runs in 12 chunks, 0 of them computed'
     assert {x.name for x in out.iterdir()} == {
-        'map.parquet', 'map.json', 'shards', 'figures', 'index.html', '.lock'}
+        'map.parquet', 'map.json', 'shards', 'figures', 'index.html', LIST}
     about = json.loads((out / 'map.json').read_text(encoding='utf-8'))
     assert about['spec']['window'] == [0.05, 0.1]
     assert about['versions']['ctc_chattering'] == store.version()
     before = tables(out)
-    with locked(out):
+    with held(out, 'ctc map'):
         refused(ctc(*words), f'{out}: another process is writing there')
     written(spec, seed=8)
     refused(ctc(*words), f'{out}: the output of ctc map of another spec or version',
@@ -190,3 +194,38 @@ def test_a_cluster_gives_the_same_bytes_and_its_end_is_a_line(tmp_path: Path) ->
     assert process.returncode == 1
     assert 'ctc map: the scheduler is lost; ' in output.splitlines()[-1]
     assert 'Traceback' not in output
+
+
+def test_without_a_failure_in_the_spec_a_payload_that_costs_a_tenth_of_the_motion_fails(
+        tmp_path: Path) -> None:
+    """In the table and the headline; `ctc simulate` warns of the same run, and of no other."""
+    (tmp_path / 'arm.urdf').write_text(two_links())
+    (tmp_path / 'arm.yaml').write_text(yaml.safe_dump({
+        '/**': {'ros__parameters': {
+            'joint_names': ['a', 'b'], 'model': 'urdf', 'description': str(tmp_path / 'arm.urdf'),
+            'compiled': False}},
+        'plant': {'ros__parameters': {'initial_position': [0.0, 0.5], 'coulomb_friction': 0.0}},
+        'controller': {'ros__parameters': {'law': 'compensation'}},
+        'reference': {'ros__parameters': {'center': [0.0, 0.5], 'frequency': [0.4, 0.4]}}}))
+    spec = tmp_path / 'load.yaml'
+    spec.write_text(yaml.safe_dump({
+        'params_file': 'arm.yaml', 'duration': 2.0,
+        'axes': {'payload': {'parameter': 'plant.payload', 'values': [0, 5]}}}))
+    done = ctc('map', spec, '--out', tmp_path / 'map', '--jobs', 1)
+    assert done.returncode == 0, done.stderr
+    fine, bad = pandas.read_parquet(tmp_path / 'map' / 'map.parquet').to_dict('records')
+    assert (fine['failure'], bad['failure']) == ('', 'error')
+    assert fine['error_share'] < 0.1 < bad['error_share']
+    assert bad['reason'].endswith(' % of the amplitude of the motion > 10 %')
+    page = (tmp_path / 'map' / 'index.html').read_text(encoding='utf-8')
+    assert 'compensation fails in 50.0 % of the runs' in page
+
+    warned = [any('% of the amplitude of the motion' in note for note in simulate(
+        read_spec(spec).setup.changed({'plant': {'payload': x}})).metrics()['notes'])
+        for x in (0.0, 5.0)]
+    assert warned == [False, True]
+
+    spec.write_text(spec.read_text(encoding='utf-8') + 'failure: {}\n', encoding='utf-8')
+    done = ctc('map', spec, '--out', tmp_path / 'diverged', '--jobs', 1)
+    page = (tmp_path / 'diverged' / 'index.html').read_text(encoding='utf-8')
+    assert 'compensation fails in 0.0 % of the runs' in page

@@ -201,3 +201,26 @@ def test_a_directory_that_others_may_write_is_not_taken(
     find().chmod(0o770)
     with pytest.raises(CtcError, match='no directory for compiled code'):
         find()
+
+
+def test_a_full_disk_is_a_line_and_leaves_nothing(tmp_path: Path) -> None:
+    """Take a process that may write files of 100 bytes."""
+    script = f"""
+import sys; sys.path.insert(0, {str(Path(__file__).parent)!r})
+from pathlib import Path
+import resource, signal
+from ctc_chattering.compiled import machine_code
+from ctc_chattering.errors import CtcError
+machine_code.cache_directory = lambda: Path({str(tmp_path)!r})
+import test_machine_code as t
+signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+resource.setrlimit(resource.RLIMIT_FSIZE, (100, 100))
+try:
+    t.build(machine_code.Code(t.added, t._arguments(2), 'added'))
+except CtcError as error:
+    print(error)"""
+    done = subprocess.run([sys.executable, '-c', script], capture_output=True, text=True,
+                          check=True)
+    (file,) = tmp_path.glob('*.lock')
+    assert done.stdout == f'cannot write {file.with_suffix(".o")}: File too large\n'
+    assert [*tmp_path.iterdir()] == [file]

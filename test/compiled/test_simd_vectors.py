@@ -25,9 +25,11 @@ from ctc_chattering.compiled.compilable import (
     every,
     first,
     function,
+    outweighs,
     record,
     replaced,
     solve,
+    solve_damped,
     solve_where,
     some,
 )
@@ -71,6 +73,8 @@ def arithmetic(x: Array, y: Array) -> tuple[Array, ...]:
 def algebra(case: Case) -> tuple[Array, ...]:
     x, y = case.inner.x, case.y
     return (dot(case.M, x), diagonal(case.M), solve(case.M, x), solve_where(x > y, case.M, x),
+            solve_damped(x > y, case.M, np.abs(y), x),
+            x + (1.0 if outweighs(x > y, case.M, 0.3 * np.abs(y)) else 0.0),
             case.inner.scaled(y), nearest(case.M, x, np.abs(y)))
 
 

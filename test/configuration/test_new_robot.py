@@ -241,8 +241,8 @@ def test_the_command_says_what_it_took(tmp_path: Path) -> None:
         'wrist     0.12 (assumed)  not known            between limits',
         'lowest resonance: not known', 'unknown payload: at most 3.55 kg (assumed)',
         'the URDF has no rotors for elbow, wrist: 0.002 kg*m^2 per N*m of effort are assumed. '
-        'Take them from a data sheet (--rotor-inertia), or from `ctc identify`; a wrong one costs more '
-        'than all else',
+        'Take them from a data sheet (--rotor-inertia), or from `ctc identify`; a wrong one costs '
+        'more than all else',
         'the sampled loop is stable with 0.27 to 4.4 times these rotors',
         'the sampled loop is stable with 0.29 to 4.3 times these masses']
     assert '# joints: lift, shoulder, elbow, wrist\n' in (tmp_path / 'robot.yaml').read_text()

@@ -106,9 +106,9 @@ def test_what_cannot_be_read_is_said_in_one_line(tmp_path: Path) -> None:
     binary.write_bytes(b'\xff\xfe\x00\x01')
     assert refusal(str(binary)) == 'not a text file'
     assert refusal(str(tmp_path / 'no.urdf')) == 'No such file or directory'
-    assert refusal(str(tmp_path)) == 'Is a directory'
+    assert refusal(str(tmp_path)) == 'is a folder; a regular file is needed'
     assert refusal(f'{binary}/x') == 'Not a directory'
-    assert refusal('a\0b') == 'not a text file'
+    assert refusal('a\0b') == 'embedded null byte'
     assert 'too long' in refusal('x' * 5000)
 
 

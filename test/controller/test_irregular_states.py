@@ -26,7 +26,8 @@ from functools import cache
 from typing import Any
 
 from ctc_chattering.control.controller import Controller, ControllerConfig, Sample
-from ctc_chattering.controller.loop import ControlLoop, JointSample
+from ctc_chattering.controller.loop import ControlLoop
+from ctc_chattering.controller.positions import JointSample
 import independent_plant
 from machine_code import compile_step
 import numpy as np

@@ -165,7 +165,8 @@ def test_an_elastic_arm_trips_within_two_seconds_with_joint_and_frequency() -> N
         'coulomb_friction': [9.9] * 2, 'joint_stiffness': [6e4, 6e3], 'joint_damping': [20.0, 2.0],
         'motor_inertia': [2.0, 0.2], 'encoder_side': 'link', 'initial_position': list(start[0]),
         'initial_velocity': list(start[1])}))
-    monitor, torques, reason = TripMonitor(['a', 'b'], MS), [], ''
+    monitor, reason = TripMonitor(['a', 'b'], MS), ''
+    torques: list[Any] = []
     while not reason and len(torques) < 2000:
         sample = law.step(*plant.measured, *motion.at(len(torques) * MS))
         reason = monitor.check(law, sample)

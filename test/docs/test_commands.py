@@ -40,9 +40,9 @@ PAGES = (ROOT / 'README.md', ROOT / 'CONTRIBUTING.md', *(
     path for folder in ('docs', 'validation') for path in sorted((ROOT / folder).glob('*.md'))))
 #: What runs here, by how the line begins; the first ones in `make test`, too. The others take the
 #: network, a robot, a cluster, or minutes, or other tests run them.
-FAST = ('ctc new-robot', 'ctc check-model --model', 'ros2 run ctc_chattering bringup pendulum')
+FAST = ('ctc new-robot', 'ctc check-model --model', 'bringup pendulum')
 RUNS = (*FAST, 'ctc check-model', 'ctc compare', 'ctc excite', 'ctc map gains', 'ctc plot',
-        'ctc tune friction', 'bringup panda', 'ros2 run ctc_chattering bringup',
+        'ctc tune friction', 'bringup panda', 'bringup excite', 'bringup --pacing',
         *(f'ros2 run ctc_chattering {name} --ros-args --params-file'
           for name in ('plant', 'controller', 'reference')))
 #: Stands in for the client ros2, and for what pip puts on the path; runs are short.
@@ -114,6 +114,20 @@ def test_commands_of_this_package_are_ones(line: Line) -> None:
     own, ros = ros_arguments.parse(arguments)
     (bringup_parser() if name == 'bringup' else node_parser(name)).parse_args(own)
     ros._replace(sources=tuple(x for x in ros.sources if x[0] != '--params-file')).values([name])
+
+
+def test_commands_are_written_as_all_users_have_them() -> None:
+    """
+    Bare, as pip puts them on the path; for ROS from apt the README makes aliases of both.
+
+    Clients of ROS and of robots start other programs, and single nodes, by `ros2 run`.
+    """
+    written = [line.text for line in LINES if line.text.startswith('ros2 run')
+               and ours(line)[:1] in (['ctc'], ['bringup'])]
+    assert not written
+    (alias,) = (line.text for line in LINES if line.text.startswith('alias '))
+    assert shlex.split(alias)[1:] == [f'{name}=ros2 run ctc_chattering {name}'
+                                      for name in ('ctc', 'bringup')]
 
 
 @pytest.fixture

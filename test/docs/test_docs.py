@@ -57,6 +57,17 @@ def test_the_pages_name_what_the_code_has() -> None:
     assert len(README.splitlines()) <= 100
 
 
+def test_two_commands_of_the_readme_set_all_up_on_a_bare_machine() -> None:
+    """They are those of the demonstration and of the tests, as CI runs them; `make live` later."""
+    (block, *_) = re.findall(r'```sh\n(.*?)```', README, re.DOTALL)
+    assert [line.split('#')[0].strip() for line in block.splitlines()] == [
+        'make demo', 'make test']
+    assert README.index(block) < README.index('`make live`')
+    targets = re.findall(r'^(\w+):', (ROOT / 'Makefile').read_text(encoding='utf-8'), re.M)
+    assert {'demo', 'test', 'live'} <= set(targets)
+    assert ' make test\n' in (ROOT / '.ci' / 'run').read_text(encoding='utf-8')
+
+
 #: Pages whose code spans are checked, and where their paths begin.
 PATHS = {'CONTRIBUTING.md': ('ctc_chattering', ''), 'docs/design.md': (
              'ctc_chattering', '', 'ctc_chattering/control'),

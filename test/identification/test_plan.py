@@ -42,6 +42,7 @@ from ctc_chattering.identification.random_motions import (
     ExcitationConfig,
     random_motion,
 )
+from ctc_chattering.output_files import LIST
 from ctc_chattering.simulation.closed_loop import Run, simulate
 from ctc_chattering.simulation.plant import make_plant
 from ctc_chattering.trajectory.joint_limits import DescribedLimits
@@ -50,7 +51,7 @@ from ctc_commands import ctc, refused
 import numpy as np
 import numpy.typing as npt
 import pytest
-from urdfs import joint, link, PANDA, panda, UR5, ur5, urdf
+from urdfs import joint, link, PANDA, panda, two_links, UR5, ur5, urdf
 
 Array = npt.NDArray[np.float64]
 ROOT = Path(__file__).parents[2]
@@ -259,7 +260,7 @@ def test_what_the_command_prints_and_writes(tmp_path: Path) -> None:
     for text in (*PANDA, '/87', 'no acceleration limit', 'nearest approach of two links: '):
         assert text in result.stdout
     assert max(map(len, result.stdout.splitlines()[:-1])) <= 100
-    assert {x.name for x in tmp_path.iterdir()} == {'motion.yaml', 'run.yaml'}
+    assert {x.name for x in tmp_path.iterdir()} == {LIST, 'motion.yaml', 'run.yaml'}
     setup = parameter_file.load(tmp_path / 'run.yaml')
     assert (setup.controller.law, setup.plant.duration, setup.events) == ('compensation', 80.0, ())
     before = parameter_file.load(ROOT / 'config' / 'panda.yaml')
@@ -414,3 +415,11 @@ def test_it_is_the_first_that_is_as_large_as_any_can_be() -> None:
     assert bench.first(10) == pytest.approx(bench.drawn(first), abs=1e-9)
     alone, whole = bench.first(1)[1], bench.drawn(0)[1]
     assert np.abs(alone).max() < 0.8 * np.abs(whole).max()
+
+
+def test_a_limit_that_leaves_no_motion_is_refused(tmp_path: Path) -> None:
+    """Take a velocity limit above 0 for which no number of samples is enough."""
+    (tmp_path / 'arm.urdf').write_text(two_links().replace('velocity="1.5"', 'velocity="1e-320"'))
+    assert ctc('new-robot', '--urdf', 'arm.urdf', cwd=tmp_path).returncode == 0
+    refused(ctc('excite', 'robot.yaml', '--evaluations', 1, cwd=tmp_path),
+            'joint b: its velocity limit leaves no motion', 'at least 1e-09 is needed')

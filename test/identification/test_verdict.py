@@ -77,6 +77,17 @@ def test_where_the_model_has_errors_a_longer_motion_is_no_cure() -> None:
     assert uneven[1].findings[0].kind is Kind.UNEVEN and 'excite' not in next_step(uneven)
 
 
+@pytest.mark.parametrize(('offset', 'half', 'uneven'), [
+    (4.0, 0.1, True), (4.0, 1.4, True), (4.0, 1.6, False), (4.0, 3.9, False), (-4.0, 1.6, False),
+    (-4.0, 1.4, True)])
+def test_directions_differ_where_all_of_the_interval_says_so(
+        offset: float, half: float, uneven: bool) -> None:
+    """Check the end of the offset's interval that is nearer to 0: above half of the friction."""
+    found = verdicts(made(dataclasses.replace(GOOD, offset=Estimate(offset, half))))
+    kinds = [x.kind for x in found[1].findings]
+    assert (Kind.UNEVEN in kinds) == uneven
+
+
 def test_the_worst_finding_decides_and_only_its_like_are_reasons() -> None:
     findings = (Finding(Kind.DOUBT, ALL_JOINTS, 'jitter', 'use stamps'),
                 Finding(Kind.NO_NUMBER, 1, 'backlash'), Finding(Kind.NOTE, 0, 'a note'))

@@ -142,6 +142,82 @@ def test_export_works_without_a_network(
     assert asked == [export.as_uri()]
 
 
+def values_shown(page: Any) -> dict[str, list[str]]:
+    """Return the values at the pointer that stand above each plot, by the plot's title."""
+    found: dict[str, list[str]] = page.evaluate(
+        '() => Object.fromEntries([...document.querySelectorAll(".ctc-panel")].map(panel => [ '
+        'panel.querySelector("b").innerText, '
+        '[...panel.querySelectorAll(".ctc-value")].map(x => x.innerText)]))')
+    return found
+
+
+@pytest.mark.browser
+def test_the_pointer_in_a_plot_shows_the_values_of_all_plots_and_of_the_table(
+        started_browser: Any, bags: list[Path], export: Path) -> None:
+    """Those of the time under it; in a spectrum, those of its frequency in all spectra."""
+    runs = [read_bag(bag).run for bag in bags]
+    with browser_page(started_browser, offline=True,
+                      viewport={'width': 1250, 'height': 2000}) as page:
+        page.goto(export.as_uri())
+        for chip in ('spectrum of error', 'spectrum of torque'):
+            page.get_by_text(chip, exact=True).click()
+        page.wait_for_function('() => plots.panels.length === 9 && plots.panels.every('
+                               'x => x.lines[0].t?.length && x.title.textContent)')
+        slide(page, 5)
+        before = numbers(page)
+
+        def point(panel: str) -> None:
+            box = page.locator('.ctc-panel', has_text=panel).first.locator(
+                '.u-over').bounding_box()
+            page.mouse.move(box['x'] + 0.4 * box['width'], box['y'] + 0.5 * box['height'])
+        point('error of joint1')
+        page.wait_for_function('() => plots.cursor !== null')
+        assert 'at the pointer' in page.locator('#numbers').inner_text()
+        t = page.evaluate('() => plots.cursor')
+        assert t == pytest.approx(0.2, abs=0.002)
+        k = int(np.searchsorted(runs[0].t, t + 5e-7, side='right')) - 1
+        assert [row[1:3] for row in numbers(page)] == [
+            [f'{a:.4f}', f'{b:.4f}'] for run in runs for a, b in zip(run.q[k], run.q_d[k])]
+        above = values_shown(page)
+        assert all(all(values) == ('spectrum' not in title) for title, values in above.items())
+        point('spectrum of torque of joint2')
+        page.wait_for_function('() => plots.frequency !== null && plots.cursor === null')
+        assert all(map(all, values_shown(page).values()))  # Others have those of the slider.
+        assert numbers(page) == before
+        assert 'at the pointer' not in page.locator('#numbers').inner_text()
+
+
+@pytest.mark.browser
+def test_of_a_running_graph_the_time_under_a_resting_pointer_goes_on(
+        started_browser: Any, export: Path) -> None:
+    with browser_page(started_browser, offline=True) as page:
+        page.goto(export.as_uri())
+        page.evaluate("""() => {
+            document.body.innerHTML = '<div id="here" style="width:600px"></div>';
+            const t = from => Array.from({length: 1001}, (_, k) => from + k / 100);
+            window.seen = [];
+            window.made = ctcPlots.mount(document.getElementById('here'), {
+                joints: ['a'], runs: [{t: t(0), signals: {e: [t(0)]}}]},
+                {signals: ['e'], window: 10, onPoint: x => seen.push(x)});
+            window.later = () => {
+                Object.assign(made.runs[0].tracks[0], { t: t(3), signals: { e: [t(3)] } });
+                made.redraw();
+            };
+        }""")
+        page.wait_for_function('() => made.panels[0].lines[0].t?.length')
+        box = page.locator('.u-over').bounding_box()
+        page.mouse.move(box['x'] + 0.5 * box['width'], box['y'] + 30)
+        page.wait_for_function('() => seen.length > 0')
+        before = page.evaluate('made.cursor')
+        assert before == pytest.approx(5.0, abs=0.1)
+        page.evaluate('later()')
+        page.wait_for_function('before => made.cursor !== before', arg=before)
+        assert page.evaluate('made.cursor') == pytest.approx(before + 3.0, abs=1e-6)
+        (value,) = values_shown(page)['error of a [rad]']
+        assert float(value) == pytest.approx(before + 3.0, abs=6e-3)
+        assert page.evaluate('seen') == pytest.approx([before, before + 3.0])
+
+
 @pytest.mark.browser
 def test_plots_show_known_samples(started_browser: Any, export: Path) -> None:
     """Draw 50 s at 1 kHz of an error, an expression of the time t."""
@@ -200,7 +276,7 @@ def test_nothing_of_a_bag_is_html_in_its_pages(tmp_path: Path) -> None:
     evil = '</script><iframe srcdoc="<script>hacked=1</script>"></iframe>\udcff'
     made, _ = result('chattering')
     run = RecordedRun(replace(
-        made, source=evil, computed=made.terms, description='<robot><link/></robot>',
+        made, source=evil, law_terms=made.terms, description='<robot><link/></robot>',
         configs=[(0.0, replace(made.config, model='urdf'))]))
     assert run.remark == 'no picture of the arm: URDF: a link is not named'
     for t in (0.2, 0.2004):  # The page shows the last sample before a time.

@@ -28,6 +28,7 @@ from browser import browser_page, unfold
 from ctc_chattering.control.controller import ControllerConfig
 import ctc_chattering.live
 from ctc_chattering.live.controls import ALL, Controls, GAINS, gains_of
+from ctc_chattering.live.controls import PLANT as PLANT_FIELDS
 from ctc_chattering.live.page_socket import PageSocket
 import pytest
 
@@ -91,11 +92,41 @@ def test_one_release_is_one_request_with_the_values_of_all_joints() -> None:
 
 def test_limits_are_the_declared_ones_and_hold_the_values_in_force() -> None:
     kp, kv, pole, ka = gains_of({**PARAMETERS, 'kp': [3e4, 0.5, 1.0]}, NAMES).values()
-    assert kp.limits == (0.5, 3e4)
+    assert kp.limits == (0.05, 3e5)  # A factor of ten on both sides.
     assert kv.limits == (1.0, 1e3)
     assert pole.limits == ka.limits == (0.1, 1e3)
     assert [x.shown()['name'] for x in (kp, kv, pole, ka)] == list(GAINS[:4])
     assert ka.shown()['values'] == (8.0, 4.0, 0.0)
+
+
+@pytest.mark.parametrize('kp', [1e-9, 1e-3, 1.0, 100.0, 1e4, 1e5, 1e9])
+def test_no_gain_is_at_an_end_of_its_slider_but_at_that_of_its_range(kp: float) -> None:
+    """Also the recommended gains, which are large."""
+    gain_of = gains_of({**PARAMETERS, 'kp': [kp] * 3}, NAMES)['kp']
+    least, most = gain_of.limits
+    low, high = gain_of.spec.bounds
+    assert low <= least <= kp <= most <= high
+    assert kp >= 10.0 * least or least == low or kp == gain_of.spec.usual[0]
+    assert kp <= 0.101 * most or most == high
+
+
+def test_numbers_for_all_joints_or_for_each() -> None:
+    assert asked({'gains': {'name': 'ka', 'values': [1, 2, 3]}}) == is_set('ka', [1.0, 2.0, 3.0])
+    assert asked({'gains': {'name': 'ka', 'values': [4.5]}}) == is_set('ka', [4.5] * 3)
+    assert asked({'gains': {'name': 'lambda', 'values': [20]}}) == is_set('lambda', 20.0)
+    made, socket, found = controls()
+    say(socket, {'gains': {'name': 'ka', 'values': [1, 2]}},
+        {'gains': {'name': 'kp', 'values': [0]}})
+    assert not found.set.called
+    assert ['got 2 values' in x['text'] for x in made.answers] == [False, True]
+
+
+def test_fields_of_the_plant_have_the_units_of_their_parameters() -> None:
+    plant = {name: [0.0] * 3 for name in PLANT_FIELDS}
+    made, *_ = controls(plant=plant)
+    assert [x['title'] for x in made.state()['plant']] == [
+        'Coulomb friction [N·m]', 'viscous friction [N·m·s/rad]', 'disturbance [N·m]',
+        'disturbance frequency [rad/s]']
 
 
 PUSH: dict[str, Any] = {'joint': 1, 'torque': 5, 'lasts': 0.5}
@@ -115,7 +146,10 @@ ODD: dict[str, tuple[Any, ...]] = {
     *[gain('kp', joint, 5.0) for joint in (-2, 3, 0.0, True, None, '0')],
     *[gain(name, 0, 5.0) for name in ('ki', 'error_limit', '', None, *WRONG)],
     {'gain': {'name': 'kp', 'value': 5.0}}, {'gain': {**gain('kp', 0, 5.0)['gain'], 'node': 'x'}},
-    {'gain': None}, {'law': 'none'}, {'law': ['chattering']}, {'law': {}}, {'switching': None},
+    *[{'gains': {'name': name, 'values': values}} for name, values in (
+        ('kp', []), ('kp', 5.0), ('kp', ['5']), ('kp', [nan]), ('kp', None), ('ki', [5.0]))],
+    {'gains': {'name': 'kp'}}, {'gain': None}, {'law': 'none'}, {'law': ['chattering']},
+    {'law': {}}, {'switching': None},
     {'record': 5}, {'record': ['x']}, {'record': None}, {'record': 'x'}, {'set': 'x'}, {}, [],
     None, 'law', {'torques': 1}, {'torques': 'on'},
     *[{name: value} for name, values in ODD.items() for value in values]])
@@ -182,7 +216,17 @@ def test_sliders_ask_once_on_release_and_follow_the_values_in_force(started_brow
         put()
         unfold(page, 'gains')
         shown = page.get_by_label('ka as a number')
-        assert shown.input_value() == '8'  # The largest of all joints.
+        assert shown.input_value() == '8, 8, 6, 6, 2, 2, 1'  # That of each joint.
+        assert page.get_by_label('kp as a number').input_value() == '100'  # Of all joints.
+        shown.fill('8, 8, 6')
+        assert 'one number, or 7' in page.locator('label', has=shown).inner_text()
+        shown.fill('8, 8, 6, 6, 2, 2, 1.5')
+        shown.press('Enter')
+        assert page.evaluate('sent') == [
+            {'gains': {'name': 'ka', 'values': [8, 8, 6, 6, 2, 2, 1.5]}}]
+        page.evaluate('() => { sent.length = 0; }')
+        answers.append(('ka', True, 'done'))
+        put()
         page.get_by_label('gains of', exact=True).select_option(label='panda_joint7')
         assert shown.input_value() == '1'
 
@@ -219,3 +263,34 @@ def test_sliders_ask_once_on_release_and_follow_the_values_in_force(started_brow
         assert not slider.is_visible()
         assert page.locator('[aria-pressed=true]').all_inner_texts() == ['compensation']
         assert page.locator('img').count() == 0
+
+
+@pytest.mark.browser
+def test_the_light_shows_all_its_lines_and_nothing_below_it_moves_up_under_the_pointer(
+        started_browser: Any) -> None:
+    """It grows with its text, and shrinks when the pointer is elsewhere."""
+    with browser_page(started_browser) as page:
+        page.set_content(
+            '<div id="panel"><div id="light" class="ctc-light"></div><p id="below">x</p></div>'
+            f'<style>{STYLE.read_text()}{(WEB / "live.css").read_text()}</style>'
+            f'<script>{(WEB / "status.js").read_text()}</script><script>window.show = ctcStatus('
+            'document.getElementById("light"), null, null).light;</script>')
+
+        def put(count: int) -> tuple[bool, float]:
+            """Return whether the last of some lines is in sight, and where the light ends."""
+            page.evaluate('lines => show({level: 2, sign: "■ error", law: "law", lines})',
+                          [f'node {k}: {"what is wrong with it " * 4}' for k in range(count)])
+            bounds: list[float] = page.evaluate(
+                '() => { const light = document.getElementById("light"); return ['
+                'light.lastElementChild.getBoundingClientRect().bottom, '
+                'light.getBoundingClientRect().bottom, light.scrollHeight - light.clientHeight, '
+                'document.getElementById("below").getBoundingClientRect().top]; }')
+            last, end, hidden, below = bounds
+            return last <= end + 1 and hidden <= 1 and end <= below, end
+        few, many = put(2), put(12)
+        page.mouse.move(20, 20)
+        under_the_pointer = put(2)
+        page.mouse.move(800, 20)
+        elsewhere = put(2)
+        assert [x[0] for x in (few, many, under_the_pointer, elsewhere)] == [True] * 4
+        assert few[1] == elsewhere[1] < many[1] == under_the_pointer[1]

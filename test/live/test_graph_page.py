@@ -107,7 +107,13 @@ def test_shows_the_graph_and_changes_it(started_browser: Any, graph: Probe) -> N
                    'the refusal', page)
         assert graph.get('controller', 'ka') == [25.0] * 2
         graph.set('controller', 'ka', [25.0, 30.0])
-        eventually(lambda: ka.input_value() == '30', 'a change made elsewhere', page)
+        eventually(lambda: ka.input_value() == '25, 30', 'a change made elsewhere', page)
+        for joint, wanted in (('joint2', [25.0, 40.0]), ('all joints', [20.0, 40.0])):
+            page.get_by_label('gains of', exact=True).select_option(label=joint)
+            ka.fill(str(wanted[1:] if joint == 'joint2' else wanted).strip('[]'))
+            ka.press('Enter')
+            eventually(lambda: graph.get('controller', 'ka') == wanted,
+                       f'another gain of {joint}', page)
 
         press(page, 'disable')
         eventually(lambda: level(page) > 0 and mentions(page, 'disabled'), 'the light to change',

@@ -26,6 +26,7 @@ from typing import Any
 from ctc_chattering.live.graph_reader import Track
 from ctc_chattering.live.health import Light, light, NodeReport, SIGNALS, SIGNS
 from ctc_chattering.live.page_socket import PageSocket, word
+from ctc_chattering.live.server import BURST, Pace, paced, RATE
 import numpy as np
 import pytest
 from stopwatch import PATIENCE
@@ -148,7 +149,11 @@ def check(steps: Callable[[PageSocket, str], Awaitable[None]]) -> None:
     """Run steps against a socket that is served, with its address."""
     async def run() -> None:
         samples = PageSocket()
-        async with serve(samples.serve, '127.0.0.1', 0, compression=None) as server:
+
+        async def paced_page(connection: Any) -> None:
+            connection.recv = paced(connection.recv)
+            await samples.serve(connection)
+        async with serve(paced_page, '127.0.0.1', 0, compression=None) as server:
             url = f'ws://127.0.0.1:{server.sockets[0].getsockname()[1]}'
             await asyncio.wait_for(steps(samples, url), PATIENCE)
     asyncio.run(run())
@@ -217,4 +222,39 @@ def test_a_page_that_does_not_read_loses_samples_and_holds_up_nobody() -> None:
             while await slow.recv() != '{"mark":1.0}':
                 got += 1
             assert 0 < got < 400
+    check(steps)
+
+
+def test_a_page_that_is_used_waits_for_nothing_and_one_that_floods_does() -> None:
+    pace = Pace()
+    # A slider or a camera that is moved for ten seconds.
+    assert [pace.delay(50.0 + k / 60.0) for k in range(600)] == [0.0] * 600
+    pace, now = Pace(), 50.0
+    for _ in range(1000):
+        now += pace.delay(now)
+    assert now - 50.0 == pytest.approx((1000 - BURST) / RATE, rel=1e-3)
+
+
+def test_no_more_is_taken_of_a_page_than_a_user_sends() -> None:
+    async def steps(samples: PageSocket, url: str) -> None:
+        heard: list[Any] = []
+        samples.on('seek', float, heard.append)
+        begin = time.monotonic()
+        async with connect(url) as flooding, connect(url) as other:
+            async def flood() -> None:
+                while True:
+                    await flooding.send('{"seek": 1.0}')
+
+            task = asyncio.create_task(flood())
+
+            def polled() -> bool:
+                samples.poll(tuple)
+                return len(heard) > 1.5 * BURST
+            await until(polled)
+            await other.send('{"seek": 2.0}')
+            while 2.0 not in heard:
+                await asyncio.sleep(0.002)
+                samples.poll(tuple)
+            assert heard.count(1.0) <= BURST + RATE * (time.monotonic() - begin) + 1
+            task.cancel()
     check(steps)

@@ -117,7 +117,9 @@ bringup:
     expected = simulate(parameter_file.load(
         file, {'plant': {'experiment': 'mine'}, 'controller': {'b': 0.8}}))
     assert_equal(result.run, expected.run)
-    assert result.metrics() == {**expected.metrics(), 'bag': 'bag'}
+    numbers = result.metrics()
+    assert numbers == {**expected.metrics(), 'bag': 'bag', 'origins': numbers['origins']}
+    assert numbers['origins']['robust'] == 'computed exactly'
     assert result.experiment == 'mine'
     assert result.joint_names == ('shoulder', 'elbow')
     assert np.abs(result.run.tau[:, 0]).max() == 300.0

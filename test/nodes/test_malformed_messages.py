@@ -81,9 +81,9 @@ def test_a_controller_alone_refuses_counts_and_runs_on() -> None:
 
         def answered() -> bool:
             """Send good messages until one is answered."""
-            controller.states.publish(state(
-                JOINTS, [[0.1, 0.2]] * 3, divmod(time.time_ns(), 10 ** 9)))
-            controller.references.publish(chunk(JOINTS, [([[0.1, 0.2]] * 3, 0, 0)], (1, 0)))
+            now = divmod(time.time_ns(), 10 ** 9)
+            controller.states.publish(state(JOINTS, [[0.1, 0.2]] * 3, now))
+            controller.references.publish(chunk(JOINTS, [([[0.1, 0.2]] * 3, 0, 0)], now))
             return bool(controller.commands)
 
         it.until(answered, 'an answer')

@@ -272,7 +272,7 @@ def test_the_reference_is_ahead_of_the_clock_and_goes_on_without_a_jump() -> Non
 
         begun, a, b = node.now, (0.7, -0.9), (0.5, -0.5)
         waypoints.publish(route((3.0, a, (0.1, 0.2)), (4.0, b, (0.0, 0.0))))
-        for wrong in (JointTrajectory(joint_names=['joint1', 'elbow']), route(),
+        for wrong in (JointTrajectory(joint_names=['joint1', 'elbow']), route((-1.0, a, ())),
                       route((0.2, (1.0, math.nan), ())), route((0.2, (1.0, 1.0), (1.0,)))):
             waypoints.publish(wrong)
         refused = '~/joint_trajectory'

@@ -92,8 +92,9 @@ def test_what_was_heard_a_second_ago_is_kept_whatever_ends_the_recording(
 def recorded_stamps(bag: Path) -> list[int]:
     """Return the stamps of the states that are in the files, while they are being written, too."""
     with TemporaryDirectory() as scratch:
-        recover(bag, Path(scratch) / 'bag')
-        with closing(open_bag(Path(scratch) / 'bag')) as reader:
+        copy = Path(scratch) / 'copy.mcap'
+        recover(bag / f'{bag.name}_0.mcap', copy)
+        with closing(open_bag(copy)) as reader:
             return [ns(x.header.stamp) for _, x in reader.read(reader.named(JOINT_STATES))]
 
 

@@ -26,9 +26,14 @@ from typing import TypeVar
 
 from controller_process import ControllerUnderTest
 from ctc_chattering.control.controller import Controller, ControllerConfig
-from faults import Diagnostics, ERROR, JOINTS, Report, WARN
+from ctc_chattering.ros.subscription import qos
+from faults import Diagnostics, ERROR, JOINTS, OK, Report, WARN
 from processes import Probe, probe
 import pytest
+from rcl_interfaces.msg import ParameterEvent
+from rcl_interfaces.srv import SetParameters
+from rclpy.parameter import Parameter
+from rclpy.qos import qos_profile_parameters
 from ros_messages import COMMANDS, MS, reference, stamp, state, torques
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
@@ -174,6 +179,60 @@ def test_torques_at_their_limit_are_counted_and_an_error_beyond_its_own_trips_un
     assert answer.success and answer.message == 'was not tripped'
 
 
+def law_of(event: ParameterEvent) -> str | None:
+    """Return the law that an event has; None without one."""
+    return next((x.value.string_value for x in (*event.new_parameters, *event.changed_parameters)
+                 if x.name == 'law'), None)
+
+
+def test_a_law_that_is_set_while_there_is_no_torque_is_announced(robot: Robot) -> None:
+    """Tripped, disabled, without states: `ctc live` shows what is announced."""
+    it = robot.probe
+    robot.until_well()
+    events = it.listen(ParameterEvent, 'controller/parameters', qos(100, latched=True))
+    it.until(lambda: 'chattering' in map(law_of, events), 'the law in force')
+    assert it.set('controller', 'error_limit', [1e-9, 1e-9]).successful
+    robot.refer(1.0)
+    robot.until_error('tripped')
+    for law in ('compensation', 'integral', 'pd_gravity'):
+        if law == 'integral':
+            robot.switch(False)
+        robot.silent = law == 'pd_gravity'
+        events.clear()
+        assert it.set('controller', 'law', law).successful
+        it.until(lambda: events, f'{law} on controller/parameters')
+        assert [law_of(x) for x in events] == [law]
+        report = robot.diagnostics.next('controller')
+        assert report.values['law'] == law and report.level != OK
+    for name, value in (('law', 'chattering'), ('error_limit', [float('inf')] * 2)):
+        assert it.set('controller', name, value).successful
+    assert it.call(Trigger, '/controller/reset', Trigger.Request()).success
+    robot.switch(True)
+    robot.until_well()
+
+
+def test_a_stop_overtakes_a_flood_of_requests_for_parameters(robot: Robot) -> None:
+    """By what the controller has done before it stopped, not by when its answer came."""
+    it, count = robot.probe, 800
+    robot.until_well()
+    client = it.node.create_client(
+        SetParameters, '/controller/set_parameters', qos_profile=qos_profile_parameters)
+    it.until(client.service_is_ready, 'the parameters')
+    it.lines.clear()
+    asked = [client.call_async(SetParameters.Request(parameters=[
+        Parameter('lambda', value=10.0 + 1e-3 * (k % 2)).to_parameter_msg()]))
+        for k in range(count)]
+    robot.switch(False)
+    it.until(lambda: all(x.done() for x in asked), 'an answer to each request')
+    it.until_said('disable, by a service')
+    stop = next(i for i, line in enumerate(it.lines) if 'disable, by a service' in line)
+    assert sum('lambda: ' in line for line in it.lines[:stop]) < count // 2
+    it.node.destroy_client(client)
+    assert it.set('controller', 'lambda', 10.0).successful
+    robot.switch(True)
+    robot.until_well()
+
+
 @pytest.mark.parametrize('silent', [False, True])
 def test_disabled_it_sends_nothing_until_it_is_enabled(robot: Robot, silent: bool) -> None:
     """Also where it missed states before."""
@@ -243,6 +302,8 @@ def test_without_commands_the_plant_brakes(commander: Commander) -> None:
     commander.until_well()
     before = commander.diagnostics.next('plant').count('timeouts, command')
     commander.silent = True
+    # With 16000 time constants of the brakes in an integration step.
+    assert commander.probe.set('plant', 'fault_damping', [1e7, 1e7]).successful
     assert commander.until_braked('').count('timeouts, command') > before
     commander.probe.until_said('[ERROR]', 'no command for')
     commander.until_well()

@@ -18,7 +18,7 @@ from __future__ import annotations
 
 import math
 
-from ctc_chattering.numerics.integration import runge_kutta
+from ctc_chattering.numerics.integration import extrapolated_euler, runge_kutta
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
 import pytest
@@ -34,7 +34,9 @@ def test_oscillators_to_fourth_order() -> None:
     for n in (50, 100):
         q, dq, no = np.array((1.0, 0.0)), np.array((0.0, 3.0)), np.zeros(2)
         for _ in range(n):
-            q, dq = runge_kutta(swing, np.array((4.0, 9.0)), q, dq, (no,) * 3, 1.0 / n)
+            squares = np.array((4.0, 9.0))
+            q, dq = runge_kutta(
+                swing, squares, q, dq, swing(squares, q, dq, no), (no, no), 1.0 / n)
         errors.append(max(abs(q[0] - math.cos(2.0)), abs(q[1] - math.sin(3.0)),
                           abs(dq[0] + 2.0 * math.sin(2.0)), abs(dq[1] - 3.0 * math.cos(3.0))))
     assert errors[1] < 1e-6
@@ -48,5 +50,33 @@ def test_a_load_that_changes_is_integrated_by_simpson_s_rule() -> None:
 
     h = 0.7
     first, middle, last = (np.array((s ** 3, 1.0 - s ** 2)) for s in (0.0, 0.5 * h, h))
-    _, dq = runge_kutta(free, None, np.zeros(2), np.zeros(2), (first, middle, last), h)
+    _, dq = runge_kutta(free, None, np.zeros(2), np.zeros(2), first, (middle, last), h)
     assert dq == pytest.approx((h ** 4 / 4.0, h - h ** 3 / 3.0), rel=1e-14)
+
+
+def damped(dampings: Array, q: Array, dq: Array, u: Array, s: float) -> Array:
+    """Two oscillators of stiffness 4, damped: the mean acceleration of an Euler step `s`."""
+    return (u - 4.0 * q - dampings * dq) / (1.0 + s * dampings)
+
+
+def test_damped_oscillators_to_fourth_order() -> None:
+    """Check d = 4, critical: exp(-2 t) (1 + 2 t), and the force that is held."""
+    errors = []
+    for n in (80, 160):
+        q, dq, u = np.array((1.0, 0.25)), np.zeros(2), np.array((0.0, 1.0))
+        for _ in range(n):
+            q, dq = extrapolated_euler(damped, np.array((4.0, 4.0)), q, dq, u, 1.0 / n)
+        errors.append(max(abs(q[0] - 3.0 * math.exp(-2.0)), abs(dq[0] + 4.0 * math.exp(-2.0))))
+        assert q[1] == pytest.approx(0.25, abs=1e-14)
+        assert dq[1] == pytest.approx(0.0, abs=1e-14)
+    assert errors[0] / errors[1] == pytest.approx(16.0, rel=0.1)
+
+
+@pytest.mark.parametrize('damping', [1.0, 3.0, 10.0, 1e3, 1e9, 1e15])
+def test_no_damping_is_too_large_for_a_step(damping: float) -> None:
+    _, dq = extrapolated_euler(
+        damped, np.full(2, damping), np.zeros(2), np.ones(2), np.zeros(2), 1.0)
+    assert (np.abs(dq) < 1.0).all()
+    _, dq = extrapolated_euler(
+        damped, np.full(2, damping), np.zeros(2), np.ones(2), np.zeros(2), 1e-3)
+    np.testing.assert_allclose(dq, math.exp(-1e-3 * damping), atol=4e-3)

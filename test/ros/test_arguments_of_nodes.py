@@ -132,6 +132,11 @@ def test_bringup_overwrites_nothing_and_refuses_what_a_node_would(
     assert 'ROS_SECURITY_KEYSTORE is not set' in error and len(error.splitlines()) == 1
     assert bringup.main(['--record', '/']) == 1
     assert capsys.readouterr().err == 'bringup: /: exists already, not overwritten\n'
+    (tmp_path / 'link').symlink_to('nowhere')
+    assert bringup.main(['--record', str(tmp_path / 'link')]) == 1
+    assert capsys.readouterr().err.endswith('link: exists already, not overwritten\n')
+    assert bringup.main(['--ros-args', '--params-file', 'x' * 300]) == 2
+    assert capsys.readouterr().err.endswith('x: there is no such file\n')
     file.write_text("bringup: {ros__parameters: {events: ['1.0 controller ka [-1.0, 0.0]']}}")
     assert bringup.main(['--params-file', str(file)]) == 1
     assert capsys.readouterr().err.startswith('bringup: ka: [-1.0, 0.0] is not allowed')

@@ -25,7 +25,6 @@ import time
 from typing import Any
 
 from ctc_chattering import compare
-from ctc_chattering.analysis.output import finite
 from ctc_chattering.analysis.result import Result, simulate
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.configuration.loop_setup import Setup
@@ -33,6 +32,7 @@ from ctc_chattering.configuration.package_share import config_directory, find_co
 from ctc_chattering.control.controller import LAWS
 from ctc_chattering.control.controller_config import RIVALS, SWITCHINGS
 from ctc_chattering.errors import CtcError
+from ctc_chattering.output_files import finite, LIST
 from ctc_chattering.runs import compare_page
 from ctc_chattering.runs.compare import Comparison, tasks, variants
 from ctc_chattering.runs.compare_page import Outcome, outcomes, write_parameters
@@ -46,7 +46,6 @@ from ctc_chattering.runs.recommended import (
     Variant,
 )
 from ctc_chattering.runs.score import over_simulation, PER_JOINT, Runner, score
-from ctc_chattering.runs.store import NAMES as FILES
 from ctc_commands import ctc, refused
 from map_specs import compared
 from mujoco_plant import simulated_by_mujoco
@@ -272,7 +271,9 @@ def test_the_command_prints_the_table_and_writes_it_once(arm: Path, tmp_path: Pa
     assert rows == ([8] * 4 + [6] * 4) * 2
     assert len((out / 'compare.csv').read_text().splitlines()) == 1 + 2 * 2 * 2
     assert {x.name for x in (out / 'figures').iterdir()} == {'friction.svg'}
-    assert {x.name for x in out.iterdir()} == {*FILES['compare'], '.lock'}
+    assert {x.name for x in out.iterdir()} == {
+        LIST, 'compare.parquet', 'compare.json', 'compare.csv', 'compare.md', 'figures',
+        'index.html', 'parameters', 'shards'}
     assert len(list((out / 'parameters').iterdir())) == 4
     page = (out / 'index.html').read_text(encoding='utf-8')
     assert page.count('<img ') == 1
@@ -280,7 +281,10 @@ def test_the_command_prints_the_table_and_writes_it_once(arm: Path, tmp_path: Pa
     numbers = page[page.index('<h2>Numbers'):]
     assert re.findall(r'<b>(.*?)</b>', numbers) == re.findall(r'\*\*(.*?)\*\*', text)
     assert text in ctc(*arguments).stdout
-    (out / 'compare.csv').write_text('')
+    (out / 'compare.csv').write_text('mine')
+    refused(ctc(*arguments, '--out', out), 'compare.csv: was changed since ctc compare wrote it')
+    assert (out / 'compare.csv').read_text() == 'mine'
+    (out / 'compare.csv').unlink()
     again = ctc(*arguments, '--out', out)
     assert '4 runs in 4 chunks, 4 of them computed' in again.stderr
     assert len((out / 'compare.csv').read_text().splitlines()) == 1 + 2 * 2 * 2
@@ -359,6 +363,11 @@ def test_a_case_is_above_what_all_have_and_that_above_the_file(tmp_path: Path) -
     ('actuator_lag', 'actuator_lags', 'actuator_lags.*did you mean'),
     ('overrides', 'override', 'override.*did you mean overrides'),
     ("'/**'", 'robot', '5 ms.*robot.*controller'), ('cases:', 'cases: 3\nx:', 'x'),
+    ('plant: {duration: 6.0, coulomb_friction: [8.0, 8.0]}', 'plant: 3', 'overrides: plant: 3 is'),
+    ('plant: {actuator_lag: [2.0e-3, 2.0e-3]}', 'plant: [1]', 'lag: 2 ms: plant: .1. is'),
+    ('  Drive lag:\n', '  other: 3\n  Drive lag:\n', 'other: 3 is not .*; allowed: a mapping'),
+    ('cases:\n', 'cases: [1]\nx:\n', "'x' is not allowed"),
+    ('duration: 6.0', 'duration: 0.0', r'duration: 0\.0 is not allowed; allowed: a number > 0'),
     ('    2 ms: {x: 2, plant: {actuator_lag: [2.0e-3, 2.0e-3]}}', '    2 ms: 3', '2 ms.*3')])
 def test_what_is_wrong_is_named_before_anything_runs(
         old: str, new: str, words: str, tmp_path: Path) -> None:

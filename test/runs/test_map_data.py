@@ -58,6 +58,17 @@ def data(table: Any) -> MapData:
     return MapData(table, UNITS, ('model', 'noise'))
 
 
+@pytest.mark.parametrize(('laws', 'axes'), [
+    (1, {'friction': [2.0, 10.0]}), (2, {}), (1, {'friction': [2.0, 10.0], 'ka': [1.0]}),
+    (3, {'friction': [2.0], 'ka': [1.0]}), (1, {'friction': [2.0]})])
+def test_a_map_may_have_as_many_runs_as_labels(laws: int, axes: dict[str, list[float]]) -> None:
+    """Check so few runs that there is a row for each axis and one for the law."""
+    names = ['compensation', 'chattering sign', 'chattering implicit'][:laws]
+    made = MapData(made_up(axes, 1, variants=names), dict.fromkeys(axes, ''))
+    assert made.runs.shape == (laws, *(len(x) for x in axes.values() if len(x) > 1))
+    assert (made.runs == 1).all()
+
+
 def test_each_cell_has_the_numbers_of_its_rows(table: Any, data: MapData) -> None:
     """In whatever order rows are; to NumPy, a multiple of an infinite number is none."""
     rows, infinite = table.to_pandas().fillna({'error': np.inf}), 0

@@ -25,6 +25,7 @@ from typing import Any
 
 from ctc_chattering.errors import CtcError, ParameterError
 from ctc_chattering.runs.pool import computed, processes, threads, workers
+from ctc_commands import python
 from distributed import LocalCluster
 import pytest
 from scheduler_tasks import add, die, die_once, fail, late, until_there
@@ -105,3 +106,17 @@ def test_a_task_that_kills_every_worker_ends_the_map() -> None:
 def test_what_is_no_address(address: str) -> None:
     with pytest.raises(CtcError, match=f'--scheduler {address}: no scheduler answers: '):
         workers(1, address).__enter__()
+
+
+def test_processes_that_do_not_start_are_said_in_a_line(tmp_path: Path) -> None:
+    """Take a script that ends where the processes that it starts run it again."""
+    script = tmp_path / 'script.py'
+    script.write_text('from multiprocessing import parent_process\n'
+                      'if parent_process():\n    raise SystemExit(1)\n'
+                      'from ctc_chattering.errors import CtcError\n'
+                      'from ctc_chattering.runs.pool import workers\n'
+                      'try:\n    workers(1).__enter__()\n'
+                      'except CtcError as error:\n    print(error)\n')
+    done = python(script)
+    assert done.stdout.startswith('the processes that compute cannot be started: RuntimeError: ')
+    assert done.stdout.count('\n') == 1

@@ -88,7 +88,7 @@ def mapped(made: Runs, directory: Directory, computed: list[Any]) -> pyarrow.Tab
     while len(some := made.next_runs(table)):
         chunks = store.chunks(made, some)
         for part in reversed([x for x in chunks if directory.rows(x, print) is None]):
-            store.write_table(rows(made, part), directory.file(part))
+            directory.write(rows(made, part), directory.file(part))
             computed.append(part)
         table = pyarrow.concat_tables([table, *(directory.rows(x, print) for x in chunks)])
     return directory.merge(table)
@@ -98,12 +98,12 @@ def mapped(made: Runs, directory: Directory, computed: list[Any]) -> pyarrow.Tab
 def test_rows_are_those_of_the_whole_map_and_are_not_computed_again(tmp_path: Path) -> None:
     made = runs(axes={'friction': AXIS, 'ka': KA}, refine=3, laws=['compensation', 'chattering'])
     about, first, again = store.about(made), list[Any](), list[Any]()
-    directory = Directory(tmp_path, about, store.schema(made))
-    table = mapped(made, directory, first)
+    with store.opened(tmp_path, about, store.schema(made)) as directory:
+        table = mapped(made, directory, first)
     before = (tmp_path / 'map.parquet').read_bytes()
     next(tmp_path.glob('shards/*.parquet')).unlink()
-    assert mapped(made, Directory(
-        tmp_path, about, store.schema(made)), again).equals(table)
+    with store.opened(tmp_path, about, store.schema(made)) as directory:
+        assert mapped(made, directory, again).equals(table)
     assert (tmp_path / 'map.parquet').read_bytes() == before
     assert len(again) == 1 < len(first)
     number = table['run'].to_numpy()

@@ -16,15 +16,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 import json
+import os
 from pathlib import Path
 from typing import Any
 
 from ctc_chattering.errors import CtcError
 from ctc_chattering.runs import store
 from ctc_chattering.runs.points import Runs
-from ctc_chattering.runs.store import Directory, locked, write_table
-from ctc_commands import python
+from ctc_chattering.runs.store import Directory
 from map_specs import evaluate, runs, SMALL
 import numpy as np
 import pyarrow
@@ -96,8 +98,9 @@ CHANGES: list[dict[str, Any]] = [
 
 def test_keys_change_with_everything_that_matters(tmp_path: Path) -> None:
     keys = [store.about(runs(**change))['key'] for change in [{}, *CHANGES]]
-    made = Directory(tmp_path, ABOUT, SCHEMA)
-    keys += [made.file(chunk).name for chunk in (range(2), range(3), range(1, 3))]
+    with opened(tmp_path) as made:
+        pass
+    keys += [made.file(chunk) for chunk in (range(2), range(3), range(1, 3))]
     assert len(set(keys)) == len(keys)
     assert store.about(runs())['key'] == keys[0]
 
@@ -120,6 +123,12 @@ def rows(*runs: int) -> Any:
     return pyarrow.Table.from_pylist([{'run': k, 'error': k or None} for k in runs], SCHEMA)
 
 
+@contextmanager
+def opened(path: Path, key: str = 'one', overwrite: bool = False) -> Iterator[Directory]:
+    with store.opened(path, {**ABOUT, 'key': key}, SCHEMA, overwrite) as directory:
+        yield directory
+
+
 def only(made: Directory) -> Path:
     (path,) = (made.path / 'shards').glob('*.parquet')
     return path
@@ -127,10 +136,11 @@ def only(made: Directory) -> Path:
 
 def test_a_chunk_that_is_damaged_is_computed_again(tmp_path: Path) -> None:
     """Flip bits of pages and of the footer, and cut the file; the file as it was is read."""
-    made, lines = Directory(tmp_path, ABOUT, SCHEMA), list[str]()
+    lines = list[str]()
     values = np.random.default_rng(0).random(500)
-    write_table(pyarrow.table({'run': np.arange(500), 'error': values}, SCHEMA),
-                made.file(range(500)))
+    with opened(tmp_path) as made:
+        made.write(pyarrow.table({'run': np.arange(500), 'error': values}, SCHEMA),
+                   made.file(range(500)))
     path = only(made)
     content = path.read_bytes()
     column = parquet.ParquetFile(path).metadata.row_group(0).column(1)
@@ -151,39 +161,81 @@ def test_a_chunk_that_is_damaged_is_computed_again(tmp_path: Path) -> None:
 @pytest.mark.parametrize('there', [(0, 1, 3), (0, 1)])
 def test_rows_are_those_of_the_chunk(tmp_path: Path, there: tuple[int, ...]) -> None:
     """Check whole files with other runs, and with other columns, than they must have."""
-    made, lines = Directory(tmp_path, ABOUT, SCHEMA), list[str]()
-    for table in (rows(*there), rows(0, 1, 2).append_column('more', pyarrow.array((0, 1, 2)))):
-        write_table(table, made.file(range(3)))
-        assert made.rows(range(3), lines.append) is None
-        assert 'it has other rows or columns' in lines.pop()
-    assert made.rows(range(1), print) is None
+    lines = list[str]()
+    with opened(tmp_path) as made:
+        for table in (rows(*there), rows(0, 1, 2).append_column('more', pyarrow.array((0, 1, 2)))):
+            made.write(table, made.file(range(3)))
+            assert made.rows(range(3), lines.append) is None
+            assert 'it has other rows or columns' in lines.pop()
+        assert made.rows(range(1), print) is None
+
+
+def test_a_pipe_in_the_place_of_a_chunk_is_not_waited_for(tmp_path: Path) -> None:
+    lines = list[str]()
+    with opened(tmp_path) as made:
+        made.write(rows(0), made.file(range(1)))
+        only(made).unlink()
+        os.mkfifo(tmp_path / made.file(range(1)))
+        assert made.rows(range(1), lines.append) is None
+        assert 'is a pipe' in lines.pop()
+        made.write(rows(0), made.file(range(1)))
+        assert made.rows(range(1), print) is not None
 
 
 def test_a_map_goes_on_and_another_is_refused(tmp_path: Path) -> None:
-    write_table(rows(0), Directory(tmp_path, ABOUT, SCHEMA).file(range(1)))
-    assert Directory(tmp_path, ABOUT, SCHEMA).rows(range(1), print) is not None
-    with pytest.raises(CtcError, match=r'of another spec or version.* --overwrite'):
-        Directory(tmp_path, {**ABOUT, 'key': 'two'}, SCHEMA)
-    (tmp_path / 'mine.txt').touch()
-    made = Directory(tmp_path, {**ABOUT, 'key': 'two'}, SCHEMA, overwrite=True)
-    assert made.rows(range(1), print) is None
-    assert json.loads((tmp_path / 'map.json').read_text())['key'] == 'two'
-    assert (tmp_path / 'mine.txt').exists()
+    with opened(tmp_path) as made:
+        made.write(rows(0), made.file(range(1)))
+    with opened(tmp_path) as made:
+        assert made.rows(range(1), print) is not None
+    with (pytest.raises(CtcError, match=r'of another spec or version.* --overwrite'),
+          opened(tmp_path, 'two')):
+        pass
 
 
-TAKE = ('from pathlib import Path; from ctc_chattering.runs.store import locked; import os\n'
-        'with locked(Path({0!r})): os.kill(os.getpid(), {1})')
+def key(path: Path) -> str:
+    return str(json.loads((path / 'map.json').read_text())['key'])
 
 
-def test_the_second_is_refused(tmp_path: Path) -> None:
-    out = tmp_path / 'new' / 'map'
-    with locked(out):
-        result = python('-c', TAKE.format(str(out), 0))
-        assert result.returncode
-        assert f'{out}: another process is writing there; wait' in result.stderr
+def test_another_map_takes_the_place_of_one_when_it_is_complete(tmp_path: Path) -> None:
+    """Stop it in the middle: the old one is there, and the new one goes on where it was."""
+    path = tmp_path / 'map'
+    with opened(path) as made:
+        made.write(rows(0), made.file(range(1)))
+    old = only(made)
+    (path / 'mine.txt').touch()
+    with (pytest.raises(CtcError, match=r'^stopped$'),
+          opened(path, 'two', overwrite=True) as made):
+        made.write(rows(0), made.file(range(1)))
+        raise CtcError('stopped')
+    assert key(path) == 'one' and old.exists()
+    with opened(path, 'two', overwrite=True) as made:
+        assert made.rows(range(1), print) is not None
+        made.write(rows(1), made.file(range(1, 2)))
+        assert key(path) == 'one' and old.exists()
+    assert key(path) == 'two' and not old.exists()
+    assert len(list(path.glob('shards/*'))) == 2
+    assert (path / 'mine.txt').exists()
+    assert list(tmp_path.iterdir()) == [path]
 
 
-def test_a_killed_process_leaves_no_lock(tmp_path: Path) -> None:
-    assert python('-c', TAKE.format(str(tmp_path), 9)).returncode == -9
-    with locked(tmp_path):
-        assert (tmp_path / '.lock').exists()
+def test_a_third_map_does_not_go_on_with_the_second(tmp_path: Path) -> None:
+    path = tmp_path / 'map'
+    with opened(path) as made:
+        made.write(rows(0), made.file(range(1)))
+    with (pytest.raises(CtcError, match=r'^stopped$'),
+          opened(path, 'two', overwrite=True) as made):
+        made.write(rows(0), made.file(range(1)))
+        raise CtcError('stopped')
+    with opened(path, 'three', overwrite=True) as made:
+        made.write(rows(1), made.file(range(1, 2)))
+    assert key(path) == 'three'
+    assert len(list(path.glob('shards/*'))) == 1
+
+
+def test_a_map_that_was_changed_is_not_overwritten(tmp_path: Path) -> None:
+    with opened(tmp_path) as made:
+        made.write(rows(0), made.file(range(1)))
+    (tmp_path / 'map.json').write_text('{"key": "one", "note": "mine"}')
+    with (pytest.raises(CtcError, match=r'map\.json: was changed since ctc map wrote it'),
+          opened(tmp_path, 'two', overwrite=True)):
+        pass

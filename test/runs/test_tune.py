@@ -26,6 +26,7 @@ import sys
 
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.errors import CtcError, UsageError
+from ctc_chattering.output_files import LIST
 from ctc_chattering.runs import tune_page as report
 from ctc_chattering.runs.points import row_of, Runs
 from ctc_chattering.runs.pool import processes
@@ -47,7 +48,6 @@ from ctc_chattering.runs.tune import (
 )
 from ctc_chattering.runs.tune_page import (
     front_figure,
-    NAMES,
     write_tuning,
 )
 from ctc_chattering.runs.tune_spec import Limits, Range
@@ -115,7 +115,8 @@ def test_the_table_has_the_gains_of_all_candidates() -> None:
 def test_a_search_without_a_point_says_so_and_has_no_parameter_file(tmp_path: Path) -> None:
     tuning = short_tuning(torque_limit=1.0)
     write_tuning(tuning, tmp_path)
-    assert {x.name for x in tmp_path.iterdir()} == set(NAMES) - {'tuned.yaml', 'front'}
+    assert {x.name for x in tmp_path.iterdir()} == {
+        LIST, 'tune.json', 'tune.parquet', 'figures', 'index.html'}
     assert tuning.best is None
     (note,) = report.notes(tuning)
     assert note.startswith('no trial keeps the limits; trial ')

@@ -114,6 +114,19 @@ def test_waypoints() -> None:
     assert difference(dataclasses.replace(setup, route=route)) < 1e-9
 
 
+def test_continuous_joints_that_start_in_another_turn() -> None:
+    """The positions of both are those nearest to the reference."""
+    shared: Any = {'/**': {'continuous_joints': ['joint2']}}
+    setup = loaded(plant={'duration': 0.3, 'initial_position': [3.0, 1.5 - 6.0 * np.pi]},
+                   controller={'law': 'compensation'}, **shared)
+    assert difference(setup) < 1e-9
+    for truth in (False, True):
+        run = simulate(setup, truth=truth).run
+        assert run.compiled
+        assert run.q[0] == pytest.approx([3.0, 1.5])
+        assert np.abs(run.e).max() < 0.5
+
+
 @pytest.mark.parametrize(('speed', 'controller', 'words'), [
     (0.0, {'error_limit': [2.5, 3.0]}, 'exceeds error_limit, 2.5 rad'),
     (1e200, {}, 'no torque can be computed at t = 0 s for [0.1, 0.2], [1e+200, 1e+200]'),

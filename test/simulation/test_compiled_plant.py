@@ -47,7 +47,8 @@ def random_config(base: PlantConfig, rng: np.random.Generator) -> PlantConfig:
 
     start = np.array(base.initial_position) + each(-0.3, 0.3)
     values = {
-        'coulomb_friction': (kf * each(0.0, 1.5)).tolist(), 'viscous_friction': each(0.0, 2.0),
+        'coulomb_friction': (kf * each(0.0, 1.5)).tolist(),
+        'viscous_friction': (10.0 ** np.array(each(-2.0, 4.0))).tolist(),
         'stribeck_friction': (kf * each(0.0, 0.4)).tolist(), 'load_friction': each(0.0, 0.05),
         'friction_asymmetry': each(-0.4, 0.4), 'disturbance.amplitude': each(0.0, 2.0),
         'disturbance.frequency': each(0.0, 20.0), 'disturbance.push': each(-5.0, 5.0),

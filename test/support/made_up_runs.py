@@ -32,6 +32,6 @@ def made_up(n: int, samples: int = 300, **values: Any) -> Result:
     config = ControllerConfig.from_mapping({
         'model': 'other:Arm', 'joint_names': [f'axis{i}' for i in range(n)], **values})
     run = Run(t, x, x, x + 0.1, x, x, 5.0 * x, 0.1 * x)
-    terms = RunTerms(run.tau, run.tau, x, 10.0 * np.sign(x), run.v,
+    terms = RunTerms(t, run.tau, run.tau, x, 10.0 * np.sign(x), run.v,
                      1e-6 + np.square(x).sum(axis=1))
     return Result('friction', [(0.0, config)], run, terms)

@@ -16,23 +16,27 @@
 
 from __future__ import annotations
 
+import gc
 import json
 import os
 from pathlib import Path
 import subprocess
 import sys
+import tracemalloc
 from typing import Any
 
 from bags import state
 from ctc_chattering.bags.repair import open_bag
 from ctc_chattering.bags.writer import BagWriter, offered_qos
+from ctc_chattering.nodes.recorder import FLUSH_PERIOD
 from ctc_chattering.numerics.time_grid import NANOSECONDS as S
+from ctc_chattering.ros.topics import TOPICS
 from faults import Report
 import numpy as np
 from processes import PATIENCE
 import pytest
 from soak import plan, report
-from soak.measurements import examine, gaps, memory, Outage, unhealthy, WARM_UP
+from soak.measurements import examine, gaps, memory, Outage, SETTLING, unhealthy, WARM_UP
 from soak.plan import Fault
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -42,8 +46,54 @@ def test_growth_is_the_slope_after_the_warm_up() -> None:
     """It grows much in the warm-up, which does not count."""
     t = np.arange(500.0)
     size = 7e4 + 0.03 * t - 1e3 * np.clip(WARM_UP - t, 0, 30)
-    assert memory(list(zip(t.tolist(), size.tolist())))['growth_kb_per_min'] == pytest.approx(1.8)
-    assert memory([(1.0, 4.0), (40.0, 5.0)])['growth_kb_per_min'] == 0.0
+    samples = list(zip(t.tolist(), size.tolist()))
+    assert memory(samples, {})['growth_kb_per_min'] == pytest.approx(1.8)
+    assert memory([(1.0, 4.0), (40.0, 5.0)], {})['growth_kb_per_min'] == 0.0
+
+
+def test_growth_is_judged_after_every_process_was_stopped_for_long() -> None:
+    """A process keeps messages for a stopped one, the first time: its memory grows once."""
+    t = np.arange(1000.0, 1500.0)
+    size = 7e4 + 0.05 * t + 700.0 * (t > 1200.0) + 300.0 * (t > 1302.0)
+    samples = list(zip(t.tolist(), size.tolist()))
+    stops = {'controller': [1200.0, 1400.0], 'recorder': [900.0, 1300.0]}
+    found = memory(samples, stops)
+    assert found['growth_kb_per_min'] == pytest.approx(3.0)
+    assert found['fitted_s'] == 1499.0 - 1300.0 - SETTLING
+    assert memory(samples, {**stops, 'plant': [999.0]})['fitted_s'] == 0.0
+
+
+def test_each_process_is_stopped_for_long_after_the_kills_of_a_long_run() -> None:
+    for duration, count in (900.0, len(plan.PROCESSES)), (24.0, 0):
+        faults = plan.plan(3, duration)
+        last_kill = max(i for i, x in enumerate(faults) if x.kind == plan.KILL)
+        stopped = [x.target for x in faults[last_kill:] if x.lasts == plan.LONGEST_STOP]
+        assert sorted(stopped) == sorted(plan.PROCESSES)[:count]
+
+
+def test_what_the_recorder_keeps_of_each_flush_explains_its_growth(tmp_path: Path) -> None:
+    recording, flushes = BagWriter(tmp_path / 'bag'), 50
+    names = [name.lstrip('/') for name in TOPICS]
+
+    def flush(k: int) -> None:
+        for name in names:
+            recording.write(f'/{name}', 'std_msgs/msg/String', k, bytes(100), '')
+        recording.flush()
+
+    for k in range(20):
+        flush(k)
+    tracemalloc.start()
+    try:
+        before, _ = tracemalloc.get_traced_memory()
+        for k in range(flushes):
+            flush(20 + k)
+        gc.collect()
+        after, _ = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+        recording.close()
+    kept = (after - before) / flushes * 60.0 / FLUSH_PERIOD / 1e3
+    assert 0.5 * report.EXPLAINED['recorder'] < kept < report.EXPLAINED['recorder']
 
 
 def reports(t: int = 2 * S, rate: str = '3500.0', **messages: str) -> dict[str, Report]:
@@ -113,13 +163,20 @@ def test_verdict() -> None:
 
 @pytest.mark.parametrize(('slope', 'fitted', 'fails'), [
     (5000.0, 20.0, False),                          # Too short.
-    (1000.0, 60.0, False), (3000.0, 60.0, True),    # Not more than 2 MB; more.
+    (900.0, 60.0, False), (1100.0, 60.0, True),     # Not more than 1 MB; more.
     (99.0, 36000.0, False), (101.0, 36000.0, True)])
 def test_growth_that_is_too_much(slope: float, fitted: float, fails: bool) -> None:
     made = document()
     made['processes']['plant'].update(growth_kb_per_min=slope, fitted_s=fitted)
     found = [line.startswith('plant: memory') for line in report.complaints(made)]
     assert found == [True] * fails
+
+
+def test_the_index_of_a_bag_is_no_leak_of_the_recorder() -> None:
+    made = document()
+    for slope, fails in (370.0, False), (390.0, True):
+        made['processes']['recorder'].update(growth_kb_per_min=slope, fitted_s=36000.0)
+        assert bool(report.complaints(made)) == fails
 
 
 @pytest.mark.slow

@@ -22,9 +22,9 @@ from pathlib import Path
 import random
 import sys
 
-from ctc_chattering.analysis.output import finite, prepare, write_text
 from ctc_chattering.cli.command_line import guarded
 from ctc_chattering.errors import ParameterError
+from ctc_chattering.output_files import beside, check_folder, finite, write_text
 from ctc_chattering.ros.process import collect_signals
 from soak.report import complaints, to_markdown
 from soak.run import run
@@ -51,14 +51,17 @@ def main() -> int:
 def _run(options: argparse.Namespace) -> int:
     if not 0.0 < options.minutes < float('inf'):
         raise ParameterError('--minutes', options.minutes, 'a finite number > 0')
-    out = prepare(options.out, ('bags', 'soak.md', 'soak.json', 'soak.log'), options.overwrite)
-    document = run(60.0 * options.minutes, options.seed, out, options.control_period,
-                   collect_signals())
-    found = complaints(document)
-    write_text(out / 'soak.json', json.dumps(
-        finite({**document, 'complaints': found}), indent=2, ensure_ascii=False) + '\n')
-    text = to_markdown(document)
-    write_text(out / 'soak.md', text)
+    check_folder(options.out, 'soak', options.overwrite)
+    with beside(options.out, 'soak') as folder:  # After an error, it remains there.
+        folder.begin()
+        document = run(60.0 * options.minutes, options.seed, folder.path, options.control_period,
+                       collect_signals())
+        found = complaints(document)
+        write_text(folder.path / 'soak.json', json.dumps(
+            finite({**document, 'complaints': found}), indent=2, ensure_ascii=False) + '\n')
+        text = to_markdown(document)
+        write_text(folder.path / 'soak.md', text)
+        folder.take_place(options.out.resolve())
     print(text, end='', flush=True)
     return 1 if found else 0
 

@@ -78,12 +78,15 @@ class FaultInjector:
         self._graph.start(fault.target)
 
     def _stop(self, fault: Fault, name: str = '') -> None:
-        child = self._graph.children[name or fault.target]
+        victim = name or fault.target
+        child = self._graph.children[victim]
         child.signal(signal.SIGSTOP)
         try:
             self._graph.wait(fault.lasts)
         finally:
             child.signal(signal.SIGCONT)
+        if fault.lasts >= plan.LONGEST_STOP:
+            self._graph.note_long_stop(victim)
 
     def _publish(self, fault: Fault, during: Callable[[], None] | None = None) -> None:
         """Publish messages on a topic; `during` takes its time meanwhile."""

@@ -20,6 +20,7 @@ from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import closing
 import itertools
+from math import inf
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -33,8 +34,9 @@ from soak.plan import PROCESSES
 
 #: Part of the sample rate that controller and recorder must reach again.
 RATE = 0.9
-#: A process's memory is fitted from so long after its start on [s].
-WARM_UP = 30.0
+#: A process's memory is fitted from so long after its start, and after the last of the long stops,
+#: on [s].
+WARM_UP, SETTLING = 30.0, 5.0
 #: A step between stamps of joint states, or from the last one to the end of the bag, that is a
 #: gap; the time by which an outage may precede or follow its fault [ns].
 GAP, MARGIN = NANOSECONDS // 5, NANOSECONDS // 2
@@ -81,17 +83,26 @@ def totals(generations: Iterable[Report]) -> Counter[str]:
                          if value.isdecimal()}) for report in generations), Counter())
 
 
-def memory(samples: Sequence[tuple[float, float]]) -> dict[str, Any]:
+def memory(samples: Sequence[tuple[float, float]], long_stops: Mapping[str, Sequence[float]]
+           ) -> dict[str, Any]:
     """
-    Return size and growth of a process's memory after its start.
+    Return size and growth of a process's memory after its high-water marks are reached.
+
+    Those are the windows of its statistics, and what it keeps for a reader that is stopped. Where
+    they are not reached, there is no growth to be judged.
 
     Parameters
     ----------
     samples : sequence of (float, float)
-        Time [s] and resident memory [kB], from the start of the process on.
+        Time [s] and memory [kB], from the start of the process on.
+    long_stops : mapping
+        When each of the processes was continued after a long stop [s].
 
     """
-    late = [x for x in samples if x[0] >= samples[0][0] + WARM_UP]
+    start = samples[0][0] if samples else 0.0
+    marks = [min((t for t in times if t > start), default=inf) for times in long_stops.values()]
+    begin = max([start + WARM_UP, *(t + SETTLING for t in marks)])
+    late = [x for x in samples if x[0] >= begin]
     shown = late if len(late) > 1 else samples[-1:] or [(0.0, 0.0)]
     t, size = np.array(shown).T
     slope = np.polyfit(t - t[0], size, 1)[0] if len(t) > 1 else 0.0

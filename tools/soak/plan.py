@@ -47,10 +47,14 @@ PAUSE = (1.5, 4.0)
 #: Part of the run in which processes are killed. Afterwards they keep running, so that a growth
 #: of their memory can be measured.
 KILLING = 1.0 / 3.0
+#: Least time after the kills in which each process is stopped once for as long as any is: others
+#: then keep the messages for it, which is the most memory that they take for that [s].
+LEAST_MARKED = 120.0
 #: Duration of a fault; of KILL, the time until the process is started again [s]. `ALONE` exceeds
 #: the lease of the middleware: the malformed messages then have the only publisher.
 DURATIONS = {KILL: (0.0, 1.0), STOP: (0.05, 2.0), MALFORMED: (0.2, 1.0), PLAUSIBLE: (0.5, 2.0),
              ALONE: (2.2, 4.0), VALID: (0.5, 2.0), ENABLE: (0.1, 2.0), TRIP: (0.1, 1.0)}
+LONGEST_STOP = DURATIONS[STOP][1]
 #: Targets of every kind: processes or topics.
 TARGETS: dict[str, Sequence[str]] = {
     KILL: PROCESSES, STOP: PROCESSES, MALFORMED: (*OWNERS, WAYPOINTS, CLOCK),
@@ -114,7 +118,8 @@ def plan(seed: int, duration: float) -> list[Fault]:
     Return the faults of a run, the same for the same arguments.
 
     Every kind occurs once before any occurs again, and so does every target of a kind. In the
-    first third of the run every other fault is a kill.
+    first third of the run every other fault is a kill. Then each process is stopped, for as long
+    as any is, unless the run is short.
 
     Parameters
     ----------
@@ -128,13 +133,17 @@ def plan(seed: int, duration: float) -> list[Fault]:
     kinds = _shuffled(rng, _KINDS)
     targets = {kind: _shuffled(rng, names) for kind, names in TARGETS.items()}
     faults: list[Fault] = []
+    marked = (1.0 - KILLING) * duration > LEAST_MARKED
+    to_stop = rng.sample(PROCESSES, len(PROCESSES)) if marked else []
     t = 0.0
     while True:
         t += rng.uniform(*PAUSE)
-        killing = t < KILLING * duration and len(faults) % 2 == 0
-        kind = KILL if killing else next(kinds)
+        killing = t < KILLING * duration
+        kind = KILL if killing and len(faults) % 2 == 0 else next(kinds)
         target = next(targets[kind])
         lasts = rng.uniform(*DURATIONS.get(kind, (0.0, 0.0)))
+        if not killing and to_stop:
+            kind, target, lasts = STOP, to_stop.pop(), LONGEST_STOP
         values: tuple[tuple[str, Any], ...] = ()
         if kind in (VALID, INVALID):
             values = (_valid if kind == VALID else _invalid)(rng, target)

@@ -22,11 +22,14 @@ from typing import Any
 from ctc_chattering.numerics.time_grid import seconds
 from ctc_chattering.ros.topics import JOINT_STATES
 from soak import measurements, run
-from soak.plan import KILL, STOP
+from soak.plan import KILL, LONGEST_STOP, STOP
 
 #: Growth that fails the run [kB/min], if it is more than so much in all [kB] and was fitted over
 #: so long [s].
-GROWTH, GROWN, FITTED = 100.0, 2000.0, 30.0
+GROWTH, GROWN, FITTED = 100.0, 1000.0, 30.0
+#: Growth that is explained [kB/min]: the index of a bag has an entry for each flush, until another
+#: file begins after ten minutes.
+EXPLAINED = {'recorder': 280.0}
 
 
 def complaints(document: Mapping[str, Any]) -> list[str]:
@@ -34,9 +37,10 @@ def complaints(document: Mapping[str, Any]) -> list[str]:
     result = [f'at {x["at_s"]:.1f} s, {x["text"]}: {x["failure"]}' for x in document['faults']
               if x['failure']] + document['crashes']
     for name, p in document['processes'].items():
-        growth, span = p['growth_kb_per_min'], p['fitted_s']
+        growth, span = p['growth_kb_per_min'] - EXPLAINED.get(name, 0.0), p['fitted_s']
         if span >= FITTED and growth > GROWTH and growth * span / 60.0 > GROWN:
-            result.append(f'{name}: memory grows by {growth:.0f} kB/min over {span:.0f} s')
+            result.append(f'{name}: memory grows by {p["growth_kb_per_min"]:.0f} kB/min over '
+                          f'{span:.0f} s')
     bags = document['bags']
     if bags['unexplained_gaps']:
         result.append(f'{bags["unexplained_gaps"]} gaps in the stamps of {JOINT_STATES} that no '
@@ -61,9 +65,11 @@ def to_markdown(document: Mapping[str, Any]) -> str:
         *_table(('fault', 'injected', 'recovered', 'longest recovery [s]'),
                 _by_kind(document['faults'])),
         '', '## Processes', '',
-        'Counts are sums over all restarts of a process; memory (resident) is that of its longest '
-        f'run, the growth is fitted from {measurements.WARM_UP:g} s after the start. Allowed: '
-        f'{GROWTH:g} kB/min, or {GROWN:g} kB in all.', '',
+        'Counts are sums over all restarts of a process; memory (resident, without files) is that '
+        f'of its longest run. The growth is fitted from {measurements.WARM_UP:g} s after the '
+        f'start on, and after each process has been stopped for {LONGEST_STOP:g} s, as others '
+        f'keep messages meanwhile. Allowed: {GROWTH:g} kB/min, or {GROWN:g} kB in all; of the '
+        f'recorder, {EXPLAINED["recorder"]:g} kB/min more, the index of its bag.', '',
         *_table(('process', 'samples', 'misses', 'refused', 'timeouts', 'restarts', 'crashes',
                  'memory [MB]', 'growth [kB/min]', 'over [s]'),
                 ((name, p['samples'] or '', p['misses'] or '', sum(p['refused'].values()),

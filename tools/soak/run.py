@@ -93,6 +93,8 @@ class Graph:
         self.crashes: dict[str, list[str]] = {name: [] for name in PROCESSES}
         self.generations: defaultdict[str, list[Report]] = defaultdict(list)
         self.memory: defaultdict[str, list[list[tuple[float, float]]]] = defaultdict(list)
+        #: When each process was stopped for long, since the graph runs [s].
+        self._long_stops: dict[str, list[float]] = {name: [] for name in PROCESSES}
         self.dropped = self.unexplained_dropped = 0
         self._last_dropped = 0
         self._measured = 0.0
@@ -128,6 +130,10 @@ class Graph:
         self.crashes[name].append(' '.join(report.split()))
         self.note(f'CRASH: {report}')
 
+    def note_long_stop(self, name: str) -> None:
+        """Note that a process was stopped for so long that others kept all they do for it."""
+        self._long_stops[name].append(time.monotonic() - self.begun)
+
     def note(self, line: str) -> None:
         """Write a line into the log."""
         self._log.write(f'{time.monotonic() - self.begun:9.3f} {line}\n')
@@ -160,7 +166,7 @@ class Graph:
 
     def _measure(self, now: float) -> None:
         for name, child in self.children.items():
-            size = _resident(child.process.pid)
+            size = _anonymous(child.process.pid)
             if size:
                 self.memory[name][-1].append((now - self.begun, size))
         recorder = self.diagnostics.latest.get('recorder')
@@ -222,7 +228,7 @@ class Graph:
                              if key.startswith('timeouts, ')},
                 'restarts': len(self.memory[name]) - 1,
                 'crashes': len(self.crashes[name]),
-                **measurements.memory(max(self.memory[name], key=len))}
+                **measurements.memory(max(self.memory[name], key=len), self._long_stops)}
 
 
 def run(duration: float, seed: int, out: Path, control_period: float | None,
@@ -314,11 +320,11 @@ def _inject(graph: Graph, injector: FaultInjector, faults: Sequence[Fault], dura
     graph.wait(graph.begun + duration - time.monotonic())
 
 
-def _resident(pid: int) -> float:
-    """Return the resident memory of a process [kB]; 0 if it has gone."""
+def _anonymous(pid: int) -> float:
+    """Return the resident memory of a process that is no file's [kB]; 0 if it has gone."""
     try:
         with Path(f'/proc/{pid}/status').open(encoding='ascii', errors='replace') as lines:
-            return next((float(x.split()[1]) for x in lines if x.startswith('VmRSS:')), 0.0)
+            return next((float(x.split()[1]) for x in lines if x.startswith('RssAnon:')), 0.0)
     except OSError:
         return 0.0
 

@@ -31,9 +31,11 @@ async function mount(element) {
   const { joints, units, runs, mark, signals, settled } = JSON.parse(element.textContent);
   try {
     await Promise.all(runs.map(run => ctcSamples[run.key] || loaded(run.path)));
+    const packed = await Promise.all(runs.map(
+      run => Promise.all(ctcSamples[run.key].map(ctcPlots.inflated))));
     element.textContent = '';
     const plots = ctcPlots.mount(element, { joints, units, runs: runs.map(
-      run => ({ name: run.name, colour: run.colour, packed: ctcSamples[run.key] })) }, { signals, settled });
+      (run, r) => ({ ...run, packed: packed[r] })) }, { signals, settled });
     if (mark !== null) plots.mark(mark);
   } catch (error) {
     element.replaceChildren(Object.assign(document.createElement('p'), { textContent: error.message }));

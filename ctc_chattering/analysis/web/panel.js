@@ -45,22 +45,31 @@ function chip(parent, text, checked, changed) {
   return label;
 }
 
+// What names a line: a piece of it, and run and signal where there are several.
+function keyOf(parent, line) {
+  const key = made('span', parent, 'ctc-key');
+  if (!line.name && !line.label) return key;
+  key.innerHTML = '<svg width="26" height="8"><line x2="26" y1="4" y2="4" stroke-width="2"'
+    + ` stroke="${line.ink}" stroke-dasharray="${line.dash}"/></svg>`;
+  if (line.name) made('span', key, 'ctc-name', line.name).title = line.name;
+  key.append((line.name && line.label ? ' ' : '') + line.label);
+  return key;
+}
+
 // --- one plot
 class Panel {
-  constructor(plots, parent, kind, joints) {
+  // With a legend of the row, only values stand in the plot, while there is a cursor.
+  constructor(plots, parent, kind, joints, hasLegend) {
     Object.assign(this, { plots, kind, joints, view: null });
     this.element = made('div', parent, 'ctc-panel');
     this.element.tabIndex = 0;
     this.head = made('p', this.element);
     this.title = made('b', this.head);
     this.lines = this.listed();
+    const values = hasLegend ? made('p', this.element, 'ctc-values') : null;
     this.keys = this.lines.map(line => {
-      const key = made('span', this.head, 'ctc-key');
-      const alone = this.lines.length === 1 && !line.name && !line.label;
-      if (!alone) key.innerHTML = '<svg width="26" height="8"><line x2="26" y1="4" y2="4" stroke-width="2"'
-        + ` stroke="${line.ink}" stroke-dasharray="${line.dash}"/></svg>`;
-      if (line.name) made('span', key, 'ctc-name', line.name).title = line.name;
-      key.append((line.name && line.label ? ' ' : '') + line.label);
+      const key = hasLegend ? made('span', values, 'ctc-key') : keyOf(this.head, line);
+      if (hasLegend) key.style.color = line.ink;
       return made('span', key, line.long ? 'ctc-value ctc-long' : 'ctc-value');
     });
     const ink = getComputedStyle(plots.element).color;
@@ -220,7 +229,7 @@ class Panel {
   // Put the lines of cursor and mark, and write the values there.
   place() {
     const { cursor, marked } = this.plots, own = KINDS[this.kind].spectrum;
-    const times = { cursor: own ? this.at ?? null : cursor, mark: own ? null : marked };
+    const times = { cursor: own ? this.plots.frequency : cursor, mark: own ? null : marked };
     for (const [name, t] of Object.entries(times)) {
       const seen = t !== null && this.range && t >= this.range[0] && t <= this.range[1];
       this[name].style.display = seen ? 'block' : 'none';
@@ -282,7 +291,7 @@ function gestures(panel) {
   over.onpointermove = event => {
     const x = left(event), before = fingers.get(event.pointerId);
     const pan = event.shiftKey || event.buttons === 4 || event.pointerType === 'touch';
-    if (spectrum) { panel.at = time(x); panel.place(); } else plots.point(time(x));
+    if (spectrum) plots.hoverSpectra(time(x)); else plots.hover(x / over.clientWidth);
     if (from === null || before === undefined) return;
     const others = [...fingers].filter(([id]) => id !== event.pointerId);
     moved ||= Math.abs(x - from) > 4;
@@ -305,7 +314,7 @@ function gestures(panel) {
     from = null;
   };
   over.onpointercancel = event => { fingers.delete(event.pointerId); from = null; };
-  over.onpointerleave = () => { panel.at = null; panel.place(); plots.point(null); };
+  over.onpointerleave = () => { plots.hoverSpectra(null); plots.hover(null); };
   over.ondblclick = () => show();
   over.addEventListener('wheel', event => {
     if (plots.options.wheel !== 'always' && !event.ctrlKey) return;

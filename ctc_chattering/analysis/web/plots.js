@@ -6,8 +6,9 @@
 // are drawn, too, each in its colour); units are those of the positions, by default rad.
 // run = {name: 'chattering', t: [...], signals: {e: [[...], ...], V: [[...]], ...}}: times [s],
 // and for each signal one column for each joint, V one in all. Arrays may be plain or typed.
-// A run may have its colour, '#rrggbb'. Instead of t and signals it may have packed: '...', which
-// `coded` of Python writes.
+// A run may have its colour, '#rrggbb', and received: true where torques stand at times of
+// reception. Instead of t and signals it may have packed: ['...', ...], which `coded` of Python
+// writes, one for all signals of the same times; or what `ctcPlots.inflated` makes of `compressed`.
 // Signals: q, q_d, dq, e, v, V, torque, nominal, compensation, robust, effort; each may miss, and
 // what is not there cannot be chosen. q, q_d or e follows from the other two. Torque rate, log10
 // of V and spectra are computed here. Every sample is drawn: where there are more samples than
@@ -20,6 +21,7 @@
 //   settled: 1.0,              // errors and torques before it do not scale the axes [s]
 //   window: 10.0,              // a running graph: the last seconds are followed [s]
 //   onSeek: t => {},           // a click at a time
+//   onPoint: t => {},          // the time under the pointer, null for none
 // }
 // plots.append(buffer)   adds packed samples (ArrayBuffer), to the run that their head says; in
 //                        place of those there if it says fresh. Signals of other times than those
@@ -36,6 +38,8 @@ class Plots {
     this.element = made('div', element, 'ctc-plots');
     this.options = options;
     this.cursor = this.marked = this.view = null;
+    // Where the pointer is, as a part of the width, and its frequency in a spectrum [Hz].
+    this.pointer = this.frequency = null;
     this.chosen = { signals: options.signals || ['e', 'q', 'V', 'torque'], joints: null,
       ...this.remembered() };
     this.panels = [];
@@ -78,6 +82,7 @@ class Plots {
     for (const panel of this.panels) panel.u.destroy();
     this.element.replaceChildren();
     this.panels = [];
+    this.legend = [];
     this.runs.forEach((run, r) => { run.ink = run.colour ? onGround(run.colour) : colour(r); });
     this.known = Object.keys(KINDS).filter(kind => this.runs.length > !!KINDS[kind].between
       && KINDS[kind].lines.some(signal => this.runs.some(run => run.has(signal))));
@@ -91,7 +96,11 @@ class Plots {
       const together = this.runs.length === 1 && joints.length <= 3
         && KINDS[kind].lines.length === 1;
       const groups = KINDS[kind].common ? [[0]] : together ? [joints] : joints.map(i => [i]);
-      for (const group of groups) this.panels.push(new Panel(this, row, kind, group));
+      const legend = groups.length > 1 ? made('p', row, 'ctc-legend') : null;
+      const panels = groups.map(group => new Panel(this, row, kind, group, Boolean(legend)));
+      this.panels.push(...panels);
+      if (legend) for (const line of panels[0].lines)
+        this.legend.push({ line, key: keyOf(legend, line) });
     }
     for (const panel of this.panels) this.seen.observe(panel.element);
     this.resize();
@@ -169,7 +178,18 @@ class Plots {
     }
     this.redraw();
   }
+  // Show the values at the time under the pointer, which is a part of the width; null for none.
+  hover(part) {
+    this.pointer = part;
+    const [from, to] = this.range();
+    this.point(part === null ? null : from + part * (to - from));
+  }
+  hoverSpectra(frequency) {
+    this.frequency = frequency;
+    for (const panel of this.panels) panel.place();
+  }
   point(t) {
+    if (t !== this.cursor) this.options.onPoint?.(t);
     this.cursor = t;
     const [from, to] = this.range();
     const at = t ?? this.marked;
@@ -190,7 +210,7 @@ class Plots {
       const begin = performance.now();
       for (const panel of this.panels) if (!this.options.window || panel.visible) panel.update();
       this.all.setAttribute('aria-pressed', String(!this.view));
-      this.point(this.cursor);
+      this.hover(this.pointer);
       // uPlot draws after this function, and the browser after that.
       setTimeout(() => { this.pause = Math.min(1000, 2 * (performance.now() - begin)); });
     }), this.pause || 0);
@@ -235,24 +255,28 @@ function table(plots, t, lines) {
   for (let i = begin; i < end; i++) rows.push([t[i], ...lines.map(line => line.at(i))]);
   return rows.map(row => row.join(',')).join('\n') + '\n';
 }
+// Where the first row begins.
+const topOf = plots => plots.element.querySelector('.ctc-row')?.getBoundingClientRect().top
+  ?? plots.element.getBoundingClientRect().top;
 function picture(plots) {
   const box = plots.element.getBoundingClientRect(), ratio = Math.max(2, devicePixelRatio);
-  const top = plots.panels[0] ? plots.panels[0].element.getBoundingClientRect().top - box.top : 0;
+  const top = topOf(plots) - box.top;
   const canvas = made('canvas'), ctx = canvas.getContext('2d');
   canvas.width = box.width * ratio; canvas.height = (box.height - top) * ratio;
   const style = getComputedStyle(plots.element);
   ctx.fillStyle = style.backgroundColor; ctx.fillRect(0, 0, canvas.width, canvas.height);
   ctx.setTransform(ratio, 0, 0, ratio, -box.left * ratio, -(box.top + top) * ratio);
+  const write = (element, ink, weight) => {
+    const place = element.getBoundingClientRect();
+    ctx.fillStyle = ink; ctx.font = `${weight} ${FONT}`;
+    ctx.fillText(element.textContent, place.left, place.top + 12);
+  };
   for (const panel of plots.panels) {
     const at = panel.u.ctx.canvas.getBoundingClientRect();
     ctx.drawImage(panel.u.ctx.canvas, at.left, at.top, at.width, at.height);
-    const write = (element, ink, weight) => {
-      const place = element.getBoundingClientRect();
-      ctx.fillStyle = ink; ctx.font = `${weight} ${FONT}`;
-      ctx.fillText(element.textContent, place.left, place.top + 12);
-    };
     write(panel.title, style.color, 600);
     panel.keys.forEach((key, i) => write(key.parentElement, panel.lines[i].ink, 400));
   }
+  for (const { line, key } of plots.legend) write(key, line.ink, 400);
   return canvas;
 }

@@ -95,6 +95,33 @@ function unpacked(buffer) {
   return run;
 }
 const bytes = text => Uint8Array.from(atob(text), c => c.charCodeAt(0)).buffer;
+// Packed samples from text of `compressed` in Python: the same columns, as second differences of
+// their bits, byte by byte.
+async function inflated(text) {
+  const packed = bytes(text), size = new DataView(packed).getUint32(0, true);
+  const { count, columns } = JSON.parse(new TextDecoder().decode(new Uint8Array(packed, 4, size)));
+  const start = 8 * Math.ceil((4 + size) / 8);
+  const stream = new Blob([packed.slice(start)]).stream().pipeThrough(
+    new DecompressionStream('deflate'));
+  const planes = new Uint8Array(await new Response(stream).arrayBuffer());
+  const places = [];
+  let end = start;
+  for (const [, , width] of columns) {
+    places.push(end);
+    end += 8 * Math.ceil(width * count / 8);
+  }
+  const found = new Uint8Array(end);
+  found.set(new Uint8Array(packed, 0, start));
+  let at = 0;
+  columns.forEach(([, , width], k) => {
+    for (let byte = 0; byte < width; byte++, at += count)
+      for (let i = 0; i < count; i++) found[places[k] + width * i + byte] = planes[at + i];
+    const bits = new (width === 8 ? BigUint64Array : Uint32Array)(found.buffer, places[k], count);
+    for (let order = 0; order < 2; order++)
+      for (let i = 1; i < count; i++) bits[i] += bits[i - 1];
+  });
+  return found.buffer;
+}
 // Signals that are sampled together: their times, and a column for each joint.
 class Track {
   constructor({ t, signals }) { Object.assign(this, { t, signals, room: null }); }
@@ -122,13 +149,15 @@ class Track {
   }
 }
 class Run {
-  constructor({ name, colour: own, t, signals, packed }) {
+  constructor({ name, colour: own, t, signals, packed, received }) {
     this.name = name || '';
     this.colour = own;
+    this.received = Boolean(received);
     this.shown = true;
     this.tracks = [];
-    if (packed) this.take(unpacked(bytes(packed)));
-    else if (t) this.take({ t, signals, head: {} });
+    for (const part of packed || [])
+      this.take(unpacked(part instanceof ArrayBuffer ? part : bytes(part)));
+    if (t) this.take({ t, signals, head: {} });
   }
   // Add samples; return whether they are of signals that were not there.
   take(more) {
@@ -145,7 +174,10 @@ class Run {
     return this.tracks.find(({ signals }) => name.some(x => x in signals))
       || this.tracks.find(({ signals }) => others?.every(x => x in signals));
   }
-  has(signal) { return Boolean(this.track(signal)); }
+  // Times of reception tell neither rates nor spectra.
+  has(signal) {
+    return Boolean(this.track(signal)) && !(this.received && NEEDS[signal]?.includes('torque'));
+  }
   // Times of a signal, and the function from the number of a sample to its value.
   values(signal, joint) {
     const { t, signals: s } = this.track(signal);

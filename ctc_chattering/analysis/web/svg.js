@@ -37,7 +37,7 @@ function drawn(tag, parent, attributes, text = '') {
 // All panels, where they are on the page, with titles and keys.
 function vectors(plots) {
   const box = plots.element.getBoundingClientRect(), style = getComputedStyle(plots.element);
-  const top = plots.panels[0] ? plots.panels[0].element.getBoundingClientRect().top : box.top;
+  const top = topOf(plots);
   const [width, height] = [box.width, box.bottom - top];
   const svg = drawn('svg', null, { width, height, viewBox: `0 0 ${width} ${height}`,
     'font-family': 'system-ui, sans-serif', 'font-size': 12 });
@@ -47,6 +47,12 @@ function vectors(plots) {
     return { x: left - box.left, y: at - top, width: w, height: h };
   };
   const write = (x, y, text, more) => drawn('text', svg, { x, y, fill: style.color, ...more }, text);
+  const writeKey = (key, { ink, dash }) => {
+    const at = place(key), sample = key.querySelector('svg');
+    if (sample) drawn('line', svg, { x1: at.x, y1: at.y + 8, x2: at.x + 26, y2: at.y + 8,
+      stroke: ink, 'stroke-width': 2, 'stroke-dasharray': dash.join(' ') });
+    write(at.x + (sample ? 30 : 0), at.y + 12, key.textContent, { fill: ink });
+  };
   for (const panel of plots.panels) {
     const { u } = panel, { x, y, width: w, height: h } = place(u.over), [across, up] = u.axes;
     const line = (x1, y1, x2, y2, more) => drawn('line', svg, { x1, y1, x2, y2, stroke: '#8886',
@@ -68,12 +74,8 @@ function vectors(plots) {
     if (panel.range) panel.paint(new SvgCanvas(inside), bbox, ratio);
     const title = place(panel.title);
     write(title.x, title.y + 12, panel.title.textContent, { 'font-weight': 600 });
-    panel.keys.forEach(({ parentElement: key }, i) => {
-      const at = place(key), sample = key.querySelector('svg'), { ink } = panel.lines[i];
-      if (sample) line(at.x, at.y + 8, at.x + 26, at.y + 8, { stroke: ink, 'stroke-width': 2,
-        'stroke-dasharray': panel.lines[i].dash.join(' ') });
-      write(at.x + (sample ? 30 : 0), at.y + 12, key.textContent, { fill: ink });
-    });
+    panel.keys.forEach(({ parentElement: key }, i) => writeKey(key, panel.lines[i]));
   }
+  for (const { line, key } of plots.legend) writeKey(key, line);
   return new XMLSerializer().serializeToString(svg);
 }

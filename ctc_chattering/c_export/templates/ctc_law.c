@@ -20,6 +20,13 @@ static code *const gains_function = GAINS_FUNCTION;
 
 #define COUNT(x) (sizeof(x) / sizeof *(x))
 
+/* A turn [rad]; turns beyond which an angle has no digits left for its part. */
+static const double turn = 6.283185307179586, most_turns = 4503599627370496.0;
+static const int continuous[CTC_JOINTS] = CTC_CONTINUOUS;
+
+/* Rows of ctc_law.last: what was measured and desired a step ago. */
+enum { LAST_Q, LAST_DQ, LAST_Q_D, LAST_DQ_D };
+
 static int is_ready(const ctc_law *law) { return law != NULL && law->self == law; }
 
 /* Have a word of the memory hold an address. */
@@ -41,6 +48,7 @@ static void begin(ctc_law *law, size_t from) {
     law->least[i] = INFINITY;
   }
   law->stopped = CTC_OK;
+  law->begun = 0;
 }
 
 int ctc_init(ctc_law *law) {
@@ -113,6 +121,63 @@ static int take(double *to, int stride, const double *from, int rows) {
   return finite;
 }
 
+/* Return the representative of an angle modulo 2 pi that is nearest to where one before leads. */
+static double following(double angle, double velocity, double before, double velocity_before,
+                        double elapsed) {
+  const double target = before + 0.5 * elapsed * (velocity_before + velocity);
+  const double turns = (target - angle) / turn;
+  return fabs(turns) < most_turns ? angle + turn * rint(turns) : angle;
+}
+
+/* Have positions of endless joints follow those of the last step, the first one the reference. */
+static void unwrap(const ctc_law *law, double elapsed, double *measured, double *points) {
+  for (int i = 0; i < CTC_JOINTS; i++) {
+    double *q_d = points + i, *q = measured + i;
+    if (!continuous[i]) {
+      continue;
+    }
+    if (law->begun) {
+      *q_d = following(*q_d, q_d[CTC_JOINTS], law->last[LAST_Q_D][i], law->last[LAST_DQ_D][i],
+                       elapsed);
+      *q = following(*q, q[CTC_JOINTS], law->last[LAST_Q][i], law->last[LAST_DQ][i], elapsed);
+    } else {
+      *q = following(*q, 0.0, *q_d, 0.0, 0.0);
+    }
+    for (int k = 1; k < CTC_POINTS; k++) { /* Of the delay. */
+      double *next = q_d + 3 * CTC_JOINTS;
+      *next = following(*next, next[CTC_JOINTS], *q_d, q_d[CTC_JOINTS], CTC_PERIOD);
+      q_d = next;
+    }
+  }
+}
+
+/* Return whether a position is further from that of the last step than its velocities explain. */
+static int jumps(const ctc_law *law, double elapsed, const double *measured) {
+  for (int i = 0; i < CTC_JOINTS && law->begun; i++) {
+    const double before = law->last[LAST_DQ][i], change = fabs(measured[CTC_JOINTS + i] - before);
+    const double speed = fabs(before) + fmin(change, LARGEST_ACCELERATION * elapsed);
+    if (fabs(measured[i] - law->last[LAST_Q][i]) > elapsed * speed + POSITION_MARGIN) {
+      return 1;
+    }
+  }
+  return 0;
+}
+
+/* Take what is measured and desired with the turns that belong to it; return why not. */
+static int follow(ctc_law *law, double elapsed) {
+  double *measured = law->memory + MEASURED, *points = law->memory + REFERENCE;
+  fenv_t environment;
+  fegetenv(&environment);
+  fesetenv(FE_DFL_ENV);
+  unwrap(law, elapsed, measured, points);
+  const int jumped = jumps(law, elapsed, measured);
+  fesetenv(&environment);
+  memcpy(law->last[LAST_Q], measured, 2 * sizeof law->last[0]);
+  memcpy(law->last[LAST_Q_D], points, 2 * sizeof law->last[0]);
+  law->begun = 1;
+  return jumped ? CTC_JUMP : CTC_OK;
+}
+
 /* Return why the torque that was computed must not be sent; CTC_OK if it may be. */
 static int trip(ctc_law *law) {
   const double *made = ctc_terms(law), *e = made + CTC_E * CTC_JOINTS;
@@ -143,6 +208,11 @@ static int trip(ctc_law *law) {
 
 int ctc_step(ctc_law *law, const double *q, const double *dq, const double *q_d,
              const double *dq_d, const double *ddq_d, double *tau) {
+  return ctc_step_after(law, CTC_PERIOD, q, dq, q_d, dq_d, ddq_d, tau);
+}
+
+int ctc_step_after(ctc_law *law, double elapsed, const double *q, const double *dq,
+                   const double *q_d, const double *dq_d, const double *ddq_d, double *tau) {
   if (tau == NULL) {
     return CTC_WRONG_ARGUMENT;
   }
@@ -155,10 +225,9 @@ int ctc_step(ctc_law *law, const double *q, const double *dq, const double *q_d,
     int finite = take(measured, 1, q, 1) & take(measured + CTC_JOINTS, 1, dq, 1) &
                  take(points, 3, q_d, CTC_POINTS) & take(points + CTC_JOINTS, 3, dq_d, CTC_POINTS) &
                  take(points + 2 * CTC_JOINTS, 3, ddq_d, CTC_POINTS);
-    if (finite) {
+    law->stopped = finite && isfinite(elapsed) ? follow(law, elapsed) : CTC_NOT_FINITE;
+    if (law->stopped == CTC_OK) {
       law->stopped = run(ctc_control, law, PLACES) ? CTC_OVERFLOW : trip(law);
-    } else {
-      law->stopped = CTC_NOT_FINITE;
     }
   }
   for (int i = 0; i < CTC_JOINTS; i++) {
@@ -186,6 +255,7 @@ const char *ctc_message(int error) {
       "no error", "the law is not initialized", "a wrong argument",
       "a state or reference is not finite", "no finite torque", "a position error exceeded error_limit",
       "a position error has grown too much", "the feedback oscillated",
-      "a gain is not finite or out of range", "the gains of this law are fixed"};
+      "a gain is not finite or out of range", "the gains of this law are fixed",
+      "a position jumped further than its velocity explains"};
   return error >= 0 && (size_t)error < COUNT(messages) ? messages[error] : "unknown error";
 }

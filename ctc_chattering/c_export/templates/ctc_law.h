@@ -18,6 +18,8 @@ extern "C" {
 #define CTC_LAW "@LAW@"
 #define CTC_JOINTS @JOINTS@
 #define CTC_JOINT_NAMES {@JOINT_NAMES@}
+/* Which joints turn endlessly: of their positions only the part beyond whole turns counts. */
+#define CTC_CONTINUOUS {@CONTINUOUS@}
 /* Sample period [s], the same as in nanoseconds, and the known delay of the torque in samples. */
 #define CTC_PERIOD @PERIOD@
 #define CTC_PERIOD_NS @PERIOD_NS@
@@ -41,7 +43,10 @@ enum {
   CTC_OSCILLATION = 7,     /* observer_feedback: the feedback oscillated strongly for @PATIENCE@ s, or
                               had a limit cycle for @CYCLE@ s */
   CTC_WRONG_GAIN = 8,      /* a gain that is not finite, or out of range */
-  CTC_FIXED_GAINS = 9      /* other numbers of this law depend on its gains: export it again */
+  CTC_FIXED_GAINS = 9,     /* other numbers of this law depend on its gains: export it again */
+  CTC_JUMP = 10            /* a position further from that of the last step than @MARGIN@ rad (or
+                              m) beyond what its velocities explain: an encoder set anew, or a
+                              joint that turns endlessly and is not in CTC_CONTINUOUS */
 };
 
 /* Rows of ctc_terms, each of shape (CTC_JOINTS,): torque, errors q_d - q and dq_d - dq, filtered
@@ -54,6 +59,8 @@ enum {
 typedef struct ctc_law {
   const struct ctc_law *self;
   int32_t stopped; /* why no torque is sent until ctc_reset; CTC_OK if it is */
+  int32_t begun;   /* whether there was a step */
+  double last[4][CTC_JOINTS];
   double least[CTC_JOINTS];
   double memory[@WORDS@];
 } ctc_law;
@@ -77,7 +84,8 @@ int ctc_check_gains(const double *kp, const double *kv, const double *ka);
 
 /* Go on by one period.
  *
- * q, dq: measured position and velocity, shape (CTC_JOINTS,).
+ * q, dq: measured position and velocity, shape (CTC_JOINTS,). The position of an endless joint
+ * stands for that nearest to where the last one leads; the first one, nearest to the desired one.
  * q_d, dq_d, ddq_d: desired motion, shape (CTC_POINTS, CTC_JOINTS): row k of k periods from now.
  * tau: torque to hold until the next step, shape (CTC_JOINTS,).
  *
@@ -85,6 +93,11 @@ int ctc_check_gains(const double *kp, const double *kv, const double *ka);
  */
 int ctc_step(ctc_law *law, const double *q, const double *dq, const double *q_d,
              const double *dq_d, const double *ddq_d, double *tau);
+
+/* The same where another time than a period has elapsed since the last step [s]: it says how far
+ * joints can have moved meanwhile. The law goes on by one period all the same. */
+int ctc_step_after(ctc_law *law, double elapsed, const double *q, const double *dq,
+                   const double *q_d, const double *dq_d, const double *ddq_d, double *tau);
 
 /* What the last step computed, shape (8, CTC_JOINTS); 0 before the first. */
 const double *ctc_terms(const ctc_law *law);

@@ -72,44 +72,57 @@ const ctcControls = (parent, send) => {
   // --- gains: sliders of the logarithm, sent on release, and numbers, sent on Enter
   const gains = folded('gains'), gainBar = bar(gains, 'of'), joints = element('select', gainBar);
   joints.setAttribute('aria-label', 'gains of');
-  joints.title = 'all joints: their values keep their ratios; the largest is shown';
+  joints.title = 'all joints: a slider has the largest value, and the others keep their ratios;'
+    + ' its number is one for all, or one for each joint';
   const grid = element('div', gains, 'ctc-fields'), sliders = new Map();
   const chosen = () => Number(joints.value);
-  const inForce = ({ values }) => (values.length > 1 && chosen() >= 0 ? values[chosen()]
-    : Math.max(...values));
+  // The values that a slider and its number are of: of one joint, or of all.
+  const inForce = ({ values }) => (values.length > 1 && chosen() >= 0 ? [values[chosen()]]
+    : values);
+  const listed = values => (new Set(values).size > 1 ? values : values.slice(0, 1))
+    .map(digits).join(', ');
   function slider(name) {
     const it = { ...field(grid, `${name} as a number`, text => numbersReason(
-      text, 1, ...it.gain.bounds)), slide: document.createElement('input') };
+      text, inForce(it.gain).length, ...it.gain.bounds)), slide: document.createElement('input') };
     const { slide, input, wrong, title } = it;
     Object.assign(it, { asked: null, held: false });
     Object.assign(slide, { type: 'range', min: 0, max: 1, step: 'any' });
     title.after(slide);
     const value = () => Number((it.gain.least
       * (it.gain.most / it.gain.least) ** Number(slide.value)).toPrecision(3));
-    const ask = asked => {
+    const ask = words => {
       it.held = false;
       it.asked = { answered: state.answered, at: Date.now() };
-      send({ gain: { name, joint: it.gain.values.length > 1 ? chosen() : -1, value: asked } });
+      send(words);
     };
+    const joint = () => (it.gain.values.length > 1 ? chosen() : -1);
+    const askOne = asked => ask({ gain: { name, joint: joint(), value: asked } });
     slide.setAttribute('aria-label', name);
     input.inputMode = 'decimal';
     slide.oninput = () => { it.held = true; input.value = digits(value()); wrong(); };
-    slide.onchange = () => ask(Math.min(it.gain.most, Math.max(it.gain.least, value())));
+    slide.onchange = () => askOne(Math.min(it.gain.most, Math.max(it.gain.least, value())));
     input.addEventListener('input', () => { it.held = true; });
-    input.onchange = () => { if (!wrong()) ask(Number(input.value)); };
+    input.onchange = () => {
+      if (wrong()) return;
+      const values = wordsOf(input.value).map(Number);
+      if (joint() < 0 && it.gain.values.length > 1) ask({ gains: { name, values } });
+      else askOne(values[0]);
+    };
     input.onblur = slide.onblur = () => { it.held = false; place(it); };
     sliders.set(name, it);
     return it;
   }
   // Put a slider where the value in force is, unless it is held or its answer is awaited.
   function place(it) {
-    const { gain, asked, slide, input, row, title } = it, value = inForce(gain);
+    const { gain, asked, slide, input, row, title } = it, values = inForce(gain);
+    const value = Math.max(...values);
     row.title = gain.about;
     title.textContent = `${gain.name} [${gain.unit}]`;
     if (asked && (state.answered > asked.answered || Date.now() - asked.at > 5000)) it.asked = null;
     if (it.held || it.asked) return;
     slide.value = value > 0 ? Math.log(value / gain.least) / Math.log(gain.most / gain.least) : 0;
-    input.value = digits(value);
+    input.value = listed(values);
+    row.classList.toggle('ctc-several', input.value.includes(','));
     it.wrong();
   }
   joints.onchange = () => sliders.forEach(place);

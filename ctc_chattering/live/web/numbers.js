@@ -1,7 +1,7 @@
 // The numbers of all joints at a time, as a table for each run: live.html and export.html.
 //
 //   const numbers = ctcNumbers(parent, joints);
-//   numbers(runs, about, t);              // at a time [s]; runs as those of plots
+//   numbers(runs, about, t, 0, remark);   // at a time [s]; runs as those of plots
 //   numbers(runs, about, null, silent);   // the last ones, after `silent` seconds without any
 //   numbers.value(run, signal, joint, t)  // a signal of a run at a time
 //
@@ -57,7 +57,7 @@ const ctcNumbers = (parent, joints) => {
       [sample(run, 'v', joint, time), small], [torque(run, joint, time), x => x.toFixed(1)]];
   }
   const lawAt = (laws, t) => (laws.filter(([at]) => at <= t + 1e-6).pop() || laws[0])[1];
-  const show = (runs, about, t = null, silent = 0) => {
+  const show = (runs, about, t = null, silent = 0, remark = '') => {
     parent.replaceChildren();
     runs.forEach((run, r) => {
       const end = run.ends[1], now = t ?? end;
@@ -67,7 +67,7 @@ const ctcNumbers = (parent, joints) => {
       if (name) made('b', head, `${name}: ${lawAt(laws, now)}, `);
       head.append('t = ');
       made('span', head, now.toFixed(3), 'ctc-now');
-      head.append(' s');
+      head.append(remark ? ` s, ${remark}` : ' s');
       const names = made('tr', table);
       for (const column of COLUMNS) made('th', names, column);
       let oldest = 0;
@@ -75,7 +75,7 @@ const ctcNumbers = (parent, joints) => {
         const row = made('tr', table);
         made('td', row, joint);
         for (const [{ value, t: at }, written] of cells(run, j, now)) {
-          const age = t === null ? silent + end - at : 0;
+          const age = (t ?? silent + end) - at;
           made('td', row, text(value, written), age > OLD ? 'ctc-old' : '');
           if (age > oldest) oldest = age;
         }

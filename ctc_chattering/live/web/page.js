@@ -5,6 +5,8 @@
 history.replaceState(null, '', location.pathname);
 const STORE = 'ctc-live', $ = id => document.getElementById(id);
 let plots = null, numbers = null, player = null, about = [], socket = null;
+// The time under the pointer in a plot, null for none: the numbers are those there.
+let pointed = null;
 const say = words => { if (socket?.readyState === 1) socket.send(JSON.stringify(words)); };
 
 // --- what the browser keeps
@@ -21,11 +23,15 @@ function remember(values) {
 let due = 0, shown = null;
 function moved(t) {
   plots.mark(t);
-  numbers(plots.runs, about, t);
+  shown = t;
+  showNumbers();
+}
+function showNumbers(silent = 0) {
+  if (pointed !== null) numbers(plots.runs, about, pointed, 0, 'at the pointer');
+  else numbers(plots.runs, about, player && shown, silent);
 }
 function seek(t) {
   moved(t);
-  shown = t;
   due ||= setTimeout(() => { due = 0; say({ seek: shown }); }, 33);
 }
 
@@ -38,11 +44,13 @@ const receivers = {
     numbers = ctcNumbers($('numbers'), joints);
     about = runs;
     if (time) player = ctcPlayer($('player'), ...time, seek);
-    plots = ctcPlots.mount($('plots'), { joints, units, runs: runs.map(({ name }) => ({ name })) },
-      { ...options, wheel: 'always', storage: 'ctc-plots', onSeek: time && (t => player(t, true)) });
+    plots = ctcPlots.mount($('plots'), { joints, units, runs: runs.map(
+      ({ name, received }) => ({ name, received })) },
+      { ...options, wheel: 'always', storage: 'ctc-plots', onSeek: time && (t => player(t, true)),
+        onPoint: t => { pointed = t; if (player || t !== null) showNumbers(); } });
   },
   mark(t) { if (player(t)) moved(t); },
-  silent(seconds) { if (plots) numbers(plots.runs, about, null, seconds); },
+  silent(seconds) { if (plots) showNumbers(seconds); },
   controls: ctcControls($('controls'), say),
   scene: ctcView($('view'), say),
   ended(text) { $('ended').textContent = text; $('ended').hidden = !text; },

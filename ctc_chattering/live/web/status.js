@@ -12,6 +12,10 @@ const ctcStatus = (light, reports, log) => {
     into.append(made);
     return made;
   };
+  // While the pointer is in the panel, the light does not shrink: what is below does not move up.
+  let tallest = 0, isPointed = false;
+  for (const kind of ['pointerenter', 'pointerleave'])
+    light?.parentElement.addEventListener(kind, () => { isPointed = kind === 'pointerenter'; });
   return {
     light({ level, sign, lines, law }) {
       light.dataset.level = level;
@@ -19,6 +23,9 @@ const ctcStatus = (light, reports, log) => {
       element('b', light, sign);
       if (law) element('div', light, law, 'ctc-law');
       for (const line of lines) element('div', light, line);
+      light.style.minHeight = '';
+      tallest = isPointed ? Math.max(tallest, light.clientHeight) : light.clientHeight;
+      light.style.minHeight = `${tallest}px`;
     },
     reports(nodes) {
       reports.replaceChildren();

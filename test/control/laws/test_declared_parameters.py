@@ -48,7 +48,7 @@ SWITCHING = {'boundary_layer': 'boundary_layer', 'observer_bandwidth': 'implicit
 #: Parameters without an effect on single torques: what is not the law's, and the period, which
 #: laws without memory do not have. Only a described robot has rotors; gain rules take `resonance`.
 OUTSIDE = ('joint_names', 'model', 'description', 'locked', 'law', 'error_limit',
-           'control_period', 'compiled', 'rotor_inertia', 'resonance')
+           'control_period', 'compiled', 'rotor_inertia', 'resonance', 'continuous_joints')
 
 
 def torques(law: str, values: dict[str, Any]) -> Array:

@@ -20,6 +20,7 @@ import copy
 from functools import cache
 import itertools
 import math
+from typing import Any
 
 from ctc_chattering.control.controller import Controller, ControllerConfig, LAWS
 from ctc_chattering.control.laws.base import law_class
@@ -125,6 +126,19 @@ def test_the_estimate_goes_on(before: str, after: str) -> None:
     known, taken = loop.robust[-2:]
     assert np.abs(known).min() > 8.0
     np.testing.assert_allclose(taken, known, rtol=0.1)
+
+
+@pytest.mark.parametrize('after', ['chattering', 'extended_state_observer', 'observer_feedback'])
+def test_an_estimate_beyond_ka_is_taken_over_within_it(after: str) -> None:
+    """What a law with bounds has found is what it may have found itself."""
+    loop, ka = under_way('momentum_observer', 'implicit_observer', 0).copied(), (3.0, 2.0)
+    assert np.abs(loop.robust[-1]).min() > 8.0
+    loop.law.configure(loop.law.config.changed({'law': after, 'ka': ka}))
+    loop.go(1)
+    memory: Any = loop.law.memories.law
+    taken = np.abs((memory if after == 'chattering' else memory.observed).perturbation)
+    assert (taken > 0.5 * np.array(ka)).all()
+    assert (taken <= ka).all()
 
 
 def test_v_is_0_where_a_law_begins_to_act_on_it() -> None:

@@ -2,10 +2,11 @@
 //
 // Every update answers the state with the torque of ctc_law, for the desired motion that
 // trajectory_msgs/JointTrajectory on ~/reference has given. A new message replaces all points from
-// its first instant on; between two points the motion is the quintic that meets both. Before the
-// first point the torque is 0. Where a state is not finite, an error is too large (ctc_law.h), or
-// the reference has ended in motion, the torque is 0 and the update fails: the controller manager
-// then deactivates the controller, and activating it begins anew.
+// its first instant on; between two points the motion is the quintic that meets both. Points that
+// are past are dropped, a message of nothing else is refused, and one without points stops the
+// motion. Before the first point the torque is 0. Where a state is not finite or jumps, an error is
+// too large (ctc_law.h), or the reference has ended in motion, the torque is 0 and the update fails:
+// the controller manager then deactivates the controller, and activating it begins anew.
 #include <algorithm>
 #include <array>
 #include <atomic>
@@ -27,7 +28,7 @@
 #include "sensor_msgs/msg/joint_state.hpp"
 #include "trajectory_msgs/msg/joint_trajectory.hpp"
 
-namespace @PACKAGE@
+namespace @PACKAGE@_controller
 {
 using controller_interface::CallbackReturn;
 using controller_interface::InterfaceConfiguration;
@@ -39,6 +40,10 @@ using trajectory_msgs::msg::JointTrajectory;
 constexpr int N = CTC_JOINTS;
 /// Points of the reference that are kept, at most.
 constexpr size_t MOST_POINTS = 60000;
+/// Time in which a motion without points is stopped, after that in which it surely still can be,
+/// and from one point of it to the next [ns].
+constexpr int64_t BRAKING = std::int64_t(1e9 * @BRAKING_TIME@), NOTICE = 20000000, STEP = 5000000;
+constexpr std::array<int, N> CONTINUOUS = CTC_CONTINUOUS;
 const std::array<std::string, N> JOINTS = CTC_JOINT_NAMES;
 /// Largest factor by which a gain changes at once, counted from this where it is 0; as of the node.
 constexpr double MOST_CHANGE = 101.0, FROM_ZERO = 10.0;
@@ -136,7 +141,7 @@ public:
   {
     ctc_init(&law_);
     gains_in_force_ = Gains();
-    samples_ = 0;
+    samples_ = updated_ = 0;
     ++activation_;  // What was to be done before is forgotten.
     return send({}) ? CallbackReturn::SUCCESS : CallbackReturn::ERROR;
   }
@@ -163,7 +168,10 @@ public:
       dq_[i] = measured(2 * i + 1);
     }
     for (int k = 0; k < CTC_POINTS; ++k) {
-      desired(reference.points, t + k * static_cast<int64_t>(CTC_PERIOD_NS), k * N);
+      const Point point = desired(reference.points, t + k * static_cast<int64_t>(CTC_PERIOD_NS));
+      std::copy(point.q.begin(), point.q.end(), q_d_.begin() + k * N);
+      std::copy(point.dq.begin(), point.dq.end(), dq_d_.begin() + k * N);
+      std::copy(point.ddq.begin(), point.ddq.end(), ddq_d_.begin() + k * N);
     }
     const Gains & gains = *gains_.readFromRT();
     if (!(gains == gains_in_force_)) {
@@ -171,8 +179,11 @@ public:
       gains_in_force_ = gains;
     }
     std::array<double, N> tau;
-    const int error = ctc_step(
-      &law_, q_.data(), dq_.data(), q_d_.data(), dq_d_.data(), ddq_d_.data(), tau.data());
+    const double elapsed = updated_ ? static_cast<double>(t - updated_) / 1e9 : CTC_PERIOD;
+    updated_ = t;
+    const int error = ctc_step_after(
+      &law_, elapsed, q_.data(), dq_.data(), q_d_.data(), dq_d_.data(), ddq_d_.data(),
+      tau.data());
     if (error != CTC_OK) {
       return stop(ctc_message(error));
     }
@@ -245,20 +256,21 @@ private:
     return return_type::ERROR;
   }
 
-  /// Set the desired motion at an instant, from element `at` on.
-  void desired(const std::vector<Point> & points, int64_t t, int at)
+  /// Return the desired motion at an instant, not before the first point.
+  Point desired(const std::vector<Point> & points, int64_t t) const
   {
     const auto after = std::upper_bound(
       points.begin(), points.end(), t, [](int64_t x, const Point & point) { return x < point.t; });
     const Point & a = *(after - 1);
+    Point made{t, {}, {}, {}};
     if (t == a.t || after == points.end()) {  // Late, it goes on at the last velocity, then rests.
       const double h = static_cast<double>(std::min(t - a.t, grace_)) / 1e9;
       for (int i = 0; i < N; ++i) {
-        q_d_[at + i] = a.q[i] + h * a.dq[i];
-        dq_d_[at + i] = t <= a.t + grace_ ? a.dq[i] : 0.0;
-        ddq_d_[at + i] = t == a.t ? a.ddq[i] : 0.0;
+        made.q[i] = a.q[i] + h * a.dq[i];
+        made.dq[i] = t <= a.t + grace_ ? a.dq[i] : 0.0;
+        made.ddq[i] = t == a.t ? a.ddq[i] : 0.0;
       }
-      return;
+      return made;
     }
     const double h = static_cast<double>(after->t - a.t) / 1e9;
     const double s = static_cast<double>(t - a.t) / 1e9 / h;
@@ -269,10 +281,31 @@ private:
       const double c3 = 10.0 * d - 6.0 * v0 - 4.0 * v1 - 1.5 * a0 + 0.5 * a1;
       const double c4 = -15.0 * d + 8.0 * v0 + 7.0 * v1 + 1.5 * a0 - a1;
       const double c5 = 6.0 * d - 3.0 * (v0 + v1) - 0.5 * (a0 - a1);
-      q_d_[at + i] = a.q[i] + s * (v0 + s * (c2 + s * (c3 + s * (c4 + s * c5))));
-      dq_d_[at + i] = (v0 + s * (2.0 * c2 + s * (3.0 * c3 + s * (4.0 * c4 + s * 5.0 * c5)))) / h;
-      ddq_d_[at + i] = (2.0 * c2 + s * (6.0 * c3 + s * (12.0 * c4 + s * 20.0 * c5))) / (h * h);
+      made.q[i] = a.q[i] + s * (v0 + s * (c2 + s * (c3 + s * (c4 + s * c5))));
+      made.dq[i] = (v0 + s * (2.0 * c2 + s * (3.0 * c3 + s * (4.0 * c4 + s * 5.0 * c5)))) / h;
+      made.ddq[i] = (2.0 * c2 + s * (6.0 * c3 + s * (12.0 * c4 + s * 20.0 * c5))) / (h * h);
     }
+    return made;
+  }
+
+  /// Return the motion from an instant on as it comes to rest on its path: its time runs slower and
+  /// slower, s(x) = x - x^3 + x^4 / 2 of BRAKING at the part x of it.
+  std::vector<Point> stopping(const std::vector<Point> & points, int64_t begin) const
+  {
+    std::vector<Point> made;
+    for (int64_t t = 0; t <= BRAKING; t += STEP) {
+      const double x = static_cast<double>(t) / BRAKING, span = BRAKING / 1e9;
+      const double passed = x - x * x * x + 0.5 * x * x * x * x;
+      const double rate = 1.0 - x * x * (3.0 - 2.0 * x), change = 6.0 * x * (x - 1.0) / span;
+      Point point = desired(points, begin + std::llround(passed * BRAKING));
+      point.t = begin + t;
+      for (int i = 0; i < N; ++i) {
+        point.ddq[i] = rate * rate * point.ddq[i] + change * point.dq[i];
+        point.dq[i] *= rate;
+      }
+      made.push_back(point);
+    }
+    return made;
   }
 
   rcl_interfaces::msg::SetParametersResult set(const std::vector<rclcpp::Parameter> & parameters)
@@ -314,12 +347,13 @@ private:
       RCLCPP_ERROR(logger, "reference refused: a negative stamp");
       return;
     }
+    const bool begun = kept_.activation == activation_ && !kept_.points.empty();
     const int64_t stamp = rclcpp::Time(message.header.stamp).nanoseconds();
     const int64_t start = stamp == 0 ? get_node()->now().nanoseconds() : stamp;
     std::vector<Point> chunk;
     for (const auto & point : message.points) {
       Point made{start + rclcpp::Duration(point.time_from_start).nanoseconds(), {}, {}, {}};
-      bool good = chunk.empty() || made.t > chunk.back().t;
+      bool good = made.t > (chunk.empty() ? start - 1 : chunk.back().t);
       for (int i = 0; i < N && good; ++i) {
         const size_t j = order[i];
         good = j < point.positions.size() && j < point.velocities.size() &&
@@ -335,12 +369,21 @@ private:
       if (!good) {
         RCLCPP_ERROR(
           logger, "reference refused: every point needs a finite position, velocity and "
-          "acceleration of every joint, and times must increase");
+          "acceleration of every joint, and times must increase from 0 on");
         return;
       }
       chunk.push_back(made);
     }
     if (chunk.empty()) {
+      if (!begun || now_ < kept_.points.front().t) {
+        RCLCPP_ERROR(logger, "reference refused: without points, and there is no motion to stop");
+        return;
+      }
+      chunk = stopping(kept_.points, now_ + NOTICE);
+    } else if (now_ > chunk.back().t + grace_) {
+      RCLCPP_ERROR(
+        logger, "reference refused: all of its points are past: the last one is at %.3f s, now it "
+        "is %.3f s; are the clocks synchronised?", chunk.back().t / 1e9, now_ / 1e9);
       return;
     }
     Reference merged{activation_, {}};
@@ -352,13 +395,28 @@ private:
         merged.points.push_back(kept_.points[i]);
       }
     }
-    merged.points.insert(merged.points.end(), chunk.begin(), chunk.end());
+    for (const auto & point : chunk) {
+      merged.points.push_back(
+        merged.points.empty() ? point : following(point, merged.points.back()));
+    }
     if (merged.points.size() > MOST_POINTS) {
       RCLCPP_ERROR(logger, "reference refused: more than %zu points", MOST_POINTS);
       return;
     }
     kept_ = merged;
     reference_.writeFromNonRT(merged);
+  }
+
+  /// Return a point whose endless joints are turned to where the point before leads.
+  static Point following(Point point, const Point & before)
+  {
+    const double h = static_cast<double>(point.t - before.t) / 1e9, turn = 2.0 * std::acos(-1.0);
+    for (int i = 0; i < N; ++i) {
+      const double expected = before.q[i] + 0.5 * h * (before.dq[i] + point.dq[i]);
+      const double turns = CONTINUOUS[i] ? std::rint((expected - point.q[i]) / turn) : 0.0;
+      point.q[i] += std::abs(turns) < 4503599627370496.0 ? turn * turns : 0.0;
+    }
+    return point;
   }
 
   /// Return what publishes on ~/`topic`: a row for each part, and so many numbers.
@@ -417,7 +475,7 @@ private:
   ctc_law law_;
   std::array<double, N> q_, dq_;
   std::array<double, CTC_POINTS * N> q_d_, dq_d_, ddq_d_;
-  int64_t grace_ = 0, decimation_ = 1, samples_ = 0;
+  int64_t grace_ = 0, decimation_ = 1, samples_ = 0, updated_ = 0;
   std::atomic<int64_t> now_ = 0;
   std::atomic<int> activation_ = 0;
   /// Gains of the parameters, the same for the update, and those of the law.
@@ -431,6 +489,6 @@ private:
   rclcpp::node_interfaces::OnSetParametersCallbackHandle::SharedPtr on_set_;
   std::unique_ptr<Publisher> tracking_, filter_, torques_;
 };
-}  // namespace @PACKAGE@
+}  // namespace @PACKAGE@_controller
 
-PLUGINLIB_EXPORT_CLASS(@PACKAGE@::Controller, controller_interface::ControllerInterface)
+PLUGINLIB_EXPORT_CLASS(@PACKAGE@_controller::Controller, controller_interface::ControllerInterface)

@@ -1,0 +1,174 @@
+# Copyright 2026 The ctc_chattering maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+Files that a bag consists of: those that its metadata name, or one recording without metadata.
+
+A recorder that splits a recording numbers its files, ``run_0.mcap``, ``run_1.mcap``, and each goes
+on where the one before ends. Files of a directory for which this is not so are not one bag.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import pairwise
+from pathlib import Path, PurePath
+import re
+from typing import Any, NamedTuple
+
+from ctc_chattering.errors import CtcError, shortened
+from ctc_chattering.numerics.time_grid import NANOSECONDS, seconds
+import yaml
+
+METADATA = 'metadata.yaml'
+#: Endings of the files that are read, also with `.zstd` behind them.
+ENDINGS = ('.mcap', '.db3')
+#: Newest version of the metadata that is known.
+_NEWEST_VERSION = 9
+_NUMBERED = re.compile(r'(.*)_(\d+)\.\w+')
+#: Longest time by which a file may begin before the one before ends, as two threads log, and after
+#: it, as where a damaged end of a file is missing [ns].
+_LONGEST_OVERLAP = NANOSECONDS
+_LONGEST_PAUSE = 10 * NANOSECONDS
+
+
+class UnsupportedBag(CtcError):
+    """A refusal of a bag that no repair would change: the text says what to do."""
+
+
+class BagFiles(NamedTuple):
+    """
+    The files of a bag.
+
+    Attributes
+    ----------
+    paths : tuple of Path
+        In the order of their times.
+    metadata : dict or None
+        What the metadata say; None without metadata.
+
+    """
+
+    paths: tuple[Path, ...]
+    metadata: dict[str, Any] | None = None
+
+
+class FileSpan(NamedTuple):
+    """Log times of a file's first message and behind its last one [ns]."""
+
+    path: Path
+    start: int
+    end: int
+
+
+def list_files(path: Path) -> BagFiles:
+    """
+    Return the files of the bag at `path`, a directory or one file.
+
+    Raises
+    ------
+    UnsupportedBag
+        If a directory without metadata has files of several recordings.
+    Exception
+        Of any kind, if metadata are damaged or there is no file.
+
+    """
+    if not path.is_dir():
+        return BagFiles((path,))
+    if not (path / METADATA).exists():
+        return BagFiles(find_recording(path))
+    metadata = read_metadata(path)
+    return BagFiles(named_files(path, metadata), metadata)
+
+
+def read_metadata(bag: Path) -> dict[str, Any]:
+    """
+    Return what the metadata of a bag say; where they are damaged, raise an error of any kind.
+
+    Raises
+    ------
+    UnsupportedBag
+        If they are of a newer version.
+
+    """
+    content = yaml.safe_load((bag / METADATA).read_text(encoding='utf-8'))
+    information: dict[str, Any] = content['rosbag2_bagfile_information']
+    if information['version'] > _NEWEST_VERSION:
+        raise UnsupportedBag(f'{bag}: metadata of version {information["version"]}; known: 1 to '
+                             f'{_NEWEST_VERSION}')
+    return information
+
+
+def named_files(bag: Path, metadata: dict[str, Any]) -> tuple[Path, ...]:
+    """Return the files that metadata name."""
+    return tuple(bag / PurePath(x).name for x in metadata['relative_file_paths'])
+
+
+def find_recording(folder: Path) -> tuple[Path, ...]:
+    """
+    Return the files of the one recording in a directory.
+
+    Raises
+    ------
+    UnsupportedBag
+        If names tell that there are several.
+    CtcError
+        If there is none.
+
+    """
+    files = [x for x in folder.iterdir()
+             if x.is_file() and (storage_of(x) in ENDINGS or x.suffix == '.bag')]
+    if not files:
+        raise CtcError(f'no {METADATA} in it, and no file {" or ".join(ENDINGS)}')
+    matches = [_NUMBERED.fullmatch(x.name.removesuffix('.zstd')) for x in files]
+    numbers = {int(match[2]): file for match, file in zip(matches, files) if match}
+    first = min(numbers, default=0)
+    if len(files) > 1 and (
+            set(numbers) != set(range(first, first + len(files)))
+            or len({match[1] for match in matches if match}) > 1
+            or len({storage_of(x) for x in files}) > 1):
+        raise several_recordings(folder, sorted(files))
+    return tuple(numbers[k] for k in sorted(numbers)) if len(files) > 1 else tuple(files)
+
+
+def storage_of(file: Path) -> str:
+    """Return the ending of a file, without that of its compression."""
+    return Path(file.stem).suffix if file.suffix == '.zstd' else file.suffix
+
+
+def check_one_recording(folder: Path, spans: Sequence[FileSpan]) -> None:
+    """
+    Raise unless numbered files follow each other in time.
+
+    Raises
+    ------
+    UnsupportedBag
+        If one begins long before, or long after, the one before it ends.
+
+    """
+    recorded = [x for x in spans if x.start < x.end]
+    for earlier, later in pairwise(recorded):
+        pause = later.start - earlier.end
+        if not -_LONGEST_OVERLAP <= pause <= _LONGEST_PAUSE:
+            raise several_recordings(
+                folder, [x.path for x in spans], f': {later.path.name} begins '
+                f'{abs(seconds(pause)):.3g} s {"after" if pause > 0 else "before"} the end of '
+                f'{earlier.path.name}')
+
+
+def several_recordings(folder: Path, files: Sequence[Path], reason: str = '') -> UnsupportedBag:
+    """Return the refusal of a directory with several recordings."""
+    return UnsupportedBag(
+        f'{folder}: several recordings and no {METADATA}: {shortened([x.name for x in files])}'
+        f'{reason}. Name one of the files, or give each recording a directory of its own')

@@ -1,0 +1,167 @@
+# Copyright 2026 The ctc_chattering maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+Measured positions from state to state: whole turns of continuous joints, and jumps.
+
+A driver may report a continuous joint within any turn. Its position stands for the representative
+that follows the state before, (AN1) of `numerics/angles.py`, the first one for that nearest to the
+reference.
+
+No joint moves further within the time h between two states than its velocities explain::
+
+    |q - q0| <= h (|dq0| + min(|dq - dq0|, A h)) + Q                                      (MP1)
+
+q0 and dq0 are those of the state before. A is more than joints of arms accelerate, so that a
+velocity which a driver computes from the jump itself does not explain it. Q is left to encoders.
+
+A state beyond is refused. Where several in a row are, and follow each other by (MP1), the joint is
+elsewhere than its encoder said, and the torques have to end.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from math import isclose
+from typing import NamedTuple
+
+from ctc_chattering.numerics.angles import expected, TURN, turned, turns_to
+from ctc_chattering.numerics.linear_algebra import Vector
+from ctc_chattering.numerics.time_grid import seconds
+
+
+class JointSample(NamedTuple):
+    """A joint state: stamp [ns], position [rad] and velocity [rad/s], each of shape (n,)."""
+
+    t: int
+    q: Vector
+    dq: Vector
+
+
+class JumpLimits(NamedTuple):
+    """Bounds of (MP1), for rad and m alike."""
+
+    #: Q: noise and rounding of encoders, and what a lagging velocity leaves [rad].
+    margin: float = 0.1
+    #: A: a wrist of 1e-3 kg·m² under 2 N·m has that [rad/s²].
+    acceleration: float = 2000.0
+    #: States in a row that agree on another position: not more than the periods without one after
+    #: which `state_timeout` would end the torques, without the reason.
+    agreeing: int = 3
+    #: Difference from whole turns up to which a jump looks like some [rad].
+    like_a_turn: float = 0.1
+
+
+LIMITS = JumpLimits()
+
+
+class Jump(NamedTuple):
+    """A position that does not follow the one before."""
+
+    joint: int
+    #: Position and velocity of the state before [rad, rad/s].
+    last_position: float
+    last_velocity: float
+    position: float
+    #: Time in between [s].
+    elapsed: float
+
+    @property
+    def is_whole_turns(self) -> bool:
+        """Return whether it is whole turns, as where a driver reports angles within a window."""
+        distance = self.position - self.last_position
+        turns = round(distance / TURN)
+        return turns != 0 and isclose(distance, TURN * turns, abs_tol=LIMITS.like_a_turn)
+
+
+def find_jump(before: JointSample, after: JointSample) -> Jump | None:
+    """Return the first joint whose position does not follow, by (MP1); None for none."""
+    h = seconds(after.t - before.t)
+    fastest = LIMITS.acceleration * h
+    for joint, (q0, dq0, q, dq) in enumerate(zip(before.q, before.dq, after.q, after.dq)):
+        if abs(q - q0) > h * (abs(dq0) + min(abs(dq - dq0), fastest)) + LIMITS.margin:
+            return Jump(joint, q0, dq0, q, h)
+    return None
+
+
+class PositionTracker:
+    """
+    Follows positions from state to state.
+
+    Attributes
+    ----------
+    continuous : sequence of bool, shape (n,)
+        Which joints turn endlessly; empty for none.
+    last : JointSample or None
+        The last state that was taken, its positions with the turns that belong to them.
+    anchored : bool
+        Whether these turns are those of the reference.
+
+    """
+
+    def __init__(self) -> None:
+        self.continuous: Sequence[bool] = ()
+        self.last: JointSample | None = None
+        self.anchored = False
+        #: The last state, where it was refused, and how many in a row agree with it.
+        self._refused: JointSample | None = None
+        self._agreeing = 0
+
+    def forget(self) -> None:
+        """Have the next state follow none: the joints may have been turned meanwhile."""
+        self.last, self._refused, self._agreeing, self.anchored = None, None, 0, False
+
+    def follow(self, state: JointSample) -> JointSample:
+        """Return a state with the turns that belong to its positions."""
+        return state if self.last is None else self._after(self.last, state)
+
+    def _after(self, before: JointSample, state: JointSample) -> JointSample:
+        if not any(self.continuous):
+            return state
+        h = seconds(state.t - before.t)
+        return state._replace(q=[
+            turned(q, turns_to(q, expected(q0, dq0, dq, h))) if endless else q
+            for q, dq, q0, dq0, endless in zip(
+                state.q, state.dq, before.q, before.dq, self.continuous)])
+
+    def take(self, state: JointSample) -> None:
+        """Have the next states follow this one."""
+        self.last, self._refused, self._agreeing = state, None, 0
+
+    def agrees(self, state: JointSample) -> bool:
+        """Note a state that is refused; return whether it and those before agree for good."""
+        last, self._refused = self._refused, state
+        follows = last is not None and find_jump(last, self._after(last, state)) is None
+        self._agreeing = self._agreeing + 1 if follows else 1
+        return self._agreeing >= LIMITS.agreeing
+
+    def anchor(self, state: JointSample, target: Vector) -> JointSample:
+        """
+        Take a state with the turns nearest to the reference, and return it.
+
+        Parameters
+        ----------
+        state : JointSample
+            The last one that was taken.
+        target : sequence of float, shape (n,)
+            Position of the reference at that time [rad].
+
+        """
+        self.anchored = True
+        turns = [turns_to(q, there) if endless else 0
+                 for q, there, endless in zip(state.q, target, self.continuous)]
+        if any(turns):
+            state = state._replace(q=[turned(q, count) for q, count in zip(state.q, turns)])
+            self.take(state)
+        return state
