@@ -61,6 +61,7 @@ _COMMENT = """\
 # is {ka:.0%} of the effort limit, or what exceeds the friction of the URDF, for the one, and a
 # fifth of the model's torque for the other.
 # Set what is known of the drives: actuator_lag, torque_rate_limit and input_delay.
+# estimator_bandwidth is for encoders of at most {fine:g} rad; halve it for coarser ones.
 """
 
 
@@ -88,6 +89,7 @@ def run_new_robot(options: argparse.Namespace) -> int:
     """
     from ctc_chattering.configuration import parameter_file
     from ctc_chattering.configuration.new_robot import KA, new_robot, Told
+    from ctc_chattering.control.recommended_gains import FINE_RESOLUTION
     from ctc_chattering.runs.arm_margins import arm_margins, with_stable_gains
 
     if options.joints and options.tip:
@@ -105,7 +107,8 @@ def run_new_robot(options: argparse.Namespace) -> int:
     lines += margins.lines() if margins else ()
     comment = '\n'.join(textwrap.fill(
         line, 99, initial_indent='# ', subsequent_indent='#   ') for line in lines)
-    write_text(out, _COMMENT.format(location=one_line(location), lines=comment, ka=KA)
+    write_text(out, _COMMENT.format(location=one_line(location), lines=comment, ka=KA,
+                                    fine=FINE_RESOLUTION)
                + parameter_file.to_text(robot.values))
     print('\n'.join(lines))
     print(f'wrote {out}; next: ctc compile {out}, ctc simulate {out}, bringup {out}')

@@ -52,6 +52,7 @@ from ctc_chattering.dynamics.urdf_parser import Tree
 from ctc_chattering.errors import CtcError
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.parameters import LARGEST
+from ctc_chattering.simulation.plant_config import PlantConfig
 from ctc_chattering.trajectory.joint_limits import DescribedLimits, JointLimits
 import numpy as np
 
@@ -214,7 +215,8 @@ def new_robot(location: str, joints: Sequence[str] = (), gravity: float = 9.81, 
     known = {'ka': ka + load, 'estimator_slope': not assumed, 'resonance': told.resonance, **(
         {'torque_rate_limit': [rate.value for rate in rates]}
         if rates[0].source != Source.NOT_KNOWN else {})}
-    gains = recommended_gains(config.changed(known), expected)
+    resolution = max(PlantConfig().encoder_resolution)
+    gains = recommended_gains(config.changed(known), expected, resolution)
     if told.resonance < inf:
         gains['resonance'] = told.resonance
     if assumed:

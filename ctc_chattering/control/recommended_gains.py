@@ -39,8 +39,10 @@ POLE = 100.0
 SLOWNESS = 0.4
 #: Pole over the lowest resonance of elastic joints, whose encoders are at the motors.
 RESONANCE_PART = 0.2
-#: ω over the pole, for positions of at most this resolution [rad], and for coarser ones.
-_FINE, _FAST, _SLOW = 2e-5, 2.0, 1.0
+#: Resolution of positions up to which the observer is fast [rad].
+FINE_RESOLUTION = 2e-5
+#: ω over the pole, for fine positions, and for coarser or unknown ones.
+_FAST, _SLOW = 2.0, 1.0
 #: How much faster an observer without a slope may be, for the same noise of P̂ or less.
 _WITHOUT_SLOPE = 2.0
 #: Part of the model's torque that may be wrong, the acceleration that this torque is taken for
@@ -88,7 +90,7 @@ def estimator_bandwidth(pole: float, resolution: float, slope: bool = True) -> f
         Whether the observer has one, `estimator_slope`.
 
     """
-    ratio = _FAST if resolution <= _FINE else _SLOW
+    ratio = _FAST if resolution <= FINE_RESOLUTION else _SLOW
     return ratio * pole * (1.0 if slope else _WITHOUT_SLOPE)
 
 
@@ -110,9 +112,13 @@ def model_torque(config: ControllerConfig, model: Model) -> Array | None:
     return found
 
 
-def recommended_gains(config: ControllerConfig, torque: Array | None = None) -> dict[str, Any]:
+def recommended_gains(config: ControllerConfig, torque: Array | None = None,
+                      resolution: float = inf) -> dict[str, Any]:
     """
-    Return the gains of `observer_feedback` from what the controller knows, by parameter.
+    Return the gains of `observer_feedback` from what is known, by parameter.
+
+    The one rule: of `ctc new-robot`, of `recommended` in `ctc compare` and `ctc tune`, and of a
+    law that is chosen without gains.
 
     Parameters
     ----------
@@ -120,6 +126,8 @@ def recommended_gains(config: ControllerConfig, torque: Array | None = None) -> 
         Its lag of the drives, delay and period, and a `ka` that exceeds the friction.
     torque : array, shape (n,), optional
         `model_torque`; without it `ka` has no share for the error of the model.
+    resolution : float
+        As `estimator_bandwidth` takes it; unknown encoders count as coarse.
 
     """
     n = len(config.joint_names)
@@ -128,7 +136,7 @@ def recommended_gains(config: ControllerConfig, torque: Array | None = None) -> 
     error = MODEL_ERROR * np.array([0.0] * n if torque is None else torque)
     return {'kp': (pole ** 2,) * n, 'kv': (2.0 * pole,) * n,
             'ka': tuple(float(f'{x:.3g}') for x in np.add(config.ka, error)),
-            'estimator_bandwidth': estimator_bandwidth(pole, np.inf, config.estimator_slope)}
+            'estimator_bandwidth': estimator_bandwidth(pole, resolution, config.estimator_slope)}
 
 
 class GainChoice:

@@ -29,6 +29,7 @@ from ctc_chattering.configuration.package_share import find_file
 from ctc_chattering.dynamics.registry import model_of
 from ctc_chattering.dynamics.urdf_parser import Tree
 from ctc_chattering.errors import CtcError, ParameterError
+from ctc_chattering.runs.recommended import recommended
 from ctc_commands import ctc, refused
 import numpy as np
 import pytest
@@ -243,8 +244,8 @@ def test_the_command_says_what_it_took(tmp_path: Path) -> None:
         'the URDF has no rotors for elbow, wrist: 0.002 kg*m^2 per N*m of effort are assumed. '
         'Take them from a data sheet (--rotor-inertia), or from `ctc identify`; a wrong one costs '
         'more than all else',
-        'the sampled loop is stable with 0.27 to 4.4 times these rotors',
-        'the sampled loop is stable with 0.29 to 4.3 times these masses']
+        'the sampled loop is stable with 0.27 to 5.5 times these rotors',
+        'the sampled loop is stable with 0.29 to 5.4 times these masses']
     assert '# joints: lift, shoulder, elbow, wrist\n' in (tmp_path / 'robot.yaml').read_text()
     done = ctc(*arguments, '--tip', 'head', '--center', '0.2,0.1,0.3', cwd=tmp_path)
     assert done.stdout.startswith('joints: lift, pan, tilt\n')
@@ -289,6 +290,15 @@ def test_the_rate_of_a_known_arm_and_of_a_told_one(tmp_path: Path) -> None:
     assert 'effort_rate_limit' not in unknown.values['controller']
     own = told(tmp_path, 'panda', torque_rate=[500.0, 400.0])
     assert own.values['controller']['effort_rate_limit'] == [500.0, 400.0]
+
+
+@pytest.mark.parametrize('values', [{}, {'rotor_inertia': [0.1, 0.1]}, {'resonance': 20.0}])
+def test_the_file_has_the_gains_that_compare_and_tune_recommend(
+        values: dict[str, Any], tmp_path: Path) -> None:
+    setup = parameter_file.load(None, told(tmp_path, **values).values)
+    expected, config = recommended(setup), setup.controller
+    assert (config.law, config.kp, config.kv, config.estimator_bandwidth) == (
+        expected['law'], expected['kp'], expected['kv'], expected['estimator_bandwidth'])
 
 
 def test_a_resonance_lowers_the_pole(tmp_path: Path) -> None:

@@ -121,6 +121,22 @@ def test_the_real_arm_is_stable_where_the_theorem_says() -> None:
         assert (error < 3e-3) == stays, (ratio, error)
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize('friction', [0.0, 9.9])
+def test_with_enough_ka_the_upper_bound_is_sharp(friction: float) -> None:
+    """At 0.99 of it the arm follows as with an exact model, at 1.02 it oscillates."""
+    setup = read_spec(find_config('stability', folder='maps')).setup
+    law = {**REAL_ARM, 'ka': [600.0, 300.0], 'estimator_bandwidth': 100.0}
+    span = loops(law, LAG, 1).ratios()
+    assert span is not None
+    inside, beyond = (score(setup.changed({
+        'controller': {**law, 'inertia_scale': ratio * span.high},
+        'plant': {'actuator_lag': [LAG] * 2, 'coulomb_friction': [friction] * 2}}),
+        (4.0, 6.0)).error for ratio in (0.99, 1.02))
+    assert inside < 1e-4
+    assert beyond > 4.0 * inside
+
+
 @pytest.mark.parametrize(('switching', 'bandwidth', 'most'), [
     ('implicit', 1.0, 2.0), ('implicit_observer', 200.0, 4.0 / (3.0 - exp(-0.2)))])
 def test_bounds_that_have_a_closed_form(switching: str, bandwidth: float, most: float) -> None:
