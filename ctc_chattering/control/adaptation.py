@@ -108,11 +108,12 @@ reference does so, too, and has 2 seconds.
 Elastic joints, or an inertia that is far from the model's, keep the loop oscillating at any s: f
 stays within 3 Ka, and s low. L is how long such a limit cycle lasts::
 
-    dL/dt = 1 where s < 0.7 and m has exceeded 1/4 within 0.2 s, else -1,     L >= 0
+    dL/dt = 1 where s < 0.7 and m has exceeded 1/4 within 0.2 s, else 0 where s < 0.3, else -1
     m = min(|f|, f₁, f₂) / min(Ka, B), the largest of all joints                           (OG2)
 
-Drives that are slower or later than configured do so for half a second, until s is low enough. The
-joint of the largest half-waves and the frequency of its f say what oscillates.
+with L >= 0. An oscillation that comes back as soon as s recovers counts as one. Drives that are
+slower or later than configured oscillate for half a second, until s is low enough. The joint of
+the largest half-waves and the frequency of its f say what oscillates.
 """
 
 from __future__ import annotations
@@ -426,6 +427,8 @@ _LN_CYCLE = log(0.7)
 _CYCLE = 0.25
 #: Longest time that it may be calm between two of them [s].
 _CALM = 0.2
+#: ln s below which a calm may be that between two oscillations.
+_LN_CAUGHT = log(0.3)
 #: Time over which waves are counted [s].
 _COUNTED = 0.25
 #: In the place of a bound of 0 [N·m].
@@ -498,7 +501,8 @@ class OscillationGuard(NamedTuple):
             strained = 0.0
         calm = 0.0 if waves.max() > _CYCLE else last.calm + self.period
         lasts = retreat < _LN_CYCLE and calm < _CALM
-        cycling = max(last.cycling + (self.period if lasts else -self.period), 0.0)
+        rate = 1.0 if lasts else 0.0 if retreat < _LN_CAUGHT else -1.0
+        cycling = max(last.cycling + rate * self.period, 0.0)
         turns = np.where(turned, 0.5 / self.period, 0.0)
         frequency = turns + self.counted * (last.frequency - turns)
         return Oscillation(slow, extreme, f1, f2, max(retreat, _LN_LEAST), strained, frequency,
