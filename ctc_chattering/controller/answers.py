@@ -43,6 +43,8 @@ LONGEST_REHEARSAL = 2 * NANOSECONDS
 KEPT = 0.9
 #: What to do about a computer that is too slow.
 _REMEDY = 'give the controller a priority, or raise control_period: see docs/real_time.md'
+#: What to do where the robot sends fewer states.
+_FEWER_STATES = 'states come less often: set control_period to that of the robot'
 
 
 class Answered(NamedTuple):
@@ -179,4 +181,5 @@ class Rehearsal:
         if min(kept, in_time / span) >= KEPT * wanted:
             logger.info(text)
         else:
-            logger.warning(f'{text} of the {wanted:g} Hz of control_period; {_REMEDY}')
+            cure = _REMEDY if (states - 1) / span >= KEPT * wanted else _FEWER_STATES
+            logger.warning(f'{text} of the {wanted:g} Hz of control_period; {cure}')

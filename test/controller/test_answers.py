@@ -150,9 +150,26 @@ def test_the_loop_is_measured_for_a_second_before_the_first_torque() -> None:
     assert robot.sent == [list(first)]
 
 
+def test_a_robot_that_sends_fewer_states_is_told_apart_from_a_slow_computer() -> None:
+    robot = Robot(simulated=False)
+    robot.loop.least_answered = 0.1
+    robot.loop.rehearsal = Rehearsal(Controller(robot.config), MS, 20 * MS)
+    for t in range(0, 2005 * MS, 5 * MS):
+        robot.loop.take_state(JointSample(t, (0.1, 0.2), ZERO), t, False)
+        if robot.loop.rehearse(t):
+            robot.loop.note_answer(t)
+    assert not robot.loop.rehearses
+    assert 'before the first torque 400 states came in 2.00 s; 400 were answered' in ' '.join(
+        robot.log.lines)
+    assert robot.log.lines[-1].endswith(
+        'keeps 200 Hz of the 1000 Hz of control_period; states come less often: set '
+        'control_period to that of the robot')
+
+
 def test_a_loop_that_keeps_too_little_is_told_so_and_gets_no_torque() -> None:
     robot = rehearsed(late=True, every=25)
     text = ' '.join(robot.log.lines)
     assert '0 were answered within 1 ms, with 40 outages: this loop keeps 40 Hz of the' in text
+    assert 'control_period; give the controller a priority' in text
     assert 'the computer is too slow: 0 of the last 10' in text
     assert robot.sent == []
