@@ -43,6 +43,8 @@ LONGEST_REHEARSAL = 2 * NANOSECONDS
 KEPT = 0.9
 #: What to do about a computer that is too slow.
 _REMEDY = 'give the controller a priority, or raise control_period: see docs/real_time.md'
+#: What to do where the robot sends fewer states.
+_FEWER_STATES = 'states come less often: set control_period to that of the robot'
 
 
 class Answered(NamedTuple):
@@ -95,11 +97,18 @@ class AnsweredStates:
         self._last: deque[Answered] = deque()
         self.total = Answered(0, 0)
 
-    def add(self, missed: int, in_time: bool) -> None:
-        """Count a state that was answered, after `missed` ones that were not."""
-        latest = Answered(1 + min(missed, self._stall), int(in_time))
+    def miss(self, states: int) -> None:
+        """Count states that were missed at once."""
+        self._add(Answered(min(states, self._stall), 0))
+
+    def answer(self, in_time: bool) -> None:
+        """Count a state that was answered."""
+        self._add(Answered(1, int(in_time)))
+
+    def _add(self, latest: Answered) -> None:
         self._last.append(latest)
-        states, answered = self.total.states + latest.states, self.total.in_time + in_time
+        states = self.total.states + latest.states
+        answered = self.total.in_time + latest.in_time
         while states - self._last[0].states >= self.window:
             oldest = self._last.popleft()
             states -= oldest.states
@@ -162,10 +171,14 @@ class Rehearsal:
                      state.t, law.instant(state.t), 0)
         return True
 
-    def add(self, missed: int, in_time: bool) -> None:
-        """Count a state as `AnsweredStates` does, but each one that was missed."""
+    def miss(self, states: int) -> None:
+        """Count states that were missed, each of them."""
+        self.total = Answered(self.total.states + states, self.total.in_time)
+
+    def answer(self, in_time: bool) -> None:
+        """Count a state that was answered."""
         self._answers += 1
-        self.total = Answered(self.total.states + 1 + missed, self.total.in_time + in_time)
+        self.total = Answered(self.total.states + 1, self.total.in_time + in_time)
 
     def report(self, logger: Logger) -> None:
         """Log the rate that is kept, as a warning if it is below the configured one."""
@@ -179,4 +192,5 @@ class Rehearsal:
         if min(kept, in_time / span) >= KEPT * wanted:
             logger.info(text)
         else:
-            logger.warning(f'{text} of the {wanted:g} Hz of control_period; {_REMEDY}')
+            cure = _FEWER_STATES if in_time >= KEPT * states and not self._outages else _REMEDY
+            logger.warning(f'{text} of the {wanted:g} Hz of control_period; {cure}')

@@ -115,8 +115,8 @@ class ControlLoop:
         self.least_answered = 0.0
         self.rehearsal: Rehearsal | None = None
         self._answers = AnsweredStates(self.period)
-        #: States since the last answer that got none, and all so far.
-        self._missed = self._unanswered = 0
+        #: States so far that got no answer.
+        self._unanswered = 0
         self.took: deque[int] = deque(maxlen=_SLOW)
         #: Whether the law has answered the last state, and all that were predicted after it.
         self._goes_on = False
@@ -206,8 +206,7 @@ class ControlLoop:
 
         """
         self.simulated = simulated
-        self._missed += unanswered - self._unanswered
-        self._unanswered = unanswered
+        self._note_missed(unanswered)
         verdict = self._stamps.classify(state.t, now, simulated)
         if verdict not in timing.TAKEN:
             again = verdict == timing.REPEATED and simulated  # By a plant that waits.
@@ -285,7 +284,6 @@ class ControlLoop:
         if points is None:
             self.motion.pass_over(state.t, driven=allowed)
             self.handle(Input.NO_REFERENCE)
-            self._missed = 0
             return None
         if self._is_too_slow(self._answers.total, self._answers.window):
             return None
@@ -347,10 +345,19 @@ class ControlLoop:
         if self.last is None or self.simulated:
             return
         in_time = end - self._stamps.arrival(self.last.t) <= self.period
-        self._answers.add(self._missed, in_time)
+        self._answers.answer(in_time)
         if self.rehearsal is not None:
-            self.rehearsal.add(self._missed, in_time)
-        self._missed = 0
+            self.rehearsal.answer(in_time)
+
+    def _note_missed(self, unanswered: int) -> None:
+        """Count states without an answer, `unanswered` so far, where they should have one."""
+        missed, self._unanswered = unanswered - self._unanswered, unanswered
+        if missed <= 0 or self.simulated:
+            return
+        if self.rehearsal is not None:
+            self.rehearsal.miss(missed)
+        if self.rehearses or self.mode.sends_torque or self.mode is Mode.NO_STATE:
+            self._answers.miss(missed)
 
     def _anchored(self, law: Controller, at: int, state: JointSample) -> JointSample:
         """

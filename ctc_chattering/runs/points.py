@@ -346,8 +346,8 @@ def row_of(found: Score, n: int, failure: Failure, without: str = 'diverged') ->
     row.update({f'{key}_{i}': x for name, (key, _) in PER_JOINT.items()
                 for i, x in enumerate(getattr(found, name), 1)})
     row.update({key: getattr(found, name) for name, (key, _) in OVERALL.items()})
-    row.update(error=found.error, error_share=found.error_share, variation=max(found.variation), saturated=found.saturated,
-               slips=max(found.slips))
+    row.update(error=found.error, error_share=found.error_share, variation=max(found.variation),
+               saturated=found.saturated, slips=max(found.slips))
     row['failure'], row['reason'] = _judged(row, failure)
     return {name: x if isinstance(x, str) or (x is not None and isfinite(x)) else None
             for name, x in row.items()}

@@ -183,8 +183,8 @@ def limits(setup: Setup) -> list[float]:
 WHICH = ('run', 'point', 'repeat', 'seed', 'variant', 'law', 'switching')
 #: What came of it, and the numbers that sum it up; without a number where it failed.
 _RESULT = {**dict.fromkeys(('engine', 'failure', 'reason'), (TEXT, '')),
-           'error': (NUMBER, 'rad'), 'error_share': (NUMBER, ''), 'variation': (NUMBER, 'N*m/s'), 'saturated': (NUMBER, ''),
-           'slips': (NUMBER, '1/s')}
+           'error': (NUMBER, 'rad'), 'error_share': (NUMBER, ''),
+           'variation': (NUMBER, 'N*m/s'), 'saturated': (NUMBER, ''), 'slips': (NUMBER, '1/s')}
 
 
 def of_results(n: int) -> dict[str, tuple[str, str]]:

@@ -270,7 +270,8 @@ def parse_tune(tree: object, path: Path) -> TuneSpec:
               'plant': {**file.values['plant'], 'duration': own.plant.duration}}
     found = TuneSpec(**{
         **vars(spec), 'setup': setup, 'variants': (variant,), 'failure': Failure()},
-        file=file, values=values, limits=_limits(section, setup), ranges=_ranges(section.get('search') or {}, setup))
+        file=file, values=values, limits=_limits(section, setup),
+        ranges=_ranges(section.get('search') or {}, setup))
     _check(found)
     return found
 

@@ -16,10 +16,11 @@
 
 from __future__ import annotations
 
-from ctc_chattering.control.controller import Controller, ControllerConfig
+from ctc_chattering.control.controller import Controller
 from ctc_chattering.controller.answers import AnsweredStates, Rehearsal, shortfall
 from ctc_chattering.controller.positions import JointSample
-from loop_robot import Log, MS, Robot, ZERO
+from ctc_chattering.controller.state_machine import Mode
+from loop_robot import MOTION, MS, Robot, ZERO
 import pytest
 
 
@@ -28,7 +29,9 @@ def counted(period: int, *answers: tuple[int, bool, int]) -> AnsweredStates:
     monitor = AnsweredStates(period)
     for missed, in_time, times in answers:
         for _ in range(times):
-            monitor.add(missed, in_time)
+            if missed:
+                monitor.miss(missed)
+            monitor.answer(in_time)
     return monitor
 
 
@@ -65,7 +68,8 @@ def test_one_stall_counts_as_a_tenth_of_a_second_at_most() -> None:
 def test_a_window_is_never_smaller_than_what_is_judged() -> None:
     monitor = AnsweredStates(MS)
     for k in range(5000):
-        monitor.add(37 * (k % 3 == 0), k % 2 == 0)
+        monitor.miss(37 * (k % 3 == 0))
+        monitor.answer(k % 2 == 0)
         assert monitor.total.in_time <= monitor.total.states
         assert monitor.total.states < 1000 + 101
     assert monitor.complete
@@ -96,17 +100,32 @@ def test_too_few_states_in_time_end_the_torques(share: float, trips: bool) -> No
 
 
 def test_states_that_nobody_could_answer_do_not_count() -> None:
-    """Those skipped while there is no reference, or no torque is wanted."""
+    """Those skipped while there is no reference; then those while it runs, also if it stalls."""
     robot = Robot(simulated=False)
     robot.loop.least_answered = 0.5
+
+    def take(k: int, unanswered: int) -> None:
+        robot.loop.take_state(JointSample(k * MS, (0.1, 0.2), ZERO), k * MS, False, unanswered)
+        if robot.loop.answer(True, k * MS):
+            robot.loop.note_answer(k * MS)
+
     for k in range(10):
-        robot.loop.take_state(JointSample(k * MS, (0.1, 0.2), ZERO), k * MS, False, 100 * k)
-        robot.answer()
-    robot.reference(0, 1500)
-    robot.loop.take_state(JointSample(10 * MS, (0.1, 0.2), ZERO), 10 * MS, False, 903)
-    robot.answer()
-    robot.loop.note_answer(10 * MS)
-    assert robot.loop.answered == (4, 1)
+        take(k, 100 * k)
+    assert robot.loop.answered == (0, 0)
+    robot.reference(0, 2000)
+    take(10, 903)
+    assert robot.loop.answered == (1, 1)
+    take(11, 910)
+    assert robot.loop.answered == (9, 2)
+    robot.silence(40)
+    take(250, 1140)
+    assert robot.loop.answered == (110, 3)
+    for k in range(400, 1900, 150):  # Stalls in a row, and no state is answered in between.
+        robot.loop.take_state(
+            JointSample(k * MS, (0.1, 0.2), ZERO), k * MS, False, 1140 + k - 250)
+        robot.loop.mode = Mode.NO_STATE
+    take(1900, 2800)
+    assert robot.status()[0] == 2 and 'the computer is too slow: ' in robot.loop.tripped
 
 
 def test_in_simulated_time_nothing_is_counted_or_measured() -> None:
@@ -142,18 +161,34 @@ def rehearsed(late: bool, every: int = 1) -> Robot:
 def test_the_loop_is_measured_for_a_second_before_the_first_torque() -> None:
     robot = rehearsed(late=False)
     [line] = [x for x in robot.log.lines if 'torque' in x]
-    assert line == ('before the first torque 1000 states came in 1.00 s; 1000 were answered within '
-                    '1 ms, with 0 outages: this loop keeps 1000 Hz')
-    assert robot.k == 0 and len(robot.sent) == 1
-    law = Controller(robot.config)
-    assert robot.sent[0] != ZERO
-    assert law.config == robot.config
+    assert line == ('before the first torque 1000 states came in 1.00 s; 1000 were answered '
+                    'within 1 ms, with 0 outages: this loop keeps 1000 Hz')
+    assert robot.loop.last is not None and robot.loop.last.t == 999 * MS
+    first = Controller(robot.config).step(
+        (0.1, 0.2), ZERO, *MOTION[999], MOTION[1000:1002]).tau  # The law remembers nothing.
+    assert robot.sent == [list(first)]
+
+
+def test_a_robot_that_sends_fewer_states_is_told_apart_from_a_slow_computer() -> None:
+    robot = Robot(simulated=False)
+    robot.loop.least_answered = 0.1
+    robot.loop.rehearsal = Rehearsal(Controller(robot.config), MS, 20 * MS)
+    for t in range(0, 2005 * MS, 5 * MS):
+        robot.loop.take_state(JointSample(t, (0.1, 0.2), ZERO), t, False)
+        if robot.loop.rehearse(t):
+            robot.loop.note_answer(t)
+    assert not robot.loop.rehearses
+    assert 'before the first torque 400 states came in 2.00 s; 400 were answered' in ' '.join(
+        robot.log.lines)
+    assert robot.log.lines[-1].endswith(
+        'keeps 200 Hz of the 1000 Hz of control_period; states come less often: set '
+        'control_period to that of the robot')
 
 
 def test_a_loop_that_keeps_too_little_is_told_so_and_gets_no_torque() -> None:
     robot = rehearsed(late=True, every=25)
     text = ' '.join(robot.log.lines)
-    assert '0 were answered within 1 ms, with 40 outages: this loop keeps 40 Hz of the 1000 Hz of ' \
-        'control_period' in text
-    assert robot.sent == []
+    assert '0 were answered within 1 ms, with 39 outages: this loop keeps 40 Hz of the' in text
+    assert 'control_period; give the controller a priority' in text
     assert 'the computer is too slow: 0 of the last 10' in text
+    assert robot.sent == []

@@ -76,8 +76,9 @@ class SlowedController(ControllerUnderTest):
 
     def until_tripped(self) -> str:
         words = 'tripped: the computer is too slow: '
-        return self.reports.until('controller', lambda r: r.level == ERROR and r.message.startswith(
-            words), words).message.removeprefix(words)
+        report = self.reports.until('controller', lambda r: (
+            r.level == ERROR and r.message.startswith(words)), words)
+        return report.message.removeprefix(words)
 
 
 @pytest.fixture
