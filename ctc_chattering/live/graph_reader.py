@@ -30,6 +30,7 @@ from ctc_chattering.analysis.signals import packed, PARTS
 from ctc_chattering.control.controller import ControllerConfig
 from ctc_chattering.errors import CtcError, refused_as, RejectedMessage
 from ctc_chattering.live.health import NodeReport
+from ctc_chattering.numerics.angles import turned, turns_to
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.numerics.time_grid import NANOSECONDS, nanoseconds, seconds
 from ctc_chattering.ros import topics
@@ -38,6 +39,7 @@ from ctc_chattering.ros.node import BaseNode, qos
 from ctc_chattering.ros.parameters import CHANGES
 from ctc_chattering.ros.subscription import MatchingSubscription, ValidatedSubscription
 from ctc_chattering.ros.topics import select
+from ctc_chattering.trajectory.joint_limits import DescribedLimits
 from diagnostic_msgs.msg import DiagnosticArray
 import numpy as np
 from rcl_interfaces.msg import ParameterEvent
@@ -148,6 +150,8 @@ class GraphReader(BaseNode):
         self.parameters: dict[str, dict[str, Any]] = {node: {} for node in _NODES}
         self.config: ControllerConfig | None = None
         self.description = ''
+        #: Indices of the joints that turn endlessly.
+        self._endless: list[int] = []
         self.clock = self.start = 0.0
         self._heard: dict[str, float] = {}
         self._reports: dict[str, tuple[float, int, str, dict[str, str]]] = {}
@@ -268,8 +272,16 @@ class GraphReader(BaseNode):
         for row, known in zip(rows[1:], (state.velocity, state.effort)):
             if not len(known):
                 row[:] = np.nan
+        desired = self._tracked[2]
+        self._turn_towards(self._state[1] if desired is None else desired, rows[0])
         self._state, self._first = (t, rows[0]), self._first or t
         self.tracks[topics.JOINT_STATES].add(t, rows.ravel())
+
+    def _turn_towards(self, target: Array | None, q: Array) -> None:
+        """Have endless joints of `q`, shape (n,) [rad], within half a turn of a position."""
+        if target is not None:
+            for joint in self._endless:
+                q[joint] = turned(q[joint], turns_to(q[joint], target[joint]))
 
     def _on_tracking(self, state: JointState) -> None:
         names = [f'{joint}/{x}' for x in ('desired', 'error') for joint in self.names]
@@ -320,6 +332,7 @@ class GraphReader(BaseNode):
                 {name: value for name, value in values.items() if name in known})
             if self.config.joint_names != self.names:
                 self._take_names(self.config.joint_names)
+            self._find_endless(self.config)
         self.parameters[node] = values
 
     def _take_names(self, names: tuple[str, ...]) -> None:
@@ -332,6 +345,16 @@ class GraphReader(BaseNode):
 
     def _on_description(self, message: String) -> None:
         self.description = message.data
+        if self.config is not None:
+            self._find_endless(self.config)
+
+    def _find_endless(self, config: ControllerConfig) -> None:
+        """Know which joints turn endlessly; of a text that is no URDF, those of the parameters."""
+        described: tuple[bool, ...] = ()
+        with suppress(CtcError):
+            if self.description:
+                described = DescribedLimits(self.description, config.joint_names).continuous
+        self._endless = np.flatnonzero(config.which_are_continuous(described)).tolist()
 
 
 def _time(state: JointState) -> float:

@@ -201,6 +201,7 @@ class ReferenceNode(LoopNode[ReferenceNodeConfig]):
             self._refused_waypoints = str(error)
             raise RejectedMessage(getattr(error, 'kind', 'waypoints'), str(error)) from None
         self._refused_waypoints = ''
+        self._extend()
 
     def _follow(self, chunk: JointTrajectory, now: int) -> None:
         """Have the motion follow a message that comes at `now` [ns]; say what becomes of it."""

@@ -145,7 +145,7 @@ def test_real_time_on_a_busy_machine(tmp_path: Path) -> None:
     assert 'each when the recorder received it' in page
 
 
-SETUP = parameter_file.load(None, {'plant': {'duration': 1.0}})
+SETUP = parameter_file.load(None, {'/**': {'compiled': False}, 'plant': {'duration': 1.0}})
 RESULT = simulate(SETUP)
 START = 1_700_000_000_123_456_789
 
@@ -198,9 +198,10 @@ def test_commands_that_answer_no_state_for_sure(tmp_path: Path, factor: float) -
 
 def test_torques_beside_the_states_in_a_table(tmp_path: Path) -> None:
     write_bag(tmp_path / 'bag', in_real_time())
-    done = ctc('export', tmp_path / 'bag', '--csv', '--out', tmp_path)
+    out = tmp_path / 'samples'
+    done = ctc('export', tmp_path / 'bag', '--csv', '--out', out)
     assert done.returncode == 0, done.stderr
-    heads, *rows = (tmp_path / 'trajectory_commands.csv').read_text().splitlines()
+    heads, *rows = (out / 'trajectory_commands.csv').read_text().splitlines()
     assert heads == 't [s],tau_joint1 [N·m],tau_joint2 [N·m]'
     sent = recorded(tmp_path / 'bag', COMMANDS).rows('data')
     assert [[float(x) for x in row.split(',')[1:]] for row in rows] == sent.tolist()
