@@ -26,6 +26,7 @@ import argparse
 from collections.abc import Iterator, Sequence
 import json
 from pathlib import Path
+import re
 import tempfile
 from typing import Any, NamedTuple
 import xml.etree.ElementTree as ET
@@ -388,18 +389,67 @@ def rows(name: str, cases: Sequence[str], laws: Sequence[str], seeds: Sequence[i
                        **outcome._asdict()}
 
 
+#: The page, and its part that is written from the rows.
+PAGE = Path(__file__).with_name('arms.md')
+_TABLES = re.compile(r'(<!-- tables -->\n).*(<!-- end of tables -->)', re.DOTALL)
+#: Columns: the law, whether before, whether the resonance is told; and their heading.
+_COLUMNS = ((('observer_feedback', True, False), 'observer_feedback, before'),
+            (('observer_feedback', False, False), 'observer_feedback'),
+            (('observer_feedback', False, True), 'the same, resonance told'),
+            *(((law, False, False), law) for law in LAWS if law != 'observer_feedback'))
+#: What a table shows of an outcome, and its heading.
+_QUANTITIES = (
+    ('rms', 'RMS error of the worst joint, largest of the draws [rad]', '.1e'),
+    ('variation', 'Torque variation of the worst joint, largest of the draws [N·m/s]', '.0f'),
+    ('rate', 'Largest change of a torque within 1 ms, largest of the draws [N·m/s]', '.0f'))
+
+
+def tables(outcomes: Sequence[dict[str, Any]]) -> Iterator[str]:
+    """Yield a table of each arm and quantity, as Markdown."""
+    for arm in dict.fromkeys(row['arm'] for row in outcomes):
+        for quantity, heading, form in _QUANTITIES:
+            yield f'**{arm}.** {heading}:\n'
+            yield f'| case | {" | ".join(name for _, name in _COLUMNS)} |'
+            yield '|' + '---|' * (1 + len(_COLUMNS))
+            for case in CASES:
+                drawn = [[row for row in outcomes if (row['arm'], row['case']) == (arm, case) and (
+                    row['law'], row['before'], row['told']) == column] for column, _ in _COLUMNS]
+                if any(drawn):
+                    cells = (_cell(rows, quantity, form) for rows in drawn)
+                    yield f'| {case} | {" | ".join(cells)} |'
+            yield ''
+
+
+def _cell(outcomes: Sequence[dict[str, Any]], quantity: str, form: str) -> str:
+    """Return the largest number of the runs that went on, and how many tripped at which time."""
+    values = [row[quantity] for row in outcomes if not row['trip']]
+    words = [format(max(values), form)] if values else []
+    times = sorted(row['trip_time'] for row in outcomes if row['trip'])
+    if times:
+        words.append(f'{len(times)} of {len(outcomes)} tripped by {times[-1]:.1f} s')
+    return '; '.join(words)
+
+
 def main() -> None:
-    """Print an outcome a line, and write them."""
+    """Print an outcome a line, and write them; or write the page."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument('--arms', default='xarm7,z1')
-    parser.add_argument('--cases', default=','.join(('rigid',)))
+    parser.add_argument('--arms', default='xarm7,kinova')
+    parser.add_argument('--cases', default='all', help='beginnings of names')
     parser.add_argument('--laws', default='observer_feedback')
     parser.add_argument('--seeds', type=int, default=2)
-    parser.add_argument('--first', type=int, default=0)
+    parser.add_argument('--first', type=int, default=701)
     parser.add_argument('--rows', type=Path, default=Path('arms.jsonl'))
     parser.add_argument('--told', type=json.loads, default={}, help='of new_robot, as JSON')
-    parser.add_argument('--before', action='store_true')
+    parser.add_argument('--before', action='store_true',
+                        help='without rotors, and without trips by limit cycles')
+    parser.add_argument('--page', action='store_true', help='write the page from the rows')
     options = parser.parse_args()
+    if options.page:
+        outcomes = [json.loads(line) for line in options.rows.read_text().splitlines()]
+        filled = '\n'.join(tables(outcomes))
+        PAGE.write_text(_TABLES.sub(lambda block: f'{block[1]}\n{filled}\n{block[2]}',
+                                    PAGE.read_text(encoding='utf-8')), encoding='utf-8')
+        return
     if options.before:
         trips.LIMIT_CYCLE_S = np.inf
     cases = list(CASES) if options.cases == 'all' else [
