@@ -415,7 +415,7 @@ def tables(outcomes: Sequence[dict[str, Any]]) -> Iterator[str]:
                 drawn = [[row for row in outcomes if (row['arm'], row['case']) == (arm, case) and (
                     row['law'], row['before'], row['told']) == column] for column, _ in _COLUMNS]
                 if any(drawn):
-                    cells = (_cell(rows, quantity, form) for rows in drawn)
+                    cells = (_cell(runs, quantity, form) for runs in drawn)
                     yield f'| {case} | {" | ".join(cells)} |'
             yield ''
 
