@@ -81,7 +81,7 @@ def test_a_second_of_a_limit_cycle_trips_with_joint_and_frequency() -> None:
     assert checked(monitor, at(0.4, cycling=0.99), 100) == ''
     assert checked(monitor, at(0.4, cycling=1.0), 20) == (
         'the feedback of observer_feedback found no bandwidth at which it is calm: b oscillates '
-        "at 21 Hz; the joints are elastic, or an inertia is far from that of the model, often a "
+        'at 21 Hz; the joints are elastic, or an inertia is far from that of the model, often a '
         "rotor's; set resonance, or correct rotor_inertia (docs/safety.md#limit-cycles)")
 
 
