@@ -143,12 +143,13 @@ class ArmKnowledge:
     def lines(self) -> Iterator[str]:
         """Yield what is known of the whole arm, and what to find out next."""
         yield f'lowest resonance: {self.resonance.text("Hz")}'
-        yield f'unknown payload: at most {self.payload.text("kg")}'
+        most = '' if self.payload.source == Source.NOT_KNOWN else 'at most '
+        yield f'unknown payload: {most}{self.payload.text("kg")}'
         assumed = [joint for joint, rotor in zip(self.joints, self.rotors)
                    if rotor.source == Source.ASSUMED]
         if assumed:
-            which = 'all joints' if len(assumed) == len(self.joints) else ', '.join(assumed)
-            yield (f'the URDF has no rotors for {which}: {ASSUMED_ROTOR:g} kg*m^2 per N*m of '
+            lacking = '' if len(assumed) == len(self.joints) else f' for {", ".join(assumed)}'
+            yield (f'the URDF has no rotors{lacking}: {ASSUMED_ROTOR:g} kg*m^2 per N*m of '
                    'effort are assumed. Take them from a data sheet (--rotor-inertia), or from '
                    '`ctc identify`; a wrong one costs more than all else')
 
@@ -185,9 +186,12 @@ def rotors_of(tree: Tree, joints: Sequence[str], given: Sequence[float] = ()) ->
 
 def torque_rates_of(robot_name: str, joints: Sequence[str], given: Sequence[float] = ()
                     ) -> tuple[Known, ...]:
-    """Return the largest rates of the torque: as given, of a known arm, or inf."""
+    """Return the largest rates of the torque: as given, one for all or each, of an arm, or inf."""
+    if len(given) not in (0, 1, len(joints)):
+        raise ParameterError('torque_rate', tuple(given), f'1 or {len(joints)} numbers')
     if len(given):
-        return tuple(Known(float(rate), Source.USER) for rate in given)
+        rates = tuple(Known(float(rate), Source.USER) for rate in given)
+        return rates * (len(joints) if len(rates) == 1 else 1)
     for arm in KNOWN_ARMS:
         if robot_name.lower().startswith(arm.names):
             return (Known(arm.torque_rate, Source.ARM),) * len(joints)

@@ -55,6 +55,9 @@ def test_nothing_is_assumed_without_an_effort_limit(effort: str) -> None:
 def test_the_torque_rate_is_given_or_that_of_a_known_arm() -> None:
     assert torque_rates_of('fr3', ['a']) == (Known(1000.0, Source.ARM),)
     assert torque_rates_of('panda', ['a'], [300.0]) == (Known(300.0, Source.USER),)
+    assert torque_rates_of('arm', ['a', 'b'], [300.0]) == (Known(300.0, Source.USER),) * 2
+    with pytest.raises(ParameterError, match='1 or 3 numbers'):
+        torque_rates_of('arm', ['a', 'b', 'c'], [300.0, 200.0])
     assert torque_rates_of('arm', ['a']) == (Known(inf, Source.NOT_KNOWN),)
 
 
