@@ -34,7 +34,12 @@ from ctc_chattering.compiled.records import load, packed
 from ctc_chattering.control.controller import Controller, ControllerConfig
 from ctc_chattering.control.step import CompiledStep, ControlSettings, regained
 from ctc_chattering.controller.positions import LIMITS
-from ctc_chattering.controller.trips import LARGEST_GROWTH, PATIENCE, WATCHED
+from ctc_chattering.controller.trips import (
+    LARGEST_GROWTH,
+    LIMIT_CYCLE_S,
+    PATIENCE,
+    WATCHED,
+)
 from ctc_chattering.dynamics.compiled_model import set_mass_and_bias, set_terms
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.errors import CtcError, UsageError
@@ -145,7 +150,8 @@ def block_of(step: CompiledStep, gains: Code) -> tuple[Block, dict[str, int]]:
         'REFERENCE': block.at(points), 'MADE': block.at(records.made),
         'MASS_MATRIX': block.at(records.now, 'M'), 'KP': block.at(settings, 'kp'),
         'KV': block.at(settings, 'kv'), 'KA': block.at(gains.arguments[1]),
-        'STRAINED': block.at(memories, 'law', 'oscillation', 'strained') if observes else 0}
+        **{name.upper(): block.at(memories, 'law', 'oscillation', name) if observes else 0
+           for name in ('strained', 'cycling')}}
     for record, code, arguments, places in step.arm.calls:
         block.pointers.append((block.at(record, 'places'), block.add(arguments, places)))
         block.calls.append((block.at(record, 'function'), _FUNCTIONS[code.function]))
@@ -241,7 +247,8 @@ def _values(config: ControllerConfig, settings: ControlSettings) -> dict[str, ob
             'DELAY': config.input_delay, 'PERIOD': config.control_period,
             'PERIOD_NS': period_ns(config.control_period),
             'RATE': f'{1.0 / config.control_period:g}',
-            'GROWTH': LARGEST_GROWTH, 'PATIENCE': PATIENCE, 'MARGIN': LIMITS.margin,
+            'GROWTH': LARGEST_GROWTH, 'PATIENCE': PATIENCE, 'CYCLE': LIMIT_CYCLE_S,
+            'MARGIN': LIMITS.margin,
             'LEAST': LEAST, 'LARGEST': LARGEST,
             **{name.upper(): ', '.join(map(repr, map(float, x)))
                for name, x in zip(_GAINS, gains)}}
@@ -252,7 +259,7 @@ def _data(block: Block, named: dict[str, int], functions: Sequence[str],
     """Return the numbers of a law in C."""
     constants = named | {
         'WATCHED': int(config.law == WATCHED), 'LARGEST_GROWTH': LARGEST_GROWTH,
-        'PATIENCE': PATIENCE, 'POSITION_MARGIN': LIMITS.margin,
+        'PATIENCE': PATIENCE, 'LONGEST_CYCLE': LIMIT_CYCLE_S, 'POSITION_MARGIN': LIMITS.margin,
         'LARGEST_ACCELERATION': LIMITS.acceleration,
         'GAINS_FUNCTION': _SET if _SET in functions else 'NULL'}
     bounds = [config.parameters()[name].bounds for name in _GAINS]

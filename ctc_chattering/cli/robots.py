@@ -18,11 +18,12 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Iterator, Mapping, Sequence
+from math import inf
 from pathlib import Path
 import textwrap
 from typing import TYPE_CHECKING
 
-from ctc_chattering.analysis.tables import one_line
+from ctc_chattering.analysis.tables import fitted, one_line
 from ctc_chattering.cli.options import (
     add_declared,
     add_loop_options,
@@ -31,6 +32,17 @@ from ctc_chattering.cli.options import (
     add_urdf_options,
     load_setup,
 )
+from ctc_chattering.configuration.arm_knowledge import (
+    ArmKnowledge,
+    Known,
+    PAYLOAD,
+    RESONANCE,
+    ROTOR,
+    rotors_of,
+    Source,
+    TORQUE_RATE,
+    torque_rates_of,
+)
 from ctc_chattering.configuration.node_parameters import parameter_table
 from ctc_chattering.errors import CtcError, given_by_user, UsageError
 from ctc_chattering.output_files import check_file, check_folder, write_text
@@ -38,6 +50,7 @@ from ctc_chattering.parameters import Parameter
 
 if TYPE_CHECKING:
     from ctc_chattering.configuration.new_robot import NewRobot
+    from ctc_chattering.dynamics.urdf_parser import Tree
 
 _CENTER = Parameter('center', 'float[]', None, 'Centre of the motion, one position per joint; '
                     'default: where every joint carries its weight', 'rad')
@@ -48,6 +61,7 @@ _COMMENT = """\
 # is {ka:.0%} of the effort limit, or what exceeds the friction of the URDF, for the one, and a
 # fifth of the model's torque for the other.
 # Set what is known of the drives: actuator_lag, torque_rate_limit and input_delay.
+# estimator_bandwidth is for encoders of at most {fine:g} rad; halve it for coarser ones.
 """
 
 
@@ -58,6 +72,8 @@ def new_robot_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--tip', default='', metavar='LINK',
                         help='end of the arm: joints between the root and this link')
     add_declared(parser, _CENTER)
+    for spec in (ROTOR, TORQUE_RATE, RESONANCE, PAYLOAD):
+        add_declared(parser, spec)
     parser.add_argument('--out', type=Path, metavar='F', default=Path('robot.yaml'),
                         help='parameter file to write, default: robot.yaml')
     parser.add_argument('--overwrite', action='store_true', help='replace an existing file')
@@ -72,20 +88,27 @@ def run_new_robot(options: argparse.Namespace) -> int:
     and which friction it has taken. docs/robots.md says what to set next.
     """
     from ctc_chattering.configuration import parameter_file
-    from ctc_chattering.configuration.new_robot import KA, new_robot
+    from ctc_chattering.configuration.new_robot import KA, new_robot, Told
+    from ctc_chattering.control.recommended_gains import FINE_RESOLUTION
+    from ctc_chattering.runs.arm_margins import arm_margins, with_stable_gains
 
     if options.joints and options.tip:
         raise UsageError('--tip: not allowed with --joints')
     location = options.urdf if '://' in options.urdf else str(Path(options.urdf).resolve())
+    told = Told(options.rotor_inertia or (), options.torque_rate or (), options.resonance,
+                options.payload)
     out = options.out
     check_file(out, options.overwrite)
-    with given_by_user(('joint_names', 'tip', 'center')):
-        robot = new_robot(location, options.joints, options.gravity, options.tip,
-                          options.center or ())
+    with given_by_user(('joint_names', 'tip', 'center', 'rotor_inertia', 'torque_rate')):
+        robot = with_stable_gains(new_robot(
+            location, options.joints, options.gravity, options.tip, options.center or (), told))
+    margins = arm_margins(parameter_file.load(None, robot.values))
     lines = [one_line(line) for line in _described(robot, bool(options.center))]
+    lines += margins.lines() if margins else ()
     comment = '\n'.join(textwrap.fill(
         line, 99, initial_indent='# ', subsequent_indent='#   ') for line in lines)
-    write_text(out, _COMMENT.format(location=one_line(location), lines=comment, ka=KA)
+    write_text(out, _COMMENT.format(location=one_line(location), lines=comment, ka=KA,
+                                    fine=FINE_RESOLUTION)
                + parameter_file.to_text(robot.values))
     print('\n'.join(lines))
     print(f'wrote {out}; next: ctc compile {out}, ctc simulate {out}, bringup {out}')
@@ -104,6 +127,8 @@ def _described(robot: NewRobot, center_given: bool) -> Iterator[str]:
                'set effort_limit of the controller')
     yield _center_line(robot, center_given)
     yield from _friction_lines(robot)
+    yield from fitted(list(robot.knowledge.rows()), 0)
+    yield from robot.knowledge.lines()
 
 
 def _center_line(robot: NewRobot, given: bool) -> str:
@@ -205,7 +230,20 @@ def run_check_model(options: argparse.Namespace) -> int:
         print(f'warning: {fault}')
     for line in _unexpanded(tree.unexpanded if tree else ()):
         print(f'warning: {line}')
+    if tree:
+        _print_knowledge(tree, joints)
     return 1 if failed else 0
+
+
+def _print_knowledge(tree: Tree, joints: Sequence[str]) -> None:
+    """Print what a URDF says of the arm besides its bodies, and what it lacks."""
+    knowledge = ArmKnowledge(
+        tuple(joints), rotors_of(tree, joints), torque_rates_of(tree.name, joints),
+        Known(inf, Source.NOT_KNOWN), Known(inf, Source.NOT_KNOWN),
+        tuple(name for name in joints if tree.joints[name].kind == 'continuous'))
+    print('what `ctc new-robot` takes besides the bodies:')
+    print('\n'.join(fitted(list(knowledge.rows()))))
+    print('\n'.join(f'  {line}' for line in knowledge.lines()))
 
 
 def export_c_options(parser: argparse.ArgumentParser) -> None:

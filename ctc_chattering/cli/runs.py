@@ -203,10 +203,13 @@ def run_stability(options: argparse.Namespace) -> int:
     Run `ctc stability`.
 
     For the sampled loop with constant M, without limits: by its poles for constant errors, by the
-    small-gain theorem for varying ones. Exit status 1 if the loop is unstable for the exact model.
+    small-gain theorem for varying ones. For an arm with a URDF it says which rotors and masses
+    that allows. Exit status 1 if the loop is unstable for the exact model.
     docs/theory.md says what it covers, and where the theorem is.
     """
     from ctc_chattering.analysis.tables import number_text, print_columns
+    from ctc_chattering.control.recommended_gains import pole_over_resonance, RESONANCE_PART
+    from ctc_chattering.runs.arm_margins import arm_margins
     from ctc_chattering.runs.stability import rows, stability
 
     setup = load_setup(options)
@@ -217,5 +220,9 @@ def run_stability(options: argparse.Namespace) -> int:
     for who, lags, delay in (('law', lag, config.input_delay),
                              ('robot', plant.actuator_lag, plant.input_delay)):
         print(f'{who}: lag {number_text(tuple(1e3 * x for x in lags))} ms, delay {delay}')
-    print_columns(list(rows(found, config.control_period)))
+    margins = arm_margins(setup)
+    print_columns([*rows(found, config.control_period), *(margins.rows() if margins else ())])
+    if (part := pole_over_resonance(config)) > RESONANCE_PART:
+        print(f'warning: the pole is {part:.2g} of the resonance of {config.resonance:g} Hz; at '
+              f'most {RESONANCE_PART:g} is calm with encoders at the motors')
     return 0 if found.radius < 1.0 else 1

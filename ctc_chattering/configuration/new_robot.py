@@ -22,6 +22,14 @@ from math import inf
 from typing import NamedTuple
 
 from ctc_chattering.configuration import parameter_file
+from ctc_chattering.configuration.arm_knowledge import (
+    ArmKnowledge,
+    Known,
+    MOST_PAYLOAD,
+    rotors_of,
+    Source,
+    torque_rates_of,
+)
 from ctc_chattering.configuration.holding_motion import (
     choose_motion,
     DURATION_S,
@@ -35,13 +43,16 @@ from ctc_chattering.configuration.loop_setup import Values
 from ctc_chattering.configuration.package_share import read_description
 from ctc_chattering.control.controller_config import ControllerConfig
 from ctc_chattering.control.recommended_gains import LAW, model_torque, recommended_gains
+from ctc_chattering.dynamics.corrected_urdf import with_payload
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.dynamics.registry import model_of
 from ctc_chattering.dynamics.serial_chain import chain_to, longest_chain
+from ctc_chattering.dynamics.urdf_model import UrdfModel
 from ctc_chattering.dynamics.urdf_parser import Tree
 from ctc_chattering.errors import CtcError
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.parameters import LARGEST
+from ctc_chattering.simulation.plant_config import PlantConfig
 from ctc_chattering.trajectory.joint_limits import DescribedLimits, JointLimits
 import numpy as np
 
@@ -57,6 +68,8 @@ KA = 0.06
 _KA_MARGIN = 1.25
 #: Significant digits of friction.
 _DIGITS = 3
+#: Postures in which the torque of a payload is taken.
+PAYLOAD_POSTURES = 100
 
 
 class DescribedFriction(NamedTuple):
@@ -92,6 +105,8 @@ class NewRobot:
         Macros of xacro that are left in the URDF.
     unlimited : tuple of str
         Joints without an effort limit.
+    knowledge : ArmKnowledge
+        Rotors, rate of the torque, resonance and payload, with their origin.
     friction : DescribedFriction
         Of the plant.
     motion : HoldingMotion
@@ -105,12 +120,37 @@ class NewRobot:
     leaders: Mapping[str, tuple[str, ...]]
     unexpanded: tuple[str, ...]
     unlimited: tuple[str, ...]
+    knowledge: ArmKnowledge
     friction: DescribedFriction
     motion: HoldingMotion
 
 
+@dataclasses.dataclass(frozen=True)
+class Told:
+    """
+    What the user says of an arm; nothing by default.
+
+    Attributes
+    ----------
+    rotor_inertia : sequence of float, length n
+        Of each rotor at its joint [kg·m²].
+    torque_rate : sequence of float, length n
+        That the interface accepts [N·m/s].
+    resonance : float
+        Lowest one while the drives hold the arm [Hz].
+    payload : float, optional
+        Largest unknown mass at the tip [kg]; by default what the effort limits allow.
+
+    """
+
+    rotor_inertia: Sequence[float] = ()
+    torque_rate: Sequence[float] = ()
+    resonance: float = inf
+    payload: float | None = None
+
+
 def new_robot(location: str, joints: Sequence[str] = (), gravity: float = 9.81, tip: str = '',
-              center: Sequence[float] = ()) -> NewRobot:
+              center: Sequence[float] = (), told: Told = Told()) -> NewRobot:
     """
     Return the parameters of a run that the robot can do.
 
@@ -133,6 +173,8 @@ def new_robot(location: str, joints: Sequence[str] = (), gravity: float = 9.81, 
         Link at the end of the arm.
     center : sequence of float
         Centre of the motion [rad or m]; empty to choose it.
+    told : Told
+        What is known besides the URDF.
 
     Raises
     ------
@@ -146,8 +188,14 @@ def new_robot(location: str, joints: Sequence[str] = (), gravity: float = 9.81, 
     if not names:
         raise CtcError('URDF: no joint moves a link with a mass' if tree.movable else
                        'URDF: it has no joint that moves')
-    shared = {'joint_names': names, 'control_period': 1e-3, 'gravity': gravity, 'model': 'urdf',
-              'description': location}
+    tree.locked(names, {})  # Refuses joints that are not there.
+    tree.check_limits(names)
+    rotors = rotors_of(tree, names, told.rotor_inertia)
+    shared: Values = {
+        'joint_names': names, 'control_period': 1e-3, 'gravity': gravity, 'model': 'urdf',
+        'description': location}
+    if any(rotor.source in (Source.USER, Source.ASSUMED) for rotor in rotors):
+        shared['rotor_inertia'] = [_rounded(rotor.value) for rotor in rotors]
     config = ControllerConfig.from_mapping(shared)
     model = model_of(config, text)
     expected = model_torque(config, model)
@@ -161,7 +209,20 @@ def new_robot(location: str, joints: Sequence[str] = (), gravity: float = 9.81, 
     needed = _KA_MARGIN * (friction.coulomb + friction.viscous * fastest(limits))
     # Some URDFs have 1e300 for no limit; ka gets a part for the error of the model as well.
     ka = np.minimum(np.maximum(KA * largest, np.where(described, needed, 0.0)), 0.5 * LARGEST)
-    gains = recommended_gains(config.changed({'ka': ka}), expected)
+    payload, load = _payload(text, names, model, gravity, told.payload, effort)
+    rates = torque_rates_of(tree.name, names, told.torque_rate)
+    assumed = any(rotor.source == Source.ASSUMED for rotor in rotors)
+    known = {'ka': ka + load, 'estimator_slope': not assumed, 'resonance': told.resonance, **(
+        {'torque_rate_limit': [rate.value for rate in rates]}
+        if rates[0].source != Source.NOT_KNOWN else {})}
+    resolution = max(PlantConfig().encoder_resolution)
+    gains = recommended_gains(config.changed(known), expected, resolution)
+    if told.resonance < inf:
+        gains['resonance'] = told.resonance
+    if assumed:
+        gains['estimator_slope'] = False
+    for name in ('torque_rate_limit', 'effort_rate_limit') if 'torque_rate_limit' in known else ():
+        gains[name] = known['torque_rate_limit']
     values: dict[str, Values] = {
         parameter_file.EVERY_NODE: shared,
         'plant': {'pacing': 'lockstep', 'duration': DURATION_S,
@@ -175,8 +236,39 @@ def new_robot(location: str, joints: Sequence[str] = (), gravity: float = 9.81, 
     return NewRobot(
         values, names, tuple(name for name in tree.movable if name not in names),
         tree.leaders, tree.unexpanded,
-        tuple(name for name, limit in zip(names, effort) if limit == inf), friction,
-        motion)
+        tuple(name for name, limit in zip(names, effort) if limit == inf),
+        ArmKnowledge(
+            names, rotors, rates,
+            Known(told.resonance, Source.USER if told.resonance < inf else Source.NOT_KNOWN),
+            payload, tuple(name for name in names if tree.joints[name].kind == 'continuous')),
+        friction, motion)
+
+
+def _payload(text: str, names: tuple[str, ...], model: Model, gravity: float,
+             told: float | None, effort: Array) -> tuple[Known, Array]:
+    """
+    Return the largest unknown mass at the tip [kg], and the torque that ka has for it, (n,) [N·m].
+
+    By default it is what the effort limits, (n,) [N·m], allow beside the weight of the arm, and at
+    most a part of its mass.
+    """
+    loaded = UrdfModel(with_payload(text, names, 1.0), names, gravity)
+    postures = np.random.default_rng(0).uniform(-np.pi, np.pi, (PAYLOAD_POSTURES, model.n))
+    weight = np.array([model.gravity_torque(q) for q in postures.tolist()])
+    more = np.array([loaded.gravity_torque(q) for q in postures.tolist()]) - weight
+    per_kg = np.abs(more).max(axis=0)
+    if told is not None:
+        return Known(told, Source.USER), told * per_kg
+    mass = float(sum(model.inertial_parameters()[::10]))  # type: ignore[attr-defined]
+    room = np.maximum(effort - np.abs(weight).max(axis=0), 0.0)
+    carried = np.min(room / np.maximum(per_kg, 1e-9), initial=inf)
+    payload = _rounded(min(float(carried), MOST_PAYLOAD * mass))
+    return Known(payload, Source.ASSUMED), payload * per_kg
+
+
+def _rounded(value: float) -> float:
+    """Return a number to three digits."""
+    return float(f'{value:.{_DIGITS}g}')
 
 
 def _friction(tree: Tree, limits: Sequence[JointLimits], model: Model, largest: Array,

@@ -61,6 +61,10 @@ class ControllerNodeConfig(NodeConfig, ControllerConfig):
     predicted_periods: int = parameter(
         5, 'Real time: so many periods without a state are answered by the torque for the '
         'predicted one, none from state_timeout on; 0 for none.', maximum=100)
+    least_answered: float = parameter(
+        0.05, 'Real time: least share of the states of the last second that are answered within a '
+        'control period, or the torques end until ~/reset. Before the first torque this is '
+        'measured for a second. 0 for neither.', minimum=0.0, maximum=1.0)
     reference_timeout: float = parameter(
         0.1, 'A late reference continues at its last velocity for this time, then stands.', 's',
         read_only=True)

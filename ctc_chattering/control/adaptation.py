@@ -104,6 +104,16 @@ small or the motion smooth; f₁ and f₂ are the sizes of the last half-wave an
 fade with 10 rad/s. The largest ratio of all joints counts, and s is one number, since joints are
 coupled. Where less bandwidth does not help, f exceeds 3 Ka with s < 0.2; a start far from the
 reference does so, too, and has 2 seconds.
+
+Elastic joints, or an inertia that is far from the model's, keep the loop oscillating at any s: f
+stays within 3 Ka, and s low. L is how long such a limit cycle lasts::
+
+    dL/dt = 1 where s < 0.7 and m has exceeded 1/4 within 0.2 s, else 0 where s < 0.3, else -1
+    m = min(|f|, f₁, f₂) / min(Ka, B), the largest of all joints                           (OG2)
+
+with L >= 0. An oscillation that comes back as soon as s recovers counts as one. Drives that are
+slower or later than configured oscillate for half a second, until s is low enough. The joint of
+the largest half-waves and the frequency of its f say what oscillates.
 """
 
 from __future__ import annotations
@@ -411,6 +421,16 @@ _NORMAL, _RETREAT, _RECOVERY = 0.5, 80.0, 2.0
 _STRONG, _LN_LOW = 3.0, log(0.2)
 #: How much later that counts after a start that is strong from the first sample on [s].
 GRACE = 2.0
+#: ln s below which a loop that goes on oscillating has a limit cycle.
+_LN_CYCLE = log(0.7)
+#: The least of its half-waves, in min(Ka, B): half of those at which the bandwidth retreats.
+_CYCLE = 0.25
+#: Longest time that it may be calm between two of them [s].
+_CALM = 0.2
+#: ln s below which a calm may be that between two oscillations.
+_LN_CAUGHT = log(0.3)
+#: Time over which waves are counted [s].
+_COUNTED = 0.25
 #: In the place of a bound of 0 [N·m].
 _LEAST_BOUND = 1e-9
 
@@ -429,6 +449,11 @@ class Oscillation(NamedTuple):
     retreat: float
     #: How long f has exceeded 3 Ka with s < 0.2, from -2 at the start on [s].
     strained: float
+    #: Waves of f a second, shape (n,) [Hz].
+    frequency: Array
+    #: How long ago a half-wave was that of a limit cycle, and L of (OG2) [s].
+    calm: float
+    cycling: float
 
 
 @record
@@ -442,8 +467,9 @@ class OscillationGuard(NamedTuple):
     #: 1 - exp(-30 h) and exp(-10 h).
     renewed: float
     fading: float
-    #: exp(-h / 2 s), and h [s].
+    #: exp(-h / 2 s), exp(-h / 0.25 s), and h [s].
     kept: float
+    counted: float
     period: float
 
     def noticed(self, last: Oscillation, feedback: Array, missing: Array) -> Oscillation:
@@ -465,14 +491,26 @@ class OscillationGuard(NamedTuple):
         f2 = self.fading * np.where(turned, last.last, last.second_last)
         believed = np.sign(feedback) * np.maximum(size - np.abs(missing), 0.0)
         slow = last.slow + exp(last.retreat) * self.renewed * (believed - last.slow)
-        ratio = np.maximum(np.abs(believed - slow) / (self.believed + np.abs(slow)),
-                           np.minimum(size, np.minimum(f1, f2)) / self.sustained).max()
+        waves = np.minimum(size, np.minimum(f1, f2)) / self.sustained
+        ratio = np.maximum(
+            np.abs(believed - slow) / (self.believed + np.abs(slow)), waves).max()
         retreat = (self.kept * last.retreat
                    - _RETREAT * self.period * max(ratio - _NORMAL, 0.0))
         strained = last.strained + self.period
         if (size / self.bound).max() < _STRONG or retreat > _LN_LOW:
             strained = 0.0
-        return Oscillation(slow, extreme, f1, f2, max(retreat, _LN_LEAST), strained)
+        calm = 0.0 if waves.max() > _CYCLE else last.calm + self.period
+        lasts = retreat < _LN_CYCLE and calm < _CALM
+        rate = 1.0 if lasts else 0.0 if retreat < _LN_CAUGHT else -1.0
+        cycling = max(last.cycling + rate * self.period, 0.0)
+        turns = np.where(turned, 0.5 / self.period, 0.0)
+        frequency = turns + self.counted * (last.frequency - turns)
+        return Oscillation(slow, extreme, f1, f2, max(retreat, _LN_LEAST), strained, frequency,
+                           calm, cycling)
+
+    def cycling_joint(self, state: Oscillation) -> int:
+        """Return the joint with the largest half-waves."""
+        return int(np.argmax(np.minimum(state.last, state.second_last) / self.sustained))
 
 
 @function
@@ -481,4 +519,5 @@ def oscillation_guard(bound: Array, rate: Array, pole: Array, period: float) -> 
     bound, followed = np.maximum(bound, _LEAST_BOUND), rate / pole
     return OscillationGuard(
         bound, bound + np.where(followed < np.inf, followed, 0.0), np.minimum(bound, followed),
-        1.0 - exp(-_SLOW_PART * period), exp(-_FADING * period), exp(-period / _RECOVERY), period)
+        1.0 - exp(-_SLOW_PART * period), exp(-_FADING * period), exp(-period / _RECOVERY),
+        exp(-period / _COUNTED), period)

@@ -25,7 +25,7 @@ from ctc_chattering.compiled.compilable import RECORDS
 from ctc_chattering.compiled.machine_code import MACHINE_CODE, PLAIN_PYTHON
 from ctc_chattering.control import step as steps
 from ctc_chattering.control.controller_config import ControllerConfig, LAWS
-from ctc_chattering.control.laws.base import Law, law_class
+from ctc_chattering.control.laws.base import Law, law_class, Stability
 from ctc_chattering.control.step import Arrival, CompiledStep, Memories, PlainStep, REGULAR
 from ctc_chattering.dynamics.compiled_model import Arm, arm_of
 from ctc_chattering.dynamics.model import Model, Scaled
@@ -231,8 +231,8 @@ class Controller:
         return MACHINE_CODE if self.compiled else PLAIN_PYTHON
 
     @property
-    def stability(self) -> tuple[float, float]:
-        """Return part of its bandwidth that the law uses, and how long it was too much [s]."""
+    def stability(self) -> Stability:
+        """Return how the loop is doing, as the law sees it."""
         return self.law.stability(self._stepper.law_memory)
 
     def _begin(self, rows: Array) -> None:

@@ -72,6 +72,9 @@ class ControllerConfig(RobotConfig):
     estimator_bandwidth: float = parameter(
         100.0, 'Bandwidth of the observer, or of the Kalman filter.', 'rad/s', minimum=LEAST,
         maximum=1e4, laws=_OF_DRIVES)
+    estimator_slope: bool = parameter(
+        True, 'Whether the observer has a slope of the perturbation: more accurate, but the '
+        'inertia of the model must be known better.', laws=('observer_feedback',))
     actuator_lag: tuple[float, ...] = parameter(
         inf, 'Time constant of the drives; .inf if unknown: 3 ms.', 's', maximum=1.0,
         laws=_OF_DRIVES)
@@ -106,6 +109,9 @@ class ControllerConfig(RobotConfig):
     friction_lead: float = parameter(
         0.0, 'Time before a reversal at which this friction changes sign.', 's', maximum=0.1,
         laws=('pid_kalman', 'extended_state_observer'))
+    resonance: float = parameter(
+        inf, 'Lowest resonance of the arm while its drives hold it; .inf for stiff joints. The '
+        'recommended gains and `ctc stability` take it.', 'Hz', minimum=LEAST, infinite=True)
     input_delay: int = parameter(
         0, 'Known delay of the torque, in samples; the law predicts the state.', maximum=100,
         read_only=True)

@@ -48,8 +48,22 @@ corrects this; the velocity is not measured. With ε = q - q̂ and θ = exp(-ω 
     Ṗ̂  -= M (1 - θ)⁴ ε / h³                                                           (SO2)
 
 which puts the four poles of the error at θ: the cubic fading-memory filter (Morrison 1969).
-The slope Ṗ̂ leaves of a perturbation of the frequency w, for w « ω, 6 (w / ω)²; without it there
-would be 3 w / ω. P̂ is within ±Ka in the metric of M⁻¹; at a bound, Ṗ̂ does not lead out.
+The slope Ṗ̂ leaves of a perturbation of the frequency w, for w « ω, 6 (w / ω)². P̂ is within ±Ka
+in the metric of M⁻¹; at a bound, Ṗ̂ does not lead out.
+
+Without the slope the observer has three poles, by the quadratic filter of the same book::
+
+    q̂  += (1 - θ³) ε
+    dq̂ += 3 (1 - θ)² (1 + θ) ε / (2 h)
+    P̂  -= M (1 - θ)³ ε / h²,     Ṗ̂ = 0                                                  (SO3)
+
+It leaves 3 w / ω of the same perturbation, and tolerates a larger error of the inertia: with
+M̂ = c M under computed torque with the double pole p, without lag and delay and for h → 0, the
+characteristic polynomial of a joint is::
+
+    (s + p)² (s + ω)³ + (c - 1) ω ((ω² + 6 p ω + 3 p²) s² + p ω (2 ω + 3 p) s + p² ω²)    (SO4)
+
+which is stable for 0.20 < c < 4.7 with ω = 4 p.
 """
 
 from __future__ import annotations
@@ -221,7 +235,8 @@ class StateObserver(NamedTuple):
                            perturbation=bounded, slope=slope)
 
 
-def state_observer(drives: DriveModel, bandwidth: float, bound: Array) -> StateObserver:
+def state_observer(drives: DriveModel, bandwidth: float, bound: Array, slope: bool = True
+                   ) -> StateObserver:
     """
     Return an observer.
 
@@ -233,10 +248,15 @@ def state_observer(drives: DriveModel, bandwidth: float, bound: Array) -> StateO
         ω [rad/s].
     bound : array, shape (n,)
         Ka [N·m].
+    slope : bool
+        Whether Ṗ̂ is a state, by (SO2), or 0, by (SO3).
 
     """
     h, pole = drives.period, exp(-bandwidth * drives.period)
     rest = 1.0 - pole
+    if not slope:
+        return StateObserver(drives, bound, 1.0 - pole ** 3,
+                             1.5 * rest ** 2 * (1.0 + pole) / h, rest ** 3 / h ** 2, 0.0)
     return StateObserver(
         drives, bound, 1.0 - pole ** 4,
         rest ** 2 * (11.0 + 14.0 * pole + 11.0 * pole ** 2) / (6.0 * h),

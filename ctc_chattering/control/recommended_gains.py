@@ -21,11 +21,13 @@ the one place that decides which gains a law takes where a user chooses it and g
 
 from __future__ import annotations
 
+from math import inf, pi
 from typing import Any
 
 from ctc_chattering.control.controller_config import ControllerConfig
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.numerics.linear_algebra import Array
+from ctc_chattering.parameters import matrix
 import numpy as np
 
 #: The law with gains of its own, and which of its parameters these are.
@@ -35,8 +37,14 @@ GAINS = ('kp', 'kv', 'ka', 'estimator_bandwidth')
 POLE = 100.0
 #: Most that the pole times lag and delay may be.
 SLOWNESS = 0.4
-#: ω over the pole, for positions of at most this resolution [rad], and for coarser ones.
-_FINE, _FAST, _SLOW = 2e-5, 2.0, 1.0
+#: Pole over the lowest resonance of elastic joints, whose encoders are at the motors.
+RESONANCE_PART = 0.2
+#: Resolution of positions up to which the observer is fast [rad].
+FINE_RESOLUTION = 2e-5
+#: ω over the pole, for fine positions, and for coarser or unknown ones.
+_FAST, _SLOW = 2.0, 1.0
+#: How much faster an observer without a slope may be, for the same noise of P̂ or less.
+_WITHOUT_SLOPE = 2.0
 #: Part of the model's torque that may be wrong, the acceleration that this torque is taken for
 #: [rad/s²], and the number of positions at which it is.
 MODEL_ERROR, _ACCELERATION, _POSITIONS = 0.2, 20.0, 100
@@ -47,12 +55,28 @@ def lateness(lag: float, period: float, delay: int) -> float:
     return lag + period * (1 + delay)
 
 
-def largest_pole(late: float) -> float:
-    """Return p [rad/s] of kp = p², kv = 2 p, where torques act after `late` [s]."""
-    return min(POLE, SLOWNESS / late)
+def largest_pole(late: float, resonance: float = inf) -> float:
+    """
+    Return p [rad/s] of kp = p², kv = 2 p.
+
+    Parameters
+    ----------
+    late : float
+        Time after which a torque acts [s].
+    resonance : float
+        Lowest one of elastic joints [Hz].
+
+    """
+    return min(POLE, SLOWNESS / late, RESONANCE_PART * 2.0 * pi * resonance)
 
 
-def estimator_bandwidth(pole: float, resolution: float) -> float:
+def pole_over_resonance(config: ControllerConfig) -> float:
+    """Return the fastest pole of the feedback over the lowest resonance; 0 for stiff joints."""
+    stiffness = np.diagonal(np.array(matrix(config.kp, len(config.joint_names))))
+    return float(np.sqrt(stiffness.max()) / (2.0 * pi * config.resonance))
+
+
+def estimator_bandwidth(pole: float, resolution: float, slope: bool = True) -> float:
     """
     Return ω of the observer [rad/s].
 
@@ -62,9 +86,12 @@ def estimator_bandwidth(pole: float, resolution: float) -> float:
         p [rad/s].
     resolution : float
         Step of the encoders, or noise of the positions, if that is more [rad].
+    slope : bool
+        Whether the observer has one, `estimator_slope`.
 
     """
-    return (_FAST if resolution <= _FINE else _SLOW) * pole
+    ratio = _FAST if resolution <= FINE_RESOLUTION else _SLOW
+    return ratio * pole * (1.0 if slope else _WITHOUT_SLOPE)
 
 
 def model_torque(config: ControllerConfig, model: Model) -> Array | None:
@@ -85,9 +112,13 @@ def model_torque(config: ControllerConfig, model: Model) -> Array | None:
     return found
 
 
-def recommended_gains(config: ControllerConfig, torque: Array | None = None) -> dict[str, Any]:
+def recommended_gains(config: ControllerConfig, torque: Array | None = None,
+                      resolution: float = inf) -> dict[str, Any]:
     """
-    Return the gains of `observer_feedback` from what the controller knows, by parameter.
+    Return the gains of `observer_feedback` from what is known, by parameter.
+
+    The one rule: of `ctc new-robot`, of `recommended` in `ctc compare` and `ctc tune`, and of a
+    law that is chosen without gains.
 
     Parameters
     ----------
@@ -95,15 +126,17 @@ def recommended_gains(config: ControllerConfig, torque: Array | None = None) -> 
         Its lag of the drives, delay and period, and a `ka` that exceeds the friction.
     torque : array, shape (n,), optional
         `model_torque`; without it `ka` has no share for the error of the model.
+    resolution : float
+        As `estimator_bandwidth` takes it; unknown encoders count as coarse.
 
     """
     n = len(config.joint_names)
     pole = largest_pole(lateness(
-        max(config.assumed_lag), config.control_period, config.input_delay))
+        max(config.assumed_lag), config.control_period, config.input_delay), config.resonance)
     error = MODEL_ERROR * np.array([0.0] * n if torque is None else torque)
     return {'kp': (pole ** 2,) * n, 'kv': (2.0 * pole,) * n,
             'ka': tuple(float(f'{x:.3g}') for x in np.add(config.ka, error)),
-            'estimator_bandwidth': estimator_bandwidth(pole, np.inf)}
+            'estimator_bandwidth': estimator_bandwidth(pole, resolution, config.estimator_slope)}
 
 
 class GainChoice:

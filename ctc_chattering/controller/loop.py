@@ -22,6 +22,13 @@ from typing import cast, NamedTuple
 
 from ctc_chattering.control.controller import Controller, ControllerConfig, Sample
 from ctc_chattering.controller import timing
+from ctc_chattering.controller.answers import (
+    Answered,
+    AnsweredStates,
+    LEAST_STATES,
+    Rehearsal,
+    shortfall,
+)
 from ctc_chattering.controller.desired_motion import DesiredMotion
 from ctc_chattering.controller.health import ControllerHealth
 from ctc_chattering.controller.positions import (
@@ -82,6 +89,10 @@ class ControlLoop:
         Control period [ns].
     restart_duration, predicted_periods : float, int
         As the parameters of these names [s].
+    least_answered : float
+        As the parameter of this name; 0 until it is set.
+    rehearsal : Rehearsal or None
+        What is measured before the first torque, where time is real; None when it is over.
     took : deque of int
         Processor time of the last answers [ns], to be noted by the caller.
     simulated : bool
@@ -101,6 +112,11 @@ class ControlLoop:
         self._law: Controller | None = None
         self.restart_duration = 0.0
         self.predicted_periods = 0
+        self.least_answered = 0.0
+        self.rehearsal: Rehearsal | None = None
+        self._answers = AnsweredStates(self.period)
+        #: States so far that got no answer.
+        self._unanswered = 0
         self.took: deque[int] = deque(maxlen=_SLOW)
         #: Whether the law has answered the last state, and all that were predicted after it.
         self._goes_on = False
@@ -167,7 +183,8 @@ class ControlLoop:
         times = range(begin, stop.end + self.period, self.period)
         self.motion.extend(times, [stop.at(t) for t in times])
 
-    def take_state(self, state: JointSample, now: int, simulated: bool) -> bool:
+    def take_state(self, state: JointSample, now: int, simulated: bool,
+                   unanswered: int = 0) -> bool:
         """
         Take the next joint state; return whether time begins with it, also the first time.
 
@@ -179,6 +196,8 @@ class ControlLoop:
             When it came, on a clock that only goes forward [ns].
         simulated : bool
             Whether time is simulated.
+        unanswered : int
+            States so far that were skipped for newer ones, or refused as stale.
 
         Raises
         ------
@@ -187,6 +206,7 @@ class ControlLoop:
 
         """
         self.simulated = simulated
+        self._note_missed(unanswered)
         verdict = self._stamps.classify(state.t, now, simulated)
         if verdict not in timing.TAKEN:
             again = verdict == timing.REPEATED and simulated  # By a plant that waits.
@@ -254,7 +274,7 @@ class ControlLoop:
 
         """
         state, law = self._pending, self.law
-        if state is None or law is None or self._is_silent(now):
+        if state is None or law is None or self._is_silent(now) or self.rehearses:
             return None
         allowed = self.mode.allows_torque
         at = law.instant(state.t)
@@ -264,6 +284,8 @@ class ControlLoop:
         if points is None:
             self.motion.pass_over(state.t, driven=allowed)
             self.handle(Input.NO_REFERENCE)
+            return None
+        if self._is_too_slow(self._answers.total, self._answers.window):
             return None
         # Before the first torque it is not known what moved the robot, such as a brake.
         late = 0 if self.simulated or self._too_slow or self._held is None else (
@@ -279,6 +301,63 @@ class ControlLoop:
         self._pending, self._begun, self._goes_on = None, True, True
         self._note(state.t, sample)
         return Answer(state, points[0], sample)
+
+    @property
+    def answered(self) -> Answered:
+        """Return the last states in real time, and those answered in time."""
+        return self._answers.total
+
+    @property
+    def rehearses(self) -> bool:
+        """Whether the loop is measured, or will be with the first states."""
+        return bool(self.rehearsal and self.least_answered and not self.simulated)
+
+    def rehearse(self, now: int) -> bool:
+        """
+        Real time, before the first torque: compute one for the pending state, and send none.
+
+        Return whether one was computed; see `note_answer`.
+        """
+        rehearsal, state = self.rehearsal, self._pending
+        if rehearsal is None or self.last is None:
+            return False
+        rehearsal.begin(now)
+        if not self.rehearses:
+            self.rehearsal = None
+        elif rehearsal.over(now, self._answers.complete):
+            self.rehearsal = None
+            rehearsal.report(self._log)
+            if self.mode.allows_torque:
+                self._is_too_slow(rehearsal.total, LEAST_STATES)
+        elif state is not None and rehearsal.step(state):
+            return True
+        return False
+
+    def _is_too_slow(self, answered: Answered, enough: int) -> bool:
+        """End the torques where too few of `enough` states were answered in time."""
+        reason = shortfall(answered, self.least_answered, enough)
+        if reason:
+            self._trip(reason)
+        return bool(reason)
+
+    def note_answer(self, end: int) -> None:
+        """Real time: count the last state, whose torque is sent or computed at `end` [ns]."""
+        if self.last is None or self.simulated:
+            return
+        in_time = end - self._stamps.arrival(self.last.t) <= self.period
+        self._answers.answer(in_time)
+        if self.rehearsal is not None:
+            self.rehearsal.answer(in_time)
+
+    def _note_missed(self, unanswered: int) -> None:
+        """Count states without an answer, `unanswered` so far, where they should have one."""
+        missed, self._unanswered = unanswered - self._unanswered, unanswered
+        if missed <= 0 or self.simulated:
+            return
+        if self.rehearsal is not None:
+            self.rehearsal.miss(missed)
+        if self.rehearses or self.mode.sends_torque or self.mode is Mode.NO_STATE:
+            self._answers.miss(missed)
 
     def _anchored(self, law: Controller, at: int, state: JointSample) -> JointSample:
         """
@@ -382,6 +461,7 @@ class ControlLoop:
     def _trip(self, reason: str) -> None:
         """End the torques until a reset."""
         self.tripped = reason
+        self._answers.clear()
         self.handle(Input.TRIP)
         self.end_torque()
         self._log.error(f'{reason}; no torque until ~/reset')

@@ -44,6 +44,7 @@ from math import inf
 
 from ctc_chattering.control.controller import Controller, Sample
 from ctc_chattering.control.controller_config import ControllerConfig
+from ctc_chattering.control.laws.base import Stability
 from ctc_chattering.errors import ParameterError
 from ctc_chattering.numerics.linear_algebra import Vector
 from ctc_chattering.numerics.time_grid import NANOSECONDS
@@ -71,13 +72,20 @@ def joint_beyond(e: Vector, limit: Vector) -> int | None:
 
 #: How long a loop may seem out of control [s], and how often that is read [ns].
 PATIENCE, _INTERVAL = 0.2, NANOSECONDS // 50
+#: Longest limit cycle [s].
+LIMIT_CYCLE_S = 1.0
+#: Least frequency of an oscillation [Hz].
+LEAST_FREQUENCY_HZ = 1.0
 #: Part of the bandwidth below which it is worth a word.
 _WORTH_A_WORD = 0.7
 #: The law whose errors must not grow, where `error_limit` is not set.
 WATCHED = 'observer_feedback'
 #: Why the error of a joint grows, or the feedback oscillates.
 _CAUSES = ('the drives may be slower than torque_rate_limit, or later than actuator_lag and '
-           'input_delay say, or ka too small')
+           'input_delay say, ka too small, joints elastic, or a rotor far from that of the model')
+#: Why a loop has a limit cycle, and what to do about it.
+_CYCLE_CAUSES = ('the joints are elastic, or an inertia is far from that of the model, often a '
+                 "rotor's; set resonance, or correct rotor_inertia (docs/safety.md#limit-cycles)")
 
 
 class TripMonitor:
@@ -120,11 +128,27 @@ class TripMonitor:
                 (abs(x) - least, i) for i, (x, least) in enumerate(zip(e, self._least)))
             if grown > LARGEST_GROWTH:
                 return (f'the position error of {self._names[joint]} has grown by {grown:.2f} rad '
-                        f'(set error_limit to allow more than {LARGEST_GROWTH:g} rad); {_CAUSES}')
+                        f'(set error_limit to allow more than {LARGEST_GROWTH:g} rad)'
+                        f'{self._where(law.stability)}; {_CAUSES}')
         self._samples += 1
-        if self._samples % self._interval or law.stability[1] < PATIENCE:
+        if self._samples % self._interval:
             return ''
-        return f'the feedback of {config.law} oscillated; {_CAUSES}'
+        return self._oscillation(config.law, law.stability)
+
+    def _oscillation(self, law: str, state: Stability) -> str:
+        """Return why a feedback that oscillates must end; '' if it need not."""
+        if state.strained >= PATIENCE:
+            return f'the feedback of {law} oscillated{self._where(state)}; {_CAUSES}'
+        if state.cycling >= LIMIT_CYCLE_S:
+            return (f'the feedback of {law} found no bandwidth at which it is calm'
+                    f'{self._where(state)}; {_CYCLE_CAUSES}')
+        return ''
+
+    def _where(self, state: Stability) -> str:
+        """Return which joint oscillates, and how fast; '' if none does."""
+        if state.bandwidth > _WORTH_A_WORD or state.frequency < LEAST_FREQUENCY_HZ:
+            return ''
+        return f': {self._names[state.joint]} oscillates at {state.frequency:.0f} Hz'
 
 
 #: Largest factor by which a number changes at once.
@@ -135,7 +159,7 @@ UNBOUNDED = ('integral', 'momentum_observer', 'super_twisting')
 
 def low_bandwidth(law: Controller) -> list[str]:
     """Return a line if the feedback of a law oscillates so much that it uses less bandwidth."""
-    part, _ = law.stability
+    part = law.stability.bandwidth
     return [] if part > _WORTH_A_WORD else [
         f'the feedback oscillates; the law is down to {100.0 * part:.0f} % of its bandwidth; '
         f'{_CAUSES}']

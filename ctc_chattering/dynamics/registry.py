@@ -95,6 +95,9 @@ class RobotConfig(DescribedConfig):
         ('',), 'Positions of joints not in joint_names, each "name position"; default 0.',
         read_only=True)
     gravity: float = parameter(9.81, 'Acceleration of gravity in G.', 'm/s^2', read_only=True)
+    rotor_inertia: tuple[float, ...] = parameter(
+        0.0, 'Model urdf: inertia of the rotors at the joints, gear ratios squared included; 0 '
+        'for that of the description.', 'kg*m^2', read_only=True)
     compiled: bool = parameter(
         True, 'Use the machine code of `ctc compile` where it is available.', read_only=True)
 
@@ -103,6 +106,9 @@ class RobotConfig(DescribedConfig):
         super().validate()
         check_model(self.model, self.joint_names)
         locked_positions(self.locked)
+        if any(self.rotor_inertia) and not self.described:
+            raise ParameterError('rotor_inertia', self.rotor_inertia,
+                                 '0 without a description of the robot')
 
 
 #: Models that are kept.
@@ -110,7 +116,8 @@ _KEPT = 64
 
 
 def make_model(name: str, gravity: float, joint_names: tuple[str, ...] = ('joint1', 'joint2'),
-               urdf: str = '', locked: Mapping[str, float] | None = None) -> Model:
+               urdf: str = '', locked: Mapping[str, float] | None = None,
+               rotors: Sequence[float] = ()) -> Model:
     """
     Return a model.
 
@@ -126,6 +133,9 @@ def make_model(name: str, gravity: float, joint_names: tuple[str, ...] = ('joint
         Model ``urdf``: the text of the URDF.
     locked : mapping of str to float, optional
         Model ``urdf``: positions of joints that are not in `joint_names`; 0 for those left out.
+    rotors : sequence of float, length n
+        Model ``urdf``: inertias of the rotors at the joints [kg·m²], 0 for those of the URDF;
+        empty for all of the URDF.
 
     Raises
     ------
@@ -142,7 +152,7 @@ def make_model(name: str, gravity: float, joint_names: tuple[str, ...] = ('joint
                            'robot_description')
         from ctc_chattering.dynamics.urdf_model import UrdfModel
         with refused_as('URDF: there is no model of it'):
-            return UrdfModel(urdf, joint_names, gravity, locked)
+            return UrdfModel(urdf, joint_names, gravity, locked, rotors)
     return _own(name, joint_names, gravity)
 
 
@@ -155,12 +165,12 @@ def model_of(config: RobotConfig, description: str = '') -> Model:
     """
     make = _kept if config.model in MODELS else _made
     return make(config.model, config.gravity, config.joint_names, description, config.locked,
-                get_ident())
+                config.rotor_inertia, get_ident())
 
 
 def _made(name: str, gravity: float, joint_names: tuple[str, ...], description: str,
-          locked: tuple[str, ...], _thread: int) -> Model:
-    return make_model(name, gravity, joint_names, description, locked_positions(locked))
+          locked: tuple[str, ...], rotors: tuple[float, ...], _thread: int) -> Model:
+    return make_model(name, gravity, joint_names, description, locked_positions(locked), rotors)
 
 
 _kept = lru_cache(_KEPT)(_made)

@@ -88,6 +88,9 @@ class UrdfModel(Model, LinearModel):
     locked : mapping of str to float, optional
         Positions of other joints [rad or m]; 0 for those left out. A joint that mimics one of
         these goes with it.
+    rotors : sequence of float
+        Inertias of the rotors at the joints [kg·m²], 0 for those of the URDF; empty for all of
+        the URDF.
 
     Attributes
     ----------
@@ -100,7 +103,8 @@ class UrdfModel(Model, LinearModel):
     continuous : tuple of bool, length n
         Which joints are of this type.
     rotor_inertias : tuple of float, length n
-        `rotor_inertia` in <dynamics> of each joint, reflected to the joint, on the diagonal of M.
+        Of the rotor of each joint, reflected to the joint, on the diagonal of M: as given, or
+        `rotor_inertia` in <dynamics>.
 
     Raises
     ------
@@ -111,7 +115,8 @@ class UrdfModel(Model, LinearModel):
     """
 
     def __init__(self, urdf: str, joint_names: Sequence[str], gravity: float = 9.81,
-                 locked: Mapping[str, float] | None = None) -> None:
+                 locked: Mapping[str, float] | None = None, rotors: Sequence[float] = ()
+                 ) -> None:
         pin = pinocchio()
         self.joint_names = tuple(joint_names)
         check_joint_names(self.joint_names)
@@ -123,7 +128,9 @@ class UrdfModel(Model, LinearModel):
         self.velocity_limits = tuple(joint.velocity for joint in joints)
         self.effort_limits = tuple(joint.effort for joint in joints)
         self.continuous = tuple(joint.continuous for joint in joints)
-        self.rotor_inertias = tuple(joint.rotor_inertia for joint in joints)
+        self.rotor_inertias = tuple(
+            rotor or joint.rotor_inertia
+            for joint, rotor in zip(joints, rotors or (0.0,) * len(joints)))
         self.n, self._links = len(joints), tuple(tree.links)
         self.gravity = gravity
         self._pin, self._model = pin, _reduced(pin, tree, stand)

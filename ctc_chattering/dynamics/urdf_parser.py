@@ -121,6 +121,8 @@ class Tree:
 
     Attributes
     ----------
+    name : str
+        Of the robot; empty if it has none.
     links : dict of str to Element
         In the order of the text.
     ends : dict of str to (str, str)
@@ -147,6 +149,7 @@ class Tree:
             raise CtcError(f'URDF: the outermost element is <{robot.tag}>, not <robot>')
         self.unexpanded = tuple(dict.fromkeys(
             element.tag for element in robot.iter() if str(element.tag).startswith(XACRO)))
+        self.name = robot.get('name', '')
         self.links, self._elements = _named(robot, 'link'), _named(robot, 'joint')
         if not self.links:
             advice = '; run xacro on it first' if self.unexpanded else ''

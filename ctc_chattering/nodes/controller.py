@@ -27,9 +27,11 @@ from ctc_chattering.configuration.loop_setup import Values
 from ctc_chattering.configuration.node_parameters import ControllerNodeConfig
 from ctc_chattering.control.controller import Controller, ControllerConfig, LAWS
 from ctc_chattering.control.recommended_gains import GainChoice, GAINS, LAW, model_torque
+from ctc_chattering.controller.answers import Rehearsal
 from ctc_chattering.controller.loop import Answer, ControlLoop
 from ctc_chattering.controller.positions import JointSample
 from ctc_chattering.controller.state_machine import Input, Mode
+from ctc_chattering.controller.timing import STALE
 from ctc_chattering.controller.trips import check_change, missing_limits
 from ctc_chattering.dynamics.registry import model_of
 from ctc_chattering.errors import RejectedMessage
@@ -112,6 +114,8 @@ class ControllerNode(LoopNode[ControllerNodeConfig]):
         law = self._loop.law = Controller(self.config, model)
         self._gains.torque = model_torque(self.config, model)
         self._take_recommended_gains()
+        self._loop.rehearsal = Rehearsal(
+            Controller(self.config, model), self._loop.period, self._loop.watchdog.timeout)
         step = law.compiled_step()
         if step is not None and not all(code.compiled for code in step.codes):
             self.get_logger().info(f'law {self.config.law}: {HOW_TO_COMPILE}')
@@ -121,11 +125,19 @@ class ControllerNode(LoopNode[ControllerNodeConfig]):
             self._described = self.create_publisher(
                 String, f'~/{ROBOT_DESCRIPTION}', qos(1, latched=True))
             self._described.publish(String(data=description))
-        reference = ValidatedSubscription(
-            self, JointTrajectory, REFERENCE, self._on_reference, qos())
-        states = ValidatedSubscription(
-            self, JointState, JOINT_STATES, self._on_state, qos(), state_reader(), newest=False)
-        self.inputs = [states, reference]
+        self.inputs = [ValidatedSubscription(
+            self, JointState, JOINT_STATES, self._on_state, qos(), state_reader(), newest=False)]
+        self._listen_to_reference()
+
+    def _listen_to_reference(self) -> None:
+        """
+        Subscribe to the reference, once the loop has been measured.
+
+        A reference that waits for its subscriber then begins its motion with the torques.
+        """
+        if len(self.inputs) == 1 and not self._loop.rehearses:
+            self.inputs.append(ValidatedSubscription(
+                self, JointTrajectory, REFERENCE, self._on_reference, qos()))
 
     @property
     def in_real_time(self) -> bool:
@@ -157,7 +169,9 @@ class ControllerNode(LoopNode[ControllerNodeConfig]):
         if self._loop.last is None:
             self._clock_published = self.count_publishers(CLOCK) > 0
         self.lockstep, self.inputs[0].newest = self._clock_published, not self._clock_published
-        if self._loop.take_state(JointSample(state.t, q, dq), now, self._clock_published):
+        unanswered = self.inputs[0].skipped + self.inputs[0].rejected[STALE]
+        if self._loop.take_state(
+                JointSample(state.t, q, dq), now, self._clock_published, unanswered):
             self._samples = 0
             self.parameters.changed = True
             self.get_logger().info(
@@ -167,6 +181,10 @@ class ControllerNode(LoopNode[ControllerNodeConfig]):
     def idle(self) -> None:
         """Answer a state that waits; end the torques when no state comes."""
         self._clock_published = self.count_publishers(CLOCK) > 0
+        if self._clock_published:
+            self._loop.rehearsal = None
+        if self.inputs:
+            self._listen_to_reference()
         now = time.monotonic_ns()
         if self.in_real_time:
             self._loop.check_silence(now)
@@ -189,6 +207,9 @@ class ControllerNode(LoopNode[ControllerNodeConfig]):
     def _answer(self, now: int) -> None:
         """Have the pending state answered, and publish what the torque is made of."""
         begin = time.thread_time_ns()
+        if self._loop.rehearse(now):
+            self._loop.note_answer(time.monotonic_ns())
+            return
         self._matched = self._matched or self.matched(self._commands, *self._terms)
         try:
             answer = self._loop.answer(self._matched, now)
@@ -213,6 +234,7 @@ class ControllerNode(LoopNode[ControllerNodeConfig]):
         if self.parameters.changed:
             self.parameters.announce(answer.state.t)
         end = time.monotonic_ns()
+        self._loop.note_answer(end)
         self.statistics.sample(now, end)
         if self.in_real_time and end - now > self._loop.period:
             self.statistics.misses += 1
@@ -276,6 +298,7 @@ class ControllerNode(LoopNode[ControllerNodeConfig]):
         """Have the law take what has been set."""
         self._loop.restart_duration = self.config.restart_duration
         self._loop.predicted_periods = self.config.predicted_periods
+        self._loop.least_answered = self.config.least_answered
         if self._loop.law is not None:
             self._loop.law.configure(self.config)
 
@@ -294,6 +317,7 @@ class ControllerNode(LoopNode[ControllerNodeConfig]):
             'computed by': loop.law.computed_by if loop.law else '',
             'points of the reference': len(loop.motion),
             'saturated samples': loop.health.saturated, 'restarts': loop.health.restarts,
+            'states answered in time': '{1} of {0}'.format(*loop.answered),
             'timeouts, state': loop.watchdog.outages,
             'timeouts, reference': loop.reference_outages,
             'time': 'simulated' if loop.simulated else 'real'})

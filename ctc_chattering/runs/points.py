@@ -346,8 +346,8 @@ def row_of(found: Score, n: int, failure: Failure, without: str = 'diverged') ->
     row.update({f'{key}_{i}': x for name, (key, _) in PER_JOINT.items()
                 for i, x in enumerate(getattr(found, name), 1)})
     row.update({key: getattr(found, name) for name, (key, _) in OVERALL.items()})
-    row.update(error=found.error, variation=max(found.variation), saturated=found.saturated,
-               slips=max(found.slips))
+    row.update(error=found.error, error_share=found.error_share, variation=max(found.variation),
+               saturated=found.saturated, slips=max(found.slips))
     row['failure'], row['reason'] = _judged(row, failure)
     return {name: x if isinstance(x, str) or (x is not None and isfinite(x)) else None
             for name, x in row.items()}
@@ -355,6 +355,9 @@ def row_of(found: Score, n: int, failure: Failure, without: str = 'diverged') ->
 
 def _judged(row: Mapping[str, Any], failure: Failure) -> tuple[str, str]:
     """Return kind and reason of a failure; empty for none."""
+    if row['error_share'] > failure.error_share_above:
+        return 'error', (f'{100.0 * row["error_share"]:.3g} % of the amplitude of the motion > '
+                         f'{100.0 * failure.error_share_above:g} %')
     for kind, most in (('error', failure.error_above), ('saturated', failure.saturated_above),
                        ('slips', failure.slips_above)):
         if row[kind] > most:

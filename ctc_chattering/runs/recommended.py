@@ -162,11 +162,9 @@ def recommended_ka(setup: Setup) -> list[float]:
 
 def recommended(setup: Setup) -> dict[str, Any]:
     """Return the recommended law and its gains for a robot whose drives are known."""
-    gains = recommended_gains.recommended_gains(setup.controller)
     resolution = max(*setup.plant.encoder_resolution, *setup.plant.position_noise)
-    bandwidth = recommended_gains.estimator_bandwidth(0.5 * gains['kv'][0], resolution)
-    return {'law': recommended_gains.LAW, **gains, 'estimator_bandwidth': bandwidth,
-            'ka': recommended_ka(setup)}
+    gains = recommended_gains.recommended_gains(setup.controller, resolution=resolution)
+    return {'law': recommended_gains.LAW, **gains, 'ka': recommended_ka(setup)}
 
 
 def recommended_setup(setup: Setup, law: str) -> Setup:

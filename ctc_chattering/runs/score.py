@@ -21,7 +21,7 @@ import dataclasses
 from math import inf, isfinite
 from typing import Any, NamedTuple
 
-from ctc_chattering.analysis.metrics import metrics, WINDOW, within
+from ctc_chattering.analysis.metrics import error_shares, metrics, WINDOW, within
 from ctc_chattering.analysis.result import Result, simulate
 from ctc_chattering.compiled.machine_code import MACHINE_CODE, PLAIN_PYTHON
 from ctc_chattering.configuration.loop_setup import Setup
@@ -60,8 +60,8 @@ class Score(NamedTuple):
 
     In the window: RMS of the error [rad] and the torque [N·m], torque variation [N·m/s], largest
     step [N·m] and rate [N·m/s] of the torque sent, largest Σ |e_i| [rad], number of missing
-    samples, the part of the samples with a torque at its limit, and stick-slips a second where the
-    reference rests. In the whole run: largest
+    samples, the part of the samples with a torque at its limit, stick-slips a second where the
+    reference rests, and the largest of the joints' `error_shares`. In the whole run: largest
     torque [N·m] and rate [N·m/s], and the time when v is reached [s]. `failure` says why there are
     none of these, and `engine` how it was simulated, by `MACHINE_CODE` or `PLAIN_PYTHON`; empty
     where it failed.
@@ -79,6 +79,7 @@ class Score(NamedTuple):
     missing: int | None = None
     saturated: float | None = None
     slips: Joints = ()
+    error_share: float = 0.0
     failure: str = ''
     engine: str = ''
 
@@ -148,6 +149,7 @@ def _numbers(run: Run, setup: Setup, window: tuple[float, float], period: float 
     near = dt < 1.5 * setup.controller.control_period
     return made._replace(
         slips=tuple(slips_at_rest(run, window).tolist()),
+        error_share=float(error_shares(run, made.rms).max()),
         peak=tuple(tau.max(axis=0).tolist()), saturated=float(at_limit.any(axis=1).mean()),
         peak_rate=tuple(np.where(near, step / dt, 0.0).max(axis=0).tolist()))
 
@@ -181,8 +183,8 @@ def limits(setup: Setup) -> list[float]:
 WHICH = ('run', 'point', 'repeat', 'seed', 'variant', 'law', 'switching')
 #: What came of it, and the numbers that sum it up; without a number where it failed.
 _RESULT = {**dict.fromkeys(('engine', 'failure', 'reason'), (TEXT, '')),
-           'error': (NUMBER, 'rad'), 'variation': (NUMBER, 'N*m/s'), 'saturated': (NUMBER, ''),
-           'slips': (NUMBER, '1/s')}
+           'error': (NUMBER, 'rad'), 'error_share': (NUMBER, ''),
+           'variation': (NUMBER, 'N*m/s'), 'saturated': (NUMBER, ''), 'slips': (NUMBER, '1/s')}
 
 
 def of_results(n: int) -> dict[str, tuple[str, str]]:

@@ -24,6 +24,7 @@ from math import inf, prod
 from pathlib import Path
 from typing import Any
 
+from ctc_chattering.analysis.metrics import WARN_ERROR_SHARE
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.configuration.loop_setup import Setup
 from ctc_chattering.configuration.node_parameters import LOOP
@@ -310,11 +311,17 @@ class Failure(Config):
     """What counts as a failure besides a run that diverges or is refused."""
 
     error_above: float = parameter(inf, 'RMS error of any joint in the window.', 'rad')
+    error_share_above: float = parameter(
+        inf, 'RMS error of any joint in the window, as a part of the amplitude of its motion.')
     saturated_above: float = parameter(
         1.0, 'Part of the samples in the window with a torque at its limit.', maximum=1.0)
     slips_above: float = parameter(inf, 'Stick-slips of any joint in a second of rest.', '1/s')
     not_reached: bool = parameter(
         False, 'Whether v that never stays within its band is a failure.')
+
+
+#: Where a spec names no failure: an error of which `simulate` warns.
+USUAL_FAILURE = Failure(error_share_above=WARN_ERROR_SHARE)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -445,8 +452,8 @@ def parse(tree: object, path: Path) -> MapSpec:
     uncertain = _quantities(values, 'uncertain', read_uncertain, (
         *taken, *(axis.name for axis in axes)))
     with prefixed('failure.'):
-        failure = Failure.from_mapping(mapping(
-            'failure', values.get('failure', {}), tuple(Failure.parameters())))
+        failure = USUAL_FAILURE if 'failure' not in values else Failure.from_mapping(mapping(
+            'failure', values['failure'], tuple(Failure.parameters())))
     spec = MapSpec(
         path.stem, setup, _window(values, setup.plant.duration), _variants(values, setup),
         axes, uncertain,

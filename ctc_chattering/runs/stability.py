@@ -46,6 +46,7 @@ from ctc_chattering.numerics.time_grid import period_ns, seconds
 from ctc_chattering.parameters import matrix
 from ctc_chattering.runs.recommended import desired_points
 import numpy as np
+from scipy.linalg import eigh  # type: ignore[import-untyped]
 from scipy.optimize import bisect, minimize_scalar  # type: ignore[import-untyped]
 
 #: Velocity of the motion [rad/s], and its samples, besides the delay, before the one that counts.
@@ -329,6 +330,11 @@ class Loops:
     delay: int
     differenced: bool
 
+    @property
+    def joints_are_equal(self) -> bool:
+        """Whether one joint stands for all, so that eigenvalues of M̂ M⁻¹ decide."""
+        return self.masses[0].shape == (1, 1)
+
     @cached_property
     def all(self) -> list[SampledLoop]:  # noqa: A003
         """Return the loops."""
@@ -425,7 +431,7 @@ def loops_of(setup: Setup) -> Loops:
     if equal:
         return dataclasses.replace(
             loops, laws=[one_joint(law)], masses=[eye[:1, :1]], lag=lags[:1])
-    masses = _masses(setup)
+    masses = masses_of(setup)
     return dataclasses.replace(
         loops, laws=[linear_law(config, mass) for mass in masses], masses=masses)
 
@@ -449,7 +455,13 @@ def _equal(config: ControllerConfig, lags: Array) -> bool:
             and all(len({*getattr(config, name)}) == 1 for name in ('ki',) if config.takes(name)))
 
 
-def _masses(setup: Setup) -> list[Array]:
+def outside(span: StableRange, assumed: Array, actual: Array) -> float:
+    """Return how far the eigenvalues of M̂ M⁻¹ exceed an interval, as a ratio; below 1 inside."""
+    ratios = eigh(assumed, actual, eigvals_only=True)
+    return float(max(ratios[-1] / span.high, span.low / ratios[0]))
+
+
+def masses_of(setup: Setup) -> list[Array]:
     """Return M̂ at instants of the motion."""
     model = model_of(setup.controller, setup.descriptions.get('controller', ''))
     return [np.array(model.mass_matrix(q)) for q, _, _ in desired_points(
@@ -525,15 +537,16 @@ def rows(found: Margins, period: float) -> Iterator[tuple[str, str]]:
         yield 'slowest time constant, model exact', f'{_digits(slowest, up=True)} ms'
     else:
         yield 'model exact', f'unstable: a pole at {found.radius:.3g}'
-    yield 'M of the model / M of the robot, constant', _span(found.ratios)
-    yield 'the same, varying (guaranteed)', _span(found.guaranteed)
+    yield 'M of the model / M of the robot, constant', span_text(found.ratios)
+    yield 'the same, varying (guaranteed)', span_text(found.guaranteed)
     for ratio, lags, delays in zip(RATIOS, found.lags, found.delays):
         at = '' if ratio == 1.0 else f', model {ratio:g} M'
-        yield f'lag of the drives{at}', _span(lags, 1e3, ' ms')
+        yield f'lag of the drives{at}', span_text(lags, 1e3, ' ms')
         yield f'delay{at}', f'{_counts(delays)} samples' if delays else 'none'
 
 
-def _span(found: StableRange | None, factor: float = 1.0, unit: str = '') -> str:
+def span_text(found: StableRange | None, factor: float = 1.0, unit: str = '') -> str:
+    """Return an interval, rounded inwards."""
     if found is None:
         return 'none'
     low, high = (_digits(factor * x, up) for x, up in zip(found, (True, False)))

@@ -40,7 +40,15 @@ from ctc_chattering.input_files import read_text
 from ctc_chattering.parameters import LEAST
 from ctc_chattering.runs.recommended import recommended_setup
 from ctc_chattering.runs.score import limits
-from ctc_chattering.runs.spec import errors_of, KEYS, MapSpec, parse, read_law, read_value
+from ctc_chattering.runs.spec import (
+    errors_of,
+    Failure,
+    KEYS,
+    MapSpec,
+    parse,
+    read_law,
+    read_value,
+)
 
 #: What is uncertain of model, of friction, and of lag and noise that the file has.
 _MODEL: dict[str, Any] = {'parameters': ['controller.inertia_scale', 'controller.gravity_scale'],
@@ -261,8 +269,9 @@ def parse_tune(tree: object, path: Path) -> TuneSpec:
     values = {**file.values, 'bringup': {**file.values['bringup'], 'events': ['']},
               'plant': {**file.values['plant'], 'duration': own.plant.duration}}
     found = TuneSpec(**{
-        **vars(spec), 'setup': setup, 'variants': (variant,)}, file=file, values=values,
-        limits=_limits(section, setup), ranges=_ranges(section.get('search') or {}, setup))
+        **vars(spec), 'setup': setup, 'variants': (variant,), 'failure': Failure()},
+        file=file, values=values, limits=_limits(section, setup),
+        ranges=_ranges(section.get('search') or {}, setup))
     _check(found)
     return found
 

@@ -17,8 +17,9 @@
 from __future__ import annotations
 
 import ctypes
-from math import inf, nan, pi
+from math import inf, nan, pi, sin
 from pathlib import Path
+import re
 import shutil
 import subprocess
 from typing import Any
@@ -286,6 +287,33 @@ def test_an_error_that_grows_trips_where_the_node_does(tmp_path: Path) -> None:
         assert law.step(*rows) == expected
     assert 'has grown by' in reason
     assert count > 40
+
+
+@pytest.mark.slow
+def test_a_limit_cycle_trips_where_the_node_does(tmp_path: Path) -> None:
+    """
+    A joint that oscillates at 20 Hz whatever its torque is, after half a second at rest.
+
+    C looks at each sample, the node each 20 ms.
+    """
+    robot = robot_of('friction', 'observer_feedback', kp=[1e4] * 2, kv=[200.0] * 2)
+    law, controller = Law(robot, tmp_path), controller_of(robot)
+    trips = TripMonitor(robot.config.joint_names, 1_000_000)
+    law.call('init')
+    reason, count, tripped = '', 0, 0
+    while not reason and count < 3000:
+        rows: list[Any] = [
+            [0.0, 0.003 * sin(0.04 * pi * max(count - 500, 0))], *[[0.0, 0.0]] * 4]
+        sample = controller.step(*rows)
+        if not tripped:
+            answer = law.step(*rows)
+            tripped = count if answer[0] == OSCILLATION else 0
+            assert answer == ((OSCILLATION, [0.0, 0.0]) if tripped else (OK, sample.tau))
+        reason, count = trips.check(controller, sample), count + 1
+    shown = re.search(r'joint. oscillates at (\d+) Hz; the joints are elastic', reason)
+    assert shown is not None, reason
+    assert 18 <= int(shown[1]) <= 22
+    assert 1500 < tripped <= count < tripped + 21
 
 
 @pytest.mark.parametrize('law', ['implicit_observer', *(

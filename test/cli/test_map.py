@@ -26,6 +26,7 @@ import subprocess
 import sys
 from typing import Any
 
+from ctc_chattering.analysis.result import simulate
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.output_files import held, LIST
 from ctc_chattering.runs import store
@@ -33,10 +34,13 @@ from ctc_chattering.runs.points import Runs
 from ctc_chattering.runs.spec import read_spec
 from ctc_commands import ctc, refused, ROOT
 from map_specs import BRIEF, written
+import pandas  # type: ignore[import-untyped]
 import psutil  # type: ignore[import-untyped]
 import pyarrow
 import pytest
 from stopwatch import PATIENCE
+from urdfs import two_links
+import yaml
 
 
 @contextmanager
@@ -190,3 +194,38 @@ def test_a_cluster_gives_the_same_bytes_and_its_end_is_a_line(tmp_path: Path) ->
     assert process.returncode == 1
     assert 'ctc map: the scheduler is lost; ' in output.splitlines()[-1]
     assert 'Traceback' not in output
+
+
+def test_without_a_failure_in_the_spec_a_payload_that_costs_a_tenth_of_the_motion_fails(
+        tmp_path: Path) -> None:
+    """In the table and the headline; `ctc simulate` warns of the same run, and of no other."""
+    (tmp_path / 'arm.urdf').write_text(two_links())
+    (tmp_path / 'arm.yaml').write_text(yaml.safe_dump({
+        '/**': {'ros__parameters': {
+            'joint_names': ['a', 'b'], 'model': 'urdf', 'description': str(tmp_path / 'arm.urdf'),
+            'compiled': False}},
+        'plant': {'ros__parameters': {'initial_position': [0.0, 0.5], 'coulomb_friction': 0.0}},
+        'controller': {'ros__parameters': {'law': 'compensation'}},
+        'reference': {'ros__parameters': {'center': [0.0, 0.5], 'frequency': [0.4, 0.4]}}}))
+    spec = tmp_path / 'load.yaml'
+    spec.write_text(yaml.safe_dump({
+        'params_file': 'arm.yaml', 'duration': 2.0,
+        'axes': {'payload': {'parameter': 'plant.payload', 'values': [0, 5]}}}))
+    done = ctc('map', spec, '--out', tmp_path / 'map', '--jobs', 1)
+    assert done.returncode == 0, done.stderr
+    fine, bad = pandas.read_parquet(tmp_path / 'map' / 'map.parquet').to_dict('records')
+    assert (fine['failure'], bad['failure']) == ('', 'error')
+    assert fine['error_share'] < 0.1 < bad['error_share']
+    assert bad['reason'].endswith(' % of the amplitude of the motion > 10 %')
+    page = (tmp_path / 'map' / 'index.html').read_text(encoding='utf-8')
+    assert 'compensation fails in 50.0 % of the runs' in page
+
+    warned = [any('% of the amplitude of the motion' in note for note in simulate(
+        read_spec(spec).setup.changed({'plant': {'payload': x}})).metrics()['notes'])
+        for x in (0.0, 5.0)]
+    assert warned == [False, True]
+
+    spec.write_text(spec.read_text(encoding='utf-8') + 'failure: {}\n', encoding='utf-8')
+    done = ctc('map', spec, '--out', tmp_path / 'diverged', '--jobs', 1)
+    page = (tmp_path / 'diverged' / 'index.html').read_text(encoding='utf-8')
+    assert 'compensation fails in 0.0 % of the runs' in page

@@ -58,6 +58,23 @@ def test_all_poles_are_where_the_bandwidth_says() -> None:
     np.testing.assert_allclose(np.linalg.matrix_power(rest, 4), 0.0, atol=1e-12)
 
 
+def test_without_a_slope_three_poles_are_where_the_bandwidth_says() -> None:
+    """Check (A - θ)³ = 0 as above; the slope stays 0."""
+    made = state_observer(drive_model(NONE, np.full(2, math.inf), H), BANDWIDTH, WIDE, False)
+    columns, scale = [], np.eye(6)
+    for i, unit in enumerate((np.eye(2), np.eye(2) / H, MASS / H ** 2)):
+        scale[2 * i:2 * i + 2, 2 * i:2 * i + 2] = unit
+    for unit in np.eye(6):
+        moved = made.predict(at(*(scale @ unit).reshape(3, 2)), MASS, NONE, NONE, NONE)
+        found = made.correct(moved, MASS, NONE)
+        assert (found.slope == 0.0).all()
+        columns.append(np.linalg.solve(scale, np.concatenate(
+            [found.q, found.dq, found.perturbation])))
+    rest = np.array(columns).T - math.exp(-BANDWIDTH * H) * np.eye(6)
+    assert np.abs(np.linalg.matrix_power(rest, 2)).max() > 1e-3
+    np.testing.assert_allclose(np.linalg.matrix_power(rest, 3), 0.0, atol=1e-12)
+
+
 def test_friction_that_does_not_hold_both_joints() -> None:
     """Check dq⁺ = 0 or friction at its level, by enumeration over random coupled masses."""
     rng, made, mixed = np.random.default_rng(3), observer(), 0

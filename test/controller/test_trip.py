@@ -17,6 +17,7 @@
 from __future__ import annotations
 
 import math
+import re
 from typing import Any
 
 from ctc_chattering.control.adaptation import Oscillation, oscillation_guard
@@ -33,12 +34,16 @@ MS, ZERO = 1_000_000, [0.0, 0.0]
 QUIET = Sample(ZERO, ZERO, ZERO, ZERO, ZERO, ZERO, ZERO, None)
 
 
-def at(part: float, strained: float = 0.0, law: str = 'observer_feedback') -> Controller:
-    """Return a controller at a part of its bandwidth that has been too much for a time [s]."""
+def at(part: float, strained: float = 0.0, law: str = 'observer_feedback', cycling: float = 0.0
+       ) -> Controller:
+    """Return a controller at a part of its bandwidth, with times of oscillation [s]."""
     made = Controller(ControllerConfig(law=law, compiled=False))
     memory = made.memories.law
     if isinstance(memory, Memory):
-        oscillation = memory.oscillation._replace(retreat=math.log(part), strained=strained)
+        oscillation = memory.oscillation._replace(
+            retreat=math.log(part), strained=strained, cycling=cycling,
+            last=np.array([0.0, 9.0]), second_last=np.array([0.0, 8.0]),
+            frequency=np.array([3.0, 21.2]))
         made.memories = made.memories._replace(law=memory._replace(oscillation=oscillation))
     return made
 
@@ -47,7 +52,7 @@ def test_how_long_a_strong_feedback_was_not_helped() -> None:
     """Check that it counts where f exceeds 3 Ka, from s = 0.2 on, and from 0 after a weak one."""
     zero, ka = np.zeros(2), np.array([60.0, 30.0])
     guard = oscillation_guard(ka, np.array([5e3, 1e3]), np.full(2, 100.0), 1e-3)
-    state = Oscillation(zero, zero, zero, zero, math.log(0.15), 0.0)
+    state = Oscillation(zero, zero, zero, zero, math.log(0.15), 0.0, zero, 0.0, 0.0)
     for _ in range(100):
         state = guard.noticed(state, np.array([0.0, 91.0]), zero)
     assert state.strained == pytest.approx(0.1)
@@ -67,8 +72,41 @@ def test_a_fifth_of_a_second_out_of_control_trips(period: int) -> None:
     monitor = TripMonitor(['a', 'b'], period)
     assert checked(monitor, at(0.1, 0.19), 100) == ''
     found = checked(monitor, at(0.1, 0.21), max(20 * MS // period, 1))
-    assert found.startswith(
-        'the feedback of observer_feedback oscillated; the drives may be slower')
+    assert found.startswith('the feedback of observer_feedback oscillated: b oscillates at 21 Hz; '
+                            'the drives may be slower')
+
+
+def test_a_second_of_a_limit_cycle_trips_with_joint_and_frequency() -> None:
+    monitor = TripMonitor(['a', 'b'], MS)
+    assert checked(monitor, at(0.4, cycling=0.99), 100) == ''
+    assert checked(monitor, at(0.4, cycling=1.0), 20) == (
+        'the feedback of observer_feedback found no bandwidth at which it is calm: b oscillates '
+        'at 21 Hz; the joints are elastic, or an inertia is far from that of the model, often a '
+        "rotor's; set resonance, or correct rotor_inertia (docs/safety.md#limit-cycles)")
+
+
+def limit_cycle(retreat: float, amplitude: float, frequency: float, duration: float
+                ) -> Oscillation:
+    """Return what a guard remembers of a feedback of joint b that oscillates at a bandwidth."""
+    zero, ka = np.zeros(2), np.array([60.0, 30.0])
+    guard = oscillation_guard(ka, np.array([5e3, 1e9]), np.full(2, 100.0), 1e-3)
+    state = Oscillation(zero, zero, zero, zero, retreat, 0.0, zero, 0.0, 0.0)
+    for k in range(round(duration * 1e3)):
+        f = amplitude * math.sin(2.0 * math.pi * frequency * 1e-3 * k)
+        state = guard.noticed(state, np.array([0.0, f]), zero)._replace(retreat=retreat)
+    assert guard.cycling_joint(state) == 1
+    return state
+
+
+@pytest.mark.parametrize('frequency', [21.0, 60.0])
+def test_a_limit_cycle_is_timed_and_its_frequency_measured(frequency: float) -> None:
+    """A quarter of Ka, a wave after which a half-wave has faded; less, or more bandwidth, not."""
+    least = 0.25 * 30.0 * math.exp(10.0 / frequency)
+    state = limit_cycle(math.log(0.5), 1.3 * least, frequency, 2.0)
+    assert state.cycling == pytest.approx(2.0, abs=0.4)
+    assert state.frequency[1] == pytest.approx(frequency, rel=0.15)
+    assert limit_cycle(math.log(0.5), 0.7 * least, frequency, 2.0).cycling == 0.0
+    assert limit_cycle(math.log(0.8), 1.3 * least, frequency, 2.0).cycling == 0.0
 
 
 def test_a_loop_that_found_its_bandwidth_goes_on_with_a_warning() -> None:
@@ -114,6 +152,32 @@ def test_drives_that_are_too_slow_trip_before_the_loop_diverges(
     found, error = trip_of(rate, **gains)
     assert found.startswith(reason) and bool(found) == bool(reason)
     assert error <= 1.0 or not reason
+
+
+@pytest.mark.slow
+def test_an_elastic_arm_trips_within_two_seconds_with_joint_and_frequency() -> None:
+    """The frequency is that of the largest part of the torque's spectrum."""
+    motion = Sinusoid(ReferenceConfig())
+    start = motion.at(0)
+    law = Controller(ControllerConfig.from_mapping({
+        'law': 'observer_feedback', 'ka': [60.0, 30.0], **HIGH}))
+    plant = Plant(PlantConfig.from_mapping({
+        'coulomb_friction': [9.9] * 2, 'joint_stiffness': [6e4, 6e3], 'joint_damping': [20.0, 2.0],
+        'motor_inertia': [2.0, 0.2], 'encoder_side': 'link', 'initial_position': list(start[0]),
+        'initial_velocity': list(start[1])}))
+    monitor, reason = TripMonitor(['a', 'b'], MS), ''
+    torques: list[Any] = []
+    while not reason and len(torques) < 2000:
+        sample = law.step(*plant.measured, *motion.at(len(torques) * MS))
+        reason = monitor.check(law, sample)
+        torques.append(sample.tau)
+        plant.step(sample.tau)
+    shown = re.search(r'no bandwidth at which it is calm: (a|b) oscillates at (\d+) Hz', reason)
+    assert shown is not None, reason
+    last = np.array(torques)[-512:, 'ab'.index(shown[1])]
+    spectrum = np.abs(np.fft.rfft((last - last.mean()) * np.hanning(512)))
+    peak = np.fft.rfftfreq(512, 1e-3)[spectrum.argmax()]
+    assert float(shown[2]) == pytest.approx(peak, rel=0.25)
 
 
 def test_the_error_limit_comes_first() -> None:

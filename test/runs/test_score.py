@@ -154,6 +154,8 @@ def test_the_numbers_are_those_of_the_true_states(way: str) -> None:
     step = np.abs(np.diff(tau, axis=0))
     expected = {
         'error': np.sqrt((e ** 2).mean(axis=0)).max(),
+        'error_share': (np.sqrt((e ** 2).mean(axis=0)) / (0.5 * (
+            run.q_d.max(axis=0) - run.q_d.min(axis=0)))).max(),
         'variation': (step.sum(axis=0) / 0.1).max(), 'saturated': 0.0,
         'rms_error_rad_1': np.sqrt((e[:, 0] ** 2).mean()),
         'rms_torque_nm_2': np.sqrt((tau[:, 1] ** 2).mean()),
@@ -194,6 +196,8 @@ def test_the_first_limit_that_is_exceeded_is_named() -> None:
     error = found['error']
     assert kind(error_above=0.99 * error) == 'error'
     assert kind(error_above=1.01 * error) == ''
+    assert kind(error_share_above=0.99 * found['error_share']) == 'error'
+    assert kind(error_share_above=1.01 * found['error_share']) == ''
     assert kind(saturated_above=0.99 * part) == 'saturated'
     assert kind(saturated_above=1.01 * part) == ''
     assert kind(saturated_above=0.99 * part, error_above=0.99 * error) == 'error'

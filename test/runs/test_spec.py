@@ -21,10 +21,19 @@ from pathlib import Path
 import re
 from typing import Any
 
+from ctc_chattering.analysis.metrics import WARN_ERROR_SHARE
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.errors import CtcError, ParameterError
 from ctc_chattering.runs.recommended import recommended_setup
-from ctc_chattering.runs.spec import applied, check, KEYS, read_axis, read_spec, read_uncertain
+from ctc_chattering.runs.spec import (
+    applied,
+    check,
+    Failure,
+    KEYS,
+    read_axis,
+    read_spec,
+    read_uncertain,
+)
 from map_specs import SMALL, spec, written
 import numpy as np
 import pytest
@@ -49,7 +58,8 @@ def test_every_key_is_in_the_docs_and_means_what_they_say(tmp_path: Path) -> Non
     assert [x.name for x in found.uncertain] == ['model', 'lag']
     assert found.repeats.as_mapping() == {'sampling': 'sobol', 'repeats': 16, 'seed': 0}
     assert found.failure.as_mapping() == {
-        'error_above': 0.01, 'saturated_above': 0.05, 'not_reached': True, 'slips_above': 1.0}
+        'error_above': 0.01, 'error_share_above': 0.2, 'saturated_above': 0.05,
+        'not_reached': True, 'slips_above': 1.0}
     assert [(x.name, x.law, x.switching, x.recommended) for x in found.variants] == [
         ('compensation', 'compensation', '', False),
         ('chattering sign', 'chattering', 'sign', False),
@@ -64,7 +74,9 @@ def test_defaults() -> None:
     assert found.window == (1.0, 2.0)
     assert [x.name for x in found.variants] == ['chattering sign']
     assert (found.shape, found.runs) == ((), 1)
-    assert found.failure.error_above == inf
+    assert found.failure == Failure(error_share_above=WARN_ERROR_SHARE)
+    assert spec(failure={}).failure == Failure()
+    assert spec(failure={'slips_above': 1.0}).failure.error_share_above == inf
 
 
 def test_paths_count_from_the_spec(tmp_path: Path) -> None:
@@ -114,7 +126,7 @@ def test_a_law_is_recommended_as_docs_say() -> None:
      ['x = -1', 'actuator_lag', '>= 0']),
     ({'sampling': 'halton'}, ['sampling', "'halton'", 'random | latin_hypercube | sobol']),
     ({'failure': 3}, ['failure', '3', 'error_above']),
-    ({'failure': {'error': 3}}, ["'error'", 'error_above, saturated_above']),
+    ({'failure': {'error': 3}}, ["'error'", 'error_above, error_share_above, saturated_above']),
     ({'repeats': 9_999_999}, ['119999988 runs', '6 points, 2 laws', 'allowed: 10000000'])])
 def test_bad_specs(tmp_path: Path, changes: dict[str, Any], words: list[str]) -> None:
     """Check a line with the file, the key, its value and what is allowed."""

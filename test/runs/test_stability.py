@@ -121,6 +121,22 @@ def test_the_real_arm_is_stable_where_the_theorem_says() -> None:
         assert (error < 3e-3) == stays, (ratio, error)
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize('friction', [0.0, 9.9])
+def test_with_enough_ka_the_upper_bound_is_sharp(friction: float) -> None:
+    """At 0.99 of it the arm follows as with an exact model, at 1.02 it oscillates."""
+    setup = read_spec(find_config('stability', folder='maps')).setup
+    law = {**REAL_ARM, 'ka': [600.0, 300.0], 'estimator_bandwidth': 100.0}
+    span = loops(law, LAG, 1).ratios()
+    assert span is not None
+    inside, beyond = (score(setup.changed({
+        'controller': {**law, 'inertia_scale': ratio * span.high},
+        'plant': {'actuator_lag': [LAG] * 2, 'coulomb_friction': [friction] * 2}}),
+        (4.0, 6.0)).error for ratio in (0.99, 1.02))
+    assert inside < 1e-4
+    assert beyond > 4.0 * inside
+
+
 @pytest.mark.parametrize(('switching', 'bandwidth', 'most'), [
     ('implicit', 1.0, 2.0), ('implicit_observer', 200.0, 4.0 / (3.0 - exp(-0.2)))])
 def test_bounds_that_have_a_closed_form(switching: str, bandwidth: float, most: float) -> None:
@@ -129,6 +145,28 @@ def test_bounds_that_have_a_closed_form(switching: str, bandwidth: float, most: 
                   'kv': [0.2] * 2, 'lambda': 1e-2}).ratios()
     assert span is not None
     assert span.high == pytest.approx(most, rel=2e-3)
+
+
+def largest_root(c: float, ratio: float) -> float:
+    """Return the largest real part of a root of (SO4), in units of p."""
+    exact = np.poly([-1.0] * 2 + [-ratio] * 3)
+    more = [(ratio + 6.0) * ratio + 3.0, (2.0 * ratio + 3.0) * ratio, ratio ** 2]
+    return float(np.roots(exact + (c - 1.0) * ratio * np.array([0.0] * 3 + more)).real.max())
+
+
+@pytest.mark.parametrize('ratio', [1.0, 2.0, 4.0])
+def test_without_a_slope_the_bounds_are_those_of_the_polynomial(ratio: float) -> None:
+    """(SO4) is of continuous time, so the law is slow; with a slope it tolerates less."""
+    slow = {'law': 'observer_feedback', 'kp': [400.0] * 2, 'kv': [40.0] * 2,
+            'estimator_bandwidth': 20.0 * ratio, 'ka': [1e6] * 2, 'actuator_lag': [0.0] * 2}
+    span = loops({**slow, 'estimator_slope': False}).ratios()
+    with_slope = loops(slow).ratios()
+    assert span is not None
+    assert with_slope is not None
+    for c in span:
+        assert largest_root(0.97 * c, ratio) * largest_root(1.03 * c, ratio) < 0.0
+    assert largest_root(1.0, ratio) < 0.0
+    assert span.low < with_slope.low < with_slope.high < span.high
 
 
 def test_lags_and_delays() -> None:

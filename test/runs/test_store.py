@@ -61,7 +61,7 @@ def test_rows_are_those_of_their_runs() -> None:
 
 def test_a_refused_run_is_a_row() -> None:
     far = {'far': {'parameter': 'plant.viscous_friction', 'normal': [0.0, 1.0]}}
-    made = runs(axes=None, laws=['compensation'], uncertain=far, repeats=4)
+    made = runs(axes=None, laws=['compensation'], uncertain=far, repeats=4, failure={})
     rows = store.compute(made, store.version(), range(4)).to_pylist()
     assert [row['failure'] for row in rows] == [
         'refused' if x < 0.0 else '' for x in made.draws[:, 0]]

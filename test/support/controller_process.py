@@ -28,7 +28,8 @@ class ControllerUnderTest:
     """
     A controller process between our states and references, and its torques.
 
-    Time is ours, or real time where it is not `simulated`.
+    Time is ours, or real time where it is not `simulated`. It then answers at once, unless
+    `least_answered` is among the arguments.
     """
 
     def __init__(self, it: Probe, *ros_args: str, simulated: bool = True) -> None:
@@ -38,7 +39,8 @@ class ControllerUnderTest:
         self.states = it.node.create_publisher(JointState, 'joint_states', 1000)
         self.references = it.node.create_publisher(JointTrajectory, 'reference', 1000)
         self.commands = it.listen(Float64MultiArray, COMMANDS)
-        self.child = it.start('controller', *ros_args)
+        at_once = () if simulated else ('-p', 'least_answered:=0.0')
+        self.child = it.start('controller', *at_once, *ros_args)
         it.until(lambda: self.states.get_subscription_count()
                  and self.references.get_subscription_count()
                  and it.node.count_publishers(COMMANDS), 'the controller')

@@ -199,7 +199,11 @@ static int trip(ctc_law *law) {
       return CTC_ERROR_GROWTH;
     }
   }
-  return STRAINED && law->memory[STRAINED] >= PATIENCE ? CTC_OSCILLATION : CTC_OK;
+  if (STRAINED &&
+      (law->memory[STRAINED] >= PATIENCE || law->memory[CYCLING] >= LONGEST_CYCLE)) {
+    return CTC_OSCILLATION;
+  }
+  return CTC_OK;
 }
 
 int ctc_step(ctc_law *law, const double *q, const double *dq, const double *q_d,

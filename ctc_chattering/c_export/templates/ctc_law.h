@@ -40,7 +40,8 @@ enum {
   CTC_OVERFLOW = 4,        /* no finite torque for this state */
   CTC_ERROR_LIMIT = 5,     /* |e| of a joint beyond error_limit */
   CTC_ERROR_GROWTH = 6,    /* observer_feedback without error_limit: |e| has grown by @GROWTH@ rad */
-  CTC_OSCILLATION = 7,     /* observer_feedback: the feedback oscillated for @PATIENCE@ s */
+  CTC_OSCILLATION = 7,     /* observer_feedback: the feedback oscillated strongly for @PATIENCE@ s, or
+                              had a limit cycle for @CYCLE@ s */
   CTC_WRONG_GAIN = 8,      /* a gain that is not finite, or out of range */
   CTC_FIXED_GAINS = 9,     /* other numbers of this law depend on its gains: export it again */
   CTC_JUMP = 10            /* a position further from that of the last step than @MARGIN@ rad (or

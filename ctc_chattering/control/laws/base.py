@@ -90,6 +90,18 @@ class Estimator:
         return now.zero
 
 
+class Stability(NamedTuple):
+    """What a law says of its own loop; by default, that nothing is wrong."""
+
+    #: The part of its bandwidth in use, and for how long its feedback was too strong with it [s].
+    bandwidth: float = 1.0
+    strained: float = 0.0
+    #: How long there has been a limit cycle [s], of which joint, and its frequency [Hz].
+    cycling: float = 0.0
+    joint: int = 0
+    frequency: float = 0.0
+
+
 class Law(Estimator):
     """
     What a law has, and what it is where a law does not say.
@@ -188,9 +200,9 @@ class Law(Estimator):
         """Return what the delay prediction takes for P."""
         return self.estimate(memory, now)
 
-    def stability(self, memory: Any) -> tuple[float, float]:
-        """Return the part of its bandwidth in use, and how long that was too much [s]."""
-        return 1.0, 0.0
+    def stability(self, memory: Any) -> Stability:
+        """Return how the loop is doing."""
+        return Stability()
 
 
 @function

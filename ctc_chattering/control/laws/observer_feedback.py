@@ -49,7 +49,7 @@ from ctc_chattering.compiled.compilable import diagonal, dot, function, record
 from ctc_chattering.control import adaptation
 from ctc_chattering.control.adaptation import Desired, Deviation
 from ctc_chattering.control.controller_config import ControllerConfig
-from ctc_chattering.control.laws.base import law, observed_state
+from ctc_chattering.control.laws.base import law, observed_state, Stability
 from ctc_chattering.control.observer import drive_model, Observed, state_observer, StateObserver
 from ctc_chattering.control.step import Applied, Context, LastSample, State, Terms
 from ctc_chattering.dynamics.model import Model
@@ -117,7 +117,8 @@ class ObserverFeedback(NamedTuple):
                              period)
         return with_parts(
             np.array(matrix(config.kp, n)), np.array(matrix(config.kv, n)), ka,
-            np.array(config.friction_level), state_observer(drives, bandwidth, ka),
+            np.array(config.friction_level),
+            state_observer(drives, bandwidth, ka, config.estimator_slope),
             adaptation.friction_level(config.friction_learning, bandwidth, period, ka), bandwidth)
 
     def with_gains(self, kp: Array, kv: Array, ka: Array) -> ObserverFeedback:
@@ -126,18 +127,27 @@ class ObserverFeedback(NamedTuple):
             kp, kv, ka, self.given, self.observer._replace(bound=ka),
             self.learning._replace(bound=ka), self.standstill.bandwidth)
 
-    def stability(self, memory: Memory) -> tuple[float, float]:
-        """Return s of (OG1), and how long less bandwidth has not helped [s]."""
-        return exp(memory.oscillation.retreat), memory.oscillation.strained
+    def stability(self, memory: Memory) -> Stability:
+        """Return s of (OG1), how long less of it has not helped, and L of (OG2)."""
+        seen = memory.oscillation
+        joint = self.guard.cycling_joint(seen)
+        return Stability(exp(seen.retreat), seen.strained, seen.cycling, joint,
+                         float(seen.frequency[joint]))
 
     def slowed_down(self, memory: Memory) -> ObserverFeedback:
         """Return the law with the part of its bandwidths that it may use."""
         if memory.oscillation.retreat > _NO_RETREAT:
             return self
-        part, _ = self.stability(memory)
+        part = exp(memory.oscillation.retreat)
         return self._replace(
             observer=self.observer.slowed(part), reference=self.reference.slowed(part),
             learning=self.learning.slowed(part), part=max(part, self.least))
+
+    def reconfigured(self, memory: Memory) -> Memory:
+        """Return the memory without a slope if the observer has none now."""
+        if self.observer.jerk != 0.0:
+            return memory
+        return memory._replace(observed=memory.observed._replace(slope=0.0 * self.given))
 
     def initial(self) -> Memory:
         """Return the memory with nothing observed or learned."""
@@ -148,7 +158,8 @@ class ObserverFeedback(NamedTuple):
             learned=adaptation.Learned(self.given, *(zero,) * 5),
             rest=adaptation.Rest(*(zero,) * 4),
             oscillation=adaptation.Oscillation(
-                *(zero,) * 4, retreat=0.0, strained=-adaptation.GRACE))
+                *(zero,) * 4, retreat=0.0, strained=-adaptation.GRACE, frequency=zero, calm=0.0,
+                cycling=0.0))
 
     def initialized(self, now: State, estimate: Array) -> Memory:
         """Begin with what the other law estimates beside friction."""

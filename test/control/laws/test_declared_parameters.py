@@ -41,13 +41,14 @@ SLOW: dict[str, Any] = {
 #: Another value where the default times 1.3 is none, or would not matter.
 OTHER: dict[str, Any] = {
     'switching': 'boundary_layer', 'anti_windup': False, 'effort_limit': [300.0, 10.0],
-    'effort_rate_limit': [2e3, 2e3], 'input_delay': 1, 'friction_lead': 0.01}
+    'effort_rate_limit': [2e3, 2e3], 'input_delay': 1, 'friction_lead': 0.01,
+    'estimator_slope': False}
 #: The switching that a parameter belongs to.
 SWITCHING = {'boundary_layer': 'boundary_layer', 'observer_bandwidth': 'implicit_observer'}
 #: Parameters without an effect on single torques: what is not the law's, and the period, which
-#: laws without memory do not have.
+#: laws without memory do not have. Only a described robot has rotors; gain rules take `resonance`.
 OUTSIDE = ('joint_names', 'model', 'description', 'locked', 'law', 'error_limit',
-           'control_period', 'compiled', 'continuous_joints')
+           'control_period', 'compiled', 'rotor_inertia', 'resonance', 'continuous_joints')
 
 
 def torques(law: str, values: dict[str, Any]) -> Array:
