@@ -102,7 +102,8 @@ def test_in_real_time_it_turns_without_a_word(tmp_path: Path) -> None:
     result = record(tmp_path / 'bag', '--params-file', str(file))
     assert np.abs(np.diff(raw_positions(tmp_path / 'bag')[:, 0])).max() > 6.0
     assert result.run.q[-1, 0] > 5.0 * pi
-    assert np.abs(result.run.e).max() < 1.5
+    # A busy computer's outages cost up to half a turn; one that is miscounted costs a whole one.
+    assert np.abs(result.run.e).max() < 5.0
     assert np.abs(np.diff(result.run.q[:, 0])).max() < 1.5
     report = reports_of(tmp_path / 'bag', 'controller')[-1]
     assert 'joint_states: refused, position_jump' not in report
