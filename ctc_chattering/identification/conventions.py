@@ -50,6 +50,8 @@ MOST_FACTOR = 2.0
 KNOWN_FACTOR = 0.15
 #: Standard error of the torque per ampere up to which it is known, as a part of it.
 KNOWN_CONSTANT = 0.25
+#: Standard error of a constant that is taken from other joints, as a part of it.
+DOUBT_OF_ANOTHER = 0.5
 #: Weight, as a part of a joint's torque, from which on it is looked at.
 LEAST_WEIGHT = 0.02
 #: Part of the squared torque that remains, at most, with gravity along another direction.
@@ -287,17 +289,38 @@ def _beside_any_gravity(data: Observations, joint: int) -> _Solution:
                           data.torque[used, joint])
 
 
-def constants_of_currents(data: Observations, joints: Sequence[str]) -> Conventions:
-    """Return the torque per ampere of each joint for which the currents carry the model."""
+def constants_of_currents(data: Observations, joints: Sequence[str], rotors: Array,
+                          efforts: Array) -> Conventions:
+    """
+    Return the torque per ampere of each joint.
+
+    It is that with which the current carries the model. For a joint whose current does not show
+    it, that of the others is taken, in proportion to the effort limits.
+
+    Parameters
+    ----------
+    data : Observations
+        Windows with the currents.
+    joints : sequence of str, length n
+        Names.
+    rotors : ndarray, shape (J, n)
+        Torque of the rotors that are assumed beside the model [N·m]. How much the constant changes
+        without them is part of its error.
+    efforts : ndarray, shape (n,)
+        Effort limits [N·m]; 0 where there is none.
+
+    """
     constant, findings = np.ones(len(joints)), []
     errors = [np.inf] * len(joints)
+    windows = data.windows
+    geared = dataclasses.replace(data, windows=dataclasses.replace(
+        windows, model_torque=windows.model_torque + rotors))
+    unknown = []
     for joint in np.flatnonzero(data.moving).tolist():
-        value, error = shape(data, joint).whole
+        value, error = shape(geared, joint).whole
+        error = float(np.hypot(error, value - shape(data, joint).whole.value))
         if error > KNOWN_CONSTANT * abs(value):
-            findings.append(Finding(
-                Reason.SCALE, Severity.REFUSED, joint, f'The current of {joints[joint]} shows '
-                'neither weight nor inertia of the model: its torque constant is not known',
-                'Give --torque-constant with N*m at the joint per ampere'))
+            unknown.append(joint)
             continue
         constant[joint] = 1.0 / value
         errors[joint] = error / value ** 2
@@ -306,6 +329,23 @@ def constants_of_currents(data: Observations, joints: Sequence[str]) -> Conventi
             f'inertia of the URDF: {constant[joint]:.3g} N*m per ampere ± '
             f'{2.0 * error / abs(value):.0%}. All its torques are as wrong as the masses of the '
             'URDF', 'Give --torque-constant of the data sheet'))
+    per_effort = [abs(constant[joint]) / efforts[joint]
+                  for joint in np.flatnonzero(np.isfinite(errors)) if efforts[joint]]
+    for joint in unknown:
+        not_shown = (f'The current of {joints[joint]} shows neither weight nor inertia of the '
+                     'model')
+        if not (per_effort and efforts[joint]):
+            findings.append(Finding(
+                Reason.SCALE, Severity.REFUSED, joint, f'{not_shown}: its torque constant is not '
+                'known', 'Give --torque-constant with N*m at the joint per ampere'))
+            continue
+        sign = _beside_any_gravity(data, joint).factors[0].sign or 1.0
+        constant[joint] = sign * float(np.median(per_effort)) * efforts[joint]
+        errors[joint] = DOUBT_OF_ANOTHER * abs(constant[joint])
+        findings.append(Finding(
+            Reason.SCALE, Severity.CARE, joint, f'{not_shown}: {constant[joint]:.3g} N*m per '
+            'ampere are assumed, from the constants of the others and the effort limits. All its '
+            'torques are as wrong as that', 'Give --torque-constant of the data sheet'))
     return Conventions(constant, tuple(findings), tuple(errors))
 
 

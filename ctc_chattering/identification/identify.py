@@ -40,7 +40,12 @@ from ctc_chattering.identification.effort import CURRENT, LINK, torque_source
 from ctc_chattering.identification.findings import Estimate, Finding
 from ctc_chattering.identification.friction import joint_friction, JointFriction
 from ctc_chattering.identification.prediction import Prediction
-from ctc_chattering.identification.prior import BodyPrior, URDF_UNCERTAINTY
+from ctc_chattering.identification.prior import (
+    assumed_rotors,
+    BodyPrior,
+    finite_efforts,
+    URDF_UNCERTAINTY,
+)
 from ctc_chattering.identification.regression import Fit, Observations
 from ctc_chattering.identification.regressor import BodyRegressor
 from ctc_chattering.identification.selection import select
@@ -173,7 +178,8 @@ def identify(recordings: Sequence[Recording], model: Model,
     if commanded:
         check_order(data, joints)
     if signal.side == CURRENT and motion.source == EFFORT:
-        conventions = constants_of_currents(data, joints)
+        conventions = constants_of_currents(
+            data, joints, _rotor_torque(data, regressor), finite_efforts(model))
     else:
         conventions = check_sign(data, joints, words)
     if regressor is not None:
@@ -289,6 +295,14 @@ class _ModelledStretches:
         commands = timing([self.parts[k] for k in commanded], [windows[k] for k in commanded],
                           COMMAND, self.phi)
         return dataclasses.replace(used, delays=commands.delays, commands=commands)
+
+
+def _rotor_torque(data: Observations, regressor: BodyRegressor | None) -> Array:
+    """Return the torque of the rotors that the URDF lacks, shape (J, n) [N·m]."""
+    if regressor is None:
+        return np.zeros_like(data.torque)
+    accelerations = data.windows.bodies[:, :, regressor.inertial_count:-3]
+    return np.asarray(accelerations @ assumed_rotors(regressor))
 
 
 def common_period(recordings: Sequence[Recording]) -> float:

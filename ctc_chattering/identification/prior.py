@@ -25,7 +25,7 @@ from __future__ import annotations
 
 import dataclasses
 
-from ctc_chattering.dynamics.model import LinearModel
+from ctc_chattering.dynamics.model import LinearModel, Model
 from ctc_chattering.dynamics.pseudo_inertia import (
     parameters_of,
     pseudo_inertia,
@@ -129,8 +129,7 @@ class BodyPrior:
         bounds = bounds.with_least({first + joint: x for joint, x in enumerate(least)})
         transform = block_diag(bodies, np.diag(sizes), _turns(regressor.gravity))
         mean = np.zeros(transform.shape[1])
-        mean[first:first + model.n] = np.where(
-            rotors > 0.0, 0.0, ROTOR_PER_EFFORT * finite_efforts(model) / sizes)
+        mean[first:first + model.n] = assumed_rotors(regressor) / sizes
         return cls(transform, mean, bounds)
 
 
@@ -164,7 +163,13 @@ def _rotor_sizes(model: LinearModel) -> Array:
                                  ROTOR_DEVIATION_PER_INERTIA * inertia))
 
 
-def finite_efforts(model: LinearModel) -> Array:
+def assumed_rotors(regressor: BodyRegressor) -> Array:
+    """Return the rotor inertias that are expected where the URDF has none, shape (n,) [kg·m²]."""
+    given = regressor.parameters[regressor.inertial_count:-3]
+    return np.where(given > 0.0, 0.0, ROTOR_PER_EFFORT * finite_efforts(regressor.model))
+
+
+def finite_efforts(model: Model) -> Array:
     """Return the effort limits, shape (n,) [N·m]; 0 where there is none."""
     effort = np.array(getattr(model, 'effort_limits', None) or [np.inf] * model.n, float)
     return np.asarray(np.where(np.isfinite(effort), effort, 0.0))

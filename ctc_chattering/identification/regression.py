@@ -328,7 +328,7 @@ class _NormalEquations:
             [unknowns.columns(data, joint) for joint in range(data.joint_count)])
 
     def covariance(self, noise: Noise) -> Array:
-        """Return the covariance (BR2) of the unknowns, shape (m, m)."""
+        """Return the covariance of the unknowns, shape (m, m), by (BR2)."""
         plain = self.sums(noise).drawn(np.ones(BLOCKS)).information
         widened = dataclasses.replace(
             noise, deviation=noise.deviation / np.sqrt(noise.correlation))

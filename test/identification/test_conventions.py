@@ -177,13 +177,33 @@ def test_currents_get_their_constants_from_the_model() -> None:
     rows, _, torque = panda()
     current = torque / constant
     current[:, 6] = np.random.default_rng(0).normal(size=len(current))
-    found = constants_of_currents(observed(rows, current), JOINTS)
+    found = constants_of_currents(
+        observed(rows, current), JOINTS, np.zeros_like(current), np.zeros(7))
     assert found.constant[:4] == pytest.approx(constant[:4], rel=0.05)
     for value, estimate, error in zip(constant[:6], found.estimates(), found.errors):
         assert estimate.value == pytest.approx(value, abs=2.5 * error)
     severities = [x.severity for x in found.findings]
     assert severities == [Severity.CARE] * 6 + [Severity.REFUSED]
     assert all('--torque-constant' in x.cure for x in found.findings)
+
+
+def test_a_rotor_that_may_be_all_the_inertia_gives_no_constant() -> None:
+    """Of the light last joint, which carries no weight; the others stay as they are."""
+    rows, _, torque = panda()
+    rotors = np.zeros((7, 7))
+    rotors[6, 6] = 1.0
+    felt = rows.bodies[:, :, 70:77] @ rotors.sum(axis=0)
+    data = observed(rows, (torque + felt) / 2.0)
+    sure, doubtful = (
+        constants_of_currents(data, JOINTS, x, np.zeros(7)) for x in (0.0 * felt, felt))
+    assert sure.findings[6].severity == Severity.CARE and sure.constant[6] < 0.2
+    assert doubtful.findings[6].severity == Severity.REFUSED
+    assert doubtful.constant[:4] == pytest.approx(2.0, rel=0.05)
+    limits = np.array([80.0, 80.0, 80.0, 80.0, 40.0, 40.0, 20.0])
+    assumed = constants_of_currents(data, JOINTS, felt, limits)
+    assert assumed.constant[6] == pytest.approx(0.5, rel=0.1)
+    assert assumed.errors[6] == 0.5 * assumed.constant[6]
+    assert assumed.findings[6].severity == Severity.CARE and 'assumed' in assumed.findings[6].text
 
 
 def test_the_shape_of_a_torque() -> None:
