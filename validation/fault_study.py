@@ -59,6 +59,8 @@ ROBOTS = ('two_link', 'two_link_urdf', 'panda', 'ur5')
 _UNSEEN = 10.0
 #: Parts of the limits of velocity and torque that the motion takes.
 _PART = 0.9
+#: Least factor by which a motion is slowed down for its torque.
+_SLOWEST = 0.1
 #: What Pinocchio has in place of a limit that a joint has not is above [rad/s].
 _NO_LIMIT = 100.0
 #: Acceleration over the limit of velocity [1/s], as URDFs have none.
@@ -156,7 +158,10 @@ def fast(robot: Faulty, duration: float, seed: int, known: Array) -> Route:
     q, dq, ddq = sampled(route, 0.01).transpose(1, 0, 2)
     times = min(float((_PART * speed / np.abs(dq).max(axis=0)).min()),
                 float(np.sqrt((_ACCELERATION * speed / np.abs(ddq).max(axis=0)).min())))
-    while (_torque(robot, q, times * dq, times ** 2 * ddq) > _PART * torque).any():
+    # Where weight and friction alone are beyond that, slower motions are none the better.
+    slowest = _SLOWEST * times
+    while times > slowest and (
+            _torque(robot, q, times * dq, times ** 2 * ddq) > _PART * torque).any():
         times *= 0.9
     points = [(a, tuple(times * x for x in b), tuple(times ** 2 * x for x in c))
               for a, b, c in route.points]

@@ -36,8 +36,9 @@ import numpy as np
 SUFFIX = '.csv'
 #: Names of the column of time.
 TIME = ('t', 'time', 'time_s', 't [s]')
-#: Name of another column: quantity, joint, and a unit, as `ctc export` writes it.
-COLUMN = re.compile(r'(q|dq|tau|effort)_?(.+?)(?: \[.*\])?')
+#: Name of another column: quantity, joint, and a unit, as `ctc export` writes it beside desired
+#: motions, which are none of a joint.
+COLUMN = re.compile(r'(?!d*q_d_)(q|dq|tau|effort)_?(.+?)(?: \[.*\])?')
 #: Largest table that is read [bytes].
 MOST_BYTES = 2 ** 31
 

@@ -45,7 +45,7 @@ COMMANDS = {
     'repair': ('bags', 'repair a truncated or corrupted bag'),
     'live': ('live', 'show a running graph, or bags, in the browser'),
     'identify': ('identification',
-                 'identify friction, delays and model errors from bags, and derive gains'),
+                 'identify friction, bodies and drives from recordings, and derive gains'),
     'check-model': ('robots', 'test the dynamics of a robot model'),
     'stability': ('runs', 'compute which errors of model, lag and delay the loop tolerates'),
     'parameters': ('robots', 'print all parameters of all nodes'),

@@ -27,6 +27,7 @@ import dataclasses
 from typing import NamedTuple
 
 from ctc_chattering.errors import CtcError
+from ctc_chattering.identification.drives import EFFORT
 from ctc_chattering.identification.findings import Estimate, Finding, Reason, Severity
 from ctc_chattering.identification.friction_terms import FrictionTerm, TermKind
 from ctc_chattering.identification.prior import BodyPrior
@@ -263,11 +264,11 @@ def check_sign(data: Observations, joints: Sequence[str], signal: str) -> Conven
                if (found := shape(data, joint)).shows_weight]
     is_shown = any(factor.sign for found in factors.values() for factor in found)
     if (sum(evidence.values()) if is_shown else float(np.median(weights or [0.0]))) < 0.0:
-        flipped = ','.join(['-1'] * len(joints))
         words = f', and {np.median(weights):.2f} times the weight of the model' if weights else ''
+        cure = 'Turn the sign with --torque-constant=-1' if signal == EFFORT else (
+            'Turn the sign of the recorded commands, or name their topic with --commands')
         raise CtcError(
-            f'the {signal} has the other sign: friction or inertia below 0{words}. Turn the sign '
-            f'with --torque-constant={flipped}')
+            f'the {signal} has the other sign: friction or inertia below 0{words}. {cure}')
     constant = np.ones(len(joints))
     constant[[joint for joint in moving if evidence[joint] < 0.0]] = -1.0
     option = ','.join(f'{sign:g}' for sign in constant)

@@ -112,8 +112,10 @@ def test_a_load_at_the_tip_is_no_other_unit() -> None:
 
 
 def test_the_other_sign_is_refused_with_the_option_that_turns_it() -> None:
-    with pytest.raises(CtcError, match=r'has the other sign: .*--torque-constant=-1,-1,'):
+    with pytest.raises(CtcError, match=r'has the other sign: .*--torque-constant=-1'):
         check_sign(signal(-1.0), JOINTS, 'effort')
+    with pytest.raises(CtcError, match=r'has the other sign: .* sign of the recorded commands'):
+        check_sign(signal(-1.0), JOINTS, 'commanded torque')
 
 
 @pytest.mark.parametrize('friction', [True, False])

@@ -263,7 +263,7 @@ def contents(**more: Any) -> dict[str, Any]:
         'delays_possible': [possible(1, (1e-3, 3e-3), (2e-3, 6e-3))],
         'friction': [{'coulomb': number(10.0, 1.0), 'viscous': number(2.0, 0.1)},
                      {'coulomb': number(4.0, 1.0), 'viscous': NONE}],
-        'model_errors': [], **more}
+        'bodies_uncertainty': 0.02, **more}
 
 
 def written(folder: Path, found: Any) -> Path:
@@ -312,17 +312,9 @@ def test_every_delay_that_is_possible_is_drawn_and_all_lags_with_any_of_them(
     assert min(drawn) < 5e-4 and max(drawn) > 6.5e-3
 
 
-def test_errors_of_masses_widen_the_model_and_a_payload_is_carried(tmp_path: Path) -> None:
-    errors = [{'name': 'upper', 'unit': '', **number(-0.1, 0.02)},
-              {'name': 'lower', 'unit': '', **NONE},
-              {'name': 'payload', 'unit': 'kg', **number(1.0, 0.1)}]
-    spec = identified_spec(written(tmp_path, contents(model_errors=errors)), {})
+def test_bodies_that_are_known_badly_widen_the_model(tmp_path: Path) -> None:
+    spec = identified_spec(written(tmp_path, contents(bodies_uncertainty=0.12)), {})
     assert ranges(spec)['model'] == (0.88, 1.12)
-    assert ranges(spec)['payload'] == (0.9, 1.1)
-    assert all(0.9 <= x.plant.payload <= 1.1 for x in setups_of(Runs(spec)))
-    errors[2].update(number(-1.0, 0.1))
-    spec = identified_spec(written(tmp_path, contents(model_errors=errors)), {})
-    assert 'payload' not in ranges(spec)
 
 
 @pytest.mark.parametrize('text', ['{', '[]', '3', '{}', '{"friction": 1}', '{"friction": [{}]}'])
