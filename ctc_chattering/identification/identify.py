@@ -60,6 +60,7 @@ from ctc_chattering.identification.sensors import (
 from ctc_chattering.identification.timing import rate_limits, Timing, timing, timing_findings
 from ctc_chattering.identification.weak_form import TestFunction
 from ctc_chattering.identification.windows import joined, Windows
+from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
 
 #: Part of a period by which rounding it may move the last sample.
