@@ -169,7 +169,7 @@ def assumed_rotors(regressor: BodyRegressor) -> Array:
     return np.where(given > 0.0, 0.0, ROTOR_PER_EFFORT * finite_efforts(regressor.model))
 
 
-def finite_efforts(model: Model) -> Array:
+def finite_efforts(model: Model | LinearModel) -> Array:
     """Return the effort limits, shape (n,) [N·m]; 0 where there is none."""
     effort = np.array(getattr(model, 'effort_limits', None) or [np.inf] * model.n, float)
     return np.asarray(np.where(np.isfinite(effort), effort, 0.0))

@@ -45,9 +45,8 @@ def test_columns_are_the_recording(tmp_path: Path, heads: str) -> None:
                         urdfs.two_links())
     recording = motion.recording
     assert recording.joints == urdfs.TWO_LINKS
-    for found, wanted in ((recording.t, T), (recording.q, Q), (recording.dq, DQ),
-                          (recording.effort, TAU)):
-        np.testing.assert_allclose(found, wanted, atol=1e-12)
+    for name, wanted in (('t', T), ('q', Q), ('dq', DQ), ('effort', TAU)):
+        np.testing.assert_allclose(getattr(recording, name), wanted, atol=1e-12)
 
 
 def test_columns_stand_in_any_order_and_others_are_passed_over(tmp_path: Path) -> None:
@@ -59,7 +58,7 @@ def test_columns_stand_in_any_order_and_others_are_passed_over(tmp_path: Path) -
     assert set(recording.joints) == {'a', 'b'} and recording.dq is None
     recording = read_table(file, ('a', 'b')).recording
     np.testing.assert_array_equal(recording.q, Q)
-    np.testing.assert_array_equal(recording.effort, TAU)
+    assert recording.effort is not None and (recording.effort == TAU).all()
 
 
 @pytest.mark.parametrize(('heads', 'why'), [
