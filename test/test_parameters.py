@@ -202,7 +202,8 @@ def test_changed_checks_what_concerns_several_parameters() -> None:
         ControllerConfig().changed(three)
     gains = {name: [1.0] * 3 for name, spec in ControllerConfig.parameters().items()
              if spec.kind == 'float[]'}
-    assert ControllerConfig().changed({**gains, **three}).kp == (1.0, 1.0, 1.0)
+    no_rotors = {'rotor_inertia': [0.0] * 3}  # They are those of a description.
+    assert ControllerConfig().changed({**gains, **three, **no_rotors}).kp == (1.0, 1.0, 1.0)
 
 
 NUMBERS = st.one_of(st.integers(), st.floats(), st.just(10 ** 400), st.floats(1e-6, 1e3))

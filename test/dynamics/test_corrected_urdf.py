@@ -160,7 +160,8 @@ def test_a_locked_joint_where_it_is() -> None:
     ({'rotor': [0.1]}, 'cannot be corrected'),
     ({'parameters': np.zeros((2, 10))}, 'no body can have'),
     ({'rotor': [-0.1, 0.0]}, 'negative'),
-    ({'gravity': [0.0, 0.0, 9.81]}, 'down'), ({'gravity': [0.0, -9.81]}, 'down')])
+    ({'gravity': [0.0, 0.0, 0.0]}, 'three numbers that are not all 0'),
+    ({'gravity': [0.0, -9.81]}, 'three numbers that are not all 0')])
 def test_refused(change: dict[str, object], words: str) -> None:
     arguments = {'parameters': rows(UrdfModel(two_links(), TWO_LINKS)), **change}
     with pytest.raises(CtcError, match=words):
