@@ -25,6 +25,7 @@ import time
 from typing import Any
 
 from ctc_chattering import compare
+from ctc_chattering.analysis.metrics import metrics, WINDOW
 from ctc_chattering.analysis.result import Result, simulate
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.configuration.loop_setup import Setup
@@ -204,7 +205,7 @@ def test_the_number_of_processes_changes_nothing(arm: Path) -> None:
     assert list(one['settings']) == ['file', RECOMMENDED, RECOMMENDED]
     for x, (_, setup) in zip(outcomes(one), tasks([arm], ['clean'], arguments['laws'],
                                                   RECOMMENDED)):
-        again = simulate(setup, truth=True).metrics()
+        again = metrics(simulate(setup, truth=True).run, WINDOW)
         assert tuple(again['rms_error_rad']) == x['rms']
 
 
