@@ -25,6 +25,7 @@ from collections.abc import Sequence
 import csv
 from pathlib import Path
 import re
+import warnings
 
 from ctc_chattering.bags.recording import RecordedMotion, Recording
 from ctc_chattering.dynamics.urdf_parser import Tree
@@ -115,8 +116,10 @@ def _read(path: Path) -> tuple[list[str], Array]:
             raise CtcError(f'{path}: larger than {MOST_BYTES >> 20} MiB')
         with path.open(newline='', encoding='utf-8') as file:
             heads = next(csv.reader(file), [])
-            values = np.loadtxt(file, delimiter=',', ndmin=2)
-    except (OSError, ValueError, UnicodeDecodeError) as error:
+            with warnings.catch_warnings():
+                warnings.simplefilter('error')  # Of a table without rows.
+                values = np.loadtxt(file, delimiter=',', ndmin=2)
+    except (OSError, ValueError, UnicodeDecodeError, UserWarning) as error:
         raise CtcError(f'{path}: not a table of numbers below one line of names: {error}'
                        ) from None
     if values.shape[1] != len(heads) or len(values) < 2:
