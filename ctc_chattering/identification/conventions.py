@@ -93,15 +93,12 @@ class TorqueShape(NamedTuple):
     ----------
     weight : Factor
         Of the weight of the model.
-    whole : Factor
-        Of weight and inertial torque together.
     unexplained : float
         Part of the torque's variance that is left.
 
     """
 
     weight: Factor
-    whole: Factor
     unexplained: float
 
     @property
@@ -121,11 +118,9 @@ def shape(data: Observations, joint: int, signal: int | None = None) -> TorqueSh
     inertial = windows.model_torque[used, joint] - weight
     friction = _friction_columns(data, joint, used)
     apart = _least_squares(np.column_stack((weight, inertial, friction)), torque)
-    together = _least_squares(np.column_stack((weight + inertial, friction)), torque)
     is_shown = np.std(weight) > LEAST_WEIGHT * max(float(np.std(torque)), 1e-300)
     value, error = apart.factors[0]
-    return TorqueShape(Factor(value, error if is_shown else np.inf), together.factors[0],
-                       apart.unexplained)
+    return TorqueShape(Factor(value, error if is_shown else np.inf), apart.unexplained)
 
 
 def _friction_columns(data: Observations, joint: int, used: Flags) -> Array:
@@ -311,43 +306,45 @@ def constants_of_currents(data: Observations, joints: Sequence[str], rotors: Arr
         Effort limits [N·m]; 0 where there is none.
 
     """
-    constant, findings = np.ones(len(joints)), []
-    errors = [np.inf] * len(joints)
-    windows = data.windows
-    geared = dataclasses.replace(data, windows=dataclasses.replace(
-        windows, model_torque=windows.model_torque + rotors))
-    unknown = []
+    constant, errors, findings = np.ones(len(joints)), np.full(len(joints), np.inf), []
+    model, unknown = data.windows.model_torque, []
     for joint in np.flatnonzero(data.moving).tolist():
-        value, error = shape(geared, joint).whole
-        error = float(np.hypot(error, value - shape(data, joint).whole.value))
+        value, error = _carried(data, joint, model + rotors)
+        error = float(np.hypot(error, value - _carried(data, joint, model).value))
         if error > KNOWN_CONSTANT * abs(value):
             unknown.append(joint)
             continue
-        constant[joint] = 1.0 / value
-        errors[joint] = error / value ** 2
+        constant[joint], errors[joint] = 1.0 / value, error / value ** 2
         findings.append(Finding(
             Reason.SCALE, Severity.CARE, joint, f'Its torque constant is taken from weight and '
             f'inertia of the URDF: {constant[joint]:.3g} N*m per ampere ± '
             f'{2.0 * error / abs(value):.0%}. All its torques are as wrong as the masses of the '
             'URDF', 'Give --torque-constant of the data sheet'))
-    per_effort = [abs(constant[joint]) / efforts[joint]
-                  for joint in np.flatnonzero(np.isfinite(errors)) if efforts[joint]]
+    shown = np.isfinite(errors) & (efforts > 0.0)
+    per_effort = float(np.median(np.abs(constant[shown]) / efforts[shown])) if shown.any() else 0.0
     for joint in unknown:
         not_shown = (f'The current of {joints[joint]} shows neither weight nor inertia of the '
                      'model')
-        if not (per_effort and efforts[joint]):
+        size = per_effort * efforts[joint]
+        if not size:
             findings.append(Finding(
                 Reason.SCALE, Severity.REFUSED, joint, f'{not_shown}: its torque constant is not '
                 'known', 'Give --torque-constant with N*m at the joint per ampere'))
             continue
         sign = _beside_any_gravity(data, joint).factors[0].sign or 1.0
-        constant[joint] = sign * float(np.median(per_effort)) * efforts[joint]
-        errors[joint] = DOUBT_OF_ANOTHER * abs(constant[joint])
+        constant[joint], errors[joint] = sign * size, DOUBT_OF_ANOTHER * size
         findings.append(Finding(
             Reason.SCALE, Severity.CARE, joint, f'{not_shown}: {constant[joint]:.3g} N*m per '
             'ampere are assumed, from the constants of the others and the effort limits. All its '
             'torques are as wrong as that', 'Give --torque-constant of the data sheet'))
-    return Conventions(constant, tuple(findings), tuple(errors))
+    return Conventions(constant, tuple(findings), tuple(errors.tolist()))
+
+
+def _carried(data: Observations, joint: int, model_torque: Array) -> Factor:
+    """Return the factor of a torque of the model, shape (J, n) [N·m], in that of a joint."""
+    used = data.used[:, joint]
+    columns = np.column_stack((model_torque[used, joint], _friction_columns(data, joint, used)))
+    return _least_squares(columns, data.torque[used, joint]).factors[0]
 
 
 def mounted_gravity(data: Observations, gravity: Array) -> Array:

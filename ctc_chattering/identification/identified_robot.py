@@ -26,6 +26,7 @@ from typing import Any
 from ctc_chattering.analysis.compilation import compile_setups, has_compiler
 from ctc_chattering.bags.recording import RecordedMotion, Recording
 from ctc_chattering.configuration import parameter_file
+from ctc_chattering.configuration.arm_knowledge import ASSUMED_ROTOR
 from ctc_chattering.control.controller_config import ControllerConfig
 from ctc_chattering.dynamics.corrected_urdf import tip_of, with_payload, with_rotors
 from ctc_chattering.dynamics.model import Model
@@ -39,7 +40,7 @@ from ctc_chattering.identification.findings import ALL_JOINTS, Finding, note, Re
 from ctc_chattering.identification.gains import recommend
 from ctc_chattering.identification.identify import Identification, TorqueSignal
 from ctc_chattering.identification.perturbation import perturbation
-from ctc_chattering.identification.prior import ROTOR_PER_EFFORT, URDF_UNCERTAINTY
+from ctc_chattering.identification.prior import URDF_UNCERTAINTY
 from ctc_chattering.identification.recorder_faults import repair
 from ctc_chattering.identification.results import IdentificationResults, write_page
 from ctc_chattering.identification.sensors import velocity_noise
@@ -354,8 +355,9 @@ def _robot(motion: RecordedMotion, model: str, urdf: str, gravity: float | None,
 
 def _usual_rotors(description: str, joints: Sequence[str]) -> dict[str, float]:
     """Return a usual rotor inertia of joints with an effort limit [kg·m²]."""
-    limits = {name: Tree(description).joints[name].effort for name in joints}
-    return {name: ROTOR_PER_EFFORT * effort for name, effort in limits.items() if effort < inf}
+    described = Tree(description).joints
+    return {name: ASSUMED_ROTOR * described[name].effort for name in joints
+            if described[name].effort < inf}
 
 
 def write_identified(identified: IdentifiedRobot, out: str | Path, trials: int | None = None,

@@ -25,6 +25,7 @@ from __future__ import annotations
 
 import dataclasses
 
+from ctc_chattering.configuration.arm_knowledge import ASSUMED_ROTOR
 from ctc_chattering.dynamics.model import LinearModel, Model
 from ctc_chattering.dynamics.pseudo_inertia import (
     parameters_of,
@@ -41,10 +42,8 @@ from scipy.linalg import block_diag, solve_triangular  # type: ignore[import-unt
 
 #: Default uncertainty of a body of the URDF, as a part of the body.
 URDF_UNCERTAINTY = 0.2
-#: Rotor inertia at the joint per effort limit where the URDF has none [kg·m² per N·m]. Data sheets
-#: of geared arms have 0.001 to 0.006.
-ROTOR_PER_EFFORT = 0.002
-#: Its deviation.
+#: Deviation of a rotor inertia at the joint per effort limit [kg·m² per N·m]; where the URDF has
+#: none, `ASSUMED_ROTOR` is expected.
 ROTOR_DEVIATION_PER_EFFORT = 0.004
 #: Least one of a geared arm.
 LEAST_ROTOR_PER_EFFORT = 0.0005
@@ -166,7 +165,7 @@ def _rotor_sizes(model: LinearModel) -> Array:
 def assumed_rotors(regressor: BodyRegressor) -> Array:
     """Return the rotor inertias that are expected where the URDF has none, shape (n,) [kg·m²]."""
     given = regressor.parameters[regressor.inertial_count:-3]
-    return np.where(given > 0.0, 0.0, ROTOR_PER_EFFORT * finite_efforts(regressor.model))
+    return np.where(given > 0.0, 0.0, ASSUMED_ROTOR * finite_efforts(regressor.model))
 
 
 def finite_efforts(model: Model | LinearModel) -> Array:

@@ -327,13 +327,12 @@ class _NormalEquations:
         self.columns = np.stack(
             [unknowns.columns(data, joint) for joint in range(data.joint_count)])
 
-    def covariance(self, noise: Noise) -> Array:
-        """Return the covariance of the unknowns, shape (m, m), by (BR2)."""
-        plain = self.sums(noise).drawn(np.ones(BLOCKS)).information
+    def covariance(self, noise: Noise, information: Array) -> Array:
+        """Return the covariance of the unknowns, shape (m, m), by (BR2); `information` is H."""
         widened = dataclasses.replace(
             noise, deviation=noise.deviation / np.sqrt(noise.correlation))
         spread = self.sums(widened).drawn(np.ones(BLOCKS)).information
-        inverse = covariance_of(plain)
+        inverse = covariance_of(information)
         return inverse @ spread @ inverse
 
     def sums(self, noise: Noise) -> _Sums:
@@ -374,7 +373,7 @@ def fit(data: Observations, unknowns: Unknowns) -> Fit:
     whole = sums.drawn(np.ones(BLOCKS))
     others = [sums.without(k) for k in range(BLOCKS)]
     return Fit(data, unknowns, noise, bounds.nearest(whole.solve(mean), whole.information),
-               equations.covariance(noise), _block_spread(sums, mean),
+               equations.covariance(noise, whole.information), _block_spread(sums, mean),
                np.stack([bounds.nearest(x.solve(mean), x.information) for x in others]))
 
 

@@ -15,6 +15,7 @@
 
 from __future__ import annotations
 
+from ctc_chattering.configuration.arm_knowledge import ASSUMED_ROTOR
 from ctc_chattering.dynamics.pseudo_inertia import parameters_of, pseudo_inertia
 from ctc_chattering.dynamics.two_link import TwoLink
 from ctc_chattering.dynamics.urdf_model import UrdfModel
@@ -24,7 +25,6 @@ from ctc_chattering.identification.prior import (
     covariance_of,
     LEAST_EIGENVALUE,
     PhysicalBounds,
-    ROTOR_PER_EFFORT,
 )
 from ctc_chattering.identification.regressor import BodyRegressor
 from ctc_chattering.numerics.linear_algebra import Array
@@ -59,7 +59,7 @@ def test_rotors_that_the_urdf_lacks_are_expected() -> None:
     prior, regressor = prior_of(urdfs.panda(), urdfs.PANDA)
     expected = prior.transform[70:77, 70:77].diagonal() * prior.mean[70:77]
     limits = regressor.model.effort_limits  # type: ignore[attr-defined]
-    assert expected == pytest.approx(ROTOR_PER_EFFORT * np.array(limits))
+    assert expected == pytest.approx(ASSUMED_ROTOR * np.array(limits))
     given, _ = prior_of(urdfs.panda().replace(
         '<limit', '<dynamics damping="0" rotor_inertia="0.1"/><limit'), urdfs.PANDA)
     assert not given.mean.any()
