@@ -36,7 +36,7 @@ from collections.abc import Sequence
 from math import isclose
 from typing import NamedTuple
 
-from ctc_chattering.numerics.angles import expected, TURN, turned, turns_to
+from ctc_chattering.numerics.angles import expected, nearest, TURN, turned, turns_to
 from ctc_chattering.numerics.linear_algebra import Vector
 from ctc_chattering.numerics.time_grid import seconds
 
@@ -131,7 +131,7 @@ class PositionTracker:
             return state
         h = seconds(state.t - before.t)
         return state._replace(q=[
-            turned(q, turns_to(q, expected(q0, dq0, dq, h))) if endless else q
+            nearest(q, expected(q0, dq0, dq, h)) if endless else q
             for q, dq, q0, dq0, endless in zip(
                 state.q, state.dq, before.q, before.dq, self.continuous)])
 

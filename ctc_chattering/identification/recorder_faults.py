@@ -30,11 +30,11 @@ from typing import NamedTuple
 from ctc_chattering.bags.recording import Indices, Recording
 from ctc_chattering.errors import CtcError
 from ctc_chattering.identification.findings import ALL_JOINTS, Finding, note, Reason, Severity
+from ctc_chattering.numerics.angles import TURN
 import numpy as np
 import numpy.typing as npt
 
 Flags = npt.NDArray[np.bool_]
-TURN = 2.0 * np.pi
 #: Time between two states, in periods, within which no joint turns by half a turn.
 NEXT_STATE = 1.5
 #: Part of the messages that may be dropped without care.

@@ -46,6 +46,11 @@ def turned(angle: float, turns: int) -> float:
     return angle + TURN * turns if turns else angle
 
 
+def nearest(angle: float, target: float) -> float:
+    """Return the representative of an angle that is nearest to `target`."""
+    return turned(angle, turns_to(angle, target))
+
+
 def expected(angle: float, velocity_before: float, velocity: float, h: float) -> float:
     """Return where the mean of two velocities leads from an angle within the time `h` [s]."""
     return angle + 0.5 * h * (velocity_before + velocity)

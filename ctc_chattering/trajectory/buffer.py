@@ -19,7 +19,7 @@ from __future__ import annotations
 from bisect import bisect_left, bisect_right
 from collections.abc import Iterator, Sequence
 
-from ctc_chattering.numerics.angles import expected, turned, turns_to
+from ctc_chattering.numerics.angles import expected, nearest
 from ctc_chattering.numerics.interpolation import quintic
 from ctc_chattering.numerics.linear_algebra import Vector
 from ctc_chattering.numerics.time_grid import seconds
@@ -52,7 +52,7 @@ def following(times: Sequence[int], points: Sequence[Point], continuous: Sequenc
             rest = (0.0,) * len(q)
             speeds = (last[1], dq) if len(last[1]) and len(dq) else (rest, rest)
             h = seconds(t - start)
-            q = tuple(turned(x, turns_to(x, expected(x0, v0, v, h))) if endless else x
+            q = tuple(nearest(x, expected(x0, v0, v, h)) if endless else x
                       for x, x0, v0, v, endless in zip(q, last[0], *speeds, continuous))
         start, last = t, (q, dq, ddq)
         yield last

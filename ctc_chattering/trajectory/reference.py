@@ -35,7 +35,7 @@ from typing import NamedTuple, Protocol, TypeVar
 
 from ctc_chattering.dynamics.registry import DescribedConfig
 from ctc_chattering.errors import CtcError, ParameterError
-from ctc_chattering.numerics.angles import turned, turns_to
+from ctc_chattering.numerics.angles import nearest
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.numerics.time_grid import NANOSECONDS, seconds
 from ctc_chattering.parameters import parameter, whole
@@ -289,7 +289,7 @@ def _nearest(names: Sequence[str], start: Mapping[str, tuple[float, float]] | No
         return start
     targets = {name: target for name, target, endless in zip(names, there[0], continuous)
                if endless}
-    return {name: (turned(q, turns_to(q, targets.get(name, q))), dq)
+    return {name: (nearest(q, targets.get(name, q)), dq)
             for name, (q, dq) in start.items()}
 
 
