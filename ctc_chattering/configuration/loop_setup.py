@@ -26,7 +26,7 @@ from ctc_chattering.errors import CtcError, prefixed
 from ctc_chattering.simulation.closed_loop import Event
 from ctc_chattering.simulation.plant import check_start
 from ctc_chattering.simulation.plant_config import PlantConfig
-from ctc_chattering.trajectory.joint_limits import DescribedLimits
+from ctc_chattering.trajectory.joint_limits import continuous_joints, DescribedLimits
 from ctc_chattering.trajectory.motions import Route
 from ctc_chattering.trajectory.reference import make_motion, ReferenceConfig
 
@@ -97,9 +97,7 @@ class Setup:
     @property
     def continuous(self) -> tuple[bool, ...]:
         """Mask of the reference's joints that turn endlessly, shape (n,)."""
-        names, text = self.reference.joint_names, self.descriptions.get('reference', '')
-        return self.reference.which_are_continuous(
-            DescribedLimits(text, names).continuous if text else ())
+        return continuous_joints(self.reference, self.descriptions.get('reference', ''))
 
     def changed(self, values: Overrides) -> Setup:
         """

@@ -30,7 +30,7 @@ from ctc_chattering.analysis.signals import packed, PARTS
 from ctc_chattering.control.controller import ControllerConfig
 from ctc_chattering.errors import CtcError, refused_as, RejectedMessage
 from ctc_chattering.live.health import NodeReport
-from ctc_chattering.numerics.angles import turned, turns_to
+from ctc_chattering.numerics.angles import nearest
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.numerics.time_grid import NANOSECONDS, nanoseconds, seconds
 from ctc_chattering.ros import topics
@@ -39,7 +39,7 @@ from ctc_chattering.ros.node import BaseNode, qos
 from ctc_chattering.ros.parameters import CHANGES
 from ctc_chattering.ros.subscription import MatchingSubscription, ValidatedSubscription
 from ctc_chattering.ros.topics import select
-from ctc_chattering.trajectory.joint_limits import DescribedLimits
+from ctc_chattering.trajectory.joint_limits import continuous_joints
 from diagnostic_msgs.msg import DiagnosticArray
 import numpy as np
 from rcl_interfaces.msg import ParameterEvent
@@ -281,7 +281,7 @@ class GraphReader(BaseNode):
         """Have endless joints of `q`, shape (n,) [rad], within half a turn of a position."""
         if target is not None:
             for joint in self._endless:
-                q[joint] = turned(q[joint], turns_to(q[joint], target[joint]))
+                q[joint] = nearest(q[joint], target[joint])
 
     def _on_tracking(self, state: JointState) -> None:
         names = [f'{joint}/{x}' for x in ('desired', 'error') for joint in self.names]
@@ -327,12 +327,15 @@ class GraphReader(BaseNode):
         """Note values that are in force; the first ones of the controller name the joints."""
         values = {**self.parameters[node], **values}
         if node == 'controller' and 'joint_names' in values:
-            known = ControllerConfig.parameters()
+            before, known = self.config, ControllerConfig.parameters()
             self.config = ControllerConfig.from_mapping(
                 {name: value for name, value in values.items() if name in known})
             if self.config.joint_names != self.names:
                 self._take_names(self.config.joint_names)
-            self._find_endless(self.config)
+            # Only then is the description read anew, and not for each gain that is set.
+            if before is None or (before.joint_names, before.continuous_joints) != (
+                    self.config.joint_names, self.config.continuous_joints):
+                self._find_endless(self.config)
         self.parameters[node] = values
 
     def _take_names(self, names: tuple[str, ...]) -> None:
@@ -350,11 +353,11 @@ class GraphReader(BaseNode):
 
     def _find_endless(self, config: ControllerConfig) -> None:
         """Know which joints turn endlessly; of a text that is no URDF, those of the parameters."""
-        described: tuple[bool, ...] = ()
-        with suppress(CtcError):
-            if self.description:
-                described = DescribedLimits(self.description, config.joint_names).continuous
-        self._endless = np.flatnonzero(config.which_are_continuous(described)).tolist()
+        try:
+            endless = continuous_joints(config, self.description)
+        except CtcError:
+            endless = config.which_are_continuous()
+        self._endless = np.flatnonzero(endless).tolist()
 
 
 def _time(state: JointState) -> float:

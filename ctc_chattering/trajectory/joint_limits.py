@@ -20,6 +20,7 @@ from collections.abc import Iterable, Sequence
 from math import inf
 from typing import NamedTuple
 
+from ctc_chattering.dynamics.registry import DescribedConfig
 from ctc_chattering.dynamics.urdf_parser import Joint, Tree
 from ctc_chattering.errors import CtcError
 from ctc_chattering.trajectory.buffer import Point
@@ -117,6 +118,27 @@ class DescribedLimits(LimitSet):
         super().__init__([_limits_of(name, described.get(name)) for name in joint_names])
         self.continuous = tuple(
             name in described and described[name].continuous for name in joint_names)
+
+
+def continuous_joints(config: DescribedConfig, description: str) -> tuple[bool, ...]:
+    """
+    Return which joints turn endlessly, by parameters and the robot's description, shape (n,).
+
+    Parameters
+    ----------
+    config : DescribedConfig
+        The parameters.
+    description : str
+        Text of the URDF; empty for none.
+
+    Raises
+    ------
+    CtcError
+        As `DescribedLimits` does.
+
+    """
+    return config.which_are_continuous(
+        DescribedLimits(description, config.joint_names).continuous if description else ())
 
 
 def _limits_of(name: str, joint: Joint | None) -> JointLimits:
