@@ -30,6 +30,7 @@ import warnings
 from ctc_chattering.bags.recording import RecordedMotion, Recording
 from ctc_chattering.dynamics.urdf_parser import Tree
 from ctc_chattering.errors import CtcError, near, shortened
+from ctc_chattering.input_files import check_regular
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
 
@@ -111,6 +112,7 @@ def _joints(path: Path, in_table: tuple[str, ...], description: str) -> tuple[st
 
 def _read(path: Path) -> tuple[list[str], Array]:
     """Return heads and numbers of a table, shape (N, columns)."""
+    check_regular(path)
     try:
         if path.stat().st_size > MOST_BYTES:
             raise CtcError(f'{path}: larger than {MOST_BYTES >> 20} MiB')

@@ -16,6 +16,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 from ctc_chattering.bags.table import read_table
@@ -80,3 +81,9 @@ def test_what_is_no_table_is_refused_in_a_line(tmp_path: Path, text: str) -> Non
     with pytest.raises(CtcError) as refusal:
         read_table(tmp_path / 'run.csv')
     assert '\n' not in str(refusal.value).strip() and 'run.csv' in str(refusal.value)
+
+
+def test_a_pipe_is_not_waited_for(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / 'run.csv')
+    with pytest.raises(CtcError, match='is a pipe; a regular file is needed'):
+        read_table(tmp_path / 'run.csv')
