@@ -67,7 +67,7 @@ class LeakyIntegral(NamedTuple):
     gain: Array
 
     @classmethod
-    def made(cls, config: ControllerConfig, period: float) -> LeakyIntegral:
+    def from_config(cls, config: ControllerConfig, period: float) -> LeakyIntegral:
         """Return the law of a configuration."""
         return cls(period, period * np.array(config.ki))
 

@@ -131,14 +131,14 @@ class Controller:
         self.reset()
 
     def _use(self, config: ControllerConfig) -> None:
-        self.law = law_class(config.law).made(config, seconds(self._period))
+        self.law = law_class(config.law).from_config(config, seconds(self._period))
         self.config = config
         self.settings = steps.control_settings(config, self.model.effort_limits)
 
     def check(self, config: ControllerConfig) -> None:
         """Raise `CtcError` if the law of a configuration cannot be made."""
         with refused_as(f'the law {config.law} cannot be made'):
-            law_class(config.law).made(config, seconds(self._period)).initial()
+            law_class(config.law).from_config(config, seconds(self._period)).initial()
 
     def configure(self, config: ControllerConfig) -> None:
         """

@@ -88,7 +88,7 @@ class Switching(Estimator):
     """What a switching has; what it does not say is as in `laws.base.Law`."""
 
     @classmethod
-    def made(cls, config: ControllerConfig, period: float) -> Switching:
+    def from_config(cls, config: ControllerConfig, period: float) -> Switching:
         """Return the switching of a configuration, with the sample period [s]."""
         raise NotImplementedError
 
@@ -114,7 +114,7 @@ def switching(kind: type[T]) -> type[T]:
     Mark a switching of your own for law (6), a NamedTuple of its gains.
 
     It returns the class with the methods of `Switching` that it lacks; all that it must have are
-    ``made`` and ``term``. The parameter ``switching`` takes the class itself, or its name
+    ``from_config`` and ``term``. The parameter ``switching`` takes the class itself, or its name
     ``package.module:Name``.
 
     Parameters
@@ -142,7 +142,7 @@ class Sign(NamedTuple):
     ka: Array
 
     @classmethod
-    def made(cls, config: ControllerConfig, period: float) -> Sign:
+    def from_config(cls, config: ControllerConfig, period: float) -> Sign:
         """Return the switching of a configuration."""
         return cls(np.array(config.ka))
 
@@ -164,7 +164,7 @@ class BoundaryLayer(NamedTuple):
     width: float
 
     @classmethod
-    def made(cls, config: ControllerConfig, period: float) -> BoundaryLayer:
+    def from_config(cls, config: ControllerConfig, period: float) -> BoundaryLayer:
         """Return the switching of a configuration."""
         return cls(np.array(config.ka), config.boundary_layer)
 
@@ -186,7 +186,7 @@ class Implicit(NamedTuple):
     filter: ErrorFilter  # noqa: A003
 
     @classmethod
-    def made(cls, config: ControllerConfig, period: float) -> Implicit:
+    def from_config(cls, config: ControllerConfig, period: float) -> Implicit:
         """Return the switching of a configuration."""
         return cls(np.array(config.ka), error_filter(config.lambda_, config.b, period))
 
@@ -215,7 +215,7 @@ class ImplicitObserver(NamedTuple):
     gain: float
 
     @classmethod
-    def made(cls, config: ControllerConfig, period: float) -> ImplicitObserver:
+    def from_config(cls, config: ControllerConfig, period: float) -> ImplicitObserver:
         """Return the switching of a configuration."""
         return cls(np.array(config.ka), error_filter(config.lambda_, config.b, period),
                    1.0 - exp(-config.observer_bandwidth * period))

@@ -33,7 +33,7 @@ from ctc_chattering.control import step
 from ctc_chattering.control.controller_config import ControllerConfig, LAWS
 from ctc_chattering.control.step import Applied, Context, LastSample, State, Terms
 from ctc_chattering.numerics.linear_algebra import Array
-from ctc_chattering.parameters import named_class, Parameter
+from ctc_chattering.parameters import accept_old_name, named_class, Parameter
 
 T = TypeVar('T')
 
@@ -116,7 +116,7 @@ class Law(Estimator):
     acts_on_v = False
 
     @classmethod
-    def made(cls, config: ControllerConfig, period: float) -> Law:
+    def from_config(cls, config: ControllerConfig, period: float) -> Law:
         """Return the law of a configuration, with the sample period [s]; by default no gains."""
         return cls()
 
@@ -260,6 +260,7 @@ def law(symbol: str = '', of_the_paper: bool = False, acts_on_v: bool = False
 
 def with_defaults(kind: type[T], defaults: type) -> type[T]:
     """Return a class, marked as a record, with what it lacks of a class of defaults."""
+    accept_old_name(kind, 'made', 'from_config')
     if 'estimate' in vars(kind) and 'estimates' not in vars(kind):
         setattr(kind, 'estimates', True)  # noqa: B010
     for name in dir(defaults):

@@ -47,9 +47,9 @@ class Chattering(NamedTuple):
     switching: Switching
 
     @classmethod
-    def made(cls, config: ControllerConfig, period: float) -> Chattering:
+    def from_config(cls, config: ControllerConfig, period: float) -> Chattering:
         """Return the law of a configuration."""
-        return cls(np.array(config.ka), switching_class(config.switching).made(config, period))
+        return cls(np.array(config.ka), switching_class(config.switching).from_config(config, period))
 
     def with_gains(self, kp: Array, kv: Array, ka: Array) -> Chattering:
         """Return the law with another Ka."""

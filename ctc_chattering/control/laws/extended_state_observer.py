@@ -68,7 +68,7 @@ class ExtendedStateObserver(NamedTuple):
     observer: StateObserver
 
     @classmethod
-    def made(cls, config: ControllerConfig, period: float) -> ExtendedStateObserver:
+    def from_config(cls, config: ControllerConfig, period: float) -> ExtendedStateObserver:
         """Return the law of a configuration."""
         drives = drive_model(np.array(config.assumed_lag), np.array(config.torque_rate_limit),
                              period)

@@ -47,7 +47,7 @@ class FrictionFeedforward(NamedTuple):
     width: float
 
     @classmethod
-    def made(cls, config: ControllerConfig, period: float) -> FrictionFeedforward:
+    def from_config(cls, config: ControllerConfig, period: float) -> FrictionFeedforward:
         """Return the law of a configuration."""
         return cls(np.array(config.friction_level), config.friction_velocity)
 

@@ -62,7 +62,7 @@ class Integral(NamedTuple):
     tracking: Array
 
     @classmethod
-    def made(cls, config: ControllerConfig, period: float) -> Integral:
+    def from_config(cls, config: ControllerConfig, period: float) -> Integral:
         """Return the law of a configuration."""
         ki, kp = np.array(config.ki), matrix(config.kp, len(config.joint_names))
         tracking = -np.expm1(-period * ki / np.diag(kp))

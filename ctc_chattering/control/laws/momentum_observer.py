@@ -70,7 +70,7 @@ class MomentumObserver(NamedTuple):
     zero: Array
 
     @classmethod
-    def made(cls, config: ControllerConfig, period: float) -> MomentumObserver:
+    def from_config(cls, config: ControllerConfig, period: float) -> MomentumObserver:
         """Return the law of a configuration."""
         return cls(1.0 - exp(-config.momentum_gain * period), period,
                    np.zeros(len(config.joint_names)))

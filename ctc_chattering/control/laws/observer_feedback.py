@@ -110,7 +110,7 @@ class ObserverFeedback(NamedTuple):
     least: float
 
     @classmethod
-    def made(cls, config: ControllerConfig, period: float) -> ObserverFeedback:
+    def from_config(cls, config: ControllerConfig, period: float) -> ObserverFeedback:
         """Return the law of a configuration."""
         n, bandwidth, ka = len(config.joint_names), config.estimator_bandwidth, np.array(config.ka)
         drives = drive_model(np.array(config.assumed_lag), np.array(config.torque_rate_limit),

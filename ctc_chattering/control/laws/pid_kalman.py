@@ -87,7 +87,7 @@ class PidKalman(NamedTuple):
     drives: DriveModel
 
     @classmethod
-    def made(cls, config: ControllerConfig, period: float) -> PidKalman:
+    def from_config(cls, config: ControllerConfig, period: float) -> PidKalman:
         """Return the law of a configuration."""
         n, h, ki = len(config.joint_names), period, np.array(config.ki)
         drives = drive_model(np.array(config.assumed_lag), np.array(config.torque_rate_limit), h)

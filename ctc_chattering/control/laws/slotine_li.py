@@ -73,7 +73,7 @@ class SlotineLi(NamedTuple):
     anti_windup: float
 
     @classmethod
-    def made(cls, config: ControllerConfig, period: float) -> SlotineLi:
+    def from_config(cls, config: ControllerConfig, period: float) -> SlotineLi:
         """Return the law of a configuration."""
         n = len(config.joint_names)
         return cls(np.linalg.pinv(matrix(config.kv, n)).dot(matrix(config.kp, n)),

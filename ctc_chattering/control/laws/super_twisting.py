@@ -67,7 +67,7 @@ class SuperTwisting(NamedTuple):
     jump: Array
 
     @classmethod
-    def made(cls, config: ControllerConfig, period: float) -> SuperTwisting:
+    def from_config(cls, config: ControllerConfig, period: float) -> SuperTwisting:
         """Return the law of a configuration."""
         return cls(error_filter(config.lambda_, config.b, period),
                    np.array(config.super_twisting_k1), period * np.array(config.super_twisting_k2))
