@@ -59,8 +59,9 @@ from typing import cast, NamedTuple, TypeVar
 
 from ctc_chattering.compiled.compilable import dot, function, record, RECORDS, some
 from ctc_chattering.control.controller_config import ControllerConfig
+from ctc_chattering.control.filter import design_filter, ErrorFilter
 from ctc_chattering.control.laws.base import class_name, Estimator, with_defaults
-from ctc_chattering.control.step import Applied, error_filter, ErrorFilter, State
+from ctc_chattering.control.sample import Applied, State
 from ctc_chattering.numerics.box_qp import nearest
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.parameters import named_class
@@ -188,7 +189,7 @@ class Implicit(NamedTuple):
     @classmethod
     def from_config(cls, config: ControllerConfig, period: float) -> Implicit:
         """Return the switching of a configuration."""
-        return cls(np.array(config.ka), error_filter(config.lambda_, config.b, period))
+        return cls(np.array(config.ka), design_filter(config.lambda_, config.b, period))
 
     def with_gains(self, kp: Array, kv: Array, ka: Array) -> Implicit:
         """Return the switching with another Ka."""
@@ -217,7 +218,7 @@ class ImplicitObserver(NamedTuple):
     @classmethod
     def from_config(cls, config: ControllerConfig, period: float) -> ImplicitObserver:
         """Return the switching of a configuration."""
-        return cls(np.array(config.ka), error_filter(config.lambda_, config.b, period),
+        return cls(np.array(config.ka), design_filter(config.lambda_, config.b, period),
                    1.0 - exp(-config.observer_bandwidth * period))
 
     def with_gains(self, kp: Array, kv: Array, ka: Array) -> ImplicitObserver:

@@ -36,8 +36,10 @@ from ctc_chattering.analysis.tables import rounded
 from ctc_chattering.configuration.loop_setup import Setup
 from ctc_chattering.control.controller import Controller
 from ctc_chattering.control.controller_config import ControllerConfig
-from ctc_chattering.control.observer import drive_model
-from ctc_chattering.control.step import Context, Models, REGULAR, ROWS, step
+from ctc_chattering.control.irregular_sample import REGULAR
+from ctc_chattering.control.sample import Context, Models, TRANSIT_ROWS
+from ctc_chattering.control.step import step
+from ctc_chattering.dynamics.drive_response import discretize_drives
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.dynamics.registry import model_of
 from ctc_chattering.errors import CtcError
@@ -146,8 +148,8 @@ class _SteadyMotion:
             made.step(*self._row(k * h * one, one), [
                 self._row((k + j) * h * one, one)[2:] for j in range(1, self._delay + 1)])
         control, of_law, self._last = made.memories
-        self._memories = control._replace(turn=0.0), of_law
-        rolled = np.roll(made.transit, -ROWS * int(control.turn), axis=0)
+        self._memories = control._replace(transit_index=0.0), of_law
+        rolled = np.roll(made.transit, -TRANSIT_ROWS * int(control.transit_index), axis=0)
         self._at = np.concatenate([*_numbers(self._memories), rolled.ravel()])
         self._y = np.concatenate([0.0 * one, _SPEED * one])
         self._points = np.array([x for j in range(self._delay + 1)
@@ -166,13 +168,13 @@ class _SteadyMotion:
         m, n = self.states, len(self._y) // 2
         rest = values[:m].tolist()
         control, of_law = _record(self._memories, iter(rest))
-        transit = values[m - ROWS * self._delay * n:m].reshape(-1, n).copy()
+        transit = values[m - TRANSIT_ROWS * self._delay * n:m].reshape(-1, n).copy()
         context = Context(self._settings, self._models, transit, control, self._points)
-        *_, sent, (control, of_law, _) = step(
+        output, (control, of_law, _) = step(
             context, self._law, of_law, self._last, REGULAR, values[m:m + n], values[m + n:])
-        after = np.roll(transit, -ROWS * int(control.turn), axis=0).ravel()
+        after = np.roll(transit, -TRANSIT_ROWS * int(control.transit_index), axis=0).ravel()
         return np.concatenate([
-            *_numbers((control._replace(turn=0.0), of_law)), after, sent.tau])
+            *_numbers((control._replace(transit_index=0.0), of_law)), after, output.tau])
 
     def moved(self) -> Array:
         """
@@ -248,7 +250,7 @@ class SampledLoop(NamedTuple):
 def sampled_loop(law: LinearLaw, mass: Array, robot: Loops) -> SampledLoop:
     """Return the loop of a law and a robot of n joints with M̂ = `mass`, shape (n, n)."""
     n, h, delay, m = len(mass), robot.period, robot.delay, len(law.A)
-    drives = drive_model(robot.lag, np.full(n, np.inf), h)
+    drives = discretize_drives(robot.lag, np.full(n, np.inf), h)
     # State: q, dq, torque of the drives, torques in transit, q a sample ago, memory of the law.
     sizes = [n, n, n, delay * n, n if robot.differenced else 0, m]
     q, dq, torque, transit, last, memory = np.split(

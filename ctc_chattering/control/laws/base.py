@@ -29,9 +29,17 @@ import inspect
 from typing import Any, cast, NamedTuple, TypeVar
 
 from ctc_chattering.compiled.compilable import function, record, RECORDS
-from ctc_chattering.control import step
 from ctc_chattering.control.controller_config import ControllerConfig, LAWS
-from ctc_chattering.control.step import Applied, Context, LastSample, State, Terms
+from ctc_chattering.control.delay import predict_arrival
+from ctc_chattering.control.sample import (
+    Applied,
+    Context,
+    evaluate_state,
+    LastSample,
+    predict_state,
+    State,
+    Terms,
+)
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.parameters import accept_old_name, named_class, Parameter
 
@@ -178,7 +186,7 @@ class Law(Estimator):
 
     def answer(self, memory: T, now: State, context: Context) -> tuple[Terms, T]:
         """
-        Return the terms of the torque of a sample, and the memory: `terms` at `arriving`.
+        Return the terms of the torque of a sample, and the memory: `terms` at `predict_arrival`.
 
         Parameters
         ----------
@@ -190,7 +198,7 @@ class Law(Estimator):
             Of the sample.
 
         """
-        return self.terms(memory, step.arriving(self, memory, now, context))
+        return self.terms(memory, predict_arrival(self, memory, now, context))
 
     def terms(self, memory: T, at: State) -> tuple[Terms, T]:
         """Return the terms of the torque for a state, and the memory; every law has its own."""
@@ -209,8 +217,8 @@ class Law(Estimator):
 def next_state(law: Any, memory: Any, last: LastSample, context: Context) -> tuple[Array, Array]:
     """Return `Law.predicted_state` by the model, with the torque and P of the last sample."""
     settings, model = context.settings, context.models.now
-    at = step.evaluated(settings, model, last.q, last.dq, context.points, 0, context.memory.xi)
-    return step.predict(model, at, last.applied - law.acting(memory, at), settings.period)
+    at = evaluate_state(settings, model, last.q, last.dq, context.points, 0, context.memory.xi)
+    return predict_state(model, at, last.applied - law.acting(memory, at), settings.period)
 
 
 @function

@@ -31,7 +31,7 @@ from typing import NamedTuple
 from ctc_chattering.compiled.compilable import dot
 from ctc_chattering.control.controller_config import ControllerConfig
 from ctc_chattering.control.laws.base import law
-from ctc_chattering.control.step import Applied, State, Terms
+from ctc_chattering.control.sample import Applied, State, Terms
 from ctc_chattering.control.switching import Perturbation, Switching, switching_class
 from ctc_chattering.numerics.box_qp import nearest
 from ctc_chattering.numerics.linear_algebra import Array

@@ -29,7 +29,7 @@ from typing import NamedTuple
 
 from ctc_chattering.compiled.compilable import dot
 from ctc_chattering.control.laws.base import law, Nothing
-from ctc_chattering.control.step import State, Terms
+from ctc_chattering.control.sample import State, Terms
 
 
 @law(of_the_paper=True, acts_on_v=True)

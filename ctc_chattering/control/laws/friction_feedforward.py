@@ -33,7 +33,7 @@ from typing import NamedTuple
 
 from ctc_chattering.control.controller_config import ControllerConfig
 from ctc_chattering.control.laws.base import law, Nothing
-from ctc_chattering.control.step import State, Terms
+from ctc_chattering.control.sample import State, Terms
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
 

@@ -17,7 +17,7 @@ Law `observer_feedback`: computed torque on an observed state, for drives and en
 
 An observer that has the perturbation as a state (Han, *From PID to active disturbance rejection
 control*, IEEE TIE 56, 2009), with the bound Ka of the paper's law (6). At every sample, with what
-`state_observer`, `feasible_reference`, `friction_level` and `drive_model` define::
+`observer`, `feasible_reference`, `friction_learning` and `dynamics/drive_response` define::
 
     q̂, dq̂, P̂, Ṗ̂:  corrected by the measured q, then predicted until the torque arrives   (OF1)
     τ* = M (ddq_r + Kv (dq_r - dq̂) + Kp (q_r - q̂)) + C dq̂ + G - z                       (OF2)
@@ -46,12 +46,35 @@ from math import exp
 from typing import NamedTuple
 
 from ctc_chattering.compiled.compilable import diagonal, dot, function, record
-from ctc_chattering.control import adaptation
-from ctc_chattering.control.adaptation import Desired, Deviation
 from ctc_chattering.control.controller_config import ControllerConfig
+from ctc_chattering.control.feasible_reference import (
+    design_reference,
+    Desired,
+    Deviation,
+    FeasibleReference,
+    next_point,
+)
+from ctc_chattering.control.friction_learning import (
+    design_learner,
+    FrictionLearner,
+    LearnedFriction,
+)
 from ctc_chattering.control.laws.base import law, observed_state, Stability
-from ctc_chattering.control.observer import drive_model, Observed, state_observer, StateObserver
-from ctc_chattering.control.step import Applied, Context, LastSample, State, Terms
+from ctc_chattering.control.observer import design_observer, Observed, StateObserver
+from ctc_chattering.control.oscillation import (
+    design_guard,
+    Oscillation,
+    OscillationGuard,
+    START_GRACE_S,
+)
+from ctc_chattering.control.sample import Applied, Context, LastSample, State, Terms
+from ctc_chattering.control.standstill import (
+    design_detector,
+    hold_standing,
+    Standstill,
+    StandstillDetector,
+)
+from ctc_chattering.dynamics.drive_response import discretize_drives
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.numerics.box_qp import nearest
 from ctc_chattering.numerics.linear_algebra import Array
@@ -74,11 +97,11 @@ class Memory(NamedTuple):
     deviation: Deviation
     known: float
     #: K̂ as learned so far.
-    learned: adaptation.Learned
+    learned: LearnedFriction
     #: Which joints are held.
-    rest: adaptation.Rest
+    rest: Standstill
     #: Of the feedback, and with it s of `oscillation`.
-    oscillation: adaptation.Oscillation
+    oscillation: Oscillation
 
 
 @record
@@ -101,10 +124,10 @@ class ObserverFeedback(NamedTuple):
     #: The level of friction at the start, shape (n,) [N·m].
     given: Array
     observer: StateObserver
-    reference: adaptation.FeasibleReference
-    learning: adaptation.FrictionLevel
-    standstill: adaptation.Standstill
-    guard: adaptation.OscillationGuard
+    reference: FeasibleReference
+    learning: FrictionLearner
+    standstill: StandstillDetector
+    guard: OscillationGuard
     #: k of (OF5), for the law of a sample (`slowed_down`), and the least of it.
     part: float
     least: float
@@ -113,13 +136,13 @@ class ObserverFeedback(NamedTuple):
     def from_config(cls, config: ControllerConfig, period: float) -> ObserverFeedback:
         """Return the law of a configuration."""
         n, bandwidth, ka = len(config.joint_names), config.estimator_bandwidth, np.array(config.ka)
-        drives = drive_model(np.array(config.assumed_lag), np.array(config.torque_rate_limit),
-                             period)
+        drives = discretize_drives(
+            np.array(config.assumed_lag), np.array(config.torque_rate_limit), period)
         return with_parts(
             np.array(matrix(config.kp, n)), np.array(matrix(config.kv, n)), ka,
             np.array(config.friction_level),
-            state_observer(drives, bandwidth, ka, config.estimator_slope),
-            adaptation.friction_level(config.friction_learning, bandwidth, period, ka), bandwidth)
+            design_observer(drives, bandwidth, ka, config.estimator_slope),
+            design_learner(config.friction_learning, bandwidth, period, ka), bandwidth)
 
     def with_gains(self, kp: Array, kv: Array, ka: Array) -> ObserverFeedback:
         """Return the law with other gains, and with what depends on them."""
@@ -130,7 +153,7 @@ class ObserverFeedback(NamedTuple):
     def stability(self, memory: Memory) -> Stability:
         """Return s of (OG1), how long less of it has not helped, and L of (OG2)."""
         seen = memory.oscillation
-        joint = self.guard.cycling_joint(seen)
+        joint = self.guard.find_cycling_joint(seen)
         return Stability(exp(seen.retreat), seen.strained, seen.cycling, joint,
                          float(seen.frequency[joint]))
 
@@ -140,8 +163,8 @@ class ObserverFeedback(NamedTuple):
             return self
         part = exp(memory.oscillation.retreat)
         return self._replace(
-            observer=self.observer.slowed(part), reference=self.reference.slowed(part),
-            learning=self.learning.slowed(part), part=max(part, self.least))
+            observer=self.observer.slow_down(part), reference=self.reference.slow_down(part),
+            learning=self.learning.slow_down(part), part=max(part, self.least))
 
     def reconfigured(self, memory: Memory) -> Memory:
         """Return the memory without a slope if the observer has none now."""
@@ -155,10 +178,10 @@ class ObserverFeedback(NamedTuple):
         return Memory(
             observed=Observed(*(zero,) * 5), mass=np.zeros_like(self.kp), ddq=zero,
             deviation=Deviation(zero, zero), known=0.0,
-            learned=adaptation.Learned(self.given, *(zero,) * 5),
-            rest=adaptation.Rest(*(zero,) * 4),
-            oscillation=adaptation.Oscillation(
-                *(zero,) * 4, retreat=0.0, strained=-adaptation.GRACE, frequency=zero, calm=0.0,
+            learned=LearnedFriction(self.given, *(zero,) * 5),
+            rest=Standstill(*(zero,) * 4),
+            oscillation=Oscillation(
+                *(zero,) * 4, retreat=0.0, strained=-START_GRACE_S, frequency=zero, calm=0.0,
                 cycling=0.0))
 
     def initialized(self, now: State, estimate: Array) -> Memory:
@@ -175,9 +198,9 @@ class ObserverFeedback(NamedTuple):
     def corrected(self, memory: Memory, q: Array, dq: Array, held: Array
                   ) -> tuple[Memory, Array, Array]:
         """Return q̂ and dq̂, corrected by the measured position; at first the measured ones."""
-        rest = self.standstill.placed_at(memory.rest, q)
+        rest = self.standstill.track_position(memory.rest, q)
         if memory.known != 0.0:
-            at = adaptation.kept(rest, memory.observed, self.slowed_down(memory).observer.correct(
+            at = hold_standing(rest, memory.observed, self.slowed_down(memory).observer.correct(
                 memory.observed, memory.mass, q))
         else:
             at = memory.observed._replace(q=q, dq=dq, torque=held)
@@ -200,20 +223,20 @@ class ObserverFeedback(NamedTuple):
             by = Deviation(place.at.q - point.q, place.at.dq - point.dq)
         held, level = place.at.torque, memory.learned.level
         tau, z, back, feedback = self.wanted(memory, place, point, by)
-        by = self.reference.following(point, by, back, diagonal(place.M), level)
+        by = self.reference.advance(point, by, back, diagonal(place.M), level)
         half = 0.5 * (held + tau)                              # The drives are half way to τ*.
         half_way = place._replace(at=place.at._replace(torque=half))
         after = placed(context.models.after, self.predicted(memory, half_way, half))
         step = memory.known * (point.ddq - memory.ddq)
         later, _, _, _ = self.wanted(
-            memory, after, adaptation.next_point(point, step, self.reference.period), by)
-        tau = self.observer.drives.command(tau, later)
+            memory, after, next_point(point, step, self.reference.period), by)
+        tau = self.observer.drives.command_for(tau, later)
         sent = held + nearest(place.M, tau - held, self.observer.drives.reach)
-        by = self.reference.relieved(by, tau - sent, place.M)
+        by = self.reference.relieve(by, tau - sent, place.M)
         return Terms(sent + z, now.zero, z, now.zero), memory._replace(
             deviation=by, ddq=point.ddq,
-            rest=self.standstill.judged(memory.rest, point, diagonal(place.M), level),
-            oscillation=self.guard.noticed(memory.oscillation, feedback, tau - sent))
+            rest=self.standstill.detect_standstill(memory.rest, point, diagonal(place.M), level),
+            oscillation=self.guard.update_oscillation(memory.oscillation, feedback, tau - sent))
 
     def predicted(self, memory: Memory, place: Place, command: Array) -> Observed:
         """Return the state a period later, under a command to the drives."""
@@ -229,9 +252,9 @@ class ObserverFeedback(NamedTuple):
         reference there, and its deviation.
         """
         at, M, level = place.at, place.M, memory.learned.level
-        back = self.reference.returning(by, diagonal(M), level)
-        r = self.reference.shifted(point, by, back)
-        z = -nearest(M, at.perturbation + self.reference.feedforward(point, level, 0.0), self.ka)
+        back = self.reference.compute_recovery(by, diagonal(M), level)
+        r = self.reference.shift(point, by, back)
+        z = -nearest(M, at.perturbation + self.reference.feed_forward(point, level, 0.0), self.ka)
         u = self.part * (dot(self.kv, r.dq - at.dq) + self.part * dot(self.kp, r.q - at.q))
         feedback = dot(M, u)
         return dot(M, r.ddq) + feedback + place.bias - z, z, back, feedback
@@ -240,7 +263,7 @@ class ObserverFeedback(NamedTuple):
         """Learn the level of friction, and predict the next sample."""
         at = memory.observed
         learned = self.slowed_down(memory).learning.learn(memory.learned, at.dq, at.perturbation)
-        by = self.reference.relieved(memory.deviation, applied.saturation_error, now.M)
+        by = self.reference.relieve(memory.deviation, applied.saturation_error, now.M)
         after = self.observer.predict(at, now.M, now.bias, learned.level, applied.tau)
         return memory._replace(
             observed=after, mass=now.M, known=1.0, learned=learned, deviation=by)
@@ -252,15 +275,15 @@ class ObserverFeedback(NamedTuple):
 
 @function
 def with_parts(kp: Array, kv: Array, ka: Array, given: Array, observer: StateObserver,
-               learning: adaptation.FrictionLevel, bandwidth: float) -> ObserverFeedback:
+               learning: FrictionLearner, bandwidth: float) -> ObserverFeedback:
     """Return the law with its gains, and ω [rad/s] of the observer; the rest follows from them."""
     drives, stiffness = observer.drives, diagonal(kp)
     pole, h, rate = np.sqrt(stiffness), drives.period, drives.rate
     return ObserverFeedback(
         kp=kp, kv=kv, ka=ka, given=given, observer=observer,
-        reference=adaptation.feasible_reference(stiffness, diagonal(kv), rate, drives.lag, h),
-        learning=learning, standstill=adaptation.standstill(bandwidth, ka, rate, h),
-        guard=adaptation.oscillation_guard(ka, rate, pole, h),
+        reference=design_reference(stiffness, diagonal(kv), rate, drives.lag, h),
+        learning=learning, standstill=design_detector(bandwidth, ka, rate, h),
+        guard=design_guard(ka, rate, pole, h),
         part=1.0, least=min(1.0, float(_STIFF / pole.max())))
 
 

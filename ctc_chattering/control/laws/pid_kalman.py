@@ -40,9 +40,10 @@ from typing import NamedTuple
 
 from ctc_chattering.compiled.compilable import dot, record, solve, some
 from ctc_chattering.control.controller_config import ControllerConfig
+from ctc_chattering.control.delay import predict_arrival
 from ctc_chattering.control.laws.base import law, observed_state
-from ctc_chattering.control.observer import drive_model, DriveModel
-from ctc_chattering.control.step import Applied, arriving, Context, LastSample, State, Terms
+from ctc_chattering.control.sample import Applied, Context, LastSample, State, Terms
+from ctc_chattering.dynamics.drive_response import discretize_drives, DriveModel
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.parameters import matrix
 import numpy as np
@@ -90,7 +91,8 @@ class PidKalman(NamedTuple):
     def from_config(cls, config: ControllerConfig, period: float) -> PidKalman:
         """Return the law of a configuration."""
         n, h, ki = len(config.joint_names), period, np.array(config.ki)
-        drives = drive_model(np.array(config.assumed_lag), np.array(config.torque_rate_limit), h)
+        drives = discretize_drives(
+            np.array(config.assumed_lag), np.array(config.torque_rate_limit), h)
         k = kalman_gains(config.estimator_bandwidth * h)
         tracking = -np.expm1(-h * ki / np.diag(matrix(config.kp, n)))
         return cls(float(k[0]), float(k[1]) / h, float(k[2]) / h ** 2, h, h * ki,
@@ -133,9 +135,9 @@ class PidKalman(NamedTuple):
     def answer(self, memory: Kinematics, now: State, context: Context
                ) -> tuple[Terms, Kinematics]:
         """Return the terms of (PK4), for the state in which the torque arrives."""
-        at, held = arriving(self, memory, now, context), memory.torque
+        at, held = predict_arrival(self, memory, now, context), memory.torque
         for j in range(int(context.settings.delay)):
-            held, _, _ = self.drives.response(held, context.in_transit(j))
+            held = self.drives.respond(held, context.in_transit(j)).end
         z = -self.estimate(memory, at)
         wanted, E, reach = at.N - z, self.drives.decay, self.drives.reach
         command = wanted
@@ -154,7 +156,7 @@ class PidKalman(NamedTuple):
         h, y = self.period, memory.integral + self.gain * now.e
         if some(applied.saturation_error):
             y = y - self.tracking * solve(now.M, applied.saturation_error)
-        torque, _, _ = self.drives.response(memory.torque, applied.tau)
+        torque = self.drives.respond(memory.torque, applied.tau).end
         return memory._replace(
             q=memory.q + h * (memory.dq + 0.5 * h * memory.ddq), dq=memory.dq + h * memory.ddq,
             integral=y, torque=torque, known=1.0)
