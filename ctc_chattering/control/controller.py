@@ -24,8 +24,9 @@ from typing import Any, NamedTuple
 from ctc_chattering.compiled.compilable import RECORDS
 from ctc_chattering.compiled.machine_code import MACHINE_CODE, PLAIN_PYTHON
 from ctc_chattering.control import step as steps
-from ctc_chattering.control.controller_config import ControllerConfig, LAWS
-from ctc_chattering.control.laws.base import Law, law_class, Stability
+from ctc_chattering.control.controller_config import ControllerConfig
+from ctc_chattering.control.laws.base import Law, Stability
+from ctc_chattering.control.laws.registry import law_class
 from ctc_chattering.control.step import Arrival, CompiledStep, Memories, PlainStep, REGULAR
 from ctc_chattering.dynamics.compiled_model import Arm, arm_of
 from ctc_chattering.dynamics.model import Model, Scaled
@@ -37,7 +38,7 @@ from ctc_chattering.parameters import vector
 from ctc_chattering.trajectory.buffer import Point
 import numpy as np
 
-__all__ = ['LAWS', 'Controller', 'ControllerConfig', 'Sample']
+__all__ = ['Controller', 'ControllerConfig', 'Sample']
 
 
 class Sample(NamedTuple):
@@ -131,7 +132,7 @@ class Controller:
         self.reset()
 
     def _use(self, config: ControllerConfig) -> None:
-        self.law = law_class(config.law).from_config(config, seconds(self._period))
+        self.law: Law = law_class(config.law).from_config(config, seconds(self._period))
         self.config = config
         self.settings = steps.control_settings(config, self.model.effort_limits)
 

@@ -19,8 +19,8 @@ from __future__ import annotations
 from typing import Any
 
 from ctc_chattering.compiled.build import build
-from ctc_chattering.control.controller import Controller, ControllerConfig, LAWS
-from ctc_chattering.control.controller_config import SWITCHINGS
+from ctc_chattering.control.controller import Controller, ControllerConfig
+from ctc_chattering.control.laws.registry import LAWS, SWITCHINGS
 from ctc_chattering.control.step import Arrival, CompiledStep, PlainStep, REGULAR
 from ctc_chattering.dynamics.compiled_model import arm_of
 from ctc_chattering.dynamics.model import Model
