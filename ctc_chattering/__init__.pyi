@@ -34,6 +34,7 @@ from ctc_chattering.control.controller import ControllerConfig as ControllerConf
 from ctc_chattering.control.controller import Sample as Sample
 from ctc_chattering.control.laws.base import law as law
 from ctc_chattering.control.laws.base import laws as laws
+from ctc_chattering.control.recommended_gains import PoleRule as PoleRule
 from ctc_chattering.control.sample import Applied as Applied
 from ctc_chattering.control.sample import State as State
 from ctc_chattering.control.sample import Terms as Terms

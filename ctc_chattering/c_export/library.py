@@ -33,13 +33,13 @@ from ctc_chattering.compiled.machine_code import Code, memory_of
 from ctc_chattering.compiled.records import load, packed
 from ctc_chattering.control.compiled_step import apply_gains, CompiledStep
 from ctc_chattering.control.controller import Controller, ControllerConfig
+from ctc_chattering.control.laws.registry import law_class
 from ctc_chattering.control.settings import ControlSettings
 from ctc_chattering.controller.positions import LIMITS
 from ctc_chattering.controller.trips import (
     LARGEST_GROWTH,
     LIMIT_CYCLE_S,
     PATIENCE,
-    WATCHED,
 )
 from ctc_chattering.dynamics.compiled_model import set_mass_and_bias, set_terms
 from ctc_chattering.dynamics.model import Model
@@ -259,7 +259,7 @@ def _data(block: Block, named: dict[str, int], functions: Sequence[str],
           config: ControllerConfig) -> str:
     """Return the numbers of a law in C."""
     constants = named | {
-        'WATCHED': int(config.law == WATCHED), 'LARGEST_GROWTH': LARGEST_GROWTH,
+        'WATCHED': int(law_class(config.law).is_watched), 'LARGEST_GROWTH': LARGEST_GROWTH,
         'PATIENCE': PATIENCE, 'LONGEST_CYCLE': LIMIT_CYCLE_S, 'POSITION_MARGIN': LIMITS.margin,
         'LARGEST_ACCELERATION': LIMITS.acceleration,
         'GAINS_FUNCTION': _SET if _SET in functions else 'NULL'}

@@ -33,7 +33,7 @@ from ctc_chattering.cli.options import (
 from ctc_chattering.cli.presentation import print_page, progress
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.configuration.package_share import find_config
-from ctc_chattering.control.controller import LAWS
+from ctc_chattering.control.laws.registry import LAWS
 from ctc_chattering.errors import CtcError, given_by_user, UsageError
 from ctc_chattering.output_files import check_file, check_folder, claim
 from ctc_chattering.parameters import LEAST

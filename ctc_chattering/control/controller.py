@@ -31,7 +31,7 @@ from typing import Any, NamedTuple
 from ctc_chattering.compiled.compilable import RECORDS
 from ctc_chattering.compiled.machine_code import MACHINE_CODE, PLAIN_PYTHON
 from ctc_chattering.control.compiled_step import CompiledStep
-from ctc_chattering.control.controller_config import ControllerConfig, LAWS
+from ctc_chattering.control.controller_config import ControllerConfig
 from ctc_chattering.control.handover import take_over
 from ctc_chattering.control.irregular_sample import (
     locate_sample,
@@ -39,7 +39,8 @@ from ctc_chattering.control.irregular_sample import (
     REGULAR,
     SampleIrregularity,
 )
-from ctc_chattering.control.laws.base import Law, law_class, Stability
+from ctc_chattering.control.laws.base import Law, Stability
+from ctc_chattering.control.laws.registry import law_class
 from ctc_chattering.control.sample import ControlMemory, LastSample, Memories, TRANSIT_ROWS
 from ctc_chattering.control.settings import ControlSettings
 from ctc_chattering.control.step import PlainStep
@@ -53,7 +54,7 @@ from ctc_chattering.parameters import vector
 from ctc_chattering.trajectory.buffer import Point
 import numpy as np
 
-__all__ = ['LAWS', 'Controller', 'ControllerConfig', 'Sample']
+__all__ = ['Controller', 'ControllerConfig', 'Sample']
 
 
 class Sample(NamedTuple):
@@ -208,7 +209,8 @@ class Controller:
         self.reset()
 
     def _make_law(self, config: ControllerConfig) -> Law:
-        return law_class(config.law).from_config(config, seconds(self._period))
+        law: Law = law_class(config.law).from_config(config, seconds(self._period))
+        return law
 
     def _use(self, config: ControllerConfig) -> None:
         self.law = self._make_law(config)

@@ -130,7 +130,7 @@ class StateObserver(NamedTuple):
 
         """
         h = self.drives.period
-        drive = self.drives.respond(state.torque, command)
+        drive = self.drives.follow(state.torque, command)
         load = drive.mean - (bias + state.perturbation + 0.5 * h * state.slope)
         _, dq_over_h = nearest_and_rest(mass, dot(mass, state.dq) / h + load, level)
         dq = h * dq_over_h

@@ -55,16 +55,15 @@ that v is still far from 0, and is left out.
 from __future__ import annotations
 
 from math import exp
-from typing import cast, NamedTuple, TypeVar
+from typing import NamedTuple, TypeVar
 
-from ctc_chattering.compiled.compilable import dot, function, record, RECORDS, some
+from ctc_chattering.compiled.compilable import dot, function, record, some
 from ctc_chattering.control.controller_config import ControllerConfig
 from ctc_chattering.control.filter import design_filter, ErrorFilter
-from ctc_chattering.control.laws.base import class_name, Estimator, with_defaults
+from ctc_chattering.control.laws.base import Estimator, with_defaults
 from ctc_chattering.control.sample import Applied, State
 from ctc_chattering.numerics.box_qp import nearest
 from ctc_chattering.numerics.linear_algebra import Array
-from ctc_chattering.parameters import named_class
 import numpy as np
 
 
@@ -125,14 +124,6 @@ def switching(kind: type[T]) -> type[T]:
 
     """
     return with_defaults(kind, Switching)
-
-
-def switching_class(name: str) -> type[Switching]:
-    """Return the class of a switching: one of `SWITCHINGS`, or ``package.module:Name``."""
-    own = name if ':' in name else f'{__name__}:{class_name(name)}'
-    return cast('type[Switching]', named_class(
-        'switching', own, lambda x: x in RECORDS and hasattr(x, 'term'),
-        'class marked by @switching'))
 
 
 @switching

@@ -170,8 +170,8 @@ class DriveModel(NamedTuple):
     mean: Array
     weighted: Array
 
-    def respond(self, torque: Array, command: Array) -> DriveTorque:
-        """Return the response of `torque` to a held `command`, each of shape (n,) [N·m]."""
+    def follow(self, torque: Array, command: Array) -> DriveTorque:
+        """Return the torque that follows a held `command`, each of shape (n,) [N·m]."""
         h, T, x0 = self.period, self.lag, torque - command
         if every(np.abs(x0) <= self.linear_gap):
             return DriveTorque(command + self.decay * x0, command + self.mean * x0,

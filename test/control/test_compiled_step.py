@@ -20,9 +20,9 @@ from typing import Any
 
 from ctc_chattering.compiled.build import build
 from ctc_chattering.control.compiled_step import CompiledStep
-from ctc_chattering.control.controller import Controller, ControllerConfig, LAWS
-from ctc_chattering.control.controller_config import SWITCHINGS
+from ctc_chattering.control.controller import Controller, ControllerConfig
 from ctc_chattering.control.irregular_sample import REGULAR, SampleIrregularity
+from ctc_chattering.control.laws.registry import LAWS, SWITCHINGS
 from ctc_chattering.control.step import PlainStep
 from ctc_chattering.dynamics.compiled_model import arm_of
 from ctc_chattering.dynamics.model import Model

@@ -18,7 +18,7 @@ import math
 from typing import Any
 
 from ctc_chattering.control.controller import Controller, ControllerConfig
-from ctc_chattering.control.controller_config import SWITCHINGS
+from ctc_chattering.control.laws.registry import SWITCHINGS
 from ctc_chattering.control.switching import Perturbation
 from ctc_chattering.dynamics.two_link import TwoLink
 from laws import GAINS, inputs

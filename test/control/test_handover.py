@@ -22,8 +22,8 @@ import itertools
 import math
 from typing import Any
 
-from ctc_chattering.control.controller import Controller, ControllerConfig, LAWS
-from ctc_chattering.control.laws.base import law_class
+from ctc_chattering.control.controller import Controller, ControllerConfig
+from ctc_chattering.control.laws.registry import law_class, LAWS
 from ctc_chattering.control.settings import HANDOVER_DURATION_S
 from ctc_chattering.simulation.plant import Plant
 from ctc_chattering.simulation.plant_config import PlantConfig

@@ -61,7 +61,7 @@ def test_the_model_of_a_period_has_the_end_and_the_means_of_the_response(
     torque, command = np.array([5.0, -1.0, 2.0]), np.array([5.0, -0.8, -4.0])
     lags, rates = np.full(3, lag), np.full(3, rate)
     model = discretize_drives(lags, rates, H)
-    found = model.respond(torque, command)
+    found = model.follow(torque, command)
     end, area = response(command - torque, lags, rates, H)
     np.testing.assert_allclose(found.end, command + end, atol=1e-12)
     np.testing.assert_allclose(found.mean, command + area / H, atol=1e-9)
@@ -85,4 +85,4 @@ def test_the_command_gives_the_desired_torque_at_the_end() -> None:
     now, after = np.array([1.0, 1.0]), np.array([1.5, 1.5])
     command = model.command_for(now, after)
     with np.errstate(invalid='ignore'):
-        assert model.respond(now, command).end == pytest.approx([1.5, 1.0])
+        assert model.follow(now, command).end == pytest.approx([1.5, 1.0])
