@@ -153,8 +153,10 @@ def run_step(p: ControlRecords, points: Array) -> int:
     model = CompiledModel(p.call, p.body)
     models = Models(EvaluatedModel(model, p.now), EvaluatedModel(model, p.arriving),
                     EvaluatedModel(model, p.after))
-    reference = extrapolate_reference(rows(points, like), irregularity.reference_offset,
-                                      settings.delay, rows(p.reference, like))
+    reference = rows(points, like)
+    if irregularity.reference_offset != 0.0:
+        reference = extrapolate_reference(
+            reference, irregularity.reference_offset, settings.delay, rows(p.reference, like))
     context = Context(settings, models, rows(p.transit, like), memories.control, reference)
     output, memories_after = step(context, load(p.law), memories.law, memories.last,
                                   irregularity, measured[0], measured[1])

@@ -109,10 +109,6 @@ class FeasibleReference(NamedTuple):
         dq = point.dq + (0.67 * T + ahead) * point.ddq
         return level * ramp(dq / np.maximum(np.abs(point.ddq) * T, _TINY))
 
-    def shift(self, point: Desired, deviation: Deviation, recovery: Array) -> Desired:
-        """Return a point with its deviation and recovery, without the ramp's acceleration."""
-        return Desired(point.q + deviation.x, point.dq + deviation.dx, point.ddq + recovery)
-
     def advance(self, point: Desired, deviation: Deviation, recovery: Array, inertia: Array,
                 level: Array) -> Deviation:
         """

@@ -168,8 +168,10 @@ class PlainStep:
 
         """
         control, law_memory, last = self.memories
-        points = extrapolate_reference(
-            rows[2:], irregularity.reference_offset, self._fixed[0].delay, self._room)
+        points = rows[2:]
+        if irregularity.reference_offset:
+            points = extrapolate_reference(
+                points, irregularity.reference_offset, self._fixed[0].delay, self._room)
         output, self.memories = step(
             Context(*self._fixed, control, points), self._law, law_memory, last, irregularity,
             rows[0], rows[1])

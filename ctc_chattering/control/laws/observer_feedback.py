@@ -280,12 +280,12 @@ class ObserverFeedback(NamedTuple):
         """Return τ* in a state by (OF2), (OF3), (FR3) and (OF5), for a point of the reference."""
         state, M, level, k = model.state, model.M, memory.learned.level, self.feedback_scale
         returning = self.reference.compute_recovery(deviation, diagonal(M), level)
-        r = self.reference.shift(point, deviation, returning)
         F = self.reference.feed_forward(point, level, 0.0)
         z = -nearest(M, state.perturbation + F, self.ka)
-        u = k * (dot(self.kv, r.dq - state.dq) + k * dot(self.kp, r.q - state.q))
+        u = k * (dot(self.kv, point.dq + deviation.dx - state.dq)
+                 + k * dot(self.kp, point.q + deviation.x - state.q))
         feedback = dot(M, u)
-        torque = dot(M, r.ddq) + feedback + model.bias - z
+        torque = dot(M, point.ddq + returning) + feedback + model.bias - z
         return DesiredTorque(torque, z, returning, feedback)
 
     def advanced(self, memory: Memory, now: State, applied: Applied) -> Memory:
