@@ -27,9 +27,10 @@ that y does not reach, or that do not reach τ, are left out.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from typing import Any, NamedTuple
 
+from ctc_chattering.compiled.compilable import RECORDS
+from ctc_chattering.compiled.records import load, packed
 from ctc_chattering.control.controller import Controller
 from ctc_chattering.control.controller_config import ControllerConfig
 from ctc_chattering.control.step import ROWS
@@ -150,32 +151,34 @@ class _SteadyMotion:
         for k in range(-4 - 2 * delay, 0):
             point, *ahead = (self._point((k + j) * h) for j in range(delay + 1))
             self._answer(point[0], self._speed, point, ahead)
-        self._memories = controller.memories
+        if type(controller.memories.law) not in RECORDS:
+            raise CtcError(f'law {config.law}: its memory is not marked by @record; its stability '
+                           'is not computed')
+        self._layout = packed(controller.memories).dtype
         self._values = self._memory_values()
         self._y = np.concatenate([self._rest, self._speed])
         #: Number of values in the memory.
         self.states = len(self._values)
+        self._parts = self._layout.itemsize // 8, self.states
 
     def _point(self, q: float) -> tuple[Any, ...]:
         """Return q_d, dq_d and ddq_d on the motion."""
         return q * self._speed, self._speed, self._rest
 
     def _memory_values(self) -> Array:
-        """Return the memory of the controller, with the torques in transit in their order."""
-        control, law_memory, _ = self._controller.memories
-        transit = np.roll(self._controller.transit, -ROWS * int(control.turn), axis=0)
-        return np.concatenate(
-            [*_numbers((control._replace(turn=0.0), law_memory)), transit.ravel()])
+        """Return the memories of the controller, with the torques in transit in their order."""
+        memories, transit = self._controller.memories, self._controller.transit
+        turn = int(memories.control.turn)
+        record = packed(memories._replace(control=memories.control._replace(turn=0.0)))
+        numbers = np.frombuffer(record.tobytes())
+        return np.concatenate([numbers, np.roll(transit, -ROWS * turn, axis=0).ravel()])
 
     def _step(self, values: Array) -> Array:
-        """Return the memory a period later, and the torque, for a memory and y."""
-        controller, m = self._controller, self.states
-        control, law_memory, _ = self._memories
-        numbers = iter(values[:m].tolist())
-        control, law_memory = _record((control._replace(turn=0.0), law_memory), numbers)
-        controller.transit[:] = np.reshape(list(numbers), controller.transit.shape)
-        controller.memories = self._memories._replace(control=control, law=law_memory)
-        q, dq = np.split(values[m:], 2)
+        """Return the memories a period later, and the torque, for memories and y."""
+        controller, (numbers, transit, y) = self._controller, np.split(values, self._parts)
+        controller.transit[:] = transit.reshape(controller.transit.shape)
+        controller.memories = load(np.frombuffer(numbers.tobytes(), self._layout)[0])
+        q, dq = np.split(y, 2)
         tau = self._answer(q, dq, self._points[0], self._points[1:])
         return np.concatenate([self._memory_values(), tau])
 
@@ -211,28 +214,6 @@ class _SteadyMotion:
             change[:, k] = (self._step(values + d) - self._step(values - d)) / (2.0 * size)
         change[:m] /= np.where(scale, scale, np.inf)[:m, np.newaxis]
         return change
-
-
-def _numbers(record: Any) -> Iterator[Array]:
-    """Yield the numbers of a record, and of the records in it."""
-    for x in record:
-        if isinstance(x, tuple):
-            yield from _numbers(x)
-        else:
-            yield np.ravel(x).astype(float)
-
-
-def _record(like: Any, numbers: Iterator[float]) -> Any:
-    """Return a record of the form `like` with the next numbers."""
-    parts: list[Any] = []
-    for x in like:
-        if isinstance(x, tuple):
-            parts.append(_record(x, numbers))
-        elif isinstance(x, np.ndarray):
-            parts.append(np.array([next(numbers) for _ in range(x.size)]).reshape(x.shape))
-        else:
-            parts.append(next(numbers))
-    return type(like)(*parts) if hasattr(like, '_fields') else tuple(parts)
 
 
 def _minimal(change: Array, scale: Array, m: int) -> LinearLaw:
