@@ -299,5 +299,5 @@ def _paper(result: Result, which: int) -> str:
     numbers = PAPER_FIGURES.get((result.experiment, result.law))
     config = result.config
     same = (not result.marks and config.model == 'two_link' and set(config.ka) == {10.0}
-            and (config.switching == 'sign' or config.law == 'compensation'))
+            and config.switching_in_force in ('', 'sign'))
     return f' (figure {numbers[which]} of the paper)' if numbers and same else ''

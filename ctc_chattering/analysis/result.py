@@ -42,7 +42,7 @@ from ctc_chattering.analysis.tables import measured, number_text
 from ctc_chattering.analysis.terms import RunTerms, terms
 from ctc_chattering.configuration.loop_setup import Setup
 from ctc_chattering.control.controller import ControllerConfig
-from ctc_chattering.control.laws.registry import LAWS
+from ctc_chattering.control.laws.registry import LAWS, OF_SWITCHING
 from ctc_chattering.controller.health import Saturation, term_saturation
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.dynamics.registry import model_of
@@ -122,8 +122,6 @@ class Replay(NamedTuple):
 _REACHING = 0.5
 #: Stands for the window that `window_of` chooses.
 _BY_THE_RUN = -inf, -inf
-#: Gains of one switching only.
-_OF_SWITCHING = {'boundary_layer': 'boundary_layer', 'observer_bandwidth': 'implicit_observer'}
 
 
 @dataclasses.dataclass(frozen=True, repr=False)
@@ -293,7 +291,7 @@ class Result(RunAttributes):
         names = ['kp', 'kv', *(
             name for name, spec in config.parameters().items()
             if name in config.law_parameters and spec.kind.startswith('float')
-            and _OF_SWITCHING.get(name, config.switching) == config.switching)]
+            and OF_SWITCHING.get(name, config.switching) == config.switching)]
         return {name: list(x) if isinstance(x := values[name], tuple) else x for name in names}
 
     @cached_property

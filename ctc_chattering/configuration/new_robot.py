@@ -221,7 +221,7 @@ def new_robot(location: str, joints: Sequence[str] = (), gravity: float = 9.81, 
         {'torque_rate_limit': [rate.value for rate in rates]}
         if rates[0].source != Source.NOT_KNOWN else {})}
     resolution = max(PlantConfig().encoder_resolution)
-    gains = recommended_gains(RECOMMENDED_LAW, KnownLoop.from_config(
+    gains = recommended_gains(RECOMMENDED_LAW, KnownLoop(
         config.changed(known), lambda: expected, resolution))
     if told.resonance < inf:
         gains['resonance'] = told.resonance

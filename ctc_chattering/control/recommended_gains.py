@@ -32,7 +32,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 import dataclasses
 from math import inf, pi
-from typing import Any
+from typing import Any, NamedTuple
 
 from ctc_chattering.control.controller_config import ControllerConfig
 from ctc_chattering.control.laws.registry import COMMON_GAINS, law_class, takes
@@ -67,74 +67,53 @@ def lateness(lag: float, period: float, delay: int) -> float:
     return lag + period * (1 + delay)
 
 
-@dataclasses.dataclass(frozen=True)
-class KnownLoop:
+def no_torque() -> None:
+    """Return None, where the torque of the model is not known and `ka` has no share for it."""
+
+
+class KnownLoop(NamedTuple):
     """
     Facts about drives, sensors and an arm of n joints, from which gains follow.
 
     Attributes
     ----------
-    period : float
-        h [s].
-    delay : int
-        d of the torque, in samples.
-    lag : float
-        T of the slowest drive [s].
-    rate : sequence of float, shape (n,)
-        Rate limit of the drives [N·m/s]; inf where it is not known.
-    friction : sequence of float, shape (n,)
-        Coulomb friction [N·m]; 0 where it is not known.
-    ka : sequence of float, shape (n,)
-        Bound that exceeds friction and disturbance [N·m].
-    resonance : float
-        Lowest one of elastic joints [Hz]; inf for stiff joints.
-    resolution : float
-        Step of the encoders, or noise of the positions if that is more [rad]; unknown encoders
-        count as coarse.
-    has_slope : bool
-        Whether the observer estimates a slope of the perturbation, `estimator_slope`.
+    config : ControllerConfig
+        Its period, delay, drives, friction and resonance, and a `ka` that exceeds friction and
+        disturbance.
     torque : callable
         Returns the largest torque of the model, shape (n,) [N·m], or None for a model without
         numbers. It is called where the gains depend on it.
+    resolution : float
+        Step of the encoders, or noise of the positions if that is more [rad]. Unknown encoders
+        count as coarse.
 
     """
 
-    period: float
-    delay: int
-    lag: float
-    rate: tuple[float, ...]
-    friction: tuple[float, ...]
-    ka: tuple[float, ...]
-    resonance: float
-    resolution: float
-    has_slope: bool
-    torque: Callable[[], Array | None]
+    config: ControllerConfig
+    torque: Callable[[], Array | None] = no_torque
+    resolution: float = inf
 
-    @classmethod
-    def from_config(cls, config: ControllerConfig, torque: Callable[[], Array | None],
-                    resolution: float = inf) -> KnownLoop:
-        """Return what the controller is configured with, beside torque and resolution."""
-        return cls(
-            period=config.control_period, delay=config.input_delay, lag=max(config.assumed_lag),
-            rate=config.torque_rate_limit, friction=config.friction_level, ka=config.ka,
-            resonance=config.resonance, resolution=resolution, has_slope=config.estimator_slope,
-            torque=torque)
+    @property
+    def lag(self) -> float:
+        """Lag of the slowest drive [s]."""
+        return max(self.config.assumed_lag)
 
     @property
     def lateness(self) -> float:
         """Time after which a torque acts [s]."""
-        return lateness(self.lag, self.period, self.delay)
+        return lateness(self.lag, self.config.control_period, self.config.input_delay)
 
     @property
     def reversal(self) -> float:
         """Longest time in which drives reverse half of a joint's friction, F / R [s]."""
-        return max(f / r for f, r in zip(self.friction, self.rate))
+        limits = self.config.torque_rate_limit
+        return max(f / r for f, r in zip(self.config.friction_level, limits))
 
     def ka_for_model_errors(self) -> tuple[float, ...]:
         """Return ka with room for the error of the model, shape (n,) [N·m]."""
         torque = self.torque()
-        error = MODEL_ERROR * (np.zeros(len(self.ka)) if torque is None else torque)
-        return tuple(float(f'{x:.3g}') for x in np.add(self.ka, error))
+        error = 0.0 if torque is None else MODEL_ERROR * torque
+        return tuple(float(f'{x:.3g}') for x in np.add(self.config.ka, error))
 
 
 class GainRule:
@@ -200,7 +179,8 @@ class SwitchingRule(GainRule):
 
     def gains(self, loop: KnownLoop) -> dict[str, Any]:
         """Return 1.2 times the friction, where it is known, and the observer's bandwidth."""
-        ka = tuple(1.2 * f if f else bound for f, bound in zip(loop.friction, loop.ka))
+        config = loop.config
+        ka = tuple(1.2 * f if f else bound for f, bound in zip(config.friction_level, config.ka))
         return {'ka': ka, 'observer_bandwidth': observer_bandwidth(loop.lag, 200.0)}
 
 
@@ -211,9 +191,9 @@ class ObserverRule(GainRule):
 
     def gains(self, loop: KnownLoop) -> dict[str, Any]:
         """Return gains for a double pole of the error, and the observer's bandwidth."""
-        pole = largest_pole(loop.lateness, loop.resonance)
+        pole = largest_pole(loop.lateness, loop.config.resonance)
         return {'kp': pole ** 2, 'kv': 2.0 * pole, 'estimator_bandwidth': estimator_bandwidth(
-            pole, loop.resolution, loop.has_slope)}
+            pole, loop.resolution, loop.config.estimator_slope)}
 
 
 def observer_bandwidth(lag: float, largest: float) -> float:
@@ -253,8 +233,10 @@ def estimator_bandwidth(pole: float, resolution: float, has_slope: bool = True) 
     ----------
     pole : float
         p [rad/s].
-    resolution, has_slope
+    resolution : float
         As in `KnownLoop`.
+    has_slope : bool
+        `estimator_slope`.
 
     """
     ratio = 2.0 if resolution <= FINE_RESOLUTION else 1.0
@@ -304,10 +286,9 @@ def recommended_gains(law: str, loop: KnownLoop) -> dict[str, Any]:
         values['ka'] = loop.ka_for_model_errors()
     # In the order of their declaration, for files and messages.
     gains = {}
-    for name, spec in ControllerConfig.parameters().items():
+    for name, spec in loop.config.parameters().items():
         if name in values and takes(law, name):
-            is_one = spec.shape and not isinstance(values[name], tuple)
-            gains[name] = (values[name],) * len(loop.ka) if is_one else values[name]
+            gains[name] = spec.coerce(values[name], len(loop.config.joint_names))
     return gains
 
 
@@ -315,10 +296,6 @@ def separate_gains(law: str) -> str:
     """Return the law if gains of other laws do not suit it; '' if it shares them."""
     rule = law_class(law).gain_rule
     return law if rule is not None and rule.is_separate else ''
-
-
-def no_torque() -> None:
-    """Return None, where the torque of the model is not known and `ka` has no share for it."""
 
 
 class GainChoice:
@@ -340,7 +317,7 @@ class GainChoice:
     def suitable(self, law: str, config: ControllerConfig) -> dict[str, Any]:
         """Return gains of a law that those of `config` do not suit, by parameter."""
         if separate_gains(law):
-            return recommended_gains(law, KnownLoop.from_config(config, self.torque))
+            return recommended_gains(law, KnownLoop(config, self.torque))
         declared, n = config.parameters(), len(config.joint_names)
         return {name: declared[name].default_for(n) for name in COMMON_GAINS}
 

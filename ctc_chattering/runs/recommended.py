@@ -27,7 +27,7 @@ from functools import partial
 from typing import Any, NamedTuple
 
 from ctc_chattering.configuration.loop_setup import Setup
-from ctc_chattering.control.laws.registry import law_class
+from ctc_chattering.control.laws.registry import BASELINE_LAW, law_class
 from ctc_chattering.control.recommended_gains import (
     gain_rule,
     KnownLoop,
@@ -58,7 +58,7 @@ class Variant(NamedTuple):
 
 
 #: The variant to which all others are compared.
-BASE = Variant('compensation', '', FILE)
+BASE = Variant(BASELINE_LAW, '', FILE)
 #: The variant whose torque variation measures that of all others.
 BEST = Variant(RECOMMENDED_LAW, '', RECOMMENDED)
 
@@ -87,7 +87,7 @@ def largest_torque(setup: Setup) -> Array:
 def known_loop(setup: Setup) -> KnownLoop:
     """Return what the controller is configured with, and the sensors and motion of its robot."""
     resolution = max(*setup.plant.encoder_resolution, *setup.plant.position_noise)
-    return KnownLoop.from_config(setup.controller, partial(largest_torque, setup), resolution)
+    return KnownLoop(setup.controller, partial(largest_torque, setup), resolution)
 
 
 def gains_by_rule(setup: Setup, law: str = '') -> dict[str, Any]:

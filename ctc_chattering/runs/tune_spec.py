@@ -35,7 +35,7 @@ from ctc_chattering.configuration.loop_setup import Setup, Values
 from ctc_chattering.configuration.package_share import find_config
 from ctc_chattering.configuration.yaml_file import FileKind, kind_of, mapping, read_yaml
 from ctc_chattering.control.controller import ControllerConfig
-from ctc_chattering.control.laws.registry import laws_by_parameter
+from ctc_chattering.control.laws.registry import laws_by_parameter, OF_SWITCHING
 from ctc_chattering.control.recommended_gains import RECOMMENDED_LAW, RECOMMENDED_SWITCHING
 from ctc_chattering.errors import CtcError, ParameterError, prefixed
 from ctc_chattering.input_files import read_text
@@ -94,19 +94,13 @@ SPACE: dict[str, Range] = {
     'friction_lead': Range(3e-4, 0.03),
     'estimator_bandwidth': Range(30.0, 600.0),
     'friction_learning': Range(1.0, 100.0)}
-#: Names of `SPACE` that stand for kp and kv, which all laws have.
-_FEEDBACK = ('pole', 'damping')
-#: Parameters of law (6) that one of its switchings has.
-_OF_SWITCHING = {'boundary_layer': 'boundary_layer', 'observer_bandwidth': 'implicit_observer'}
 
 
 def space(config: ControllerConfig) -> dict[str, Range]:
     """Return what is searched: kp and kv, and what law and switching in force declare."""
-    own = set(config.law_parameters)
-    for name, switching in _OF_SWITCHING.items():
-        if config.switching != switching:
-            own.discard(name)
-    return {name: x for name, x in SPACE.items() if name in own or name in _FEEDBACK}
+    names = ('pole', 'damping', *config.law_parameters)
+    return {name: x for name, x in SPACE.items() if name in names
+            and OF_SWITCHING.get(name, config.switching) == config.switching}
 
 
 def gains(numbers: Mapping[str, float], config: ControllerConfig, friction: tuple[float, ...]

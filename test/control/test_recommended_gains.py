@@ -66,7 +66,7 @@ def test_ka_has_room_for_a_fifth_of_the_torque_that_the_model_takes_within_the_l
     found = model_torque(config, arm)
     assert found is not None
     assert found == pytest.approx([most[0], 10.0], rel=0.03)
-    known, unknown = (KnownLoop.from_config(config, x) for x in (lambda: found, no_torque))
+    known, unknown = (KnownLoop(config, x) for x in (lambda: found, no_torque))
     assert recommended_gains(LAW, known)['ka'] == pytest.approx(
         [10.0 + 0.2 * most[0], 7.0], rel=0.03)
     assert recommended_gains(LAW, unknown)['ka'] == (10.0, 5.0)
@@ -78,7 +78,7 @@ def test_a_law_takes_gains_of_its_own_kind_and_gets_those_it_had_again() -> None
     others = [law for law in LAWS if law != LAW]
     assert {law for law in others if choice.of_law(law, config)} == set()
     own = choice.of_law(LAW, config)
-    assert own == recommended_gains(LAW, KnownLoop.from_config(config, no_torque))
+    assert own == recommended_gains(LAW, KnownLoop(config))
     tuned = config.changed({**own, 'law': LAW, 'kp': 8100.0, 'estimator_bandwidth': 90.0})
     assert choice.of_law(LAW, tuned) == {}
     back = choice.of_law('integral', tuned)

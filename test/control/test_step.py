@@ -13,23 +13,25 @@
 # limitations under the License.
 
 """
-The control step against recorded torques.
+The control step against torques that were computed apart from the package.
 
-`data/control_steps.npz` has what an independent implementation of the same equations, in scalar
-products, sent: random models, gains with and without coupling, laws, switchings, limits, delays
-and model errors, with resets and changes of parameters in between. Half a dozen values of each
-sequence would not tell a wrong filter state from a right one; 30 samples do.
+`data/control_steps.npz` has the torques of `validation/control_steps.py`, an implementation of the
+same equations that imports nothing of the package. Its cases have random models, gains with and
+without coupling, the laws of the paper, switchings, limits, delays and model errors, with resets
+and changes of parameters in between. Half a dozen values of a sequence would not tell a wrong
+filter state from a right one; 30 samples do. ``make validate STUDY=control_steps`` makes the
+torques again.
 """
 
 from __future__ import annotations
 
-from functools import cache
+import ast
 import json
-import math
 from pathlib import Path
-import random
 from typing import Any
 
+import control_steps
+from control_steps import Case, JOINTS
 from ctc_chattering.control.controller import Controller, ControllerConfig
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.dynamics.two_link import TwoLink
@@ -38,57 +40,23 @@ from machine_code import compile_step
 import numpy as np
 from oracles import Array
 import pytest
-from urdfs import PANDA, panda, two_links, UR5, ur5
-
-STEPS = 30
-JOINTS = {'two_link': ('joint1', 'joint2'), 'swapped': ('b', 'a'), 'panda': PANDA, 'ur5': UR5}
-Point = tuple[list[float], list[float], list[float]]
-State = tuple[list[float], list[float]]
-
-
-@cache
-def recorded() -> tuple[list[dict[str, Any]], Array, Array]:
-    """Return cases, torques and states, the latter one after the other."""
-    data = np.load(Path(__file__).parents[1] / 'data' / 'control_steps.npz')
-    return json.loads(data['cases'].tobytes()), data['torques'], data['states'].astype(float)
+import urdfs
 
 
 def model(name: str, gravity: float) -> Model:
     if name == 'two_link':
         return TwoLink(gravity)
-    text = {'swapped': two_links, 'panda': panda, 'ur5': ur5}[name]()
-    return UrdfModel(text, JOINTS[name], gravity)
+    return UrdfModel(control_steps.URDFS[name](), JOINTS[name], gravity)
 
 
-def random_motion(case: dict[str, Any], n: int) -> tuple[list[State], list[Point]]:
-    """Return states around a reference that is different at every sample."""
-    dice = random.Random(case['seed'])
-
-    def near(row: list[float], span: float) -> list[float]:
-        return [x + span * dice.uniform(-1.0, 1.0) for x in row]
-
-    points: list[Point] = [
-        (near([0.0] * n, 3.0), near([0.0] * n, 3.0), near([0.0] * n, 20.0))
-        for _ in range(STEPS + 5)]
-    size = case['size']
-    return [(near(q, size), near(dq, size)) for q, dq, _ in points[:STEPS]], points
-
-
-def smooth_motion(case: dict[str, Any], n: int) -> list[Point]:
-    """Return the reference of a recorded closed loop."""
-    h, w, center = case['config']['control_period'], [3.0 + i for i in range(n)], case['center']
-    return [([c + 0.2 * (1.0 - math.cos(x * k * h)) for c, x in zip(center, w)],
-             [0.2 * x * math.sin(x * k * h) for x in w],
-             [0.2 * x ** 2 * math.cos(x * k * h) for x in w]) for k in range(STEPS + 5)]
-
-
-def play(case: dict[str, Any], states: list[State], points: list[Point], compiled: bool) -> Array:
-    """Return the torques, shape (STEPS, n)."""
-    name, changes = case['model'], case['actions']
+def play(case: Case, compiled: bool) -> Array:
+    """Return the torques of the package, shape (STEPS, n)."""
+    name, changes = case.values['model'], case.values['actions']
     config = ControllerConfig.from_mapping({
-        **case['config'], 'model': 'two_link' if name == 'two_link' else 'urdf',
+        **case.values['config'], 'model': 'two_link' if name == 'two_link' else 'urdf',
         'joint_names': list(JOINTS[name]), 'compiled': compiled})
     law, torques = Controller(config, model(name, config.gravity)), []
+    states, points = case.motion
     for k, (q, dq) in enumerate(states):
         action = changes.get(str(k), {})
         if 'configure' in action:
@@ -116,22 +84,30 @@ def is_rare(case: dict[str, Any]) -> bool:
 def test_torques_are_those_recorded(name: str, compiled: bool, rare: tuple[bool, ...],
                                     closed: bool) -> None:
     """Check every torque to 1e-9 of the largest term of the law in its sequence."""
-    cases, torques, measured = recorded()
-    at = since = compared = 0
-    for case in cases:
-        n = len(JOINTS[case['model']])
-        wanted, at = torques[at:at + STEPS * n].reshape(STEPS, n), at + STEPS * n
-        states = None
-        if case['closed']:
-            rows, since = measured[since:since + STEPS * 2 * n], since + STEPS * 2 * n
-            states = [(q, dq) for q, dq in rows.reshape(STEPS, 2, n).tolist()]
-        if (case['model'], case['closed']) != (name, closed) or is_rare(case) not in rare:
+    compared = 0
+    for case, recorded in control_steps.cases():
+        values = case.values
+        if (values['model'], values['closed']) != (name, closed) or is_rare(values) not in rare:
             continue
-        if states is None:
-            made = play(case, *random_motion(case, n), compiled)
-        else:
-            made = play(case, states, smooth_motion(case, n), compiled)
-        np.testing.assert_allclose(made, wanted, rtol=0.0, atol=1e-9 * case['scale'],
-                                   err_msg=str(case))
+        np.testing.assert_allclose(play(case, compiled), recorded, rtol=0.0,
+                                   atol=1e-9 * values['scale'], err_msg=str(values))
         compared += 1
     assert compared >= 5 or (name, closed) == ('swapped', True)
+
+
+@pytest.mark.parametrize('name', JOINTS)
+def test_the_file_has_the_torques_of_the_implementation_beside_it(name: str) -> None:
+    """Check a case of every ten; all that the file has was computed by it."""
+    cases = [x for x in control_steps.cases() if x[0].values['model'] == name]
+    for case, recorded in cases[::10]:
+        np.testing.assert_allclose(case.torques(), recorded, rtol=0.0,
+                                   atol=1e-11 * case.values['scale'])
+
+
+@pytest.mark.parametrize('module', [control_steps, urdfs])
+def test_the_implementation_imports_nothing_of_the_package(module: Any) -> None:
+    tree = ast.parse(Path(module.__file__).read_text(encoding='utf-8'))
+    names = [name.name for x in ast.walk(tree) if isinstance(x, ast.Import) for name in x.names]
+    names += [x.module or '' for x in ast.walk(tree) if isinstance(x, ast.ImportFrom)]
+    assert 'numpy' in names or module is urdfs
+    assert not [name for name in names if name.startswith('ctc_chattering')]

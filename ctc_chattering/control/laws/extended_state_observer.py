@@ -38,6 +38,7 @@ from ctc_chattering.compiled.compilable import dot, record
 from ctc_chattering.control.controller_config import ControllerConfig
 from ctc_chattering.control.feasible_reference import Desired, next_point
 from ctc_chattering.control.laws.base import law, observed_state
+from ctc_chattering.control.laws.friction_feedforward import friction_ahead, FrictionAhead
 from ctc_chattering.control.laws.observer_feedback import evaluate_model, ModelTerms
 from ctc_chattering.control.observer import design_observer, Observed, StateObserver
 from ctc_chattering.control.recommended_gains import PoleRule
@@ -69,12 +70,8 @@ class ExtendedState(NamedTuple):
 class ExtendedStateObserver(NamedTuple):
     """Computed torque plus the estimate of an extended state observer, and friction."""
 
-    #: f [N·m], shape (n,).
-    friction: Array
-    #: ε [rad/s].
-    width: float
-    #: t [s].
-    friction_lead: float
+    #: F of (ES3).
+    friction: FrictionAhead
     observer: StateObserver
 
     @classmethod
@@ -83,8 +80,7 @@ class ExtendedStateObserver(NamedTuple):
         drives = discretize_drives(
             np.array(config.assumed_lag), np.array(config.torque_rate_limit), period)
         observer = design_observer(drives, config.estimator_bandwidth, np.array(config.ka))
-        return cls(np.array(config.friction_level), config.friction_velocity,
-                   config.friction_lead, observer)
+        return cls(friction_ahead(config), observer)
 
     def with_gains(self, kp: Array, kv: Array, ka: Array) -> ExtendedStateObserver:
         """Return the law with another Ka."""
@@ -92,12 +88,12 @@ class ExtendedStateObserver(NamedTuple):
 
     def initial(self) -> ExtendedState:
         """Return the memory before any sample."""
-        zero = 0.0 * self.friction
+        zero = 0.0 * self.friction.level
         return ExtendedState(Observed(*(zero,) * 5), np.diag(zero), zero, known=0.0)
 
     def initialized(self, now: State, estimate: Array) -> ExtendedState:
         """Begin with the other law's estimate, beside friction."""
-        remaining = estimate - self.feed_friction(now.dq_d, now.ddq_d)
+        remaining = estimate - self.friction.friction_torque(now.dq_d, now.ddq_d)
         P = nearest(now.M, remaining, self.observer.bound)
         return self.initial()._replace(
             observed=Observed(now.q, now.dq, now.zero, P, now.zero))
@@ -122,17 +118,17 @@ class ExtendedStateObserver(NamedTuple):
         points, settings = context.points, context.settings
         model, delay = ModelTerms(memory.observed, now.M, now.bias), int(settings.delay)
         for j in range(delay):
-            F = self.feed_friction(points[3 * j + 1], points[3 * j + 2])
+            F = self.friction.friction_torque(points[3 * j + 1], points[3 * j + 2])
             later = self.moved(model, context.in_transit(j), F)
             model = evaluate_model(context.models.arriving, later)
         arrival = Desired(points[3 * delay], points[3 * delay + 1], points[3 * delay + 2])
-        F = self.feed_friction(arrival.dq, arrival.ddq)
+        F = self.friction.friction_torque(arrival.dq, arrival.ddq)
         held, drives = model.state.torque, self.observer.drives
         later = self.moved(model, context.memory.held, F)
         model = evaluate_model(context.models.after, later)
         change = memory.known * (arrival.ddq - memory.ddq)
         r, s = next_point(arrival, change, drives.period), model.state
-        z = -(s.perturbation + self.feed_friction(r.dq, r.ddq))
+        z = -(s.perturbation + self.friction.friction_torque(r.dq, r.ddq))
         u = dot(settings.kv, r.dq - s.dq) + dot(settings.kp, r.q - s.q)
         desired = dot(model.M, r.ddq + u) + model.bias - z                        # (ES2)
         command = (desired - drives.decay * held) / (1.0 - drives.decay)          # (ES4)
@@ -143,16 +139,12 @@ class ExtendedStateObserver(NamedTuple):
         """Return the state a period later, under a command to the drives and the friction F."""
         return self.observer.predict(model.state, model.M, model.bias + F, 0.0 * F, command)
 
-    def feed_friction(self, dq_d: Array, ddq_d: Array) -> Array:
-        """Return F of (ES3), shape (n,) [N·m]."""
-        return self.friction * np.tanh((dq_d + self.friction_lead * ddq_d) / self.width)
-
     def advanced(self, memory: ExtendedState, now: State, applied: Applied) -> ExtendedState:
         """Predict the next sample."""
         model = ModelTerms(memory.observed, now.M, now.bias)
-        later = self.moved(model, applied.tau, self.feed_friction(now.dq_d, now.ddq_d))
+        later = self.moved(model, applied.tau, self.friction.friction_torque(now.dq_d, now.ddq_d))
         return memory._replace(observed=later, mass=now.M, known=1.0)
 
     def estimate(self, memory: ExtendedState, now: State) -> Array:
         """Return P̂ + F."""
-        return memory.observed.perturbation + self.feed_friction(now.dq_d, now.ddq_d)
+        return memory.observed.perturbation + self.friction.friction_torque(now.dq_d, now.ddq_d)

@@ -31,12 +31,35 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+from ctc_chattering.compiled.compilable import record
 from ctc_chattering.control.controller_config import ControllerConfig
 from ctc_chattering.control.laws.base import law, Nothing
 from ctc_chattering.control.recommended_gains import PoleRule
 from ctc_chattering.control.sample import State, Terms
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
+
+
+@record
+class FrictionAhead(NamedTuple):
+    """Smoothed friction that is fed forward with a lead t: f tanh((dq_d + t ddq_d) / ε)."""
+
+    #: f [N·m], shape (n,).
+    level: Array
+    #: ε [rad/s].
+    width: float
+    #: t [s].
+    lead: float
+
+    def friction_torque(self, dq_d: Array, ddq_d: Array) -> Array:
+        """Return the friction, shape (n,) [N·m]."""
+        return self.level * np.tanh((dq_d + self.lead * ddq_d) / self.width)
+
+
+def friction_ahead(config: ControllerConfig) -> FrictionAhead:
+    """Return the friction of a configuration."""
+    return FrictionAhead(
+        np.array(config.friction_level), config.friction_velocity, config.friction_lead)
 
 
 @law(symbol='-f tanh(dq_d / ε)', parameters=('friction_level', 'friction_velocity'),

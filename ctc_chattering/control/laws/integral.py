@@ -54,22 +54,42 @@ class Integrated(NamedTuple):
     x: Array
 
 
-@law(symbol='-M ∫ Ki e dt', parameters=('ki', 'anti_windup'), is_bounded=False,
-     gain_rule=PoleRule(0.24, kp=3.0, kv=3.0, ki=1.0, reversal=1.0, start_duration=2.0))
-class Integral(NamedTuple):
-    """Computed torque with an integral."""
+@record
+class IntegralAction(NamedTuple):
+    """The integral of e with back-calculation, (I2)."""
 
     #: h Ki [1/s²], shape (n,).
     gain: Array
     #: 1 - exp(-h / T), shape (n,); 0 for no anti-windup.
     tracking: Array
 
+    def relieved(self, x: Array, M: Array, lost: Array) -> Array:
+        """Return x, which tracks the torque less what is `lost` at limits, shape (n,) [N·m]."""
+        return x - self.tracking * solve(M, lost) if some(lost) else x
+
+    def integrated(self, x: Array, now: State, lost: Array) -> Array:
+        """Return x a period later by (I2)."""
+        return self.relieved(x + self.gain * now.e, now.M, lost)
+
+
+def integral_action(config: ControllerConfig, period: float) -> IntegralAction:
+    """Return the integral of a configuration, with the sample period [s]."""
+    ki = np.array(config.ki)
+    tracking = -np.expm1(-period * ki / np.diag(matrix(config.kp, len(ki))))
+    return IntegralAction(period * ki, tracking if config.anti_windup else 0.0 * tracking)
+
+
+@law(symbol='-M ∫ Ki e dt', parameters=('ki', 'anti_windup'), is_bounded=False,
+     gain_rule=PoleRule(0.24, kp=3.0, kv=3.0, ki=1.0, reversal=1.0, start_duration=2.0))
+class Integral(NamedTuple):
+    """Computed torque with an integral."""
+
+    action: IntegralAction
+
     @classmethod
     def from_config(cls, config: ControllerConfig, period: float) -> Integral:
         """Return the law of a configuration."""
-        ki, kp = np.array(config.ki), matrix(config.kp, len(config.joint_names))
-        tracking = -np.expm1(-period * ki / np.diag(kp))
-        return cls(period * ki, tracking if config.anti_windup else 0.0 * tracking)
+        return cls(integral_action(config, period))
 
     @classmethod
     def largest_ki(cls, config: ControllerConfig) -> Array:
@@ -81,7 +101,7 @@ class Integral(NamedTuple):
 
     def initial(self) -> Integrated:
         """Return x = 0."""
-        return Integrated(0.0 * self.gain)
+        return Integrated(0.0 * self.action.gain)
 
     def initialized(self, now: State, estimate: Array) -> Integrated:
         """Set x so that it cancels the estimated perturbation."""
@@ -93,10 +113,7 @@ class Integral(NamedTuple):
 
     def advanced(self, memory: Integrated, now: State, applied: Applied) -> Integrated:
         """Advance x by (I2)."""
-        x = memory.x + self.gain * now.e
-        if some(applied.saturation_error):
-            x = x - self.tracking * solve(now.M, applied.saturation_error)
-        return Integrated(x)
+        return Integrated(self.action.integrated(memory.x, now, applied.saturation_error))
 
     def estimate(self, memory: Integrated, now: State) -> Array:
         """Return M x, which is P while e is constant."""

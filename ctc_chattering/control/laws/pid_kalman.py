@@ -37,15 +37,16 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from ctc_chattering.compiled.compilable import dot, record, solve, some
+from ctc_chattering.compiled.compilable import dot, record, solve
 from ctc_chattering.control.controller_config import ControllerConfig
 from ctc_chattering.control.delay import predict_arrival
 from ctc_chattering.control.laws.base import law, observed_state
+from ctc_chattering.control.laws.friction_feedforward import friction_ahead, FrictionAhead
+from ctc_chattering.control.laws.integral import integral_action, IntegralAction
 from ctc_chattering.control.recommended_gains import PoleRule
 from ctc_chattering.control.sample import Applied, Context, LastSample, State, Terms
 from ctc_chattering.dynamics.drive_response import discretize_drives, DriveModel
 from ctc_chattering.numerics.linear_algebra import Array
-from ctc_chattering.parameters import matrix
 import numpy as np
 
 
@@ -81,16 +82,10 @@ class PidKalman(NamedTuple):
     acceleration: float
     #: h [s].
     period: float
-    #: h Ki [1/s²], shape (n,).
-    gain: Array
-    #: 1 - exp(-h Ki / Kp), shape (n,); 0 for no anti-windup.
-    tracking: Array
-    #: f [N·m], shape (n,).
-    friction: Array
-    #: ε [rad/s].
-    width: float
-    #: t [s].
-    friction_lead: float
+    #: y of (PK5).
+    action: IntegralAction
+    #: F of (PK3).
+    friction: FrictionAhead
     #: D of (PK4), shape (n,).
     lead: Array
     drives: DriveModel
@@ -98,26 +93,23 @@ class PidKalman(NamedTuple):
     @classmethod
     def from_config(cls, config: ControllerConfig, period: float) -> PidKalman:
         """Return the law of a configuration."""
-        h, ki = period, np.array(config.ki)
+        h = period
         drives = discretize_drives(
             np.array(config.assumed_lag), np.array(config.torque_rate_limit), h)
         k1, k2, k3 = kalman_gains(config.estimator_bandwidth * h).tolist()
-        tracking = -np.expm1(-h * ki / np.diag(matrix(config.kp, len(ki))))
         return cls(
-            position=k1, velocity=k2 / h, acceleration=k3 / h ** 2, period=h, gain=h * ki,
-            tracking=tracking if config.anti_windup else 0.0 * tracking,
-            friction=np.array(config.friction_level), width=config.friction_velocity,
-            friction_lead=config.friction_lead,
+            position=k1, velocity=k2 / h, acceleration=k3 / h ** 2, period=h,
+            action=integral_action(config, h), friction=friction_ahead(config),
             lead=np.exp(-h / (config.lead_ratio * drives.lag)), drives=drives)
 
     def initial(self) -> Kinematics:
         """Return the memory before any sample."""
-        zero = 0.0 * self.gain
+        zero = 0.0 * self.lead
         return Kinematics(*(zero,) * 7, known=0.0)
 
     def initialized(self, now: State, estimate: Array) -> Kinematics:
         """Set y so that it cancels the other law's estimate, beside friction."""
-        y = solve(now.M, estimate - self.friction_ahead(now))
+        y = solve(now.M, estimate - self.friction.friction_torque(now.dq_d, now.ddq_d))
         return self.initial()._replace(integral=y)
 
     def predicted_state(self, memory: Kinematics, last: LastSample, context: Context
@@ -137,11 +129,6 @@ class PidKalman(NamedTuple):
             ddq=memory.ddq + self.acceleration * error)
         return corrected, q, dq_hat
 
-    def friction_ahead(self, state: State) -> Array:
-        """Return F, shape (n,) [N·m]."""
-        dq_ahead = state.dq_d + self.friction_lead * state.ddq_d
-        return self.friction * np.tanh(dq_ahead / self.width)
-
     def answer(self, memory: Kinematics, now: State, context: Context
                ) -> tuple[Terms, Kinematics]:
         """Return the terms of (PK4), for the state in which the torque arrives."""
@@ -155,18 +142,14 @@ class PidKalman(NamedTuple):
             command = D * memory.sent + (1.0 - D) / (1.0 - E) * (desired - E * memory.desired)
         reach = self.drives.reach
         sent = np.minimum(np.maximum(command, held - reach), held + reach)
-        y = memory.integral
-        if some(command - sent):
-            y = y - self.tracking * solve(state.M, command - sent)
+        y = self.action.relieved(memory.integral, state.M, command - sent)
         return Terms(sent + z, now.zero, z, now.zero), memory._replace(
             integral=y, desired=desired, sent=sent)
 
     def advanced(self, memory: Kinematics, now: State, applied: Applied) -> Kinematics:
         """Predict the next sample by (PK1), and advance y by (PK5)."""
         h = self.period
-        y = memory.integral + self.gain * now.e
-        if some(applied.saturation_error):
-            y = y - self.tracking * solve(now.M, applied.saturation_error)
+        y = self.action.integrated(memory.integral, now, applied.saturation_error)
         torque = self.drives.follow(memory.torque, applied.tau).end
         return memory._replace(
             q=memory.q + h * (memory.dq + 0.5 * h * memory.ddq), dq=memory.dq + h * memory.ddq,
@@ -174,7 +157,7 @@ class PidKalman(NamedTuple):
 
     def estimate(self, memory: Kinematics, now: State) -> Array:
         """Return M y + F."""
-        return dot(now.M, memory.integral) + self.friction_ahead(now)
+        return dot(now.M, memory.integral) + self.friction.friction_torque(now.dq_d, now.ddq_d)
 
 
 def kalman_gains(bandwidth: float) -> Array:

@@ -33,6 +33,10 @@ LAWS = ('compensation', 'chattering', 'integral', 'momentum_observer', 'super_tw
         'extended_state_observer', 'observer_feedback')
 #: Values of the parameter ``switching``, besides classes; all are in `control/switching.py`.
 SWITCHINGS = ('sign', 'boundary_layer', 'implicit', 'implicit_observer')
+#: Parameters of law (6) that one of its switchings takes.
+OF_SWITCHING = {'boundary_layer': 'boundary_layer', 'observer_bandwidth': 'implicit_observer'}
+#: The law to which comparisons, maps and pages relate others: nothing in it fights friction.
+BASELINE_LAW = 'compensation'
 #: Parameters that every law takes, and that are its gains.
 COMMON_GAINS = ('kp', 'kv')
 
