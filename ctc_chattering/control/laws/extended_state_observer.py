@@ -36,7 +36,7 @@ from typing import NamedTuple
 
 from ctc_chattering.compiled.compilable import dot, record
 from ctc_chattering.control.controller_config import ControllerConfig
-from ctc_chattering.control.feasible_reference import Desired, next_point
+from ctc_chattering.control.feasible_reference import next_point
 from ctc_chattering.control.laws.base import law, observed_state
 from ctc_chattering.control.laws.friction_feedforward import friction_ahead, FrictionAhead
 from ctc_chattering.control.laws.observer_feedback import evaluate_model, ModelTerms
@@ -115,13 +115,14 @@ class ExtendedStateObserver(NamedTuple):
     def answer(self, memory: ExtendedState, now: State, context: Context
                ) -> tuple[Terms, ExtendedState]:
         """Return the terms of (ES4), for the period in which the torque arrives."""
-        points, settings = context.points, context.settings
+        settings = context.settings
         model, delay = ModelTerms(memory.observed, now.M, now.bias), int(settings.delay)
         for j in range(delay):
-            F = self.friction.friction_torque(points[3 * j + 1], points[3 * j + 2])
+            point = context.reference_at(j)
+            F = self.friction.friction_torque(point.dq, point.ddq)
             later = self.moved(model, context.in_transit(j), F)
             model = evaluate_model(context.models.arriving, later)
-        arrival = Desired(points[3 * delay], points[3 * delay + 1], points[3 * delay + 2])
+        arrival = context.reference_at(delay)
         F = self.friction.friction_torque(arrival.dq, arrival.ddq)
         held, drives = model.state.torque, self.observer.drives
         later = self.moved(model, context.memory.held, F)
