@@ -33,7 +33,7 @@ from ctc_chattering.compiled.compilable import RECORDS
 from ctc_chattering.compiled.records import load, packed
 from ctc_chattering.control.controller import Controller
 from ctc_chattering.control.controller_config import ControllerConfig
-from ctc_chattering.control.step import ROWS
+from ctc_chattering.control.sample import TRANSIT_ROWS
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.errors import CtcError
 from ctc_chattering.numerics.linear_algebra import Array, Rows, Vector
@@ -168,10 +168,10 @@ class _SteadyMotion:
     def _memory_values(self) -> Array:
         """Return the memories of the controller, with the torques in transit in their order."""
         memories, transit = self._controller.memories, self._controller.transit
-        turn = int(memories.control.turn)
-        record = packed(memories._replace(control=memories.control._replace(turn=0.0)))
+        index = int(memories.control.transit_index)
+        record = packed(memories._replace(control=memories.control._replace(transit_index=0.0)))
         numbers = np.frombuffer(record.tobytes())
-        return np.concatenate([numbers, np.roll(transit, -ROWS * turn, axis=0).ravel()])
+        return np.concatenate([numbers, np.roll(transit, -TRANSIT_ROWS * index, axis=0).ravel()])
 
     def _step(self, values: Array) -> Array:
         """Return the memories a period later, and the torque, for memories and y."""

@@ -32,7 +32,7 @@ from functools import cached_property
 from typing import NamedTuple
 
 from ctc_chattering.control.linear_law import LinearLaw
-from ctc_chattering.control.observer import drive_model
+from ctc_chattering.dynamics.drive_response import discretize_drives
 from ctc_chattering.numerics.linear_algebra import Array, peak_gain
 import numpy as np
 from scipy.linalg import eigh  # type: ignore[import-untyped]
@@ -136,7 +136,7 @@ class Loops:
     def _loop(self, law: LinearLaw, mass: Array) -> SampledLoop:
         """Return the loop of a law and a robot with M̂ = `mass`, shape (n, n)."""
         n, h, delay, m = len(mass), self.period, self.delay, len(law.A)
-        drives = drive_model(self.lag, np.full(n, np.inf), h)
+        drives = discretize_drives(self.lag, np.full(n, np.inf), h)
         # State: q, dq, torque of the drives, torques in transit, last q, memory of the law.
         sizes = [n, n, n, delay * n, n if self.differenced else 0, m]
         q, dq, torque, transit, last_q, memory = np.split(

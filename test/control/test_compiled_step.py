@@ -19,9 +19,11 @@ from __future__ import annotations
 from typing import Any
 
 from ctc_chattering.compiled.build import build
+from ctc_chattering.control.compiled_step import CompiledStep
 from ctc_chattering.control.controller import Controller, ControllerConfig
+from ctc_chattering.control.irregular_sample import REGULAR, SampleIrregularity
 from ctc_chattering.control.laws.registry import LAWS, SWITCHINGS
-from ctc_chattering.control.step import Arrival, CompiledStep, PlainStep, REGULAR
+from ctc_chattering.control.step import PlainStep
 from ctc_chattering.dynamics.compiled_model import arm_of
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.dynamics.two_link import TwoLink
@@ -36,8 +38,8 @@ VARIANTS = [(law, switching) for law in LAWS
 COMPILED = [('compensation', 'sign'), ('chattering', 'sign'), ('chattering', 'implicit_observer'),
             ('observer_feedback', 'sign')]
 #: At its sample; before it; lost, with another reference; not come; late.
-ARRIVALS = (REGULAR, Arrival(-3e-4, 0.0, 1.0, 0.0), Arrival(0.0, -2e-3, 0.0, 1.0),
-            Arrival(0.0, 0.0, 0.0, 0.0), Arrival(2e-4, 1e-4, 1.0, 1.0))
+SAMPLES = (REGULAR, *(SampleIrregularity(*x) for x in (
+    (-3e-4, 0.0, 1.0, 0.0), (0.0, -2e-3, 0.0, 1.0), (0.0, 0.0, 0.0, 0.0), (2e-4, 1e-4, 1.0, 1.0))))
 
 
 def random_values(rng: np.random.Generator, n: int) -> dict[str, Any]:
@@ -113,9 +115,10 @@ def check(law: str, switching: str, n: int, seed: int) -> None:
             step = compiled_step(plain, model)
             transit = plain.transit.copy()
             right = PlainStep(plain.settings, plain.law, plain.memories, transit, plain.model)
-            arrival = ARRIVALS[k % len(ARRIVALS)]
+            irregularity = SAMPLES[k % len(SAMPLES)]
             rows = np.concatenate(((q, dq), points.reshape(-1, n)))
-            for found, wanted in zip(step.step(rows, arrival), right.step(rows, arrival)):
+            for found, wanted in zip(
+                    step.step(rows, irregularity), right.step(rows, irregularity)):
                 np.testing.assert_allclose(
                     found, wanted, rtol=0.0, atol=1e-10 * max(1.0, np.abs(wanted).max()))
             for records in zip(step.memories, right.memories):

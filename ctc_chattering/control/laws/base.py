@@ -36,11 +36,19 @@ from math import inf
 from typing import Any, NamedTuple, TypeVar
 
 from ctc_chattering.compiled.compilable import function, record
-from ctc_chattering.control import step
 from ctc_chattering.control.controller_config import ControllerConfig
+from ctc_chattering.control.delay import predict_arrival
 from ctc_chattering.control.laws.registry import COMMON_GAINS, LAWS
 from ctc_chattering.control.recommended_gains import GainRule
-from ctc_chattering.control.step import Applied, Context, LastSample, State, Terms
+from ctc_chattering.control.sample import (
+    Applied,
+    Context,
+    evaluate_state,
+    LastSample,
+    predict_state,
+    State,
+    Terms,
+)
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.parameters import accept_old_name, Parameter
 import numpy as np
@@ -221,7 +229,7 @@ class Law(Estimator):
             Of the sample.
 
         """
-        return self.terms(memory, step.arriving(self, memory, now, context))
+        return self.terms(memory, predict_arrival(self, memory, now, context))
 
     def terms(self, memory: T, state: State) -> tuple[Terms, T]:
         """Return the terms of the torque for the state in which it arrives, and the memory."""
@@ -240,10 +248,10 @@ class Law(Estimator):
 def next_state(law: Any, memory: Any, last: LastSample, context: Context) -> tuple[Array, Array]:
     """Return the next q and dq by the model, with the torque and P of the last sample."""
     settings, model = context.settings, context.models.now
-    state = step.evaluated(
+    state = evaluate_state(
         settings, model, last.q, last.dq, context.points, 0, context.memory.xi)
     torque = last.applied - law.acting(memory, state)
-    return step.predict(model, state, torque, settings.period)
+    return predict_state(model, state, torque, settings.period)
 
 
 @function

@@ -15,7 +15,7 @@
 """
 Law `chattering`, equation (6) of the paper: computed torque, compensation and chattering.
 
-Its state is that of `control/step.py`, with v of the filter (3)::
+Its state is that of `control/sample.py`, with v of the filter (3)::
 
     τ = M (ddq_d + Kv de + Kp e) + C dq + G - C v - z                                         (6)
 
@@ -33,7 +33,7 @@ from ctc_chattering.control.controller_config import ControllerConfig
 from ctc_chattering.control.laws.base import law
 from ctc_chattering.control.laws.registry import switching_class
 from ctc_chattering.control.recommended_gains import SwitchingRule
-from ctc_chattering.control.step import Applied, State, Terms
+from ctc_chattering.control.sample import Applied, State, Terms
 from ctc_chattering.control.switching import Perturbation, Switching
 from ctc_chattering.numerics.box_qp import nearest
 from ctc_chattering.numerics.linear_algebra import Array

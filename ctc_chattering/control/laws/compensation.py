@@ -15,7 +15,7 @@
 """
 Law `compensation`, equation (2) of the paper: computed torque and compensation.
 
-Its state is that of `control/step.py`, with v of the filter (3)::
+Its state is that of `control/sample.py`, with v of the filter (3)::
 
     τ = M (ddq_d + Kv de + Kp e) + C dq + G - C v                                             (2)
 
@@ -30,7 +30,7 @@ from typing import NamedTuple
 from ctc_chattering.compiled.compilable import dot
 from ctc_chattering.control.laws.base import law, Nothing
 from ctc_chattering.control.recommended_gains import PoleRule
-from ctc_chattering.control.step import State, Terms
+from ctc_chattering.control.sample import State, Terms
 
 
 @law(of_the_paper=True, acts_on_v=True, parameters=('lambda', 'b', 'anti_windup'),

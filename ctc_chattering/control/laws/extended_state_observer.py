@@ -18,7 +18,8 @@ Law `extended_state_observer`: active disturbance rejection with friction fed fo
 Han, *From PID to active disturbance rejection control*, IEEE TIE 56, 2009, with the generalized
 observer of Godbole, Kolhe & Talole, IEEE TCST 21, 2013, in which the slope of the perturbation is
 a state. The drives are known: their torque is τ_d, and E = exp(-h / T). ⁺ is the end of the period
-in which the torque arrives. `control/observer.py` has observer and drives::
+in which the torque arrives. `control/observer.py` has the observer and
+`dynamics/drive_response.py` the drives::
 
     q̂, dq̂, P̂, Ṗ̂:  corrected by the measured q, then predicted until ⁺                    (ES1)
     τ* = M (ddq_d + Kv (dq_d - dq̂) + Kp (q_d - q̂)) + C dq̂ + G + P̂ + F, all at ⁺          (ES2)
@@ -34,14 +35,15 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from ctc_chattering.compiled.compilable import dot, record
-from ctc_chattering.control.adaptation import Desired, next_point
 from ctc_chattering.control.controller_config import ControllerConfig
+from ctc_chattering.control.feasible_reference import Desired, next_point
 from ctc_chattering.control.laws.base import law, observed_state
 from ctc_chattering.control.laws.friction_feedforward import friction_ahead, FrictionAhead
 from ctc_chattering.control.laws.observer_feedback import evaluate_model, ModelTerms
-from ctc_chattering.control.observer import drive_model, Observed, state_observer, StateObserver
+from ctc_chattering.control.observer import design_observer, Observed, StateObserver
 from ctc_chattering.control.recommended_gains import PoleRule
-from ctc_chattering.control.step import Applied, Context, LastSample, State, Terms
+from ctc_chattering.control.sample import Applied, Context, LastSample, State, Terms
+from ctc_chattering.dynamics.drive_response import discretize_drives
 from ctc_chattering.numerics.box_qp import nearest
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
@@ -75,9 +77,9 @@ class ExtendedStateObserver(NamedTuple):
     @classmethod
     def from_config(cls, config: ControllerConfig, period: float) -> ExtendedStateObserver:
         """Return the law of a configuration."""
-        drives = drive_model(np.array(config.assumed_lag), np.array(config.torque_rate_limit),
-                             period)
-        observer = state_observer(drives, config.estimator_bandwidth, np.array(config.ka))
+        drives = discretize_drives(
+            np.array(config.assumed_lag), np.array(config.torque_rate_limit), period)
+        observer = design_observer(drives, config.estimator_bandwidth, np.array(config.ka))
         return cls(friction_ahead(config), observer)
 
     def with_gains(self, kp: Array, kv: Array, ka: Array) -> ExtendedStateObserver:

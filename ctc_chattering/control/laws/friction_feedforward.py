@@ -35,7 +35,7 @@ from ctc_chattering.compiled.compilable import record
 from ctc_chattering.control.controller_config import ControllerConfig
 from ctc_chattering.control.laws.base import law, Nothing
 from ctc_chattering.control.recommended_gains import PoleRule
-from ctc_chattering.control.step import State, Terms
+from ctc_chattering.control.sample import State, Terms
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
 

@@ -42,7 +42,7 @@ from ctc_chattering.compiled.compilable import dot, record, transposed_dot
 from ctc_chattering.control.controller_config import ControllerConfig
 from ctc_chattering.control.laws.base import law
 from ctc_chattering.control.recommended_gains import PoleRule
-from ctc_chattering.control.step import Applied, State, Terms
+from ctc_chattering.control.sample import Applied, State, Terms
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
 

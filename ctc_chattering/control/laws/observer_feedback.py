@@ -17,7 +17,8 @@ Law `observer_feedback`: computed torque on an observed state, for real drives a
 
 An observer has the perturbation as a state (Han, *From PID to active disturbance rejection
 control*, IEEE TIE 56, 2009), with the bound Ka of the paper's law (6). `control/observer.py` has
-observer and drives, `control/adaptation.py` what adapts. At every sample::
+the observer, `dynamics/drive_response.py` the drives. `control/feasible_reference.py`,
+`friction_learning.py`, `standstill.py` and `oscillation.py` adapt the law. At every sample::
 
     q̂, dq̂, P̂, Ṗ̂:  corrected by the measured q, then predicted until the torque arrives   (OF1)
     τ* = M (ddq_r + Kv (dq_r - dq̂) + Kp (q_r - q̂)) + C dq̂ + G - z                       (OF2)
@@ -46,13 +47,36 @@ from math import exp
 from typing import NamedTuple
 
 from ctc_chattering.compiled.compilable import diagonal, dot, function, record
-from ctc_chattering.control import adaptation
-from ctc_chattering.control.adaptation import Desired, Deviation
 from ctc_chattering.control.controller_config import ControllerConfig
+from ctc_chattering.control.feasible_reference import (
+    design_reference,
+    Desired,
+    Deviation,
+    FeasibleReference,
+    next_point,
+)
+from ctc_chattering.control.friction_learning import (
+    design_learner,
+    FrictionLearner,
+    LearnedFriction,
+)
 from ctc_chattering.control.laws.base import law, observed_state, Stability
-from ctc_chattering.control.observer import drive_model, Observed, state_observer, StateObserver
+from ctc_chattering.control.observer import design_observer, Observed, StateObserver
+from ctc_chattering.control.oscillation import (
+    design_guard,
+    Oscillation,
+    OscillationGuard,
+    START_GRACE_S,
+)
 from ctc_chattering.control.recommended_gains import ObserverRule
-from ctc_chattering.control.step import Applied, Context, LastSample, State, Terms
+from ctc_chattering.control.sample import Applied, Context, LastSample, State, Terms
+from ctc_chattering.control.standstill import (
+    design_detector,
+    hold_standing,
+    Standstill,
+    StandstillDetector,
+)
+from ctc_chattering.dynamics.drive_response import discretize_drives
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.numerics.box_qp import nearest
 from ctc_chattering.numerics.linear_algebra import Array
@@ -80,11 +104,11 @@ class Memory(NamedTuple):
     #: 1.0 after the first sample, else 0.0.
     known: float
     #: K̂ and its filters.
-    learned: adaptation.Learned
-    #: Joints that are held.
-    rest: adaptation.Rest
+    learned: LearnedFriction
+    #: Joints at which P̂ is held.
+    standing: Standstill
     #: s of (OG1), and the half-waves of the feedback.
-    oscillation: adaptation.Oscillation
+    oscillation: Oscillation
 
 
 @record
@@ -126,10 +150,10 @@ class ObserverFeedback(NamedTuple):
     #: K̂ at the start [N·m], shape (n,).
     initial_level: Array
     observer: StateObserver
-    reference: adaptation.FeasibleReference
-    learning: adaptation.FrictionLevel
-    standstill: adaptation.Standstill
-    guard: adaptation.OscillationGuard
+    reference: FeasibleReference
+    learning: FrictionLearner
+    standstill: StandstillDetector
+    guard: OscillationGuard
     #: k of (OF5).
     feedback_scale: float
     #: Least k.
@@ -139,13 +163,13 @@ class ObserverFeedback(NamedTuple):
     def from_config(cls, config: ControllerConfig, period: float) -> ObserverFeedback:
         """Return the law of a configuration."""
         n, bandwidth, ka = len(config.joint_names), config.estimator_bandwidth, np.array(config.ka)
-        drives = drive_model(
+        drives = discretize_drives(
             np.array(config.assumed_lag), np.array(config.torque_rate_limit), period)
         return with_parts(
             np.array(matrix(config.kp, n)), np.array(matrix(config.kv, n)), ka,
             np.array(config.friction_level),
-            state_observer(drives, bandwidth, ka, config.estimator_slope),
-            adaptation.friction_level(config.friction_learning, bandwidth, period, ka), bandwidth)
+            design_observer(drives, bandwidth, ka, config.estimator_slope),
+            design_learner(config.friction_learning, bandwidth, period, ka), bandwidth)
 
     def with_gains(self, kp: Array, kv: Array, ka: Array) -> ObserverFeedback:
         """Return the law with other gains, and the parts that depend on them."""
@@ -156,7 +180,7 @@ class ObserverFeedback(NamedTuple):
     def stability(self, memory: Memory) -> Stability:
         """Return s of (OG1), for how long less of it did not help, and the limit cycle (OG2)."""
         guarded = memory.oscillation
-        joint = self.guard.cycling_joint(guarded)
+        joint = self.guard.find_cycling_joint(guarded)
         return Stability(exp(guarded.retreat), guarded.strained, guarded.cycling, joint,
                          float(guarded.frequency[joint]))
 
@@ -166,8 +190,8 @@ class ObserverFeedback(NamedTuple):
             return self
         s = exp(memory.oscillation.retreat)
         return self._replace(
-            observer=self.observer.slowed(s), reference=self.reference.slowed(s),
-            learning=self.learning.slowed(s), feedback_scale=max(s, self.least_scale))
+            observer=self.observer.slow_down(s), reference=self.reference.slow_down(s),
+            learning=self.learning.slow_down(s), feedback_scale=max(s, self.least_scale))
 
     def reconfigured(self, memory: Memory) -> Memory:
         """Return the memory, without a slope of P̂ if the observer has none now."""
@@ -182,10 +206,10 @@ class ObserverFeedback(NamedTuple):
         return Memory(
             observed=Observed(*(zero,) * 5), mass=np.zeros_like(self.kp), ddq=zero,
             deviation=Deviation(zero, zero), known=0.0,
-            learned=adaptation.Learned(self.initial_level, *(zero,) * 5),
-            rest=adaptation.Rest(*(zero,) * 4),
-            oscillation=adaptation.Oscillation(
-                *(zero,) * 4, retreat=0.0, strained=-adaptation.GRACE, frequency=zero, calm=0.0,
+            learned=LearnedFriction(self.initial_level, *(zero,) * 5),
+            standing=Standstill(*(zero,) * 4),
+            oscillation=Oscillation(
+                *(zero,) * 4, retreat=0.0, strained=-START_GRACE_S, frequency=zero, calm=0.0,
                 cycling=0.0))
 
     def initialized(self, now: State, estimate: Array) -> Memory:
@@ -202,13 +226,13 @@ class ObserverFeedback(NamedTuple):
     def corrected(self, memory: Memory, q: Array, dq: Array, held: Array
                   ) -> tuple[Memory, Array, Array]:
         """Return q̂ and dq̂, corrected by the measured position; at first the measured ones."""
-        rest = self.standstill.placed_at(memory.rest, q)
+        standing = self.standstill.track_position(memory.standing, q)
         state = memory.observed._replace(q=q, dq=dq, torque=held)
         if memory.known != 0.0:
             observer = self.slowed_down(memory).observer
-            state = adaptation.kept(
-                rest, memory.observed, observer.correct(memory.observed, memory.mass, q))
-        return memory._replace(observed=state, rest=rest), state.q, state.dq
+            state = hold_standing(standing, memory.observed, observer.correct(
+                memory.observed, memory.mass, q))
+        return memory._replace(observed=state, standing=standing), state.q, state.dq
 
     def answer(self, memory: Memory, now: State, context: Context) -> tuple[Terms, Memory]:
         """Return the terms of (OF4), for the state in which the torque arrives."""
@@ -227,23 +251,24 @@ class ObserverFeedback(NamedTuple):
             deviation = Deviation(model.state.q - point.q, model.state.dq - point.dq)
         desired = self.desired_torque(memory, model, point, deviation)            # (OF2)
         level, tau = memory.learned.level, desired.torque
-        deviation = self.reference.following(point, deviation, desired.returning, inertia, level)
+        deviation = self.reference.advance(point, deviation, desired.returning, inertia, level)
         # The torque a period later, for which the drives are half way to τ* meanwhile.
         held, drives = model.state.torque, self.observer.drives
         half = 0.5 * (held + tau)
         half_way = model._replace(state=model.state._replace(torque=half))
         later = evaluate_model(
             context.models.after, self.predict_state(memory, half_way, half))
-        next_point = adaptation.next_point(
+        point_after = next_point(
             point, memory.known * (point.ddq - memory.ddq), self.reference.period)
-        after = self.desired_torque(memory, later, next_point, deviation)
-        tau = drives.command(tau, after.torque)                                   # (OF4)
+        after = self.desired_torque(memory, later, point_after, deviation)
+        tau = drives.command_for(tau, after.torque)                                   # (OF4)
         sent = held + nearest(model.M, tau - held, drives.reach)
-        deviation = self.reference.relieved(deviation, tau - sent, model.M)
+        deviation = self.reference.relieve(deviation, tau - sent, model.M)
         return Terms(sent + desired.z, now.zero, desired.z, now.zero), memory._replace(
             deviation=deviation, ddq=point.ddq,
-            rest=self.standstill.judged(memory.rest, point, inertia, level),
-            oscillation=self.guard.noticed(memory.oscillation, desired.feedback, tau - sent))
+            standing=self.standstill.detect_standstill(memory.standing, point, inertia, level),
+            oscillation=self.guard.update_oscillation(
+                memory.oscillation, desired.feedback, tau - sent))
 
     def predict_state(self, memory: Memory, model: ModelTerms, command: Array) -> Observed:
         """Return the state a period later, under a command to the drives."""
@@ -254,13 +279,13 @@ class ObserverFeedback(NamedTuple):
                        deviation: Deviation) -> DesiredTorque:
         """Return τ* in a state by (OF2), (OF3), (FR3) and (OF5), for a point of the reference."""
         state, M, level, k = model.state, model.M, memory.learned.level, self.feedback_scale
-        returning = self.reference.returning(deviation, diagonal(M), level)
-        r = self.reference.shifted(point, deviation, returning)
-        F = self.reference.feedforward(point, level, 0.0)
+        returning = self.reference.compute_recovery(deviation, diagonal(M), level)
+        F = self.reference.feed_forward(point, level, 0.0)
         z = -nearest(M, state.perturbation + F, self.ka)
-        u = k * (dot(self.kv, r.dq - state.dq) + k * dot(self.kp, r.q - state.q))
+        u = k * (dot(self.kv, point.dq + deviation.dx - state.dq)
+                 + k * dot(self.kp, point.q + deviation.x - state.q))
         feedback = dot(M, u)
-        torque = dot(M, r.ddq) + feedback + model.bias - z
+        torque = dot(M, point.ddq + returning) + feedback + model.bias - z
         return DesiredTorque(torque, z, returning, feedback)
 
     def advanced(self, memory: Memory, now: State, applied: Applied) -> Memory:
@@ -268,7 +293,7 @@ class ObserverFeedback(NamedTuple):
         state = memory.observed
         learning = self.slowed_down(memory).learning
         learned = learning.learn(memory.learned, state.dq, state.perturbation)
-        deviation = self.reference.relieved(memory.deviation, applied.saturation_error, now.M)
+        deviation = self.reference.relieve(memory.deviation, applied.saturation_error, now.M)
         later = self.observer.predict(state, now.M, now.bias, learned.level, applied.tau)
         return memory._replace(
             observed=later, mass=now.M, known=1.0, learned=learned, deviation=deviation)
@@ -280,15 +305,15 @@ class ObserverFeedback(NamedTuple):
 
 @function
 def with_parts(kp: Array, kv: Array, ka: Array, initial_level: Array, observer: StateObserver,
-               learning: adaptation.FrictionLevel, bandwidth: float) -> ObserverFeedback:
+               learning: FrictionLearner, bandwidth: float) -> ObserverFeedback:
     """Return the law for its gains, and for ω [rad/s] of the observer."""
     drives, stiffness = observer.drives, diagonal(kp)
     pole, h, rate = np.sqrt(stiffness), drives.period, drives.rate
     return ObserverFeedback(
         kp=kp, kv=kv, ka=ka, initial_level=initial_level, observer=observer,
-        reference=adaptation.feasible_reference(stiffness, diagonal(kv), rate, drives.lag, h),
-        learning=learning, standstill=adaptation.standstill(bandwidth, ka, rate, h),
-        guard=adaptation.oscillation_guard(ka, rate, pole, h),
+        reference=design_reference(stiffness, diagonal(kv), rate, drives.lag, h),
+        learning=learning, standstill=design_detector(bandwidth, ka, rate, h),
+        guard=design_guard(ka, rate, pole, h),
         feedback_scale=1.0, least_scale=min(1.0, float(_LEAST_POLE / pole.max())))
 
 

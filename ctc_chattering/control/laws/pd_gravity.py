@@ -35,7 +35,7 @@ from typing import NamedTuple
 from ctc_chattering.compiled.compilable import inverse_diagonal
 from ctc_chattering.control.laws.base import law, Nothing
 from ctc_chattering.control.recommended_gains import PoleRule
-from ctc_chattering.control.step import State, Terms
+from ctc_chattering.control.sample import State, Terms
 
 
 @law(parameters=(), gain_rule=PoleRule(0.5))

@@ -39,12 +39,13 @@ from typing import NamedTuple
 
 from ctc_chattering.compiled.compilable import dot, record, solve
 from ctc_chattering.control.controller_config import ControllerConfig
+from ctc_chattering.control.delay import predict_arrival
 from ctc_chattering.control.laws.base import law, observed_state
 from ctc_chattering.control.laws.friction_feedforward import friction_ahead, FrictionAhead
 from ctc_chattering.control.laws.integral import integral_action, IntegralAction
-from ctc_chattering.control.observer import drive_model, DriveModel
 from ctc_chattering.control.recommended_gains import PoleRule
-from ctc_chattering.control.step import Applied, arriving, Context, LastSample, State, Terms
+from ctc_chattering.control.sample import Applied, Context, LastSample, State, Terms
+from ctc_chattering.dynamics.drive_response import discretize_drives, DriveModel
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
 
@@ -93,7 +94,8 @@ class PidKalman(NamedTuple):
     def from_config(cls, config: ControllerConfig, period: float) -> PidKalman:
         """Return the law of a configuration."""
         h = period
-        drives = drive_model(np.array(config.assumed_lag), np.array(config.torque_rate_limit), h)
+        drives = discretize_drives(
+            np.array(config.assumed_lag), np.array(config.torque_rate_limit), h)
         k1, k2, k3 = kalman_gains(config.estimator_bandwidth * h).tolist()
         return cls(
             position=k1, velocity=k2 / h, acceleration=k3 / h ** 2, period=h,
@@ -130,9 +132,9 @@ class PidKalman(NamedTuple):
     def answer(self, memory: Kinematics, now: State, context: Context
                ) -> tuple[Terms, Kinematics]:
         """Return the terms of (PK4), for the state in which the torque arrives."""
-        state, held = arriving(self, memory, now, context), memory.torque
+        state, held = predict_arrival(self, memory, now, context), memory.torque
         for j in range(int(context.settings.delay)):
-            held, _, _ = self.drives.response(held, context.in_transit(j))
+            held = self.drives.follow(held, context.in_transit(j)).end
         z = -self.estimate(memory, state)
         desired, D, E = state.N - z, self.lead, self.drives.decay
         command = desired
@@ -148,7 +150,7 @@ class PidKalman(NamedTuple):
         """Predict the next sample by (PK1), and advance y by (PK5)."""
         h = self.period
         y = self.action.integrated(memory.integral, now, applied.saturation_error)
-        torque, _, _ = self.drives.response(memory.torque, applied.tau)
+        torque = self.drives.follow(memory.torque, applied.tau).end
         return memory._replace(
             q=memory.q + h * (memory.dq + 0.5 * h * memory.ddq), dq=memory.dq + h * memory.ddq,
             integral=y, torque=torque, known=1.0)

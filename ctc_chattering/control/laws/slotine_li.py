@@ -43,7 +43,7 @@ from ctc_chattering.compiled.compilable import dot, inverse_diagonal, record
 from ctc_chattering.control.controller_config import ControllerConfig
 from ctc_chattering.control.laws.base import law
 from ctc_chattering.control.recommended_gains import PoleRule
-from ctc_chattering.control.step import Applied, State, Terms
+from ctc_chattering.control.sample import Applied, State, Terms
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.parameters import matrix
 import numpy as np

@@ -41,9 +41,10 @@ from typing import NamedTuple
 
 from ctc_chattering.compiled.compilable import dot, record, solve
 from ctc_chattering.control.controller_config import ControllerConfig
+from ctc_chattering.control.filter import design_filter, ErrorFilter
 from ctc_chattering.control.laws.base import law
 from ctc_chattering.control.recommended_gains import PoleRule
-from ctc_chattering.control.step import Applied, error_filter, ErrorFilter, State, Terms
+from ctc_chattering.control.sample import Applied, State, Terms
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
 
@@ -73,7 +74,7 @@ class SuperTwisting(NamedTuple):
     @classmethod
     def from_config(cls, config: ControllerConfig, period: float) -> SuperTwisting:
         """Return the law of a configuration."""
-        return cls(error_filter(config.lambda_, config.b, period),
+        return cls(design_filter(config.lambda_, config.b, period),
                    np.array(config.super_twisting_k1), period * np.array(config.super_twisting_k2))
 
     def initial(self) -> Twisted:

@@ -24,7 +24,7 @@ from ctc_chattering.configuration import parameter_file
 from ctc_chattering.control.controller import Controller, ControllerConfig, Sample
 from ctc_chattering.control.laws.base import Law, law
 from ctc_chattering.control.laws.registry import law_class, laws_by_parameter, switchings_of
-from ctc_chattering.control.step import State, Terms
+from ctc_chattering.control.sample import State, Terms
 from ctc_chattering.controller.trips import TripMonitor, unsafe_settings
 from ctc_chattering.errors import CtcError
 from ctc_chattering.runs.recommended import recommended_setup
