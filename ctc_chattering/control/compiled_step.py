@@ -26,11 +26,7 @@ from typing import Any, NamedTuple
 from ctc_chattering.compiled.compilable import function
 from ctc_chattering.compiled.machine_code import Program
 from ctc_chattering.compiled.records import load, packed, rows, store
-from ctc_chattering.control.irregular_sample import (
-    extrapolate_reference,
-    REGULAR,
-    SampleIrregularity,
-)
+from ctc_chattering.control.irregular_sample import REGULAR, SampleIrregularity
 from ctc_chattering.control.sample import Context, Memories, Models
 from ctc_chattering.control.settings import ControlSettings
 from ctc_chattering.control.step import ControlOutput, step
@@ -53,8 +49,6 @@ class ControlRecords(NamedTuple):
         Terms of the model in each state of `Models` (`KeptTerms`).
     transit : ndarray, shape (4 d, n)
         Torques in transit.
-    reference : ndarray, shape (3 (1 + d), n)
-        Room for an extrapolated reference.
     measured : ndarray, shape (2, n)
         Position [rad] and velocity [rad/s].
     result
@@ -72,7 +66,6 @@ class ControlRecords(NamedTuple):
     arriving: Any
     after: Any
     transit: Array
-    reference: Array
     measured: Array
     result: Any
 
@@ -109,7 +102,7 @@ class CompiledStep(Program):
         self.records = ControlRecords(
             packed(settings), packed(law), packed(memories), packed(REGULAR), *self.arm.model,
             *(self.arm.place() for _ in range(3)),  # type: ignore[call-arg]
-            transit, np.zeros_like(self.points), np.zeros((2, n)), result)
+            transit, np.zeros((2, n)), result)
         super().__init__(self.arm.codes, run_step, (self.records, self.points),
                          f'control-{type(law).__name__}-{n}'.lower())
 
@@ -153,11 +146,8 @@ def run_step(p: ControlRecords, points: Array) -> int:
     model = CompiledModel(p.call, p.body)
     models = Models(EvaluatedModel(model, p.now), EvaluatedModel(model, p.arriving),
                     EvaluatedModel(model, p.after))
-    reference = rows(points, like)
-    if irregularity.reference_offset != 0.0:
-        reference = extrapolate_reference(
-            reference, irregularity.reference_offset, settings.delay, rows(p.reference, like))
-    context = Context(settings, models, rows(p.transit, like), memories.control, reference)
+    context = Context(settings, models, rows(p.transit, like), memories.control,
+                      rows(points, like), irregularity.reference_offset)
     output, memories_after = step(context, load(p.law), memories.law, memories.last,
                                   irregularity, measured[0], measured[1])
     store(p.memories, memories_after)

@@ -139,14 +139,6 @@ class PredictedPeriod(NamedTuple):
     tau: Array
 
 
-class PredictedPeriods(NamedTuple):
-    """Predicted periods since the last state, with memories and transit before the first."""
-
-    memories: Memories
-    transit: Array
-    periods: list[PredictedPeriod]
-
-
 class Controller:
     """
     The sampled controller: one call of `step` per state.
@@ -187,8 +179,9 @@ class Controller:
     #: Stamp of the last state, and its time after its sample [ns].
     _stamp: int | None
     _offset: int
-    #: Periods since then that were answered without a state.
-    _prediction: PredictedPeriods | None
+    #: Periods since then that were answered without a state, and memories and transit before them.
+    _predicted: list[PredictedPeriod]
+    _snapshot: tuple[Memories, Array]
     #: Computes the steps until the next change, and holds the memories; made for the first step.
     _stepper: PlainStep | CompiledStep | None
     #: Until then, the memories.
@@ -270,8 +263,8 @@ class Controller:
     @memories.setter
     def memories(self, memories: Memories) -> None:
         if self._stamp is not None:
-            self._stamp += self.predicted_periods * self._period
-        self._memories, self._stepper, self._prediction = memories, None, None
+            self._stamp += len(self._predicted) * self._period
+        self._memories, self._stepper, self._predicted = memories, None, []
 
     def _make_stepper(self) -> PlainStep | CompiledStep:
         compiled = self.compiled_step()
@@ -345,25 +338,24 @@ class Controller:
         rows = self._rows(q, dq, q_d, dq_d, ddq_d, ahead)
         if self._phase is not Phase.RUNNING:
             self._begin(rows)
-        prediction, period = self._prediction, self._period
-        predicted = len(prediction.periods) if prediction else 0
+        predicted, period = len(self._predicted), self._period
         #: Stamp of the next state, if none is late.
         due = None if self._stamp is None else self._stamp + (predicted + 1) * period
         if t is None or (not late and (due is None or (t == due and not self._offset))):
-            self._stamp, self._offset, self._prediction = t, 0, None
+            self._stamp, self._offset, self._predicted = t, 0, []
             return self._step(rows, REGULAR)
         missed, offset = self._locate(t)
         reference_offset = t - offset - (t if at is None else at)
         irregularity = SampleIrregularity(offset / 1e9, reference_offset / 1e9, 1.0, 1.0)
-        if prediction and due is not None and t < due and missed < predicted:
-            sample = self._merge(prediction, missed, rows, irregularity)
+        if due is not None and t < due and missed < predicted:
+            sample = self._merge(missed, rows, irregularity)
         else:
-            self._prediction = None
+            self._predicted = []
             for k in range(missed - predicted, 0, -1):
                 self._step(rows, missing_state(reference_offset - k * period, True))
             sample = self._step(rows, irregularity._replace(keeps_torque=float(late > 0)))
         self._stamp, self._offset = t, offset
-        for k in range(self.predicted_periods + 1, late + 1):
+        for k in range(len(self._predicted) + 1, late + 1):
             sample = self._predict(rows, reference_offset + k * period, k < late)
         return sample
 
@@ -380,7 +372,7 @@ class Controller:
     @property
     def predicted_periods(self) -> int:
         """Return the number of periods after the last state that `predicted_step` has answered."""
-        return len(self._prediction.periods) if self._prediction else 0
+        return len(self._predicted)
 
     def predicted_step(self, q_d: Vector, dq_d: Vector, ddq_d: Vector,
                        ahead: Sequence[Point] = (), periods: int = 1) -> Sample | None:
@@ -408,37 +400,38 @@ class Controller:
 
     def _predict(self, rows: Array, reference_offset: int, keeps_torque: bool) -> Sample:
         """Go on by a period without a state; offset of the sample from the reference [ns]."""
-        if self._prediction is None:
-            self._prediction = PredictedPeriods(self.memories, self.transit.copy(), [])
+        if not self._predicted:
+            self._snapshot = self.memories, self.transit.copy()
         sample = self._step(rows, missing_state(reference_offset, keeps_torque))
-        self._prediction.periods.append(
-            PredictedPeriod(rows, reference_offset, np.array(sample.tau)))
+        self._predicted.append(PredictedPeriod(rows, reference_offset, np.array(sample.tau)))
         return sample
 
-    def _merge(self, prediction: PredictedPeriods, missed: int, rows: Array,
-               irregularity: SampleIrregularity) -> Sample:
+    def _merge(self, missed: int, rows: Array, irregularity: SampleIrregularity) -> Sample:
         """
-        Take a state whose period has been predicted; return the sample of the last period.
+        Compute the predicted periods again with the state of one of them.
 
         Parameters
         ----------
-        prediction : PredictedPeriods
-            The predicted periods, which are computed again.
         missed : int
             Index of the state's period.
         rows, irregularity
             Of the state, as of `_step`.
 
+        Returns
+        -------
+        Sample
+            Of the last period.
+
         """
-        memories, self.transit[:], periods = prediction
+        periods, (memories, self.transit[:]) = self._predicted, self._snapshot
         stepper = self._stepper or self._make_stepper()
         for k, period in enumerate(periods):
             stepper.memories = memories._replace(
                 control=memories.control._replace(held=period.tau))
             if k == missed:
                 sample = self._step(rows, irregularity)
-                self._prediction = PredictedPeriods(
-                    stepper.memories, self.transit.copy(), periods[k + 1:])
+                self._snapshot = stepper.memories, self.transit.copy()
+                self._predicted = periods[k + 1:]
             else:
                 sample = self._step(period.rows, missing_state(period.reference_offset, True))
             memories = stepper.memories

@@ -58,7 +58,7 @@ def predict_arrival(law: Any, law_memory: Any, now: State, context: Context) -> 
             xi = xi + settings.filter.correction(state.M, excess)
         torque = context.transit[row] - perturbation
         q, dq = predict_state(model, state, torque, settings.period)
-        state = evaluate_state(settings, model, q, dq, context.points, 3 * j + 3, xi)
+        state = evaluate_state(settings, model, q, dq, context.reference_at(j + 1), xi)
     return state
 
 

@@ -50,6 +50,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from ctc_chattering.compiled.compilable import every, function, record, solve, some, Truths
+from ctc_chattering.control.sample import Desired
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
 
@@ -57,15 +58,6 @@ import numpy as np
 OVERSHOOT = 0.35
 #: Keeps a quotient finite.
 _TINY = 1e-12
-
-
-@record
-class Desired(NamedTuple):
-    """A point of the reference, each of shape (n,) [rad, rad/s, rad/s²]."""
-
-    q: Array
-    dq: Array
-    ddq: Array
 
 
 @record

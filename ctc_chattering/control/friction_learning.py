@@ -71,7 +71,7 @@ class FrictionLearner(NamedTuple):
     ----------
     gain : float
         γ h.
-    follow, forget : float
+    lag_gain, slow_gain : float
         1 - exp(-ω h) and 1 - exp(-w₀ h).
     bound : ndarray, shape (n,)
         Ka [N·m].
@@ -79,24 +79,24 @@ class FrictionLearner(NamedTuple):
     """
 
     gain: float
-    follow: float
-    forget: float
+    lag_gain: float
+    slow_gain: float
     bound: Array
 
     def slow_down(self, factor: float) -> FrictionLearner:
         """Return one for an estimate with this factor on its bandwidth ω."""
-        return self._replace(follow=factor * self.follow)
+        return self._replace(lag_gain=factor * self.lag_gain)
 
     def learn(self, last: LearnedFriction, dq: Array, perturbation: Array) -> LearnedFriction:
         """Return the friction level updated with one sample of dq̂ [rad/s] and P̂ [N·m]."""
         if self.gain == 0.0:
             return last
         sign = np.where(np.abs(dq) > 2e-3, np.sign(dq), 0.0)  # Slower, the sign may be noise.
-        lag1 = last.lag1 + self.follow * (sign - last.lag1)
-        lag2 = last.lag2 + self.follow * (lag1 - last.lag2)
-        lag3 = last.lag3 + self.follow * (lag2 - last.lag3)
-        slow_sign = last.slow_sign + self.forget * (lag3 - last.slow_sign)
-        slow_estimate = last.slow_estimate + self.forget * (perturbation - last.slow_estimate)
+        lag1 = last.lag1 + self.lag_gain * (sign - last.lag1)
+        lag2 = last.lag2 + self.lag_gain * (lag1 - last.lag2)
+        lag3 = last.lag3 + self.lag_gain * (lag2 - last.lag3)
+        slow_sign = last.slow_sign + self.slow_gain * (lag3 - last.slow_sign)
+        slow_estimate = last.slow_estimate + self.slow_gain * (perturbation - last.slow_estimate)
         level = last.level + self.gain * (lag3 - slow_sign) * (perturbation - slow_estimate)
         return LearnedFriction(np.minimum(np.maximum(level, 0.0), self.bound), lag1, lag2, lag3,
                                slow_sign, slow_estimate)

@@ -28,7 +28,7 @@ from __future__ import annotations
 from typing import Any
 
 from ctc_chattering.compiled.compilable import function
-from ctc_chattering.control.sample import ControlMemory, evaluate_state, Memories
+from ctc_chattering.control.sample import ControlMemory, Desired, evaluate_state, Memories
 from ctc_chattering.control.settings import ControlSettings
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.numerics.linear_algebra import Array
@@ -51,14 +51,14 @@ def take_over(settings: ControlSettings, old: Any, old_memory: Any, new: Any, me
         After the last sample; the law's memory is the new one's initial memory.
     model : Model
         M, C and G.
-    rows : array, shape (5, n)
-        Measured q, dq and desired q, dq, ddq of the sample to come.
+    rows : array
+        Measured q, dq and desired q, dq, ddq of the sample to come, and more.
 
     """
     control, law_memory = memories.control, memories.law
     if new.acts_on_v and not old.acts_on_v:
         control = control._replace(xi=settings.filter.b * (rows[3] - rows[1]))
-    now = evaluate_state(settings, model, rows[0], rows[1], rows[2:], 0, control.xi)
+    now = evaluate_state(settings, model, rows[0], rows[1], Desired(*rows[2:5]), control.xi)
     if not (old.of_the_paper and new.of_the_paper):
         control = control._replace(handover_samples_left=settings.handover_samples)
     if old.estimates:

@@ -92,16 +92,6 @@ def locate_sample(h: int, offset: int, elapsed: int) -> tuple[int, int]:
 
 
 @function
-def extrapolate_reference(points: Array, time: float, delay: float, room: Array) -> Array:
-    """Return the 1 + d points of a reference `time` [s] after their instants, in `room`."""
-    for i in range(0, 3 + 3 * int(delay), 3):
-        room[i] = points[i] + time * (points[i + 1] + 0.5 * time * points[i + 2])
-        room[i + 1] = points[i + 1] + time * points[i + 2]
-        room[i + 2] = 1.0 * points[i + 2]
-    return room
-
-
-@function
 def state_at_sample(law: Any, law_memory: Any, last: LastSample, context: Context,
                     irregularity: SampleIrregularity, q: Array, dq: Array
                     ) -> tuple[Array, Array]:

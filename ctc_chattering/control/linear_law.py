@@ -168,10 +168,11 @@ class _SteadyMotion:
     def _memory_values(self) -> Array:
         """Return the memories of the controller, with the torques in transit in their order."""
         memories, transit = self._controller.memories, self._controller.transit
-        index = int(memories.control.transit_index)
+        transit_index = int(memories.control.transit_index)
         record = packed(memories._replace(control=memories.control._replace(transit_index=0.0)))
         numbers = np.frombuffer(record.tobytes())
-        return np.concatenate([numbers, np.roll(transit, -TRANSIT_ROWS * index, axis=0).ravel()])
+        in_order = np.roll(transit, -TRANSIT_ROWS * transit_index, axis=0)
+        return np.concatenate([numbers, in_order.ravel()])
 
     def _step(self, values: Array) -> Array:
         """Return the memories a period later, and the torque, for memories and y."""

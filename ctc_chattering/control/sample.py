@@ -34,6 +34,15 @@ TRANSIT_ROWS = 4
 
 
 @record
+class Desired(NamedTuple):
+    """A point of the reference, each of shape (n,) [rad, rad/s, rad/s²]."""
+
+    q: Array
+    dq: Array
+    ddq: Array
+
+
+@record
 class State(NamedTuple):
     """
     A state and a reference, with all that the laws evaluate there.
@@ -218,7 +227,9 @@ class Context(NamedTuple):
         Torques in transit, four rows for each `Applied` [N·m].
     memory : ControlMemory
     points : ndarray, shape (3 (1 + d), n)
-        q_d [rad], dq_d [rad/s] and ddq_d [rad/s²] of this sample and of the d next ones.
+        q_d [rad], dq_d [rad/s] and ddq_d [rad/s²] for this sample and the d next ones.
+    reference_offset : float
+        Time from the instants of these points to the samples [s].
 
     """
 
@@ -227,6 +238,15 @@ class Context(NamedTuple):
     transit: Array
     memory: ControlMemory
     points: Array
+    reference_offset: float
+
+    def reference_at(self, j: int) -> Desired:
+        """Return the reference j periods after this sample."""
+        q, dq, ddq = self.points[3 * j], self.points[3 * j + 1], self.points[3 * j + 2]
+        t = self.reference_offset
+        if t == 0.0:
+            return Desired(q, dq, ddq)
+        return Desired(q + t * (dq + 0.5 * t * ddq), dq + t * ddq, ddq)
 
     def transit_row(self, j: int) -> int:
         """Return the first row of the torque that is applied j periods from now."""
@@ -244,17 +264,16 @@ class Context(NamedTuple):
 
 
 @function
-def evaluate_state(settings: ControlSettings, model: Any, q: Array, dq: Array, points: Array,
-                   i: int, xi: Array) -> State:
-    """Return the state for the reference in row i of `points` and the filter's state ξ."""
-    q_d, dq_d, ddq_d = points[i], points[i + 1], points[i + 2]
-    e, de = q_d - q, dq_d - dq
+def evaluate_state(settings: ControlSettings, model: Any, q: Array, dq: Array, desired: Desired,
+                   xi: Array) -> State:
+    """Return the state for a point of the reference and the filter's state ξ."""
+    e, de = desired.q - q, desired.dq - dq
     u = dot(settings.kv, de) + dot(settings.kp, e)
     v = settings.filter.output(de, xi)                               # (3)
     M, C, G = model.evaluate(q, dq)
     bias = dot(C, dq) + G
-    N = dot(M, ddq_d + u) + bias                                     # inverse dynamics
-    return State(q, dq, dq_d, ddq_d, e, de, u, v, M, C, G, bias, N, settings.zero)
+    N = dot(M, desired.ddq + u) + bias                                     # inverse dynamics
+    return State(q, dq, desired.dq, desired.ddq, e, de, u, v, M, C, G, bias, N, settings.zero)
 
 
 @function

@@ -41,8 +41,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from ctc_chattering.compiled.compilable import function, record, some
-from ctc_chattering.control.feasible_reference import Desired, reference_stands
+from ctc_chattering.control.feasible_reference import reference_stands
 from ctc_chattering.control.observer import Observed
+from ctc_chattering.control.sample import Desired
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
 

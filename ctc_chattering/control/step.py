@@ -34,11 +34,7 @@ from typing import Any, NamedTuple
 from ctc_chattering.compiled.compilable import function, record
 from ctc_chattering.control.delay import exchange_torque
 from ctc_chattering.control.handover import handover_offset
-from ctc_chattering.control.irregular_sample import (
-    extrapolate_reference,
-    SampleIrregularity,
-    state_at_sample,
-)
+from ctc_chattering.control.irregular_sample import SampleIrregularity, state_at_sample
 from ctc_chattering.control.sample import (
     Applied,
     Context,
@@ -92,8 +88,8 @@ def step(context: Context, law: Any, law_memory: Any, last: LastSample,
     if irregularity.offset != 0.0 or irregularity.is_measured == 0.0:
         q, dq = state_at_sample(law, law_memory, last, context, irregularity, q, dq)
     law_memory, measured = law.corrected(law_memory, q, dq, memory.held)
-    now = evaluate_state(settings, context.models.now, measured.q, measured.dq, context.points, 0,
-                         memory.xi)
+    now = evaluate_state(settings, context.models.now, measured.q, measured.dq,
+                         context.reference_at(0), memory.xi)
     law_memory = law.updated(law_memory, now)
     terms, law_memory = law.answer(law_memory, now, context)
 
@@ -154,7 +150,6 @@ class PlainStep:
                  model: Model) -> None:
         self.memories, self._law = memories, law
         self._fixed = settings, Models(model, model, model), transit
-        self._room = np.zeros((3 + 3 * int(settings.delay), len(settings.zero)))
 
     def step(self, rows: Array, irregularity: SampleIrregularity) -> list[list[float]]:
         """
@@ -169,11 +164,7 @@ class PlainStep:
 
         """
         control, law_memory, last = self.memories
-        points = rows[2:]
-        if irregularity.reference_offset:
-            points = extrapolate_reference(
-                points, irregularity.reference_offset, self._fixed[0].delay, self._room)
+        context = Context(*self._fixed, control, rows[2:], irregularity.reference_offset)
         output, self.memories = step(
-            Context(*self._fixed, control, points), self._law, law_memory, last, irregularity,
-            rows[0], rows[1])
-        return [x.tolist() for x in output]
+            context, self._law, law_memory, last, irregularity, rows[0], rows[1])
+        return list(map(np.ndarray.tolist, output))

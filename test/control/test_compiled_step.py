@@ -16,13 +16,15 @@
 
 from __future__ import annotations
 
+import inspect
 from typing import Any
 
+from ctc_chattering.compiled import compilable
 from ctc_chattering.compiled.build import build
 from ctc_chattering.control.compiled_step import CompiledStep
 from ctc_chattering.control.controller import Controller, ControllerConfig
 from ctc_chattering.control.irregular_sample import REGULAR, SampleIrregularity
-from ctc_chattering.control.laws.registry import LAWS, SWITCHINGS
+from ctc_chattering.control.laws.registry import law_class, LAWS, SWITCHINGS
 from ctc_chattering.control.step import PlainStep
 from ctc_chattering.dynamics.compiled_model import arm_of
 from ctc_chattering.dynamics.model import Model
@@ -126,6 +128,20 @@ def check(law: str, switching: str, n: int, seed: int) -> None:
             np.testing.assert_allclose(step.records.transit, transit, rtol=1e-10, atol=1e-9)
         plain.step(q, dq, points[0, 0], points[0, 1], points[0, 2], points[1:].tolist())
         assert not plain.compiled
+
+
+def test_compiled_code_can_tell_methods_from_fields_and_from_each_other() -> None:
+    """Compiled, a method is found by its name: no field has it, and all take as much."""
+    assert all(map(law_class, LAWS))
+    records = [x for x in compilable.RECORDS if x.__module__.startswith('ctc_chattering.')]
+    fields = {name for x in records for name in x._fields}  # type: ignore[attr-defined]
+    taken: dict[str, set[int]] = {}
+    for x in records:
+        for name, method in inspect.getmembers(x, inspect.isfunction):
+            if not name.startswith('_'):
+                taken.setdefault(name, set()).add(len(inspect.signature(method).parameters))
+    assert not fields & set(taken)
+    assert not {name: counts for name, counts in taken.items() if len(counts) > 1}
 
 
 # What other tests need is compiled, too; the rest, half a minute each, by `.ci/run`.

@@ -18,12 +18,12 @@ import math
 
 from ctc_chattering.control.feasible_reference import (
     design_reference,
-    Desired,
     Deviation,
     next_point,
     OVERSHOOT,
     ramp,
 )
+from ctc_chattering.control.sample import Desired
 import numpy as np
 import pytest
 from scipy.integrate import quad  # type: ignore[import-untyped]

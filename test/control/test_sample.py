@@ -15,7 +15,7 @@
 """The state as the laws evaluate it, and its prediction, against the paper's arm."""
 
 from ctc_chattering.control.controller import ControllerConfig
-from ctc_chattering.control.sample import evaluate_state, predict_state
+from ctc_chattering.control.sample import Desired, evaluate_state, predict_state
 from ctc_chattering.control.settings import ControlSettings
 from ctc_chattering.dynamics.two_link import TwoLink
 import numpy as np
@@ -31,7 +31,7 @@ POINTS = np.array([[0.5, -1.0], [2.2, -2.9], [4.0, 1.0]])
 
 def test_the_nominal_torque_gives_the_desired_acceleration() -> None:
     """Check M⁻¹ (N - C dq - G) = ddq_d + Kv de + Kp e with M and C of the paper."""
-    state = evaluate_state(SETTINGS, ARM, Q, DQ, POINTS, 0, np.zeros(2))
+    state = evaluate_state(SETTINGS, ARM, Q, DQ, Desired(*POINTS), np.zeros(2))
     u = 50.0 * (POINTS[1] - DQ) + 100.0 * (POINTS[0] - Q)
     np.testing.assert_allclose(state.u, u, rtol=1e-14)
     coriolis = np.array(paper_c(Q.tolist(), DQ.tolist())) @ DQ
@@ -43,7 +43,7 @@ def test_the_nominal_torque_gives_the_desired_acceleration() -> None:
 
 def test_the_prediction_is_of_third_order() -> None:
     """Check q and dq against scipy: half the period leaves an eighth of the error."""
-    state = evaluate_state(SETTINGS, ARM, Q, DQ, POINTS, 0, np.zeros(2))
+    state = evaluate_state(SETTINGS, ARM, Q, DQ, Desired(*POINTS), np.zeros(2))
     torque = np.array([30.0, -8.0])
 
     def field(t: float, x: Array) -> Array:

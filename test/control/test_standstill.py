@@ -20,7 +20,7 @@ import math
 from typing import Any
 
 from ctc_chattering.control.controller_config import ControllerConfig
-from ctc_chattering.control.feasible_reference import Desired
+from ctc_chattering.control.sample import Desired
 from ctc_chattering.control.standstill import (
     design_detector,
     Standstill,

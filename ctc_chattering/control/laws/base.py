@@ -250,7 +250,7 @@ def next_state(law: Any, memory: Any, last: LastSample, context: Context) -> tup
     """Return the next q and dq by the model, with the torque and P of the last sample."""
     settings, model = context.settings, context.models.now
     state = evaluate_state(
-        settings, model, last.q, last.dq, context.points, 0, context.memory.xi)
+        settings, model, last.q, last.dq, context.reference_at(0), context.memory.xi)
     torque = last.applied - law.acting(memory, state)
     return predict_state(model, state, torque, settings.period)
 

@@ -36,7 +36,7 @@ from typing import NamedTuple
 
 from ctc_chattering.compiled.compilable import dot, record
 from ctc_chattering.control.controller_config import ControllerConfig
-from ctc_chattering.control.feasible_reference import Desired, next_point
+from ctc_chattering.control.feasible_reference import next_point
 from ctc_chattering.control.laws.base import law, observed_state
 from ctc_chattering.control.laws.friction_feedforward import friction_ahead, FrictionAhead
 from ctc_chattering.control.laws.observer_feedback import evaluate_model, ModelTerms
@@ -93,7 +93,7 @@ class ExtendedStateObserver(NamedTuple):
 
     def initialized(self, now: State, estimate: Array) -> ExtendedState:
         """Begin with the other law's estimate, beside friction."""
-        remaining = estimate - self.friction.fed_forward(now.dq_d, now.ddq_d)
+        remaining = estimate - self.friction.friction_torque(now.dq_d, now.ddq_d)
         P = nearest(now.M, remaining, self.observer.bound)
         return self.initial()._replace(
             observed=Observed(now.q, now.dq, now.zero, P, now.zero))
@@ -115,20 +115,21 @@ class ExtendedStateObserver(NamedTuple):
     def answer(self, memory: ExtendedState, now: State, context: Context
                ) -> tuple[Terms, ExtendedState]:
         """Return the terms of (ES4), for the period in which the torque arrives."""
-        points, settings = context.points, context.settings
+        settings = context.settings
         model, delay = ModelTerms(memory.observed, now.M, now.bias), int(settings.delay)
         for j in range(delay):
-            F = self.friction.fed_forward(points[3 * j + 1], points[3 * j + 2])
+            point = context.reference_at(j)
+            F = self.friction.friction_torque(point.dq, point.ddq)
             later = self.moved(model, context.in_transit(j), F)
             model = evaluate_model(context.models.arriving, later)
-        arrival = Desired(points[3 * delay], points[3 * delay + 1], points[3 * delay + 2])
-        F = self.friction.fed_forward(arrival.dq, arrival.ddq)
+        arrival = context.reference_at(delay)
+        F = self.friction.friction_torque(arrival.dq, arrival.ddq)
         held, drives = model.state.torque, self.observer.drives
         later = self.moved(model, context.memory.held, F)
         model = evaluate_model(context.models.after, later)
         change = memory.has_sample * (arrival.ddq - memory.ddq)
         r, s = next_point(arrival, change, drives.period), model.state
-        z = -(s.perturbation + self.friction.fed_forward(r.dq, r.ddq))
+        z = -(s.perturbation + self.friction.friction_torque(r.dq, r.ddq))
         u = dot(settings.kv, r.dq - s.dq) + dot(settings.kp, r.q - s.q)
         desired = dot(model.M, r.ddq + u) + model.bias - z                        # (ES2)
         command = (desired - drives.decay * held) / (1.0 - drives.decay)          # (ES4)
@@ -142,9 +143,9 @@ class ExtendedStateObserver(NamedTuple):
     def advanced(self, memory: ExtendedState, now: State, applied: Applied) -> ExtendedState:
         """Predict the next sample."""
         model = ModelTerms(memory.observed, now.M, now.bias)
-        later = self.moved(model, applied.tau, self.friction.fed_forward(now.dq_d, now.ddq_d))
+        later = self.moved(model, applied.tau, self.friction.friction_torque(now.dq_d, now.ddq_d))
         return memory._replace(observed=later, mass=now.M, has_sample=1.0)
 
     def estimate(self, memory: ExtendedState, now: State) -> Array:
         """Return P̂ + F."""
-        return memory.observed.perturbation + self.friction.fed_forward(now.dq_d, now.ddq_d)
+        return memory.observed.perturbation + self.friction.friction_torque(now.dq_d, now.ddq_d)

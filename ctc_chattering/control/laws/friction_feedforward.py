@@ -51,7 +51,7 @@ class FrictionAhead(NamedTuple):
     #: t [s].
     lead: float
 
-    def fed_forward(self, dq_d: Array, ddq_d: Array) -> Array:
+    def friction_torque(self, dq_d: Array, ddq_d: Array) -> Array:
         """Return the friction, shape (n,) [N·m]."""
         return self.level * np.tanh((dq_d + self.lead * ddq_d) / self.width)
 

@@ -50,7 +50,6 @@ from ctc_chattering.compiled.compilable import diagonal, dot, function, record
 from ctc_chattering.control.controller_config import ControllerConfig
 from ctc_chattering.control.feasible_reference import (
     design_reference,
-    Desired,
     Deviation,
     FeasibleReference,
     next_point,
@@ -69,7 +68,15 @@ from ctc_chattering.control.oscillation import (
     START_GRACE_S,
 )
 from ctc_chattering.control.recommended_gains import ObserverRule
-from ctc_chattering.control.sample import Applied, Context, LastSample, MeasuredState, State, Terms
+from ctc_chattering.control.sample import (
+    Applied,
+    Context,
+    Desired,
+    LastSample,
+    MeasuredState,
+    State,
+    Terms,
+)
 from ctc_chattering.control.standstill import (
     design_detector,
     hold_standing,
@@ -240,12 +247,12 @@ class ObserverFeedback(NamedTuple):
 
     def respond(self, memory: Memory, now: State, context: Context) -> tuple[Terms, Memory]:
         """Return `answer` with the bandwidths of this law."""
-        points, delay = context.points, int(context.settings.delay)
+        delay = int(context.settings.delay)
         model = ModelTerms(memory.observed, now.M, now.bias)
         for j in range(delay):
             arriving = self.predict_state(memory, model, context.in_transit(j))
             model = evaluate_model(context.models.arriving, arriving)             # (OF1)
-        point = Desired(points[3 * delay], points[3 * delay + 1], points[3 * delay + 2])
+        point = context.reference_at(delay)
         deviation, inertia = memory.deviation, diagonal(model.M)
         if memory.has_sample == 0.0:
             deviation = Deviation(model.state.q - point.q, model.state.dq - point.dq)

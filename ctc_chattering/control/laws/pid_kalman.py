@@ -109,7 +109,7 @@ class PidKalman(NamedTuple):
 
     def initialized(self, now: State, estimate: Array) -> Kinematics:
         """Set y so that it cancels the other law's estimate, beside friction."""
-        y = solve(now.M, estimate - self.friction.fed_forward(now.dq_d, now.ddq_d))
+        y = solve(now.M, estimate - self.friction.friction_torque(now.dq_d, now.ddq_d))
         return self.initial()._replace(integral=y)
 
     def predicted_state(self, memory: Kinematics, last: LastSample, context: Context
@@ -157,7 +157,7 @@ class PidKalman(NamedTuple):
 
     def estimate(self, memory: Kinematics, now: State) -> Array:
         """Return M y + F."""
-        return dot(now.M, memory.integral) + self.friction.fed_forward(now.dq_d, now.ddq_d)
+        return dot(now.M, memory.integral) + self.friction.friction_torque(now.dq_d, now.ddq_d)
 
 
 def kalman_gains(bandwidth: float) -> Array:
