@@ -195,9 +195,9 @@ class Loops:
         """
         def radius(lag: float) -> float:
             return dataclasses.replace(self, lag=np.full_like(self.lag, lag)).radius(ratio)
-        own = float(self.lag.max())
-        grid = np.linspace(0.0, 20.0 * (own + self.period * (1 + self.delay)), 200)
-        start = next((x for x in (own, *grid.tolist()) if radius(x) < 1.0), own)
+        lag = float(self.lag.max())
+        grid = np.linspace(0.0, 20.0 * (lag + self.period * (1 + self.delay)), 200)
+        start = next((x for x in (lag, *grid.tolist()) if radius(x) < 1.0), lag)
         return stable_range(radius, start, grid)
 
     def delays(self, ratio: float = 1.0) -> tuple[int, ...]:
@@ -265,9 +265,9 @@ class ArmInertia(NamedTuple):
         if self.rotors.any():
             rotors = self._range(ratios, lambda body, x: body + x * self.rotors)
         elif np.isfinite(self.effort).all():
-            more = self._range(ratios, lambda body, x: body + x * self.effort, _ROTOR_GRID[0],
-                               _ROTOR_GRID)
-            lacking = more.high if more else 0.0
+            added = self._range(ratios, lambda body, x: body + x * self.effort, _ROTOR_GRID[0],
+                                _ROTOR_GRID)
+            lacking = added.high if added else 0.0
         masses = self._range(ratios, lambda body, x: x * body + self.rotors)
         return ArmMargins(rotors, lacking, masses)
 

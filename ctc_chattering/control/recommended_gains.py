@@ -328,9 +328,9 @@ class GainChoice:
         None if both laws share gains. Else those that it had before. Else the recommended ones,
         or, for laws that share gains, the defaults of kp and kv.
         """
-        after, before = separate_gains(law), separate_gains(config.law)
-        if after == before:
+        owner, previous_owner = separate_gains(law), separate_gains(config.law)
+        if owner == previous_owner:
             return {}
         values = config.as_mapping()
-        self._previous[before] = {name: values[name] for name in GAINS}
-        return self._previous.get(after) or self.suitable(law, config)
+        self._previous[previous_owner] = {name: values[name] for name in GAINS}
+        return self._previous.get(owner) or self.suitable(law, config)

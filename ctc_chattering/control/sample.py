@@ -136,6 +136,14 @@ class Applied(NamedTuple):
 
 
 @record
+class MeasuredState(NamedTuple):
+    """Position [rad] and velocity [rad/s] with which a law computes, shape (n,)."""
+
+    q: Array
+    dq: Array
+
+
+@record
 class LastSample(NamedTuple):
     """
     The sample before, each of shape (n,).

@@ -87,8 +87,9 @@ def step(context: Context, law: Any, law_memory: Any, last: LastSample,
     settings, memory = context.settings, context.memory
     if irregularity.offset != 0.0 or irregularity.is_measured == 0.0:
         q, dq = state_at_sample(law, law_memory, last, context, irregularity, q, dq)
-    law_memory, q, dq = law.corrected(law_memory, q, dq, memory.held)
-    now = evaluate_state(settings, context.models.now, q, dq, context.reference_at(0), memory.xi)
+    law_memory, measured = law.corrected(law_memory, q, dq, memory.held)
+    now = evaluate_state(settings, context.models.now, measured.q, measured.dq,
+                         context.reference_at(0), memory.xi)
     law_memory = law.updated(law_memory, now)
     terms, law_memory = law.answer(law_memory, now, context)
 

@@ -19,10 +19,10 @@ A law is a NamedTuple of its gains. What it remembers from sample to sample is a
 memory. Its methods are pure: a memory goes in, and comes out as it is afterwards. `Controller`
 builds the law from a configuration, and `control/step.py` calls it at every sample::
 
-    memory, q, dq = corrected(memory, q, dq, held)    the state as the law takes it
-    memory = updated(memory, now)                     the estimate, from the evaluated state
-    terms, memory = answer(memory, now, context)      the terms of the torque
-    memory = advanced(memory, now, applied)           the prediction of the next sample
+    memory, measured = corrected(memory, q, dq, held)    the state as the law takes it
+    memory = updated(memory, now)                        the estimate, from the evaluated state
+    terms, memory = answer(memory, now, context)         the terms of the torque
+    memory = advanced(memory, now, applied)              the prediction of the next sample
 
 Only `terms` has no default. Numbers are floats, truth values 1.0 and 0.0, and no method has the
 name of a field, so that both can be compiled.
@@ -45,6 +45,7 @@ from ctc_chattering.control.sample import (
     Context,
     evaluate_state,
     LastSample,
+    MeasuredState,
     predict_state,
     State,
     Terms,
@@ -199,9 +200,9 @@ class Law(Estimator):
         """
         return next_state(self, memory, last, context)
 
-    def corrected(self, memory: T, q: Array, dq: Array, held: Array) -> tuple[T, Array, Array]:
+    def corrected(self, memory: T, q: Array, dq: Array, held: Array) -> tuple[T, MeasuredState]:
         """
-        Return the memory, and the position and velocity with which the law computes.
+        Return the memory, and the state with which the law computes.
 
         Parameters
         ----------
@@ -213,7 +214,7 @@ class Law(Estimator):
             Torque that was sent last [N·m].
 
         """
-        return memory, q, dq
+        return memory, MeasuredState(q, dq)
 
     def answer(self, memory: T, now: State, context: Context) -> tuple[Terms, T]:
         """
@@ -258,7 +259,7 @@ def next_state(law: Any, memory: Any, last: LastSample, context: Context) -> tup
 def observed_state(law: Any, memory: Any, last: LastSample, context: Context, q: Array, dq: Array
                    ) -> tuple[Array, Array]:
     """Return q and dq as an observer predicted them; at the first sample, `next_state`."""
-    if memory.known == 0.0:
+    if memory.has_sample == 0.0:
         return next_state(law, memory, last, context)
     return q, dq
 
@@ -307,24 +308,24 @@ def law(symbol: str = '', of_the_paper: bool = False, acts_on_v: bool = False, *
     True
 
     """
-    def mark(kind: type[T]) -> type[T]:
-        marked: Any = with_defaults(kind, Law)
+    def mark(unmarked: type[T]) -> type[T]:
+        marked: Any = with_defaults(unmarked, Law)
         marked.symbol, marked.of_the_paper, marked.acts_on_v = symbol, of_the_paper, acts_on_v
         marked.parameters, marked.gain_rule = parameters, gain_rule
         marked.is_watched, marked.is_bounded = is_watched, is_bounded
-        return kind
+        return unmarked
     return mark
 
 
-def with_defaults(kind: type[T], defaults: type) -> type[T]:
+def with_defaults(marked: type[T], defaults: type) -> type[T]:
     """Return a class as a record, with the attributes of `defaults` that it lacks."""
-    accept_old_name(kind, 'made', 'from_config')
-    if 'estimate' in vars(kind) and 'estimates' not in vars(kind):
-        setattr(kind, 'estimates', True)  # noqa: B010
+    accept_old_name(marked, 'made', 'from_config')
+    if 'estimate' in vars(marked) and 'estimates' not in vars(marked):
+        setattr(marked, 'estimates', True)  # noqa: B010
     for name in dir(defaults):
-        if not name.startswith('__') and name not in vars(kind):
-            setattr(kind, name, inspect.getattr_static(defaults, name))
-    return record(kind)
+        if not name.startswith('__') and name not in vars(marked):
+            setattr(marked, name, inspect.getattr_static(defaults, name))
+    return record(marked)
 
 
 def laws() -> dict[str, tuple[Parameter, ...]]:

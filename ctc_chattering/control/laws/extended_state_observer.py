@@ -42,7 +42,7 @@ from ctc_chattering.control.laws.friction_feedforward import friction_ahead, Fri
 from ctc_chattering.control.laws.observer_feedback import evaluate_model, ModelTerms
 from ctc_chattering.control.observer import design_observer, Observed, StateObserver
 from ctc_chattering.control.recommended_gains import PoleRule
-from ctc_chattering.control.sample import Applied, Context, LastSample, State, Terms
+from ctc_chattering.control.sample import Applied, Context, LastSample, MeasuredState, State, Terms
 from ctc_chattering.dynamics.drive_response import discretize_drives
 from ctc_chattering.numerics.box_qp import nearest
 from ctc_chattering.numerics.linear_algebra import Array
@@ -60,7 +60,7 @@ class ExtendedState(NamedTuple):
     #: ddq_d at the arrival of the last torque [rad/s²], shape (n,).
     ddq: Array
     #: 1.0 after the first sample, else 0.0.
-    known: float
+    has_sample: float
 
 
 @law(symbol='-(P̂ + F)',
@@ -89,7 +89,7 @@ class ExtendedStateObserver(NamedTuple):
     def initial(self) -> ExtendedState:
         """Return the memory before any sample."""
         zero = 0.0 * self.friction.level
-        return ExtendedState(Observed(*(zero,) * 5), np.diag(zero), zero, known=0.0)
+        return ExtendedState(Observed(*(zero,) * 5), np.diag(zero), zero, has_sample=0.0)
 
     def initialized(self, now: State, estimate: Array) -> ExtendedState:
         """Begin with the other law's estimate, beside friction."""
@@ -104,13 +104,13 @@ class ExtendedStateObserver(NamedTuple):
         return observed_state(self, memory, last, context, memory.observed.q, memory.observed.dq)
 
     def corrected(self, memory: ExtendedState, q: Array, dq: Array, held: Array
-                  ) -> tuple[ExtendedState, Array, Array]:
+                  ) -> tuple[ExtendedState, MeasuredState]:
         """Return q̂ and dq̂, corrected by the measured position; at first the measured ones."""
-        if memory.known != 0.0:
+        if memory.has_sample != 0.0:
             state = self.observer.correct(memory.observed, memory.mass, q)
         else:
             state = memory.observed._replace(q=q, dq=dq, torque=held)
-        return memory._replace(observed=state), state.q, state.dq
+        return memory._replace(observed=state), MeasuredState(state.q, state.dq)
 
     def answer(self, memory: ExtendedState, now: State, context: Context
                ) -> tuple[Terms, ExtendedState]:
@@ -127,7 +127,7 @@ class ExtendedStateObserver(NamedTuple):
         held, drives = model.state.torque, self.observer.drives
         later = self.moved(model, context.memory.held, F)
         model = evaluate_model(context.models.after, later)
-        change = memory.known * (arrival.ddq - memory.ddq)
+        change = memory.has_sample * (arrival.ddq - memory.ddq)
         r, s = next_point(arrival, change, drives.period), model.state
         z = -(s.perturbation + self.friction.friction_torque(r.dq, r.ddq))
         u = dot(settings.kv, r.dq - s.dq) + dot(settings.kp, r.q - s.q)
@@ -144,7 +144,7 @@ class ExtendedStateObserver(NamedTuple):
         """Predict the next sample."""
         model = ModelTerms(memory.observed, now.M, now.bias)
         later = self.moved(model, applied.tau, self.friction.friction_torque(now.dq_d, now.ddq_d))
-        return memory._replace(observed=later, mass=now.M, known=1.0)
+        return memory._replace(observed=later, mass=now.M, has_sample=1.0)
 
     def estimate(self, memory: ExtendedState, now: State) -> Array:
         """Return P̂ + F."""

@@ -59,7 +59,7 @@ class Momentum(NamedTuple):
     beta: Array
     tau: Array
     #: 1.0 after the first sample, else 0.0.
-    known: float
+    has_sample: float
 
 
 @law(symbol='-P̂', parameters=('momentum_gain',), is_bounded=False,
@@ -93,7 +93,7 @@ class MomentumObserver(NamedTuple):
         p = dot(now.M, now.dq)
         beta = transposed_dot(now.C, now.dq) - now.G
         P = memory.perturbation
-        if memory.known != 0.0:
+        if memory.has_sample != 0.0:
             last_P = memory.tau + 0.5 * (memory.beta + beta) - (p - memory.p) / self.period
             P = P + self.gain * (last_P - P)
         return memory._replace(perturbation=P, p=p, beta=beta)
@@ -104,7 +104,7 @@ class MomentumObserver(NamedTuple):
 
     def advanced(self, memory: Momentum, now: State, applied: Applied) -> Momentum:
         """Remember the torque for the next sample."""
-        return memory._replace(tau=applied.tau, known=1.0)
+        return memory._replace(tau=applied.tau, has_sample=1.0)
 
     def estimate(self, memory: Momentum, now: State) -> Array:
         """Return P̂."""

@@ -68,7 +68,15 @@ from ctc_chattering.control.oscillation import (
     START_GRACE_S,
 )
 from ctc_chattering.control.recommended_gains import ObserverRule
-from ctc_chattering.control.sample import Applied, Context, Desired, LastSample, State, Terms
+from ctc_chattering.control.sample import (
+    Applied,
+    Context,
+    Desired,
+    LastSample,
+    MeasuredState,
+    State,
+    Terms,
+)
 from ctc_chattering.control.standstill import (
     design_detector,
     hold_standing,
@@ -101,7 +109,7 @@ class Memory(NamedTuple):
     #: x and dx of the reference.
     deviation: Deviation
     #: 1.0 after the first sample, else 0.0.
-    known: float
+    has_sample: float
     #: K̂ and its filters.
     learned: LearnedFriction
     #: Joints at which P̂ is held.
@@ -204,7 +212,7 @@ class ObserverFeedback(NamedTuple):
         zero = 0.0 * self.initial_level
         return Memory(
             observed=Observed(*(zero,) * 5), mass=np.zeros_like(self.kp), ddq=zero,
-            deviation=Deviation(zero, zero), known=0.0,
+            deviation=Deviation(zero, zero), has_sample=0.0,
             learned=LearnedFriction(self.initial_level, *(zero,) * 5),
             standing=Standstill(*(zero,) * 4),
             oscillation=Oscillation(
@@ -223,15 +231,15 @@ class ObserverFeedback(NamedTuple):
         return observed_state(self, memory, last, context, memory.observed.q, memory.observed.dq)
 
     def corrected(self, memory: Memory, q: Array, dq: Array, held: Array
-                  ) -> tuple[Memory, Array, Array]:
+                  ) -> tuple[Memory, MeasuredState]:
         """Return q̂ and dq̂, corrected by the measured position; at first the measured ones."""
         standing = self.standstill.track_position(memory.standing, q)
         state = memory.observed._replace(q=q, dq=dq, torque=held)
-        if memory.known != 0.0:
+        if memory.has_sample != 0.0:
             observer = self.slowed_down(memory).observer
             state = hold_standing(standing, memory.observed, observer.correct(
                 memory.observed, memory.mass, q))
-        return memory._replace(observed=state, standing=standing), state.q, state.dq
+        return memory._replace(observed=state, standing=standing), MeasuredState(state.q, state.dq)
 
     def answer(self, memory: Memory, now: State, context: Context) -> tuple[Terms, Memory]:
         """Return the terms of (OF4), for the state in which the torque arrives."""
@@ -246,7 +254,7 @@ class ObserverFeedback(NamedTuple):
             model = evaluate_model(context.models.arriving, arriving)             # (OF1)
         point = context.reference_at(delay)
         deviation, inertia = memory.deviation, diagonal(model.M)
-        if memory.known == 0.0:
+        if memory.has_sample == 0.0:
             deviation = Deviation(model.state.q - point.q, model.state.dq - point.dq)
         desired = self.desired_torque(memory, model, point, deviation)            # (OF2)
         level, tau = memory.learned.level, desired.torque
@@ -258,7 +266,7 @@ class ObserverFeedback(NamedTuple):
         later = evaluate_model(
             context.models.after, self.predict_state(memory, half_way, half))
         point_after = next_point(
-            point, memory.known * (point.ddq - memory.ddq), self.reference.period)
+            point, memory.has_sample * (point.ddq - memory.ddq), self.reference.period)
         after = self.desired_torque(memory, later, point_after, deviation)
         tau = drives.command_for(tau, after.torque)                                   # (OF4)
         sent = held + nearest(model.M, tau - held, drives.reach)
@@ -295,7 +303,7 @@ class ObserverFeedback(NamedTuple):
         deviation = self.reference.relieve(memory.deviation, applied.saturation_error, now.M)
         later = self.observer.predict(state, now.M, now.bias, learned.level, applied.tau)
         return memory._replace(
-            observed=later, mass=now.M, known=1.0, learned=learned, deviation=deviation)
+            observed=later, mass=now.M, has_sample=1.0, learned=learned, deviation=deviation)
 
     def estimate(self, memory: Memory, now: State) -> Array:
         """Return P̂ with the friction of sliding."""

@@ -44,7 +44,7 @@ from ctc_chattering.control.laws.base import law, observed_state
 from ctc_chattering.control.laws.friction_feedforward import friction_ahead, FrictionAhead
 from ctc_chattering.control.laws.integral import integral_action, IntegralAction
 from ctc_chattering.control.recommended_gains import PoleRule
-from ctc_chattering.control.sample import Applied, Context, LastSample, State, Terms
+from ctc_chattering.control.sample import Applied, Context, LastSample, MeasuredState, State, Terms
 from ctc_chattering.dynamics.drive_response import discretize_drives, DriveModel
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
@@ -66,7 +66,7 @@ class Kinematics(NamedTuple):
     desired: Array
     sent: Array
     #: 1.0 after the first sample, else 0.0.
-    known: float
+    has_sample: float
 
 
 @law(symbol='-(M ∫ Ki e dt + F)',
@@ -105,7 +105,7 @@ class PidKalman(NamedTuple):
     def initial(self) -> Kinematics:
         """Return the memory before any sample."""
         zero = 0.0 * self.lead
-        return Kinematics(*(zero,) * 7, known=0.0)
+        return Kinematics(*(zero,) * 7, has_sample=0.0)
 
     def initialized(self, now: State, estimate: Array) -> Kinematics:
         """Set y so that it cancels the other law's estimate, beside friction."""
@@ -118,16 +118,16 @@ class PidKalman(NamedTuple):
         return observed_state(self, memory, last, context, memory.q, memory.dq)
 
     def corrected(self, memory: Kinematics, q: Array, dq: Array, held: Array
-                  ) -> tuple[Kinematics, Array, Array]:
+                  ) -> tuple[Kinematics, MeasuredState]:
         """Return q and dq̂ of (PK2); at first the measured velocity."""
-        if memory.known == 0.0:
-            return memory._replace(q=q, dq=dq, torque=held), q, dq
+        if memory.has_sample == 0.0:
+            return memory._replace(q=q, dq=dq, torque=held), MeasuredState(q, dq)
         error = q - memory.q
         dq_hat = memory.dq + self.velocity * error
         corrected = memory._replace(
             q=memory.q + self.position * error, dq=dq_hat,
             ddq=memory.ddq + self.acceleration * error)
-        return corrected, q, dq_hat
+        return corrected, MeasuredState(q, dq_hat)
 
     def answer(self, memory: Kinematics, now: State, context: Context
                ) -> tuple[Terms, Kinematics]:
@@ -138,7 +138,7 @@ class PidKalman(NamedTuple):
         z = -self.estimate(memory, state)
         desired, D, E = state.N - z, self.lead, self.drives.decay
         command = desired
-        if memory.known != 0.0:
+        if memory.has_sample != 0.0:
             command = D * memory.sent + (1.0 - D) / (1.0 - E) * (desired - E * memory.desired)
         reach = self.drives.reach
         sent = np.minimum(np.maximum(command, held - reach), held + reach)
@@ -153,7 +153,7 @@ class PidKalman(NamedTuple):
         torque = self.drives.follow(memory.torque, applied.tau).end
         return memory._replace(
             q=memory.q + h * (memory.dq + 0.5 * h * memory.ddq), dq=memory.dq + h * memory.ddq,
-            integral=y, torque=torque, known=1.0)
+            integral=y, torque=torque, has_sample=1.0)
 
     def estimate(self, memory: Kinematics, now: State) -> Array:
         """Return M y + F."""

@@ -56,11 +56,11 @@ def switching_class(name: str) -> Any:
     return _marked_class('switching', name, 'ctc_chattering.control.switching', 'term')
 
 
-def _marked_class(kind: str, name: str, module: str, method: str) -> Any:
-    """Return the class `name`; one of ours is called as its name in CamelCase."""
-    own = name if ':' in name else f'{module}:{name.title().replace("_", "")}'
-    return named_class(kind, own, lambda x: x in RECORDS and hasattr(x, method),
-                       f'class marked by @{kind}')
+def _marked_class(decorator: str, name: str, module: str, method: str) -> Any:
+    """Return the class `name`; a class of the package has its name in CamelCase."""
+    path = name if ':' in name else f'{module}:{name.title().replace("_", "")}'
+    return named_class(decorator, path, lambda x: x in RECORDS and hasattr(x, method),
+                       f'class marked by @{decorator}')
 
 
 @cache

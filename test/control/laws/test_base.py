@@ -16,10 +16,12 @@
 
 from __future__ import annotations
 
+from inspect import isfunction
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from ctc_chattering.analysis.result import simulate
+from ctc_chattering.compiled.compilable import RECORDS
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.control.controller import Controller, ControllerConfig, Sample
 from ctc_chattering.control.laws.base import Law, law
@@ -136,6 +138,15 @@ def test_a_constructor_of_the_old_name_is_taken_with_a_warning() -> None:
                 return cls(period)
     kind: Any = Old
     assert kind.from_config(config(), 0.5) == Old(0.5)
+
+
+def test_no_method_of_a_record_has_the_name_of_a_field() -> None:
+    """Compiled code looks up both by their name alone, whatever the class."""
+    laws_by_parameter()  # Imports all laws.
+    fields = {name for kind in RECORDS for name in kind._fields}  # type: ignore[attr-defined]
+    methods = {(kind.__name__, name) for kind in RECORDS for name, x in vars(kind).items()
+               if isfunction(x) and not name.startswith('_')}
+    assert not {(kind, name) for kind, name in methods if name in fields}
 
 
 def test_a_law_has_the_defaults_of_what_it_does_not_define() -> None:
