@@ -26,11 +26,11 @@ with the slope 0, once::
 
 s is the time for which the measured position has been within δ = 1e-4 rad (or m). t is the time
 for which dq_d and ddq_d are 0. W is the time that observer and drives need to free a joint. A
-constant torque beyond 4 δ M_ii / s² moves a joint by 2 δ within s. By (SS2) the learned friction K̂
-can hold the torque that acts, and a joint without friction is never held. P̂ is estimated again
+constant torque beyond 4 δ M_ii / s² moves a joint by 2 δ within s. By (SS2) the learned friction
+K̂ can hold the torque that acts, and a joint without friction is never held. P̂ is estimated again
 when the measured position leaves ±δ or the reference moves. Then t begins again. Position and
-velocity are observed all the time, so that nothing jumps. A joint that does move under a held P̂ is
-under the feedback of a stable loop.
+velocity are observed all the time, so that nothing jumps. A joint that does move under a held P̂
+is under the feedback of a stable loop.
 
 A joint that sticks under a constant torque goes on sticking until its load has changed by what
 static friction has in reserve. Where every stop takes s₁ >= 2 / ω, slips end by t = W² / s₁, at
