@@ -218,7 +218,7 @@ class BaseNode(Node):
                 everything[f'{topic}: skipped for newer ones'] = subscription.skipped
             for kind, count in sorted(subscription.rejected.items()):
                 everything[f'{topic}: refused, {kind}'] = count
-            contention = subscription.contention(names)
+            contention = subscription.report_contention(names)
             if contention:
                 level, message = max(level, ERROR), f'{message}; {contention}'
         return Status(level, message, everything)

@@ -110,7 +110,7 @@ def test_a_second_publisher_of_everything_changes_nothing_in_lockstep(tmp_path: 
             publishers = {topic: it.node.create_publisher(kind.type, topic, 1000)
                           for topic, kind in KINDS.items()}
             for topic, node in READERS.items():
-                said = f'{topic} has several publishers, none is obeyed: '
+                said = f'{topic} has several publishers; messages from all of them are ignored: '
                 diagnostics.until(
                     node, lambda r, said=said: said in r.message, 'contention')  # type: ignore
             assert it.set('plant', 'hold_at', 0.0).successful
