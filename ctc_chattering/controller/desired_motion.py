@@ -12,7 +12,12 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The desired motion as a controller has it: the reference, and the way back to it."""
+"""
+The desired motion of a controller: the reference, and the way back to it.
+
+The control loop adds the chunks of the reference as they come, and asks for the points of each
+sample.
+"""
 
 from __future__ import annotations
 
@@ -45,6 +50,8 @@ class DesiredMotion(Trajectory):
 
     Attributes
     ----------
+    restart_duration : float
+        As the parameter of this name: duration of a way back [s]; 0 for none.
     way_back : Transition or None
         The way back to the reference; None where that is followed.
 
@@ -52,6 +59,7 @@ class DesiredMotion(Trajectory):
 
     def __init__(self, grace: int, period: int, delay: int) -> None:
         super().__init__(grace)
+        self.restart_duration = 0.0
         self._lags = [k * period for k in range(delay + 1)]
         self.restart()
 
@@ -70,10 +78,9 @@ class DesiredMotion(Trajectory):
         """Return whether the robot is driven again at `t` [ns], after a pause."""
         return self._driven is not None and t - self._driven > PAUSE
 
-    def desired(self, t: int, q: Vector, dq: Vector, wait: bool, duration: float
-                ) -> list[Point] | None:
+    def desired(self, t: int, q: Vector, dq: Vector, wait: bool) -> list[Point] | None:
         """
-        Return what is desired at `t` [ns], and one point for each sample of delay.
+        Return the desired point at `t` [ns], and one for each sample of delay.
 
         Parameters
         ----------
@@ -83,8 +90,6 @@ class DesiredMotion(Trajectory):
             Position [rad] and velocity [rad/s] of the robot.
         wait : bool
             Whether the reference must not be extrapolated.
-        duration : float
-            Time that a way back takes [s]; 0 for none.
 
         Returns
         -------
@@ -98,12 +103,15 @@ class DesiredMotion(Trajectory):
 
         """
         points = [self.at(t + lag) for lag in self._lags]
-        late = self.end is None or t + self._lags[-1] > self.end
-        if points[0] is None or (wait and late and not self.ends_at_rest):
+        end = self.end
+        if end is None or points[0] is None:
             return None
-        if self.resumes(t) and duration > 0.0:
+        if wait and t + self._lags[-1] > end and not self.ends_at_rest:
+            return None
+        if self.resumes(t) and self.restart_duration > 0.0:
+            at_rest = (0.0,) * len(q)
             self.way_back = smooth_start(
-                cast('TimedMotion', self), t, (q, dq, (0.0,) * len(q)), duration)
+                cast('TimedMotion', self), t, (q, dq, at_rest), self.restart_duration)
         self._driven = t
         if self.way_back is not None:
             if t < self.way_back.end:

@@ -27,11 +27,12 @@ from ctc_chattering.configuration.loop_setup import Values
 from ctc_chattering.configuration.node_parameters import ControllerNodeConfig
 from ctc_chattering.control.controller import Controller, ControllerConfig, LAWS
 from ctc_chattering.control.recommended_gains import GainChoice, GAINS, LAW, model_torque
-from ctc_chattering.controller.answers import Rehearsal
 from ctc_chattering.controller.loop import Answer, ControlLoop
 from ctc_chattering.controller.positions import JointSample
+from ctc_chattering.controller.rehearsal import Rehearsal
+from ctc_chattering.controller.stamps import STALE
 from ctc_chattering.controller.state_machine import Input, Mode
-from ctc_chattering.controller.timing import STALE
+from ctc_chattering.controller.status import loop_status
 from ctc_chattering.controller.trips import check_change, missing_limits
 from ctc_chattering.dynamics.registry import model_of
 from ctc_chattering.errors import RejectedMessage
@@ -166,12 +167,13 @@ class ControllerNode(LoopNode[ControllerNodeConfig]):
         q, dq = select(self._names, state.names, *state.rows[:2])
         if state.t > LATEST:
             raise RejectedMessage('stamp', f'no stamp is as late as {seconds(state.t):.9f} s')
-        if self._loop.last is None:
+        loop, states = self._loop, self.inputs[0]
+        if loop.last is None:
             self._clock_published = self.count_publishers(CLOCK) > 0
-        self.lockstep, self.inputs[0].newest = self._clock_published, not self._clock_published
-        unanswered = self.inputs[0].skipped + self.inputs[0].rejected[STALE]
-        if self._loop.take_state(
-                JointSample(state.t, q, dq), now, self._clock_published, unanswered):
+        simulated = self.lockstep = self._clock_published
+        states.newest = not simulated
+        unanswered = states.skipped + states.rejected.get(STALE, 0)
+        if loop.take_state(JointSample(state.t, q, dq), now, simulated, unanswered):
             self._samples = 0
             self.parameters.changed = True
             self.get_logger().info(
@@ -205,28 +207,23 @@ class ControllerNode(LoopNode[ControllerNodeConfig]):
                 self.inputs[0].reject(rejected)
 
     def _answer(self, now: int) -> None:
-        """Have the pending state answered, and publish what the torque is made of."""
-        begin = time.thread_time_ns()
-        if self._loop.rehearse(now):
-            self._loop.note_answer(time.monotonic_ns())
+        """Have the pending state answered, and publish the terms of the torque."""
+        loop = self._loop
+        if loop.rehearsal is not None and loop.rehearse(now):
+            loop.note_answer(time.monotonic_ns())
             return
         self._matched = self._matched or self.matched(self._commands, *self._terms)
+        begin = 0 if loop.simulated else time.thread_time_ns()
         try:
-            answer = self._loop.answer(self._matched, now)
+            answer = loop.answer(self._matched, now)
         except RejectedMessage as rejected:
             self.inputs[0].reject(rejected)
             return
         if answer is None:
-            if not self._loop.mode.sends_torque:
-                self.statistics.pause()
-                if self._loop.last is not None:  # What is set is for the next torque.
-                    self.parameters.announce_change(self._loop.last.t + 1)
-            if (self._loop.mode is Mode.TRIPPED and self._loop.simulated
-                    and 'bringup' in self.config.wait_for and not self.done.done()):
-                self.failure = f'tripped: {self._loop.tripped}'  # Time would wait for a reset.
-                self.done.set_result(None)
+            self._note_no_answer()
             return
-        self._loop.took.append(time.thread_time_ns() - begin)
+        if not loop.simulated:
+            loop.computing_times.append(time.thread_time_ns() - begin)
         if self._samples % self.config.state_decimation == 0 and any(
                 publisher.get_subscription_count() for publisher in self._terms):
             self._publish_terms(answer)
@@ -234,10 +231,22 @@ class ControllerNode(LoopNode[ControllerNodeConfig]):
         if self.parameters.changed:
             self.parameters.announce(answer.state.t)
         end = time.monotonic_ns()
-        self._loop.note_answer(end)
         self.statistics.sample(now, end)
-        if self.in_real_time and end - now > self._loop.period:
-            self.statistics.misses += 1
+        if not loop.simulated:
+            loop.note_answer(end)
+            self.statistics.misses += end - now > loop.period
+
+    def _note_no_answer(self) -> None:
+        """Announce parameters without a torque; end where simulated time would wait for ever."""
+        loop = self._loop
+        if not loop.mode.sends_torque:
+            self.statistics.pause()
+            if loop.last is not None:  # Parameters that are set are for the next torque.
+                self.parameters.announce_change(loop.last.t + 1)
+        if (loop.mode is Mode.TRIPPED and loop.simulated
+                and 'bringup' in self.config.wait_for and not self.done.done()):
+            self.failure = f'tripped: {loop.tripped}'  # Time would wait for a reset.
+            self.done.set_result(None)
 
     def _publish_terms(self, answer: Answer) -> None:
         """Publish the error, v and the terms of the torque that answered a state."""
@@ -296,8 +305,8 @@ class ControllerNode(LoopNode[ControllerNodeConfig]):
 
     def on_change(self) -> None:
         """Have the law take what has been set."""
-        self._loop.restart_duration = self.config.restart_duration
-        self._loop.predicted_periods = self.config.predicted_periods
+        self._loop.motion.restart_duration = self.config.restart_duration
+        self._loop.lost_states.predicted_periods = self.config.predicted_periods
         self._loop.least_answered = self.config.least_answered
         if self._loop.law is not None:
             self._loop.law.configure(self.config)
@@ -309,8 +318,8 @@ class ControllerNode(LoopNode[ControllerNodeConfig]):
         level, message = ERROR, self.problem
         if not self.problem:
             states = self.inputs[0]
-            level, message = loop.status(
-                time.monotonic_ns(), states.rejected, states.skipped, cause)
+            level, message = loop_status(
+                loop, time.monotonic_ns(), states.rejected, states.skipped, cause)
         return Status(level, message, {
             'law': config.law, **({'switching': config.switching}
                                   if config.takes('switching') else {}),

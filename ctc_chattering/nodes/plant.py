@@ -21,8 +21,9 @@ import time
 
 from ctc_chattering.configuration.loop_setup import Values
 from ctc_chattering.configuration.node_parameters import PlantNodeConfig
-from ctc_chattering.controller.health import FaultRates
-from ctc_chattering.controller.timing import LockstepExchange, Watchdog
+from ctc_chattering.controller.health import FaultCount, FaultKind, FaultRates
+from ctc_chattering.controller.lockstep import LockstepExchange
+from ctc_chattering.controller.watchdog import Watchdog
 from ctc_chattering.errors import CtcError, UsageError
 from ctc_chattering.numerics.angles import within_turn
 from ctc_chattering.numerics.linear_algebra import Vector
@@ -72,7 +73,7 @@ class PlantNode(LoopNode[PlantNodeConfig]):
         #: Real time: when the first state was sent after which no torque has come yet [ns].
         self._sent: int | None = None
         self._watchdog = Watchdog(COMMANDS, 'command', 'torque 0, brakes on', self.get_logger())
-        self._rates = FaultRates(('{:.2g} outages per second', 0.0, 1.0))
+        self._rates = FaultRates(FaultKind('{:.2g} outages per second', 0.0, 1.0))
         self.on_change()
         n = len(self._names)
         self._writer = state_writer(self._names, position=n, velocity=n, effort=n)
@@ -155,14 +156,14 @@ class PlantNode(LoopNode[PlantNodeConfig]):
     def _real_time_status(self, values: dict[str, object]) -> tuple[int, str]:
         """Return level and text, and add to `values` how well commands keep up."""
         watchdog = self._watchdog
-        found = self._rates.report(self.statistics.too_slow(self._period), (
+        problems = self._rates.report(self.statistics.too_slow(self._period), FaultCount(
             watchdog.outages, seconds(time.monotonic_ns())))
         values['timeouts, command'] = watchdog.outages
         if self._robot.braking:
             return ERROR, f'no command for {seconds(watchdog.timeout):g} s; torque 0, brakes on'
         if not self._begun:
             return WARN, f'waiting for {COMMANDS}'
-        return next(((level, f'running, but {text}') for level, text in found), (OK, 'running'))
+        return next(((level, f'running, but {text}') for level, text in problems), (OK, 'running'))
 
     def on_change(self) -> None:
         """Have the robot take what has been set; go on where time was held."""

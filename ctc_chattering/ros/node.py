@@ -28,7 +28,7 @@ from ctc_chattering.configuration.loop_setup import Values
 from ctc_chattering.configuration.node_parameters import NODES
 from ctc_chattering.configuration.package_share import read_description
 from ctc_chattering.configuration.parameter_file import OF_ROS
-from ctc_chattering.controller.health import LoopStatistics
+from ctc_chattering.controller.loop_statistics import LoopStatistics
 from ctc_chattering.errors import CtcError, UsageError
 from ctc_chattering.numerics.time_grid import NANOSECONDS
 from ctc_chattering.parameters import Config
@@ -322,8 +322,9 @@ class LoopNode(BaseNode, Generic[C]):
 
     @property
     def config(self) -> C:
-        """Return the configuration in force."""
-        return cast(C, self.parameters.config)
+        """The configuration in force."""
+        config: C = self.parameters.config
+        return config
 
     def begin(self, description: str) -> None:
         """Begin with a robot; its description is empty where none is needed."""
