@@ -85,8 +85,8 @@ class LoopStatistics:
         """
         Return a line if samples take too much of the period [ns], '' if not.
 
-        Half of the samples must take more than `_MAX_COMPUTING_SHARE` of the period; a few slow ones make no
-        loop late.
+        Half of the samples must take more than `_MAX_COMPUTING_SHARE` of the period. A few slow
+        ones make no loop late.
         """
         p50 = np.median(self._computing) if self._computing else 0.0
         return '' if p50 <= _MAX_COMPUTING_SHARE * period else (

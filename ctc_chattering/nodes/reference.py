@@ -26,9 +26,10 @@ from ctc_chattering.configuration.node_parameters import ReferenceNodeConfig
 from ctc_chattering.configuration.yaml_file import read_trajectory
 from ctc_chattering.errors import CtcError, ParameterError, RejectedMessage
 from ctc_chattering.numerics.time_grid import NANOSECONDS, nanoseconds, period_ns, seconds
+from ctc_chattering.ros.loop_node import LoopNode
 from ctc_chattering.ros.messages import LATEST, read_stamp, TrajectoryWriter
-from ctc_chattering.ros.node import ERROR, LoopNode, OK, qos, Status, WARN
-from ctc_chattering.ros.subscription import ValidatedSubscription
+from ctc_chattering.ros.reports import ERROR, OK, Status, WARN
+from ctc_chattering.ros.subscription import qos, ValidatedSubscription
 from ctc_chattering.ros.topics import CLOCK, JOINT_STATES, JOINT_TRAJECTORY, REFERENCE, TOPICS
 from ctc_chattering.trajectory.joint_limits import DescribedLimits
 from ctc_chattering.trajectory.motions import Route

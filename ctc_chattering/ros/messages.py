@@ -34,6 +34,7 @@ from builtin_interfaces.msg import Duration, Time
 from ctc_chattering.errors import CtcError
 from ctc_chattering.numerics.time_grid import NANOSECONDS, nanoseconds, seconds
 import rclpy
+from rclpy.publisher import Publisher
 from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray, MultiArrayDimension, MultiArrayLayout
@@ -214,6 +215,12 @@ class Writer:
             values += (len(row), *row)
         self._layout.pack_into(self._data, self._begin, *values)
         return bytes(self._data)
+
+
+def raw_sender(publisher: Publisher) -> Callable[[bytes], None]:
+    """Return a function that publishes serialized messages, without a look at their type."""
+    send: Callable[[bytes], None] = publisher.handle.publish_raw
+    return send
 
 
 def state_writer(names: Sequence[str], **sizes: int) -> Writer:

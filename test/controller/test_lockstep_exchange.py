@@ -16,7 +16,7 @@
 
 from __future__ import annotations
 
-from ctc_chattering.controller.lockstep import LockstepExchange
+from ctc_chattering.controller.lockstep_exchange import LockstepExchange
 from hypothesis import given
 from hypothesis import strategies as st
 
