@@ -13,7 +13,7 @@
 # limitations under the License.
 
 """
-The share of the robot's states that are answered in time.
+The share of states that are answered in time.
 
 The control loop counts each state here, and ends the torques where the share is too small. A state
 is answered in time if its torque is sent within a control period after a state that is as quick as
@@ -55,7 +55,7 @@ class Answered(NamedTuple):
 
 
 def shortfall(answered: Answered, least_share: float, min_states: int) -> str:
-    """Return a reason if the share in time of so many states is too small; '' if it is not."""
+    """Return a reason if the share in time is too small, '' if not."""
     states, in_time = answered
     if states < min_states or in_time >= least_share * states:
         return ''
@@ -65,7 +65,7 @@ def shortfall(answered: Answered, least_share: float, min_states: int) -> str:
 
 class AnsweredStates:
     """
-    Counts the last states, of about a second, and those that were answered in time.
+    Counts the states of the last second, by answer.
 
     Parameters
     ----------
@@ -111,5 +111,5 @@ class AnsweredStates:
 
     @property
     def complete(self) -> bool:
-        """Whether there are enough states to judge."""
+        """True once there are enough states to judge."""
         return self.total.states >= self.window

@@ -13,7 +13,7 @@
 # limitations under the License.
 
 """
-The desired motion of a controller: the reference, and the way back to it.
+The reference of a controller, and the way back to it.
 
 The control loop adds the chunks of the reference as they come, and asks for the points of each
 sample.
@@ -34,7 +34,7 @@ PAUSE = NANOSECONDS // 10
 
 class DesiredMotion(Trajectory):
     """
-    Points of the reference at the instants that a law needs, led back to after a pause.
+    The reference at the instants of a law, led back to after a pause.
 
     After an outage of states, a restart of the robot's driver, or while the controller was
     disabled, the reference has moved on, and the error would be a step. The desired motion then
@@ -51,9 +51,9 @@ class DesiredMotion(Trajectory):
     Attributes
     ----------
     restart_duration : float
-        As the parameter of this name: duration of a way back [s]; 0 for none.
+        As the parameter of this name: duration of a way back [s], or 0 for none.
     way_back : Transition or None
-        The way back to the reference; None where that is followed.
+        The way back to the reference, or None where that is followed.
 
     """
 
@@ -69,18 +69,18 @@ class DesiredMotion(Trajectory):
         self.way_back: Transition | None = None
 
     def pass_over(self, t: int, driven: bool) -> None:
-        """Forget what is past at `t` [ns]; `driven` is whether torques may be sent there."""
+        """Forget points before `t` [ns]; torques may be sent there if `driven`."""
         self.forget(t)
         if not driven and self._driven is None:
             self._driven = t
 
     def resumes(self, t: int) -> bool:
-        """Return whether the robot is driven again at `t` [ns], after a pause."""
+        """Return whether `t` [ns] ends a pause of the torques."""
         return self._driven is not None and t - self._driven > PAUSE
 
     def desired(self, t: int, q: Vector, dq: Vector, wait: bool) -> list[Point] | None:
         """
-        Return the desired point at `t` [ns], and one for each sample of delay.
+        Return the desired points at `t` and over the delay.
 
         Parameters
         ----------
@@ -94,7 +94,7 @@ class DesiredMotion(Trajectory):
         Returns
         -------
         list of (position, velocity, acceleration) or None
-            Each of shape (n,) [rad, rad/s, rad/s²]; None if the reference is not known yet.
+            Each of shape (n,) [rad, rad/s, rad/s²], or None if the reference is not known yet.
 
         Raises
         ------

@@ -13,7 +13,7 @@
 # limitations under the License.
 
 """
-Faults while a controller runs: rates of restarts, refused and skipped states, saturation.
+Faults of a running controller: restarts, refused states, saturation.
 
 `ControllerHealth` counts the states and samples of the control loop. `controller/status.py` asks
 it once a second what is wrong.
@@ -62,7 +62,7 @@ class FaultKind(NamedTuple):
 
 
 class FaultCount(NamedTuple):
-    """Faults so far, and messages so far or the time [s], to which they are related."""
+    """Faults so far, and their base: messages so far, or time [s]."""
 
     faults: int
     total: float
@@ -90,23 +90,23 @@ class FaultRates:
         Parameters
         ----------
         cause : str
-            Known cause; '' if there is none.
+            Known cause, or ''.
         *counts : FaultCount
             Of each kind.
 
         """
         self._reports.append(counts)
         problems = []
-        for kind, now, before in zip(self._kinds, counts, self._reports[0]):
-            rate = (now.faults - before.faults) / max(now.total - before.total, 1e-9)
-            if rate > kind.warning:
-                text = kind.text.format(rate, 100.0 * rate)
-                problems.append(Problem(1 + (rate >= kind.error), f'{text}: {cause or BUSY}'))
+        for fault, now, first in zip(self._kinds, counts, self._reports[0]):
+            rate = (now.faults - first.faults) / max(now.total - first.total, 1e-9)
+            if rate > fault.warning:
+                text = fault.text.format(rate, 100.0 * rate)
+                problems.append(Problem(1 + (rate >= fault.error), f'{text}: {cause or BUSY}'))
         return problems
 
 
 class _StampCount(NamedTuple):
-    """Stamp of the last state at a report [ns], states and restarts so far."""
+    """Stamp of the last state [ns], states and restarts."""
 
     t: int
     states: int
@@ -115,7 +115,7 @@ class _StampCount(NamedTuple):
 
 class ControllerHealth:
     """
-    Counts what a controller takes and sends, for a report once a second.
+    Counts states and samples for the reports.
 
     Parameters
     ----------
@@ -148,7 +148,7 @@ class ControllerHealth:
         self._terms.append(sample.robust)
 
     def saturation(self, config: ControllerConfig) -> list[Problem]:
-        """Return the joints whose chattering term was often at its bound."""
+        """Return the joints with a saturated chattering term."""
         if not self._terms or not config.takes('ka'):
             return []
         by_joint = term_saturation([(np.array(self._terms), config.ka, config.switching_in_force)])
@@ -172,10 +172,10 @@ class ControllerHealth:
         simulated : bool
             Whether time is simulated: then states are never late.
         cause : str
-            Known cause of late and skipped states; '' if there is none.
+            Known cause of late and skipped states, or ''.
 
         """
-        refused = sum(n for kind, n in rejected.items() if kind != _UNRELATED_KIND)
+        refused = sum(n for reason, n in rejected.items() if reason != _UNRELATED_KIND)
         states = self.taken + skipped
         problems = self._rates.report(
             cause, FaultCount(self.restarts, seconds(now)),
@@ -183,9 +183,9 @@ class ControllerHealth:
         if simulated:
             problems = []
         self._stamps.append(_StampCount(t, states, self.restarts))
-        periods = [(after.t - before.t) / (after.states - before.states)
-                   for before, after in pairwise(self._stamps)
-                   if before.states < after.states and before.restarts == after.restarts]
+        periods = [(last.t - first.t) / (last.states - first.states)
+                   for first, last in pairwise(self._stamps)
+                   if first.states < last.states and first.restarts == last.restarts]
         if len(periods) == WINDOW and all(
                 abs(x - self._period) > PERIOD_TOLERANCE * self._period for x in periods):
             problems.append(Problem(1, (

@@ -13,7 +13,7 @@
 # limitations under the License.
 
 """
-The exchange of states and torques in lockstep, as the plant sees it.
+States and torques in lockstep, as the plant sees them.
 
 Simulated time waits for the torque that answers a state. A state without an answer is sent again,
 and may then be answered twice: `LockstepExchange` recognises the surplus answers.
@@ -30,7 +30,7 @@ _REPEAT_PERIOD_NS = NANOSECONDS // 5
 
 class LockstepExchange:
     """
-    Tells the answer to a state from further answers to the state before, which was repeated.
+    Tells the answer to a state from surplus answers to the one before.
 
     Parameters
     ----------
@@ -39,27 +39,27 @@ class LockstepExchange:
 
     Attributes
     ----------
-    asked : int
-        When the present state was sent first [ns].
+    sent_at : int
+        Time of the present state's first message [ns].
 
     """
 
     def __init__(self, now: int) -> None:
-        self.asked = self._repeated = now
+        self.sent_at = self._repeated = now
         self._latest: Vector | None = None
         #: Repetitions of the present state, and surplus answers that the one before may still get.
         self._repeats = self._surplus = 0
 
     def repeat_due(self, now: int) -> bool:
-        """Return whether the state is to be sent again at `now` [ns]."""
-        if now - max(self.asked, self._repeated) <= _REPEAT_PERIOD_NS:
+        """Return whether to send the state again at `now` [ns]."""
+        if now - max(self.sent_at, self._repeated) <= _REPEAT_PERIOD_NS:
             return False
         self._repeated = now
         self._repeats += 1
         return True
 
     def accept(self, tau: Vector) -> bool:
-        """Return whether a torque, shape (n,) [N·m], answers the present state."""
+        """Return whether a torque [N·m] answers the present state."""
         if self._surplus and tau == self._latest:
             self._surplus -= 1
             return False

@@ -13,7 +13,7 @@
 # limitations under the License.
 
 """
-The control loop without ROS: which joint state is answered, when, and with what torque.
+The control loop without ROS: from joint states to torques.
 
 `nodes/controller.py` passes states and references to a `ControlLoop`, and sends its torques. The
 mode (`state_machine.py`) decides whether a torque may be sent. Stamps, positions, lost states and
@@ -55,7 +55,7 @@ _SLOW_STEPS = 10
 
 
 class Answer(NamedTuple):
-    """The answer to a joint state: the sample of the law, and the reference that it followed."""
+    """A state that was answered, its reference, and the sample."""
 
     state: JointSample
     point: Point
@@ -67,13 +67,13 @@ class ControlLoop:
     Turns joint states into torques as its mode allows.
 
     A joint state is pending until it has been answered. In real time a new one replaces it, and
-    an outage of the states drops it; simulated time waits for the answer. Vectors are sequences
-    of floats from the message to the message; the law has arrays.
+    an outage of the states drops it. Simulated time waits for the answer. Vectors are sequences of
+    floats from message to message. The law has arrays.
 
     Parameters
     ----------
     config : ControllerConfig
-        As at the start; the law has the present one.
+        As at the start. The law has the present one.
     state_timeout, reference_timeout : float
         As the parameters of these names [s].
     enabled : bool
@@ -94,9 +94,9 @@ class ControlLoop:
     lost_states : LostStates
         Times of the torques for states that do not come.
     least_answered : float
-        As the parameter of this name; 0 until it is set.
+        As the parameter of this name, and 0 until it is set.
     rehearsal : Rehearsal or None
-        Measurement before the first torque, where time is real; None when it is over.
+        Measurement before the first torque in real time, and None when it is over.
     computing_times : deque of int
         Processor time of the last answers in real time [ns], to be noted by the caller.
     simulated : bool
@@ -106,7 +106,7 @@ class ControlLoop:
     last : JointSample or None
         The last state.
     tripped : str
-        Reason of the last trip; empty before the first.
+        Reason of the last trip, and '' before the first.
 
     """
 
@@ -137,7 +137,7 @@ class ControlLoop:
         self.last: JointSample | None = None
         #: The last state, while it is not answered.
         self._pending: JointSample | None = None
-        #: The torque sent last; None before the first, and after a last one of 0.
+        #: The torque sent last, or None before the first and after a last one of 0.
         self._held: Vector | None = None
         #: Whether a torque was ever sent: before that, gaps of the states are those of the start.
         self._has_sent = False
@@ -154,13 +154,18 @@ class ControlLoop:
 
     def take_reference(self, times: Sequence[int], points: Sequence[Point]) -> None:
         """
-        Add a chunk of the reference: instants [ns] and points; without any, the motion stops.
+        Add a chunk of the reference; an empty one stops the motion.
+
+        Parameters
+        ----------
+        times, points : sequence of int, sequence of (position, velocity, acceleration)
+            Instants [ns], and points.
 
         Raises
         ------
         RejectedMessage
-            If time is real, and all of it is longer past than a reference may be late; or without
-            a point, if there is no motion to stop.
+            If time is real, and all points are longer past than a reference may be late, or if
+            there is no motion to stop.
 
         """
         if not times:
@@ -177,7 +182,7 @@ class ControlLoop:
             self.motion.limit(max(_MAX_POINTS, len(times)))
 
     def _stop_motion(self) -> None:
-        """Bring the reference to rest on its path, from the next sample on."""
+        """Bring the reference to rest on its path."""
         begin = None if self.last is None else self.last.t + self.period
         if begin is None or self.motion.at(begin) is None:
             raise RejectedMessage('early', 'it has no points, and there is no motion to stop')
@@ -188,7 +193,7 @@ class ControlLoop:
     def take_state(self, state: JointSample, now: int, simulated: bool,
                    unanswered: int = 0) -> bool:
         """
-        Take the next joint state; return whether time begins with it, also the first time.
+        Take the next joint state, and return whether time begins with it.
 
         Parameters
         ----------
@@ -232,7 +237,7 @@ class ControlLoop:
         return verdict == stamps.RESTART
 
     def _refuse_stamp(self, verdict: str, t: int) -> NoReturn:
-        """Refuse a state, but answer it again if a plant in lockstep repeats it."""
+        """Refuse a state, but answer one that lockstep repeats."""
         is_repeated = verdict == stamps.REPEATED and self.simulated
         if is_repeated and self._pending is None and self._held is not None:
             self._send(self._held)
@@ -244,7 +249,7 @@ class ControlLoop:
         raise RejectedMessage(verdict, reason)
 
     def _check_position(self, state: JointSample) -> None:
-        """Refuse a jump of a state that would be answered; end the torques where it stays."""
+        """Refuse a position that jumps, and trip if it stays there."""
         last = self._positions.last
         if last is None or not (self.mode.sends_torque or self.mode is Mode.NO_STATE):
             return
@@ -258,7 +263,7 @@ class ControlLoop:
         raise RejectedMessage('position_jump', text)
 
     def _describe_jump(self, jump: Jump) -> str:
-        """Return a text on a position that jumps, and its likely reason."""
+        """Return a text on a jump and its likely reason."""
         name = self._names[jump.joint]
         text = (f'{name} is at {jump.position:.4g} rad, but {1e3 * jump.elapsed:.3g} ms before it '
                 f'was at {jump.last_position:.4g} rad with {jump.last_velocity:.3g} rad/s.')
@@ -267,7 +272,7 @@ class ControlLoop:
 
     def answer(self, matched: bool, now: int = 0) -> Answer | None:
         """
-        Send the torque that answers the pending state, if there is one to send, and return it.
+        Answer the pending state by a torque, if one may be sent.
 
         Parameters
         ----------
@@ -301,12 +306,12 @@ class ControlLoop:
         if not simulated and self._trip_if_slow(self._answers.total, self._answers.window):
             return None
         steps_are_slow = self._steps_are_slow
-        # Before the first torque the cause of a motion is unknown; it may be a brake.
+        # Before the first torque the cause of a motion is unknown. It may be a brake.
         late = 0 if simulated or steps_are_slow or self._held is None else (
             self.lost_states.periods_since(self._stamps.arrival(state.t), now))
         sample = law.try_step(state.q, state.dq, *points[0], points[1:],
                               None if steps_are_slow else state.t, instant, late)
-        if sample is None:  # The state is pending; the law that restarts is asked again.
+        if sample is None:  # The state is pending, and the restarted law is asked again.
             law.reset(bumpless=True, held=self._held)
             raise RejectedMessage('overflow', (
                 f'no torque can be computed for {list(state.q)}, {list(state.dq)}'))
@@ -323,9 +328,9 @@ class ControlLoop:
 
     def _anchor_turns(self, law: Controller, instant: int, state: JointSample) -> JointSample:
         """
-        Return the pending state with the turns that it keeps until the law begins again.
+        Return the pending state with the turns nearest to the reference.
 
-        They are nearest to the reference at an instant [ns]. After a pause without a torque the
+        It keeps them until the law begins again. After a pause without a torque the
         joints may have been turned, so that the law begins again if the turns are other ones.
         """
         point = self.motion.at(instant)
@@ -340,14 +345,14 @@ class ControlLoop:
         return anchored
 
     def _desired_points(self, instant: int, state: JointSample) -> list[Point] | None:
-        """Return the desired points at an instant and for each sample of delay, if known."""
+        """Return the desired points, if they are known."""
         try:
             return self.motion.desired(instant, state.q, state.dq, self.simulated)
         except ParameterError as error:
             raise RejectedMessage('overflow', str(error)) from None
 
     def _send_checked(self, law: Controller, sample: Sample) -> bool:
-        """Send the torque of a sample, or none until a reset; return whether it was sent."""
+        """Send the torque of a sample unless it trips, and return whether it did."""
         if reason := self._trips.check(law, sample):
             self._trip(reason)
             return False
@@ -364,19 +369,20 @@ class ControlLoop:
 
     @property
     def answered(self) -> Answered:
-        """The last states in real time, and those answered in time."""
+        """States of the last second, and those answered in time."""
         return self._answers.total
 
     @property
     def rehearses(self) -> bool:
-        """Whether the loop is measured, or will be with the first states."""
+        """True while the loop is measured, or before."""
         return bool(self.rehearsal and self.least_answered and not self.simulated)
 
     def rehearse(self, now: int) -> bool:
         """
-        Real time, before the first torque: compute one for the pending state, and send none.
+        Compute a torque for the pending state, and send none.
 
-        Return whether one was computed; see `note_answer`.
+        Return whether one was computed, to be noted by `note_answer`. That is before the first
+        torque in real time.
         """
         rehearsal, state = self.rehearsal, self._pending
         if rehearsal is None or self.last is None:
@@ -393,14 +399,14 @@ class ControlLoop:
         return False
 
     def _trip_if_slow(self, answered: Answered, min_states: int) -> bool:
-        """End the torques where too few states were answered in time; return whether it did."""
+        """Trip where too few states were answered in time, and return whether."""
         reason = shortfall(answered, self.least_answered, min_states)
         if reason:
             self._trip(reason)
         return bool(reason)
 
     def note_answer(self, end: int) -> None:
-        """Real time: count the last state, whose torque is sent or computed at `end` [ns]."""
+        """Count the last state in real time, answered at `end` [ns]."""
         if self.last is None or self.simulated:
             return
         in_time = end - self._stamps.arrival(self.last.t) <= self.period
@@ -409,7 +415,7 @@ class ControlLoop:
             self.rehearsal.answer(in_time)
 
     def _count_missed(self, unanswered: int) -> None:
-        """Count states without an answer, `unanswered` so far, where they should have one."""
+        """Count new states that should have an answer and have none."""
         missed, self._unanswered = unanswered - self._unanswered, unanswered
         if missed <= 0 or self.simulated:
             return
@@ -421,7 +427,7 @@ class ControlLoop:
     @property
     def _steps_are_slow(self) -> bool:
         """
-        Whether steps take too long for the periods without a state to be made good.
+        True if steps take too long to make good periods without a state.
 
         The law then goes on by one period a state.
         """
@@ -429,9 +435,9 @@ class ControlLoop:
 
     def due(self) -> int | None:
         """
-        Return when the torque for a predicted state is to be sent; None if there is to be none.
+        Return the time of the torque for a predicted state, if one is due.
 
-        Only in real time; on the clock of `take_state` [ns].
+        Only in real time, and on the clock of `take_state` [ns].
         """
         if (self.law is None or self.last is None or not self.lost_states.may_follow
                 or self.simulated or self._steps_are_slow or not self.mode.sends_torque):
@@ -441,9 +447,9 @@ class ControlLoop:
 
     def predict(self, now: int) -> None:
         """
-        Send the torque that answers the predicted state of the period at `now`, as `due`.
+        Answer the predicted state of the period at `now`, as `due`.
 
-        None after `state_timeout`, however late this is called.
+        After `state_timeout` no torque is sent, however late this is called.
 
         Raises
         ------
@@ -456,19 +462,19 @@ class ControlLoop:
         self.lost_states.may_follow = False
         if self._is_silent(now):
             return
-        before = law.predicted_periods
+        predicted = law.predicted_periods
         periods = self.lost_states.periods_since(self._stamps.arrival(last.t), now)
         points = self._desired_points(law.instant(last.t + periods * self.period), last)
         sample = None if points is None else law.predicted_step(
-            *points[0], points[1:], periods - before)
+            *points[0], points[1:], periods - predicted)
         self.lost_states.may_follow = sample is not None and self._send_checked(law, sample)
 
     def _is_silent(self, now: int) -> bool:
-        """Return whether `check_silence` is due: this process may also have stood still."""
+        """Return whether `check_silence` is due, as after a stall."""
         return not self.simulated and self.watchdog.silence(now) > self.watchdog.timeout
 
     def check_silence(self, now: int) -> None:
-        """Real time: end the torques at `now` [ns] if no state has come for too long."""
+        """End the torques in real time if no state has come."""
         if self.watchdog.check(now):
             self._pending = None
             self.handle(Input.SILENCE)
@@ -482,7 +488,7 @@ class ControlLoop:
         self._log.error(f'{reason}; no torque until ~/reset')
 
     def request(self, event: Input) -> bool:
-        """Handle a user's request by a service; return whether that was a change."""
+        """Handle a user's request, and return whether that was a change."""
         if changed := self.handle(event):
             self._log.info(f'{event.value}, by a service')
             if event is not Input.DISABLE:
@@ -496,19 +502,19 @@ class ControlLoop:
             self._trips.restart()
 
     def handle(self, event: Input) -> bool:
-        """Handle an input; return whether it led to another mode, and end torques if so."""
-        before = self.mode
-        after = before.after(event)
-        if after is before:
+        """Handle an input, and return whether it led to another mode."""
+        previous = self.mode
+        mode = previous.after(event)
+        if mode is previous:
             return False
-        self.mode = after
-        if before.sends_torque and not after.sends_torque and not (
-                self.simulated and after is Mode.WAITING_FOR_REFERENCE):
+        self.mode = mode
+        if previous.sends_torque and not mode.sends_torque and not (
+                self.simulated and mode is Mode.WAITING_FOR_REFERENCE):
             self.end_torque()
         return True
 
     def end_torque(self) -> None:
-        """Send no torque from now on; in real time a last one of 0, as drives hold the last."""
+        """End the torques, in real time by one of 0, which drives hold."""
         if self._held is not None and not self.simulated:
             self._send((0.0,) * len(self._names))
         self._held = None

@@ -36,7 +36,7 @@ _MAX_COMPUTING_SHARE = 0.5
 
 class LoopStatistics:
     """
-    Counts samples, their periods, the time they take, and the times until they are answered.
+    Counts samples, their durations and their answers.
 
     Attributes
     ----------
@@ -65,28 +65,28 @@ class LoopStatistics:
         self._last = begin
         self._computing.append(end - begin)
 
-    def answer(self, asked: int, now: int) -> None:
-        """Count an answer that came at `now` to what was sent at `asked` [ns]."""
-        self._answers.append(now - asked)
+    def answer(self, sent: int, now: int) -> None:
+        """Count an answer at `now` to a message `sent` [ns]."""
+        self._answers.append(now - sent)
 
     def pause(self) -> None:
-        """Do not count the time to the next sample as a period."""
+        """Leave out the period to the next sample."""
         self._last = None
 
     def rotate(self, now: int) -> None:
-        """Begin a new window of the rate at `now` [ns], and forget old durations."""
-        (samples, before), self._seen = self._seen, (self.samples, now)
-        if now > before > 0:
-            self.rate = (self.samples - samples) / seconds(now - before)
+        """Begin a new window of the rate at `now` [ns]."""
+        (samples, begin), self._seen = self._seen, (self.samples, now)
+        if now > begin > 0:
+            self.rate = (self.samples - samples) / seconds(now - begin)
         for durations in self._durations.values():
             del durations[:-_DURATIONS]
 
     def too_slow(self, period: int) -> str:
         """
-        Return a line if samples take too much of the period [ns], '' if not.
+        Return a line if samples take too long, '' if not.
 
-        Half of the samples must take more than `_MAX_COMPUTING_SHARE` of the period. A few slow
-        ones make no loop late.
+        They do if half of them take more than `_MAX_COMPUTING_SHARE` of the period [ns]. A few
+        slow ones make no loop late.
         """
         p50 = np.median(self._computing) if self._computing else 0.0
         return '' if p50 <= _MAX_COMPUTING_SHARE * period else (

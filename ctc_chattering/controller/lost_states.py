@@ -13,9 +13,9 @@
 # limitations under the License.
 
 """
-States that do not come in real time: when the law answers a predicted state in their place.
+The times of torques for states that do not come.
 
-`ControlLoop.due` and `ControlLoop.predict` use it; the law itself predicts the state.
+`ControlLoop.due` and `ControlLoop.predict` use it in real time. The law itself predicts the state.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ class LostStates:
 
     def due(self, arrival: int, predicted: int, timeout: int) -> int | None:
         """
-        Return the time of the next torque; None if there is to be none [ns].
+        Return the time of the next torque, if one is due [ns].
 
         That is a quarter of a period after the next state should have come.
 
@@ -66,7 +66,9 @@ class LostStates:
 
     def periods_since(self, arrival: int, now: int) -> int:
         """
-        Return the periods passed at `now` since the arrival of a state [ns], and made good.
+        Return the periods passed since the arrival of a state.
+
+        No more than are made good. Times are in ns.
 
         A torque sent within half a period after the state should have come is in force from its
         sample on.

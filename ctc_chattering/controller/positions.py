@@ -13,7 +13,7 @@
 # limitations under the License.
 
 """
-Measured positions from state to state: whole turns of continuous joints, and jumps.
+Positions from state to state: whole turns, and jumps.
 
 The control loop passes each state through a `PositionTracker` before the law sees it.
 
@@ -44,7 +44,7 @@ from ctc_chattering.numerics.time_grid import seconds
 
 
 class JointSample(NamedTuple):
-    """A joint state: stamp [ns], position [rad] and velocity [rad/s], each of shape (n,)."""
+    """A joint state: stamp [ns], position [rad], velocity [rad/s]."""
 
     t: int
     q: Vector
@@ -81,21 +81,21 @@ class Jump(NamedTuple):
 
     @property
     def is_whole_turns(self) -> bool:
-        """Whether it is whole turns, as of a driver that reports angles within one turn."""
+        """True for whole turns, as of a driver within one turn."""
         distance = self.position - self.last_position
         turns = round(distance / TURN)
         return turns != 0 and isclose(distance, TURN * turns, abs_tol=LIMITS.like_a_turn)
 
 
-def find_jump(before: JointSample, after: JointSample) -> Jump | None:
-    """Return the first joint whose position does not follow, by (MP1); None if all do."""
+def find_jump(previous: JointSample, state: JointSample) -> Jump | None:
+    """Return the first joint that violates (MP1), if any."""
     margin = LIMITS.margin
-    for joint, (q0, q) in enumerate(zip(before.q, after.q)):
+    for joint, (q0, q) in enumerate(zip(previous.q, state.q)):
         step = abs(q - q0)
         if step <= margin:
             continue
-        h = seconds(after.t - before.t)
-        dq0, dq = before.dq[joint], after.dq[joint]
+        h = seconds(state.t - previous.t)
+        dq0, dq = previous.dq[joint], state.dq[joint]
         if step > h * (abs(dq0) + min(abs(dq - dq0), LIMITS.acceleration * h)) + margin:
             return Jump(joint, q0, dq0, q, h)
     return None
@@ -108,7 +108,7 @@ class PositionTracker:
     Attributes
     ----------
     continuous : sequence of bool, shape (n,)
-        Which joints turn endlessly; empty for none.
+        True for joints that turn endlessly, and empty for none.
     last : JointSample or None
         The last state that was taken, its positions with the turns that belong to them.
     anchored : bool
@@ -125,23 +125,23 @@ class PositionTracker:
         self._agreeing = 0
 
     def forget(self) -> None:
-        """Have the next state follow none: the joints may have been turned meanwhile."""
+        """Have the next state follow none, as after an outage."""
         self.last = None
         self._refused, self._agreeing = None, 0
         self.anchored = False
 
     def follow(self, state: JointSample) -> JointSample:
-        """Return a state with the turns that belong to its positions."""
+        """Return a state with whole turns added to its positions."""
         return state if self.last is None else self._follow(self.last, state)
 
-    def _follow(self, before: JointSample, state: JointSample) -> JointSample:
+    def _follow(self, previous: JointSample, state: JointSample) -> JointSample:
         if not any(self.continuous):
             return state
-        h = seconds(state.t - before.t)
+        h = seconds(state.t - previous.t)
         return state._replace(q=[
             nearest(q, expected(q0, dq0, dq, h)) if endless else q
             for q, dq, q0, dq0, endless in zip(
-                state.q, state.dq, before.q, before.dq, self.continuous)])
+                state.q, state.dq, previous.q, previous.dq, self.continuous)])
 
     def take(self, state: JointSample) -> None:
         """Have the next states follow this one."""
@@ -149,7 +149,7 @@ class PositionTracker:
         self._refused, self._agreeing = None, 0
 
     def agrees(self, state: JointSample) -> bool:
-        """Note a state that is refused; return whether it and enough before it agree."""
+        """Note a refused state, and return whether enough of them agree."""
         last, self._refused = self._refused, state
         follows = last is not None and find_jump(last, self._follow(last, state)) is None
         self._agreeing = self._agreeing + 1 if follows else 1
@@ -157,7 +157,7 @@ class PositionTracker:
 
     def anchor(self, state: JointSample, target: Vector) -> JointSample:
         """
-        Take a state with the turns nearest to the reference, and return it.
+        Take and return a state with the turns nearest to the reference.
 
         Parameters
         ----------

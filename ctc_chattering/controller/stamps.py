@@ -13,7 +13,7 @@
 # limitations under the License.
 
 """
-Stamps of the states: whether a state follows the last one, and whether it is late.
+Stamps of the states: order, gaps and lateness.
 
 The control loop asks `Stamps` for a verdict on each state. A stamp that repeats, goes back or
 jumps is refused. Where the next one goes on from there, time itself has changed (a simulation was
@@ -55,8 +55,8 @@ class Stamps:
     Attributes
     ----------
     lateness : int
-        How much longer the state classified last was delayed than the quickest one [ns]; 0 in
-        simulated time.
+        Delay of the state classified last, beyond the shortest one [ns]. It is 0 in simulated
+        time.
 
     """
 
@@ -66,7 +66,7 @@ class Stamps:
         self._last: int | None = None
         self._candidate: int | None = None
         #: When the last state came that was taken, and the shortest delay [ns].
-        self._arrived = self._least = 0
+        self._arrived = self._shortest_delay = 0
         self._stale_since: int | None = None
 
     def classify(self, t: int, now: int, simulated: bool) -> str:
@@ -86,17 +86,17 @@ class Stamps:
         if self._last is None:
             return self._take(t, now, now - t, RESTART)
         step, silence = t - self._last, now - self._arrived
-        least = min(self._least + silence // _LEAK, now - t)
-        self.lateness = 0 if simulated else now - t - self._least
+        shortest_delay = min(self._shortest_delay + silence // _LEAK, now - t)
+        self.lateness = 0 if simulated else now - t - self._shortest_delay
         if step > 0 and self.lateness > self.limit + silence // _LEAK:
             self._stale_since = now if self._stale_since is None else self._stale_since
             if now - self._stale_since <= _MAX_STALE_LIMITS * self.limit:
                 return STALE
-            least = now - t
+            shortest_delay = now - t
         if 0 < step <= self.limit:
-            return self._take(t, now, least, NEXT)
+            return self._take(t, now, shortest_delay, NEXT)
         if step > 0 and not simulated and step <= silence + silence // _LEAK + self.limit:
-            return self._take(t, now, least, GAP)
+            return self._take(t, now, shortest_delay, GAP)
         if step == 0:
             return REPEATED
         candidate, self._candidate = self._candidate, t
@@ -105,11 +105,11 @@ class Stamps:
         return BACKWARD if step < 0 else JUMP
 
     def arrival(self, t: int) -> int:
-        """Return when a state of stamp `t` [ns] comes that is as quick as any, as of `now`."""
-        return t + self._least
+        """Return the earliest arrival of a state of stamp `t` [ns]."""
+        return t + self._shortest_delay
 
-    def _take(self, t: int, now: int, least: int, verdict: str) -> str:
-        """Take a state; `least` is the shortest delay from now on [ns]."""
-        self._last, self._arrived, self._least = t, now, least
+    def _take(self, t: int, now: int, shortest_delay: int, verdict: str) -> str:
+        """Take a state, and the shortest delay from now on [ns]."""
+        self._last, self._arrived, self._shortest_delay = t, now, shortest_delay
         self._candidate = self._stale_since = None
         return verdict

@@ -13,7 +13,7 @@
 # limitations under the License.
 
 """
-The modes of the controller, and the inputs that lead from one to another.
+The modes of the controller and their transitions.
 
 `ControlLoop` holds the present mode, and passes it each `Input`. An input that is not in the row
 of a mode changes nothing.
@@ -57,7 +57,7 @@ class Mode(Enum):
     __hash__ = object.__hash__  # Faster than that of Enum, which hashes the name.
 
     def after(self, event: Input) -> Mode:
-        """Return the mode that an input leads to: this one, where the table has no other."""
+        """Return the mode that an input leads to, by `TRANSITIONS`."""
         return TRANSITIONS[self].get(event, self)
 
 

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The status of the control loop, for `/diagnostics`: its mode, and what is wrong."""
+"""The status of the control loop, for `/diagnostics`."""
 
 from __future__ import annotations
 
@@ -28,7 +28,9 @@ from ctc_chattering.numerics.time_grid import seconds
 def loop_status(loop: ControlLoop, now: int, rejected: Mapping[str, int], skipped: int,
                 cause: str = '') -> tuple[int, str]:
     """
-    Return level (0 all is well, 1 warning, 2 error) and text of the present mode.
+    Return level and text of the mode and its problems.
+
+    The level is 0 if all is well, 1 for a warning, and 2 for an error.
 
     Parameters
     ----------

@@ -13,7 +13,7 @@
 # limitations under the License.
 
 """
-How often the chattering term is at its bound, and the likely cause.
+Saturation of the chattering term, and its likely cause.
 
 The controller reports this of its last samples, and `analysis/result.py` of a run.
 
@@ -64,7 +64,7 @@ class Saturation(NamedTuple):
 
     @property
     def cause(self) -> str:
-        """Likely cause; empty where the term is rarely at its bound."""
+        """Likely cause, and empty where the term is rarely at its bound."""
         if self.fraction <= MIN_REPORTED_SHARE:
             return ''
         return ('ka too small' if self.stretch >= LONG_STRETCH
@@ -77,20 +77,20 @@ class Saturation(NamedTuple):
         return f'{text}: {self.cause}' if self.cause else text
 
 
-def term_saturation(parts: Iterable[tuple[Array, Vector, str]]) -> list[Saturation]:
+def term_saturation(recordings: Iterable[tuple[Array, Vector, str]]) -> list[Saturation]:
     """
-    Return how often the chattering term of each joint is at its bound.
+    Return the saturation of each joint's chattering term.
 
     Parameters
     ----------
-    parts : iterable of (term, ka, switching)
-        Chattering term of samples in a row, shape (N, n) [N·m], NaN where one is missing; its
-        bounds, shape (n,) [N·m], 0 of a joint that has no such term; how it is evaluated.
+    recordings : iterable of (term, ka, switching)
+        Chattering term of consecutive samples, shape (N, n) [N·m], NaN where one is missing. Its
+        bounds, shape (n,) [N·m], 0 for a joint without such a term. The switching's name.
 
     """
     samples = 0
     stretches: list[list[int]] = []
-    for term, ka, switching in parts:
+    for term, ka, switching in recordings:
         shortest = SIGN_STRETCH if switching == 'sign' else 1
         bound = np.array(ka)
         is_at_bound = (np.abs(term) >= _BOUND_SHARE * bound) & (bound > 0.0)

@@ -13,7 +13,7 @@
 # limitations under the License.
 
 """
-Trips, which end the torques until a reset, and settings of a law that are unsafe.
+Trips, which end the torques, and unsafe settings of a law.
 
 The control loop passes each sample to a `TripMonitor` before its torque is sent. A law that
 observes the perturbation removes an error, whatever the robot started with. If the error of a
@@ -87,12 +87,12 @@ _CYCLE_CAUSES = ('the joints are elastic, or an inertia is far from that of the 
 
 def joint_beyond(e: Vector, limit: Vector) -> int | None:
     """
-    Return the first joint whose error is beyond its limit; None if all are within.
+    Return the first joint whose error exceeds its limit, if any.
 
     Parameters
     ----------
     e : sequence of float, shape (n,)
-        Position error [rad]; NaN is beyond any limit.
+        Position error [rad]. NaN exceeds any limit.
     limit : sequence of float, shape (n,)
         Largest magnitude allowed [rad].
 
@@ -105,7 +105,7 @@ def joint_beyond(e: Vector, limit: Vector) -> int | None:
 
 class TripMonitor:
     """
-    Watches the error, and the bandwidth that a law leaves itself.
+    Watches the error, and the bandwidth that a law uses.
 
     Parameters
     ----------
@@ -129,7 +129,7 @@ class TripMonitor:
         self._smallest = [inf] * len(self._names)
 
     def check(self, law: Controller, sample: Sample) -> str:
-        """Return the reason not to send the torque of a sample; '' if it may be sent."""
+        """Return the reason not to send a torque, or ''."""
         config, e = law.config, sample.e
         if (joint := joint_beyond(e, config.error_limit)) is not None:
             return (f'the position error of {self._names[joint]}, {e[joint]:.4g} rad, exceeded '
@@ -151,7 +151,7 @@ class TripMonitor:
         return self._oscillation(config.law, law.stability)
 
     def _oscillation(self, law: str, state: Stability) -> str:
-        """Return the reason to end a feedback that oscillates; '' if there is none."""
+        """Return the reason to end an oscillation, or ''."""
         if state.strained >= TRIP_LIMITS.strained:
             return f'the feedback of {law} oscillated{self._where(state)}; {_CAUSES}'
         if state.cycling >= TRIP_LIMITS.cycling:
@@ -160,7 +160,7 @@ class TripMonitor:
         return ''
 
     def _where(self, state: Stability) -> str:
-        """Return the joint that oscillates, and its frequency; '' if there is none."""
+        """Return the joint that oscillates and its frequency, or ''."""
         if (state.bandwidth > WARN_BANDWIDTH_RATIO
                 or state.frequency < TRIP_LIMITS.frequency):
             return ''
@@ -174,7 +174,7 @@ UNBOUNDED = ('integral', 'momentum_observer', 'super_twisting')
 
 
 def low_bandwidth(law: Controller) -> list[str]:
-    """Return a line if the feedback of a law oscillates so much that it uses less bandwidth."""
+    """Return a line if an oscillation reduces the bandwidth."""
     ratio = law.stability.bandwidth
     return [] if ratio > WARN_BANDWIDTH_RATIO else [
         f'the feedback oscillates; the law is down to {100.0 * ratio:.0f} % of its bandwidth; '
@@ -197,32 +197,35 @@ def unsafe_settings(config: ControllerConfig) -> Iterator[str]:
                f'torque that is sent, the estimate of {config.law} grows')
 
 
-def check_change(before: ControllerConfig, after: ControllerConfig) -> None:
+def check_change(present: ControllerConfig, candidate: ControllerConfig) -> None:
     """
-    Raise `ParameterError` if a number changes by more than `MAX_CHANGE_FACTOR` at once.
+    Raise `ParameterError` if a number changes too much at once.
 
+    The largest factor is `MAX_CHANGE_FACTOR`.
     From 0 a factor counts from the default, or from 1. A number that becomes 0, or that is or
     becomes infinite, is not checked.
     """
-    n = len(before.joint_names)
+    n = len(present.joint_names)
     for name, spec in ControllerConfig.parameters().items():
         if spec.read_only or spec.kind not in ('float', 'float[]'):
             continue
         old, new = (np.abs(np.diagonal(matrix(x, n)) if spec.shape == 'nn' else np.atleast_1d(x))
-                    for x in (getattr(before, spec.field), getattr(after, spec.field)))
+                    for x in (getattr(present, spec.field), getattr(candidate, spec.field)))
         old[old == 0.0] = spec.default if 0.0 < spec.default < inf else 1.0
         with np.errstate(all='ignore'):
             ratio = np.maximum(new / old, old / new)
         is_checked = (new > 0.0) & np.isfinite(new) & np.isfinite(old)
         if (ratio > 1.01 * MAX_CHANGE_FACTOR)[is_checked].any():
-            raise ParameterError(name, getattr(after, spec.field), (
+            raise ParameterError(name, getattr(candidate, spec.field), (
                 f'a change by a factor of at most {MAX_CHANGE_FACTOR:g} at once; if you mean it, '
                 'set values in between first'))
 
 
 def missing_limits(config: ControllerConfig, of_model: Vector) -> str:
     """
-    Return a line that names the joints whose torque has no limit, for a warning; '' for none.
+    Return a warning that names the joints without a torque limit.
+
+    It is '' if all have one.
 
     Parameters
     ----------

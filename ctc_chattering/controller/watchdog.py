@@ -13,7 +13,7 @@
 # limitations under the License.
 
 """
-Outages of a topic: a `Watchdog` finds them from the times of arrival, and reports them.
+Outages of a topic, from the times of arrival.
 
 Controller and plant each have one, for states and for commands. No time is read here.
 """
@@ -26,7 +26,7 @@ from ctc_chattering.numerics.time_grid import NANOSECONDS, seconds
 
 
 class Logger(Protocol):
-    """Logger of a node; `filters` are those of rclpy's."""
+    """Logger of a node, with the filters of rclpy."""
 
     def info(self, message: str, /, **filters: float) -> object:
         """Log a change that is in order."""
@@ -46,11 +46,11 @@ _REPORT_PERIOD_S = 60.0
 
 class Watchdog:
     """
-    Finds and reports outages of a topic: silence that is longer than `timeout`.
+    Detects and reports silence that is longer than `timeout`.
 
     Parameters
     ----------
-    topic, kind : str
+    topic, noun : str
         Name of the topic, and one word for its messages.
     consequence : str
         Consequence of an outage, for the report.
@@ -68,17 +68,17 @@ class Watchdog:
 
     """
 
-    def __init__(self, topic: str, kind: str, consequence: str, logger: Logger) -> None:
-        self._name, self._kind, self._consequence = topic, kind, consequence
+    def __init__(self, topic: str, noun: str, consequence: str, logger: Logger) -> None:
+        self._name, self._noun, self._consequence = topic, noun, consequence
         self._log = logger
         self.timeout = self.outages = self._last = 0
         self.out = False
 
     def feed(self, now: int, begun: bool = True) -> None:
-        """Note a message at `now` [ns]; an outage that it ends is reported once `begun`."""
+        """Note a message at `now` [ns], and report an end of an outage once `begun`."""
         silence, self._last = now - self._last, now
         if self.out and begun:
-            self._log.warning(f'{self._name}: {self._kind}s again, after {seconds(silence):.3f} s;'
+            self._log.warning(f'{self._name}: {self._noun}s again, after {seconds(silence):.3f} s;'
                               f' meanwhile {self._consequence}', throttle_duration_sec=1.0)
         self.out = False
 
@@ -87,12 +87,12 @@ class Watchdog:
         return now - self._last
 
     def check(self, now: int) -> bool:
-        """Return whether an outage begins at `now` [ns], as `feed`; report one that lasts."""
+        """Return whether an outage begins at `now`, and report one that lasts."""
         silence = self.silence(now)
         begins = silence > self.timeout and not self.out
         self.out |= begins
         self.outages += begins
         if silence > max(self.timeout, _LONG_OUTAGE_NS):
-            self._log.error(f'{self._name}: no {self._kind} for {seconds(silence):.1f} s; '
+            self._log.error(f'{self._name}: no {self._noun} for {seconds(silence):.1f} s; '
                             f'{self._consequence}', throttle_duration_sec=_REPORT_PERIOD_S)
         return begins

@@ -13,10 +13,10 @@
 # limitations under the License.
 
 """
-The controller as a node: a joint state in, the torque that answers it out.
+The controller as a node.
 
-Its inputs are states and reference, the parameters of `ControllerNodeConfig`, and two services.
-The torques are decided in `controller/loop.py`.
+It answers joint states with torques. Its inputs are states and reference, the parameters of
+`ControllerNodeConfig`, and two services. The torques are decided in `controller/loop.py`.
 """
 
 from __future__ import annotations
@@ -80,10 +80,10 @@ _TORQUE_TERMS = 'nominal', 'compensation', 'robust', 'commanded'
 
 class ControllerNode(LoopNode[ControllerNodeConfig]):
     """
-    Answers every joint state with a torque, by the law that the parameters name.
+    Answers every joint state with a torque of the law.
 
     A state for which there is no reference yet waits for it. In real time it falls silent without
-    states, and restarts the law with the next one; simulated time can wait. All of that is in
+    states, and restarts the law with the next one. Simulated time can wait. All of that is in
     `ControlLoop`.
     """
 
@@ -146,11 +146,11 @@ class ControllerNode(LoopNode[ControllerNodeConfig]):
 
     @property
     def in_real_time(self) -> bool:
-        """Whether states come in real time."""
+        """True if states come in real time."""
         return self._loop.last is not None and not self._loop.simulated
 
     def introduction(self) -> str:
-        """Return the law, and the messages that must come before the first torque."""
+        """Return the law, and the messages that are waited for."""
         waits = self.problem or f'waits for {JOINT_STATES} and {REFERENCE}'
         return f'law {self.config.law}, {1 / self.config.control_period:g} Hz; {waits}'
 
@@ -162,7 +162,7 @@ class ControllerNode(LoopNode[ControllerNodeConfig]):
                 for row in (point.positions, point.velocities, point.accelerations)))
         start = nanoseconds(chunk.header.stamp)
         times = [start + nanoseconds(point.time_from_start) for point in chunk.points]
-        if any(after <= before for before, after in pairwise([start - 1, *times])):
+        if any(second <= first for first, second in pairwise([start - 1, *times])):
             raise RejectedMessage('times', (
                 'points whose times do not increase, or with a negative time_from_start'))
         self._loop.take_reference(times, list(zip(rows[::3], rows[1::3], rows[2::3])))
@@ -186,7 +186,7 @@ class ControllerNode(LoopNode[ControllerNodeConfig]):
         self._answer(now)
 
     def idle(self) -> None:
-        """Answer a state that waits; end the torques when no state comes."""
+        """Answer a pending state, and end the torques without states."""
         self._clock_published = self.count_publishers(CLOCK) > 0
         if self._clock_published:
             self._loop.rehearsal = None
@@ -198,7 +198,7 @@ class ControllerNode(LoopNode[ControllerNodeConfig]):
         self._answer(now)
 
     def patience(self) -> float:
-        """Return the time until a predicted state is to be answered [s]."""
+        """Return the time until a predicted state is answered [s]."""
         due = self._loop.due()
         return inf if due is None else max(seconds(due - time.monotonic_ns()), _SHORTEST_WAIT_S)
 
@@ -212,7 +212,7 @@ class ControllerNode(LoopNode[ControllerNodeConfig]):
                 self.inputs[0].reject(rejected)
 
     def _answer(self, now: int) -> None:
-        """Have the pending state answered, and publish the terms of the torque."""
+        """Answer the pending state, and publish the torque's terms."""
         loop = self._loop
         if loop.rehearsal is not None and loop.rehearse(now):
             loop.note_answer(time.monotonic_ns())
@@ -242,7 +242,7 @@ class ControllerNode(LoopNode[ControllerNodeConfig]):
             self.statistics.misses += end - now > loop.period
 
     def _note_no_answer(self) -> None:
-        """Announce parameters without a torque; end where simulated time would wait for ever."""
+        """Announce parameters, and end a run that would wait for ever."""
         loop = self._loop
         if not loop.mode.sends_torque:
             self.statistics.pause()
@@ -254,7 +254,7 @@ class ControllerNode(LoopNode[ControllerNodeConfig]):
             self.done.set_result(None)
 
     def _publish_terms(self, answer: Answer) -> None:
-        """Publish the error, v and the terms of the torque that answered a state."""
+        """Publish error, v and torque terms of an answer."""
         assert self._loop.law is not None
         state, (q_d, dq_d, _), sample = answer
         subtracted = [-x for x in (*sample.compensation, *sample.robust)]
@@ -285,7 +285,7 @@ class ControllerNode(LoopNode[ControllerNodeConfig]):
         return response
 
     def check(self, config: ControllerConfig) -> None:
-        """Refuse a law that cannot be made, or a change that is too large."""
+        """Refuse a law or a change that is not allowed."""
         values = config.as_mapping()
         of_law, self._of_law = self._of_law, {}
         check_change(self.config.changed({  # Those of the law itself may be any.
@@ -294,7 +294,7 @@ class ControllerNode(LoopNode[ControllerNodeConfig]):
             self._loop.law.check(config)
 
     def completed(self, values: Mapping[str, Any]) -> Mapping[str, Any]:
-        """Return the gains that go with a law which is set without any; see `GainChoice`."""
+        """Return the gains of a law that is set without any, by `GainChoice`."""
         law, named = values.get('law'), {*values, *self.parameter_service.names}
         if (law in LAWS or OWN_CLASS.fullmatch(str(law))) and named.isdisjoint(GAINS):
             self._of_law = self._gains.of_law(str(law), self.config)
@@ -304,7 +304,7 @@ class ControllerNode(LoopNode[ControllerNodeConfig]):
         return self._of_law
 
     def _take_recommended_gains(self) -> None:
-        """Set those of a law that the node was started with and that has gains of its own."""
+        """Set the recommended gains of the law at the start."""
         if self.config.law == LAW and self.given.keys().isdisjoint(GAINS):
             self._of_law = self._gains.suitable(LAW, self.config)
             self.parameters.assign(self._of_law)
@@ -340,11 +340,11 @@ class ControllerNode(LoopNode[ControllerNodeConfig]):
             'time': 'simulated' if loop.simulated else 'real'})
 
 
-def _term_writers(names: Sequence[str]) -> tuple[Writer, Writer, Writer]:
-    """Return the writers of the messages on `TRACKING`, `FILTER` and `TORQUES`."""
+def _term_writers(names: Sequence[str]) -> list[Writer]:
+    """Return the writers for `TRACKING`, `FILTER` and `TORQUES`."""
     n = len(names)
     tracking = [f'{joint}/{x}' for x in ('desired', 'error') for joint in names]
     torques = [f'{joint}/{term}' for term in _TORQUE_TERMS for joint in names]
-    return (state_writer(tracking, position=2 * n, velocity=2 * n),
+    return [state_writer(tracking, position=2 * n, velocity=2 * n),
             state_writer(names, velocity=n),
-            state_writer([*torques, 'V'], effort=len(torques) + 1))
+            state_writer([*torques, 'V'], effort=len(torques) + 1)]

@@ -13,10 +13,10 @@
 # limitations under the License.
 
 """
-The simulated robot as a node: torques in, joint states out.
+The simulated robot as a node.
 
-Its inputs are the torques on `COMMANDS` and the parameters of `PlantNodeConfig`. The motion is
-that of `simulation/plant.py`.
+It takes the torques on `COMMANDS` and the parameters of `PlantNodeConfig`, and publishes joint
+states. The motion is that of `simulation/plant.py`.
 """
 
 from __future__ import annotations
@@ -59,10 +59,10 @@ _WAITING_REPORT_S = 3.0
 
 class PlantNode(LoopNode[PlantNodeConfig]):
     """
-    Publishes the robot's state and holds the torques it is sent.
+    Publishes joint states, and holds the torques that come.
 
     In lockstep a state is followed by the next one as soon as its answer has come, and time is
-    simulated. In real time the node's clock paces it; the robot stands still until the first
+    simulated. In real time the node's clock paces it. The robot stands still until the first
     torque comes, and is braked when no more come.
     """
 
@@ -81,7 +81,7 @@ class PlantNode(LoopNode[PlantNodeConfig]):
         self._begun = False
         #: Whether simulated time stands still, until `hold_at` is moved on.
         self._held = False
-        #: Time of sample 0 [ns]; 0 in lockstep, and before the first tick.
+        #: Time of sample 0 [ns], or 0 in lockstep and before the first tick.
         self._start = 0
         self._exchange = LockstepExchange(time.monotonic_ns())
         #: Real time: when the first state was sent that no torque has followed [ns].
@@ -119,11 +119,11 @@ class PlantNode(LoopNode[PlantNodeConfig]):
 
     @property
     def in_real_time(self) -> bool:
-        """Whether the node's clock paces it."""
+        """True if the node's clock paces it."""
         return self._ticker is None
 
     def idle(self) -> None:
-        """Begin once all nodes are matched; repeat the last state if it gets no answer."""
+        """Begin once all nodes are matched. Repeat a state without an answer."""
         if self._ticker is None or not self.inputs:
             return
         now = time.monotonic_ns()
@@ -135,7 +135,7 @@ class PlantNode(LoopNode[PlantNodeConfig]):
         elif not self._held and self._exchange.repeat_due(now):
             self._publish_clock()
             self._publish_state()
-        if not self._held and seconds(now - self._exchange.asked) > _WAITING_REPORT_S:
+        if not self._held and seconds(now - self._exchange.sent_at) > _WAITING_REPORT_S:
             self.get_logger().info(
                 f'waiting for {self._awaited()}', throttle_duration_sec=_WAITING_REPORT_S)
 
@@ -162,7 +162,7 @@ class PlantNode(LoopNode[PlantNodeConfig]):
         return Status(level, message, values)
 
     def _lockstep_status(self) -> tuple[int, str]:
-        waiting = time.monotonic_ns() - self._exchange.asked
+        waiting = time.monotonic_ns() - self._exchange.sent_at
         if self._held:
             return OK, f'held at t = {self._robot.t:g} s'
         if waiting > NANOSECONDS:
@@ -170,7 +170,7 @@ class PlantNode(LoopNode[PlantNodeConfig]):
         return OK, 'running'
 
     def _real_time_status(self, values: dict[str, object]) -> tuple[int, str]:
-        """Return level and text, and add the number of outages to `values`."""
+        """Return level and text, and add outages to `values`."""
         watchdog = self._watchdog
         problems = self._rates.report(self.statistics.too_slow(self._period), FaultCount(
             watchdog.outages, seconds(time.monotonic_ns())))
@@ -182,7 +182,7 @@ class PlantNode(LoopNode[PlantNodeConfig]):
         return next(((level, f'running, but {text}') for level, text in problems), (OK, 'running'))
 
     def on_change(self) -> None:
-        """Have the robot take the parameters that were set; go on where time was held."""
+        """Take new parameters, and go on where time was held."""
         config = self.config
         self._watchdog.timeout = max(
             round(config.command_timeout * NANOSECONDS), 3 * self._period)
@@ -198,18 +198,18 @@ class PlantNode(LoopNode[PlantNodeConfig]):
         if not self._begun or self._held or not self._exchange.accept(tau):
             return
         self._latest = tau
-        self.statistics.answer(self._exchange.asked, now)
+        self.statistics.answer(self._exchange.sent_at, now)
         if not self._is_at_end() and self._step():
             self.statistics.sample(now, time.monotonic_ns())
             self._publish_sample()
 
     def _publish_sample(self) -> None:
-        """Send the state, after those that are lost, unless time is held."""
+        """Send the next state that is not lost, unless time is held."""
         robot = self._robot
         while robot.t < self._hold_at:
             k, is_sent = robot.k, not robot.lost
             if is_sent:
-                self._exchange.asked = time.monotonic_ns()
+                self._exchange.sent_at = time.monotonic_ns()
                 self._publish_state()
             if k % self._clock_every == 0 or k == self._last:
                 self._publish_clock()
@@ -250,7 +250,7 @@ class PlantNode(LoopNode[PlantNodeConfig]):
             self._unanswered_since = end
 
     def _catch_up(self, begin: int) -> bool:
-        """Go on by the periods that are due; return whether there is a new state to send."""
+        """Go on by the periods due, and return whether to send a state."""
         robot, now = self._robot, self.get_clock().now().nanoseconds
         if self._watchdog.check(begin):
             robot.brake(True)
@@ -268,7 +268,7 @@ class PlantNode(LoopNode[PlantNodeConfig]):
 
     def _anchor(self) -> None:
         """
-        Have the present sample be that of the tick that was due last.
+        Set the present sample to the last tick due.
 
         A tick comes when it is due or a little later, never earlier. On a grid of another phase
         some would come before their period, and the next would have two periods to make good.
@@ -278,7 +278,7 @@ class PlantNode(LoopNode[PlantNodeConfig]):
         self._start = last_tick - self._robot.k * self._period
 
     def _step(self) -> bool:
-        """Go on by one period; return whether the robot still has a motion, and end if not."""
+        """Go on by one period, and return whether the robot still moves."""
         if self.failure is not None:
             return False
         try:

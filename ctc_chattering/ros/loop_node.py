@@ -13,7 +13,7 @@
 # limitations under the License.
 
 """
-The base of the nodes of the control loop: plant, controller and reference.
+The base of plant, controller and reference.
 
 They have the parameters of a `NodeConfig`, and begin with the robot's description, from a file or
 from its topic.
@@ -56,7 +56,7 @@ class LoopNode(BaseNode, Generic[C]):
     parameters : NodeParameters
         Of the node.
     problem : str
-        Problem with the robot's description: it has not come, or was refused; '' if there is none.
+        Problem with the robot's description: it has not come, or was refused. '' if all is well.
 
     """
 
@@ -72,11 +72,11 @@ class LoopNode(BaseNode, Generic[C]):
         return config
 
     def begin(self, description: str) -> None:
-        """Begin with a robot; its description is empty where none is needed."""
+        """Begin with a robot, whose description may be empty."""
 
     def matched(self, *publishers: Publisher) -> bool:
         """
-        Return whether all are matched that should receive the first message of `publishers`.
+        Return whether all readers of `publishers` are matched.
 
         Those are the subscribers, and the nodes in the parameter `wait_for` that read the topic,
         by `TOPICS`.
@@ -96,7 +96,9 @@ class LoopNode(BaseNode, Generic[C]):
 
     def find_description(self) -> None:
         """
-        Call `begin`, with the description at once, or when it comes on its topic.
+        Call `begin` once the description is known.
+
+        It comes from a file, or on its topic.
 
         A text from the topic that is refused is reported, and the next one waited for.
 

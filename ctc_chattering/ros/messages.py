@@ -13,7 +13,7 @@
 # limitations under the License.
 
 """
-Messages: their classes by name, times in them, and those of the control loop as numbers.
+Messages: classes, stamps, and the numbers of the control loop.
 
 ROS reads and writes a message of the control loop in full once. In the next ones only stamp and
 numbers differ, and `Reader` and `Writer` touch these only. For a state and its torque that is a
@@ -50,9 +50,9 @@ MARK = 1.234567890123456e-67
 _STAMP = struct.Struct('<iI')
 
 
-def message_type(kind: str) -> Any:
+def message_type(type_name: str) -> Any:
     """
-    Return the message class called `kind`, for example ``std_msgs/msg/String``.
+    Return the message class of a name like ``std_msgs/msg/String``.
 
     Bags and graphs name types: only what a package of ROS lists as its messages is imported.
 
@@ -62,13 +62,13 @@ def message_type(kind: str) -> Any:
         If there is none.
 
     """
-    package, _, name = kind.partition('/msg/')
+    package, _, name = type_name.partition('/msg/')
     listed = Path('share/ament_index/resource_index/rosidl_interfaces', package)
     prefixes = [Path(rclpy.__file__).parents[4], *map(
         Path, filter(None, os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep)))]
     if not any(f'msg/{name}.idl' in (prefix / listed).read_text().split()
                for prefix in prefixes if (prefix / listed).is_file()):
-        raise CtcError(f'{kind}: this message type is not installed')
+        raise CtcError(f'{type_name}: this message type is not installed')
     return getattr(importlib.import_module(f'{package}.msg'), name)
 
 
@@ -80,7 +80,9 @@ def stamp(t: int) -> Time:
 
 def read_stamp(data: bytes) -> int:
     """
-    Return the time in a `Clock`, or in a header, at the beginning of a serialized message [ns].
+    Return the time at the beginning of a serialized message [ns].
+
+    It is that of a `Clock`, or of a header.
 
     Raises
     ------
@@ -99,7 +101,7 @@ def read_stamp(data: bytes) -> int:
 
 
 class LoopMessage(NamedTuple):
-    """A message of the control loop: stamp (0 for none) [ns], names, rows of numbers."""
+    """Stamp [ns], or 0 for none, names and rows of a message."""
 
     t: int
     names: tuple[str, ...]
@@ -107,9 +109,9 @@ class LoopMessage(NamedTuple):
 
 
 def _rows_format(sizes: Sequence[int]) -> str:
-    """Return rows of doubles as CDR has them: after the first each has its count before it."""
-    first, *others = sizes
-    return f'{first}d' + ''.join(f'I4x{n}d' if n else 'I' for n in others)
+    """Return the CDR format of rows, counts before all but the first."""
+    first, *following = sizes
+    return f'{first}d' + ''.join(f'I4x{n}d' if n else 'I' for n in following)
 
 
 class Reader:
@@ -121,7 +123,7 @@ class Reader:
 
     Parameters
     ----------
-    kind : type
+    message_class : type
         Message class.
     content : callable
         Returns the `LoopMessage` of a message of that class.
@@ -130,8 +132,9 @@ class Reader:
 
     """
 
-    def __init__(self, kind: Any, content: Callable[[Any], LoopMessage], stamped: bool) -> None:
-        self._kind, self._content = kind, content
+    def __init__(self, message_class: Any, content: Callable[[Any], LoopMessage],
+                 stamped: bool) -> None:
+        self._class, self._content = message_class, content
         self._stamp_format = 'iI' if stamped else ''
         self._frame_index = len(self._stamp_format)
         self._layout: struct.Struct | None = None
@@ -142,7 +145,7 @@ class Reader:
         self._count_slice = slice(0)
 
     def __call__(self, data: bytes) -> LoopMessage:
-        """Return the content of a serialized message; raise `RuntimeError` if it is malformed."""
+        """Return the content of a message, or raise `RuntimeError`."""
         layout = self._layout
         if layout is not None and len(data) == layout.size:
             values = layout.unpack(data)
@@ -154,8 +157,8 @@ class Reader:
         return self._read_by_ros(data)
 
     def _read_by_ros(self, data: bytes) -> LoopMessage:
-        """Return the content of a message, and remember its frame if the next may have it."""
-        message = deserialize_message(data, self._kind)
+        """Return the content of a message, and remember its frame."""
+        message = deserialize_message(data, self._class)
         content = self._content(message)
         n, rows = len(content.names), len(content.rows)
         is_little_endian = data[1] == 1
@@ -181,19 +184,21 @@ def state_reader() -> Reader:
 
 
 def effort_reader() -> Reader:
-    """Return a reader of `Float64MultiArray` messages and their labels, if there are any."""
+    """Return a reader of `Float64MultiArray` messages with labels."""
     return Reader(Float64MultiArray, lambda m: LoopMessage(
         0, tuple([x.label for x in m.layout.dim]), (m.data,)), False)
 
 
 class Writer:
     """
-    Writes messages that end with rows of doubles: the numbers of one that ROS has serialized.
+    Writes messages that end with rows of doubles.
+
+    It replaces the numbers in a message that ROS has serialized.
 
     Parameters
     ----------
     message : object
-        Of ROS; its last fields are the rows, all numbers `MARK`. A stamp is at its beginning.
+        Of ROS. Its last fields are the rows, all numbers `MARK`. A stamp is at its beginning.
     sizes : sequence of int
         The numbers in each row, at least one in the first.
 
@@ -207,7 +212,7 @@ class Writer:
         del self._data[self._begin + self._layout.size:]
 
     def write(self, *rows: Sequence[float], t: int | None = None) -> bytes:
-        """Return the message with `rows` of their sizes, and stamp `t` [ns] if it has one."""
+        """Return the message with `rows`, and stamp `t` [ns] if any."""
         if t is not None:
             _STAMP.pack_into(self._data, 4, *divmod(t, NANOSECONDS))
         values = [*rows[0]]
@@ -218,7 +223,7 @@ class Writer:
 
 
 def raw_sender(publisher: Publisher) -> Callable[[bytes], None]:
-    """Return a function that publishes serialized messages, without a look at their type."""
+    """Return a function that publishes serialized messages."""
     send: Callable[[bytes], None] = publisher.handle.publish_raw
     return send
 
@@ -263,7 +268,7 @@ class TrajectoryWriter:
                 time_from_start=Duration(sec=sec, nanosec=nanosec)))
 
     def fill(self, t: int, points: Iterable[Point]) -> JointTrajectory:
-        """Return the message with its `points`, the first at `t` [ns], until the next call."""
+        """Return the message with `points` from `t` [ns] on."""
         self._message.header.stamp = stamp(t)
         for target, point in zip(self._message.points, points, strict=True):
             target.positions, target.velocities, target.accelerations = point

@@ -13,7 +13,7 @@
 # limitations under the License.
 
 """
-The base of all nodes: parameters, and reports on ``/diagnostics`` once a second.
+The base of all nodes: parameters and reports.
 
 `ros/spinning.py` serves a node, `ros/run_node.py` runs it as a process.
 """
@@ -41,13 +41,13 @@ _REPORT_PERIOD_NS = NANOSECONDS
 
 class BaseNode(SpinningNode):
     """
-    A node that `run` can drive, and that reports on ``/diagnostics`` once a second.
+    A node with parameters that reports on ``/diagnostics``.
 
     Parameters
     ----------
     name : str
     values : mapping, optional
-        Values of its parameters; the others have their defaults.
+        Values of its parameters. The others have their defaults.
 
     Attributes
     ----------
@@ -80,7 +80,7 @@ class BaseNode(SpinningNode):
         """Take the parameters that have been set."""
 
     def check(self, config: Any) -> None:
-        """Raise `CtcError` if a configuration that would be set is not allowed."""
+        """Raise `CtcError` if a configuration is not allowed."""
 
     def completed(self, _values: Mapping[str, Any]) -> Mapping[str, Any]:
         """Return parameters that are set with others, by name."""
@@ -91,11 +91,11 @@ class BaseNode(SpinningNode):
         return Status(OK, 'running', {})
 
     def introduction(self) -> str:
-        """Return in a few words what the node runs and what it waits for."""
+        """Return the node's first line in the log."""
         return 'runs'
 
     def report(self, now: int) -> None:
-        """Publish on ``/diagnostics`` if a second has passed; `now` [ns] on any clock."""
+        """Publish a report if a second has passed at `now` [ns]."""
         if now < self._report_due:
             return
         self._report_due = max(

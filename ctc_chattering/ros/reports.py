@@ -13,7 +13,7 @@
 # limitations under the License.
 
 """
-Reports of a node on ``/diagnostics``: its status, the statistics of its loop, its topics.
+Reports of a node on ``/diagnostics``.
 
 `BaseNode` of `ros/node.py` publishes one a second, and one when it ends.
 """
@@ -50,7 +50,7 @@ class Status(NamedTuple):
 def full_report(node: Node, status: Status, statistics: LoopStatistics,
                 inputs: Sequence[ValidatedSubscription[Any]]) -> Status:
     """
-    Return a status, with statistics and inputs of the node, and a missing clock.
+    Return a status with statistics, inputs and clock.
 
     Parameters
     ----------
@@ -78,8 +78,8 @@ def full_report(node: Node, status: Status, statistics: LoopStatistics,
         values[f'{topic}: refused'] = sum(subscription.rejected.values())
         if subscription.newest is not None:
             values[f'{topic}: skipped for newer ones'] = subscription.skipped
-        for kind, count in sorted(subscription.rejected.items()):
-            values[f'{topic}: refused, {kind}'] = count
+        for reason, count in sorted(subscription.rejected.items()):
+            values[f'{topic}: refused, {reason}'] = count
         contention = subscription.report_contention(names)
         if contention:
             level, message = max(level, ERROR), f'{message}; {contention}'

@@ -13,7 +13,7 @@
 # limitations under the License.
 
 """
-A node as a process: its start, its exit status, and an end within a deadline.
+A node as a process: start, exit status, deadline.
 
 The executables of `cli/node.py` call `run`.
 """
@@ -46,7 +46,7 @@ _LEAVE_TIMEOUT_S = 0.3
 def run(make_node: Callable[[], BaseNode], name: str, arguments: Sequence[str],
         stop: Sequence[int]) -> int:
     """
-    Run a node until it is done, or a signal comes; the process then ends.
+    Run a node until it is done, or a signal comes.
 
     Parameters
     ----------
@@ -94,17 +94,17 @@ def run(make_node: Callable[[], BaseNode], name: str, arguments: Sequence[str],
 
 
 def _report_error(name: str, error: Exception) -> int:
-    """Report an error on one line and return the exit status."""
+    """Report an error, and return the exit status."""
     print(f'{name}: {" ".join(str(error).split())}', file=sys.stderr, flush=True)
     return 2 if isinstance(error, UsageError) else 1
 
 
 def wait_for_all_acked(node: Node, stop: Sequence[int]) -> None:
     """
-    Wait until the last messages have arrived, but not for peers that were killed.
+    Wait until the last messages have arrived.
 
-    A signal leaves little time, also one that comes meanwhile. At an end of its own a node has
-    enough for lost messages to be sent again.
+    Peers that were killed are not waited for. A signal leaves little time, also one that comes
+    meanwhile. At an end of its own a node has enough for lost messages to be sent again.
     """
     begin = time.monotonic()
     for publisher in list(node.publishers):

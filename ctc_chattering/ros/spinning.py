@@ -13,7 +13,7 @@
 # limitations under the License.
 
 """
-Spinning: bounded waits for messages, and what a node does between them.
+Bounded spins of a node, and its turns between messages.
 
 `run` of `ros/run_node.py` calls `spin_until_stopped`. It ends when the node is done, or a signal
 has come.
@@ -44,7 +44,7 @@ __all__ = ['NAP', 'TICK', 'Executor', 'SpinningNode', 'spin_until_stopped']
 #: Longest time between two looks at signals and at `SpinningNode.idle` [s].
 TICK = 0.05
 #: Duration of a spin in lockstep [s]: finite, as an infinite one hangs, and long, as each loses
-#: some memory; see docs/design.md.
+#: some memory (docs/design.md).
 _LOCKSTEP_SPIN_S = 3600.0
 #: Sleep between two batches [s].
 NAP = 0.02
@@ -90,7 +90,7 @@ class SpinningNode(Node):
         self.done.add_done_callback(lambda _: self._leave_spin())
 
     def _take_turn(self) -> None:
-        """Do what lies between messages; end the spin when a signal has come."""
+        """Take a turn, and end the spin when a signal has come."""
         if self.stop and not self.done.done():
             self.done.set_result(None)
         elif self.lockstep:
@@ -103,30 +103,31 @@ class SpinningNode(Node):
             self._spin_end.set_result(None)
 
     def turn(self) -> None:
-        """Do what lies between messages."""
+        """Do the work between messages."""
         self.idle()
         self.report(time.monotonic_ns())
         if gc.get_count()[0] > _MAX_NEW_OBJECTS:  # In no sample, as Python would.
             gc.collect()
 
     def idle(self) -> None:
-        """Do what need not wait for a message; called at least every `tick`."""
+        """Do work without a message, at least every `tick`."""
 
     def report(self, now: int) -> None:
         """Report at `now` [ns], if it is time."""
 
     def patience(self) -> float:
-        """Return how long it can wait for a message before it is `overdue` [s]."""
+        """Return the longest wait before a message is `overdue` [s]."""
         return inf
 
     def overdue(self) -> None:
-        """Do what must be done where a message has not come in time."""
+        """React to a message that has not come in time."""
 
     def spin(self, executor: Any) -> None:
         """
-        Serve callbacks for `tick`, or until it is done; in lockstep, as long as that lasts.
+        Serve callbacks for a while.
 
-        In real time it ends with a sample, if there is one. Then `turn` has the most time.
+        In lockstep that is as long as the run, otherwise `tick`, or until it is done. In real time
+        it ends with a sample, if there is one. Then `turn` has the most time.
         """
         if self.lockstep:
             self._spin_end = Future()
@@ -137,7 +138,9 @@ class SpinningNode(Node):
 
     def serve(self, executor: Any, lasts: float, samples: int = -1) -> None:
         """
-        Serve callbacks for `lasts` [s], until it is done, or there are more than `samples`.
+        Serve callbacks for `lasts` [s], or until a sample.
+
+        It also ends when the node is done, or there are more than `samples`.
 
         EventsExecutor's spin_until_future_complete is a tenth faster, but it does not return while
         there are messages, and loses some memory each time.
@@ -151,10 +154,10 @@ class SpinningNode(Node):
 
     def spin_in_batches(self, executor: Any) -> None:
         """
-        Serve what has come, then sleep: for nodes whose messages are not waited for.
+        Serve the messages that wait, then sleep.
 
-        Woken for every message, such a node would take the processor away from the control loop.
-        In batches a message costs half as much.
+        It is for nodes that no other waits for. Woken for every message, such a node would take
+        the processor away from the control loop. In batches a message costs half as much.
         """
         self.serve(executor, 0.002)
         time.sleep(NAP)
@@ -162,7 +165,7 @@ class SpinningNode(Node):
 
 @np.errstate(all='ignore')  # An overflow in the law shows in its torque.
 def spin_until_stopped(node: SpinningNode) -> None:
-    """Serve a node until it is done or a signal comes."""
+    """Serve a node until it is done or stopped."""
     executor = Executor()
     executor.add_node(node)
     gc.disable()

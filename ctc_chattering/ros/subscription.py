@@ -13,7 +13,7 @@
 # limitations under the License.
 
 """
-Subscriptions that match what publishers offer, and that only one publisher may command.
+Subscriptions that match publishers, and obey only one.
 
 The nodes subscribe to the topics of the control loop by `ValidatedSubscription`. It reads each
 serialized message, asks `ros/topic_ownership.py` whether it is obeyed, and hands it to the node.
@@ -42,14 +42,14 @@ _MATCH_PERIOD_S = 0.5
 
 
 def qos(depth: int = 1000, latched: bool = False) -> QoSProfile:
-    """Return a reliable profile; `latched` keeps messages for those who subscribe later."""
+    """Return a reliable profile, `latched` for late subscribers."""
     return QoSProfile(depth=depth, durability=(
         DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE))
 
 
 def compatible(offered: QoSProfile, requested: QoSProfile) -> bool:
     """
-    Return whether a publisher and a subscription with these profiles match.
+    Return whether these profiles match.
 
     `qos_check_compatible` of rclpy takes a deadline that is not set for shorter than one that a
     peer reports as infinite. We neither offer nor request deadlines.
@@ -73,7 +73,7 @@ class MatchingSubscription:
     ----------
     node : Node
         Node that receives.
-    kind : type
+    message_class : type
         Message class.
     topic : str
         Name of the topic.
@@ -89,14 +89,14 @@ class MatchingSubscription:
     current : Subscription
         The subscription of rclpy.
     destroyed : bool
-        Whether it was destroyed; a callback may still be called afterwards.
+        Whether it was destroyed. A callback may still be called afterwards.
 
     """
 
-    def __init__(self, node: Node, kind: Any, topic: str, callback: Callable[..., None],
-                 profile: QoSProfile, raw: bool = True) -> None:
+    def __init__(self, node: Node, message_class: Any, topic: str,
+                 callback: Callable[..., None], profile: QoSProfile, raw: bool = True) -> None:
         self._node = node
-        self._arguments = kind, topic, callback
+        self._arguments = message_class, topic, callback
         self._raw = raw
         self._profile = profile
         self.destroyed = False
@@ -105,7 +105,7 @@ class MatchingSubscription:
             _MATCH_PERIOD_S, self.match, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def match(self) -> None:
-        """Request less if there are publishers, and none of them offers what is requested."""
+        """Request less if no publisher offers what is requested."""
         if self.destroyed or self.current.get_publisher_count():
             return
         name = self.current.topic_name
@@ -124,10 +124,10 @@ class MatchingSubscription:
         self._node.destroy_subscription(self.current)
 
     def _subscribe(self) -> Any:
-        kind, topic, callback = self._arguments
+        message_class, topic, callback = self._arguments
         # Destroying a subscription that has callbacks for events can crash: rclpy#1644.
         return self._node.create_subscription(
-            kind, topic, callback, self._profile, raw=self._raw,
+            message_class, topic, callback, self._profile, raw=self._raw,
             event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False))
 
 
@@ -139,7 +139,7 @@ _MESSAGE_AND_INFORMATION = inspect.signature(lambda _message, _info: None)
 
 def with_info(callback: Callable[..., None]) -> Callable[..., None]:
     """
-    Return a callback that rclpy calls also with the message's information.
+    Return a callback that also takes the message's information.
 
     The executors of rclpy 7 disagree. SingleThreadedExecutor calls it with message and
     information, EventsExecutor with one tuple of both. So `callback` must accept either.
@@ -157,7 +157,7 @@ class ValidatedSubscription(Generic[T]):
     ----------
     node : Node
         Node that receives.
-    kind : type
+    message_class : type
         Message class.
     topic : str
         Relative name.
@@ -167,11 +167,11 @@ class ValidatedSubscription(Generic[T]):
     profile : QoSProfile
         As the subscription has it.
     read : callable, optional
-        Returns the content of a serialized message, by default a message of `kind`. Any exception
+        Returns the content of a serialized message, by default a message. Any exception
         says that it is malformed.
     newest : bool, optional
         Whether the newest message that waits is used and older ones are skipped, where time is
-        real; it may change. None if every message is always used.
+        real. It may change. None if every message is always used.
 
     Attributes
     ----------
@@ -186,12 +186,12 @@ class ValidatedSubscription(Generic[T]):
 
     """
 
-    def __init__(self, node: Node, kind: Any, topic: str, take: Callable[[T, int], None],
-                 profile: QoSProfile, read: Callable[[bytes], T] | None = None,
-                 newest: bool | None = None) -> None:
+    def __init__(self, node: Node, message_class: Any, topic: str,
+                 take: Callable[[T, int], None], profile: QoSProfile,
+                 read: Callable[[bytes], T] | None = None, newest: bool | None = None) -> None:
         self._node = node
         self.topic = topic
-        self._read = read or (lambda data: deserialize_message(data, kind))
+        self._read = read or (lambda data: deserialize_message(data, message_class))
         self._take, self.newest = take, newest
         self._depth = profile.depth
         self.skipped = 0
@@ -199,11 +199,11 @@ class ValidatedSubscription(Generic[T]):
         self.ownership = TopicOwnership()
         self._contention = ''
         self.subscription = MatchingSubscription(
-            node, kind, topic, with_info(self.receive), profile)
+            node, message_class, topic, with_info(self.receive), profile)
 
     def receive(self, data: Any, info: Mapping[str, Any] | None = None) -> None:
         """
-        Use a serialized message, or a newer one that waits; count what is rejected.
+        Use a serialized message, or a newer one that waits.
 
         Parameters
         ----------
@@ -231,7 +231,7 @@ class ValidatedSubscription(Generic[T]):
             self.reject(rejected)
 
     def _take_waiting(self) -> list[tuple[bytes, Mapping[str, Any]]]:
-        """Return the messages that wait, no more than fit into the queue."""
+        """Return the waiting messages, at most `depth`."""
         current = self.subscription.current
         waiting: list[tuple[bytes, Mapping[str, Any]]] = []
         while len(waiting) < self._depth and (
@@ -247,10 +247,10 @@ class ValidatedSubscription(Generic[T]):
                 valid.append(self._admit(data, info))
             except RejectedMessage as rejected:
                 self.reject(rejected)
-        before = self.skipped
+        skipped = self.skipped
         while valid:
             message = valid.pop()
-            self.skipped = before + len(valid)
+            self.skipped = skipped + len(valid)
             try:
                 self._take(message, now)
             except RejectedMessage as rejected:
@@ -259,7 +259,7 @@ class ValidatedSubscription(Generic[T]):
                 break
 
     def _admit(self, data: bytes, info: Mapping[str, Any]) -> T:
-        """Return the content of a message; raise `RejectedMessage`."""
+        """Return the content of a message, or raise `RejectedMessage`."""
         try:
             message = self._read(data)
         except Exception as error:
@@ -270,7 +270,7 @@ class ValidatedSubscription(Generic[T]):
         return message
 
     def reject(self, rejected: RejectedMessage) -> None:
-        """Count a message that is not used, and log the reason, if any, once a second."""
+        """Count a rejected message, and log the reason once a second."""
         self.rejected[rejected.kind] += 1
         if str(rejected):
             self._node.get_logger().warning(
@@ -278,15 +278,16 @@ class ValidatedSubscription(Generic[T]):
                 throttle_duration_sec=1.0)
 
     def publishers(self) -> list[str]:
-        """Return the full names of the nodes that publish on the topic."""
+        """Return the full names of the topic's publishers."""
         return sorted(f'{x.node_namespace.rstrip("/")}/{x.node_name}'
                       for x in self._node.get_publishers_info_by_topic(
                           self.subscription.current.topic_name))
 
     def report_contention(self, names: list[str]) -> str:
         """
-        Return the report on several publishers with these names, and log a change; '' for none.
+        Return a report on several publishers, and log a change.
 
+        It is '' if there is at most one.
         The middleware may know a publisher before it knows the name of its node.
         """
         self.ownership.update(

@@ -13,7 +13,7 @@
 # limitations under the License.
 
 """
-Whether the messages of a topic are obeyed: only while one publisher is matched.
+The right to command a topic: one matched publisher has it.
 
 Each subscription of `ros/subscription.py` has one `TopicOwnership`, and tells it how many
 publishers the middleware has matched. No clock is read here.
@@ -47,11 +47,11 @@ class TopicOwnership:
 
     @property
     def contested(self) -> bool:
-        """Whether there are several publishers."""
+        """True while there are several publishers."""
         return self.publishers > 1
 
     def update(self, publishers: int, now: int) -> None:
-        """Take the number of publishers matched at `now`, of the system's clock [ns]."""
+        """Take the number of publishers at `now`, by the system's clock [ns]."""
         if self.contested:
             self._contested_until = now
         self.publishers = publishers
@@ -65,7 +65,7 @@ class TopicOwnership:
         Parameters
         ----------
         received : int
-            When it was received, by the system's clock [ns]; 0 if that is unknown.
+            When it was received, by the system's clock [ns], or 0 if that is unknown.
 
         """
         return self.publishers <= 1 and not (

@@ -33,7 +33,7 @@ def test_every_state_is_answered_once(states: list[tuple[int, int]]) -> None:
     """
     exchange, now, late, last = LockstepExchange(0), 0, 0, 0
     for tau, repeats in states:
-        exchange.asked = now
+        exchange.sent_at = now
         for _ in range(repeats):
             now += 201 * MS
             assert exchange.repeat_due(now)
