@@ -26,9 +26,9 @@ from ctc_chattering.errors import CtcError, prefixed
 from ctc_chattering.simulation.closed_loop import Event
 from ctc_chattering.simulation.plant import check_start
 from ctc_chattering.simulation.plant_config import PlantConfig
-from ctc_chattering.trajectory.joint_limits import continuous_joints, DescribedLimits
-from ctc_chattering.trajectory.motions import Route
+from ctc_chattering.trajectory.joint_limits import continuous_joints, read_limits
 from ctc_chattering.trajectory.reference import make_motion, ReferenceConfig
+from ctc_chattering.trajectory.waypoints import Route
 
 Values = dict[str, Any]
 #: Values by node and parameter that override those of a file; node ``/**`` for all nodes.
@@ -97,7 +97,10 @@ class Setup:
     @property
     def continuous(self) -> tuple[bool, ...]:
         """Mask of the reference's joints that turn endlessly, shape (n,)."""
-        return continuous_joints(self.reference, self.descriptions.get('reference', ''))
+        description = self.descriptions.get('reference', '')
+        names = self.reference.joint_names
+        limits = read_limits(description, names) if description else None
+        return continuous_joints(self.reference, limits)
 
     def changed(self, values: Overrides) -> Setup:
         """
@@ -134,4 +137,4 @@ def check_motion(setup: Setup) -> None:
     if description := setup.descriptions.get('reference', ''):
         start = dict(zip(plant.joint_names, zip(plant.initial_position, plant.initial_velocity)))
         make_motion(reference, setup.route, start,
-                    limits=DescribedLimits(description, reference.joint_names))
+                    limits=read_limits(description, reference.joint_names))

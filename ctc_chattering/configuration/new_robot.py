@@ -53,7 +53,7 @@ from ctc_chattering.errors import CtcError
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.parameters import LARGEST
 from ctc_chattering.simulation.plant_config import PlantConfig
-from ctc_chattering.trajectory.joint_limits import DescribedLimits, JointLimits
+from ctc_chattering.trajectory.joint_limits import JointLimits, read_limits
 import numpy as np
 
 #: Coulomb friction that is assumed, as a part of the torque that the model takes.
@@ -202,7 +202,7 @@ def new_robot(location: str, joints: Sequence[str] = (), gravity: float = 9.81, 
     assert expected is not None  # Only a model of the user's has none.
     effort = np.array(model.effort_limits)
     largest = np.where(effort < inf, effort, expected)
-    limits = DescribedLimits(text, names).joints
+    limits = read_limits(text, names)
     friction = _friction(tree, limits, model, largest, expected)
     motion = choose_motion(HeldArm(limits, model, friction.coulomb, friction.viscous), center)
     described = np.isin(names, friction.coulomb_described + friction.viscous_described)

@@ -29,7 +29,7 @@ from ctc_chattering.input_files import read_bytes
 from ctc_chattering.numerics.time_grid import NANOSECONDS, seconds
 from ctc_chattering.output_files import write_text
 from ctc_chattering.parameters import LARGEST, Parameter
-from ctc_chattering.trajectory.motions import Route
+from ctc_chattering.trajectory.waypoints import Route
 import yaml
 
 #: Rows of a point of a trajectory, and decimal places of them in a file.

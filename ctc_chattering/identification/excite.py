@@ -39,7 +39,7 @@ from ctc_chattering.identification.random_motions import (
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.output_files import new_folder
 from ctc_chattering.parameters import LEAST, matrix
-from ctc_chattering.trajectory.joint_limits import DescribedLimits, JointLimits
+from ctc_chattering.trajectory.joint_limits import JointLimits, read_limits
 import numpy as np
 
 #: Files that `write_excitation` makes.
@@ -217,7 +217,7 @@ def excite(setup: Setup, request: Mapping[str, Any] | None = None, joints: Seque
                            f'{near(name, names)}')
     description = setup.descriptions.get('controller', '')
     model = model_of(controller, description)
-    limits = (DescribedLimits(description, names).joints if description else
+    limits = (read_limits(description, names) if description else
               [JointLimits(name) for name in names])
     bounds = bounds_of(config, limits)
     for quantity, values in (('velocity', bounds.velocity), ('acceleration', bounds.acceleration)):

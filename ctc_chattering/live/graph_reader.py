@@ -39,7 +39,7 @@ from ctc_chattering.ros.node import BaseNode, qos
 from ctc_chattering.ros.parameters import CHANGES
 from ctc_chattering.ros.subscription import MatchingSubscription, ValidatedSubscription
 from ctc_chattering.ros.topics import select
-from ctc_chattering.trajectory.joint_limits import continuous_joints
+from ctc_chattering.trajectory.joint_limits import continuous_joints, read_limits
 from diagnostic_msgs.msg import DiagnosticArray
 import numpy as np
 from rcl_interfaces.msg import ParameterEvent
@@ -354,7 +354,8 @@ class GraphReader(BaseNode):
     def _find_endless(self, config: ControllerConfig) -> None:
         """Know which joints turn endlessly; of a text that is no URDF, those of the parameters."""
         try:
-            endless = continuous_joints(config, self.description)
+            limits = read_limits(self.description, config.joint_names)
+            endless = continuous_joints(config, limits)
         except CtcError:
             endless = config.which_are_continuous()
         self._endless = np.flatnonzero(endless).tolist()

@@ -30,9 +30,10 @@ from ctc_chattering.ros.messages import LATEST, read_stamp, trajectory
 from ctc_chattering.ros.node import ERROR, LoopNode, OK, qos, Status, WARN
 from ctc_chattering.ros.subscription import ValidatedSubscription
 from ctc_chattering.ros.topics import CLOCK, JOINT_STATES, JOINT_TRAJECTORY, REFERENCE, TOPICS
-from ctc_chattering.trajectory.joint_limits import DescribedLimits
-from ctc_chattering.trajectory.motions import Route
-from ctc_chattering.trajectory.reference import Followed, MotionPlan, ReferenceConfig
+from ctc_chattering.trajectory.joint_limits import read_limits
+from ctc_chattering.trajectory.motion_plan import Followed, MotionPlan
+from ctc_chattering.trajectory.reference import ReferenceConfig
+from ctc_chattering.trajectory.waypoints import Route
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import JointTrajectory
@@ -90,7 +91,7 @@ class ReferenceNode(LoopNode[ReferenceNodeConfig]):
     def begin(self, description: str) -> None:
         """Know the limits, and make the motion if the robot's state is not needed for it."""
         if description:
-            self._plan.limits = DescribedLimits(description, self._plan.config.joint_names)
+            self._plan.limits = read_limits(description, self._plan.config.joint_names)
         self._plan.prepare()
 
     def check(self, config: ReferenceConfig) -> None:
