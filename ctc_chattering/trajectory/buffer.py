@@ -13,7 +13,7 @@
 # limitations under the License.
 
 """
-Buffer of the desired motion that a controller receives in chunks.
+Buffer of a desired motion that arrives in chunks.
 
 `controller/desired_motion.py` fills it from messages and reads it at the stamp of each state.
 """
@@ -38,10 +38,10 @@ _POLYNOMIALS: dict[int, Callable[..., Any]] = {1: linear, 2: cubic, 3: quintic}
 
 def interpolate(t: int, times: Sequence[int], points: Sequence[Point], i: int) -> Point:
     """
-    Return the point at `t` [ns] on the polynomial from point i - 1 to point i.
+    Return the point at `t` [ns] between two points.
 
-    It is a quintic where both have accelerations, otherwise a cubic where both have velocities,
-    otherwise a straight line.
+    The polynomial from point i - 1 to point i is a quintic where both have accelerations,
+    otherwise a cubic where both have velocities, otherwise a straight line.
     """
     start, goal = points[i - 1], points[i]
     rows = min(sum(map(bool, start)), sum(map(bool, goal)))
@@ -54,22 +54,22 @@ def interpolate(t: int, times: Sequence[int], points: Sequence[Point], i: int) -
 def follow_turns(times: Sequence[int], points: Sequence[Point], continuous: Sequence[bool],
                  start: int, state: Point | None) -> Iterator[Point]:
     """
-    Yield points whose continuous joints follow the point before them, by (AN1).
+    Yield points with continuous joints turned by (AN1).
 
-    Velocities count where both points have them.
+    Each follows the point before it. Velocities count where both points have them.
 
     Parameters
     ----------
     times : sequence of int
         Instants [ns], increasing.
     points : sequence of (position, velocity, acceleration)
-        Each of shape (n,) [rad, rad/s, rad/s²]; velocities may be empty.
+        Each of shape (n,) [rad, rad/s, rad/s²], velocities maybe empty.
     continuous : sequence of bool, shape (n,)
         Mask of the joints that turn endlessly.
     start : int
         Instant of `state` [ns].
     state : (position, velocity, acceleration) or None
-        State that the first point follows; None leaves the first point as it is.
+        State that the first point follows. With None that point stays as it is.
 
     """
     for t, (q, dq, ddq) in zip(times, points):
@@ -91,8 +91,8 @@ class Trajectory:
 
     A new chunk replaces all points from its first instant on. Its continuous joints take the turn
     that is nearest to the motion before it. Between two points the motion is the quintic that
-    meets both; on a point it is that point, to the last bit. After the last point it goes on at
-    that point's velocity for as long as `grace`, then it rests.
+    meets both. On a point it is that point, to the last bit. After the last point it continues at
+    that point's velocity for as long as `grace`. Then it rests.
 
     Parameters
     ----------
@@ -102,7 +102,7 @@ class Trajectory:
     Attributes
     ----------
     continuous : sequence of bool, shape (n,)
-        Mask of the joints that turn endlessly; empty for none.
+        Mask of the joints that turn endlessly. Empty for none.
 
     """
 
@@ -118,19 +118,19 @@ class Trajectory:
 
     @property
     def end(self) -> int | None:
-        """Instant of the last point [ns]; None without points."""
+        """Instant of the last point [ns], or None."""
         return self._times[-1] if self._times else None
 
     @property
     def ends_at_rest(self) -> bool:
-        """True if the last point has no velocity, so that no chunk need follow."""
+        """Rest at the last point: no chunk need follow."""
         if not self._points:
             return False
         _, dq, ddq = self._points[-1]
         return not any((*dq, *ddq))
 
     def overdue(self, t: int) -> bool:
-        """Return whether a chunk that should go on at `t` [ns] has not come within the grace."""
+        """Return whether the next chunk is late at `t` [ns]."""
         return bool(self._times) and t > self._times[-1] + self.grace and not self.ends_at_rest
 
     def extend(self, times: Sequence[int], points: Sequence[Point]) -> None:
@@ -155,17 +155,17 @@ class Trajectory:
         self._points[seam:] = points
 
     def forget(self, t: int) -> None:
-        """Drop the points that no instant from `t` [ns] on needs."""
+        """Drop the points not needed from `t` [ns] on."""
         count = max(0, bisect_right(self._times, t) - 1)
         del self._times[:count], self._points[:count]
 
     def limit(self, max_count: int) -> None:
-        """Drop the first points if there are more than `max_count`."""
+        """Keep the last `max_count` points."""
         if len(self._times) > max_count:
             self.forget(self._times[-max_count])
 
     def at(self, t: int) -> Point | None:
-        """Return the point at `t` [ns]; None without a point until then."""
+        """Return the point at `t` [ns], if one is known."""
         i = bisect_right(self._times, t)
         if i == 0:
             return None

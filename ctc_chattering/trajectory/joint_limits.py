@@ -13,9 +13,9 @@
 # limitations under the License.
 
 """
-Limits of position, velocity and acceleration, which a URDF gives its joints.
+Joint limits of a URDF.
 
-Motions are checked against them before they begin.
+Motions are checked against them before they begin: position, velocity and acceleration.
 """
 
 from __future__ import annotations
@@ -36,10 +36,10 @@ _PER_TIME = {'position': '', 'velocity': '/s', 'acceleration': '/s²'}
 
 
 class JointLimits(NamedTuple):
-    """Lower and upper limits of one joint; -inf and inf for no limit."""
+    """Lower and upper limits of one joint."""
 
     name: str
-    #: ``rad`` or ``m``.
+    #: ``rad`` or ``m``; no limit is -inf or inf.
     unit: str = 'rad'
     position: tuple[float, float] = -inf, inf
     velocity: tuple[float, float] = -inf, inf
@@ -48,7 +48,7 @@ class JointLimits(NamedTuple):
     continuous: bool = False
 
     def violation(self, quantity: str, values: Sequence[float]) -> str:
-        """Return by how much values of a quantity exceed its limits; empty if they do not."""
+        """Describe how far values exceed a limit, if they do."""
         lower, upper = getattr(self, quantity)
         excess, value, limit, side = max(
             (max(values) - upper, max(values), upper, 'above its upper'),
@@ -69,7 +69,7 @@ def read_limits(urdf: str, joint_names: Sequence[str]) -> list[JointLimits]:
     urdf : str
         Text of the URDF.
     joint_names : sequence of str, length n
-        Joints in the order of the vectors; one that the URDF does not have is not limited.
+        Joints in the order of the vectors. One that the URDF does not have is not limited.
 
     Raises
     ------
@@ -95,14 +95,16 @@ def _joint_limits(name: str, joint: Joint | None) -> JointLimits:
 
 
 def limit_speed(limits: Sequence[JointLimits], speed: float) -> list[JointLimits]:
-    """Return the same limits, with at most this speed of every joint [rad/s or m/s]."""
+    """Return limits with a lower speed [rad/s or m/s]."""
     return [joint._replace(velocity=(
         max(joint.velocity[0], -speed), min(joint.velocity[1], speed))) for joint in limits]
 
 
 def describe_violations(limits: Sequence[JointLimits], points: Iterable[Point]) -> str:
     """
-    Return the joints, quantities and amounts that exceed limits; empty if none does.
+    Describe which limits points exceed.
+
+    The text has joints, quantities and amounts, and is empty if points exceed no limit.
 
     Parameters
     ----------
@@ -121,7 +123,7 @@ def describe_violations(limits: Sequence[JointLimits], points: Iterable[Point]) 
 
 
 def check_limits(motion: str, limits: Sequence[JointLimits], points: Iterable[Point]) -> None:
-    """Raise `CtcError`, which names the motion and the amounts, if points exceed limits."""
+    """Raise `CtcError` if points of a motion exceed limits."""
     text = describe_violations(limits, points)
     if text:
         raise CtcError(f'{motion} is beyond the limits of the description: {text}')
@@ -130,7 +132,7 @@ def check_limits(motion: str, limits: Sequence[JointLimits], points: Iterable[Po
 def continuous_joints(config: DescribedConfig, limits: Sequence[JointLimits] | None
                       ) -> tuple[bool, ...]:
     """
-    Return the mask of the joints that turn endlessly, shape (n,).
+    Return which joints turn endlessly, shape (n,).
 
     Parameters
     ----------

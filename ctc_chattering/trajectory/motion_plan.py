@@ -13,10 +13,10 @@
 # limitations under the License.
 
 """
-The motion of a reference that runs, and its replacement by waypoints or changed parameters.
+The running motion of a reference, and its replacements.
 
-The node `reference` holds one `MotionPlan`. It passes on messages and parameters, and publishes
-the points of `MotionPlan.motion`.
+Waypoints or changed parameters replace it. The node `reference` holds one `MotionPlan`. It passes
+on messages and parameters, and publishes the points of `MotionPlan.motion`.
 """
 
 from __future__ import annotations
@@ -82,7 +82,7 @@ class MotionPlan:
     Attributes
     ----------
     config : ReferenceConfig
-        Parameters in force; may be replaced.
+        Parameters in force. They may be replaced.
     limits : list of JointLimits, length n, or None
         Limits of the robot, where they are known.
     motion : TimedMotion or None
@@ -103,7 +103,7 @@ class MotionPlan:
 
     @property
     def from_state(self) -> bool:
-        """True if the motion begins where the robot is."""
+        """Dependence of the motion on the robot's state."""
         return self._route is not None or self.config.start_duration > 0.0
 
     def check(self, config: ReferenceConfig) -> None:
@@ -112,7 +112,7 @@ class MotionPlan:
             make_motion(config.changed({'start_duration': 0.0}), limits=self.limits)
 
     def prepare(self) -> None:
-        """Make the motion if it does not depend on the robot's state."""
+        """Begin now if the robot's state does not matter."""
         if self.motion is None and not self.from_state:
             self.begin(None, 0)
 
@@ -137,13 +137,13 @@ class MotionPlan:
         self._shape = _shape(self.config)
 
     def restart(self) -> None:
-        """Forget a motion that began where the robot was: time went back."""
+        """Forget a motion that began at the robot, as time went back."""
         if self.from_state:
             self.motion = None
 
     def follow(self, route: Route, now: int, begin: int, epoch: int = 0) -> Followed:
         """
-        Go through waypoints; stop without any.
+        Go through waypoints, or stop without any.
 
         Those until `begin` are left out. Where the next one is too near in time for the speed that
         the waypoints have, the motion passes into theirs instead, and is late.
@@ -192,7 +192,7 @@ class MotionPlan:
 
     def _join(self, route: Route, past: int, motion: Waypoints, begin: int, state: Point
               ) -> Waypoints | Transition:
-        """Return the way from a state into waypoints of which the first ones are past."""
+        """Return the way into waypoints that are partly past."""
         speeds = [abs(v) for point in (*motion.extremes(), state) for v in point[1]]
         limits = self.limits or list(map(JointLimits, route.names))
         limits = limit_speed(limits, max(_MAX_HASTE * max(speeds), _GENTLE_SPEED))
@@ -205,7 +205,7 @@ class MotionPlan:
             self.config.start_duration or _JOIN_TIME, limits)
 
     def _stop(self, route: Route, present: TimedMotion, begin: int) -> Followed:
-        """Bring a motion to rest on its path; if joints are named, then all of them."""
+        """Bring a motion to rest on its path."""
         if route.names:
             check_names(route.names, self.config.joint_names)
         if isinstance(present, Stop):
@@ -216,7 +216,7 @@ class MotionPlan:
 
     def update(self, now: int, begin: int) -> bool:
         """
-        Return whether the motion passes into the sinusoid with changed parameters.
+        Return whether the motion passes into a changed sinusoid.
 
         Parameters
         ----------

@@ -13,10 +13,11 @@
 # limitations under the License.
 
 """
-The desired motion of a run: a periodic one of every joint, or waypoints.
+The desired motion of a run.
 
-`ReferenceConfig` comes from the parameter file. `make_motion` returns the motion of a run, with
-its smooth start, and `reference_table` returns its samples as one array.
+It is periodic, or goes through waypoints. `ReferenceConfig` comes from the parameter file.
+`make_motion` returns the motion of a run, with its smooth start, and `reference_table` returns its
+samples as one array.
 
 The sinusoid is the paper's, q_d = center + amplitude sin(2π f t + phase). The trapezoid moves from
 center - amplitude to center + amplitude and back with half the largest velocity of the sinusoid
@@ -91,10 +92,11 @@ class JointPoint(NamedTuple):
 
 
 class JointSinusoid(NamedTuple):
-    """Sinusoid of one joint; `omega` is 2π times its frequency [rad/s]."""
+    """Sinusoid of one joint."""
 
     center: float
     amplitude: float
+    #: 2π times the frequency [rad/s].
     omega: float
     phase: float
 
@@ -106,7 +108,7 @@ class JointSinusoid(NamedTuple):
         return JointPoint(center + x, omega * amplitude * cos(angle), -omega * omega * x)
 
     def extreme(self, sign: float) -> JointPoint:
-        """Return the greatest values for sign 1, the least ones for sign -1."""
+        """Return the greatest (sign 1) or least values."""
         center, size, omega, phase = self
         if not omega:  # The joint stands.
             return JointPoint(center + size * sin(phase), 0.0, 0.0)
@@ -115,7 +117,7 @@ class JointSinusoid(NamedTuple):
 
 
 class JointTrapezoid(JointSinusoid):
-    """Moves of one joint with trapezoidal velocity, and a rest after each."""
+    """Moves of one joint with trapezoidal velocity."""
 
     def at(self, s: float) -> JointPoint:
         """Return the point at `s` [s]."""
@@ -127,7 +129,7 @@ class JointTrapezoid(JointSinusoid):
 
 
 def _unit_move(angle: float) -> JointPoint:
-    """Return a move from -1 to 1 in an angle of 3, and its two derivatives by the angle."""
+    """Return a move from -1 to 1 within an angle of 3."""
     if angle < 1.0:
         return JointPoint(0.5 * angle * angle - 1.0, angle, 1.0)
     if angle < 2.0:
@@ -155,13 +157,13 @@ class Sinusoid:
             self._profile, config.center, config.amplitude, omega, config.phase))
 
     def extremes(self) -> list[Point]:
-        """Return the greatest and least position, velocity and acceleration of every joint."""
+        """Return the greatest and least values of every joint."""
         return [
             tuple(zip(*(joint.extreme(sign) for joint in self._joints)))  # type: ignore[misc]
             for sign in (1.0, -1.0)]
 
     def at(self, t: int) -> Point:
-        """Return q_d [rad], dq_d [rad/s] and ddq_d [rad/s²], each of shape (n,), at `t` [ns]."""
+        """Return q_d, dq_d and ddq_d at `t` [ns]."""
         s = seconds(t if type(t) is int else whole('t', t))
         q_d, dq_d, ddq_d = map(list, zip(*(joint.at(s) for joint in self._joints)))
         return q_d, dq_d, ddq_d
@@ -169,7 +171,7 @@ class Sinusoid:
 
 class Trapezoid(Sinusoid):
     """
-    Moves of trapezoidal velocity with a rest after each, as a function of time.
+    Moves of trapezoidal velocity with a rest after each.
 
     Parameters
     ----------
@@ -266,7 +268,7 @@ def _state(config: ReferenceConfig, start: RobotState, default: Point, continuou
 
 def _start_smoothly(make: Callable[[float], Transition], config: ReferenceConfig,
                     limits: Sequence[JointLimits] | None) -> Transition:
-    """Return a smooth start; raise `CtcError`, which names a duration, if it exceeds limits."""
+    """Return a smooth start that keeps limits, or raise `CtcError`."""
     duration = config.start_duration
     start = make(duration)
     if limits is None:
@@ -284,9 +286,10 @@ def reference_table(config: ReferenceConfig, route: Route | None,
                     start: tuple[tuple[str, tuple[float, float]], ...], joints: tuple[str, ...],
                     period: int, count: int, continuous: tuple[bool, ...] = ()) -> Array:
     """
-    Return the desired motion at ``k period``, shape (count, 3, n) [rad, rad/s, rad/s²].
+    Return samples of the desired motion, shape (count, 3, n).
 
-    It is kept for other runs with this motion: do not write into it.
+    Sample k is at k `period` [rad, rad/s, rad/s²]. The table is kept for other runs with this
+    motion: do not write into it.
 
     Parameters
     ----------
@@ -316,7 +319,7 @@ def reference_table(config: ReferenceConfig, route: Route | None,
 def _profile_table(config: ReferenceConfig, start: tuple[tuple[str, tuple[float, float]], ...],
                    order: tuple[int, ...], period: int, count: int, continuous: tuple[bool, ...]
                    ) -> Array:
-    """Return the samples of a profile and its start, which many runs share."""
+    """Return samples of a profile, which many runs share."""
     motion = make_motion(config, None, dict(start), continuous=continuous)
     if not isinstance(motion, Transition):
         return _sample(motion, order, period, count)
@@ -329,7 +332,7 @@ def _profile_table(config: ReferenceConfig, start: tuple[tuple[str, tuple[float,
 
 
 def _sample(motion: TimedMotion, order: Sequence[int], period: int, count: int) -> Array:
-    """Return the samples of a motion, with its joints in an order."""
+    """Return samples of a motion, its joints in order."""
     rows = np.array([motion.at(k * period) for k in range(count)]).reshape(count, 3, -1)
     # In the order of rows, in which the loop is compiled: for another one it would be once more.
     table: Array = np.ascontiguousarray(rows[:, :, list(order)])

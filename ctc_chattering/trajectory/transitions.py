@@ -13,9 +13,10 @@
 # limitations under the License.
 
 """
-Motions that lead from one motion into another: a stop, a smooth start, a transition.
+Motions that lead from one motion into another.
 
-The way back of a controller, the start of a reference and its replacements are made of them.
+They are a stop, a smooth start and a transition. The way back of a controller, the start of a
+reference and its replacements are made of them.
 """
 
 from __future__ import annotations
@@ -41,7 +42,7 @@ _CHECK_STEP_NS = NANOSECONDS // 1000
 _MAX_CHECKS = 2000
 #: Factor from one duration that is tried to the next.
 _GROWTH = 1.1
-#: Number of durations that are tried; the last is a thousand times the first.
+#: Number of durations that are tried. The last is a thousand times the first.
 _MAX_TRIALS = 72
 
 
@@ -49,11 +50,11 @@ class TimedMotion(Protocol):
     """A motion as a function of time."""
 
     def at(self, t: int) -> Point:
-        """Return position, velocity and acceleration, each of shape (n,), at `t` [ns]."""
+        """Return the point at `t` [ns]."""
 
 
 class Passage(TimedMotion, Protocol):
-    """A motion that is complete after a while, from `t0` to `end` [ns]."""
+    """A motion from `t0` to `end` [ns]."""
 
     t0: int
     end: int
@@ -69,15 +70,15 @@ def as_point(*rows: Array) -> Point:
 
 def braking(t0: int, start: Point, duration: float) -> Waypoints:
     """
-    Return the motion from a state to rest: the velocity falls to 0 as a cubic in time.
+    Return the motion from a state to rest.
 
-    Without a first acceleration the joint goes on by half of |dq0| duration, and its acceleration
-    stays within 1.5 |dq0| / duration.
+    The velocity falls to 0 as a cubic in time. Without a first acceleration the joint goes on by
+    half of |dq0| duration, and its acceleration stays within 1.5 |dq0| / duration.
 
     Parameters
     ----------
     t0 : int
-        Instant at which it begins [ns]; before that it rests.
+        Instant at which it begins [ns]. Before that it rests.
     start : (position, velocity, acceleration), each of shape (n,)
         State at `t0` [rad, rad/s, rad/s²].
     duration : float
@@ -99,11 +100,11 @@ def braking(t0: int, start: Point, duration: float) -> Waypoints:
 
 class Stop:
     """
-    A motion that comes to rest on its own path: its time slows down until it stands.
+    A motion that comes to rest on its own path.
 
-    With τ = (t - t0) / T, the motion at t is that of the path at s(t) = t0 + T (τ - τ³ + τ⁴/2).
-    Its rate ds/dt = 1 - 3 τ² + 2 τ³ falls from 1 to 0. No velocity exceeds that of the path, and
-    |ddq| is at most that of the path plus 1.5 |dq| / T.
+    Its time slows down until it stands. With τ = (t - t0) / T, the motion at t is that of the path
+    at s(t) = t0 + T (τ - τ³ + τ⁴/2). Its rate ds/dt = 1 - 3 τ² + 2 τ³ falls from 1 to 0. No
+    velocity exceeds that of the path, and |ddq| is at most that of the path plus 1.5 |dq| / T.
 
     Parameters
     ----------
@@ -128,7 +129,7 @@ class Stop:
         self._span = seconds(self.end - t0)
 
     def at(self, t: int) -> Point:
-        """Return position, velocity and acceleration, each of shape (n,), at `t` [ns]."""
+        """Return the point at `t` [ns]."""
         if t <= self.t0:
             return self._path.at(t)
         s = seconds(min(t, self.end) - self.t0) / self._span
@@ -141,14 +142,14 @@ class Stop:
 
 class Transition:
     """
-    One motion until an instant, then a mean of two that shifts, then the other motion.
+    A mean of two motions that shifts from one to the other.
 
     q = (1 - σ) origin + σ target, with σ the quintic from 0 to 1 that begins and ends without
     velocity and acceleration. On every joint it is thus between the two motions at every instant,
     whatever their phases are, and position, velocity and acceleration are continuous where theirs
-    are. |dq| is at most that of the faster one plus 1.875 d / duration, with d the greatest
-    distance between the two; |ddq| at most the greater one plus 3.75 / duration times the greatest
-    difference of the velocities plus 5.774 d / duration².
+    are. Let d be the greatest distance between the two. Then |dq| is at most that of the faster
+    one plus 1.875 d / duration. |ddq| is at most the greater one plus 3.75 / duration times the
+    greatest difference of the velocities plus 5.774 d / duration².
 
     Parameters
     ----------
@@ -175,7 +176,7 @@ class Transition:
         self._span = seconds(self.end - t0)
 
     def at(self, t: int) -> Point:
-        """Return position, velocity and acceleration, each of shape (n,), at `t` [ns]."""
+        """Return the point at `t` [ns]."""
         if t >= self.end:
             return self.target.at(t)
         if t <= self.t0:
@@ -191,12 +192,12 @@ class Transition:
 
 def smooth_start(motion: TimedMotion, t0: int, start: Point, duration: float) -> Transition:
     """
-    Return a motion that begins at a state and passes into a given one.
+    Return a motion from a state into another motion.
 
     The robot brakes from its velocity while the mean shifts from where it comes to rest to the
-    motion. From rest it therefore never leaves the hull of its position and of the motion; a
-    robot that moves leaves it by its braking distance at the most, which is
-    |dq0| min(duration, `BRAKING_TIME`) / 2 where it does not accelerate.
+    motion. From rest it therefore never leaves the hull of its position and of the motion. A
+    robot that moves leaves it by its braking distance at the most. Without acceleration that is
+    |dq0| min(duration, `BRAKING_TIME`) / 2.
 
     Parameters
     ----------
@@ -205,7 +206,7 @@ def smooth_start(motion: TimedMotion, t0: int, start: Point, duration: float) ->
     t0 : int
         Instant of the start [ns].
     start : (position, velocity, acceleration), each of shape (n,)
-        State at `t0` [rad, rad/s, rad/s²]; before that it rests there.
+        State at `t0` [rad, rad/s, rad/s²]. Before that it rests there.
     duration : float
         Time until it is the motion itself [s].
 
@@ -224,7 +225,7 @@ def smooth_start(motion: TimedMotion, t0: int, start: Point, duration: float) ->
 
 
 def sample_passage(passage: Passage) -> list[Point]:
-    """Return points of a passage, close enough to check limits."""
+    """Return points of a passage to check limits."""
     t0, end = passage.t0, passage.end
     step = max(_CHECK_STEP_NS, (end - t0) // _MAX_CHECKS)
     return [passage.at(t) for t in (*range(t0, end, step), end)]
@@ -233,7 +234,7 @@ def sample_passage(passage: Passage) -> list[Point]:
 def shortest_duration(make: Callable[[float], Passage], duration: float,
                       limits: Sequence[JointLimits]) -> float | None:
     """
-    Return the shortest duration of a passage, to a tenth, that keeps limits.
+    Return the shortest duration that keeps limits, to a tenth.
 
     Parameters
     ----------
@@ -263,7 +264,7 @@ def shortest_duration(make: Callable[[float], Passage], duration: float,
 
 def fit_duration(make: Callable[[float], P], duration: float,
                  limits: Sequence[JointLimits] | None) -> P:
-    """Return a passage that lasts `duration` [s], or longer if limits require it."""
+    """Return a passage that is as slow as limits require."""
     if limits is not None:
         duration = shortest_duration(make, duration, limits) or duration
     return make(duration)

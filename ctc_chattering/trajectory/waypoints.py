@@ -15,8 +15,8 @@
 """
 Waypoints of named joints, and the motion through them.
 
-They come from a `trajectory_file` or from messages; they are joined as
-joint_trajectory_controller of ros2_controllers does.
+They come from a `trajectory_file` or from messages. They are joined as by
+joint_trajectory_controller of ros2_controllers.
 """
 
 from __future__ import annotations
@@ -45,15 +45,15 @@ class Waypoints:
     Between two waypoints every joint follows a quintic where both have accelerations, otherwise
     a cubic where both have velocities, otherwise a straight line. The polynomials are closed on
     the left: a waypoint's velocity, where it jumps, is that of the motion which leaves it. The
-    last waypoint is met as given; after it the motion rests there, whatever velocity it had.
+    last waypoint is met as given. After it the motion rests there, whatever velocity it had.
 
     Parameters
     ----------
     times : sequence of int
         Instants [ns], strictly increasing.
     points : sequence of (position, velocity, acceleration)
-        Each of shape (n,) [rad, rad/s, rad/s²]; the acceleration, or velocity and acceleration,
-        may be empty.
+        Each of shape (n,) [rad, rad/s, rad/s²]. The acceleration may be empty, or velocity and
+        acceleration.
     start : (int, (position, velocity, acceleration)), optional
         Instant [ns] and state from which the motion to the first waypoint begins, by the same
         rule. It is ignored from the first waypoint's instant on. Without it, and before it, the
@@ -80,7 +80,7 @@ class Waypoints:
         return self._times[-1]
 
     def extremes(self) -> list[Point]:
-        """Return points of every segment, close enough to show what the motion reaches."""
+        """Return points of every segment to check limits."""
         points = []
         for begin, end in pairwise(self._times):
             points += [self.at(begin + (end - begin) * k // _CHECKS_PER_SEGMENT)
@@ -88,7 +88,7 @@ class Waypoints:
         return [*points, self.at(self.end)]
 
     def at(self, t: int) -> Point:
-        """Return position, velocity and acceleration, each of shape (n,), at `t` [ns]."""
+        """Return the point at `t` [ns]."""
         t = t if type(t) is int else whole('t', t)
         i = bisect_right(self._times, t)
         q, dq, ddq = start = self._points[max(i - 1, 0)]
@@ -121,7 +121,7 @@ class Route(NamedTuple):
 
     def ordered(self, names: Sequence[str]) -> Route:
         """
-        Return the same waypoints, checked, with the joints in the order of `names`.
+        Return checked waypoints with joints in order of `names`.
 
         Raises
         ------
@@ -140,7 +140,7 @@ class Route(NamedTuple):
     def by_the_short_way(self, continuous: Sequence[bool], start: tuple[int, Point] | None = None
                          ) -> Route:
         """
-        Return the same waypoints, with continuous joints turned from each to the next by (AN1).
+        Return waypoints with continuous joints turned by (AN1).
 
         Parameters
         ----------
@@ -165,14 +165,14 @@ class Route(NamedTuple):
 
 
 def check_names(names: Sequence[str], needed: Sequence[str]) -> None:
-    """Raise `ParameterError` unless joints are those that are needed, each of them once."""
+    """Raise `ParameterError` unless each needed joint is named once."""
     if sorted(names) != sorted(needed):
         raise ParameterError(
             'joint_names', tuple(names), 'each of these once: ' + ', '.join(needed))
 
 
 def _check_points(times: Sequence[int], points: Sequence[Point], n: int = 0) -> list[Point]:
-    """Return points of n joints as tuples of floats; raise `ParameterError` for a wrong one."""
+    """Return checked points as tuples of floats."""
     if not len(points):
         raise ParameterError('points', [], 'one or more')
     if len(times) != len(points):
@@ -197,9 +197,9 @@ def check_point(name: str, point: Point, n: int) -> Point:
     name : str
         Name of the point in an error.
     point : (position, velocity, acceleration)
-        Each of shape (n,); the acceleration, or velocity and acceleration, may be empty.
+        Each of shape (n,). The acceleration may be empty, or velocity and acceleration.
     n : int
-        Number of joints; 0 if the point decides it.
+        Number of joints. 0 if the point decides it.
 
     Raises
     ------
