@@ -21,7 +21,7 @@ import os
 from pathlib import Path
 import stat
 
-from ctc_chattering.errors import CtcError
+from ctc_chattering.errors import as_file_error, CtcError
 
 #: Largest description, parameter file or spec [bytes]; the largest of those seen have 5 MB.
 LARGEST = 50_000_000
@@ -54,11 +54,8 @@ def read_bytes(path: Path, largest: int = LARGEST) -> bytes:
     if not stat.S_ISREG(mode):
         os.close(descriptor)
         raise CtcError(f'{path}: is {kind_of(mode)}; a regular file is needed')
-    try:
-        with os.fdopen(descriptor, 'rb') as stream:
-            content = stream.read(largest + 1)
-    except OSError as error:
-        raise CtcError(f'{path}: {error.strerror or error}') from None
+    with as_file_error(str(path)), os.fdopen(descriptor, 'rb') as stream:
+        content = stream.read(largest + 1)
     if len(content) > largest:
         raise CtcError(f'{path}: is too large; at most {largest / 1e6:g} MB are read')
     return content
@@ -87,13 +84,11 @@ def check_regular(path: Path) -> None:
         If it, or something in the folder, is a pipe, a socket or a device.
 
     """
-    try:
+    with as_file_error(str(path)):
         for file in (path, *(path.iterdir() if path.is_dir() else ())):
             mode = file.stat().st_mode if file.exists() else stat.S_IFREG
             if not (stat.S_ISREG(mode) or stat.S_ISDIR(mode)):
                 raise CtcError(f'{file}: is {kind_of(mode)}; a regular file is needed')
-    except OSError as error:
-        raise CtcError(f'{path}: {error.strerror or error}') from None
 
 
 def kind_of(mode: int) -> str:

@@ -27,7 +27,7 @@ another name, which must be new, and then renamed: no link is followed, and no p
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import AbstractContextManager, contextmanager, suppress
 import ctypes
 import errno
 import fcntl
@@ -40,7 +40,7 @@ import shutil
 import stat
 from typing import Any, BinaryIO, NamedTuple
 
-from ctc_chattering.errors import CtcError, ParameterError
+from ctc_chattering.errors import as_file_error, CtcError, ParameterError
 from ctc_chattering.input_files import kind_of, read_text
 
 #: Formats of figures.
@@ -55,13 +55,9 @@ _NO_LINK = os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC
 _AT_FDCWD, _RENAME_EXCHANGE = -100, 2
 
 
-@contextmanager
-def writing(path: Path) -> Iterator[None]:
+def writing(path: Path) -> AbstractContextManager[None]:
     """Turn an error of the file system into a `CtcError` that names `path`."""
-    try:
-        yield
-    except OSError as error:
-        raise CtcError(f'cannot write {path}: {error.strerror or error}') from None
+    return as_file_error(f'cannot write {path}')
 
 
 def check_file(path: Path, overwrite: bool = False) -> None:

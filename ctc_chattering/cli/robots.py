@@ -44,7 +44,7 @@ from ctc_chattering.configuration.arm_knowledge import (
     torque_rates_of,
 )
 from ctc_chattering.configuration.node_parameters import parameter_table
-from ctc_chattering.errors import CtcError, given_by_user, UsageError
+from ctc_chattering.errors import as_usage_error, CtcError, UsageError
 from ctc_chattering.output_files import check_file, check_folder, write_text
 from ctc_chattering.parameters import Parameter
 
@@ -99,7 +99,7 @@ def run_new_robot(options: argparse.Namespace) -> int:
                 options.payload)
     out = options.out
     check_file(out, options.overwrite)
-    with given_by_user(('joint_names', 'tip', 'center', 'rotor_inertia', 'torque_rate')):
+    with as_usage_error(('joint_names', 'tip', 'center', 'rotor_inertia', 'torque_rate')):
         robot = with_stable_gains(new_robot(
             location, options.joints, options.gravity, options.tip, options.center or (), told))
     margins = arm_margins(parameter_file.load(None, robot.values))
@@ -212,7 +212,7 @@ def run_check_model(options: argparse.Namespace) -> int:
     joints = options.joints or (tree.movable if tree else ('joint1', 'joint2'))
     if not joints:
         raise CtcError('the description has no joint that moves')
-    with given_by_user(('joint_names', 'model')):
+    with as_usage_error(('joint_names', 'model')):
         check_joint_names(joints)
         model = make_model(name, options.gravity, joints, urdf)
     print(f'{name}, {model.n} joints: {", ".join(joints)}')

@@ -22,7 +22,7 @@ from pathlib import Path
 import sys
 from typing import Any
 
-from ctc_chattering.errors import CtcError, near, UsageError
+from ctc_chattering.errors import CtcError, suggest, UsageError
 from ctc_chattering.input_files import read_text
 
 
@@ -71,7 +71,7 @@ def find_config(text: str, beside: Path = Path(), folder: str = '') -> Path:
         return own[text]
     if Path(text).name == text and not os.path.lexists(beside / text):
         raise UsageError(f'{text}: no such file, and the package has none with this name: '
-                         f'{", ".join(own)}{near(text, own)}')
+                         f'{", ".join(own)}{suggest(text, own)}')
     return beside / text
 
 

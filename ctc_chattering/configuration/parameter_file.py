@@ -36,7 +36,7 @@ from ctc_chattering.control.controller_config import ControllerConfig
 from ctc_chattering.control.recommended_gains import GainChoice, GAINS, LAW, model_torque
 from ctc_chattering.controller.trips import check_change
 from ctc_chattering.dynamics.registry import model_of
-from ctc_chattering.errors import CtcError, near, ParameterError, prefixed, UsageError
+from ctc_chattering.errors import CtcError, ParameterError, prefixed, suggest, UsageError
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.output_files import write_text
 from ctc_chattering.simulation.closed_loop import Event
@@ -74,7 +74,7 @@ def load(path: Path | None, overrides: Overrides | None = None) -> Setup:
         if name not in (*NODES, EVERY_NODE):
             raise CtcError(f'{path if name in sections else "overrides"}: no node is called '
                            f'{name}; allowed: {", ".join((*NODES, EVERY_NODE))}'
-                           + near(name, NODES))
+                           + suggest(name, NODES))
     values = {node: node_values(sections, node, str(path))
               | node_values(overrides or {}, node, 'overrides') for node in NODES}
     values['plant'].setdefault('experiment', path.stem if path else 'friction')
@@ -199,7 +199,7 @@ def node_values(sections: Overrides, node: str, source: str) -> Values:
                 values[name] = value
             elif name not in allowed:
                 raise CtcError(f'{source}: {section} has no parameter {name}; allowed: '
-                               f'{", ".join(sorted(allowed))}{near(name, allowed)}')
+                               f'{", ".join(sorted(allowed))}{suggest(name, allowed)}')
     return values
 
 

@@ -24,7 +24,7 @@ from pathlib import Path
 import re
 from typing import Any
 
-from ctc_chattering.errors import CtcError, near, ParameterError, prefixed
+from ctc_chattering.errors import CtcError, ParameterError, prefixed, suggest
 from ctc_chattering.input_files import read_bytes
 from ctc_chattering.numerics.time_grid import NANOSECONDS, seconds
 from ctc_chattering.output_files import write_text
@@ -163,7 +163,7 @@ def mapping(name: str, value: object, keys: Sequence[str]) -> dict[Any, Any]:
     wrong = [key for key in value if key not in keys] if isinstance(value, dict) else [value]
     if wrong or not isinstance(value, dict):
         raise ParameterError(name, wrong[0], f'a mapping of {", ".join(keys)}'
-                             + near(wrong[0], keys))
+                             + suggest(wrong[0], keys))
     return value
 
 
@@ -188,8 +188,9 @@ def read_trajectory(path: Path, joint_names: Sequence[str]) -> Route:
         With the file, the point and the allowed values.
 
     """
+    tree = read_yaml(path, FileKind.WAYPOINTS)
     with prefixed(f'{path}: '):
-        return _route(read_yaml(path, FileKind.WAYPOINTS)).ordered(joint_names)
+        return _route(tree).ordered(joint_names)
 
 
 def write_trajectory(route: Route, path: Path) -> None:

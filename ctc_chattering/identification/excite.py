@@ -27,7 +27,7 @@ from ctc_chattering.configuration.loop_setup import Setup, Values
 from ctc_chattering.configuration.yaml_file import write_trajectory
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.dynamics.registry import locked_positions, model_of
-from ctc_chattering.errors import CtcError, MachineError, near
+from ctc_chattering.errors import CtcError, MachineError, suggest
 from ctc_chattering.identification.collision import SelfCollision
 from ctc_chattering.identification.random_motions import (
     Bounds,
@@ -214,7 +214,7 @@ def excite(setup: Setup, request: Mapping[str, Any] | None = None, joints: Seque
     for name in joints:
         if name not in names:
             raise CtcError(f'joints: no joint is called {name}; allowed: {", ".join(names)}'
-                           f'{near(name, names)}')
+                           f'{suggest(name, names)}')
     description = setup.descriptions.get('controller', '')
     model = model_of(controller, description)
     limits = (read_limits(description, names) if description else

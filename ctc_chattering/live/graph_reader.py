@@ -28,7 +28,7 @@ from typing import Any
 
 from ctc_chattering.analysis.signals import packed, PARTS
 from ctc_chattering.control.controller import ControllerConfig
-from ctc_chattering.errors import CtcError, refused_as, RejectedMessage
+from ctc_chattering.errors import as_ctc_error, CtcError, RejectedMessage
 from ctc_chattering.live.health import NodeReport
 from ctc_chattering.numerics.angles import nearest
 from ctc_chattering.numerics.linear_algebra import Array
@@ -188,7 +188,7 @@ class GraphReader(BaseNode):
         def heard(message: Any, now: int) -> None:
             self._heard[topic] = seconds(now)
             try:
-                with refused_as('of no use'):
+                with as_ctc_error('of no use'):
                     take(message)
             except RejectedMessage:
                 raise

@@ -41,7 +41,6 @@ from ctc_chattering.parameters import LEAST
 from ctc_chattering.runs.recommended import recommended_setup
 from ctc_chattering.runs.score import limits
 from ctc_chattering.runs.spec import (
-    errors_of,
     Failure,
     KEYS,
     MapSpec,
@@ -416,5 +415,5 @@ def tune_spec(spec: TuneSpec | Mapping[str, Any] | str | Path,
     tree = read_yaml(path, FileKind.SPEC, FileKind.PARAMETERS)
     if kind_of(tree) == FileKind.PARAMETERS:
         return tune_spec({'params_file': str(path), **(more or {})})
-    with errors_of(path):
+    with prefixed(f'{path}: '):
         return parse_tune({**tree, **(more or {})} if isinstance(tree, dict) else tree, path)
