@@ -25,12 +25,8 @@ from collections.abc import Collection, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 import difflib
 
-#: Characters of a value in a message.
-_MAX_VALUE_LENGTH = 400
-#: Characters of a name in a list of names.
-_MAX_NAME_LENGTH = 33
-#: Names in a list of names.
-_MAX_NAMES = 12
+#: Characters of a value, or of a list of names, in a message.
+_MAX_LENGTH = 400
 
 
 class CtcError(Exception):
@@ -70,8 +66,8 @@ class ParameterError(CtcError, ValueError):
         """Return the line for a user."""
         value = list(self.value) if isinstance(self.value, tuple) else self.value
         text = _one_line(repr(value))
-        if len(text) > _MAX_VALUE_LENGTH:
-            text = f'{text[:_MAX_VALUE_LENGTH]}…'
+        if len(text) > _MAX_LENGTH:
+            text = f'{text[:_MAX_LENGTH]}…'
         return f'{self.name}: {text} is not allowed; allowed: {self.allowed}'
 
 
@@ -100,10 +96,10 @@ def suggest(value: object, names: Iterable[str]) -> str:
     return f'; did you mean {candidates[matches[0]]}?' if matches else ''
 
 
-def shorten(names: Sequence[str]) -> str:
+def shorten(names: Sequence[str], count: int = 12) -> str:
     """Return the first names of a list."""
-    text = ', '.join(name[:_MAX_NAME_LENGTH] for name in names[:_MAX_NAMES])
-    return text if len(names) <= _MAX_NAMES else f'{text}, … ({len(names)} in all)'
+    text = ', '.join(name[:_MAX_LENGTH // count] for name in names[:count])
+    return text if len(names) <= count else f'{text}, … ({len(names)} in all)'
 
 
 @contextmanager

@@ -327,8 +327,7 @@ def write_excitation(found: Plan, setup: Setup, out: str | Path, overwrite: bool
     with new_folder(Path(out), EXCITE, overwrite) as folder:
         write_trajectory(found.excitation.route, folder / MOTION)
         parameter_file.dump({node: {
-            **setup.values.get(node, {}),
-            **(getattr(setup, node).as_mapping() if hasattr(setup, node) else {}),
-            **changed.get(node, {})} for node in (*setup.values, *changed)}, folder / RUN)
+            **setup.values.get(node, {}), **changed.get(node, {})
+        } for node in (*setup.values, *changed)}, folder / RUN)
         parameter_file.load(
             folder / RUN, {'reference': {'trajectory_file': str(folder / MOTION)}})

@@ -23,8 +23,8 @@ from typing import Any
 
 from ctc_chattering.analysis.result import simulate
 from ctc_chattering.configuration import parameter_file
-from ctc_chattering.configuration.arm_knowledge import Source
-from ctc_chattering.configuration.new_robot import KA, new_robot, NewRobot, Told
+from ctc_chattering.configuration.arm_knowledge import ArmFacts, Source
+from ctc_chattering.configuration.new_robot import KA, new_robot, NewRobot
 from ctc_chattering.configuration.package_share import find_file
 from ctc_chattering.dynamics.registry import model_of
 from ctc_chattering.dynamics.urdf_parser import Tree
@@ -260,7 +260,7 @@ def told(tmp_path: Path, robot_name: str = 'arm', **values: Any) -> NewRobot:
     """Return the two-link arm, whose URDF has no rotors, with what is told of it."""
     text = re.sub('<robot name="[^"]*"', f'<robot name="{robot_name}"', two_links()).replace(
         'effort="0" velocity="1.5"', 'effort="20" velocity="1.5"')
-    return new_robot(written(tmp_path / 'arm.urdf', text), told=Told(**values))
+    return new_robot(written(tmp_path / 'arm.urdf', text), facts=ArmFacts(**values))
 
 
 def test_rotors_are_assumed_where_nobody_gives_them(tmp_path: Path) -> None:
