@@ -12,7 +12,11 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Files that a user names to be read: regular ones of a limited size, so that none hangs."""
+"""
+Files that a user names to be read.
+
+They are regular files of a limited size, so that no command hangs.
+"""
 
 from __future__ import annotations
 
@@ -23,7 +27,7 @@ import stat
 
 from ctc_chattering.errors import as_file_error, CtcError
 
-#: Largest description, parameter file or spec [bytes]; the largest of those seen have 5 MB.
+#: Largest description, parameter file or spec [bytes]. The largest of those seen have 5 MB.
 LARGEST = 50_000_000
 
 
@@ -62,7 +66,7 @@ def read_bytes(path: Path, largest: int = LARGEST) -> bytes:
 
 
 def read_text(path: Path) -> str:
-    """Return the text of a file as `read_bytes` reads it; raise `CtcError` if it is no text."""
+    """Return the text of a file, or raise `CtcError`."""
     try:
         return io.StringIO(read_bytes(path).decode(), newline=None).read()
     except UnicodeDecodeError:
@@ -71,7 +75,7 @@ def read_text(path: Path) -> str:
 
 def check_regular(path: Path) -> None:
     """
-    Raise where a library would wait for a file, or read one without an end.
+    Raise unless a library can read a file to its end.
 
     Parameters
     ----------
@@ -92,7 +96,7 @@ def check_regular(path: Path) -> None:
 
 
 def kind_of(mode: int) -> str:
-    """Return what a file of this mode is, with its article."""
+    """Return the kind of a file, with its article."""
     kinds = {stat.S_IFREG: 'a file', stat.S_IFDIR: 'a folder', stat.S_IFLNK: 'a link',
              stat.S_IFIFO: 'a pipe', stat.S_IFSOCK: 'a socket'}
     return kinds.get(stat.S_IFMT(mode), 'a device')

@@ -248,7 +248,7 @@ def opened(path: Path, about: Mapping[str, Any], columns: pyarrow.Schema, overwr
         if not overwrite and _key_there(place, kind) not in ('', about['key']):
             raise CtcError(f'{path}: the output of {command} of another spec or version is '
                            'there; choose another --out, or --overwrite')
-        if not overwrite or not contents.own:
+        if not overwrite or not contents.output:
             yield Directory(folder, about, columns, kind)
             return
         with beside(place, command) as new:
