@@ -32,6 +32,7 @@ from ctc_chattering.configuration import yaml_file
 from ctc_chattering.configuration.loop_setup import check_motion, Overrides, Setup, Values
 from ctc_chattering.configuration.node_parameters import LOOP, NODES
 from ctc_chattering.configuration.package_share import find_config, read_description
+from ctc_chattering.configuration.trajectory_file import read_trajectory
 from ctc_chattering.control.controller_config import ControllerConfig
 from ctc_chattering.control.recommended_gains import GainChoice, GAINS, LAW, model_torque
 from ctc_chattering.controller.trips import check_change
@@ -95,7 +96,7 @@ def load(path: Path | None, overrides: Overrides | None = None) -> Setup:
     if values['plant'].get('use_sim_time') is True and plant.pacing == 'real_time':
         raise UsageError('use_sim_time: true contradicts real_time, the pacing of plant')
     file = reference.trajectory_file
-    route = yaml_file.read_trajectory(Path(file), reference.joint_names) if file else None
+    route = read_trajectory(Path(file), reference.joint_names) if file else None
     descriptions = {node: read_description(config.description) for node, config in loop.items()
                     if config.described and config.description}
     lines = node_only['bringup']['events']

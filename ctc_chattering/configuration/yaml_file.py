@@ -29,16 +29,9 @@ from pathlib import Path
 import re
 from typing import Any
 
-from ctc_chattering.errors import CtcError, ParameterError, prefixed, suggest
+from ctc_chattering.errors import CtcError, ParameterError, suggest
 from ctc_chattering.input_files import read_bytes
-from ctc_chattering.numerics.time_grid import NANOSECONDS, seconds
-from ctc_chattering.output_files import write_text
-from ctc_chattering.parameters import LARGEST, Parameter
-from ctc_chattering.trajectory.waypoints import FIELDS, Route
 import yaml
-
-#: Decimal places of waypoints in a file.
-_DECIMALS = 8
 
 
 class Loader(yaml.SafeLoader):
@@ -165,73 +158,3 @@ def mapping(name: str, value: object, keys: Sequence[str]) -> dict[Any, Any]:
         raise ParameterError(name, unknown[0], f'a mapping of {", ".join(keys)}'
                              + suggest(unknown[0], keys))
     return value
-
-
-def read_trajectory(path: Path, joint_names: Sequence[str]) -> Route:
-    """
-    Return the checked waypoints of a file.
-
-    The file has `joint_names` and `points`. Each point has `positions`, `time_from_start` [s] and
-    maybe `velocities` and `accelerations`. A `header` is ignored: times count from the start of
-    the motion.
-
-    Parameters
-    ----------
-    path : Path
-        The file.
-    joint_names : sequence of str
-        Joints of the desired motion. The file is for all of them and no other.
-
-    Raises
-    ------
-    CtcError
-        With the file, the point and the allowed values.
-
-    """
-    tree = read_yaml(path, FileKind.WAYPOINTS)
-    with prefixed(f'{path}: '):
-        return _route(tree).ordered(joint_names)
-
-
-def write_trajectory(route: Route, path: Path) -> None:
-    """
-    Write waypoints as `read_trajectory` reads them.
-
-    Parameters
-    ----------
-    route : Route
-        The waypoints.
-    path : Path
-        File to write.
-
-    Raises
-    ------
-    CtcError
-        If it cannot be written.
-
-    """
-    points = []
-    for t, point in zip(route.times, route.points):
-        rows = {field: [round(float(x), _DECIMALS) + 0.0 for x in row]
-                for field, row in zip(FIELDS, point) if row}
-        points.append({'time_from_start': seconds(t), **rows})
-    write_text(path, yaml_text({'joint_names': list(route.names), 'points': points}))
-
-
-def _route(tree: object) -> Route:
-    """Return the unchecked waypoints of a file."""
-    values = mapping('trajectory', tree, ('joint_names', 'points', 'header'))
-    names = Parameter('joint_names', 'str[]', (), '').coerce(values.get('joint_names'))
-    rows = values.get('points')
-    if not isinstance(rows, list):
-        raise ParameterError('points', rows, 'a list of points')
-    times, points = [], []
-    for i, row in enumerate(rows):
-        name = f'points[{i}]'
-        point = mapping(name, row, (*FIELDS, 'effort', 'time_from_start'))
-        if point.get('effort'):
-            raise ParameterError(f'{name}.effort', point['effort'], 'none: it would not be used')
-        time = Parameter(f'{name}.time_from_start', 'float', None, '', 's', 0.0, LARGEST)
-        times.append(round(time.checked(point.get('time_from_start')) * NANOSECONDS))
-        points.append(tuple(point.get(field, []) for field in FIELDS))
-    return Route(names, times, points)

@@ -20,7 +20,8 @@ from collections.abc import Callable
 from pathlib import Path
 
 from ctc_chattering.configuration import parameter_file
-from ctc_chattering.configuration.yaml_file import read_trajectory, read_yaml, yaml_text
+from ctc_chattering.configuration.trajectory_file import read_trajectory
+from ctc_chattering.configuration.yaml_file import read_yaml, yaml_text
 from ctc_chattering.errors import CtcError
 from ctc_chattering.ros.ros_arguments import parse
 from ctc_chattering.runs.conditions import read_cases

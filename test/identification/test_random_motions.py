@@ -20,7 +20,7 @@ from itertools import product
 from pathlib import Path
 
 from ctc_chattering.configuration import parameter_file
-from ctc_chattering.configuration.yaml_file import read_trajectory, write_trajectory
+from ctc_chattering.configuration.trajectory_file import read_trajectory, write_trajectory
 from ctc_chattering.dynamics.registry import model_of
 from ctc_chattering.errors import ParameterError
 from ctc_chattering.identification.excite import AssumedFriction, gains, sticking
