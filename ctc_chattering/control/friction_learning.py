@@ -16,9 +16,9 @@
 Learning of the level of Coulomb's friction, from an observer's estimate.
 
 The law `observer_feedback` updates the level K̂ at every sample, from the observed velocity dq̂
-and the estimate P̂. Where K̂ is too low by ΔK, P̂ jumps by 2 ΔK when the velocity changes its sign,
-delayed by the observer. K̂ follows the correlation of P̂ with the sign of the velocity, delayed
-alike: three lags of the observer's bandwidth ω. Both are taken above the frequency w₀::
+and the estimate P̂. Where K̂ is too low by ΔK, P̂ jumps by 2 ΔK when the velocity changes its
+sign, delayed by the observer. K̂ follows the correlation of P̂ with the sign of the velocity,
+delayed alike: three lags of the observer's bandwidth ω. Both are taken above the frequency w₀::
 
     dK̂/dt = γ y φ,     y = HP(P̂),     φ = HP(LP³(sgn dq̂)),     0 <= K̂ <= Ka             (FL1)
 
