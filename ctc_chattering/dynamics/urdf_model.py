@@ -131,7 +131,7 @@ class UrdfModel(Model, LinearModel):
         self.rotor_inertias = tuple(
             rotor or joint.rotor_inertia
             for joint, rotor in zip(joints, rotors or (0.0,) * len(joints)))
-        self.n, self._links = len(joints), tuple(tree.links)
+        self.n = len(joints)
         self.gravity = gravity
         self._pin, self._model = pin, _reduced(pin, tree, stand)
         self._data = self._model.createData()
@@ -170,15 +170,6 @@ class UrdfModel(Model, LinearModel):
         parents, rotation, offset, mass, center, inertia = map(np.array, zip(*rows))
         return Arm(False, self.gravity, 1.0, parents, prismatic, self._order, rotation, offset,
                    mass, center, inertia, np.array(model.armature))
-
-    def places(self) -> dict[str, tuple[int, Array]]:
-        """Return the joint that moves each link, and the place (4, 4) in that joint's frame."""
-        found = {}
-        for name, frame in ((name, self._model.frames[self._model.getFrameId(f'link {i}')])
-                            for i, name in enumerate(self._links)):
-            if frame.parentJoint:
-                found[name] = int(self._order[frame.parentJoint - 1]), frame.placement.homogeneous
-        return found
 
     def inertial_parameters(self) -> Array:
         """

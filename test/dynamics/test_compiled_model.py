@@ -21,8 +21,8 @@ from typing import Any
 
 from ctc_chattering.compiled.records import packed, record_of
 from ctc_chattering.dynamics.compiled_model import arm_of, KeptTerms, set_mass_and_bias, set_terms
-from ctc_chattering.dynamics.corrected_urdf import tip_of, with_payload
 from ctc_chattering.dynamics.model import Model, Scaled
+from ctc_chattering.dynamics.payload import tip_of, with_payload
 from ctc_chattering.dynamics.tree import body_scratch
 from ctc_chattering.dynamics.two_link import TwoLink
 from ctc_chattering.dynamics.urdf_model import UrdfModel

@@ -1,0 +1,172 @@
+# Copyright 2026 The ctc_chattering maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+Forward kinematics of a URDF: the pose of every link at given joint positions.
+
+`ctc live` draws arms with it, `ctc excite` places collision shapes by it, and corrected
+descriptions bring inertias into the frames of joints. Origins and axes come from
+`urdf_parser.Tree`.
+
+A pose is a homogeneous matrix of shape (4, 4). With the origin A of a joint on its parent link,
+and the motion B(q) along or about its axis, the pose of its child link in the root's frame is
+
+    T_child = T_parent A B(q)                                                          (FK1)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+from ctc_chattering.dynamics.urdf_parser import Joint, Origin, Tree
+from ctc_chattering.numerics.linear_algebra import Array
+import numpy as np
+from scipy.spatial.transform import Rotation  # type: ignore[import-untyped]
+
+
+class LinkFrame(NamedTuple):
+    """The frame of a link, and the joint between the link and its parent."""
+
+    link: str
+    #: Index of the parent's frame. The root has -1.
+    parent: int
+    #: A of (FK1), shape (4, 4). A locked joint's motion is included.
+    origin: Array
+    #: None for a fixed or locked joint.
+    joint: Joint | None
+    #: Index of the joint among those that move. Without a joint, it is -1.
+    joint_index: int
+
+
+class RigidPlacement(NamedTuple):
+    """A link on the body that a joint moves."""
+
+    joint_index: int
+    #: Pose of the link in the frame of the joint, shape (4, 4).
+    pose: Array
+
+
+class Kinematics:
+    """
+    Link frames of a URDF in which some joints move and all others are locked.
+
+    Parameters
+    ----------
+    tree : Tree
+        The URDF.
+    joint_names : sequence of str, length n
+        Joints that move.
+    locked : mapping of str to float, optional
+        Positions of other joints [rad or m]. The default is 0.
+
+    Attributes
+    ----------
+    frames : tuple of LinkFrame
+        Frames of all links, parents before children.
+
+    Raises
+    ------
+    CtcError
+        If a joint name is wrong.
+
+    """
+
+    def __init__(self, tree: Tree, joint_names: Sequence[str],
+                 locked: Mapping[str, float] | None = None) -> None:
+        positions = tree.locked(joint_names, locked or {})
+        indices = {name: i for i, name in enumerate(joint_names)}
+        frames = [LinkFrame(tree.root, -1, np.eye(4), None, -1)]
+        frame_indices = {tree.root: 0}
+        for name, (parent, child) in tree.ends.items():
+            frame_indices[child] = len(frames)
+            origin = origin_pose(tree.origins[name])
+            joint = tree.joints.get(name)
+            if joint is not None and name in positions:
+                origin = origin @ joint_motion(joint, positions[name])
+                joint = None
+            frames.append(LinkFrame(
+                child, frame_indices[parent], origin, joint, indices.get(name, -1)))
+        self.frames = tuple(frames)
+
+    def poses(self, q: Sequence[float] | Array) -> Array:
+        """
+        Return the poses of all links in the frame of the root, by (FK1).
+
+        Parameters
+        ----------
+        q : sequence of float, or ndarray of shape (n,) or (N, n)
+            Joint positions [rad or m].
+
+        Returns
+        -------
+        ndarray, shape (links, 4, 4) or (N, links, 4, 4)
+
+        """
+        q = np.asarray(q, float)
+        poses = np.empty((*q.shape[:-1], len(self.frames), 4, 4))
+        for i, frame in enumerate(self.frames):
+            pose = frame.origin
+            if frame.joint is not None:
+                pose = pose @ joint_motion(frame.joint, q[..., frame.joint_index])
+            if frame.parent >= 0:
+                pose = poses[..., frame.parent, :, :] @ pose
+            poses[..., i, :, :] = pose
+        return poses
+
+    def rigid_placements(self) -> dict[str, RigidPlacement]:
+        """Return, for every link that moves, its placement on the body of a joint."""
+        placements: dict[str, RigidPlacement] = {}
+        for frame in self.frames:
+            parent = placements.get(self.frames[frame.parent].link)
+            if frame.joint is not None:
+                placements[frame.link] = RigidPlacement(frame.joint_index, np.eye(4))
+            elif parent is not None:
+                placements[frame.link] = RigidPlacement(
+                    parent.joint_index, parent.pose @ frame.origin)
+        return placements
+
+
+def origin_pose(origin: Origin) -> Array:
+    """Return the pose of an origin, shape (4, 4)."""
+    pose = np.eye(4)
+    pose[:3, :3] = Rotation.from_euler('xyz', origin.rpy).as_matrix()
+    pose[:3, 3] = origin.xyz
+    return pose
+
+
+def joint_motion(joint: Joint, q: float | Array) -> Array:
+    """
+    Return B of (FK1), the pose of a joint's child relative to that at position 0.
+
+    Parameters
+    ----------
+    joint : Joint
+        Its axis and type count.
+    q : float or ndarray, shape (N,)
+        Joint positions [rad or m].
+
+    Returns
+    -------
+    ndarray, shape (4, 4) or (N, 4, 4)
+
+    """
+    displacement = np.multiply.outer(q, joint.axis)
+    motion = np.zeros((*displacement.shape[:-1], 4, 4))
+    motion[...] = np.eye(4)
+    if joint.prismatic:
+        motion[..., :3, 3] = displacement
+    else:
+        motion[..., :3, :3] = Rotation.from_rotvec(displacement).as_matrix()
+    return motion
