@@ -690,7 +690,7 @@ class CompiledStep(Program):
         self.arm = CompiledArm(arm, n)
         self.records = ControlRecords(
             packed(settings), packed(law), packed(memories), self.arrival, *self.arm.model,
-            *(self.arm.place() for _ in range(3)),  # type: ignore[call-arg]
+            *(self.arm.add_terms() for _ in range(3)),  # type: ignore[call-arg]
             transit, np.zeros_like(self.points), self.measured, self.made)
         super().__init__(self.arm.codes, stepped, (self.records, self.points),
                          f'control-{type(law).__name__}-{n}'.lower())

@@ -13,10 +13,11 @@
 # limitations under the License.
 
 """
-The arm in the description of a whole robot: a serial chain of joints that a model can have.
+The arm in the description of a whole robot.
 
-A description also has wheels, a head, a second arm, and a gripper or a hand at the end of the arm.
-Joints that move no mass are left out: no model has them.
+`ctc new-robot` takes a serial chain of joints that a model can have. A description also has
+wheels, a head, a second arm, and a gripper or a hand at the end of the arm. Joints that move no
+mass are omitted, as no model has them.
 """
 
 from __future__ import annotations
@@ -30,13 +31,13 @@ from ctc_chattering.errors import near, ParameterError, shortened
 
 
 class Branch(NamedTuple):
-    """A joint that leads away from a link, and what is on the way outwards."""
+    """A joint that leads away from a link, with the lengths of the longest ways outwards."""
 
     joint: str
-    #: The most joints that a model can have.
-    length: int
-    #: The most joints; those that mimic, and their leaders, count as well.
-    every: int
+    #: Number of joints that a model can have.
+    model_joints: int
+    #: Number of all joints, including those that mimic and their leaders.
+    all_joints: int
 
 
 def chain_to(tree: Tree, tip: str) -> tuple[str, ...]:
@@ -52,12 +53,12 @@ def chain_to(tree: Tree, tip: str) -> tuple[str, ...]:
     if tip not in tree.links:
         raise ParameterError(
             'tip', tip, f'links of the URDF: {shortened(list(tree.links))}{near(tip, tree.links)}')
-    carrier = {child: name for name, (_, child) in tree.ends.items()}
     chain = []
     link = tip
-    while link in carrier:
-        chain.append(carrier[link])
-        link = tree.ends[carrier[link]][0]
+    while link in tree.carriers:
+        joint = tree.carriers[link]
+        chain.append(joint)
+        link = tree.ends[joint][0]
     movers = _movers(tree)
     joints = tuple(name for name in reversed(chain) if name in movers)
     if not joints:
@@ -73,21 +74,20 @@ def longest_chain(tree: Tree) -> tuple[str, ...]:
     """
     movers = _movers(tree)
     branches = _branches(tree, movers)
-    children = {child for _, child in tree.ends.values()}
-    link = next(name for name in tree.links if name not in children)
+    link = tree.root
     chain: list[str] = []
     while branches[link] and not _is_end_effector(branches[link], len(chain)):
-        branch = max(branches[link], key=lambda branch: branch.length)
-        if not branch.length:
+        longest = max(branches[link], key=lambda branch: branch.model_joints)
+        if not longest.model_joints:
             break
-        if branch.joint in movers:
-            chain.append(branch.joint)
-        link = tree.ends[branch.joint][1]
+        if longest.joint in movers:
+            chain.append(longest.joint)
+        link = tree.ends[longest.joint][1]
     return tuple(chain)
 
 
 def _movers(tree: Tree) -> set[str]:
-    """Return the joints that a model can have."""
+    """Return the joints that a model can have: they move a mass."""
     carried = {name: _mass(link) for name, link in tree.links.items()}
     for parent, child in reversed(tree.ends.values()):
         carried[parent] += carried[child]
@@ -100,20 +100,25 @@ def _mass(link: ET.Element) -> float:
 
 
 def _branches(tree: Tree, movers: Container[str]) -> Mapping[str, list[Branch]]:
-    """Return the branches at every link that move."""
+    """Return the branches with joints at every link, in the order of the text."""
     branches: dict[str, list[Branch]] = {link: [] for link in tree.links}
     for name, (parent, child) in reversed(tree.ends.items()):
-        length = max((branch.length for branch in branches[child]), default=0) + (name in movers)
-        every = max((branch.every for branch in branches[child]), default=0) + (
-            name in tree.joints)
-        if every:
-            branches[parent].insert(0, Branch(name, length, every))
+        outwards = branches[child]
+        model_joints = max((x.model_joints for x in outwards), default=0) + (name in movers)
+        all_joints = max((x.all_joints for x in outwards), default=0) + (name in tree.joints)
+        if all_joints:
+            branches[parent].insert(0, Branch(name, model_joints, all_joints))
     return branches
 
 
-def _is_end_effector(branches: list[Branch], before: int) -> bool:
-    """Tell fingers from arms: they are several, alike or few, after the many joints of an arm."""
+def _is_end_effector(branches: list[Branch], arm_joints: int) -> bool:
+    """
+    Tell fingers from arms.
+
+    Fingers are several branches after the many joints of an arm. The longest two are equally
+    long, or all are shorter than half of the arm.
+    """
     if len(branches) < 2:
         return False
-    lengths = sorted((branch.every for branch in branches), reverse=True)
-    return 2 * lengths[0] < before or lengths[0] == lengths[1] <= before
+    longest, second, *_ = sorted((branch.all_joints for branch in branches), reverse=True)
+    return 2 * longest < arm_joints or longest == second <= arm_joints

@@ -15,64 +15,43 @@
 """
 The dynamics of an arm that a URDF describes, computed by Pinocchio.
 
-Pinocchio's Coriolis matrix is that of Christoffel's symbols, so that ½ dM/dt - C is skew-symmetric
-and C(q, x) y = C(q, y) x. Only inertias and joints are read: meshes are not looked for.
+Control, simulation and identification take it for `model: urdf`. Its Coriolis matrix is that of
+Christoffel's symbols: ½ dM/dt - C is skew-symmetric, and C(q, x) y = C(q, y) x. Only inertias and
+joints are read. Meshes are not looked for.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-import dataclasses
 from functools import cached_property
 import importlib
 from typing import Any
 
-from ctc_chattering.dynamics.model import LinearModel, Model
+from ctc_chattering.dynamics.model import DynamicsTerms, LinearModel, Model
+from ctc_chattering.dynamics.tree import Arm
 from ctc_chattering.dynamics.urdf_parser import Tree
 from ctc_chattering.errors import CtcError, refused_as
 from ctc_chattering.numerics.linear_algebra import Array, Rows, Vector
 from ctc_chattering.parameters import check_joint_names
 import numpy as np
-import numpy.typing as npt
 
-#: Least eigenvalue of M, scaled to a diagonal of ones, that counts as more than rounding.
+#: Eigenvalues of M, scaled to a diagonal of ones, are rounding up to this.
 _SINGULAR = 1e-10
-
-
-@dataclasses.dataclass
-class Arm:
-    """
-    A model of n joints: a tree of bodies, from the base outwards, or the two-link arm.
-
-    Frames are as `UrdfModel.bodies` says.
-    """
-
-    #: Whether it is the two-link arm, in closed form, which has no bodies.
-    closed: bool
-    #: Acceleration of gravity, downwards [m/s²], and a factor of M, C and G. Those of a tree are
-    #: in its masses.
-    gravity: float
-    scale: float
-    #: Body that carries each body; -1 for the base. Shape (n,).
-    parent: npt.NDArray[np.int64]
-    #: Whether the joint is prismatic, shape (n,).
-    prismatic: npt.NDArray[np.bool_]
-    #: Index in q, M, C and G of the joint of each body, shape (n,).
-    joint: npt.NDArray[np.int64]
-    #: Frame of the body at position 0 in that of the parent, shapes (n, 3, 3) and (n, 3) [m].
-    rotation: Array
-    offset: Array
-    #: Mass [kg], its centre [m] and the inertia about that [kg·m²], in the frame of the body.
-    mass: Array
-    center: Array
-    inertia: Array
-    #: Of the rotor of each body's joint, shape (n,) [kg·m²]: on the diagonal of M alone.
-    rotor: Array
+#: Elements of M's diagonal below this, relative to the largest, are rounding.
+_NO_INERTIA = 1e-14
+#: Shares in a singular motion above this, relative to the largest, are named.
+_NAMED_SHARE = 0.1
+#: Random positions at which M is checked, besides 0.
+_CHECKED_POSITIONS = 4
+#: Least mass in `parameter_sizes`, relative to the arm.
+_LEAST_MASS_RATIO = 0.05
+#: Least length in `parameter_sizes` [m].
+_LEAST_REACH_M = 0.05
 
 
 class UrdfModel(Model, LinearModel):
     """
-    Some joints of a URDF, the others locked.
+    The moving joints of a URDF, with all others locked.
 
     Every position is one number, [rad] or [m], of a continuous joint as well. The model is for
     one thread at a time.
@@ -101,9 +80,9 @@ class UrdfModel(Model, LinearModel):
     velocity_limits, effort_limits : tuple of float, length n
         inf where the URDF has none, or 0.
     continuous : tuple of bool, length n
-        Which joints are of this type.
+        True for a joint of this type.
     rotor_inertias : tuple of float, length n
-        Of the rotor of each joint, reflected to the joint, on the diagonal of M: as given, or
+        Inertia of each joint's rotor, reflected to the joint, on the diagonal of M: as given, or
         `rotor_inertia` in <dynamics>.
 
     Raises
@@ -117,11 +96,11 @@ class UrdfModel(Model, LinearModel):
     def __init__(self, urdf: str, joint_names: Sequence[str], gravity: float = 9.81,
                  locked: Mapping[str, float] | None = None, rotors: Sequence[float] = ()
                  ) -> None:
-        pin = pinocchio()
+        self._pin = pinocchio()
         self.joint_names = tuple(joint_names)
         check_joint_names(self.joint_names)
         tree = Tree(urdf)
-        stand = tree.locked(self.joint_names, locked or {})
+        locked_positions = tree.locked(self.joint_names, locked or {})
         tree.check_limits(self.joint_names)
         joints = [tree.joints[name] for name in self.joint_names]
         self.position_limits = tuple(joint.position for joint in joints)
@@ -133,62 +112,75 @@ class UrdfModel(Model, LinearModel):
             for joint, rotor in zip(joints, rotors or (0.0,) * len(joints)))
         self.n = len(joints)
         self.gravity = gravity
-        self._pin, self._model = pin, _reduced(pin, tree, stand)
+        self._model = _reduced_model(self._pin, tree, locked_positions)
         self._data = self._model.createData()
-        order = [self._model.joints[self._model.getJointId(name)].idx_v
-                 for name in self.joint_names]
-        #: Indices that bring a vector into Pinocchio's order; a vector and a matrix back from it.
-        self._order: Any = np.argsort(order)
-        self._back: Any = np.array(order)
-        self._square: Any = np.ix_(order, order)
+        #: Indices that bring a vector of Pinocchio into our order.
+        self._back: Any = np.array([
+            self._model.joints[self._model.getJointId(name)].idx_v for name in self.joint_names])
+        #: Indices that bring our vectors into Pinocchio's order.
+        self._order: Any = np.argsort(self._back)
+        #: The same as `_back`, of a matrix.
+        self._square: Any = np.ix_(self._back, self._back)
+        #: Rows of joints and columns of bodies, of a regressor.
+        self._regressor: Any = np.ix_(
+            self._back, (10 * self._back[:, np.newaxis] + np.arange(10)).ravel())
         self._model.armature = np.array(self.rotor_inertias)[self._order]
-        self._inertial: Any = np.ix_(order, [10 * i + k for i in order for k in range(10)])
         self._model.gravity.linear = np.array([0.0, 0.0, -gravity])
         self._check_inertia()
 
     @cached_property
     def bodies(self) -> Arm:
         """
-        Return what the dynamics are computed from, fixed and locked joints merged.
+        The bodies of the arm for compiled code, fixed and locked joints merged.
 
-        The frame of a body is at its joint, with the axis of the joint along z; rotation and
-        offset [m] place it, at position 0, in the frame of the body that carries it. Mass [kg],
-        centre [m] and inertia about the centre [kg·m²] are in the frame of the body.
+        Pinocchio's frames are turned so that each joint's axis is along z.
         """
-        model, n = self._model, self.n
-        axes = [np.array(joint.createData().S).ravel() for joint in model.joints.tolist()[1:]]
-        prismatic = np.array([not axis[3:].any() for axis in axes])
-        turns = [_to_z(axis[:3] if slides else axis[3:]) for axis, slides in zip(axes, prismatic)]
-        before = [np.eye(3), *turns]
-        rows = []
-        for i in range(n):
-            place, body = model.jointPlacements[i + 1], model.inertias[int(i) + 1]
-            parent = model.parents[i + 1]
-            rows.append((parent - 1, before[parent].T @ place.rotation @ turns[i],
-                         before[parent].T @ place.translation, body.mass,
-                         turns[i].T @ body.lever, turns[i].T @ body.inertia @ turns[i]))
-        parents, rotation, offset, mass, center, inertia = map(np.array, zip(*rows))
-        return Arm(False, self.gravity, 1.0, parents, prismatic, self._order, rotation, offset,
-                   mass, center, inertia, np.array(model.armature))
+        model = self._model
+        placements = model.jointPlacements.tolist()[1:]
+        inertias = model.inertias.tolist()[1:]
+        parents = np.array(model.parents.tolist()[1:]) - 1
+        # S of each joint, linear part first.
+        motions = [np.array(joint.createData().S).ravel() for joint in model.joints.tolist()[1:]]
+        prismatic = np.array([not motion[3:].any() for motion in motions])
+        turns = [_rotation_to_z(motion[:3] if slides else motion[3:])
+                 for motion, slides in zip(motions, prismatic)]
+        parent_turns = [np.eye(3) if parent < 0 else turns[parent] for parent in parents]
+        return Arm(
+            closed=False, gravity=self.gravity, scale=1.0, parent=parents, prismatic=prismatic,
+            joint=self._order,
+            rotation=np.array([parent_turn.T @ placement.rotation @ turn for
+                               parent_turn, placement, turn in zip(
+                                   parent_turns, placements, turns)]),
+            offset=np.array([parent_turn.T @ placement.translation
+                             for parent_turn, placement in zip(parent_turns, placements)]),
+            mass=np.array([body.mass for body in inertias]),
+            center=np.array([turn.T @ body.lever for turn, body in zip(turns, inertias)]),
+            inertia=np.array([_mirrored(turn.T @ body.inertia @ turn)
+                              for turn, body in zip(turns, inertias)]),
+            rotor=np.array(model.armature))
+
+    @property
+    def _inertias(self) -> list[Any]:
+        """Pinocchio's inertias of the bodies, in our order."""
+        return [self._model.inertias[int(i) + 1] for i in self._back]
 
     def inertial_parameters(self) -> Array:
         """
-        Return ten parameters for each joint's body, shape (10 n,), bodies in our order.
+        Return ten parameters for each joint's body, shape (10 n,).
 
         They are mass, first moments, and xx, xy, yy, xz, yz, zz of the inertia about the origin of
-        Pinocchio's frame of the joint.
+        the joint's frame.
         """
-        return np.concatenate([self._model.inertias[int(i) + 1].toDynamicParameters()
-                               for i in self._back])
+        return np.concatenate([body.toDynamicParameters() for body in self._inertias])
 
     def parameter_sizes(self) -> Array:
-        """Return how large each parameter is roughly, shape (10 n,)."""
+        """Return the rough size of each parameter, shape (10 n,)."""
+        least_mass = _LEAST_MASS_RATIO * sum(
+            body.mass for body in self._model.inertias.tolist()[1:])
         sizes = []
-        whole = sum(body.mass for body in self._model.inertias.tolist()[1:])
-        for i in self._back:
-            body = self._model.inertias[int(i) + 1]
-            mass = max(body.mass, 0.05 * whole)
-            reach = max(float(np.linalg.norm(body.lever)), 0.05,
+        for body in self._inertias:
+            mass = max(body.mass, least_mass)
+            reach = max(float(np.linalg.norm(body.lever)), _LEAST_REACH_M,
                         float(np.sqrt(np.trace(body.inertia) / mass)))
             sizes += [mass] + 3 * [mass * reach] + 6 * [mass * reach ** 2]
         return np.array(sizes)
@@ -196,20 +188,22 @@ class UrdfModel(Model, LinearModel):
     def torque_regressor(self, q: Array, dq: Array, ddq: Array, gravity: Array) -> Array:
         """Return the derivative of the torque by `inertial_parameters`, shape (n, 10 n)."""
         model, order = self._model, self._order
-        known = model.gravity.linear.copy()
+        own_gravity = model.gravity.linear.copy()
         model.gravity.linear = gravity
-        found: Array = self._pin.computeJointTorqueRegressor(
-            model, self._data, q[order], dq[order], ddq[order])[self._inertial]
-        model.gravity.linear = known
-        return found
+        regressor: Array = self._pin.computeJointTorqueRegressor(
+            model, self._data, q[order], dq[order], ddq[order])[self._regressor]
+        model.gravity.linear = own_gravity
+        return regressor
 
-    def evaluate(self, q: Array, dq: Array) -> tuple[Array, Array, Array]:
+    def evaluate(self, q: Array, dq: Array) -> DynamicsTerms:
         """Return M(q), C(q, dq) and G(q), shapes (n, n), (n, n) and (n,)."""
         pin, model, data = self._pin, self._model, self._data
-        q, dq = q[self._order], dq[self._order]
-        return (pin.crba(model, data, q)[self._square],
-                pin.computeCoriolisMatrix(model, data, q, dq)[self._square],
-                pin.computeGeneralizedGravity(model, data, q)[self._back])
+        q = q[self._order]
+        dq = dq[self._order]
+        return DynamicsTerms(
+            pin.crba(model, data, q)[self._square],
+            pin.computeCoriolisMatrix(model, data, q, dq)[self._square],
+            pin.computeGeneralizedGravity(model, data, q)[self._back])
 
     def mass_matrix(self, q: Vector) -> Rows:
         """Return M(q), shape (n, n)."""
@@ -223,7 +217,8 @@ class UrdfModel(Model, LinearModel):
 
     def gravity_torque(self, q: Vector) -> Vector:
         """Return G(q), shape (n,) [N·m or N]."""
-        return self._vector(self._pin.computeGeneralizedGravity, q)
+        torque: Vector = self._call(self._pin.computeGeneralizedGravity, q)[self._back].tolist()
+        return torque
 
     def potential_energy(self, q: Vector) -> float:
         """Return the potential energy, 0 where the centre of mass is at the root [J]."""
@@ -231,30 +226,26 @@ class UrdfModel(Model, LinearModel):
 
     def inverse_dynamics(self, q: Vector, dq: Vector, a: Vector) -> Vector:
         """Return M(q) a + C(q, dq) dq + G(q), shape (n,)."""
-        return self._vector(self._pin.rnea, q, dq, a)
+        torque: Vector = self._call(self._pin.rnea, q, dq, a)[self._back].tolist()
+        return torque
 
     def _call(self, function: Any, *vectors: Vector | Array) -> Any:
-        """Return what a function of Pinocchio gives, in its order; the next call may change it."""
+        """Return the result of a function of Pinocchio, in its order. The next call changes it."""
         return function(
             self._model, self._data, *(np.array(x, float)[self._order] for x in vectors))
-
-    def _vector(self, function: Any, *vectors: Vector) -> list[float]:
-        """Return a vector that a function of Pinocchio gives, in our order."""
-        values: list[float] = self._call(function, *vectors)[self._back].tolist()
-        return values
 
     def _check_inertia(self) -> None:
         """Raise `CtcError` unless M is positive definite at a few positions."""
         rng = np.random.default_rng(0)
-        for q in (np.zeros(self.n), *rng.uniform(-1.5, 1.5, (4, self.n))):
-            weak = _weak(self._call(self._pin.crba, q)[self._square])
-            if weak:
-                raise SingularInertia(tuple(self.joint_names[i] for i in weak))
+        for q in (np.zeros(self.n), *rng.uniform(-1.5, 1.5, (_CHECKED_POSITIONS, self.n))):
+            singular = _singular_joints(self._call(self._pin.crba, q)[self._square])
+            if singular:
+                raise SingularInertia(tuple(self.joint_names[i] for i in singular))
 
 
 class SingularInertia(CtcError):
     """
-    A refusal of a URDF whose M is singular.
+    Refusal of a URDF whose M is singular.
 
     Attributes
     ----------
@@ -269,24 +260,30 @@ class SingularInertia(CtcError):
         self.joints = joints
 
 
-def _to_z(axis: Array) -> Array:
+def _rotation_to_z(axis: Array) -> Array:
     """Return a rotation that brings z to `axis`, shape (3, 3)."""
-    least = np.eye(3)[np.abs(axis).argmin()]
-    x = np.cross(least, axis)
+    nearest_normal = np.eye(3)[np.abs(axis).argmin()]
+    x = np.cross(nearest_normal, axis)
     x /= np.linalg.norm(x)
     return np.column_stack((x, np.cross(axis, x), axis))
 
 
-def _weak(mass: Array) -> list[int]:
-    """Return the joints along whose motion M is singular; none if it is positive definite."""
+def _mirrored(matrix: Array) -> Array:
+    """Return the symmetric matrix of an upper triangle."""
+    symmetric: Array = np.triu(matrix) + np.triu(matrix, 1).T
+    return symmetric
+
+
+def _singular_joints(mass: Array) -> list[int]:
+    """Return the joints along whose motion M is singular; empty if it is positive definite."""
     if not np.isfinite(mass).all():
         return list(range(len(mass)))
-    sizes = mass.diagonal()
-    scale = np.sqrt(np.where(sizes > 1e-14 * sizes.max(), sizes, np.inf))
+    diagonal = mass.diagonal()
+    scale = np.sqrt(np.where(diagonal > _NO_INERTIA * diagonal.max(), diagonal, np.inf))
     values, vectors = np.linalg.eigh(mass / np.outer(scale, scale))
-    part = np.abs(vectors[:, values <= _SINGULAR]).max(axis=1, initial=0.0)
-    found: list[int] = np.flatnonzero(part > 0.1 * part.max()).tolist()
-    return found
+    share = np.abs(vectors[:, values <= _SINGULAR]).max(axis=1, initial=0.0)
+    joints: list[int] = np.flatnonzero(share > _NAMED_SHARE * share.max()).tolist()
+    return joints
 
 
 def pinocchio() -> Any:
@@ -301,12 +298,12 @@ def pinocchio() -> Any:
     return library
 
 
-def _reduced(pin: Any, tree: Tree, stand: Mapping[str, float]) -> Any:
-    """Return Pinocchio's model of the joints that are not in `stand`, where the others are."""
+def _reduced_model(pin: Any, tree: Tree, locked: Mapping[str, float]) -> Any:
+    """Return Pinocchio's model of the joints that are not locked."""
     with refused_as('URDF: Pinocchio refuses it'):
         model = pin.buildModelFromXML(tree.bare())
         q = pin.neutral(model)
-        ids = [model.getJointId(name) for name in stand]
-        for joint, value in zip(ids, stand.values()):
-            q[model.joints[joint].idx_q] = value
-        return pin.buildReducedModel(model, ids, q)
+        joints = [model.getJointId(name) for name in locked]
+        for joint, position in zip(joints, locked.values()):
+            q[model.joints[joint].idx_q] = position
+        return pin.buildReducedModel(model, joints, q)

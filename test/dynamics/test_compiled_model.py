@@ -20,7 +20,7 @@ from math import cos, pi, sin
 from typing import Any
 
 from ctc_chattering.compiled.records import packed, record_of
-from ctc_chattering.dynamics.compiled_model import arm_of, KeptTerms, set_mass_and_bias, set_terms
+from ctc_chattering.dynamics.compiled_model import arm_of, StateTerms, set_mass_and_bias, set_terms
 from ctc_chattering.dynamics.model import Model, Scaled
 from ctc_chattering.dynamics.payload import tip_of, with_payload
 from ctc_chattering.dynamics.tree import body_scratch
@@ -58,7 +58,7 @@ def branching() -> str:
 
 def place_of(n: int) -> Any:
     row, square = np.zeros(n), np.zeros((n, n))
-    return packed(KeptTerms(0, 0, row, row, square, square, row))
+    return packed(StateTerms(0, 0, row, row, square, square, row))
 
 
 def robots() -> dict[str, Model]:
