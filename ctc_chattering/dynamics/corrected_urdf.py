@@ -34,7 +34,14 @@ from ctc_chattering.dynamics.description_xml import parse_description
 from ctc_chattering.dynamics.kinematics import Kinematics, origin_pose
 from ctc_chattering.dynamics.pseudo_inertia import is_possible, parameters_of, pseudo_inertia
 from ctc_chattering.dynamics.urdf_model import UrdfModel
-from ctc_chattering.dynamics.urdf_parser import add_origin, number_text, Origin, parse_origin, Tree
+from ctc_chattering.dynamics.urdf_parser import (
+    add_joint,
+    add_origin,
+    fill_inertial,
+    Inertial,
+    Origin,
+    Tree,
+)
 from ctc_chattering.errors import CtcError
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
@@ -45,8 +52,8 @@ _LEVEL_LINK = 'world'
 _NO_CHANGE = 1e-12
 #: Largest error with which the new text may be read, relative to a body.
 _TEXT_TOLERANCE = 1e-9
-#: Attributes of an inertia in Pinocchio's order.
-_INERTIA_ATTRIBUTES = ('ixx', 'ixy', 'iyy', 'ixz', 'iyz', 'izz')
+#: Attributes of an inertia in the order of inertial parameters.
+_MOMENTS = ('ixx', 'ixy', 'iyy', 'ixz', 'iyz', 'izz')
 
 
 def corrected_urdf(description: str, joints: Sequence[str], parameters: Array,
@@ -100,11 +107,8 @@ def _write_bodies(robot: ET.Element, tree: Tree, kinematics: Kinematics, bodies:
                   ) -> None:
     """Give the links of every body the inertias that add up to its pseudo-inertia."""
     elements = {link.get('name', ''): link for link in robot.findall('link')}
-    poses: list[dict[str, Array]] = [{} for _ in bodies]
-    for link, placement in kinematics.rigid_placements().items():
-        poses[placement.joint_index][link] = placement.pose
-    for body, link_poses in zip(bodies, poses):
-        for link, inertia in _changed_inertias(tree, link_poses, body).items():
+    for body, poses in zip(bodies, kinematics.rigid_bodies()):
+        for link, inertia in _changed_inertias(tree, poses, body).items():
             _write_inertial(elements[link], inertia)
 
 
@@ -122,7 +126,7 @@ def _changed_inertias(tree: Tree, poses: Mapping[str, Array], body: Array) -> di
         Identified pseudo-inertia of the body in the frame of its joint.
 
     """
-    links = {name: _transformed(pose, _link_inertia(tree.links[name]))
+    links = {name: _transformed(pose, _link_inertia(tree.inertials[name]))
              for name, pose in poses.items()}
     described: Array = np.sum(list(links.values()), axis=0)
     if np.abs(body - described).max() <= _NO_CHANGE * np.abs(body).max():
@@ -145,17 +149,13 @@ def _transformed(pose: Array, inertia: Array) -> Array:
     return transformed
 
 
-def _link_inertia(link: ET.Element) -> Array:
+def _link_inertia(inertial: Inertial | None) -> Array:
     """Return the pseudo-inertia of a link in its frame."""
-    inertial = link.find('inertial')
     if inertial is None:
         return np.zeros((4, 4))
-    mass, inertia = inertial.find('mass'), inertial.find('inertia')
-    assert mass is not None and inertia is not None  # Tree has checked them.
-    m = float(mass.get('value', '0'))
-    moments = [float(inertia.get(key, '0')) for key in _INERTIA_ATTRIBUTES]
-    about_center = pseudo_inertia(np.array([m, 0.0, 0.0, 0.0, *moments]))
-    return _transformed(origin_pose(parse_origin('', inertial)), about_center)
+    moments = [inertial.moments[key] for key in _MOMENTS]
+    about_center = pseudo_inertia(np.array([inertial.mass, 0.0, 0.0, 0.0, *moments]))
+    return _transformed(origin_pose(inertial.origin), about_center)
 
 
 def _write_inertial(link: ET.Element, inertia: Array) -> None:
@@ -164,15 +164,13 @@ def _write_inertial(link: ET.Element, inertia: Array) -> None:
     center = np.array(first_moments) / mass
     lever = np.array([*center, 1.0])
     moments = parameters_of(inertia - mass * np.outer(lever, lever))[4:].tolist()
-    inertial = _child(link, 'inertial')
-    for element in list(inertial):
-        inertial.remove(element)
-    inertial.text = None
-    inertial.append(ET.Comment(' identified '))
-    ET.SubElement(inertial, 'origin', xyz=number_text(center.tolist()), rpy='0 0 0')
-    ET.SubElement(inertial, 'mass', value=repr(mass))
-    ET.SubElement(
-        inertial, 'inertia', {key: repr(x) for key, x in zip(_INERTIA_ATTRIBUTES, moments)})
+    element = _child(link, 'inertial')
+    for child in list(element):
+        element.remove(child)
+    element.text = None
+    element.append(ET.Comment(' identified '))
+    origin = Origin(tuple(center.tolist()))
+    fill_inertial(element, Inertial(origin, mass, dict(zip(_MOMENTS, moments))))
 
 
 def _child(parent: ET.Element, tag: str, **attributes: str) -> ET.Element:
@@ -211,13 +209,11 @@ def _tilt(robot: ET.Element, tree: Tree, gravity: Sequence[float]) -> None:
         f' identified: tilted by {degrees(atan2(horizontal, -z)):.3g} degrees '))
     ET.SubElement(robot, 'link', name=name)
     # Pinocchio keeps links and fixed joints in one table of names.
-    joint = ET.SubElement(robot, 'joint', name=f'{name}_to_{tree.root}', type='fixed')
+    joint = add_joint(robot, f'{name}_to_{tree.root}', 'fixed', name, tree.root)
     # Ry(pitch) Rx(roll) brings gravity in the root's frame to -z.
     roll = atan2(-y, -z)
     pitch = atan2(x, hypot(y, z))
-    add_origin(joint, Origin((0.0, 0.0, 0.0), (roll, pitch, 0.0)))
-    ET.SubElement(joint, 'parent', link=name)
-    ET.SubElement(joint, 'child', link=tree.root)
+    add_origin(joint, Origin(rpy=(roll, pitch, 0.0)))
 
 
 def _verify(model: UrdfModel, parameters: Array, rotor: Sequence[float]) -> None:

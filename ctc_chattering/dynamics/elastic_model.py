@@ -24,18 +24,9 @@ reflected to the joints (Spong, 1987)::
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.numerics.linear_algebra import Rows, Vector
 import numpy as np
-
-
-class ElasticState(NamedTuple):
-    """Positions and velocities of links and motors."""
-
-    q: list[float]
-    dq: list[float]
 
 
 class Elastic(Model):
@@ -67,9 +58,8 @@ class Elastic(Model):
         self._links = model.n
         self._elastic = elastic
         self.n = model.n + len(elastic)
-        self._stiffness = np.array(stiffness, float)[elastic]
-        self._damping = np.array(damping, float)[elastic]
-        self._inertia = np.array(inertia, float)[elastic]
+        self._stiffness, self._damping, self._inertia = np.array(
+            (stiffness, damping, inertia), float)[:, elastic]
         #: θ - q of the springs is this matrix times the coordinates.
         self._stretch = np.hstack((-np.eye(model.n)[elastic], np.eye(len(elastic))))
         motors = np.arange(model.n)
@@ -103,9 +93,9 @@ class Elastic(Model):
         springs = 0.5 * self._stiffness @ (self._stretch @ q) ** 2
         return self._model.potential_energy(q[:self._links]) + float(springs)
 
-    def start(self, q: Vector, dq: Vector) -> ElasticState:
+    def start(self, q: Vector, dq: Vector) -> tuple[list[float], list[float]]:
         """
-        Return the state at which the springs carry the weight.
+        Return coordinates and velocities at which the springs carry the weight.
 
         Parameters
         ----------
@@ -116,7 +106,7 @@ class Elastic(Model):
         weight = np.array(self._model.gravity_torque(q))[self._elastic]
         motor_positions = np.array(q)[self._elastic] + weight / self._stiffness
         motor_velocities = np.array(dq)[self._elastic]
-        return ElasticState([*q, *motor_positions.tolist()], [*dq, *motor_velocities.tolist()])
+        return [*q, *motor_positions.tolist()], [*dq, *motor_velocities.tolist()]
 
     def rate(self, q: Vector) -> float:
         """Return a bound of the joints' eigenvalues with the links at rest at `q` [1/s]."""

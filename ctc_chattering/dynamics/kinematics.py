@@ -50,14 +50,6 @@ class LinkFrame(NamedTuple):
     joint_index: int
 
 
-class RigidPlacement(NamedTuple):
-    """A link on the body that a joint moves."""
-
-    joint_index: int
-    #: Pose of the link in the frame of the joint, shape (4, 4).
-    pose: Array
-
-
 class Kinematics:
     """
     Link frames of a URDF in which some joints move and all others are locked.
@@ -75,6 +67,8 @@ class Kinematics:
     ----------
     frames : tuple of LinkFrame
         Frames of all links, parents before children.
+    n : int
+        Number of joints that move.
 
     Raises
     ------
@@ -99,6 +93,7 @@ class Kinematics:
             frames.append(LinkFrame(
                 child, frame_indices[parent], origin, joint, indices.get(name, -1)))
         self.frames = tuple(frames)
+        self.n = len(joint_names)
 
     def poses(self, q: Sequence[float] | Array) -> Array:
         """
@@ -125,17 +120,18 @@ class Kinematics:
             poses[..., i, :, :] = pose
         return poses
 
-    def rigid_placements(self) -> dict[str, RigidPlacement]:
-        """Return, for every link that moves, its placement on the body of a joint."""
-        placements: dict[str, RigidPlacement] = {}
-        for frame in self.frames:
-            parent = placements.get(self.frames[frame.parent].link)
+    def rigid_bodies(self) -> list[dict[str, Array]]:
+        """Return the links of each joint's body, with their poses in the joint's frame."""
+        bodies: list[dict[str, Array]] = [{} for _ in range(self.n)]
+        for frame in self.frames[1:]:
             if frame.joint is not None:
-                placements[frame.link] = RigidPlacement(frame.joint_index, np.eye(4))
-            elif parent is not None:
-                placements[frame.link] = RigidPlacement(
-                    parent.joint_index, parent.pose @ frame.origin)
-        return placements
+                bodies[frame.joint_index][frame.link] = np.eye(4)
+                continue
+            parent = self.frames[frame.parent].link
+            for body in bodies:
+                if parent in body:
+                    body[frame.link] = body[parent] @ frame.origin
+        return bodies
 
 
 def origin_pose(origin: Origin) -> Array:

@@ -25,39 +25,29 @@ light wrist counts as much as a heavy shoulder. Derivatives are central differen
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-import dataclasses
 from typing import NamedTuple
 import xml.etree.ElementTree as ET
 
 from ctc_chattering.dynamics.model import Model
-from ctc_chattering.dynamics.urdf_parser import Tree
+from ctc_chattering.dynamics.urdf_parser import Inertial, Tree
 from ctc_chattering.numerics.linear_algebra import Array, Vector
 from ctc_chattering.parameters import whole
 import numpy as np
 
 #: Step of the differences [rad].
 _STEP_RAD = 1e-5
-#: Least moment of inertia, below which it counts as 0 [kg·m²].
+#: Largest relative error of sums.
+_SUM_TOLERANCE = 1e-10
+#: Largest relative error of solutions of linear systems.
+_SOLUTION_TOLERANCE = 1e-8
+#: Largest relative error of central differences.
+_DIFFERENCE_TOLERANCE = 1e-6
+#: Largest ratio of the eigenvalues of M, scaled to a diagonal of ones.
+_LARGEST_CONDITION = 1e10
+#: Moments of inertia below this count as 0 [kg·m²].
 _NO_INERTIA_KGM2 = 1e-15
-#: By how much a moment of inertia may exceed the sum of the others: digits of the file.
+#: A moment may exceed the sum of the others by this ratio: a file has few digits.
 _MOMENT_ROUNDING = 1e-3
-
-
-@dataclasses.dataclass(frozen=True)
-class _Tolerances:
-    """Largest relative errors of sound models."""
-
-    #: Of sums.
-    exact: float = 1e-10
-    #: Of solutions of linear systems.
-    solution: float = 1e-8
-    #: Of central differences.
-    difference: float = 1e-6
-    #: Ratio of the eigenvalues of M, scaled to a diagonal of ones.
-    condition: float = 1e10
-
-
-_TOLERANCES = _Tolerances()
 
 
 class PropertyCheck(NamedTuple):
@@ -123,6 +113,10 @@ class _SampledState:
         below = np.array(function((self.q - step).tolist()))
         slope: Array = (above - below) / (2.0 * _STEP_RAD)
         return slope
+
+    def gradient(self, function: Callable[[Vector], object]) -> Array:
+        """Return the derivatives along all joints, shape (n, ...)."""
+        return np.array([self.slope(function, axis) for axis in np.eye(self.model.n)])
 
 
 def check_dynamics(model: Model, seed: int = 0, samples: int = 20) -> list[PropertyCheck]:
@@ -208,16 +202,16 @@ def _skew_error(s: _SampledState) -> float:
 
 def _lagrange_error(s: _SampledState) -> float:
     """Compare C dq with dM/dt dq - ½ grad(dqᵀ M dq), which fixes C dq whatever C is."""
-    gradient = [0.5 * s.dq @ s.slope(s.model.mass_matrix, axis) @ s.dq
-                for axis in np.eye(s.model.n)]
-    expected = s.slope(s.model.mass_matrix, s.dq) @ s.dq - np.array(gradient)
+    mass_matrix = s.model.mass_matrix
+    gradient = 0.5 * s.gradient(mass_matrix) @ s.dq @ s.dq
+    expected = s.slope(mass_matrix, s.dq) @ s.dq - gradient
     error = (s.C @ s.dq - expected) / s.size
     return float(np.abs(error).max() / (s.size.max() * s.speed ** 2))
 
 
 def _gradient_error(s: _SampledState) -> float:
     potential = s.model.potential_energy
-    gradient = np.array([s.slope(potential, axis) for axis in np.eye(s.model.n)])
+    gradient = s.gradient(potential)
     scale = float(np.abs([s.G, gradient]).max())
     # The difference of two potentials is known no better than they are.
     noise = 1e-8 * abs(potential(s.q.tolist()))
@@ -245,14 +239,14 @@ def _evaluate_error(s: _SampledState) -> float:
 
 
 _CHECKS: tuple[tuple[str, float, Callable[[_SampledState], float]], ...] = (
-    ('M is symmetric', _TOLERANCES.exact, _symmetry_error),
-    ('M is positive definite (condition number)', _TOLERANCES.condition, _condition_number),
-    ('½ dM/dt - C is skew-symmetric', _TOLERANCES.difference, _skew_error),
-    ('C dq is what M gives', _TOLERANCES.difference, _lagrange_error),
-    ('G is the gradient of the potential', _TOLERANCES.difference, _gradient_error),
-    ('evaluate gives M, C and G', _TOLERANCES.exact, _evaluate_error),
-    ('inverse_dynamics is M a + C dq + G', _TOLERANCES.exact, _inverse_error),
-    ('forward dynamics undoes inverse dynamics', _TOLERANCES.solution, _forward_error))
+    ('M is symmetric', _SUM_TOLERANCE, _symmetry_error),
+    ('M is positive definite (condition number)', _LARGEST_CONDITION, _condition_number),
+    ('½ dM/dt - C is skew-symmetric', _DIFFERENCE_TOLERANCE, _skew_error),
+    ('C dq is what M gives', _DIFFERENCE_TOLERANCE, _lagrange_error),
+    ('G is the gradient of the potential', _DIFFERENCE_TOLERANCE, _gradient_error),
+    ('evaluate gives M, C and G', _SUM_TOLERANCE, _evaluate_error),
+    ('inverse_dynamics is M a + C dq + G', _SUM_TOLERANCE, _inverse_error),
+    ('forward dynamics undoes inverse dynamics', _SOLUTION_TOLERANCE, _forward_error))
 
 
 def inertia_faults(urdf: str, joints: Sequence[str]) -> list[str]:
@@ -276,25 +270,22 @@ def inertia_faults(urdf: str, joints: Sequence[str]) -> list[str]:
     for name, (parent, child) in tree.ends.items():
         if name in joints or parent in moving:
             moving.add(child)
-    faults = {name: _inertia_fault(link) for name, link in tree.links.items() if name in moving}
-    return [f'link {name} {fault}' for name, fault in faults.items() if fault]
+    return [f'link {name} {fault}' for name, link in tree.links.items()
+            if name in moving and (fault := _inertia_fault(link, tree.inertials[name]))]
 
 
-def _inertia_fault(link: ET.Element) -> str:
+def _inertia_fault(link: ET.Element, inertial: Inertial | None) -> str:
     """Return the fault of a link's inertia; empty for none."""
     shaped = link.find('visual') is not None or link.find('collision') is not None
-    mass, inertia = link.find('inertial/mass'), link.find('inertial/inertia')
-    if mass is None or inertia is None:
+    if inertial is None:
         return 'moves and has a shape, but no inertia' if shaped else ''
-    m = float(mass.get('value', ''))
-    if m == 0.0 and shaped:
+    if inertial.mass == 0.0 and shaped:
         return 'moves and has a shape, but no mass'
-    xx, xy, xz, yy, yz, zz = (
-        float(inertia.get(key, '')) for key in ('ixx', 'ixy', 'ixz', 'iyy', 'iyz', 'izz'))
+    xx, xy, xz, yy, yz, zz = inertial.moments.values()
     moments = np.linalg.eigvalsh([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
     slack = _MOMENT_ROUNDING * float(np.abs(moments).max()) + _NO_INERTIA_KGM2
     if moments[0] >= -slack and moments[2] <= moments[0] + moments[1] + slack:
         return ''
     shown = ', '.join(f'{x:.4g}' for x in moments)
-    return (f'has a mass of {m:g} kg and principal moments {shown} kg*m^2: none may be '
-            'negative, or exceed the sum of the others')
+    return (f'has a mass of {inertial.mass:g} kg and principal moments {shown} kg*m^2: none may '
+            'be negative, or exceed the sum of the others')

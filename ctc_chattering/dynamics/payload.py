@@ -24,7 +24,14 @@ from collections.abc import Sequence
 import xml.etree.ElementTree as ET
 
 from ctc_chattering.dynamics.description_xml import parse_description
-from ctc_chattering.dynamics.urdf_parser import Tree
+from ctc_chattering.dynamics.urdf_parser import (
+    add_joint,
+    fill_inertial,
+    Inertial,
+    MOMENTS,
+    Origin,
+    Tree,
+)
 from ctc_chattering.errors import CtcError, near, ParameterError
 
 #: Name of the link and of the joint that are added.
@@ -80,13 +87,9 @@ def with_payload(description: str, joint_names: Sequence[str], mass: float, link
         raise CtcError(f'payload: no link is called {link}; allowed: {", ".join(tree.links)}'
                        f'{near(link, tree.links)}')
     carrier = link or tip_of(tree, joint_names)
-    inertia = repr(0.4 * mass * _RADIUS_M ** 2)
+    moment = 0.4 * mass * _RADIUS_M ** 2
+    moments = dict.fromkeys(MOMENTS, 0.0) | dict.fromkeys(('ixx', 'iyy', 'izz'), moment)
     payload = ET.SubElement(robot, 'link', name=_PAYLOAD_NAME)
-    inertial = ET.SubElement(payload, 'inertial')
-    ET.SubElement(inertial, 'mass', value=repr(mass))
-    ET.SubElement(
-        inertial, 'inertia', ixx=inertia, iyy=inertia, izz=inertia, ixy='0', ixz='0', iyz='0')
-    joint = ET.SubElement(robot, 'joint', name=_PAYLOAD_NAME, type='fixed')
-    ET.SubElement(joint, 'parent', link=carrier)
-    ET.SubElement(joint, 'child', link=_PAYLOAD_NAME)
+    fill_inertial(ET.SubElement(payload, 'inertial'), Inertial(Origin(), mass, moments))
+    add_joint(robot, _PAYLOAD_NAME, 'fixed', carrier, _PAYLOAD_NAME)
     return ET.tostring(robot, encoding='unicode')

@@ -32,9 +32,9 @@ from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
 
 #: Rows and columns of the upper triangle of J, column by column.
-_COLUMNS, _ROWS = np.tril_indices(4)
+_UPPER = np.tril_indices(4)[::-1]
 #: √2 off the diagonal. With it, the product of two vectors is that of their matrices.
-_STRETCH = np.where(_ROWS == _COLUMNS, 1.0, np.sqrt(2.0))
+_STRETCH = np.where(np.equal(*_UPPER), 1.0, np.sqrt(2.0))
 #: Least eigenvalue of the reference body of `unit`, in its own units.
 _REFERENCE_FLOOR = 0.01
 #: Mass of a reference body whose model has none, relative to the heaviest body.
@@ -82,14 +82,14 @@ def _units(mass: float, length: float) -> Array:
 
 def stacked(matrix: Array) -> Array:
     """Return the elements of symmetric matrices, shape (..., 10)."""
-    elements: Array = matrix[..., _ROWS, _COLUMNS] * _STRETCH
+    elements: Array = matrix[..., _UPPER[0], _UPPER[1]] * _STRETCH
     return elements
 
 
 def symmetric(elements: Array) -> Array:
     """Return the symmetric matrix, shape (4, 4), of `stacked` elements."""
     matrix = np.zeros((4, 4))
-    matrix[_ROWS, _COLUMNS] = matrix[_COLUMNS, _ROWS] = elements / _STRETCH
+    matrix[_UPPER] = matrix.T[_UPPER] = elements / _STRETCH
     return matrix
 
 

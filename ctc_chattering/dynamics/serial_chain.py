@@ -24,7 +24,6 @@ from __future__ import annotations
 
 from collections.abc import Container, Mapping
 from typing import NamedTuple
-import xml.etree.ElementTree as ET
 
 from ctc_chattering.dynamics.urdf_parser import Tree
 from ctc_chattering.errors import near, ParameterError, shortened
@@ -88,15 +87,11 @@ def longest_chain(tree: Tree) -> tuple[str, ...]:
 
 def _movers(tree: Tree) -> set[str]:
     """Return the joints that a model can have: they move a mass."""
-    carried = {name: _mass(link) for name, link in tree.links.items()}
+    carried = {name: 0.0 if inertial is None else inertial.mass
+               for name, inertial in tree.inertials.items()}
     for parent, child in reversed(tree.ends.values()):
         carried[parent] += carried[child]
     return {name for name in tree.movable if carried[tree.ends[name][1]] > 0.0}
-
-
-def _mass(link: ET.Element) -> float:
-    mass = link.find('inertial/mass')
-    return 0.0 if mass is None else float(mass.get('value', ''))
 
 
 def _branches(tree: Tree, movers: Container[str]) -> Mapping[str, list[Branch]]:

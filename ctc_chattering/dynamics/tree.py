@@ -40,6 +40,7 @@ from __future__ import annotations
 
 import dataclasses
 from math import cos, sin
+from typing import Any
 
 from ctc_chattering.compiled.compilable import function
 from ctc_chattering.numerics.linear_algebra import Array
@@ -131,6 +132,10 @@ class BodyScratch:
     unit_momentum_rate: Array
     #: I of the body in hand, shape (3, 3).
     central_inertia: Array
+    #: Centre of the body in hand, shape (3,).
+    center: Array
+    #: A vector in hand, shape (3,).
+    vector: Array
     #: State of the joints, shape (n,).
     q: Array
     dq: Array
@@ -149,39 +154,48 @@ def body_scratch(n: int) -> BodyScratch:
         rotation=rows(3, 3), origin=rows(3), joint=rows(6), joint_rate=rows(6), twist=rows(6),
         acceleration=rows(6), mass=rows(), moment=rows(3), inertia=rows(3, 3),
         coupling=rows(3, 3), momentum=rows(3), force=rows(6), unit_momentum=np.zeros(6),
-        unit_momentum_rate=np.zeros(6), central_inertia=np.zeros((3, 3)), q=np.zeros(n),
+        unit_momentum_rate=np.zeros(6), central_inertia=np.zeros((3, 3)), center=np.zeros(3),
+        vector=np.zeros(3), q=np.zeros(n),
         dq=np.zeros(n), M=np.zeros((n, n)), C=np.zeros((n, n)), bias=np.zeros(n))
     scratch.rotation[-1] = np.eye(3)
     return scratch
 
 
 @function
-def product(x: Array, y: Array) -> float:
+def product(x: Array, y: Array) -> Any:
     """Return x · y of vectors of three."""
     return x[0] * y[0] + x[1] * y[1] + x[2] * y[2]
 
 
 @function
-def add_product(total: float, x: Array, y: Array) -> float:
+def add_product(total: float, x: Array, y: Array) -> Any:
     """Return `total` plus x · y, added element by element."""
     return total + x[0] * y[0] + x[1] * y[1] + x[2] * y[2]
 
 
 @function
-def power(motion: Array, force: Array) -> float:
+def power(motion: Array, force: Array) -> Any:
     """Return the product of a motion and a force, vectors of six."""
     return add_product(product(motion, force), motion[3:], force[3:])
 
 
 @function
 def add_to(x: Array, y: Array) -> None:
-    """Add y to x, vectors of three."""
-    for a in range(3):
+    """Add y to x."""
+    for a in range(len(x)):
         x[a] += y[a]
 
 
 @function
-def cross(x: Array, y: Array, a: int) -> float:
+def clear(matrix: Array) -> None:
+    """Set all elements to 0: joints that do not carry each other keep it."""
+    for row in matrix:
+        for j in range(len(row)):
+            row[j] = 0.0
+
+
+@function
+def cross(x: Array, y: Array, a: int) -> Any:
     """Return element a of x × y."""
     b = (a + 1) % 3
     c = (a + 2) % 3
@@ -189,7 +203,7 @@ def cross(x: Array, y: Array, a: int) -> float:
 
 
 @function
-def add_cross(total: float, x: Array, y: Array, a: int) -> float:
+def add_cross(total: float, x: Array, y: Array, a: int) -> Any:
     """Return `total` plus element a of x × y, added product by product."""
     b = (a + 1) % 3
     c = (a + 2) % 3
@@ -197,7 +211,7 @@ def add_cross(total: float, x: Array, y: Array, a: int) -> float:
 
 
 @function
-def point_inertia(mass: float, center: Array, a: int, b: int) -> float:
+def point_inertia(mass: float, center: Array, a: int, b: int) -> Any:
     """Return element (a, b) of m ((c · c) 1 - c cᵀ), the inertia of a point about the origin."""
     if a != b:
         return -(mass * center[a] * center[b])
@@ -243,7 +257,9 @@ def place(arm: Arm, q: Array, s: BodyScratch) -> None:
             c = cos(x)
             d = sin(x)
             for a in range(3):
-                R[a, 0], R[a, 1] = c * R[a, 0] + d * R[a, 1], c * R[a, 1] - d * R[a, 0]
+                x_axis, y_axis = R[a, 0], R[a, 1]
+                R[a, 0] = c * x_axis + d * y_axis
+                R[a, 1] = c * y_axis - d * x_axis
                 S[a] = z[a]
                 S[3 + a] = cross(origin, z, a)
 
@@ -251,19 +267,21 @@ def place(arm: Arm, q: Array, s: BodyScratch) -> None:
 @function
 def weigh(arm: Arm, s: BodyScratch) -> None:
     """Set mass, first moment and inertia of every body about the origin."""
+    c = s.center
+    row = s.vector
     for i in range(len(arm.parent)):
         R = s.rotation[i]
         A = arm.inertia[i]
         m = arm.mass[i]
-        c = (add_product(s.origin[i, 0], R[0], arm.center[i]),
-             add_product(s.origin[i, 1], R[1], arm.center[i]),
-             add_product(s.origin[i, 2], R[2], arm.center[i]))
         s.mass[i] = m
         for a in range(3):
+            c[a] = add_product(s.origin[i, a], R[a], arm.center[i])
             s.moment[i, a] = m * c[a]
-            half_turned = (product(R[a], A[0]), product(R[a], A[1]), product(R[a], A[2]))
+        for a in range(3):
+            for b in range(3):
+                row[b] = product(R[a], A[b])
             for b in range(a, 3):  # R A Rᵀ, about the origin.
-                element = product(half_turned, R[b]) + point_inertia(m, c, a, b)
+                element = product(row, R[b]) + point_inertia(m, c, a, b)
                 s.inertia[i, a, b] = s.inertia[i, b, a] = element
 
 
@@ -285,17 +303,19 @@ def move(arm: Arm, dq: Array, s: BodyScratch) -> None:
 @function
 def couple(arm: Arm, s: BodyScratch) -> None:
     """Set W and P of (RB1) of every body."""
+    I = s.central_inertia  # noqa: E741
+    c = s.center
     for i in range(len(arm.parent)):
         m = s.mass[i]
         h = s.moment[i]
         W = s.coupling[i]
         P = s.momentum[i]
-        I = s.central_inertia  # noqa: E741
         rate = s.twist[i, :3]
-        k = 1.0 / m if m else 0.0
-        c = (k * h[0], k * h[1], k * h[2])
+        inverse_mass = 1.0 / m if m else 0.0
         for a in range(3):
+            c[a] = inverse_mass * h[a]
             P[a] = add_cross(m * s.twist[i, 3 + a], rate, h, a)
+        for a in range(3):
             for b in range(a, 3):
                 I[a, b] = I[b, a] = s.inertia[i, a, b] - point_inertia(m, c, a, b)
         for a in range(3):
@@ -330,56 +350,58 @@ def gather_velocity_terms(arm: Arm, s: BodyScratch, i: int) -> None:
 
 
 @function
+def fill_mass(arm: Arm, s: BodyScratch, j: int, M: Array) -> None:
+    """Set row and column of joint j in M by (RB4), and its (K, L)."""
+    column = arm.joint[j]
+    set_momentum(s, j, s.joint[j], s.unit_momentum)
+    i = j
+    while i >= 0:
+        row = arm.joint[i]
+        M[row, column] = M[column, row] = power(s.joint[i], s.unit_momentum)
+        i = arm.parent[i]
+    M[column, column] += arm.rotor[j]
+
+
+@function
 def mass_matrix(arm: Arm, s: BodyScratch, M: Array) -> None:
-    """Set M by (RB4), after `place` and `weigh`."""
+    """Set M, after `place` and `weigh`."""
+    clear(M)
     for j in range(len(arm.parent) - 1, -1, -1):
-        set_momentum(s, j, s.joint[j], s.unit_momentum)
-        column = arm.joint[j]
-        i = j
-        while i >= 0:
-            row = arm.joint[i]
-            M[row, column] = M[column, row] = power(s.joint[i], s.unit_momentum)
-            i = arm.parent[i]
-        M[column, column] += arm.rotor[j]
+        fill_mass(arm, s, j, M)
         gather_mass(arm, s, j)
 
 
 @function
 def evaluate(arm: Arm, q: Array, dq: Array, s: BodyScratch, M: Array, C: Array, G: Array) -> None:
-    """Set M, C and G by (RB4) to (RB6); joints that do not carry each other have 0."""
+    """Set M, C and G by (RB4) to (RB6)."""
     place(arm, q, s)
     weigh(arm, s)
     move(arm, dq, s)
     couple(arm, s)
-    momentum = s.unit_momentum
     momentum_rate = s.unit_momentum_rate
-    for i in range(len(G)):
-        for j in range(len(G)):
-            M[i, j] = C[i, j] = 0.0
+    turning = s.vector
+    clear(M)
+    clear(C)
     for j in range(len(arm.parent) - 1, -1, -1):
         W = s.coupling[j]
         P = s.momentum[j]
         z = s.joint[j, :3]
         velocity = s.joint[j, 3:]
         column = arm.joint[j]
-        set_momentum(s, j, s.joint[j], momentum)
+        fill_mass(arm, s, j, M)
         set_momentum(s, j, s.joint_rate[j], momentum_rate)
         for a in range(3):
             momentum_rate[a] += product(W[a], z)
             momentum_rate[3 + a] += cross(z, P, a)
-        turning = (add_cross(product(W[:, 0], z), P, velocity, 0),
-                   add_cross(product(W[:, 1], z), P, velocity, 1),
-                   add_cross(product(W[:, 2], z), P, velocity, 2))
+            turning[a] = add_cross(product(W[:, a], z), P, velocity, a)
         G[column] = arm.gravity * (cross(z, s.moment[j], 2) + velocity[2] * s.mass[j])
         i = j
         while i >= 0:
             row = arm.joint[i]
-            M[row, column] = M[column, row] = power(s.joint[i], momentum)
-            C[column, row] = add_product(
-                power(s.joint_rate[i], momentum), turning, s.joint[i, :3])
-            C[row, column] = power(s.joint[i], momentum_rate)
+            S = s.joint[i]
+            C[column, row] = add_product(power(s.joint_rate[i], s.unit_momentum), turning, S)
+            C[row, column] = power(S, momentum_rate)
             i = arm.parent[i]
-        M[column, column] += arm.rotor[j]
         gather_mass(arm, s, j)
         gather_velocity_terms(arm, s, j)
 
@@ -404,5 +426,4 @@ def bias(arm: Arm, s: BodyScratch, dq: Array, out: Array) -> None:
             force[3 + a] += cross(rate, momentum[3:], a)
     for i in range(n - 1, -1, -1):
         out[arm.joint[i]] = power(s.joint[i], s.force[i])
-        for a in range(6):
-            s.force[arm.parent[i], a] += s.force[i, a]
+        add_to(s.force[arm.parent[i]], s.force[i])

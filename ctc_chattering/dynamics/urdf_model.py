@@ -142,27 +142,29 @@ class UrdfModel(Model, LinearModel):
         # S of each joint, linear part first.
         motions = [np.array(joint.createData().S).ravel() for joint in model.joints.tolist()[1:]]
         prismatic = np.array([not motion[3:].any() for motion in motions])
-        turns = [_rotation_to_z(motion[:3] if slides else motion[3:])
-                 for motion, slides in zip(motions, prismatic)]
-        parent_turns = [np.eye(3) if parent < 0 else turns[parent] for parent in parents]
+        # The last one is the base's, which the parent -1 takes.
+        turns = np.array([*(_rotation_to_z(motion[:3] if slides else motion[3:])
+                            for motion, slides in zip(motions, prismatic)), np.eye(3)])
+        into_parents = turns[parents].swapaxes(1, 2)
+        turns = turns[:-1]
+        into_bodies = turns.swapaxes(1, 2)
+        offsets = np.array([placement.translation for placement in placements])
+        centers = np.array([body.lever for body in inertias])
         return Arm(
             closed=False, gravity=self.gravity, scale=1.0, parent=parents, prismatic=prismatic,
             joint=self._order,
-            rotation=np.array([parent_turn.T @ placement.rotation @ turn for
-                               parent_turn, placement, turn in zip(
-                                   parent_turns, placements, turns)]),
-            offset=np.array([parent_turn.T @ placement.translation
-                             for parent_turn, placement in zip(parent_turns, placements)]),
+            rotation=into_parents @ [placement.rotation for placement in placements] @ turns,
+            offset=(into_parents @ offsets[:, :, np.newaxis])[:, :, 0],
             mass=np.array([body.mass for body in inertias]),
-            center=np.array([turn.T @ body.lever for turn, body in zip(turns, inertias)]),
-            inertia=np.array([_mirrored(turn.T @ body.inertia @ turn)
-                              for turn, body in zip(turns, inertias)]),
+            center=(into_bodies @ centers[:, :, np.newaxis])[:, :, 0],
+            inertia=_mirrored(into_bodies @ [body.inertia for body in inertias] @ turns),
             rotor=np.array(model.armature))
 
     @property
     def _inertias(self) -> list[Any]:
         """Pinocchio's inertias of the bodies, in our order."""
-        return [self._model.inertias[int(i) + 1] for i in self._back]
+        bodies = self._model.inertias.tolist()[1:]
+        return [bodies[i] for i in self._back]
 
     def inertial_parameters(self) -> Array:
         """
@@ -207,18 +209,15 @@ class UrdfModel(Model, LinearModel):
 
     def mass_matrix(self, q: Vector) -> Rows:
         """Return M(q), shape (n, n)."""
-        rows: Rows = self._call(self._pin.crba, q)[self._square].tolist()
-        return rows
+        return self._matrix(self._pin.crba, q)
 
     def coriolis_matrix(self, q: Vector, dq: Vector) -> Rows:
         """Return C(q, dq), shape (n, n), of Christoffel's symbols."""
-        rows: Rows = self._call(self._pin.computeCoriolisMatrix, q, dq)[self._square].tolist()
-        return rows
+        return self._matrix(self._pin.computeCoriolisMatrix, q, dq)
 
     def gravity_torque(self, q: Vector) -> Vector:
         """Return G(q), shape (n,) [N·m or N]."""
-        torque: Vector = self._call(self._pin.computeGeneralizedGravity, q)[self._back].tolist()
-        return torque
+        return self._vector(self._pin.computeGeneralizedGravity, q)
 
     def potential_energy(self, q: Vector) -> float:
         """Return the potential energy, 0 where the centre of mass is at the root [J]."""
@@ -226,13 +225,22 @@ class UrdfModel(Model, LinearModel):
 
     def inverse_dynamics(self, q: Vector, dq: Vector, a: Vector) -> Vector:
         """Return M(q) a + C(q, dq) dq + G(q), shape (n,)."""
-        torque: Vector = self._call(self._pin.rnea, q, dq, a)[self._back].tolist()
-        return torque
+        return self._vector(self._pin.rnea, q, dq, a)
 
     def _call(self, function: Any, *vectors: Vector | Array) -> Any:
         """Return the result of a function of Pinocchio, in its order. The next call changes it."""
         return function(
             self._model, self._data, *(np.array(x, float)[self._order] for x in vectors))
+
+    def _vector(self, function: Any, *vectors: Vector) -> Vector:
+        """Return a vector in our order."""
+        values: Vector = self._call(function, *vectors)[self._back].tolist()
+        return values
+
+    def _matrix(self, function: Any, *vectors: Vector) -> Rows:
+        """Return a matrix in our order."""
+        rows: Rows = self._call(function, *vectors)[self._square].tolist()
+        return rows
 
     def _check_inertia(self) -> None:
         """Raise `CtcError` unless M is positive definite at a few positions."""
@@ -269,8 +277,8 @@ def _rotation_to_z(axis: Array) -> Array:
 
 
 def _mirrored(matrix: Array) -> Array:
-    """Return the symmetric matrix of an upper triangle."""
-    symmetric: Array = np.triu(matrix) + np.triu(matrix, 1).T
+    """Return symmetric matrices of upper triangles, shape (n, 3, 3)."""
+    symmetric: Array = np.triu(matrix) + np.triu(matrix, 1).swapaxes(1, 2)
     return symmetric
 
 

@@ -21,8 +21,7 @@ the URDF, or the element that `parse_description` returns. `Tree.bare` writes wh
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Mapping, Sequence
-from enum import Enum
+from collections.abc import Collection, Container, Iterable, Mapping, Sequence
 from math import hypot, inf
 from typing import NamedTuple
 import xml.etree.ElementTree as ET
@@ -32,38 +31,19 @@ from ctc_chattering.errors import CtcError, near, ParameterError
 
 #: Larger numbers are refused: sums of their squares overflow.
 _LARGEST_NUMBER = 1e300
-#: Attributes of the elements of an inertial.
-_INERTIAL_ATTRIBUTES = {
-    'mass': ('value',), 'inertia': ('ixx', 'ixy', 'ixz', 'iyy', 'iyz', 'izz')}
+#: Attributes of an inertia.
+MOMENTS = ('ixx', 'ixy', 'ixz', 'iyy', 'iyz', 'izz')
 
 
-class JointType(str, Enum):
-    """Types of joint that an arm can have."""
-
-    FIXED = 'fixed'
-    REVOLUTE = 'revolute'
-    #: Revolute without limits.
-    CONTINUOUS = 'continuous'
-    PRISMATIC = 'prismatic'
-
-
-#: Types with one degree of freedom.
-_MOVABLE = tuple(x.value for x in JointType if x is not JointType.FIXED)
+#: Types of joint with one degree of freedom.
+_MOVABLE = ('revolute', 'continuous', 'prismatic')
 
 
 class Origin(NamedTuple):
     """A frame in that of its parent: x, y, z [m] and roll, pitch, yaw [rad]."""
 
-    xyz: tuple[float, ...]
-    rpy: tuple[float, ...]
-
-
-class Axis(NamedTuple):
-    """A joint's axis, of length 1; 0 where the text says so."""
-
-    x: float
-    y: float
-    z: float
+    xyz: tuple[float, ...] = (0.0, 0.0, 0.0)
+    rpy: tuple[float, ...] = (0.0, 0.0, 0.0)
 
 
 def parse_numbers(where: str, attribute: str, text: str, count: int,
@@ -94,6 +74,17 @@ def parse_origin(where: str, element: ET.Element) -> Origin:
     return Origin(triple('xyz'), triple('rpy'))
 
 
+class Inertial(NamedTuple):
+    """Mass and inertia of a link."""
+
+    #: The centre of mass, and the axes of the moments, in the frame of the link.
+    origin: Origin
+    #: [kg]
+    mass: float
+    #: Elements of the inertia about the centre by attribute, ``ixx`` and so on [kg·m²].
+    moments: Mapping[str, float]
+
+
 class Mimic(NamedTuple):
     """A joint that follows another: position = multiplier * that of the leader + offset."""
 
@@ -106,8 +97,10 @@ class Joint(NamedTuple):
     """A joint with one degree of freedom."""
 
     name: str
-    type: JointType
-    axis: Axis
+    #: ``revolute``, ``continuous`` or ``prismatic``.
+    type: str
+    #: Direction of the axis, of length 1; zeros where the text says so.
+    axis: tuple[float, ...]
     #: Least and greatest position [rad or m]; ∓inf without limits.
     position: tuple[float, float]
     #: Greatest speed [rad/s or m/s]; inf where the URDF has none, or 0.
@@ -129,12 +122,12 @@ class Joint(NamedTuple):
     @property
     def continuous(self) -> bool:
         """True for a joint that turns endlessly."""
-        return self.type is JointType.CONTINUOUS
+        return self.type == 'continuous'
 
     @property
     def prismatic(self) -> bool:
         """True for a joint that slides."""
-        return self.type is JointType.PRISMATIC
+        return self.type == 'prismatic'
 
     @property
     def position_unit(self) -> str:
@@ -159,6 +152,8 @@ class Tree:
         Link that no joint carries.
     links : dict of str to Element
         All links, in the order of the text.
+    inertials : dict of str to Inertial or None
+        Mass and inertia of each link.
     ends : dict of str to (str, str)
         Parent and child link of every joint, fixed ones included, from the root outwards.
     carriers : dict of str to str
@@ -189,21 +184,23 @@ class Tree:
         if not self.links:
             advice = '; run xacro on it first' if self.unexpanded else ''
             raise CtcError(f'URDF: it has no link{advice}')
-        for link in self.links.values():
-            _check_inertia(link)
+        self.inertials = {name: _inertial(link) for name, link in self.links.items()}
         ends = {name: (_link_name(joint, 'parent', self.links),
                        _link_name(joint, 'child', self.links))
                 for name, joint in self._elements.items()}
         self.carriers = _carriers(ends)
-        self.ends = _outwards(self.links, ends, self.carriers)
-        self.root = next(link for link in self.links if link not in self.carriers)
+        self.root = _root(self.links, self.carriers)
+        self.ends = _outwards(self.root, ends)
         self.origins = {name: parse_origin(f'joint {name}', joint)
                         for name, joint in self._elements.items()}
         self.joints: dict[str, Joint] = {}
         for name in self.ends:
-            joint_type = _joint_type(self._elements[name])
-            if joint_type is not JointType.FIXED:
-                self.joints[name] = _joint(self._elements[name], joint_type)
+            joint_type = self._elements[name].get('type', '')
+            if joint_type in _MOVABLE:
+                self.joints[name] = _joint(self._elements[name])
+            elif joint_type != 'fixed':
+                raise CtcError(f'URDF: joint {name} is {joint_type!r}; an arm has fixed joints, '
+                               f'and joints with one degree of freedom: {", ".join(_MOVABLE)}')
 
     @property
     def leaders(self) -> dict[str, tuple[str, ...]]:
@@ -248,7 +245,7 @@ class Tree:
                     'locked', f'{name}: {value}',
                     f'finite positions of joints not in joint_names: {", ".join(free) or "none"}')
         leading = {name: positions.get(name, 0.0) for name in free}
-        following = {name: self._following(name, leading)
+        following = {name: self._position(name, leading)
                      for name, joint in self.joints.items() if joint.mimic is not None}
         return leading | following
 
@@ -264,25 +261,20 @@ class Tree:
                 raise CtcError(f'URDF: joint {name} mimics {joint.mimic.leader} and cannot be a '
                                'joint of the model')
 
-    def _following(self, follower: str, leading: Mapping[str, float]) -> float:
-        """Return the position of a joint that mimics, of the leaders' positions [rad or m]."""
-        multiplier = 1.0
-        offset = 0.0
-        name = follower
-        for _ in self.joints:
-            mimic = self.joints[name].mimic
-            if mimic is None:
-                return multiplier * leading[name] + offset
-            offset += multiplier * mimic.offset
-            multiplier *= mimic.multiplier
-            leader = self.joints.get(mimic.leader)
-            if leader is None:
-                raise CtcError(f'URDF: joint {name} mimics {mimic.leader}, which is not movable')
-            if leader.mimic is None and mimic.leader not in leading:
-                raise CtcError(f'URDF: joint {name} mimics {mimic.leader}, which is a joint of '
-                               'the model')
-            name = mimic.leader
-        raise CtcError(f'URDF: joint {follower} mimics itself')
+    def _position(self, name: str, leading: Mapping[str, float], followers: tuple[str, ...] = ()
+                  ) -> float:
+        """Return the position of a joint, of its leader's where it mimics [rad or m]."""
+        mimic = self.joints[name].mimic
+        if mimic is None:
+            return leading[name]
+        if name in followers:
+            raise CtcError(f'URDF: joint {name} mimics itself')
+        leader = self.joints.get(mimic.leader)
+        if leader is None or (leader.mimic is None and mimic.leader not in leading):
+            fault = 'not movable' if leader is None else 'a joint of the model'
+            raise CtcError(f'URDF: joint {name} mimics {mimic.leader}, which is {fault}')
+        position = self._position(mimic.leader, leading, (*followers, name))
+        return mimic.multiplier * position + mimic.offset
 
     def check_limits(self, names: Iterable[str]) -> None:
         """Raise `CtcError` if limits or friction of a joint contradict themselves."""
@@ -300,16 +292,16 @@ class Tree:
         """
         robot = ET.Element('robot', name='robot')
         bare_names = {name: f'link {i}' for i, name in enumerate(self.links)}
-        for name, link in self.links.items():
-            ET.SubElement(robot, 'link', name=bare_names[name]).extend(
-                map(_bare_inertial, link.findall('inertial')))
+        for name, inertial in self.inertials.items():
+            link = ET.SubElement(robot, 'link', name=bare_names[name])
+            if inertial is not None:
+                # Numbers without spaces around them: urdfdom does not read those.
+                fill_inertial(ET.SubElement(link, 'inertial'), inertial)
         for i, (name, joint) in enumerate(self._elements.items()):
             bare_type = joint.get('type', '').replace('continuous', 'revolute')
             bare_name = name if name in self.joints else f'fixed joint {i}'
-            bare = ET.SubElement(robot, 'joint', name=bare_name, type=bare_type)
             parent, child = self.ends[name]
-            ET.SubElement(bare, 'parent', link=bare_names[parent])
-            ET.SubElement(bare, 'child', link=bare_names[child])
+            bare = add_joint(robot, bare_name, bare_type, bare_names[parent], bare_names[child])
             add_origin(bare, self.origins[name])
             ET.SubElement(bare, 'axis', xyz=number_text(_axis_numbers(joint)))
             ET.SubElement(bare, 'limit', lower='-1', upper='1', effort='0', velocity='0')
@@ -350,68 +342,73 @@ def _carriers(ends: Mapping[str, tuple[str, str]]) -> dict[str, str]:
     return carriers
 
 
-def _outwards(links: Collection[str], ends: Mapping[str, tuple[str, str]],
-              carriers: Mapping[str, str]) -> dict[str, tuple[str, str]]:
-    """Return the ends of joints from the root outwards. Raise unless they form one tree."""
-    children: dict[str, list[str]] = {link: [] for link in links}
-    for parent, child in ends.values():
-        children[parent].append(child)
-    waiting = [link for link in links if link not in carriers]
-    if len(waiting) > 1:
-        raise CtcError(f'URDF: no joint carries the links {", ".join(waiting)}, but one link '
+def _root(links: Iterable[str], carriers: Container[str]) -> str:
+    """Return the link that no joint carries; empty if there is none. Raise if there are two."""
+    roots = [link for link in links if link not in carriers]
+    if len(roots) > 1:
+        raise CtcError(f'URDF: no joint carries the links {", ".join(roots)}, but one link '
                        'alone can be the base')
+    return ''.join(roots)
+
+
+def _outwards(root: str, ends: dict[str, tuple[str, str]]) -> dict[str, tuple[str, str]]:
+    """Return the ends of joints from the root outwards. Raise unless they form one tree."""
+    def joints_on(link: str) -> list[str]:
+        return [name for name, (parent, _) in reversed(ends.items()) if parent == link]
+
     ordered: dict[str, tuple[str, str]] = {}
+    waiting = joints_on(root)
     while waiting:
-        link = waiting.pop()
-        if link in carriers:
-            ordered[carriers[link]] = ends[carriers[link]]
-        waiting += reversed(children[link])
+        name = waiting.pop()
+        ordered[name] = ends[name]
+        waiting += joints_on(ends[name][1])
     if len(ordered) < len(ends):
         circle = ', '.join(name for name in ends if name not in ordered)
         raise CtcError(f'URDF: joints {circle} form a closed chain')
     return ordered
 
 
-def _check_inertia(link: ET.Element) -> None:
-    """Raise unless inertias can be read: Pinocchio's parser would ignore them."""
-    for inertial in link.findall('inertial'):
-        where = f'inertial of link {link.get("name")}'
-        for tag, keys in _INERTIAL_ATTRIBUTES.items():
-            element = inertial.find(tag)
-            if element is None:
-                raise CtcError(f'URDF: {where} has no {tag}')
-            for key in keys:
-                (value,) = parse_numbers(where, f'{tag} {key}', element.get(key, ''), 1)
-                if tag == 'mass' and value < 0.0:
-                    raise CtcError(f'URDF: {where}: mass is {value:g} kg; it must not be negative')
-        parse_origin(where, inertial)
+def _inertial(link: ET.Element) -> Inertial | None:
+    """Return the inertial of a link. Raise unless all of them can be read."""
+    where = f'inertial of link {link.get("name")}'
+    inertials = [_parse_inertial(where, element) for element in link.findall('inertial')]
+    return inertials[0] if inertials else None
 
 
-def _bare_inertial(inertial: ET.Element) -> ET.Element:
-    """Return checked inertias without spaces around numbers, which urdfdom does not read."""
-    bare = ET.Element('inertial')
-    add_origin(bare, parse_origin('', inertial))
-    for tag, keys in _INERTIAL_ATTRIBUTES.items():
+def _parse_inertial(where: str, inertial: ET.Element) -> Inertial:
+    def number(tag: str, key: str) -> float:
         element = inertial.find(tag)
-        assert element is not None  # _check_inertia has seen it.
-        ET.SubElement(bare, tag, {key: repr(float(element.get(key, ''))) for key in keys})
-    return bare
+        if element is None:
+            raise CtcError(f'URDF: {where} has no {tag}')
+        return parse_numbers(where, f'{tag} {key}', element.get(key, ''), 1)[0]
+
+    mass = number('mass', 'value')
+    if mass < 0.0:
+        raise CtcError(f'URDF: {where}: mass is {mass:g} kg; it must not be negative')
+    moments = {key: number('inertia', key) for key in MOMENTS}
+    return Inertial(parse_origin(where, inertial), mass, moments)
+
+
+def fill_inertial(element: ET.Element, inertial: Inertial) -> None:
+    """Add mass and inertia to an element."""
+    add_origin(element, inertial.origin)
+    ET.SubElement(element, 'mass', value=repr(inertial.mass))
+    ET.SubElement(element, 'inertia', {
+        key: repr(moment) for key, moment in inertial.moments.items()})
+
+
+def add_joint(robot: ET.Element, name: str, joint_type: str, parent: str, child: str
+              ) -> ET.Element:
+    """Add a joint between two links, and return it."""
+    joint = ET.SubElement(robot, 'joint', name=name, type=joint_type)
+    ET.SubElement(joint, 'parent', link=parent)
+    ET.SubElement(joint, 'child', link=child)
+    return joint
 
 
 def add_origin(parent: ET.Element, origin: Origin) -> None:
     """Add an origin to an element."""
     ET.SubElement(parent, 'origin', xyz=number_text(origin.xyz), rpy=number_text(origin.rpy))
-
-
-def _joint_type(element: ET.Element) -> JointType:
-    """Return the type of a joint. Raise if no arm can have it."""
-    text = element.get('type', '')
-    try:
-        return JointType(text)
-    except ValueError:
-        raise CtcError(
-            f'URDF: joint {element.get("name")} is {text!r}; an arm has fixed joints, and joints '
-            f'with one degree of freedom: {", ".join(_MOVABLE)}') from None
 
 
 def _axis_numbers(joint: ET.Element) -> list[float]:
@@ -421,15 +418,16 @@ def _axis_numbers(joint: ET.Element) -> list[float]:
     return parse_numbers(f'joint {joint.get("name")}', 'axis', text, 3)
 
 
-def _unit_axis(joint: ET.Element) -> Axis:
-    x, y, z = _axis_numbers(joint)
-    length = hypot(x, y, z) or 1.0
-    return Axis(x / length, y / length, z / length)
+def _unit_axis(joint: ET.Element) -> tuple[float, ...]:
+    numbers = _axis_numbers(joint)
+    length = hypot(*numbers) or 1.0
+    return tuple(x / length for x in numbers)
 
 
-def _joint(element: ET.Element, joint_type: JointType) -> Joint:
+def _joint(element: ET.Element) -> Joint:
     """Return a joint with one degree of freedom."""
     name = element.get('name', '')
+    joint_type = element.get('type', '')
     where = f'joint {name}'
 
     def number(tag: str, key: str, default: str = '0', largest: float = inf) -> float:
@@ -448,7 +446,7 @@ def _joint(element: ET.Element, joint_type: JointType) -> Joint:
                        'negative')
     low = number('limit', 'lower')
     high = number('limit', 'upper')
-    if joint_type is JointType.CONTINUOUS or low == high == 0.0:
+    if joint_type == 'continuous' or low == high == 0.0:
         low, high = -inf, inf
     return Joint(
         name, joint_type, _unit_axis(element), (low, high),

@@ -116,11 +116,11 @@ class SelfCollision:
         frame_indices = {frame.link: i for i, frame in enumerate(self._kinematics.frames)}
         # The floor is fixed to the root.
         self._frame_indices = [frame_indices.get(name, 0) for name in names]
-        placements = self._kinematics.rigid_placements()
-        carriers = [placements[name].joint_index if name in placements else -1 for name in names]
+        bodies = self._kinematics.rigid_bodies()
+        body_of = {link: i for i, body in enumerate(bodies) for link in body}
         joined = {frozenset(tree.ends[name]) for name in joints}
         pairs = [(a, b) for a, b in combinations(range(len(names)), 2)
-                 if carriers[a] != carriers[b]
+                 if body_of.get(names[a]) != body_of.get(names[b])
                  and frozenset((names[a], names[b])) not in joined]
         distances = self._distances(pairs, rests)
         touch = distances[0] <= _TOUCH_M

@@ -30,7 +30,7 @@ from ctc_chattering.configuration.package_share import config_directory
 from ctc_chattering.dynamics.description_xml import parse_description
 from ctc_chattering.dynamics.kinematics import Kinematics, LinkFrame, origin_pose
 from ctc_chattering.dynamics.registry import locked_positions, RobotConfig
-from ctc_chattering.dynamics.urdf_parser import parse_numbers, parse_origin, Tree
+from ctc_chattering.dynamics.urdf_parser import Inertial, parse_numbers, parse_origin, Tree
 from ctc_chattering.errors import CtcError
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
@@ -189,8 +189,8 @@ def urdf_skeleton(urdf: str | ET.Element, joint_names: Sequence[str],
     bodies = []
     for frame, link_ends in zip(kinematics.frames, ends):
         link = tree.links[frame.link]
-        bodies.append(Body(frame, _shapes(link, 'visual'), _shapes(link, 'collision'),
-                           _capsules(link_ends, link, _RADIUS_RATIO * reach)))
+        capsules = _capsules(link_ends, tree.inertials[frame.link], _RADIUS_RATIO * reach)
+        bodies.append(Body(frame, _shapes(link, 'visual'), _shapes(link, 'collision'), capsules))
     return Skeleton(kinematics, tuple(bodies), len(joint_names), reach)
 
 
@@ -205,11 +205,11 @@ def _reach(frames: Sequence[LinkFrame]) -> float:
     return max(distances) + last_length or 1.0
 
 
-def _capsules(ends: Sequence[Array], link: ET.Element, radius: float) -> tuple[Shape, ...]:
+def _capsules(ends: Sequence[Array], inertial: Inertial | None, radius: float
+              ) -> tuple[Shape, ...]:
     """Return lines from the origin of a link to the joints on it, or to its end."""
-    inertial = link.find('inertial')
     if not ends and inertial is not None:
-        ends = [2.0 * np.array(parse_origin('inertial', inertial).xyz)]
+        ends = [2.0 * np.array(inertial.origin.xyz)]
     return tuple(Shape('capsule', (0.0, 0.0, 0.0, *map(float, end), radius), np.eye(4))
                  for end in ends if radius and _SHORTEST_M < hypot(*end) < LONGEST)
 

@@ -20,7 +20,7 @@ from math import cos, pi, sin
 from typing import Any
 
 from ctc_chattering.compiled.records import packed, record_of
-from ctc_chattering.dynamics.compiled_model import arm_of, StateTerms, set_mass_and_bias, set_terms
+from ctc_chattering.dynamics.compiled_model import arm_of, set_mass_and_bias, set_terms, StateTerms
 from ctc_chattering.dynamics.model import Model, Scaled
 from ctc_chattering.dynamics.payload import tip_of, with_payload
 from ctc_chattering.dynamics.tree import body_scratch
@@ -86,6 +86,23 @@ def test_the_terms_of_the_model(name: str, scales: tuple[float, float]) -> None:
         set_mass_and_bias(arm, body)
         for x, y in zip((body.M, body.bias), scaled.mass_and_bias(q, dq)):
             np.testing.assert_allclose(x, y, rtol=0, atol=1e-10 * (1.0 + np.abs(y).max()))
+
+
+def test_an_arm_with_branches_takes_the_place_of_one_without() -> None:
+    """Joints that do not carry each other have 0 in M and C, whatever the last arm had."""
+    serial = UrdfModel(panda(), PANDA[:4])
+    model = robots()['branching']
+    n = model.n
+    body, place = record_of(body_scratch(n)), place_of(n)
+    q, dq = np.random.default_rng(6).uniform(-2.0, 2.0, (2, n))
+    for arm in (arm_of(serial), arm_of(model)):
+        place.q, place.dq = body.q, body.dq = q, dq
+        set_terms(record_of(arm), body, place)
+        set_mass_and_bias(record_of(arm), body)
+    M, C, _ = model.evaluate(q, dq)
+    np.testing.assert_allclose(place.M, M, rtol=0, atol=1e-12 * np.abs(M).max())
+    np.testing.assert_allclose(place.C, C, rtol=0, atol=1e-12 * np.abs(C).max())
+    np.testing.assert_allclose(body.M, M, rtol=0, atol=1e-12 * np.abs(M).max())
 
 
 G = 9.81

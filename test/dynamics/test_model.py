@@ -20,7 +20,7 @@ from collections.abc import Callable
 from typing import Any
 
 from ctc_chattering.configuration.package_share import config_directory
-from ctc_chattering.dynamics.model import Model, Scaled
+from ctc_chattering.dynamics.model import DynamicsTerms, Model, Scaled
 from ctc_chattering.dynamics.model_check import check_dynamics
 from ctc_chattering.dynamics.two_link import TwoLink
 from ctc_chattering.dynamics.urdf_model import UrdfModel
@@ -181,7 +181,7 @@ def test_what_a_model_raises_is_reported() -> None:
             del q
             raise NotImplementedError('no height here')
 
-        def evaluate(self, q: Array, dq: Array) -> tuple[Array, Array, Array]:
+        def evaluate(self, q: Array, dq: Array) -> DynamicsTerms:
             del q, dq
             raise ZeroDivisionError
 
