@@ -39,7 +39,7 @@ import numpy as np
 
 def arm_of(model: Model, inertia_scale: float = 1.0, gravity_scale: float = 1.0) -> Arm | None:
     """
-    Return the numbers of a `TwoLink` or `UrdfModel`; None for another model.
+    Return the numbers of a `TwoLink` or `UrdfModel`, or None.
 
     Parameters
     ----------
@@ -64,7 +64,7 @@ def arm_of(model: Model, inertia_scale: float = 1.0, gravity_scale: float = 1.0)
 
 @record
 class StateTerms(NamedTuple):
-    """M, C and G at a state, with the call that computes them."""
+    """M, C and G at a state, with their call."""
 
     #: Address of `set_terms`, and that of the addresses of its arguments.
     function: int  # noqa: A003
@@ -79,13 +79,13 @@ class StateTerms(NamedTuple):
 
 @record
 class CompiledModel(NamedTuple):
-    """A model for the plant: the call of `set_mass_and_bias` and its `BodyScratch`."""
+    """The model of the plant: `set_mass_and_bias` and its scratch."""
 
     call: Any
     body: Any
 
     def mass_and_bias(self, q: Any, dq: Any) -> Any:
-        """Return M and C dq + G, as `Model.mass_and_bias`. The next call changes M."""
+        """Return M and C dq + G. The next call changes M."""
         body = self.body
         write(body.q, q)
         write(body.dq, dq)
@@ -95,13 +95,13 @@ class CompiledModel(NamedTuple):
 
 @record
 class EvaluatedModel(NamedTuple):
-    """A model for the control step: that of the plant, with the `StateTerms` of its own."""
+    """The model of the control step, with its own terms."""
 
     model: CompiledModel
     terms: Any
 
     def evaluate(self, q: Any, dq: Any) -> Any:
-        """Return M, C and G, as `Model.evaluate`. The next call changes M and C."""
+        """Return M, C and G. The next call changes them."""
         terms = self.terms
         write(terms.q, q)
         write(terms.dq, dq)
@@ -134,7 +134,7 @@ class Call(NamedTuple):
 
 class CompiledArm:
     """
-    The dynamics of an arm as machine code, compiled once for all laws and the plant.
+    Machine code of an arm, for all laws and the plant.
 
     Parameters
     ----------
@@ -167,11 +167,11 @@ class CompiledArm:
         self._add_call(call, set_mass, (self._arm, body))
 
     def fill(self, arm: Arm) -> None:
-        """Take the numbers of another arm of as many joints."""
+        """Take the numbers of another arm."""
         self._arm.base[0] = tuple(vars(arm).values())
 
     def _add_call(self, addresses: Any, code: Code, arguments: tuple[Any, ...]) -> None:
-        """Set the addresses by which compiled code calls a function with these arguments."""
+        """Set the addresses by which compiled code calls a function."""
         call = Call(addresses, code, arguments, places(arguments))
         self.calls.append(call)
         if code.compiled:
@@ -187,14 +187,14 @@ class CompiledArm:
 
 @function
 def set_terms(arm: Any, body: Any, terms: Any) -> int:
-    """Set M, C and G of a `StateTerms` at its state."""
+    """Set M, C and G of a `StateTerms`."""
     evaluate(arm, terms.q, terms.dq, body, terms.M, terms.C, terms.G)
     return 0
 
 
 @function
 def set_mass_and_bias(arm: Any, s: Any) -> int:
-    """Set M and C dq + G of a `BodyScratch` at its state."""
+    """Set M and C dq + G of a scratch."""
     if arm.closed:
         evaluate(arm, s.q, s.dq, s, s.M, s.C, s.bias)
         for i in range(2):
@@ -210,7 +210,7 @@ def set_mass_and_bias(arm: Any, s: Any) -> int:
 
 @function
 def evaluate(arm: Any, q: Any, dq: Any, s: Any, M: Any, C: Any, G: Any) -> None:
-    """Set M(q), C(q, dq) and G(q), shapes (n, n), (n, n) and (n,), of an `Arm`."""
+    """Set M, C and G of an arm at a state."""
     if arm.closed:
         t = two_link.terms(arm.gravity, q)
         scale = arm.scale

@@ -13,7 +13,7 @@
 # limitations under the License.
 
 """
-A URDF with identified inertial parameters, rotor inertias and direction of gravity.
+A URDF with identified bodies, rotors and gravity.
 
 `ctc identify` writes the robot that it has identified. All other text stays, including comments.
 Only spaces within tags may change.
@@ -60,7 +60,7 @@ def corrected_urdf(description: str, joints: Sequence[str], parameters: Array,
                    rotor: Sequence[float] = (), gravity: Sequence[float] = (0.0, 0.0, -1.0),
                    locked: Mapping[str, float] | None = None) -> str:
     """
-    Return a URDF with given parameters of its moved bodies.
+    Return a URDF with other parameters of its bodies.
 
     Parameters
     ----------
@@ -72,7 +72,7 @@ def corrected_urdf(description: str, joints: Sequence[str], parameters: Array,
         Mass [kg], first moments [kg·m] and inertia [kg·m²] of the body that each joint moves,
         about the joint's frame, in Pinocchio's order. A rigid body must have them.
     rotor : sequence of float, length n
-        Rotor inertias, reflected to the joints [kg·m²]; empty for those of the URDF.
+        Rotor inertias, reflected to the joints [kg·m²]. Empty for those of the URDF.
     gravity : sequence of float, length 3
         Direction of gravity in the frame of the root. The default is -z.
     locked : mapping of str to float, optional
@@ -105,7 +105,7 @@ def corrected_urdf(description: str, joints: Sequence[str], parameters: Array,
 
 def _write_bodies(robot: ET.Element, tree: Tree, kinematics: Kinematics, bodies: Sequence[Array]
                   ) -> None:
-    """Give the links of every body the inertias that add up to its pseudo-inertia."""
+    """Give links the inertias that add up to bodies."""
     elements = {link.get('name', ''): link for link in robot.findall('link')}
     for body, poses in zip(bodies, kinematics.rigid_bodies()):
         for link, inertia in _changed_inertias(tree, poses, body).items():
@@ -114,7 +114,7 @@ def _write_bodies(robot: ET.Element, tree: Tree, kinematics: Kinematics, bodies:
 
 def _changed_inertias(tree: Tree, poses: Mapping[str, Array], body: Array) -> dict[str, Array]:
     """
-    Return the pseudo-inertias of links, in their own frames, that a body's change requires.
+    Return the changed pseudo-inertias of a body's links, in their own frames.
 
     Parameters
     ----------
@@ -144,7 +144,7 @@ def _changed_inertias(tree: Tree, poses: Mapping[str, Array], body: Array) -> di
 
 
 def _transformed(pose: Array, inertia: Array) -> Array:
-    """Return a pseudo-inertia in the frame in which its own frame has a pose."""
+    """Return a pseudo-inertia in the frame of its pose."""
     transformed: Array = pose @ inertia @ pose.T
     return transformed
 
@@ -174,13 +174,13 @@ def _write_inertial(link: ET.Element, inertia: Array) -> None:
 
 
 def _child(parent: ET.Element, tag: str, **attributes: str) -> ET.Element:
-    """Return the first child with a tag. Without one, add it with some attributes."""
+    """Return the first child with a tag, or add it."""
     child = parent.find(tag)
     return ET.SubElement(parent, tag, attributes) if child is None else child
 
 
 def with_rotors(description: str, inertias: Mapping[str, float]) -> str:
-    """Return a URDF with rotor inertias, reflected to their joints [kg·m²]."""
+    """Return a URDF with reflected rotor inertias [kg·m²]."""
     robot = parse_description(description)
     _write_rotors(robot, inertias)
     return ET.tostring(robot, encoding='unicode')
@@ -197,7 +197,7 @@ def _write_rotors(robot: ET.Element, inertias: Mapping[str, float]) -> None:
 
 
 def _tilt(robot: ET.Element, tree: Tree, gravity: Sequence[float]) -> None:
-    """Turn the arm on a new root, along whose -z gravity points."""
+    """Add a root along whose -z gravity points."""
     x, y, z = gravity
     horizontal = hypot(x, y)
     if horizontal <= _NO_CHANGE * abs(z) and z < 0.0:
@@ -217,7 +217,7 @@ def _tilt(robot: ET.Element, tree: Tree, gravity: Sequence[float]) -> None:
 
 
 def _verify(model: UrdfModel, parameters: Array, rotor: Sequence[float]) -> None:
-    """Raise `CtcError` unless the model of the new text has the parameters."""
+    """Raise `CtcError` unless the new text has the parameters."""
     sizes = np.abs(parameters).max(axis=1, keepdims=True)
     written = model.inertial_parameters().reshape(-1, 10)
     error = float((np.abs(written - parameters) / sizes).max())

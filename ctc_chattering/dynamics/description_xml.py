@@ -13,9 +13,10 @@
 # limitations under the License.
 
 """
-The XML of a robot's description, read as urdfdom reads it.
+Parser of robot descriptions, as tolerant as urdfdom.
 
-Elements of other programs are left alone, and a prefix need not be declared.
+`urdf_parser` and the writers of URDFs call it. Elements of other programs stay. A prefix need
+not be declared.
 """
 
 from __future__ import annotations
@@ -38,7 +39,7 @@ _XACRO_COMMANDS = tuple(XACRO + name for name in (
 
 def parse_description(text: str, comments: bool = False) -> ET.Element:
     """
-    Return the outermost element of a robot's description, URDF or MJCF.
+    Return the outermost element of a URDF or MJCF.
 
     Parameters
     ----------
@@ -67,7 +68,7 @@ def parse_description(text: str, comments: bool = False) -> ET.Element:
 
 
 def _parse(text: str, comments: bool) -> ET.Element:
-    """Return the outermost element; raise `CtcError` with the line of what is wrong."""
+    """Return the outermost element. Raise `CtcError` with the faulty line."""
     body = text.lstrip()
     lines_before = text[:len(text) - len(body)].count('\n')
     builder = ET.TreeBuilder(insert_comments=comments)

@@ -13,7 +13,7 @@
 # limitations under the License.
 
 """
-Arms with elastic joints: a spring and a damper between each motor and its link.
+Arms with springs and dampers between motors and links.
 
 The plant uses it where `joint_stiffness` is set. With the positions θ of the motors, all
 reflected to the joints (Spong, 1987)::
@@ -31,9 +31,9 @@ import numpy as np
 
 class Elastic(Model):
     """
-    Another model with motors: a `Model` of the coordinates (q, θ).
+    A model of links and motors, coordinates (q, θ).
 
-    The torque of an elastic joint acts on its θ; a rigid joint has no θ. D is part of C: without
+    The torque of an elastic joint acts on its θ. A rigid joint has no θ. D is part of C: without
     it, ½ dM/dt - C is skew-symmetric.
 
     Parameters
@@ -41,7 +41,7 @@ class Elastic(Model):
     model : Model
         The links.
     stiffness, damping, inertia : sequence of float, shape (n,)
-        K [N·m/rad], inf for a rigid joint; D [N·m·s/rad]; J of the motor [kg·m²].
+        K [N·m/rad], inf for a rigid joint, D [N·m·s/rad], and J of the motor [kg·m²].
 
     Attributes
     ----------
@@ -82,7 +82,7 @@ class Elastic(Model):
         return rows
 
     def gravity_torque(self, q: Vector) -> Vector:
-        """Return G and the torques of the springs, shape (n,)."""
+        """Return G with the torques of the springs."""
         torque = self._stretch.T @ (self._stiffness * (self._stretch @ q))
         torque[:self._links] += self._model.gravity_torque(q[:self._links])
         values: list[float] = torque.tolist()
@@ -95,7 +95,7 @@ class Elastic(Model):
 
     def start(self, q: Vector, dq: Vector) -> tuple[list[float], list[float]]:
         """
-        Return coordinates and velocities at which the springs carry the weight.
+        Return the state at which springs carry the weight.
 
         Parameters
         ----------
@@ -109,7 +109,7 @@ class Elastic(Model):
         return [*q, *motor_positions.tolist()], [*dq, *motor_velocities.tolist()]
 
     def rate(self, q: Vector) -> float:
-        """Return a bound of the joints' eigenvalues with the links at rest at `q` [1/s]."""
+        """Return a bound of the eigenvalues at rest [1/s]."""
         link_mobility = np.linalg.inv(np.array(self._model.mass_matrix(q))).diagonal()
         mobility = 1.0 / self._inertia + link_mobility[self._elastic]
         return float((self._damping * mobility + np.sqrt(self._stiffness * mobility)).max())

@@ -13,7 +13,7 @@
 # limitations under the License.
 
 """
-Forward kinematics of a URDF: the pose of every link at given joint positions.
+Forward kinematics of a URDF: poses of its links.
 
 `ctc live` draws arms with it, `ctc excite` places collision shapes by it, and corrected
 descriptions bring inertias into the frames of joints. Origins and axes come from
@@ -37,7 +37,7 @@ from scipy.spatial.transform import Rotation  # type: ignore[import-untyped]
 
 
 class LinkFrame(NamedTuple):
-    """The frame of a link, and the joint between the link and its parent."""
+    """The frame of a link, and its joint."""
 
     link: str
     #: Index of the parent's frame. The root has -1.
@@ -52,7 +52,7 @@ class LinkFrame(NamedTuple):
 
 class Kinematics:
     """
-    Link frames of a URDF in which some joints move and all others are locked.
+    Frames of a URDF with some joints moving, others locked.
 
     Parameters
     ----------
@@ -81,23 +81,22 @@ class Kinematics:
                  locked: Mapping[str, float] | None = None) -> None:
         positions = tree.locked(joint_names, locked or {})
         indices = {name: i for i, name in enumerate(joint_names)}
+        links = [tree.root, *(child for _, child in tree.ends.values())]
         frames = [LinkFrame(tree.root, -1, np.eye(4), None, -1)]
-        frame_indices = {tree.root: 0}
         for name, (parent, child) in tree.ends.items():
-            frame_indices[child] = len(frames)
             origin = origin_pose(tree.origins[name])
             joint = tree.joints.get(name)
             if joint is not None and name in positions:
                 origin = origin @ joint_motion(joint, positions[name])
                 joint = None
             frames.append(LinkFrame(
-                child, frame_indices[parent], origin, joint, indices.get(name, -1)))
+                child, links.index(parent), origin, joint, indices.get(name, -1)))
         self.frames = tuple(frames)
         self.n = len(joint_names)
 
     def poses(self, q: Sequence[float] | Array) -> Array:
         """
-        Return the poses of all links in the frame of the root, by (FK1).
+        Return the poses of all links by (FK1).
 
         Parameters
         ----------
@@ -121,7 +120,7 @@ class Kinematics:
         return poses
 
     def rigid_bodies(self) -> list[dict[str, Array]]:
-        """Return the links of each joint's body, with their poses in the joint's frame."""
+        """Return, for each joint, links and poses on its body."""
         bodies: list[dict[str, Array]] = [{} for _ in range(self.n)]
         for frame in self.frames[1:]:
             if frame.joint is not None:
@@ -144,7 +143,7 @@ def origin_pose(origin: Origin) -> Array:
 
 def joint_motion(joint: Joint, q: float | Array) -> Array:
     """
-    Return B of (FK1), the pose of a joint's child relative to that at position 0.
+    Return the motion B of (FK1).
 
     Parameters
     ----------
@@ -159,8 +158,7 @@ def joint_motion(joint: Joint, q: float | Array) -> Array:
 
     """
     displacement = np.multiply.outer(q, joint.axis)
-    motion = np.zeros((*displacement.shape[:-1], 4, 4))
-    motion[...] = np.eye(4)
+    motion = np.tile(np.eye(4), (*displacement.shape[:-1], 1, 1))
     if joint.prismatic:
         motion[..., :3, 3] = displacement
     else:

@@ -13,7 +13,7 @@
 # limitations under the License.
 
 """
-The interface of robot models: the terms of equation (1), M(q) ddq + C(q, dq) dq + G(q).
+Interface of robot models: M, C and G of (1).
 
 Laws, plants and identification call it. `registry` makes the models that a configuration names.
 Vectors are sequences of ``n`` floats, matrices sequences of rows: the plant integrates scalar by
@@ -31,7 +31,7 @@ import numpy as np
 
 
 class DynamicsTerms(NamedTuple):
-    """The terms of (1) at a state, shapes (n, n), (n, n) and (n,)."""
+    """The terms of (1) at a state, as arrays."""
 
     M: Array
     C: Array
@@ -48,7 +48,7 @@ class Model(ABC):
 
     #: Number of joints.
     n: int
-    #: Largest torque of each joint, inf for unlimited [N·m]; empty where nothing is known.
+    #: Largest torque of each joint, inf for unlimited [N·m]. Empty where nothing is known.
     effort_limits: Vector = ()
     #: True for joints that turn endlessly: their position counts modulo 2π. Empty for none.
     continuous: Sequence[bool] = ()
@@ -59,7 +59,7 @@ class Model(ABC):
 
     @abstractmethod
     def coriolis_matrix(self, q: Vector, dq: Vector) -> Rows:
-        """Return C(q, dq), shape (n, n), such that ½ dM/dt - C is skew-symmetric."""
+        """Return C(q, dq) with ½ dM/dt - C skew-symmetric, shape (n, n)."""
 
     @abstractmethod
     def gravity_torque(self, q: Vector) -> Vector:
@@ -78,7 +78,7 @@ class Model(ABC):
 
     def forward(self, q: Array, dq: Array, u: Array) -> Array:
         """
-        Return ddq, shape (n,) [rad/s²], of (1) under the torque `u`.
+        Return ddq of (1) under a torque, shape (n,).
 
         Parameters
         ----------
@@ -90,7 +90,7 @@ class Model(ABC):
         return np.array(np.linalg.solve(M, u - bias), float)
 
     def inverse_dynamics(self, q: Vector, dq: Vector, a: Vector) -> Vector:
-        """Return M(q) a + C(q, dq) dq + G(q), shape (n,) [N·m], the left side of (1)."""
+        """Return the left side of (1), shape (n,) [N·m]."""
         M = np.array(self.mass_matrix(q))
         C = np.array(self.coriolis_matrix(q, dq))
         torque: Array = M.dot(a) + C.dot(dq) + self.gravity_torque(q)
@@ -98,7 +98,7 @@ class Model(ABC):
         return values
 
     def mass_and_bias(self, q: Array, dq: Array) -> tuple[Array, Array]:
-        """Return M(q) and C(q, dq) dq + G(q) as arrays, shapes (n, n) and (n,)."""
+        """Return M and C dq + G as arrays."""
         position = q.tolist()
         bias = self.inverse_dynamics(position, dq.tolist(), (0.0,) * self.n)
         return np.array(self.mass_matrix(position), float), np.array(bias, float)
@@ -119,18 +119,18 @@ class LinearModel(Protocol):
         """Return the parameters, shape (p,)."""
 
     def parameter_sizes(self) -> Array:
-        """Return the rough largest error of each parameter, shape (p,)."""
+        """Return the rough size of each parameter, shape (p,)."""
         return self.inertial_parameters()
 
     def torque_regressor(self, q: Array, dq: Array, ddq: Array, gravity: Array) -> Array:
         """
-        Return the derivative of the inverse dynamics by the parameters, shape (n, p).
+        Return the torque per parameter, shape (n, p).
 
         `gravity` is the vector of its acceleration in the frame of the base, shape (3,) [m/s²].
         """
 
     def gravity_map(self, q: Array) -> Array:
-        """Return the derivative of G(q) by the vector of gravity, shape (n, 3)."""
+        """Return G per component of gravity, shape (n, 3)."""
         rest = np.zeros(self.n)
         parameters = self.inertial_parameters()
         return np.column_stack([self.torque_regressor(q, rest, rest, axis) @ parameters
@@ -138,13 +138,13 @@ class LinearModel(Protocol):
 
 
 def rotors(model: LinearModel) -> Array:
-    """Return the rotor inertias of a model, shape (n,) [kg·m²]. Only a URDF has any."""
+    """Return the rotor inertias of a model, shape (n,) [kg·m²]."""
     return np.array(getattr(model, 'rotor_inertias', (0.0,) * model.n))
 
 
 class Scaled(Model):
     """
-    Another model with M and C times one factor and G times another.
+    Another model with scaled M, C and G.
 
     Parameters
     ----------

@@ -13,7 +13,7 @@
 # limitations under the License.
 
 """
-Numerical tests of a model: the properties that the laws and their proof rest on.
+Numerical tests of the properties that laws rest on.
 
 `check_dynamics` and `ctc check-model` run them at random states, of models of your own as well.
 `inertia_faults` examines a URDF first, link by link, as no rigid body can break these rules.
@@ -61,7 +61,7 @@ class PropertyCheck(NamedTuple):
     #: Position and velocity of the worst value.
     q: tuple[float, ...]
     dq: tuple[float, ...]
-    #: Exception that the model raised there; empty for none.
+    #: Exception that the model raised there, or nothing.
     error: str = ''
 
 
@@ -86,28 +86,28 @@ class _SampledState:
         self.size: Array = np.sqrt(np.maximum(np.abs(self.M.diagonal()), 1e-300))
 
     def is_well_formed(self) -> bool:
-        """Return whether the terms are finite and have their shapes."""
+        """Return whether terms are finite and have their shapes."""
         n = self.model.n
         terms = (self.M, self.C, self.G)
         return ([x.shape for x in terms] == [(n, n), (n, n), (n,)]
                 and all(np.isfinite(x).all() for x in terms))
 
     def matrix_error(self, error: Array, scale: float = 1.0) -> float:
-        """Return the largest element of an error of M, or of one of C per velocity."""
+        """Return the largest relative element of an error of M."""
         return float(np.abs(error / np.outer(self.size, self.size)).max()) / scale
 
     def torque_error(self, error: Array, load: Array) -> float:
-        """Return an error of a torque against the terms it is a sum of."""
+        """Return the largest relative error of a torque."""
         return float((np.abs(error) / (np.abs(load) + 1e-12 * self.size ** 2 + 1e-300)).max())
 
     def load(self, ddq: Array) -> Array:
-        """Return the size of the terms of equation (1), shape (n,)."""
+        """Return the size of the terms of (1)."""
         load: Array = (np.abs(self.M) @ np.abs(ddq) + np.abs(self.C) @ np.abs(self.dq)
                        + np.abs(self.G).max() + self.size * self.size.max() * self.speed ** 2)
         return load
 
     def slope(self, function: Callable[[Vector], object], direction: Array) -> Array:
-        """Return the derivative of a function of q along a direction."""
+        """Return the derivative along a direction."""
         step = _STEP_RAD * direction
         above = np.array(function((self.q + step).tolist()))
         below = np.array(function((self.q - step).tolist()))
@@ -121,7 +121,7 @@ class _SampledState:
 
 def check_dynamics(model: Model, seed: int = 0, samples: int = 20) -> list[PropertyCheck]:
     """
-    Test a model at random states: M, C, G and the products that the laws rest on.
+    Test the terms of a model at random states.
 
     Parameters
     ----------
@@ -130,18 +130,18 @@ def check_dynamics(model: Model, seed: int = 0, samples: int = 20) -> list[Prope
     seed : int
         Of the states: the same seed, the same states.
     samples : int
-        Number of states; at least 1.
+        Number of states, at least 1.
 
     Returns
     -------
     list of PropertyCheck
-        One for each check, with ``name``, ``passed``, ``worst`` and ``tolerance``; if values are
-        missing or not finite, for that alone.
+        One for each check, with ``name``, ``passed``, ``worst`` and ``tolerance``. If values are
+        missing or not finite, only that check.
 
     Raises
     ------
     ParameterError
-        If an argument is not allowed; what the model raises is in the result.
+        If an argument is not allowed. What the model raises is in the result.
 
     Examples
     --------
@@ -161,7 +161,7 @@ def check_dynamics(model: Model, seed: int = 0, samples: int = 20) -> list[Prope
 
 def _check(name: str, tolerance: float, error_of: Callable[[_SampledState], float],
            states: Sequence[_SampledState]) -> PropertyCheck:
-    """Return the check of an error at its worst state."""
+    """Return a check at its worst state."""
     worst = -1.0
     worst_state = states[0]
     exception_text = ''
@@ -201,7 +201,7 @@ def _skew_error(s: _SampledState) -> float:
 
 
 def _lagrange_error(s: _SampledState) -> float:
-    """Compare C dq with dM/dt dq - ½ grad(dqᵀ M dq), which fixes C dq whatever C is."""
+    """Compare C dq with dM/dt dq - ½ grad(dqᵀ M dq)."""
     mass_matrix = s.model.mass_matrix
     gradient = 0.5 * s.gradient(mass_matrix) @ s.dq @ s.dq
     expected = s.slope(mass_matrix, s.dq) @ s.dq - gradient
@@ -251,7 +251,7 @@ _CHECKS: tuple[tuple[str, float, Callable[[_SampledState], float]], ...] = (
 
 def inertia_faults(urdf: str, joints: Sequence[str]) -> list[str]:
     """
-    Return the faults of links that move, a line for each link.
+    Return the faults of moving links, a line each.
 
     A link moves if a joint of the model is between it and the root. It must have a mass if it has
     a shape. Its principal moments of inertia must not be negative, and none may exceed the sum of
@@ -275,7 +275,7 @@ def inertia_faults(urdf: str, joints: Sequence[str]) -> list[str]:
 
 
 def _inertia_fault(link: ET.Element, inertial: Inertial | None) -> str:
-    """Return the fault of a link's inertia; empty for none."""
+    """Return the fault of an inertia, or nothing."""
     shaped = link.find('visual') is not None or link.find('collision') is not None
     if inertial is None:
         return 'moves and has a shape, but no inertia' if shaped else ''

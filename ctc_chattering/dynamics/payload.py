@@ -13,7 +13,7 @@
 # limitations under the License.
 
 """
-Payloads: a URDF with a body added at the end of an arm.
+Payloads: bodies added to the URDF of an arm.
 
 Plant, `ctc new-robot` and `ctc identify` load arms with it. Input is the text of a URDF.
 """
@@ -42,7 +42,7 @@ _RADIUS_M = 0.05
 
 def tip_of(tree: Tree, joint_names: Sequence[str]) -> str:
     """
-    Return the last link that only fixed joints connect to the arm's last joint.
+    Return the last link that the arm's last joint carries.
 
     Raises
     ------
@@ -62,7 +62,7 @@ def tip_of(tree: Tree, joint_names: Sequence[str]) -> str:
 def with_payload(description: str, joint_names: Sequence[str], mass: float, link: str = ''
                  ) -> str:
     """
-    Return a URDF with a sphere of 5 cm at the origin of a link.
+    Return a URDF with a sphere added to a link.
 
     Parameters
     ----------

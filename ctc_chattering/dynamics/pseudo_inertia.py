@@ -13,7 +13,7 @@
 # limitations under the License.
 
 """
-The ten inertial parameters of a body as one symmetric matrix.
+Inertial parameters of a body as one symmetric matrix.
 
 The prior of `ctc identify` and the corrected URDF need to know which parameters a rigid body can
 have. With the mass m, the first moment h and the inertia I about the same point, the
@@ -48,7 +48,7 @@ _EIGENVALUE_ROUNDING = 1e-12
 
 
 def pseudo_inertia(parameters: Array) -> Array:
-    """Return J, shape (4, 4), of parameters in Pinocchio's order, shape (10,)."""
+    """Return J of ten parameters in Pinocchio's order."""
     m, x, y, z, xx, xy, yy, xz, yz, zz = parameters
     half_trace = 0.5 * (xx + yy + zz)
     return np.array([
@@ -65,7 +65,7 @@ def parameters_of(matrix: Array) -> Array:
 
 
 def is_possible(matrix: Array) -> bool:
-    """Return whether a rigid body with mass can have this J."""
+    """Return whether a body can have this J."""
     mass = matrix[3, 3]
     if not mass > 0.0:
         return False
@@ -75,7 +75,7 @@ def is_possible(matrix: Array) -> bool:
 
 
 def _units(mass: float, length: float) -> Array:
-    """Return u, shape (4,): J of a body over the outer product of u has no units."""
+    """Return the units of J: it is over their outer product."""
     units: Array = np.array([length] * 3 + [1.0]) * np.sqrt(mass)
     return units
 
@@ -87,7 +87,7 @@ def stacked(matrix: Array) -> Array:
 
 
 def symmetric(elements: Array) -> Array:
-    """Return the symmetric matrix, shape (4, 4), of `stacked` elements."""
+    """Return the symmetric matrix of `stacked` elements."""
     matrix = np.zeros((4, 4))
     matrix[_UPPER] = matrix.T[_UPPER] = elements / _STRETCH
     return matrix
@@ -95,9 +95,9 @@ def symmetric(elements: Array) -> Array:
 
 def unit(prior: Array, heaviest: float) -> Array:
     """
-    Return S, shape (4, 4), that makes changes of a body comparable: J = J of the model + S X S.
+    Return S, which makes changes of a body comparable.
 
-    An X of size 1 changes the body by as much as itself, in any coordinates. This is the metric
+    With S of shape (4, 4), J is that of the model plus S X Sᵀ. An X of size 1 changes the body by as much as itself, in any coordinates. This is the metric
     of Lee, Wensing and Park (2020) at the model's body. A direction in which the model has no
     extent gets a small one.
 
@@ -114,6 +114,6 @@ def unit(prior: Array, heaviest: float) -> Array:
     length = np.sqrt(max(np.trace(matrix[:3, :3]) / mass, 0.0)) or _REFERENCE_LENGTH_M
     units = _units(mass, length)
     values, vectors = np.linalg.eigh(matrix / np.outer(units, units))
-    # S is any matrix with S Sᵀ = J; a triangular one, or one with scales, does as well.
+    # S is any matrix with S Sᵀ = J. A triangular one, or one with scales, does as well.
     root: Array = units[:, None] * vectors * np.sqrt(np.maximum(values, _REFERENCE_FLOOR))
     return root

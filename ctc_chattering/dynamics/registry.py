@@ -13,7 +13,7 @@
 # limitations under the License.
 
 """
-The models that the parameter ``model`` can name, and the parameters that describe one.
+Models by name, and the parameters that describe one.
 
 The configurations of plant, controller and reference derive from `DescribedConfig` and
 `RobotConfig`. `model_of` makes the model of one.
@@ -45,7 +45,7 @@ DESCRIBED = 'described'
 
 @dataclasses.dataclass(frozen=True)
 class DescribedConfig(Config):
-    """Joints and robot description, in the configurations of all loop nodes."""
+    """Joints and robot description of all loop nodes."""
 
     joint_names: tuple[str, ...] = parameter(
         ('joint1', 'joint2'), 'Joints, in the order of gains and torques.', read_only=True)
@@ -76,7 +76,7 @@ class DescribedConfig(Config):
 
     def which_are_continuous(self, described: Sequence[bool] = ()) -> tuple[bool, ...]:
         """
-        Return True for each joint that turns endlessly, shape (n,).
+        Return True for joints that turn endlessly, shape (n,).
 
         Parameters
         ----------
@@ -92,7 +92,7 @@ class DescribedConfig(Config):
 
 @dataclasses.dataclass(frozen=True)
 class RobotConfig(DescribedConfig):
-    """Joints and model, the base of configurations with a model."""
+    """Joints and model of plant and controller."""
 
     locked: tuple[str, ...] = parameter(
         ('',), 'Positions of joints not in joint_names, each "name position"; default 0.',
@@ -105,7 +105,7 @@ class RobotConfig(DescribedConfig):
         True, 'Use the machine code of `ctc compile` where it is available.', read_only=True)
 
     def validate(self) -> None:
-        """Check the period, the model's number of joints and the locked joints."""
+        """Check period, model and locked joints."""
         super().validate()
         check_model(self.model, self.joint_names)
         locked_positions(self.locked)
@@ -135,10 +135,10 @@ def make_model(name: str, gravity: float, joint_names: tuple[str, ...] = ('joint
     urdf : str
         Model ``urdf``: the text of the URDF.
     locked : mapping of str to float, optional
-        Model ``urdf``: positions of joints that are not in `joint_names`; 0 for those left out.
+        Model ``urdf``: positions of joints that are not in `joint_names`. The default is 0.
     rotors : sequence of float, length n
-        Model ``urdf``: inertias of the rotors at the joints [kg·m²], 0 for those of the URDF;
-        empty for all of the URDF.
+        Model ``urdf``: inertias of the rotors at the joints [kg·m²], 0 for those of the URDF.
+        Empty for all of the URDF.
 
     Raises
     ------
@@ -187,7 +187,7 @@ def _cached_model(name: str, gravity: float, joint_names: tuple[str, ...], descr
 
 def locked_positions(lines: Sequence[str]) -> dict[str, float]:
     """
-    Return positions by joint [rad or m] of lines "name position".
+    Return positions of lines "name position" [rad or m].
 
     Raises
     ------
@@ -206,7 +206,7 @@ def locked_positions(lines: Sequence[str]) -> dict[str, float]:
 
 
 def check_model(name: str, joint_names: tuple[str, ...]) -> None:
-    """Raise `ParameterError` unless a model with these joints can have this name."""
+    """Raise `ParameterError` unless the name fits the joints."""
     RobotConfig.parameters()['model'].check(name, 0)
     if name == 'two_link' and len(joint_names) != TwoLink.n:
         raise ParameterError('joint_names', joint_names, f'{TwoLink.n} names for model {name}')

@@ -22,26 +22,15 @@ mass are omitted, as no model has them.
 
 from __future__ import annotations
 
-from collections.abc import Container, Mapping
-from typing import NamedTuple
+from collections.abc import Container
 
 from ctc_chattering.dynamics.urdf_parser import Tree
 from ctc_chattering.errors import near, ParameterError, shortened
 
 
-class Branch(NamedTuple):
-    """A joint that leads away from a link, with the lengths of the longest ways outwards."""
-
-    joint: str
-    #: Number of joints that a model can have.
-    model_joints: int
-    #: Number of all joints, including those that mimic and their leaders.
-    all_joints: int
-
-
 def chain_to(tree: Tree, tip: str) -> tuple[str, ...]:
     """
-    Return the joints of a model between the root and a link, from the root outwards.
+    Return a model's joints from the root to a link.
 
     Raises
     ------
@@ -67,26 +56,28 @@ def chain_to(tree: Tree, tip: str) -> tuple[str, ...]:
 
 def longest_chain(tree: Tree) -> tuple[str, ...]:
     """
-    Return the joints of the longest chain from the root on, without its end effector.
+    Return the joints of the longest chain without end effector.
 
     Of chains that are equally long it is the first in the text. Empty where nothing moves.
     """
     movers = _movers(tree)
-    branches = _branches(tree, movers)
+    model_joints = _longest_ways(tree, movers)
+    all_joints = _longest_ways(tree, tree.joints)
     link = tree.root
     chain: list[str] = []
-    while branches[link] and not _is_end_effector(branches[link], len(chain)):
-        longest = max(branches[link], key=lambda branch: branch.model_joints)
-        if not longest.model_joints:
-            break
-        if longest.joint in movers:
-            chain.append(longest.joint)
-        link = tree.ends[longest.joint][1]
-    return tuple(chain)
+    while True:
+        branches = [name for name in tree.joints_on(link) if all_joints[name]]
+        longest = max(branches, key=lambda name: model_joints[name], default='')
+        if not model_joints.get(longest) or _is_end_effector(
+                [all_joints[name] for name in branches], len(chain)):
+            return tuple(chain)
+        if longest in movers:
+            chain.append(longest)
+        link = tree.ends[longest][1]
 
 
 def _movers(tree: Tree) -> set[str]:
-    """Return the joints that a model can have: they move a mass."""
+    """Return the joints of a model that move a mass."""
     carried = {name: 0.0 if inertial is None else inertial.mass
                for name, inertial in tree.inertials.items()}
     for parent, child in reversed(tree.ends.values()):
@@ -94,26 +85,23 @@ def _movers(tree: Tree) -> set[str]:
     return {name for name in tree.movable if carried[tree.ends[name][1]] > 0.0}
 
 
-def _branches(tree: Tree, movers: Container[str]) -> Mapping[str, list[Branch]]:
-    """Return the branches with joints at every link, in the order of the text."""
-    branches: dict[str, list[Branch]] = {link: [] for link in tree.links}
-    for name, (parent, child) in reversed(tree.ends.items()):
-        outwards = branches[child]
-        model_joints = max((x.model_joints for x in outwards), default=0) + (name in movers)
-        all_joints = max((x.all_joints for x in outwards), default=0) + (name in tree.joints)
-        if all_joints:
-            branches[parent].insert(0, Branch(name, model_joints, all_joints))
-    return branches
+def _longest_ways(tree: Tree, counted: Container[str]) -> dict[str, int]:
+    """Return the most counted joints outwards, joint by joint."""
+    ways: dict[str, int] = {}
+    for name, (_, child) in reversed(tree.ends.items()):
+        outwards = max((ways[joint] for joint in tree.joints_on(child)), default=0)
+        ways[name] = outwards + (name in counted)
+    return ways
 
 
-def _is_end_effector(branches: list[Branch], arm_joints: int) -> bool:
+def _is_end_effector(branches: list[int], arm_joints: int) -> bool:
     """
-    Tell fingers from arms.
+    Tell fingers from arms by the joints of branches.
 
     Fingers are several branches after the many joints of an arm. The longest two are equally
     long, or all are shorter than half of the arm.
     """
     if len(branches) < 2:
         return False
-    longest, second, *_ = sorted((branch.all_joints for branch in branches), reverse=True)
+    longest, second, *_ = sorted(branches, reverse=True)
     return 2 * longest < arm_joints or longest == second <= arm_joints

@@ -13,7 +13,7 @@
 # limitations under the License.
 
 """
-M, C and G of a tree of rigid bodies, in loops that compile.
+M, C and G of a tree of bodies, compilable.
 
 `compiled_model` calls it with an `Arm`, which `UrdfModel.bodies` makes. Plain Python has Pinocchio
 (`urdf_model`) for the same terms, and takes this module for tests only.
@@ -51,9 +51,10 @@ import numpy.typing as npt
 @dataclasses.dataclass
 class Arm:
     """
-    A model of n joints: a tree of bodies, parents first, or the two-link arm.
+    Numbers of a tree of bodies, or the two-link arm.
 
-    The frame of a body is at its joint, with the axis of the joint along z.
+    A tree has n bodies, parents first. The frame of a body is at its joint, with the axis of the
+    joint along z.
     """
 
     #: True for the two-link arm, which is in closed form and has no bodies.
@@ -97,7 +98,7 @@ class Arm:
 @dataclasses.dataclass
 class BodyScratch:
     """
-    Scratch memory of the dynamics of a tree, in the frame of the base and about its origin.
+    Scratch memory, in the frame of the base.
 
     Arrays have a row for each body. The last row, the parent -1, is the base, which does not
     move. Its sums are not read. A vector of six is an angular part, then a linear one.
@@ -169,13 +170,13 @@ def product(x: Array, y: Array) -> Any:
 
 @function
 def add_product(total: float, x: Array, y: Array) -> Any:
-    """Return `total` plus x · y, added element by element."""
+    """Return `total` plus x · y, term by term."""
     return total + x[0] * y[0] + x[1] * y[1] + x[2] * y[2]
 
 
 @function
 def power(motion: Array, force: Array) -> Any:
-    """Return the product of a motion and a force, vectors of six."""
+    """Return the product of a motion and a force."""
     return add_product(product(motion, force), motion[3:], force[3:])
 
 
@@ -188,7 +189,7 @@ def add_to(x: Array, y: Array) -> None:
 
 @function
 def clear(matrix: Array) -> None:
-    """Set all elements to 0: joints that do not carry each other keep it."""
+    """Set all elements to 0."""
     for row in matrix:
         for j in range(len(row)):
             row[j] = 0.0
@@ -204,7 +205,7 @@ def cross(x: Array, y: Array, a: int) -> Any:
 
 @function
 def add_cross(total: float, x: Array, y: Array, a: int) -> Any:
-    """Return `total` plus element a of x × y, added product by product."""
+    """Return `total` plus element a of x × y."""
     b = (a + 1) % 3
     c = (a + 2) % 3
     return total + x[b] * y[c] - x[c] * y[b]
@@ -212,7 +213,7 @@ def add_cross(total: float, x: Array, y: Array, a: int) -> Any:
 
 @function
 def point_inertia(mass: float, center: Array, a: int, b: int) -> Any:
-    """Return element (a, b) of m ((c · c) 1 - c cᵀ), the inertia of a point about the origin."""
+    """Return element (a, b) of m ((c · c) 1 - c cᵀ)."""
     if a != b:
         return -(mass * center[a] * center[b])
     y = center[(a + 1) % 3]
@@ -222,7 +223,7 @@ def point_inertia(mass: float, center: Array, a: int, b: int) -> Any:
 
 @function
 def set_momentum(s: BodyScratch, i: int, motion: Array, out: Array) -> None:
-    """Set (K, L) of (RB2), of body i with some motion."""
+    """Set (K, L) of (RB2) of a motion."""
     mass = s.mass[i]
     moment = s.moment[i]
     inertia = s.inertia[i]
@@ -235,7 +236,7 @@ def set_momentum(s: BodyScratch, i: int, motion: Array, out: Array) -> None:
 
 @function
 def place(arm: Arm, q: Array, s: BodyScratch) -> None:
-    """Set rotations, origins and the motions S of all joints."""
+    """Set rotations, origins and joint motions S."""
     for i in range(len(arm.parent)):
         x = q[arm.joint[i]]
         R = s.rotation[i]
@@ -266,7 +267,7 @@ def place(arm: Arm, q: Array, s: BodyScratch) -> None:
 
 @function
 def weigh(arm: Arm, s: BodyScratch) -> None:
-    """Set mass, first moment and inertia of every body about the origin."""
+    """Set mass, first moment and inertia of all bodies."""
     c = s.center
     row = s.vector
     for i in range(len(arm.parent)):
@@ -287,7 +288,7 @@ def weigh(arm: Arm, s: BodyScratch) -> None:
 
 @function
 def move(arm: Arm, dq: Array, s: BodyScratch) -> None:
-    """Set the twist of every body, and dS/dt of every joint."""
+    """Set twists of bodies and dS/dt of joints."""
     for i in range(len(arm.parent)):
         S = s.joint[i]
         twist = s.twist[i]
@@ -332,7 +333,7 @@ def couple(arm: Arm, s: BodyScratch) -> None:
 
 @function
 def gather_mass(arm: Arm, s: BodyScratch, i: int) -> None:
-    """Add mass, first moment and inertia that body i carries to those of its parent."""
+    """Add mass, moment and inertia to those of the parent."""
     parent = arm.parent[i]
     s.mass[parent] += s.mass[i]
     add_to(s.moment[parent], s.moment[i])
@@ -342,7 +343,7 @@ def gather_mass(arm: Arm, s: BodyScratch, i: int) -> None:
 
 @function
 def gather_velocity_terms(arm: Arm, s: BodyScratch, i: int) -> None:
-    """Add W and P that body i carries to those of its parent."""
+    """Add W and P to those of the parent."""
     parent = arm.parent[i]
     add_to(s.momentum[parent], s.momentum[i])
     for a in range(3):
@@ -351,7 +352,7 @@ def gather_velocity_terms(arm: Arm, s: BodyScratch, i: int) -> None:
 
 @function
 def fill_mass(arm: Arm, s: BodyScratch, j: int, M: Array) -> None:
-    """Set row and column of joint j in M by (RB4), and its (K, L)."""
+    """Set row and column of a joint in M by (RB4)."""
     column = arm.joint[j]
     set_momentum(s, j, s.joint[j], s.unit_momentum)
     i = j
@@ -408,7 +409,10 @@ def evaluate(arm: Arm, q: Array, dq: Array, s: BodyScratch, M: Array, C: Array, 
 
 @function
 def bias(arm: Arm, s: BodyScratch, dq: Array, out: Array) -> None:
-    """Set C dq + G, after `place`, `weigh` and `move`, before `mass_matrix`."""
+    """Set C dq + G.
+
+    It comes after `place`, `weigh` and `move`, and before `mass_matrix`.
+    """
     n = len(arm.parent)
     momentum = s.unit_momentum
     s.acceleration[n, 5] = arm.gravity

@@ -13,7 +13,7 @@
 # limitations under the License.
 
 """
-The paper's robot: two links in a vertical plane, in closed form.
+The paper's robot: two links in closed form.
 
 It is the default `model` of the nodes, and needs no URDF (Berghuis & Nijmeijer, 1993). With
 ``c2 = cos q2`` and ``s2 = sin q2``::
@@ -38,12 +38,14 @@ import numpy as np
 
 
 class TwoLinkTerms(NamedTuple):
-    """Elements of M [kg·m²] and G [N·m], and 0.51 s2 of C [kg·m²]."""
+    """Elements of M and G, and 0.51 s2 of C."""
 
+    #: [kg·m²]
     m11: float
     m12: float
     m22: float
     coupling: float
+    #: [N·m]
     g1: float
     g2: float
 
@@ -74,12 +76,12 @@ class TwoLink(Model, LinearModel):
         self.gravity = gravity
 
     def inertial_parameters(self) -> Array:
-        """Return the constants of M11, M12, M22, that of c2 in M12, and those of G over g."""
+        """Return the constants of M11, M12, M22, c2 and G."""
         return np.array((8.77, 0.76, 0.62, 0.51, 7.6, 0.63))
 
     def torque_regressor(self, q: Array, dq: Array, ddq: Array, gravity: Array) -> Array:
         """
-        Return the derivative of the torque by `inertial_parameters`, shape (2, 6).
+        Return the torque per parameter, shape (2, 6).
 
         The arm moves in the plane of x and z of the base, towards x from hanging down.
         """
@@ -109,11 +111,11 @@ class TwoLink(Model, LinearModel):
         return t.g1, t.g2
 
     def potential_energy(self, q: Vector) -> float:
-        """Return the potential energy, 0 where both links hang down [J]."""
+        """Return the potential energy, 0 at hanging links [J]."""
         return self.gravity * (7.6 * (1.0 - cos(q[0])) + 0.63 * (1.0 - cos(q[0] + q[1])))
 
     def mass_and_bias(self, q: Array, dq: Array) -> tuple[Array, Array]:
-        """Return M(q) and C(q, dq) dq + G(q) as arrays, shapes (2, 2) and (2,)."""
+        """Return M and C dq + G as arrays."""
         if type(self) is not TwoLink:  # It may have terms of its own.
             return super().mass_and_bias(q, dq)
         t = terms(self.gravity, q.tolist())
@@ -124,5 +126,5 @@ class TwoLink(Model, LinearModel):
 
 
 def _pull(gravity: Array, angle: float) -> float:
-    """Return gravity across a link at an angle from hanging down [m/s²]."""
+    """Return gravity across a link [m/s²]."""
     return float(gravity[0] * cos(angle) + gravity[2] * sin(angle))

@@ -13,7 +13,7 @@
 # limitations under the License.
 
 """
-The dynamics of an arm that a URDF describes, computed by Pinocchio.
+Dynamics of a URDF, computed by Pinocchio.
 
 Control, simulation and identification take it for `model: urdf`. Its Coriolis matrix is that of
 Christoffel's symbols: ½ dM/dt - C is skew-symmetric, and C(q, x) y = C(q, y) x. Only inertias and
@@ -51,7 +51,7 @@ _LEAST_REACH_M = 0.05
 
 class UrdfModel(Model, LinearModel):
     """
-    The moving joints of a URDF, with all others locked.
+    Moving joints of a URDF with all others locked.
 
     Every position is one number, [rad] or [m], of a continuous joint as well. The model is for
     one thread at a time.
@@ -65,10 +65,10 @@ class UrdfModel(Model, LinearModel):
     gravity : float
         Acceleration of gravity, along -z of the root link [m/s²].
     locked : mapping of str to float, optional
-        Positions of other joints [rad or m]; 0 for those left out. A joint that mimics one of
+        Positions of other joints [rad or m]. The default is 0. A joint that mimics one of
         these goes with it.
     rotors : sequence of float
-        Inertias of the rotors at the joints [kg·m²], 0 for those of the URDF; empty for all of
+        Inertias of the rotors at the joints [kg·m²], 0 for those of the URDF. Empty for all of
         the URDF.
 
     Attributes
@@ -76,7 +76,7 @@ class UrdfModel(Model, LinearModel):
     joint_names : tuple of str
         As given.
     position_limits : tuple of (float, float), length n
-        Least and greatest position; ∓inf where the URDF has none.
+        Least and greatest position, ∓inf where the URDF has none.
     velocity_limits, effort_limits : tuple of float, length n
         inf where the URDF has none, or 0.
     continuous : tuple of bool, length n
@@ -89,7 +89,7 @@ class UrdfModel(Model, LinearModel):
     ------
     CtcError
         If Pinocchio is missing, the URDF is no tree of joints with one degree of freedom, or M is
-        singular; the message names the joints concerned.
+        singular. The message names the joints concerned.
 
     """
 
@@ -131,7 +131,7 @@ class UrdfModel(Model, LinearModel):
     @cached_property
     def bodies(self) -> Arm:
         """
-        The bodies of the arm for compiled code, fixed and locked joints merged.
+        Bodies for compiled code, without fixed and locked joints.
 
         Pinocchio's frames are turned so that each joint's axis is along z.
         """
@@ -168,7 +168,7 @@ class UrdfModel(Model, LinearModel):
 
     def inertial_parameters(self) -> Array:
         """
-        Return ten parameters for each joint's body, shape (10 n,).
+        Return ten parameters of each body, shape (10 n,).
 
         They are mass, first moments, and xx, xy, yy, xz, yz, zz of the inertia about the origin of
         the joint's frame.
@@ -176,7 +176,7 @@ class UrdfModel(Model, LinearModel):
         return np.concatenate([body.toDynamicParameters() for body in self._inertias])
 
     def parameter_sizes(self) -> Array:
-        """Return the rough size of each parameter, shape (10 n,)."""
+        """Return rough sizes of the parameters, shape (10 n,)."""
         least_mass = _LEAST_MASS_RATIO * sum(
             body.mass for body in self._model.inertias.tolist()[1:])
         sizes = []
@@ -188,7 +188,7 @@ class UrdfModel(Model, LinearModel):
         return np.array(sizes)
 
     def torque_regressor(self, q: Array, dq: Array, ddq: Array, gravity: Array) -> Array:
-        """Return the derivative of the torque by `inertial_parameters`, shape (n, 10 n)."""
+        """Return the torque per parameter, shape (n, 10 n)."""
         model, order = self._model, self._order
         own_gravity = model.gravity.linear.copy()
         model.gravity.linear = gravity
@@ -198,14 +198,11 @@ class UrdfModel(Model, LinearModel):
         return regressor
 
     def evaluate(self, q: Array, dq: Array) -> DynamicsTerms:
-        """Return M(q), C(q, dq) and G(q), shapes (n, n), (n, n) and (n,)."""
-        pin, model, data = self._pin, self._model, self._data
-        q = q[self._order]
-        dq = dq[self._order]
+        """Return M(q), C(q, dq) and G(q) as arrays."""
         return DynamicsTerms(
-            pin.crba(model, data, q)[self._square],
-            pin.computeCoriolisMatrix(model, data, q, dq)[self._square],
-            pin.computeGeneralizedGravity(model, data, q)[self._back])
+            self._call(self._pin.crba, q)[self._square],
+            self._call(self._pin.computeCoriolisMatrix, q, dq)[self._square],
+            self._call(self._pin.computeGeneralizedGravity, q)[self._back])
 
     def mass_matrix(self, q: Vector) -> Rows:
         """Return M(q), shape (n, n)."""
@@ -220,15 +217,15 @@ class UrdfModel(Model, LinearModel):
         return self._vector(self._pin.computeGeneralizedGravity, q)
 
     def potential_energy(self, q: Vector) -> float:
-        """Return the potential energy, 0 where the centre of mass is at the root [J]."""
+        """Return the potential energy, 0 at the height of the root [J]."""
         return float(self._call(self._pin.computePotentialEnergy, q))
 
     def inverse_dynamics(self, q: Vector, dq: Vector, a: Vector) -> Vector:
-        """Return M(q) a + C(q, dq) dq + G(q), shape (n,)."""
+        """Return the left side of (1), shape (n,)."""
         return self._vector(self._pin.rnea, q, dq, a)
 
     def _call(self, function: Any, *vectors: Vector | Array) -> Any:
-        """Return the result of a function of Pinocchio, in its order. The next call changes it."""
+        """Return a result of Pinocchio, until the next call."""
         return function(
             self._model, self._data, *(np.array(x, float)[self._order] for x in vectors))
 
@@ -243,7 +240,7 @@ class UrdfModel(Model, LinearModel):
         return rows
 
     def _check_inertia(self) -> None:
-        """Raise `CtcError` unless M is positive definite at a few positions."""
+        """Raise `CtcError` unless M is positive definite."""
         rng = np.random.default_rng(0)
         for q in (np.zeros(self.n), *rng.uniform(-1.5, 1.5, (_CHECKED_POSITIONS, self.n))):
             singular = _singular_joints(self._call(self._pin.crba, q)[self._square])
@@ -269,7 +266,7 @@ class SingularInertia(CtcError):
 
 
 def _rotation_to_z(axis: Array) -> Array:
-    """Return a rotation that brings z to `axis`, shape (3, 3)."""
+    """Return a rotation that brings z to an axis."""
     nearest_normal = np.eye(3)[np.abs(axis).argmin()]
     x = np.cross(nearest_normal, axis)
     x /= np.linalg.norm(x)
@@ -277,13 +274,13 @@ def _rotation_to_z(axis: Array) -> Array:
 
 
 def _mirrored(matrix: Array) -> Array:
-    """Return symmetric matrices of upper triangles, shape (n, 3, 3)."""
+    """Return the symmetric matrices of upper triangles."""
     symmetric: Array = np.triu(matrix) + np.triu(matrix, 1).swapaxes(1, 2)
     return symmetric
 
 
 def _singular_joints(mass: Array) -> list[int]:
-    """Return the joints along whose motion M is singular; empty if it is positive definite."""
+    """Return the joints along whose motion M is singular."""
     if not np.isfinite(mass).all():
         return list(range(len(mass)))
     diagonal = mass.diagonal()
@@ -307,7 +304,7 @@ def pinocchio() -> Any:
 
 
 def _reduced_model(pin: Any, tree: Tree, locked: Mapping[str, float]) -> Any:
-    """Return Pinocchio's model of the joints that are not locked."""
+    """Return Pinocchio's model of the moving joints."""
     with refused_as('URDF: Pinocchio refuses it'):
         model = pin.buildModelFromXML(tree.bare())
         q = pin.neutral(model)

@@ -13,7 +13,7 @@
 # limitations under the License.
 
 """
-Links and joints of a URDF, checked to form one tree.
+Links and joints of a URDF as one tree.
 
 Models, kinematics, joint limits and `ctc new-robot` read descriptions here. Input is the text of
 the URDF, or the element that `parse_description` returns. `Tree.bare` writes what Pinocchio needs.
@@ -40,15 +40,17 @@ _MOVABLE = ('revolute', 'continuous', 'prismatic')
 
 
 class Origin(NamedTuple):
-    """A frame in that of its parent: x, y, z [m] and roll, pitch, yaw [rad]."""
+    """A frame in that of its parent."""
 
+    #: x, y and z [m].
     xyz: tuple[float, ...] = (0.0, 0.0, 0.0)
+    #: Roll, pitch and yaw [rad].
     rpy: tuple[float, ...] = (0.0, 0.0, 0.0)
 
 
 def parse_numbers(where: str, attribute: str, text: str, count: int,
                   largest: float = _LARGEST_NUMBER) -> list[float]:
-    """Return the numbers of an attribute. Raise `CtcError` if one is above `largest`."""
+    """Return the numbers of an attribute, none above `largest`."""
     try:
         values = [float(word) for word in text.split()]
     except ValueError:
@@ -65,7 +67,7 @@ def number_text(values: Iterable[float]) -> str:
 
 
 def parse_origin(where: str, element: ET.Element) -> Origin:
-    """Return the origin of an element, zeros without one. Raise `CtcError` for no numbers."""
+    """Return the origin of an element, zeros without one."""
     origin = element.find('origin')
 
     def triple(key: str) -> tuple[float, ...]:
@@ -86,7 +88,7 @@ class Inertial(NamedTuple):
 
 
 class Mimic(NamedTuple):
-    """A joint that follows another: position = multiplier * that of the leader + offset."""
+    """A position that follows: multiplier * leader + offset."""
 
     leader: str
     multiplier: float
@@ -99,15 +101,15 @@ class Joint(NamedTuple):
     name: str
     #: ``revolute``, ``continuous`` or ``prismatic``.
     type: str
-    #: Direction of the axis, of length 1; zeros where the text says so.
+    #: Direction of the axis, of length 1, or zeros where the text says so.
     axis: tuple[float, ...]
-    #: Least and greatest position [rad or m]; ∓inf without limits.
+    #: Least and greatest position [rad or m], ∓inf without limits.
     position: tuple[float, float]
-    #: Greatest speed [rad/s or m/s]; inf where the URDF has none, or 0.
+    #: Greatest speed [rad/s or m/s], inf where the URDF has none, or 0.
     velocity: float
-    #: Greatest effort [N·m or N]; inf where the URDF has none, or 0.
+    #: Greatest effort [N·m or N], inf where the URDF has none, or 0.
     effort: float
-    #: Greatest acceleration and deceleration of URDF 1.2 [rad/s² or m/s²]; inf for none.
+    #: Greatest acceleration and deceleration of URDF 1.2 [rad/s² or m/s²], inf for none.
     acceleration: float
     #: Inertia of the rotor, reflected to the joint [kg·m² or kg]. No body includes it.
     rotor_inertia: float
@@ -116,7 +118,7 @@ class Joint(NamedTuple):
     #: Viscous friction [N·m·s/rad or N·s/m].
     damping: float
     mimic: Mimic | None
-    #: Contradiction in its limits or friction, as a user reads it; empty for none.
+    #: Contradiction in its limits or friction, as a user reads it. Empty for none.
     fault: str
 
     @property
@@ -147,7 +149,7 @@ class Tree:
     Attributes
     ----------
     name : str
-        Name of the robot; empty without one.
+        Name of the robot, empty without one.
     root : str
         Link that no joint carries.
     links : dict of str to Element
@@ -185,12 +187,13 @@ class Tree:
             advice = '; run xacro on it first' if self.unexpanded else ''
             raise CtcError(f'URDF: it has no link{advice}')
         self.inertials = {name: _inertial(link) for name, link in self.links.items()}
-        ends = {name: (_link_name(joint, 'parent', self.links),
-                       _link_name(joint, 'child', self.links))
-                for name, joint in self._elements.items()}
-        self.carriers = _carriers(ends)
+        self.ends = {
+            name: (_link_name(joint, 'parent', self.links),
+                   _link_name(joint, 'child', self.links))
+            for name, joint in self._elements.items()}
+        self.carriers = _carriers(self.ends)
         self.root = _root(self.links, self.carriers)
-        self.ends = _outwards(self.root, ends)
+        self.ends = {name: self.ends[name] for name in self._joints_outwards()}
         self.origins = {name: parse_origin(f'joint {name}', joint)
                         for name, joint in self._elements.items()}
         self.joints: dict[str, Joint] = {}
@@ -201,6 +204,23 @@ class Tree:
             elif joint_type != 'fixed':
                 raise CtcError(f'URDF: joint {name} is {joint_type!r}; an arm has fixed joints, '
                                f'and joints with one degree of freedom: {", ".join(_MOVABLE)}')
+
+    def joints_on(self, link: str) -> list[str]:
+        """Return the joints whose parent is a link."""
+        return [name for name, (parent, _) in self.ends.items() if parent == link]
+
+    def _joints_outwards(self) -> list[str]:
+        """Return all joints of the tree, from the root outwards."""
+        outwards: list[str] = []
+        waiting = self.joints_on(self.root)
+        while waiting:
+            name = waiting.pop(0)
+            outwards.append(name)
+            waiting = self.joints_on(self.ends[name][1]) + waiting
+        if len(outwards) < len(self.ends):
+            circle = ', '.join(name for name in self.ends if name not in outwards)
+            raise CtcError(f'URDF: joints {circle} form a closed chain')
+        return outwards
 
     @property
     def leaders(self) -> dict[str, tuple[str, ...]]:
@@ -214,14 +234,14 @@ class Tree:
 
     @property
     def movable(self) -> tuple[str, ...]:
-        """Names of the joints a model can have: they mimic none, and none mimics them."""
+        """Joints of a model: they neither mimic nor lead."""
         leaders = self.leaders
         return tuple(name for name, joint in self.joints.items()
                      if joint.mimic is None and name not in leaders)
 
     def locked(self, selected: Sequence[str], positions: Mapping[str, float]) -> dict[str, float]:
         """
-        Return the position of every joint not in `selected` [rad or m].
+        Return the position of every joint not in `selected`.
 
         Parameters
         ----------
@@ -250,7 +270,7 @@ class Tree:
         return leading | following
 
     def _check_selected(self, selected: Sequence[str]) -> None:
-        """Raise `CtcError` unless all are joints that a model can have."""
+        """Raise `CtcError` unless a model can have the joints."""
         for name in selected:
             joint = self.joints.get(name)
             if joint is None:
@@ -263,7 +283,7 @@ class Tree:
 
     def _position(self, name: str, leading: Mapping[str, float], followers: tuple[str, ...] = ()
                   ) -> float:
-        """Return the position of a joint, of its leader's where it mimics [rad or m]."""
+        """Return the position of a free or following joint."""
         mimic = self.joints[name].mimic
         if mimic is None:
             return leading[name]
@@ -277,7 +297,7 @@ class Tree:
         return mimic.multiplier * position + mimic.offset
 
     def check_limits(self, names: Iterable[str]) -> None:
-        """Raise `CtcError` if limits or friction of a joint contradict themselves."""
+        """Raise `CtcError` if limits or friction contradict themselves."""
         for name in names:
             if name in self.joints and self.joints[name].fault:
                 raise CtcError(f'URDF: joint {name}: {self.joints[name].fault}')
@@ -309,7 +329,7 @@ class Tree:
 
 
 def _elements_by_name(robot: ET.Element, tag: str) -> dict[str, ET.Element]:
-    """Return links or joints by name. Raise unless every name is unique."""
+    """Return links or joints by their unique names."""
     elements: dict[str, ET.Element] = {}
     for element in robot.findall(tag):
         name = element.get('name', '')
@@ -322,7 +342,7 @@ def _elements_by_name(robot: ET.Element, tag: str) -> dict[str, ET.Element]:
 
 
 def _link_name(joint: ET.Element, tag: str, links: Collection[str]) -> str:
-    """Return the name of a joint's parent or child link."""
+    """Return the parent or child link of a joint."""
     element = joint.find(tag)
     name = '' if element is None else element.get('link', '')
     if name not in links:
@@ -332,7 +352,7 @@ def _link_name(joint: ET.Element, tag: str, links: Collection[str]) -> str:
 
 
 def _carriers(ends: Mapping[str, tuple[str, str]]) -> dict[str, str]:
-    """Return the joint that carries each link. Raise if two carry the same one."""
+    """Return the one joint that carries each link."""
     carriers: dict[str, str] = {}
     for name, (_, child) in ends.items():
         if child in carriers:
@@ -343,7 +363,7 @@ def _carriers(ends: Mapping[str, tuple[str, str]]) -> dict[str, str]:
 
 
 def _root(links: Iterable[str], carriers: Container[str]) -> str:
-    """Return the link that no joint carries; empty if there is none. Raise if there are two."""
+    """Return the only link that no joint carries."""
     roots = [link for link in links if link not in carriers]
     if len(roots) > 1:
         raise CtcError(f'URDF: no joint carries the links {", ".join(roots)}, but one link '
@@ -351,25 +371,8 @@ def _root(links: Iterable[str], carriers: Container[str]) -> str:
     return ''.join(roots)
 
 
-def _outwards(root: str, ends: dict[str, tuple[str, str]]) -> dict[str, tuple[str, str]]:
-    """Return the ends of joints from the root outwards. Raise unless they form one tree."""
-    def joints_on(link: str) -> list[str]:
-        return [name for name, (parent, _) in reversed(ends.items()) if parent == link]
-
-    ordered: dict[str, tuple[str, str]] = {}
-    waiting = joints_on(root)
-    while waiting:
-        name = waiting.pop()
-        ordered[name] = ends[name]
-        waiting += joints_on(ends[name][1])
-    if len(ordered) < len(ends):
-        circle = ', '.join(name for name in ends if name not in ordered)
-        raise CtcError(f'URDF: joints {circle} form a closed chain')
-    return ordered
-
-
 def _inertial(link: ET.Element) -> Inertial | None:
-    """Return the inertial of a link. Raise unless all of them can be read."""
+    """Return the first inertial of a link."""
     where = f'inertial of link {link.get("name")}'
     inertials = [_parse_inertial(where, element) for element in link.findall('inertial')]
     return inertials[0] if inertials else None
@@ -412,7 +415,7 @@ def add_origin(parent: ET.Element, origin: Origin) -> None:
 
 
 def _axis_numbers(joint: ET.Element) -> list[float]:
-    """Return the axis of a joint as the text has it."""
+    """Return the axis as the text has it."""
     element = joint.find('axis')
     text = '1 0 0' if element is None else element.get('xyz', '1 0 0')
     return parse_numbers(f'joint {joint.get("name")}', 'axis', text, 3)
@@ -468,7 +471,7 @@ def _mimic(where: str, element: ET.Element) -> Mimic | None:
 
 
 def _negative_size(sizes: Mapping[str, float]) -> str:
-    """Return the fault of a negative limit or friction; empty for none."""
+    """Return the fault of a negative size, or nothing."""
     for name, value in sizes.items():
         if value < 0.0 and name in ('effort', 'velocity'):
             return (f'{name} is {value:g}, which Gazebo takes for no limit and ros2_control for '
@@ -479,7 +482,7 @@ def _negative_size(sizes: Mapping[str, float]) -> str:
 
 
 def _empty_range(low: float, high: float) -> str:
-    """Return the fault of limits without a position between them; empty for none."""
+    """Return the fault of limits without positions, or nothing."""
     if low < high:
         return ''
     return (f'lower is {low:g} and upper {high:g}, where one that is missing is 0; lower must be '
