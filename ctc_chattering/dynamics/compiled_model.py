@@ -58,8 +58,12 @@ def arm_of(model: Model, inertia_scale: float = 1.0, gravity_scale: float = 1.0)
         return None
     arm = model.bodies
     return dataclasses.replace(
-        arm, gravity=gravity_ratio * model.gravity, mass=inertia_scale * arm.mass,
-        inertia=inertia_scale * arm.inertia, rotor=inertia_scale * arm.rotor)
+        arm,
+        gravity=gravity_ratio * model.gravity,
+        mass=inertia_scale * arm.mass,
+        inertia=inertia_scale * arm.inertia,
+        rotor=inertia_scale * arm.rotor,
+    )
 
 
 @record
@@ -197,8 +201,11 @@ def set_mass_and_bias(arm: Any, s: Any) -> int:
     """Set M and C dq + G of a scratch."""
     if arm.closed:
         evaluate(arm, s.q, s.dq, s, s.M, s.C, s.bias)
+        C = s.C
+        v1 = s.dq[0]
+        v2 = s.dq[1]
         for i in range(2):
-            s.bias[i] += s.C[i, 0] * s.dq[0] + s.C[i, 1] * s.dq[1]
+            s.bias[i] += C[i, 0] * v1 + C[i, 1] * v2
     else:
         tree.place(arm, s.q, s)
         tree.weigh(arm, s)

@@ -56,9 +56,14 @@ _TEXT_TOLERANCE = 1e-9
 _MOMENTS = ('ixx', 'ixy', 'iyy', 'ixz', 'iyz', 'izz')
 
 
-def corrected_urdf(description: str, joints: Sequence[str], parameters: Array,
-                   rotor: Sequence[float] = (), gravity: Sequence[float] = (0.0, 0.0, -1.0),
-                   locked: Mapping[str, float] | None = None) -> str:
+def corrected_urdf(
+    description: str,
+    joints: Sequence[str],
+    parameters: Array,
+    rotor: Sequence[float] = (),
+    gravity: Sequence[float] = (0.0, 0.0, -1.0),
+    locked: Mapping[str, float] | None = None,
+) -> str:
     """
     Return a URDF with other parameters of its bodies.
 
@@ -93,18 +98,22 @@ def corrected_urdf(description: str, joints: Sequence[str], parameters: Array,
     robot = parse_description(description, comments=True)
     bodies = [pseudo_inertia(row) for row in parameters]
     _write_bodies(robot, tree, Kinematics(tree, joints, locked), bodies)
-    rotors = {name: value for name, value in zip(joints, rotor)
-              if abs(value - tree.joints[name].rotor_inertia) > _NO_CHANGE}
+    rotors = {
+        name: value
+        for name, value in zip(joints, rotor)
+        if abs(value - tree.joints[name].rotor_inertia) > _NO_CHANGE
+    }
     _write_rotors(robot, rotors)
     _tilt(robot, tree, gravity)
-    header = description[:description.index('<robot')]
+    header = description[: description.index('<robot')]
     result = header + ET.tostring(robot, encoding='unicode') + '\n'
     _verify(UrdfModel(result, joints, locked=locked), parameters, rotor)
     return result
 
 
-def _write_bodies(robot: ET.Element, tree: Tree, kinematics: Kinematics, bodies: Sequence[Array]
-                  ) -> None:
+def _write_bodies(
+    robot: ET.Element, tree: Tree, kinematics: Kinematics, bodies: Sequence[Array]
+) -> None:
     """Give links the inertias that add up to bodies."""
     elements = {link.get('name', ''): link for link in robot.findall('link')}
     for body, poses in zip(bodies, kinematics.rigid_bodies()):
@@ -126,8 +135,10 @@ def _changed_inertias(tree: Tree, poses: Mapping[str, Array], body: Array) -> di
         Identified pseudo-inertia of the body in the frame of its joint.
 
     """
-    links = {name: _transformed(pose, _link_inertia(tree.inertials[name]))
-             for name, pose in poses.items()}
+    links = {
+        name: _transformed(pose, _link_inertia(tree.inertials[name]))
+        for name, pose in poses.items()
+    }
     described: Array = np.sum(list(links.values()), axis=0)
     if np.abs(body - described).max() <= _NO_CHANGE * np.abs(body).max():
         return {}
@@ -137,10 +148,15 @@ def _changed_inertias(tree: Tree, poses: Mapping[str, Array], body: Array) -> di
         changed = {heaviest: remainder}
     else:
         mass = described[3, 3]
-        changed = {name: inertia[3, 3] / mass * body
-                   for name, inertia in links.items() if inertia[3, 3] > 0.0}
-    return {name: _transformed(np.asarray(np.linalg.inv(poses[name]), float), inertia)
-            for name, inertia in changed.items()}
+        changed = {
+            name: inertia[3, 3] / mass * body
+            for name, inertia in links.items()
+            if inertia[3, 3] > 0.0
+        }
+    return {
+        name: _transformed(np.asarray(np.linalg.inv(poses[name]), float), inertia)
+        for name, inertia in changed.items()
+    }
 
 
 def _transformed(pose: Array, inertia: Array) -> Array:
@@ -205,8 +221,9 @@ def _tilt(robot: ET.Element, tree: Tree, gravity: Sequence[float]) -> None:
     name = _LEVEL_LINK
     while name in tree.links or name in tree.ends:
         name += '_'
-    robot.append(ET.Comment(
-        f' identified: tilted by {degrees(atan2(horizontal, -z)):.3g} degrees '))
+    robot.append(
+        ET.Comment(f' identified: tilted by {degrees(atan2(horizontal, -z)):.3g} degrees ')
+    )
     ET.SubElement(robot, 'link', name=name)
     # Pinocchio keeps links and fixed joints in one table of names.
     joint = add_joint(robot, f'{name}_to_{tree.root}', 'fixed', name, tree.root)
@@ -222,5 +239,7 @@ def _verify(model: UrdfModel, parameters: Array, rotor: Sequence[float]) -> None
     written = model.inertial_parameters().reshape(-1, 10)
     error = float((np.abs(written - parameters) / sizes).max())
     if not error <= _TEXT_TOLERANCE or (len(rotor) and list(rotor) != list(model.rotor_inertias)):
-        raise CtcError('the URDF cannot be corrected: with the parameters written into it, it is '
-                       f'read with an error of {error:.2g}')
+        raise CtcError(
+            'the URDF cannot be corrected: with the parameters written into it, it is '
+            f'read with an error of {error:.2g}'
+        )

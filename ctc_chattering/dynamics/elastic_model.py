@@ -59,7 +59,8 @@ class Elastic(Model):
         self._elastic = elastic
         self.n = model.n + len(elastic)
         self._stiffness, self._damping, self._inertia = np.array(
-            (stiffness, damping, inertia), float)[:, elastic]
+            (stiffness, damping, inertia), float
+        )[:, elastic]
         #: θ - q of the springs is this matrix times the coordinates.
         self._stretch = np.hstack((-np.eye(model.n)[elastic], np.eye(len(elastic))))
         motors = np.arange(model.n)
@@ -69,7 +70,8 @@ class Elastic(Model):
     def mass_matrix(self, q: Vector) -> Rows:
         """Return M and J, shape (n, n)."""
         from scipy.linalg import block_diag  # type: ignore[import-untyped]
-        links = self._model.mass_matrix(q[:self._links])
+
+        links = self._model.mass_matrix(q[: self._links])
         rows: Rows = block_diag(links, np.diag(self._inertia)).tolist()
         return rows
 
@@ -84,14 +86,14 @@ class Elastic(Model):
     def gravity_torque(self, q: Vector) -> Vector:
         """Return G with the torques of the springs."""
         torque = self._stretch.T @ (self._stiffness * (self._stretch @ q))
-        torque[:self._links] += self._model.gravity_torque(q[:self._links])
+        torque[: self._links] += self._model.gravity_torque(q[: self._links])
         values: list[float] = torque.tolist()
         return values
 
     def potential_energy(self, q: Vector) -> float:
         """Return the potential energy of links and springs [J]."""
         springs = 0.5 * self._stiffness @ (self._stretch @ q) ** 2
-        return self._model.potential_energy(q[:self._links]) + float(springs)
+        return self._model.potential_energy(q[: self._links]) + float(springs)
 
     def start(self, q: Vector, dq: Vector) -> tuple[list[float], list[float]]:
         """

@@ -77,8 +77,9 @@ class Kinematics:
 
     """
 
-    def __init__(self, tree: Tree, joint_names: Sequence[str],
-                 locked: Mapping[str, float] | None = None) -> None:
+    def __init__(
+        self, tree: Tree, joint_names: Sequence[str], locked: Mapping[str, float] | None = None
+    ) -> None:
         positions = tree.locked(joint_names, locked or {})
         indices = {name: i for i, name in enumerate(joint_names)}
         links = [tree.root, *(child for _, child in tree.ends.values())]
@@ -89,8 +90,9 @@ class Kinematics:
             if joint is not None and name in positions:
                 origin = origin @ joint_motion(joint, positions[name])
                 joint = None
-            frames.append(LinkFrame(
-                child, links.index(parent), origin, joint, indices.get(name, -1)))
+            frames.append(
+                LinkFrame(child, links.index(parent), origin, joint, indices.get(name, -1))
+            )
         self.frames = tuple(frames)
         self.n = len(joint_names)
 

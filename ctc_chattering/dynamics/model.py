@@ -72,9 +72,11 @@ class Model(ABC):
     def evaluate(self, q: Array, dq: Array) -> DynamicsTerms:
         """Return M(q), C(q, dq) and G(q) as arrays."""
         position = q.tolist()
-        return DynamicsTerms(np.array(self.mass_matrix(position), float),
-                             np.array(self.coriolis_matrix(position, dq.tolist()), float),
-                             np.array(self.gravity_torque(position), float))
+        return DynamicsTerms(
+            np.array(self.mass_matrix(position), float),
+            np.array(self.coriolis_matrix(position, dq.tolist()), float),
+            np.array(self.gravity_torque(position), float),
+        )
 
     def forward(self, q: Array, dq: Array, u: Array) -> Array:
         """
@@ -133,8 +135,9 @@ class LinearModel(Protocol):
         """Return G per component of gravity, shape (n, 3)."""
         rest = np.zeros(self.n)
         parameters = self.inertial_parameters()
-        return np.column_stack([self.torque_regressor(q, rest, rest, axis) @ parameters
-                                for axis in np.eye(3)])
+        return np.column_stack(
+            [self.torque_regressor(q, rest, rest, axis) @ parameters for axis in np.eye(3)]
+        )
 
 
 def rotors(model: LinearModel) -> Array:

@@ -89,8 +89,9 @@ class _SampledState:
         """Return whether terms are finite and have their shapes."""
         n = self.model.n
         terms = (self.M, self.C, self.G)
-        return ([x.shape for x in terms] == [(n, n), (n, n), (n,)]
-                and all(np.isfinite(x).all() for x in terms))
+        return [x.shape for x in terms] == [(n, n), (n, n), (n,)] and all(
+            np.isfinite(x).all() for x in terms
+        )
 
     def matrix_error(self, error: Array, scale: float = 1.0) -> float:
         """Return the largest relative element of an error of M."""
@@ -98,12 +99,16 @@ class _SampledState:
 
     def torque_error(self, error: Array, load: Array) -> float:
         """Return the largest relative error of a torque."""
-        return float((np.abs(error) / (np.abs(load) + 1e-12 * self.size ** 2 + 1e-300)).max())
+        return float((np.abs(error) / (np.abs(load) + 1e-12 * self.size**2 + 1e-300)).max())
 
     def load(self, ddq: Array) -> Array:
         """Return the size of the terms of (1)."""
-        load: Array = (np.abs(self.M) @ np.abs(ddq) + np.abs(self.C) @ np.abs(self.dq)
-                       + np.abs(self.G).max() + self.size * self.size.max() * self.speed ** 2)
+        load: Array = (
+            np.abs(self.M) @ np.abs(ddq)
+            + np.abs(self.C) @ np.abs(self.dq)
+            + np.abs(self.G).max()
+            + self.size * self.size.max() * self.speed**2
+        )
         return load
 
     def slope(self, function: Callable[[Vector], object], direction: Array) -> Array:
@@ -117,6 +122,14 @@ class _SampledState:
     def gradient(self, function: Callable[[Vector], object]) -> Array:
         """Return the derivatives along all joints, shape (n, ...)."""
         return np.array([self.slope(function, axis) for axis in np.eye(self.model.n)])
+
+
+class _Check(NamedTuple):
+    """A property of a model, with its error at a state."""
+
+    name: str
+    tolerance: float
+    error_of: Callable[[_SampledState], float]
 
 
 def check_dynamics(model: Model, seed: int = 0, samples: int = 20) -> list[PropertyCheck]:
@@ -153,32 +166,31 @@ def check_dynamics(model: Model, seed: int = 0, samples: int = 20) -> list[Prope
     seed, samples = whole('seed', seed, 0), whole('samples', samples, 1)
     rng = np.random.default_rng(seed)
     states = [_SampledState(model, rng) for _ in range(samples)]
-    shapes = _check('values are finite and have their shapes', 0.0, _malformed, states)
+    shapes = _worst(_SHAPES, states)
     if not shapes.passed:
         return [shapes]
-    return [shapes, *(_check(*check, states) for check in _CHECKS)]
+    return [shapes, *(_worst(check, states) for check in _CHECKS)]
 
 
-def _check(name: str, tolerance: float, error_of: Callable[[_SampledState], float],
-           states: Sequence[_SampledState]) -> PropertyCheck:
+def _worst(check: _Check, states: Sequence[_SampledState]) -> PropertyCheck:
     """Return a check at its worst state."""
-    worst = -1.0
-    worst_state = states[0]
+    return max((_outcome(check, state) for state in states), key=lambda outcome: outcome.worst)
+
+
+def _outcome(check: _Check, state: _SampledState) -> PropertyCheck:
+    """Return a check at a state."""
     exception_text = ''
-    for state in states:
-        text = ''
-        try:
-            error = error_of(state)
-        except Exception as exception:  # Whatever a model raises, it is no model.
-            error = np.inf
-            text = f'{type(exception).__name__}: {exception}'
-        if not error <= worst:  # NaN is the worst.
-            worst = np.inf if np.isnan(error) else error
-            worst_state = state
-            exception_text = text
-    return PropertyCheck(name, worst <= tolerance, float(worst), tolerance,
-                         tuple(worst_state.q.tolist()), tuple(worst_state.dq.tolist()),
-                         exception_text)
+    try:
+        error = float(check.error_of(state))
+    except Exception as exception:  # Whatever a model raises, it is no model.
+        error = np.inf
+        exception_text = f'{type(exception).__name__}: {exception}'
+    if np.isnan(error):
+        error = np.inf
+    q, dq = tuple(state.q.tolist()), tuple(state.dq.tolist())
+    return PropertyCheck(
+        check.name, error <= check.tolerance, error, check.tolerance, q, dq, exception_text
+    )
 
 
 def _malformed(s: _SampledState) -> float:
@@ -206,7 +218,7 @@ def _lagrange_error(s: _SampledState) -> float:
     gradient = 0.5 * s.gradient(mass_matrix) @ s.dq @ s.dq
     expected = s.slope(mass_matrix, s.dq) @ s.dq - gradient
     error = (s.C @ s.dq - expected) / s.size
-    return float(np.abs(error).max() / (s.size.max() * s.speed ** 2))
+    return float(np.abs(error).max() / (s.size.max() * s.speed**2))
 
 
 def _gradient_error(s: _SampledState) -> float:
@@ -215,8 +227,7 @@ def _gradient_error(s: _SampledState) -> float:
     scale = float(np.abs([s.G, gradient]).max())
     # The difference of two potentials is known no better than they are.
     noise = 1e-8 * abs(potential(s.q.tolist()))
-    return float(np.abs(s.G - gradient).max()) / (
-        scale + noise + 1e-6 * float(s.size.max()) ** 2)
+    return float(np.abs(s.G - gradient).max()) / (scale + noise + 1e-6 * float(s.size.max()) ** 2)
 
 
 def _inverse_error(s: _SampledState) -> float:
@@ -234,19 +245,24 @@ def _forward_error(s: _SampledState) -> float:
 
 def _evaluate_error(s: _SampledState) -> float:
     M, C, G = s.model.evaluate(s.q.copy(), s.dq.copy())
-    return max(s.matrix_error(M - s.M), s.matrix_error(C - s.C, s.speed),
-               s.torque_error(G - s.G, np.abs(s.G).max() + s.size))
+    return max(
+        s.matrix_error(M - s.M),
+        s.matrix_error(C - s.C, s.speed),
+        s.torque_error(G - s.G, np.abs(s.G).max() + s.size),
+    )
 
 
-_CHECKS: tuple[tuple[str, float, Callable[[_SampledState], float]], ...] = (
-    ('M is symmetric', _SUM_TOLERANCE, _symmetry_error),
-    ('M is positive definite (condition number)', _LARGEST_CONDITION, _condition_number),
-    ('½ dM/dt - C is skew-symmetric', _DIFFERENCE_TOLERANCE, _skew_error),
-    ('C dq is what M gives', _DIFFERENCE_TOLERANCE, _lagrange_error),
-    ('G is the gradient of the potential', _DIFFERENCE_TOLERANCE, _gradient_error),
-    ('evaluate gives M, C and G', _SUM_TOLERANCE, _evaluate_error),
-    ('inverse_dynamics is M a + C dq + G', _SUM_TOLERANCE, _inverse_error),
-    ('forward dynamics undoes inverse dynamics', _SOLUTION_TOLERANCE, _forward_error))
+_SHAPES = _Check('values are finite and have their shapes', 0.0, _malformed)
+_CHECKS = (
+    _Check('M is symmetric', _SUM_TOLERANCE, _symmetry_error),
+    _Check('M is positive definite (condition number)', _LARGEST_CONDITION, _condition_number),
+    _Check('½ dM/dt - C is skew-symmetric', _DIFFERENCE_TOLERANCE, _skew_error),
+    _Check('C dq is what M gives', _DIFFERENCE_TOLERANCE, _lagrange_error),
+    _Check('G is the gradient of the potential', _DIFFERENCE_TOLERANCE, _gradient_error),
+    _Check('evaluate gives M, C and G', _SUM_TOLERANCE, _evaluate_error),
+    _Check('inverse_dynamics is M a + C dq + G', _SUM_TOLERANCE, _inverse_error),
+    _Check('forward dynamics undoes inverse dynamics', _SOLUTION_TOLERANCE, _forward_error),
+)
 
 
 def inertia_faults(urdf: str, joints: Sequence[str]) -> list[str]:
@@ -270,8 +286,11 @@ def inertia_faults(urdf: str, joints: Sequence[str]) -> list[str]:
     for name, (parent, child) in tree.ends.items():
         if name in joints or parent in moving:
             moving.add(child)
-    return [f'link {name} {fault}' for name, link in tree.links.items()
-            if name in moving and (fault := _inertia_fault(link, tree.inertials[name]))]
+    return [
+        f'link {name} {fault}'
+        for name, link in tree.links.items()
+        if name in moving and (fault := _inertia_fault(link, tree.inertials[name]))
+    ]
 
 
 def _inertia_fault(link: ET.Element, inertial: Inertial | None) -> str:
@@ -287,5 +306,7 @@ def _inertia_fault(link: ET.Element, inertial: Inertial | None) -> str:
     if moments[0] >= -slack and moments[2] <= moments[0] + moments[1] + slack:
         return ''
     shown = ', '.join(f'{x:.4g}' for x in moments)
-    return (f'has a mass of {inertial.mass:g} kg and principal moments {shown} kg*m^2: none may '
-            'be negative, or exceed the sum of the others')
+    return (
+        f'has a mass of {inertial.mass:g} kg and principal moments {shown} kg*m^2: none may '
+        'be negative, or exceed the sum of the others'
+    )

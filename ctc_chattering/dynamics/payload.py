@@ -59,8 +59,7 @@ def tip_of(tree: Tree, joint_names: Sequence[str]) -> str:
     return tip
 
 
-def with_payload(description: str, joint_names: Sequence[str], mass: float, link: str = ''
-                 ) -> str:
+def with_payload(description: str, joint_names: Sequence[str], mass: float, link: str = '') -> str:
     """
     Return a URDF with a sphere added to a link.
 
@@ -84,10 +83,12 @@ def with_payload(description: str, joint_names: Sequence[str], mass: float, link
     robot = parse_description(description)
     tree = Tree(robot)
     if link and link not in tree.links:
-        raise CtcError(f'payload: no link is called {link}; allowed: {", ".join(tree.links)}'
-                       f'{near(link, tree.links)}')
+        raise CtcError(
+            f'payload: no link is called {link}; allowed: {", ".join(tree.links)}'
+            f'{near(link, tree.links)}'
+        )
     carrier = link or tip_of(tree, joint_names)
-    moment = 0.4 * mass * _RADIUS_M ** 2
+    moment = 0.4 * mass * _RADIUS_M**2
     moments = dict.fromkeys(MOMENTS, 0.0) | dict.fromkeys(('ixx', 'iyy', 'izz'), moment)
     payload = ET.SubElement(robot, 'link', name=_PAYLOAD_NAME)
     fill_inertial(ET.SubElement(payload, 'inertial'), Inertial(Origin(), mass, moments))

@@ -51,11 +51,14 @@ def pseudo_inertia(parameters: Array) -> Array:
     """Return J of ten parameters in Pinocchio's order."""
     m, x, y, z, xx, xy, yy, xz, yz, zz = parameters
     half_trace = 0.5 * (xx + yy + zz)
-    return np.array([
-        [half_trace - xx, -xy, -xz, x],
-        [-xy, half_trace - yy, -yz, y],
-        [-xz, -yz, half_trace - zz, z],
-        [x, y, z, m]])
+    return np.array(
+        [
+            [half_trace - xx, -xy, -xz, x],
+            [-xy, half_trace - yy, -yz, y],
+            [-xz, -yz, half_trace - zz, z],
+            [x, y, z, m],
+        ]
+    )
 
 
 def parameters_of(matrix: Array) -> Array:
@@ -69,7 +72,7 @@ def is_possible(matrix: Array) -> bool:
     mass = matrix[3, 3]
     if not mass > 0.0:
         return False
-    length = np.sqrt(max(np.trace(matrix[:3, :3]) / mass, _LEAST_LENGTH_M ** 2))
+    length = np.sqrt(max(np.trace(matrix[:3, :3]) / mass, _LEAST_LENGTH_M**2))
     units = _units(mass, length)
     return bool(np.linalg.eigvalsh(matrix / np.outer(units, units))[0] > -_EIGENVALUE_ROUNDING)
 
@@ -97,9 +100,9 @@ def unit(prior: Array, heaviest: float) -> Array:
     """
     Return S, which makes changes of a body comparable.
 
-    With S of shape (4, 4), J is that of the model plus S X Sᵀ. An X of size 1 changes the body by as much as itself, in any coordinates. This is the metric
-    of Lee, Wensing and Park (2020) at the model's body. A direction in which the model has no
-    extent gets a small one.
+    With S of shape (4, 4), J is that of the model plus S X Sᵀ. An X of size 1 changes the body by
+    as much as itself, in any coordinates. This is the metric of Lee, Wensing and Park (2020) at
+    the model's body. A direction in which the model has no extent gets a small one.
 
     Parameters
     ----------

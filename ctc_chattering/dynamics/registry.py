@@ -48,30 +48,45 @@ class DescribedConfig(Config):
     """Joints and robot description of all loop nodes."""
 
     joint_names: tuple[str, ...] = parameter(
-        ('joint1', 'joint2'), 'Joints, in the order of gains and torques.', read_only=True)
+        ('joint1', 'joint2'), 'Joints, in the order of gains and torques.', read_only=True
+    )
     model: str = parameter(
-        'two_link', 'Robot model, or your own: docs/robots.md.', choices=MODELS, own=True,
-        read_only=True)
+        'two_link',
+        'Robot model, or your own: docs/robots.md.',
+        choices=MODELS,
+        own=True,
+        read_only=True,
+    )
     description: str = parameter(
-        '', 'Model urdf: file of the robot, a path or package://NAME/PATH; empty for the topic '
-        'robot_description.', read_only=True)
+        '',
+        'Model urdf: file of the robot, a path or package://NAME/PATH; empty for the topic '
+        'robot_description.',
+        read_only=True,
+    )
     continuous_joints: tuple[str, ...] = parameter(
-        (DESCRIBED,), 'Joints that turn endlessly, whose positions count modulo 2 pi; described: '
-        'those that the description, or the model, says.', read_only=True)
+        (DESCRIBED,),
+        'Joints that turn endlessly, whose positions count modulo 2 pi; described: '
+        'those that the description, or the model, says.',
+        read_only=True,
+    )
     control_period: float = parameter(
-        1e-3, 'Sample period h.', 's', minimum=LEAST, maximum=10.0, read_only=True)
+        1e-3, 'Sample period h.', 's', minimum=LEAST, maximum=10.0, read_only=True
+    )
 
     def validate(self) -> None:
         """Check the period and the names of continuous joints."""
         period_ns(self.control_period)
         unknown = set(self.continuous_joints) - {DESCRIBED, '', *self.joint_names}
         if unknown:
-            raise ParameterError('continuous_joints', self.continuous_joints, (
-                f'{DESCRIBED}, or some of {", ".join(self.joint_names)}'))
+            raise ParameterError(
+                'continuous_joints',
+                self.continuous_joints,
+                (f'{DESCRIBED}, or some of {", ".join(self.joint_names)}'),
+            )
 
     @property
     def described(self) -> bool:
-        """True if a description of the robot is needed."""
+        """Return whether a description of the robot is needed."""
         return self.model == 'urdf'
 
     def which_are_continuous(self, described: Sequence[bool] = ()) -> tuple[bool, ...]:
@@ -86,8 +101,10 @@ class DescribedConfig(Config):
         """
         if DESCRIBED not in self.continuous_joints or not described:
             described = (False,) * len(self.joint_names)
-        return tuple(is_described or name in self.continuous_joints
-                     for name, is_described in zip(self.joint_names, described))
+        return tuple(
+            is_described or name in self.continuous_joints
+            for name, is_described in zip(self.joint_names, described)
+        )
 
 
 @dataclasses.dataclass(frozen=True)
@@ -95,14 +112,21 @@ class RobotConfig(DescribedConfig):
     """Joints and model of plant and controller."""
 
     locked: tuple[str, ...] = parameter(
-        ('',), 'Positions of joints not in joint_names, each "name position"; default 0.',
-        read_only=True)
+        ('',),
+        'Positions of joints not in joint_names, each "name position"; default 0.',
+        read_only=True,
+    )
     gravity: float = parameter(9.81, 'Acceleration of gravity in G.', 'm/s^2', read_only=True)
     rotor_inertia: tuple[float, ...] = parameter(
-        0.0, 'Model urdf: inertia of the rotors at the joints, gear ratios squared included; 0 '
-        'for that of the description.', 'kg*m^2', read_only=True)
+        0.0,
+        'Model urdf: inertia of the rotors at the joints, gear ratios squared included; 0 '
+        'for that of the description.',
+        'kg*m^2',
+        read_only=True,
+    )
     compiled: bool = parameter(
-        True, 'Use the machine code of `ctc compile` where it is available.', read_only=True)
+        True, 'Use the machine code of `ctc compile` where it is available.', read_only=True
+    )
 
     def validate(self) -> None:
         """Check period, model and locked joints."""
@@ -110,17 +134,23 @@ class RobotConfig(DescribedConfig):
         check_model(self.model, self.joint_names)
         locked_positions(self.locked)
         if any(self.rotor_inertia) and not self.described:
-            raise ParameterError('rotor_inertia', self.rotor_inertia,
-                                 '0 without a description of the robot')
+            raise ParameterError(
+                'rotor_inertia', self.rotor_inertia, '0 without a description of the robot'
+            )
 
 
 #: Models that `model_of` keeps, of all threads.
 _CACHE_SIZE = 64
 
 
-def make_model(name: str, gravity: float, joint_names: tuple[str, ...] = ('joint1', 'joint2'),
-               urdf: str = '', locked: Mapping[str, float] | None = None,
-               rotors: Sequence[float] = ()) -> Model:
+def make_model(
+    name: str,
+    gravity: float,
+    joint_names: tuple[str, ...] = ('joint1', 'joint2'),
+    urdf: str = '',
+    locked: Mapping[str, float] | None = None,
+    rotors: Sequence[float] = (),
+) -> Model:
     """
     Return the model of a name.
 
@@ -151,9 +181,11 @@ def make_model(name: str, gravity: float, joint_names: tuple[str, ...] = ('joint
         return TwoLink(gravity)
     if name == 'urdf':
         if not urdf.strip():
-            raise CtcError('model urdf needs the parameter description, or the topic '
-                           'robot_description')
+            raise CtcError(
+                'model urdf needs the parameter description, or the topic robot_description'
+            )
         from ctc_chattering.dynamics.urdf_model import UrdfModel
+
         with refused_as('URDF: there is no model of it'):
             return UrdfModel(urdf, joint_names, gravity, locked, rotors)
     return _model_of_user(name, joint_names, gravity)
@@ -175,13 +207,27 @@ def model_of(config: RobotConfig, description: str = '') -> Model:
 
     """
     make = _cached_model if config.model in MODELS else _cached_model.__wrapped__
-    return make(config.model, config.gravity, config.joint_names, description, config.locked,
-                config.rotor_inertia, get_ident())
+    return make(
+        config.model,
+        config.gravity,
+        config.joint_names,
+        description,
+        config.locked,
+        config.rotor_inertia,
+        get_ident(),
+    )
 
 
 @lru_cache(_CACHE_SIZE)
-def _cached_model(name: str, gravity: float, joint_names: tuple[str, ...], description: str,
-                  locked: tuple[str, ...], rotors: tuple[float, ...], _thread: int) -> Model:
+def _cached_model(
+    name: str,
+    gravity: float,
+    joint_names: tuple[str, ...],
+    description: str,
+    locked: tuple[str, ...],
+    rotors: tuple[float, ...],
+    _thread: int,
+) -> Model:
     return make_model(name, gravity, joint_names, description, locked_positions(locked), rotors)
 
 
@@ -214,8 +260,9 @@ def check_model(name: str, joint_names: tuple[str, ...]) -> None:
 
 def _model_of_user(name: str, joint_names: tuple[str, ...], gravity: float) -> Model:
     """Return an instance of a user's class."""
-    model_class = named_class('model', name, lambda x: issubclass(x, Model),
-                              'class derived from ctc_chattering.Model')
+    model_class = named_class(
+        'model', name, lambda x: issubclass(x, Model), 'class derived from ctc_chattering.Model'
+    )
     with refused_as(f'the model {name} cannot be made'):
         model: Model = model_class(joint_names, gravity)
     count = getattr(model, 'n', 'no')

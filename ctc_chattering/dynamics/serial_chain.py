@@ -40,7 +40,8 @@ def chain_to(tree: Tree, tip: str) -> tuple[str, ...]:
     """
     if tip not in tree.links:
         raise ParameterError(
-            'tip', tip, f'links of the URDF: {shortened(list(tree.links))}{near(tip, tree.links)}')
+            'tip', tip, f'links of the URDF: {shortened(list(tree.links))}{near(tip, tree.links)}'
+        )
     chain = []
     link = tip
     while link in tree.carriers:
@@ -69,7 +70,8 @@ def longest_chain(tree: Tree) -> tuple[str, ...]:
         branches = [name for name in tree.joints_on(link) if all_joints[name]]
         longest = max(branches, key=lambda name: model_joints[name], default='')
         if not model_joints.get(longest) or _is_end_effector(
-                [all_joints[name] for name in branches], len(chain)):
+            [all_joints[name] for name in branches], len(chain)
+        ):
             return tuple(chain)
         if longest in movers:
             chain.append(longest)
@@ -78,8 +80,10 @@ def longest_chain(tree: Tree) -> tuple[str, ...]:
 
 def _movers(tree: Tree) -> set[str]:
     """Return the joints of a model that move a mass."""
-    carried = {name: 0.0 if inertial is None else inertial.mass
-               for name, inertial in tree.inertials.items()}
+    carried = {
+        name: 0.0 if inertial is None else inertial.mass
+        for name, inertial in tree.inertials.items()
+    }
     for parent, child in reversed(tree.ends.values()):
         carried[parent] += carried[child]
     return {name for name in tree.movable if carried[tree.ends[name][1]] > 0.0}

@@ -90,9 +90,19 @@ class Arm:
         rows = np.zeros((2, 3))
         squares = np.zeros((2, 3, 3))
         return cls(
-            closed=True, gravity=gravity, scale=scale, parent=indices,
-            prismatic=np.zeros(2, np.bool_), joint=indices, rotation=squares, offset=rows,
-            mass=zeros, center=rows, inertia=squares, rotor=zeros)
+            closed=True,
+            gravity=gravity,
+            scale=scale,
+            parent=indices,
+            prismatic=np.zeros(2, np.bool_),
+            joint=indices,
+            rotation=squares,
+            offset=rows,
+            mass=zeros,
+            center=rows,
+            inertia=squares,
+            rotor=zeros,
+        )
 
 
 @dataclasses.dataclass
@@ -149,15 +159,34 @@ class BodyScratch:
 
 def body_scratch(n: int) -> BodyScratch:
     """Return scratch for `n` joints."""
+
     def rows(*shape: int) -> Array:
         return np.zeros((n + 1, *shape))
+
     scratch = BodyScratch(
-        rotation=rows(3, 3), origin=rows(3), joint=rows(6), joint_rate=rows(6), twist=rows(6),
-        acceleration=rows(6), mass=rows(), moment=rows(3), inertia=rows(3, 3),
-        coupling=rows(3, 3), momentum=rows(3), force=rows(6), unit_momentum=np.zeros(6),
-        unit_momentum_rate=np.zeros(6), central_inertia=np.zeros((3, 3)), center=np.zeros(3),
-        vector=np.zeros(3), q=np.zeros(n),
-        dq=np.zeros(n), M=np.zeros((n, n)), C=np.zeros((n, n)), bias=np.zeros(n))
+        rotation=rows(3, 3),
+        origin=rows(3),
+        joint=rows(6),
+        joint_rate=rows(6),
+        twist=rows(6),
+        acceleration=rows(6),
+        mass=rows(),
+        moment=rows(3),
+        inertia=rows(3, 3),
+        coupling=rows(3, 3),
+        momentum=rows(3),
+        force=rows(6),
+        unit_momentum=np.zeros(6),
+        unit_momentum_rate=np.zeros(6),
+        central_inertia=np.zeros((3, 3)),
+        center=np.zeros(3),
+        vector=np.zeros(3),
+        q=np.zeros(n),
+        dq=np.zeros(n),
+        M=np.zeros((n, n)),
+        C=np.zeros((n, n)),
+        bias=np.zeros(n),
+    )
     scratch.rotation[-1] = np.eye(3)
     return scratch
 
@@ -409,7 +438,8 @@ def evaluate(arm: Arm, q: Array, dq: Array, s: BodyScratch, M: Array, C: Array, 
 
 @function
 def bias(arm: Arm, s: BodyScratch, dq: Array, out: Array) -> None:
-    """Set C dq + G.
+    """
+    Set C dq + G.
 
     It comes after `place`, `weigh` and `move`, and before `mass_matrix`.
     """
@@ -422,7 +452,8 @@ def bias(arm: Arm, s: BodyScratch, dq: Array, out: Array) -> None:
         force = s.force[i]
         for a in range(6):
             s.acceleration[i, a] = (
-                s.joint_rate[i, a] * dq[arm.joint[i]] + s.acceleration[arm.parent[i], a])
+                s.joint_rate[i, a] * dq[arm.joint[i]] + s.acceleration[arm.parent[i], a]
+            )
         set_momentum(s, i, s.twist[i], momentum)
         set_momentum(s, i, s.acceleration[i], force)
         for a in range(3):

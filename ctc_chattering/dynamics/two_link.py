@@ -55,8 +55,14 @@ def terms(gravity: float, q: Vector) -> TwoLinkTerms:
     """Return the terms at a position."""
     c2 = cos(q[1])
     g2 = 0.63 * gravity * sin(q[0] + q[1])
-    return TwoLinkTerms(8.77 + 1.02 * c2, 0.76 + 0.51 * c2, 0.62, 0.51 * sin(q[1]),
-                        7.6 * gravity * sin(q[0]) + g2, g2)
+    return TwoLinkTerms(
+        8.77 + 1.02 * c2,
+        0.76 + 0.51 * c2,
+        0.62,
+        0.51 * sin(q[1]),
+        7.6 * gravity * sin(q[0]) + g2,
+        g2,
+    )
 
 
 class TwoLink(Model, LinearModel):
@@ -91,9 +97,12 @@ class TwoLink(Model, LinearModel):
         s2 = sin(q[1])
         g1 = -_pull(gravity, q[0])
         g2 = -_pull(gravity, q[0] + q[1])
-        return np.array((
-            (a1, a2, 0.0, c2 * (a1 + a1 + a2) - s2 * v2 * (v1 + v1 + v2), g1, g2),
-            (0.0, a1, a2, c2 * a1 + s2 * v1 * v1, 0.0, g2)))
+        return np.array(
+            (
+                (a1, a2, 0.0, c2 * (a1 + a1 + a2) - s2 * v2 * (v1 + v1 + v2), g1, g2),
+                (0.0, a1, a2, c2 * a1 + s2 * v1 * v1, 0.0, g2),
+            )
+        )
 
     def mass_matrix(self, q: Vector) -> Rows:
         """Return M(q), shape (2, 2)."""
@@ -121,8 +130,10 @@ class TwoLink(Model, LinearModel):
         t = terms(self.gravity, q.tolist())
         v1, v2 = dq.tolist()
         k = t.coupling
-        return (np.array(((t.m11, t.m12), (t.m12, t.m22))),
-                np.array((t.g1 - k * v2 * (v1 + v1 + v2), k * v1 * v1 + t.g2)))
+        return (
+            np.array(((t.m11, t.m12), (t.m12, t.m22))),
+            np.array((t.g1 - k * v2 * (v1 + v1 + v2), k * v1 * v1 + t.g2)),
+        )
 
 
 def _pull(gravity: Array, angle: float) -> float:

@@ -93,9 +93,14 @@ class UrdfModel(Model, LinearModel):
 
     """
 
-    def __init__(self, urdf: str, joint_names: Sequence[str], gravity: float = 9.81,
-                 locked: Mapping[str, float] | None = None, rotors: Sequence[float] = ()
-                 ) -> None:
+    def __init__(
+        self,
+        urdf: str,
+        joint_names: Sequence[str],
+        gravity: float = 9.81,
+        locked: Mapping[str, float] | None = None,
+        rotors: Sequence[float] = (),
+    ) -> None:
         self._pin = pinocchio()
         self.joint_names = tuple(joint_names)
         check_joint_names(self.joint_names)
@@ -109,21 +114,24 @@ class UrdfModel(Model, LinearModel):
         self.continuous = tuple(joint.continuous for joint in joints)
         self.rotor_inertias = tuple(
             rotor or joint.rotor_inertia
-            for joint, rotor in zip(joints, rotors or (0.0,) * len(joints)))
+            for joint, rotor in zip(joints, rotors or (0.0,) * len(joints))
+        )
         self.n = len(joints)
         self.gravity = gravity
         self._model = _reduced_model(self._pin, tree, locked_positions)
         self._data = self._model.createData()
         #: Indices that bring a vector of Pinocchio into our order.
-        self._back: Any = np.array([
-            self._model.joints[self._model.getJointId(name)].idx_v for name in self.joint_names])
+        self._back: Any = np.array(
+            [self._model.joints[self._model.getJointId(name)].idx_v for name in self.joint_names]
+        )
         #: Indices that bring our vectors into Pinocchio's order.
         self._order: Any = np.argsort(self._back)
         #: The same as `_back`, of a matrix.
         self._square: Any = np.ix_(self._back, self._back)
         #: Rows of joints and columns of bodies, of a regressor.
         self._regressor: Any = np.ix_(
-            self._back, (10 * self._back[:, np.newaxis] + np.arange(10)).ravel())
+            self._back, (10 * self._back[:, np.newaxis] + np.arange(10)).ravel()
+        )
         self._model.armature = np.array(self.rotor_inertias)[self._order]
         self._model.gravity.linear = np.array([0.0, 0.0, -gravity])
         self._check_inertia()
@@ -143,22 +151,34 @@ class UrdfModel(Model, LinearModel):
         motions = [np.array(joint.createData().S).ravel() for joint in model.joints.tolist()[1:]]
         prismatic = np.array([not motion[3:].any() for motion in motions])
         # The last one is the base's, which the parent -1 takes.
-        turns = np.array([*(_rotation_to_z(motion[:3] if slides else motion[3:])
-                            for motion, slides in zip(motions, prismatic)), np.eye(3)])
+        turns = np.array(
+            [
+                *(
+                    _rotation_to_z(motion[:3] if slides else motion[3:])
+                    for motion, slides in zip(motions, prismatic)
+                ),
+                np.eye(3),
+            ]
+        )
         into_parents = turns[parents].swapaxes(1, 2)
         turns = turns[:-1]
         into_bodies = turns.swapaxes(1, 2)
         offsets = np.array([placement.translation for placement in placements])
         centers = np.array([body.lever for body in inertias])
         return Arm(
-            closed=False, gravity=self.gravity, scale=1.0, parent=parents, prismatic=prismatic,
+            closed=False,
+            gravity=self.gravity,
+            scale=1.0,
+            parent=parents,
+            prismatic=prismatic,
             joint=self._order,
             rotation=into_parents @ [placement.rotation for placement in placements] @ turns,
             offset=(into_parents @ offsets[:, :, np.newaxis])[:, :, 0],
             mass=np.array([body.mass for body in inertias]),
             center=(into_bodies @ centers[:, :, np.newaxis])[:, :, 0],
             inertia=_mirrored(into_bodies @ [body.inertia for body in inertias] @ turns),
-            rotor=np.array(model.armature))
+            rotor=np.array(model.armature),
+        )
 
     @property
     def _inertias(self) -> list[Any]:
@@ -178,13 +198,17 @@ class UrdfModel(Model, LinearModel):
     def parameter_sizes(self) -> Array:
         """Return rough sizes of the parameters, shape (10 n,)."""
         least_mass = _LEAST_MASS_RATIO * sum(
-            body.mass for body in self._model.inertias.tolist()[1:])
+            body.mass for body in self._model.inertias.tolist()[1:]
+        )
         sizes = []
         for body in self._inertias:
             mass = max(body.mass, least_mass)
-            reach = max(float(np.linalg.norm(body.lever)), _LEAST_REACH_M,
-                        float(np.sqrt(np.trace(body.inertia) / mass)))
-            sizes += [mass] + 3 * [mass * reach] + 6 * [mass * reach ** 2]
+            reach = max(
+                float(np.linalg.norm(body.lever)),
+                _LEAST_REACH_M,
+                float(np.sqrt(np.trace(body.inertia) / mass)),
+            )
+            sizes += [mass] + 3 * [mass * reach] + 6 * [mass * reach**2]
         return np.array(sizes)
 
     def torque_regressor(self, q: Array, dq: Array, ddq: Array, gravity: Array) -> Array:
@@ -193,7 +217,8 @@ class UrdfModel(Model, LinearModel):
         own_gravity = model.gravity.linear.copy()
         model.gravity.linear = gravity
         regressor: Array = self._pin.computeJointTorqueRegressor(
-            model, self._data, q[order], dq[order], ddq[order])[self._regressor]
+            model, self._data, q[order], dq[order], ddq[order]
+        )[self._regressor]
         model.gravity.linear = own_gravity
         return regressor
 
@@ -202,7 +227,8 @@ class UrdfModel(Model, LinearModel):
         return DynamicsTerms(
             self._call(self._pin.crba, q)[self._square],
             self._call(self._pin.computeCoriolisMatrix, q, dq)[self._square],
-            self._call(self._pin.computeGeneralizedGravity, q)[self._back])
+            self._call(self._pin.computeGeneralizedGravity, q)[self._back],
+        )
 
     def mass_matrix(self, q: Vector) -> Rows:
         """Return M(q), shape (n, n)."""
@@ -227,7 +253,8 @@ class UrdfModel(Model, LinearModel):
     def _call(self, function: Any, *vectors: Vector | Array) -> Any:
         """Return a result of Pinocchio, until the next call."""
         return function(
-            self._model, self._data, *(np.array(x, float)[self._order] for x in vectors))
+            self._model, self._data, *(np.array(x, float)[self._order] for x in vectors)
+        )
 
     def _vector(self, function: Any, *vectors: Vector) -> Vector:
         """Return a vector in our order."""
@@ -260,8 +287,10 @@ class SingularInertia(CtcError):
     """
 
     def __init__(self, joints: tuple[str, ...]) -> None:
-        super().__init__('URDF: M is singular: too little inertia is moved by '
-                         f'{", ".join(joints)} (a link without mass?)')
+        super().__init__(
+            'URDF: M is singular: too little inertia is moved by '
+            f'{", ".join(joints)} (a link without mass?)'
+        )
         self.joints = joints
 
 
@@ -298,8 +327,10 @@ def pinocchio() -> Any:
         if not hasattr(library, 'buildModelFromXML'):
             raise ImportError('another package has its name')
     except ImportError as error:
-        raise CtcError(f'the model urdf needs Pinocchio ({error}): pip install pin, or '
-                       'apt install ros-jazzy-pinocchio') from None
+        raise CtcError(
+            f'the model urdf needs Pinocchio ({error}): pip install pin, or '
+            'apt install ros-jazzy-pinocchio'
+        ) from None
     return library
 
 

@@ -48,8 +48,9 @@ class Origin(NamedTuple):
     rpy: tuple[float, ...] = (0.0, 0.0, 0.0)
 
 
-def parse_numbers(where: str, attribute: str, text: str, count: int,
-                  largest: float = _LARGEST_NUMBER) -> list[float]:
+def parse_numbers(
+    where: str, attribute: str, text: str, count: int, largest: float = _LARGEST_NUMBER
+) -> list[float]:
     """Return the numbers of an attribute, none above `largest`."""
     try:
         values = [float(word) for word in text.split()]
@@ -68,12 +69,19 @@ def number_text(values: Iterable[float]) -> str:
 
 def parse_origin(where: str, element: ET.Element) -> Origin:
     """Return the origin of an element, zeros without one."""
-    origin = element.find('origin')
+
 
     def triple(key: str) -> tuple[float, ...]:
-        text = '0 0 0' if origin is None else origin.get(key, '0 0 0')
+        text = _attribute(element, 'origin', key, '0 0 0')
         return tuple(parse_numbers(where, f'origin {key}', text, 3))
+
     return Origin(triple('xyz'), triple('rpy'))
+
+
+def _attribute(parent: ET.Element, tag: str, key: str, default: str = '') -> str:
+    """Return an attribute of the first child with a tag."""
+    child = parent.find(tag)
+    return default if child is None else child.get(key, default)
 
 
 class Inertial(NamedTuple):
@@ -100,7 +108,7 @@ class Joint(NamedTuple):
 
     name: str
     #: ``revolute``, ``continuous`` or ``prismatic``.
-    type: str
+    joint_type: str
     #: Direction of the axis, of length 1, or zeros where the text says so.
     axis: tuple[float, ...]
     #: Least and greatest position [rad or m], ∓inf without limits.
@@ -123,17 +131,17 @@ class Joint(NamedTuple):
 
     @property
     def continuous(self) -> bool:
-        """True for a joint that turns endlessly."""
-        return self.type == 'continuous'
+        """Return whether the joint turns endlessly."""
+        return self.joint_type == 'continuous'
 
     @property
     def prismatic(self) -> bool:
-        """True for a joint that slides."""
-        return self.type == 'prismatic'
+        """Return whether the joint slides."""
+        return self.joint_type == 'prismatic'
 
     @property
     def position_unit(self) -> str:
-        """Unit of the position."""
+        """Return the unit of the position."""
         return 'm' if self.prismatic else 'rad'
 
 
@@ -178,8 +186,11 @@ class Tree:
         robot = parse_description(urdf) if isinstance(urdf, str) else urdf
         if robot.tag != 'robot':
             raise CtcError(f'URDF: the outermost element is <{robot.tag}>, not <robot>')
-        self.unexpanded = tuple(dict.fromkeys(
-            element.tag for element in robot.iter() if str(element.tag).startswith(XACRO)))
+        self.unexpanded = tuple(
+            dict.fromkeys(
+                element.tag for element in robot.iter() if str(element.tag).startswith(XACRO)
+            )
+        )
         self.name = robot.get('name', '')
         self.links = _elements_by_name(robot, 'link')
         self._elements = _elements_by_name(robot, 'joint')
@@ -188,22 +199,25 @@ class Tree:
             raise CtcError(f'URDF: it has no link{advice}')
         self.inertials = {name: _inertial(link) for name, link in self.links.items()}
         self.ends = {
-            name: (_link_name(joint, 'parent', self.links),
-                   _link_name(joint, 'child', self.links))
-            for name, joint in self._elements.items()}
+            name: (_link_name(joint, 'parent', self.links), _link_name(joint, 'child', self.links))
+            for name, joint in self._elements.items()
+        }
         self.carriers = _carriers(self.ends)
         self.root = _root(self.links, self.carriers)
         self.ends = {name: self.ends[name] for name in self._joints_outwards()}
-        self.origins = {name: parse_origin(f'joint {name}', joint)
-                        for name, joint in self._elements.items()}
+        self.origins = {
+            name: parse_origin(f'joint {name}', joint) for name, joint in self._elements.items()
+        }
         self.joints: dict[str, Joint] = {}
         for name in self.ends:
             joint_type = self._elements[name].get('type', '')
             if joint_type in _MOVABLE:
                 self.joints[name] = _joint(self._elements[name])
             elif joint_type != 'fixed':
-                raise CtcError(f'URDF: joint {name} is {joint_type!r}; an arm has fixed joints, '
-                               f'and joints with one degree of freedom: {", ".join(_MOVABLE)}')
+                raise CtcError(
+                    f'URDF: joint {name} is {joint_type!r}; an arm has fixed joints, '
+                    f'and joints with one degree of freedom: {", ".join(_MOVABLE)}'
+                )
 
     def joints_on(self, link: str) -> list[str]:
         """Return the joints whose parent is a link."""
@@ -236,8 +250,11 @@ class Tree:
     def movable(self) -> tuple[str, ...]:
         """Joints of a model: they neither mimic nor lead."""
         leaders = self.leaders
-        return tuple(name for name, joint in self.joints.items()
-                     if joint.mimic is None and name not in leaders)
+        return tuple(
+            name
+            for name, joint in self.joints.items()
+            if joint.mimic is None and name not in leaders
+        )
 
     def locked(self, selected: Sequence[str], positions: Mapping[str, float]) -> dict[str, float]:
         """
@@ -257,16 +274,24 @@ class Tree:
 
         """
         self._check_selected(selected)
-        free = [name for name, joint in self.joints.items()
-                if joint.mimic is None and name not in selected]
+        free = [
+            name
+            for name, joint in self.joints.items()
+            if joint.mimic is None and name not in selected
+        ]
         for name, value in positions.items():
             if name not in free or not abs(value) < inf:
                 raise ParameterError(
-                    'locked', f'{name}: {value}',
-                    f'finite positions of joints not in joint_names: {", ".join(free) or "none"}')
+                    'locked',
+                    f'{name}: {value}',
+                    f'finite positions of joints not in joint_names: {", ".join(free) or "none"}',
+                )
         leading = {name: positions.get(name, 0.0) for name in free}
-        following = {name: self._position(name, leading)
-                     for name, joint in self.joints.items() if joint.mimic is not None}
+        following = {
+            name: self._position(name, leading)
+            for name, joint in self.joints.items()
+            if joint.mimic is not None
+        }
         return leading | following
 
     def _check_selected(self, selected: Sequence[str]) -> None:
@@ -275,14 +300,20 @@ class Tree:
             joint = self.joints.get(name)
             if joint is None:
                 movable = self.movable
-                raise ParameterError('joint_names', tuple(selected), 'movable joints of the URDF: '
-                                     f'{", ".join(movable)}{near(name, movable)}')
+                raise ParameterError(
+                    'joint_names',
+                    tuple(selected),
+                    f'movable joints of the URDF: {", ".join(movable)}{near(name, movable)}',
+                )
             if joint.mimic is not None:
-                raise CtcError(f'URDF: joint {name} mimics {joint.mimic.leader} and cannot be a '
-                               'joint of the model')
+                raise CtcError(
+                    f'URDF: joint {name} mimics {joint.mimic.leader} and cannot be a '
+                    'joint of the model'
+                )
 
-    def _position(self, name: str, leading: Mapping[str, float], followers: tuple[str, ...] = ()
-                  ) -> float:
+    def _position(
+        self, name: str, leading: Mapping[str, float], followers: tuple[str, ...] = ()
+    ) -> float:
         """Return the position of a free or following joint."""
         mimic = self.joints[name].mimic
         if mimic is None:
@@ -343,8 +374,7 @@ def _elements_by_name(robot: ET.Element, tag: str) -> dict[str, ET.Element]:
 
 def _link_name(joint: ET.Element, tag: str, links: Collection[str]) -> str:
     """Return the parent or child link of a joint."""
-    element = joint.find(tag)
-    name = '' if element is None else element.get('link', '')
+    name = _attribute(joint, tag, 'link')
     if name not in links:
         fault = f'{name}, which is no link' if name else 'missing'
         raise CtcError(f'URDF: the {tag} of joint {joint.get("name")} is {fault}')
@@ -356,8 +386,10 @@ def _carriers(ends: Mapping[str, tuple[str, str]]) -> dict[str, str]:
     carriers: dict[str, str] = {}
     for name, (_, child) in ends.items():
         if child in carriers:
-            raise CtcError(f'URDF: joints {carriers[child]} and {name} both carry link {child}: '
-                           'a closed chain')
+            raise CtcError(
+                f'URDF: joints {carriers[child]} and {name} both carry link {child}: '
+                'a closed chain'
+            )
         carriers[child] = name
     return carriers
 
@@ -366,8 +398,10 @@ def _root(links: Iterable[str], carriers: Container[str]) -> str:
     """Return the only link that no joint carries."""
     roots = [link for link in links if link not in carriers]
     if len(roots) > 1:
-        raise CtcError(f'URDF: no joint carries the links {", ".join(roots)}, but one link '
-                       'alone can be the base')
+        raise CtcError(
+            f'URDF: no joint carries the links {", ".join(roots)}, but one link '
+            'alone can be the base'
+        )
     return ''.join(roots)
 
 
@@ -396,12 +430,14 @@ def fill_inertial(element: ET.Element, inertial: Inertial) -> None:
     """Add mass and inertia to an element."""
     add_origin(element, inertial.origin)
     ET.SubElement(element, 'mass', value=repr(inertial.mass))
-    ET.SubElement(element, 'inertia', {
-        key: repr(moment) for key, moment in inertial.moments.items()})
+    ET.SubElement(
+        element, 'inertia', {key: repr(moment) for key, moment in inertial.moments.items()}
+    )
 
 
-def add_joint(robot: ET.Element, name: str, joint_type: str, parent: str, child: str
-              ) -> ET.Element:
+def add_joint(
+    robot: ET.Element, name: str, joint_type: str, parent: str, child: str
+) -> ET.Element:
     """Add a joint between two links, and return it."""
     joint = ET.SubElement(robot, 'joint', name=name, type=joint_type)
     ET.SubElement(joint, 'parent', link=parent)
@@ -416,8 +452,7 @@ def add_origin(parent: ET.Element, origin: Origin) -> None:
 
 def _axis_numbers(joint: ET.Element) -> list[float]:
     """Return the axis as the text has it."""
-    element = joint.find('axis')
-    text = '1 0 0' if element is None else element.get('xyz', '1 0 0')
+    text = _attribute(joint, 'axis', 'xyz', '1 0 0')
     return parse_numbers(f'joint {joint.get("name")}', 'axis', text, 3)
 
 
@@ -434,30 +469,38 @@ def _joint(element: ET.Element) -> Joint:
     where = f'joint {name}'
 
     def number(tag: str, key: str, default: str = '0', largest: float = inf) -> float:
-        child = element.find(tag)
-        text = default if child is None else child.get(key, default)
+        text = _attribute(element, tag, key, default)
         return parse_numbers(where, key, text, 1, largest)[0]
 
     sizes = {key: number('limit', key) for key in ('effort', 'velocity')}
     sizes |= {key: number('limit', key, 'inf') for key in ('acceleration', 'deceleration')}
-    sizes |= {key: number('dynamics', key, largest=_LARGEST_NUMBER)
-              for key in ('friction', 'damping')}
+    sizes |= {
+        key: number('dynamics', key, largest=_LARGEST_NUMBER) for key in ('friction', 'damping')
+    }
     # Not in the standard.
     rotor_inertia = number('dynamics', 'rotor_inertia', largest=_LARGEST_NUMBER)
     if rotor_inertia < 0.0:
-        raise CtcError(f'URDF: {where}: rotor_inertia is {rotor_inertia:g}; it must not be '
-                       'negative')
+        raise CtcError(
+            f'URDF: {where}: rotor_inertia is {rotor_inertia:g}; it must not be negative'
+        )
     low = number('limit', 'lower')
     high = number('limit', 'upper')
     if joint_type == 'continuous' or low == high == 0.0:
         low, high = -inf, inf
     return Joint(
-        name, joint_type, _unit_axis(element), (low, high),
-        velocity=sizes['velocity'] or inf, effort=sizes['effort'] or inf,
+        name,
+        joint_type,
+        _unit_axis(element),
+        (low, high),
+        velocity=sizes['velocity'] or inf,
+        effort=sizes['effort'] or inf,
         acceleration=min(sizes['acceleration'] or inf, sizes['deceleration'] or inf),
-        rotor_inertia=rotor_inertia, friction=sizes['friction'], damping=sizes['damping'],
+        rotor_inertia=rotor_inertia,
+        friction=sizes['friction'],
+        damping=sizes['damping'],
         mimic=_mimic(where, element),
-        fault=_negative_size(sizes) or _empty_range(low, high))
+        fault=_negative_size(sizes) or _empty_range(low, high),
+    )
 
 
 def _mimic(where: str, element: ET.Element) -> Mimic | None:
@@ -474,8 +517,10 @@ def _negative_size(sizes: Mapping[str, float]) -> str:
     """Return the fault of a negative size, or nothing."""
     for name, value in sizes.items():
         if value < 0.0 and name in ('effort', 'velocity'):
-            return (f'{name} is {value:g}, which Gazebo takes for no limit and ros2_control for '
-                    f'{-value:g}; write 0 for no limit, or the limit')
+            return (
+                f'{name} is {value:g}, which Gazebo takes for no limit and ros2_control for '
+                f'{-value:g}; write 0 for no limit, or the limit'
+            )
         if value < 0.0:
             return f'{name} is {value:g}; it must not be negative'
     return ''
@@ -485,5 +530,7 @@ def _empty_range(low: float, high: float) -> str:
     """Return the fault of limits without positions, or nothing."""
     if low < high:
         return ''
-    return (f'lower is {low:g} and upper {high:g}, where one that is missing is 0; lower must be '
-            'below upper, or both 0 for no limits')
+    return (
+        f'lower is {low:g} and upper {high:g}, where one that is missing is 0; lower must be '
+        'below upper, or both 0 for no limits'
+    )

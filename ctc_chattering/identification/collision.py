@@ -100,8 +100,15 @@ class SelfCollision:
 
     """
 
-    def __init__(self, description: str, joints: Sequence[str], locked: Mapping[str, float],
-                 rests: Array, clearance: float, floor: float = inf) -> None:
+    def __init__(
+        self,
+        description: str,
+        joints: Sequence[str],
+        locked: Mapping[str, float],
+        rests: Array,
+        clearance: float,
+        floor: float = inf,
+    ) -> None:
         if not description:
             raise CtcError('there is no description of its links')
         tree = Tree(description)
@@ -119,15 +126,19 @@ class SelfCollision:
         bodies = self._kinematics.rigid_bodies()
         body_of = {link: i for i, body in enumerate(bodies) for link in body}
         joined = {frozenset(tree.ends[name]) for name in joints}
-        pairs = [(a, b) for a, b in combinations(range(len(names)), 2)
-                 if body_of.get(names[a]) != body_of.get(names[b])
-                 and frozenset((names[a], names[b])) not in joined]
+        pairs = [
+            (a, b)
+            for a, b in combinations(range(len(names)), 2)
+            if body_of.get(names[a]) != body_of.get(names[b])
+            and frozenset((names[a], names[b])) not in joined
+        ]
         distances = self._distances(pairs, rests)
         touch = distances[0] <= _TOUCH_M
         self._checked = [pair for pair, touches in zip(pairs, touch) if not touches]
         self.pairs = [(names[a], names[b]) for a, b in self._checked]
-        self.touching = sorted({f'{names[a]} and {names[b]}'
-                                for (a, b), touches in zip(pairs, touch) if touches})
+        self.touching = sorted(
+            {f'{names[a]} and {names[b]}' for (a, b), touches in zip(pairs, touch) if touches}
+        )
         separate = np.where(distances > _TOUCH_M, distances, inf)[:, ~touch].min(axis=0)
         self._required = np.minimum(clearance, 0.5 * separate)
         if not pairs:
@@ -154,9 +165,13 @@ class SelfCollision:
         distance = float(distances[k, pair])
         first, second = self.pairs[pair]
         shown = f'{distance:.2g} m' if distance > 0.0 else 'they touch'
-        return Approach(float(spare[k, pair]), (
-            f'{shown}, {first} and {second} at {t[k]:.1f} s; at least '
-            f'{self._required[pair]:.2g} m'))
+        return Approach(
+            float(spare[k, pair]),
+            (
+                f'{shown}, {first} and {second} at {t[k]:.1f} s; at least '
+                f'{self._required[pair]:.2g} m'
+            ),
+        )
 
     def _distances(self, pairs: Sequence[tuple[int, int]], q: Array) -> Array:
         """Return the distances of pairs of shapes at positions q, (N, n), shape (N, pairs) [m]."""

@@ -45,8 +45,12 @@ _DISTANCE_RATIO = 1.2
 #: Longer capsules and arms are not drawn [m].
 LONGEST = 1e6
 #: Numbers of a shape: attributes with their counts.
-_SIZES = {'mesh': (('scale', 3),), 'box': (('size', 3),), 'sphere': (('radius', 1),),
-          'cylinder': (('radius', 1), ('length', 1))}
+_SIZES = {
+    'mesh': (('scale', 3),),
+    'box': (('size', 3),),
+    'sphere': (('radius', 1),),
+    'cylinder': (('radius', 1), ('length', 1)),
+}
 _DEFAULT_SIZES = {'scale': '1 1 1'}
 
 
@@ -151,15 +155,15 @@ def skeleton_of(config: RobotConfig, description: str = '') -> Skeleton | None:
 
 def two_link_urdf(joint_names: Sequence[str] = ('joint1', 'joint2')) -> str:
     """Return the URDF of the paper's arm, with its joints named."""
-    robot = parse_description(
-        (config_directory() / 'two_link.urdf').read_text(encoding='utf-8'))
+    robot = parse_description((config_directory() / 'two_link.urdf').read_text(encoding='utf-8'))
     for joint, name in zip(robot.findall('joint'), joint_names):
         joint.set('name', name)
     return ET.tostring(robot, encoding='unicode')
 
 
-def urdf_skeleton(urdf: str | ET.Element, joint_names: Sequence[str],
-                  locked: Mapping[str, float] | None = None) -> Skeleton:
+def urdf_skeleton(
+    urdf: str | ET.Element, joint_names: Sequence[str], locked: Mapping[str, float] | None = None
+) -> Skeleton:
     """
     Return the bodies of a URDF.
 
@@ -205,13 +209,17 @@ def _reach(frames: Sequence[LinkFrame]) -> float:
     return max(distances) + last_length or 1.0
 
 
-def _capsules(ends: Sequence[Array], inertial: Inertial | None, radius: float
-              ) -> tuple[Shape, ...]:
+def _capsules(
+    ends: Sequence[Array], inertial: Inertial | None, radius: float
+) -> tuple[Shape, ...]:
     """Return lines from the origin of a link to the joints on it, or to its end."""
     if not ends and inertial is not None:
         ends = [2.0 * np.array(inertial.origin.xyz)]
-    return tuple(Shape('capsule', (0.0, 0.0, 0.0, *map(float, end), radius), np.eye(4))
-                 for end in ends if radius and _SHORTEST_M < hypot(*end) < LONGEST)
+    return tuple(
+        Shape('capsule', (0.0, 0.0, 0.0, *map(float, end), radius), np.eye(4))
+        for end in ends
+        if radius and _SHORTEST_M < hypot(*end) < LONGEST
+    )
 
 
 def _shapes(link: ET.Element, tag: str) -> tuple[Shape, ...]:
@@ -266,7 +274,8 @@ def _body_json(body: Body) -> dict[str, Any]:
         'parent': frame.parent,
         'origin': np.round(frame.origin, 9).ravel().tolist(),
         'joint': frame.joint_index,
-        'capsules': [np.round(x.sizes, 6).tolist() for x in body.capsules]}
+        'capsules': [np.round(x.sizes, 6).tolist() for x in body.capsules],
+    }
     if frame.joint is not None:
         fields['kind'] = 'prismatic' if frame.joint.prismatic else 'revolute'
         fields['axis'] = frame.joint.axis
