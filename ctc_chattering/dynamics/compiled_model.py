@@ -27,7 +27,13 @@ from typing import Any, NamedTuple
 
 from ctc_chattering.compiled.compilable import function, record, solve
 from ctc_chattering.compiled.machine_code import Code, invoke, places
-from ctc_chattering.compiled.records import numpy_record, packed, record_of, value, write
+from ctc_chattering.compiled.records import (
+    numpy_record,
+    packed,
+    record_of,
+    value,
+    write,
+)
 from ctc_chattering.dynamics import tree, two_link
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.dynamics.tree import Arm as Arm
@@ -37,7 +43,9 @@ from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
 
 
-def arm_of(model: Model, inertia_scale: float = 1.0, gravity_scale: float = 1.0) -> Arm | None:
+def arm_of(
+    model: Model, inertia_scale: float = 1.0, gravity_scale: float = 1.0
+) -> Arm | None:
     """
     Return the numbers of a `TwoLink` or `UrdfModel`, or None.
 
@@ -164,7 +172,9 @@ class CompiledArm:
         body = record_of(tree.body_scratch(n))
         call = numpy_record({'function': np.array(0), 'arguments': np.array(0)})
         self.model = CompiledModel(call, body)
-        self._set_terms = Code(set_terms, (self._arm, body, _empty_terms(n)), f'dynamics-{n}')
+        self._set_terms = Code(
+            set_terms, (self._arm, body, _empty_terms(n)), f'dynamics-{n}'
+        )
         set_mass = Code(set_mass_and_bias, (self._arm, body), f'mass-{n}')
         self.codes = self._set_terms, set_mass
         self.calls: list[Call] = []

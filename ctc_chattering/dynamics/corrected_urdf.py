@@ -31,8 +31,12 @@ from math import atan2, degrees, hypot
 import xml.etree.ElementTree as ET
 
 from ctc_chattering.dynamics.description_xml import parse_description
-from ctc_chattering.dynamics.kinematics import Kinematics, origin_pose
-from ctc_chattering.dynamics.pseudo_inertia import is_possible, parameters_of, pseudo_inertia
+from ctc_chattering.dynamics.kinematics import ForwardKinematics, origin_pose
+from ctc_chattering.dynamics.pseudo_inertia import (
+    is_possible,
+    parameters_of,
+    pseudo_inertia,
+)
 from ctc_chattering.dynamics.urdf_model import UrdfModel
 from ctc_chattering.dynamics.urdf_parser import (
     add_joint,
@@ -93,11 +97,13 @@ def corrected_urdf(
         if not is_possible(pseudo_inertia(row)):
             raise CtcError(f'no body can have the inertial parameters {row.tolist()}')
     if len(gravity) != 3 or not np.linalg.norm(gravity) > 0.0:
-        raise CtcError(f'gravity must be three numbers that are not all 0: {list(gravity)}')
+        raise CtcError(
+            f'gravity must be three numbers that are not all 0: {list(gravity)}'
+        )
     tree = Tree(description)
     robot = parse_description(description, comments=True)
     bodies = [pseudo_inertia(row) for row in parameters]
-    _write_bodies(robot, tree, Kinematics(tree, joints, locked), bodies)
+    _write_bodies(robot, tree, ForwardKinematics(tree, joints, locked), bodies)
     rotors = {
         name: value
         for name, value in zip(joints, rotor)
@@ -112,7 +118,10 @@ def corrected_urdf(
 
 
 def _write_bodies(
-    robot: ET.Element, tree: Tree, kinematics: Kinematics, bodies: Sequence[Array]
+    robot: ET.Element,
+    tree: Tree,
+    kinematics: ForwardKinematics,
+    bodies: Sequence[Array],
 ) -> None:
     """Give links the inertias that add up to bodies."""
     elements = {link.get('name', ''): link for link in robot.findall('link')}
@@ -121,7 +130,9 @@ def _write_bodies(
             _write_inertial(elements[link], inertia)
 
 
-def _changed_inertias(tree: Tree, poses: Mapping[str, Array], body: Array) -> dict[str, Array]:
+def _changed_inertias(
+    tree: Tree, poses: Mapping[str, Array], body: Array
+) -> dict[str, Array]:
     """
     Return the changed pseudo-inertias of a body's links, in their own frames.
 
@@ -222,7 +233,9 @@ def _tilt(robot: ET.Element, tree: Tree, gravity: Sequence[float]) -> None:
     while name in tree.links or name in tree.ends:
         name += '_'
     robot.append(
-        ET.Comment(f' identified: tilted by {degrees(atan2(horizontal, -z)):.3g} degrees ')
+        ET.Comment(
+            f' identified: tilted by {degrees(atan2(horizontal, -z)):.3g} degrees '
+        )
     )
     ET.SubElement(robot, 'link', name=name)
     # Pinocchio keeps links and fixed joints in one table of names.
@@ -238,7 +251,9 @@ def _verify(model: UrdfModel, parameters: Array, rotor: Sequence[float]) -> None
     sizes = np.abs(parameters).max(axis=1, keepdims=True)
     written = model.inertial_parameters().reshape(-1, 10)
     error = float((np.abs(written - parameters) / sizes).max())
-    if not error <= _TEXT_TOLERANCE or (len(rotor) and list(rotor) != list(model.rotor_inertias)):
+    if not error <= _TEXT_TOLERANCE or (
+        len(rotor) and list(rotor) != list(model.rotor_inertias)
+    ):
         raise CtcError(
             'the URDF cannot be corrected: with the parameters written into it, it is '
             f'read with an error of {error:.2g}'

@@ -77,7 +77,9 @@ def parse_description(text: str, comments: bool = False) -> ET.Element:
     root = _parse(text, comments)
     bodies = sum(element.tag in ('link', 'body') for element in root.iter())
     if bodies > _MOST_BODIES:
-        raise CtcError(f'the description is too large: {bodies} bodies, of {_MOST_BODIES} at most')
+        raise CtcError(
+            f'the description is too large: {bodies} bodies, of {_MOST_BODIES} at most'
+        )
     return root
 
 

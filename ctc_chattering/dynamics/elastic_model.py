@@ -52,7 +52,9 @@ class Elastic(Model):
 
     """
 
-    def __init__(self, model: Model, stiffness: Vector, damping: Vector, inertia: Vector) -> None:
+    def __init__(
+        self, model: Model, stiffness: Vector, damping: Vector, inertia: Vector
+    ) -> None:
         elastic = np.flatnonzero(np.isfinite(stiffness))
         self._model = model
         self._links = model.n
@@ -114,4 +116,6 @@ class Elastic(Model):
         """Return a bound of the eigenvalues at rest [1/s]."""
         link_mobility = np.linalg.inv(np.array(self._model.mass_matrix(q))).diagonal()
         mobility = 1.0 / self._inertia + link_mobility[self._elastic]
-        return float((self._damping * mobility + np.sqrt(self._stiffness * mobility)).max())
+        return float(
+            (self._damping * mobility + np.sqrt(self._stiffness * mobility)).max()
+        )

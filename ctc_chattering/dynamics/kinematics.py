@@ -50,7 +50,7 @@ class LinkFrame(NamedTuple):
     joint_index: int
 
 
-class Kinematics:
+class ForwardKinematics:
     """
     Frames of a URDF with some joints moving, others locked.
 
@@ -78,20 +78,23 @@ class Kinematics:
     """
 
     def __init__(
-        self, tree: Tree, joint_names: Sequence[str], locked: Mapping[str, float] | None = None
+        self,
+        tree: Tree,
+        joint_names: Sequence[str],
+        locked: Mapping[str, float] | None = None,
     ) -> None:
         positions = tree.locked(joint_names, locked or {})
-        indices = {name: i for i, name in enumerate(joint_names)}
         links = [tree.root, *(child for _, child in tree.ends.values())]
         frames = [LinkFrame(tree.root, -1, np.eye(4), None, -1)]
         for name, (parent, child) in tree.ends.items():
             origin = origin_pose(tree.origins[name])
             joint = tree.joints.get(name)
-            if joint is not None and name in positions:
+            if joint and name in positions:
                 origin = origin @ joint_motion(joint, positions[name])
                 joint = None
+            joint_index = joint_names.index(name) if joint else -1
             frames.append(
-                LinkFrame(child, links.index(parent), origin, joint, indices.get(name, -1))
+                LinkFrame(child, links.index(parent), origin, joint, joint_index)
             )
         self.frames = tuple(frames)
         self.n = len(joint_names)
@@ -114,7 +117,7 @@ class Kinematics:
         poses = np.empty((*q.shape[:-1], len(self.frames), 4, 4))
         for i, frame in enumerate(self.frames):
             pose = frame.origin
-            if frame.joint is not None:
+            if frame.joint:
                 pose = pose @ joint_motion(frame.joint, q[..., frame.joint_index])
             if frame.parent >= 0:
                 pose = poses[..., frame.parent, :, :] @ pose
@@ -125,7 +128,7 @@ class Kinematics:
         """Return, for each joint, links and poses on its body."""
         bodies: list[dict[str, Array]] = [{} for _ in range(self.n)]
         for frame in self.frames[1:]:
-            if frame.joint is not None:
+            if frame.joint:
                 bodies[frame.joint_index][frame.link] = np.eye(4)
                 continue
             parent = self.frames[frame.parent].link

@@ -124,7 +124,9 @@ class LinearModel(Protocol):
         """Return the rough size of each parameter, shape (p,)."""
         return self.inertial_parameters()
 
-    def torque_regressor(self, q: Array, dq: Array, ddq: Array, gravity: Array) -> Array:
+    def torque_regressor(
+        self, q: Array, dq: Array, ddq: Array, gravity: Array
+    ) -> Array:
         """
         Return the torque per parameter, shape (n, p).
 
@@ -136,7 +138,10 @@ class LinearModel(Protocol):
         rest = np.zeros(self.n)
         parameters = self.inertial_parameters()
         return np.column_stack(
-            [self.torque_regressor(q, rest, rest, axis) @ parameters for axis in np.eye(3)]
+            [
+                self.torque_regressor(q, rest, rest, axis) @ parameters
+                for axis in np.eye(3)
+            ]
         )
 
 

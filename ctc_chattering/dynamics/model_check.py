@@ -78,7 +78,8 @@ class _SampledState:
 
     def evaluate(self) -> None:
         """Ask the model for M, C and G."""
-        q, dq = self.q.tolist(), self.dq.tolist()
+        q = self.q.tolist()
+        dq = self.dq.tolist()
         self.M = np.array(self.model.mass_matrix(q), dtype=float)
         self.C = np.array(self.model.coriolis_matrix(q, dq), dtype=float)
         self.G = np.array(self.model.gravity_torque(q), dtype=float)
@@ -99,7 +100,9 @@ class _SampledState:
 
     def torque_error(self, error: Array, load: Array) -> float:
         """Return the largest relative error of a torque."""
-        return float((np.abs(error) / (np.abs(load) + 1e-12 * self.size**2 + 1e-300)).max())
+        return float(
+            (np.abs(error) / (np.abs(load) + 1e-12 * self.size**2 + 1e-300)).max()
+        )
 
     def load(self, ddq: Array) -> Array:
         """Return the size of the terms of (1)."""
@@ -132,7 +135,9 @@ class _Check(NamedTuple):
     error_of: Callable[[_SampledState], float]
 
 
-def check_dynamics(model: Model, seed: int = 0, samples: int = 20) -> list[PropertyCheck]:
+def check_dynamics(
+    model: Model, seed: int = 0, samples: int = 20
+) -> list[PropertyCheck]:
     """
     Test the terms of a model at random states.
 
@@ -163,7 +168,8 @@ def check_dynamics(model: Model, seed: int = 0, samples: int = 20) -> list[Prope
     True
 
     """
-    seed, samples = whole('seed', seed, 0), whole('samples', samples, 1)
+    seed = whole('seed', seed, 0)
+    samples = whole('samples', samples, 1)
     rng = np.random.default_rng(seed)
     states = [_SampledState(model, rng) for _ in range(samples)]
     shapes = _worst(_SHAPES, states)
@@ -174,7 +180,9 @@ def check_dynamics(model: Model, seed: int = 0, samples: int = 20) -> list[Prope
 
 def _worst(check: _Check, states: Sequence[_SampledState]) -> PropertyCheck:
     """Return a check at its worst state."""
-    return max((_outcome(check, state) for state in states), key=lambda outcome: outcome.worst)
+    return max(
+        (_outcome(check, state) for state in states), key=lambda outcome: outcome.worst
+    )
 
 
 def _outcome(check: _Check, state: _SampledState) -> PropertyCheck:
@@ -187,9 +195,16 @@ def _outcome(check: _Check, state: _SampledState) -> PropertyCheck:
         exception_text = f'{type(exception).__name__}: {exception}'
     if np.isnan(error):
         error = np.inf
-    q, dq = tuple(state.q.tolist()), tuple(state.dq.tolist())
+    q = tuple(state.q.tolist())
+    dq = tuple(state.dq.tolist())
     return PropertyCheck(
-        check.name, error <= check.tolerance, error, check.tolerance, q, dq, exception_text
+        check.name,
+        error <= check.tolerance,
+        error,
+        check.tolerance,
+        q,
+        dq,
+        exception_text,
     )
 
 
@@ -227,7 +242,9 @@ def _gradient_error(s: _SampledState) -> float:
     scale = float(np.abs([s.G, gradient]).max())
     # The difference of two potentials is known no better than they are.
     noise = 1e-8 * abs(potential(s.q.tolist()))
-    return float(np.abs(s.G - gradient).max()) / (scale + noise + 1e-6 * float(s.size.max()) ** 2)
+    return float(np.abs(s.G - gradient).max()) / (
+        scale + noise + 1e-6 * float(s.size.max()) ** 2
+    )
 
 
 def _inverse_error(s: _SampledState) -> float:
@@ -255,13 +272,21 @@ def _evaluate_error(s: _SampledState) -> float:
 _SHAPES = _Check('values are finite and have their shapes', 0.0, _malformed)
 _CHECKS = (
     _Check('M is symmetric', _SUM_TOLERANCE, _symmetry_error),
-    _Check('M is positive definite (condition number)', _LARGEST_CONDITION, _condition_number),
+    _Check(
+        'M is positive definite (condition number)',
+        _LARGEST_CONDITION,
+        _condition_number,
+    ),
     _Check('½ dM/dt - C is skew-symmetric', _DIFFERENCE_TOLERANCE, _skew_error),
     _Check('C dq is what M gives', _DIFFERENCE_TOLERANCE, _lagrange_error),
-    _Check('G is the gradient of the potential', _DIFFERENCE_TOLERANCE, _gradient_error),
+    _Check(
+        'G is the gradient of the potential', _DIFFERENCE_TOLERANCE, _gradient_error
+    ),
     _Check('evaluate gives M, C and G', _SUM_TOLERANCE, _evaluate_error),
     _Check('inverse_dynamics is M a + C dq + G', _SUM_TOLERANCE, _inverse_error),
-    _Check('forward dynamics undoes inverse dynamics', _SOLUTION_TOLERANCE, _forward_error),
+    _Check(
+        'forward dynamics undoes inverse dynamics', _SOLUTION_TOLERANCE, _forward_error
+    ),
 )
 
 

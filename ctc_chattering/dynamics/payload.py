@@ -51,7 +51,9 @@ def tip_of(tree: Tree, joint_names: Sequence[str]) -> str:
 
     """
     if joint_names[-1] not in tree.joints:
-        raise ParameterError('joint_names', tuple(joint_names), 'joints of the description')
+        raise ParameterError(
+            'joint_names', tuple(joint_names), 'joints of the description'
+        )
     tip = tree.ends[joint_names[-1]][1]
     for name, (parent, child) in tree.ends.items():  # From the root outwards.
         if parent == tip and name not in tree.joints:
@@ -59,7 +61,9 @@ def tip_of(tree: Tree, joint_names: Sequence[str]) -> str:
     return tip
 
 
-def with_payload(description: str, joint_names: Sequence[str], mass: float, link: str = '') -> str:
+def with_payload(
+    description: str, joint_names: Sequence[str], mass: float, link: str = ''
+) -> str:
     """
     Return a URDF with a sphere added to a link.
 

@@ -74,7 +74,9 @@ def is_possible(matrix: Array) -> bool:
         return False
     length = np.sqrt(max(np.trace(matrix[:3, :3]) / mass, _LEAST_LENGTH_M**2))
     units = _units(mass, length)
-    return bool(np.linalg.eigvalsh(matrix / np.outer(units, units))[0] > -_EIGENVALUE_ROUNDING)
+    return bool(
+        np.linalg.eigvalsh(matrix / np.outer(units, units))[0] > -_EIGENVALUE_ROUNDING
+    )
 
 
 def _units(mass: float, length: float) -> Array:
@@ -118,5 +120,7 @@ def unit(prior: Array, heaviest: float) -> Array:
     units = _units(mass, length)
     values, vectors = np.linalg.eigh(matrix / np.outer(units, units))
     # S is any matrix with S Sᵀ = J. A triangular one, or one with scales, does as well.
-    root: Array = units[:, None] * vectors * np.sqrt(np.maximum(values, _REFERENCE_FLOOR))
+    root: Array = (
+        units[:, None] * vectors * np.sqrt(np.maximum(values, _REFERENCE_FLOOR))
+    )
     return root

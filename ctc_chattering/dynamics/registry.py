@@ -48,7 +48,9 @@ class DescribedConfig(Config):
     """Joints and robot description of all loop nodes."""
 
     joint_names: tuple[str, ...] = parameter(
-        ('joint1', 'joint2'), 'Joints, in the order of gains and torques.', read_only=True
+        ('joint1', 'joint2'),
+        'Joints, in the order of gains and torques.',
+        read_only=True,
     )
     model: str = parameter(
         'two_link',
@@ -116,7 +118,9 @@ class RobotConfig(DescribedConfig):
         'Positions of joints not in joint_names, each "name position"; default 0.',
         read_only=True,
     )
-    gravity: float = parameter(9.81, 'Acceleration of gravity in G.', 'm/s^2', read_only=True)
+    gravity: float = parameter(
+        9.81, 'Acceleration of gravity in G.', 'm/s^2', read_only=True
+    )
     rotor_inertia: tuple[float, ...] = parameter(
         0.0,
         'Model urdf: inertia of the rotors at the joints, gear ratios squared included; 0 '
@@ -125,7 +129,9 @@ class RobotConfig(DescribedConfig):
         read_only=True,
     )
     compiled: bool = parameter(
-        True, 'Use the machine code of `ctc compile` where it is available.', read_only=True
+        True,
+        'Use the machine code of `ctc compile` where it is available.',
+        read_only=True,
     )
 
     def validate(self) -> None:
@@ -135,7 +141,9 @@ class RobotConfig(DescribedConfig):
         locked_positions(self.locked)
         if any(self.rotor_inertia) and not self.described:
             raise ParameterError(
-                'rotor_inertia', self.rotor_inertia, '0 without a description of the robot'
+                'rotor_inertia',
+                self.rotor_inertia,
+                '0 without a description of the robot',
             )
 
 
@@ -228,7 +236,9 @@ def _cached_model(
     rotors: tuple[float, ...],
     _thread: int,
 ) -> Model:
-    return make_model(name, gravity, joint_names, description, locked_positions(locked), rotors)
+    return make_model(
+        name, gravity, joint_names, description, locked_positions(locked), rotors
+    )
 
 
 def locked_positions(lines: Sequence[str]) -> dict[str, float]:
@@ -255,17 +265,24 @@ def check_model(name: str, joint_names: tuple[str, ...]) -> None:
     """Raise `ParameterError` unless the name fits the joints."""
     RobotConfig.parameters()['model'].check(name, 0)
     if name == 'two_link' and len(joint_names) != TwoLink.n:
-        raise ParameterError('joint_names', joint_names, f'{TwoLink.n} names for model {name}')
+        raise ParameterError(
+            'joint_names', joint_names, f'{TwoLink.n} names for model {name}'
+        )
 
 
 def _model_of_user(name: str, joint_names: tuple[str, ...], gravity: float) -> Model:
     """Return an instance of a user's class."""
     model_class = named_class(
-        'model', name, lambda x: issubclass(x, Model), 'class derived from ctc_chattering.Model'
+        'model',
+        name,
+        lambda x: issubclass(x, Model),
+        'class derived from ctc_chattering.Model',
     )
     with refused_as(f'the model {name} cannot be made'):
         model: Model = model_class(joint_names, gravity)
     count = getattr(model, 'n', 'no')
     if count != len(joint_names):
-        raise ParameterError('joint_names', joint_names, f'{count} names for model {name}')
+        raise ParameterError(
+            'joint_names', joint_names, f'{count} names for model {name}'
+        )
     return model

@@ -40,7 +40,9 @@ def chain_to(tree: Tree, tip: str) -> tuple[str, ...]:
     """
     if tip not in tree.links:
         raise ParameterError(
-            'tip', tip, f'links of the URDF: {shortened(list(tree.links))}{near(tip, tree.links)}'
+            'tip',
+            tip,
+            f'links of the URDF: {shortened(list(tree.links))}{near(tip, tree.links)}',
         )
     chain = []
     link = tip

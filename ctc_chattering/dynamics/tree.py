@@ -217,14 +217,6 @@ def add_to(x: Array, y: Array) -> None:
 
 
 @function
-def clear(matrix: Array) -> None:
-    """Set all elements to 0."""
-    for row in matrix:
-        for j in range(len(row)):
-            row[j] = 0.0
-
-
-@function
 def cross(x: Array, y: Array, a: int) -> Any:
     """Return element a of x × y."""
     b = (a + 1) % 3
@@ -253,14 +245,12 @@ def point_inertia(mass: float, center: Array, a: int, b: int) -> Any:
 @function
 def set_momentum(s: BodyScratch, i: int, motion: Array, out: Array) -> None:
     """Set (K, L) of (RB2) of a motion."""
-    mass = s.mass[i]
     moment = s.moment[i]
-    inertia = s.inertia[i]
     rate = motion[:3]
     velocity = motion[3:]
     for a in range(3):
-        out[a] = add_cross(product(inertia[a], rate), moment, velocity, a)
-        out[3 + a] = add_cross(mass * velocity[a], rate, moment, a)
+        out[a] = add_cross(product(s.inertia[i, a], rate), moment, velocity, a)
+        out[3 + a] = add_cross(s.mass[i] * velocity[a], rate, moment, a)
 
 
 @function
@@ -287,7 +277,8 @@ def place(arm: Arm, q: Array, s: BodyScratch) -> None:
             c = cos(x)
             d = sin(x)
             for a in range(3):
-                x_axis, y_axis = R[a, 0], R[a, 1]
+                x_axis = R[a, 0]
+                y_axis = R[a, 1]
                 R[a, 0] = c * x_axis + d * y_axis
                 R[a, 1] = c * y_axis - d * x_axis
                 S[a] = z[a]
@@ -301,7 +292,6 @@ def weigh(arm: Arm, s: BodyScratch) -> None:
     row = s.vector
     for i in range(len(arm.parent)):
         R = s.rotation[i]
-        A = arm.inertia[i]
         m = arm.mass[i]
         s.mass[i] = m
         for a in range(3):
@@ -309,8 +299,8 @@ def weigh(arm: Arm, s: BodyScratch) -> None:
             s.moment[i, a] = m * c[a]
         for a in range(3):
             for b in range(3):
-                row[b] = product(R[a], A[b])
-            for b in range(a, 3):  # R A Rᵀ, about the origin.
+                row[b] = product(R[a], arm.inertia[i, b])
+            for b in range(a, 3):  # R I Rᵀ, about the origin.
                 element = product(row, R[b]) + point_inertia(m, c, a, b)
                 s.inertia[i, a, b] = s.inertia[i, b, a] = element
 
@@ -327,7 +317,9 @@ def move(arm: Arm, dq: Array, s: BodyScratch) -> None:
             twist[a] = S[a] * dq[arm.joint[i]] + s.twist[arm.parent[i], a]
         for a in range(3):
             s.joint_rate[i, a] = cross(rate, S[:3], a)
-            s.joint_rate[i, 3 + a] = add_cross(cross(rate, S[3:], a), velocity, S[:3], a)
+            s.joint_rate[i, 3 + a] = add_cross(
+                cross(rate, S[3:], a), velocity, S[:3], a
+            )
 
 
 @function
@@ -395,14 +387,16 @@ def fill_mass(arm: Arm, s: BodyScratch, j: int, M: Array) -> None:
 @function
 def mass_matrix(arm: Arm, s: BodyScratch, M: Array) -> None:
     """Set M, after `place` and `weigh`."""
-    clear(M)
+    M[:] = 0.0
     for j in range(len(arm.parent) - 1, -1, -1):
         fill_mass(arm, s, j, M)
         gather_mass(arm, s, j)
 
 
 @function
-def evaluate(arm: Arm, q: Array, dq: Array, s: BodyScratch, M: Array, C: Array, G: Array) -> None:
+def evaluate(
+    arm: Arm, q: Array, dq: Array, s: BodyScratch, M: Array, C: Array, G: Array
+) -> None:
     """Set M, C and G by (RB4) to (RB6)."""
     place(arm, q, s)
     weigh(arm, s)
@@ -410,8 +404,8 @@ def evaluate(arm: Arm, q: Array, dq: Array, s: BodyScratch, M: Array, C: Array, 
     couple(arm, s)
     momentum_rate = s.unit_momentum_rate
     turning = s.vector
-    clear(M)
-    clear(C)
+    M[:] = 0.0
+    C[:] = 0.0
     for j in range(len(arm.parent) - 1, -1, -1):
         W = s.coupling[j]
         P = s.momentum[j]
@@ -429,7 +423,9 @@ def evaluate(arm: Arm, q: Array, dq: Array, s: BodyScratch, M: Array, C: Array, 
         while i >= 0:
             row = arm.joint[i]
             S = s.joint[i]
-            C[column, row] = add_product(power(s.joint_rate[i], s.unit_momentum), turning, S)
+            C[column, row] = add_product(
+                power(s.joint_rate[i], s.unit_momentum), turning, S
+            )
             C[row, column] = power(S, momentum_rate)
             i = arm.parent[i]
         gather_mass(arm, s, j)
@@ -457,7 +453,9 @@ def bias(arm: Arm, s: BodyScratch, dq: Array, out: Array) -> None:
         set_momentum(s, i, s.twist[i], momentum)
         set_momentum(s, i, s.acceleration[i], force)
         for a in range(3):
-            force[a] += add_cross(cross(rate, momentum[:3], a), velocity, momentum[3:], a)
+            force[a] += add_cross(
+                cross(rate, momentum[:3], a), velocity, momentum[3:], a
+            )
             force[3 + a] += cross(rate, momentum[3:], a)
     for i in range(n - 1, -1, -1):
         out[arm.joint[i]] = power(s.joint[i], s.force[i])

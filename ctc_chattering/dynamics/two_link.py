@@ -85,7 +85,9 @@ class TwoLink(Model, LinearModel):
         """Return the constants of M11, M12, M22, c2 and G."""
         return np.array((8.77, 0.76, 0.62, 0.51, 7.6, 0.63))
 
-    def torque_regressor(self, q: Array, dq: Array, ddq: Array, gravity: Array) -> Array:
+    def torque_regressor(
+        self, q: Array, dq: Array, ddq: Array, gravity: Array
+    ) -> Array:
         """
         Return the torque per parameter, shape (2, 6).
 
@@ -95,8 +97,8 @@ class TwoLink(Model, LinearModel):
         v1, v2 = dq
         c2 = cos(q[1])
         s2 = sin(q[1])
-        g1 = -_pull(gravity, q[0])
-        g2 = -_pull(gravity, q[0] + q[1])
+        g1 = _torque_per_moment(gravity, q[0])
+        g2 = _torque_per_moment(gravity, q[0] + q[1])
         return np.array(
             (
                 (a1, a2, 0.0, c2 * (a1 + a1 + a2) - s2 * v2 * (v1 + v1 + v2), g1, g2),
@@ -121,7 +123,9 @@ class TwoLink(Model, LinearModel):
 
     def potential_energy(self, q: Vector) -> float:
         """Return the potential energy, 0 at hanging links [J]."""
-        return self.gravity * (7.6 * (1.0 - cos(q[0])) + 0.63 * (1.0 - cos(q[0] + q[1])))
+        return self.gravity * (
+            7.6 * (1.0 - cos(q[0])) + 0.63 * (1.0 - cos(q[0] + q[1]))
+        )
 
     def mass_and_bias(self, q: Array, dq: Array) -> tuple[Array, Array]:
         """Return M and C dq + G as arrays."""
@@ -136,6 +140,6 @@ class TwoLink(Model, LinearModel):
         )
 
 
-def _pull(gravity: Array, angle: float) -> float:
-    """Return gravity across a link [m/s²]."""
-    return float(gravity[0] * cos(angle) + gravity[2] * sin(angle))
+def _torque_per_moment(gravity: Array, angle: float) -> float:
+    """Return the gravity torque of a link per first moment [m/s²]."""
+    return -float(gravity[0] * cos(angle) + gravity[2] * sin(angle))

@@ -122,7 +122,10 @@ class UrdfModel(Model, LinearModel):
         self._data = self._model.createData()
         #: Indices that bring a vector of Pinocchio into our order.
         self._back: Any = np.array(
-            [self._model.joints[self._model.getJointId(name)].idx_v for name in self.joint_names]
+            [
+                self._model.joints[self._model.getJointId(name)].idx_v
+                for name in self.joint_names
+            ]
         )
         #: Indices that bring our vectors into Pinocchio's order.
         self._order: Any = np.argsort(self._back)
@@ -148,7 +151,10 @@ class UrdfModel(Model, LinearModel):
         inertias = model.inertias.tolist()[1:]
         parents = np.array(model.parents.tolist()[1:]) - 1
         # S of each joint, linear part first.
-        motions = [np.array(joint.createData().S).ravel() for joint in model.joints.tolist()[1:]]
+        motions = [
+            np.array(joint.createData().S).ravel()
+            for joint in model.joints.tolist()[1:]
+        ]
         prismatic = np.array([not motion[3:].any() for motion in motions])
         # The last one is the base's, which the parent -1 takes.
         turns = np.array(
@@ -172,11 +178,15 @@ class UrdfModel(Model, LinearModel):
             parent=parents,
             prismatic=prismatic,
             joint=self._order,
-            rotation=into_parents @ [placement.rotation for placement in placements] @ turns,
+            rotation=into_parents
+            @ [placement.rotation for placement in placements]
+            @ turns,
             offset=(into_parents @ offsets[:, :, np.newaxis])[:, :, 0],
             mass=np.array([body.mass for body in inertias]),
             center=(into_bodies @ centers[:, :, np.newaxis])[:, :, 0],
-            inertia=_mirrored(into_bodies @ [body.inertia for body in inertias] @ turns),
+            inertia=_mirrored(
+                into_bodies @ [body.inertia for body in inertias] @ turns
+            ),
             rotor=np.array(model.armature),
         )
 
@@ -211,15 +221,16 @@ class UrdfModel(Model, LinearModel):
             sizes += [mass] + 3 * [mass * reach] + 6 * [mass * reach**2]
         return np.array(sizes)
 
-    def torque_regressor(self, q: Array, dq: Array, ddq: Array, gravity: Array) -> Array:
+    def torque_regressor(
+        self, q: Array, dq: Array, ddq: Array, gravity: Array
+    ) -> Array:
         """Return the torque per parameter, shape (n, 10 n)."""
-        model, order = self._model, self._order
-        own_gravity = model.gravity.linear.copy()
-        model.gravity.linear = gravity
-        regressor: Array = self._pin.computeJointTorqueRegressor(
-            model, self._data, q[order], dq[order], ddq[order]
+        own_gravity = self._model.gravity.linear.copy()
+        self._model.gravity.linear = gravity
+        regressor: Array = self._call(
+            self._pin.computeJointTorqueRegressor, q, dq, ddq
         )[self._regressor]
-        model.gravity.linear = own_gravity
+        self._model.gravity.linear = own_gravity
         return regressor
 
     def evaluate(self, q: Array, dq: Array) -> DynamicsTerms:
@@ -269,7 +280,10 @@ class UrdfModel(Model, LinearModel):
     def _check_inertia(self) -> None:
         """Raise `CtcError` unless M is positive definite."""
         rng = np.random.default_rng(0)
-        for q in (np.zeros(self.n), *rng.uniform(-1.5, 1.5, (_CHECKED_POSITIONS, self.n))):
+        for q in (
+            np.zeros(self.n),
+            *rng.uniform(-1.5, 1.5, (_CHECKED_POSITIONS, self.n)),
+        ):
             singular = _singular_joints(self._call(self._pin.crba, q)[self._square])
             if singular:
                 raise SingularInertia(tuple(self.joint_names[i] for i in singular))

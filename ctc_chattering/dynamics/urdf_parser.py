@@ -70,7 +70,6 @@ def number_text(values: Iterable[float]) -> str:
 def parse_origin(where: str, element: ET.Element) -> Origin:
     """Return the origin of an element, zeros without one."""
 
-
     def triple(key: str) -> tuple[float, ...]:
         text = _attribute(element, 'origin', key, '0 0 0')
         return tuple(parse_numbers(where, f'origin {key}', text, 3))
@@ -188,7 +187,9 @@ class Tree:
             raise CtcError(f'URDF: the outermost element is <{robot.tag}>, not <robot>')
         self.unexpanded = tuple(
             dict.fromkeys(
-                element.tag for element in robot.iter() if str(element.tag).startswith(XACRO)
+                element.tag
+                for element in robot.iter()
+                if str(element.tag).startswith(XACRO)
             )
         )
         self.name = robot.get('name', '')
@@ -199,14 +200,18 @@ class Tree:
             raise CtcError(f'URDF: it has no link{advice}')
         self.inertials = {name: _inertial(link) for name, link in self.links.items()}
         self.ends = {
-            name: (_link_name(joint, 'parent', self.links), _link_name(joint, 'child', self.links))
+            name: (
+                _link_name(joint, 'parent', self.links),
+                _link_name(joint, 'child', self.links),
+            )
             for name, joint in self._elements.items()
         }
         self.carriers = _carriers(self.ends)
         self.root = _root(self.links, self.carriers)
         self.ends = {name: self.ends[name] for name in self._joints_outwards()}
         self.origins = {
-            name: parse_origin(f'joint {name}', joint) for name, joint in self._elements.items()
+            name: parse_origin(f'joint {name}', joint)
+            for name, joint in self._elements.items()
         }
         self.joints: dict[str, Joint] = {}
         for name in self.ends:
@@ -256,7 +261,9 @@ class Tree:
             if joint.mimic is None and name not in leaders
         )
 
-    def locked(self, selected: Sequence[str], positions: Mapping[str, float]) -> dict[str, float]:
+    def locked(
+        self, selected: Sequence[str], positions: Mapping[str, float]
+    ) -> dict[str, float]:
         """
         Return the position of every joint not in `selected`.
 
@@ -287,12 +294,11 @@ class Tree:
                     f'finite positions of joints not in joint_names: {", ".join(free) or "none"}',
                 )
         leading = {name: positions.get(name, 0.0) for name in free}
-        following = {
+        return {
             name: self._position(name, leading)
-            for name, joint in self.joints.items()
-            if joint.mimic is not None
+            for name in self.joints
+            if name not in selected
         }
-        return leading | following
 
     def _check_selected(self, selected: Sequence[str]) -> None:
         """Raise `CtcError` unless a model can have the joints."""
@@ -323,15 +329,18 @@ class Tree:
         leader = self.joints.get(mimic.leader)
         if leader is None or (leader.mimic is None and mimic.leader not in leading):
             fault = 'not movable' if leader is None else 'a joint of the model'
-            raise CtcError(f'URDF: joint {name} mimics {mimic.leader}, which is {fault}')
+            raise CtcError(
+                f'URDF: joint {name} mimics {mimic.leader}, which is {fault}'
+            )
         position = self._position(mimic.leader, leading, (*followers, name))
         return mimic.multiplier * position + mimic.offset
 
     def check_limits(self, names: Iterable[str]) -> None:
         """Raise `CtcError` if limits or friction contradict themselves."""
         for name in names:
-            if name in self.joints and self.joints[name].fault:
-                raise CtcError(f'URDF: joint {name}: {self.joints[name].fault}')
+            joint = self.joints.get(name)
+            if joint and joint.fault:
+                raise CtcError(f'URDF: joint {name}: {joint.fault}')
 
     def bare(self) -> str:
         """
@@ -352,10 +361,14 @@ class Tree:
             bare_type = joint.get('type', '').replace('continuous', 'revolute')
             bare_name = name if name in self.joints else f'fixed joint {i}'
             parent, child = self.ends[name]
-            bare = add_joint(robot, bare_name, bare_type, bare_names[parent], bare_names[child])
+            bare = add_joint(
+                robot, bare_name, bare_type, bare_names[parent], bare_names[child]
+            )
             add_origin(bare, self.origins[name])
             ET.SubElement(bare, 'axis', xyz=number_text(_axis_numbers(joint)))
-            ET.SubElement(bare, 'limit', lower='-1', upper='1', effort='0', velocity='0')
+            ET.SubElement(
+                bare, 'limit', lower='-1', upper='1', effort='0', velocity='0'
+            )
         return ET.tostring(robot, encoding='unicode')
 
 
@@ -408,7 +421,9 @@ def _root(links: Iterable[str], carriers: Container[str]) -> str:
 def _inertial(link: ET.Element) -> Inertial | None:
     """Return the first inertial of a link."""
     where = f'inertial of link {link.get("name")}'
-    inertials = [_parse_inertial(where, element) for element in link.findall('inertial')]
+    inertials = [
+        _parse_inertial(where, element) for element in link.findall('inertial')
+    ]
     return inertials[0] if inertials else None
 
 
@@ -431,7 +446,9 @@ def fill_inertial(element: ET.Element, inertial: Inertial) -> None:
     add_origin(element, inertial.origin)
     ET.SubElement(element, 'mass', value=repr(inertial.mass))
     ET.SubElement(
-        element, 'inertia', {key: repr(moment) for key, moment in inertial.moments.items()}
+        element,
+        'inertia',
+        {key: repr(moment) for key, moment in inertial.moments.items()},
     )
 
 
@@ -447,7 +464,9 @@ def add_joint(
 
 def add_origin(parent: ET.Element, origin: Origin) -> None:
     """Add an origin to an element."""
-    ET.SubElement(parent, 'origin', xyz=number_text(origin.xyz), rpy=number_text(origin.rpy))
+    ET.SubElement(
+        parent, 'origin', xyz=number_text(origin.xyz), rpy=number_text(origin.rpy)
+    )
 
 
 def _axis_numbers(joint: ET.Element) -> list[float]:
@@ -473,9 +492,12 @@ def _joint(element: ET.Element) -> Joint:
         return parse_numbers(where, key, text, 1, largest)[0]
 
     sizes = {key: number('limit', key) for key in ('effort', 'velocity')}
-    sizes |= {key: number('limit', key, 'inf') for key in ('acceleration', 'deceleration')}
     sizes |= {
-        key: number('dynamics', key, largest=_LARGEST_NUMBER) for key in ('friction', 'damping')
+        key: number('limit', key, 'inf') for key in ('acceleration', 'deceleration')
+    }
+    sizes |= {
+        key: number('dynamics', key, largest=_LARGEST_NUMBER)
+        for key in ('friction', 'damping')
     }
     # Not in the standard.
     rotor_inertia = number('dynamics', 'rotor_inertia', largest=_LARGEST_NUMBER)

@@ -15,9 +15,9 @@
 """
 Distances between the links of a robot along a motion.
 
-`ctc excite` refuses motions that bring links too near each other. Shapes come from the URDF, poses
-from `Kinematics`, distances from Pinocchio and coal. A mesh counts as its convex hull, which
-contains it.
+`ctc excite` refuses motions that bring links too near each other. Shapes come from the URDF,
+poses from `ForwardKinematics`, distances from Pinocchio and coal. A mesh counts as its convex
+hull, which contains it.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from typing import Any, NamedTuple
 import xml.etree.ElementTree as ET
 
 from ctc_chattering.configuration.package_share import find_mesh
-from ctc_chattering.dynamics.kinematics import Kinematics
+from ctc_chattering.dynamics.kinematics import ForwardKinematics
 from ctc_chattering.dynamics.urdf_parser import Tree
 from ctc_chattering.errors import CtcError, refused_as
 from ctc_chattering.numerics.linear_algebra import Array
@@ -116,7 +116,7 @@ class SelfCollision:
         self._pin: Any = importlib.import_module('pinocchio')
         if not hasattr(self._pin, 'computeDistance'):
             raise CtcError('this Pinocchio has no coal')
-        self._kinematics = Kinematics(tree, joints, locked)
+        self._kinematics = ForwardKinematics(tree, joints, locked)
         with refused_as('collision shapes: Pinocchio refuses them'):
             self._shapes = geometry(self._pin, text, list(tree.links), floor)
         names = self._shapes.links

@@ -13,7 +13,7 @@
 # limitations under the License.
 
 """
-Shapes of an arm to draw, fixed to the links whose poses `Kinematics` has.
+Shapes of an arm to draw, fixed to the links whose poses `ForwardKinematics` has.
 
 The live page and the exported page draw them. Input is a configuration and the text of a URDF.
 """
@@ -28,7 +28,7 @@ import xml.etree.ElementTree as ET
 
 from ctc_chattering.configuration.package_share import config_directory
 from ctc_chattering.dynamics.description_xml import parse_description
-from ctc_chattering.dynamics.kinematics import Kinematics, LinkFrame, origin_pose
+from ctc_chattering.dynamics.kinematics import ForwardKinematics, LinkFrame, origin_pose
 from ctc_chattering.dynamics.registry import locked_positions, RobotConfig
 from ctc_chattering.dynamics.urdf_parser import Inertial, parse_numbers, parse_origin, Tree
 from ctc_chattering.errors import CtcError
@@ -108,7 +108,7 @@ class Skeleton:
 
     Attributes
     ----------
-    kinematics : Kinematics
+    kinematics : ForwardKinematics
         Frames of the bodies.
     bodies : tuple of Body
     n : int
@@ -119,7 +119,7 @@ class Skeleton:
 
     """
 
-    kinematics: Kinematics
+    kinematics: ForwardKinematics
     bodies: tuple[Body, ...]
     n: int
     reach: float
@@ -183,7 +183,7 @@ def urdf_skeleton(
 
     """
     tree = Tree(urdf)
-    kinematics = Kinematics(tree, joint_names, locked)
+    kinematics = ForwardKinematics(tree, joint_names, locked)
     reach = _reach(kinematics.frames)
     if not reach < LONGEST:
         raise CtcError(f'an arm of {reach:g} m; drawn are those of less than {LONGEST:g} m')

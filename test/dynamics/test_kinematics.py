@@ -16,7 +16,7 @@
 
 from __future__ import annotations
 
-from ctc_chattering.dynamics.kinematics import Kinematics
+from ctc_chattering.dynamics.kinematics import ForwardKinematics
 from ctc_chattering.dynamics.urdf_parser import Tree
 from ctc_chattering.errors import CtcError
 import numpy as np
@@ -38,7 +38,7 @@ TIAGO = ('torso_lift_joint', 'arm_2_joint', 'arm_1_joint', 'head_1_joint')
 def test_every_link_is_where_pinocchio_has_it(text: str, names: tuple[str, ...]) -> None:
     model = pin.buildModelFromXML(text)
     data = model.createData()
-    kinematics = Kinematics(Tree(text), names)
+    kinematics = ForwardKinematics(Tree(text), names)
     rng = np.random.default_rng(1)
     for q in rng.uniform(-3.0, 3.0, (5, len(names))):
         positions = pin.neutral(model)
@@ -61,7 +61,7 @@ def test_links_are_on_the_bodies_of_pinocchio_s_reduced_model() -> None:
     q[full.joints[full.getJointId('panda_joint4')].idx_q] = -1.2
     model = pin.buildReducedModel(
         full, [i for i in range(1, full.njoints) if full.names[i] not in names], q)
-    bodies = Kinematics(Tree(text), names, locked).rigid_bodies()
+    bodies = ForwardKinematics(Tree(text), names, locked).rigid_bodies()
     for link in Tree(text).links:
         frame = model.frames[model.getFrameId(link, pin.BODY)]
         if frame.parentJoint:
@@ -71,7 +71,7 @@ def test_links_are_on_the_bodies_of_pinocchio_s_reduced_model() -> None:
 
 
 def test_many_positions_at_once_give_the_poses_of_each() -> None:
-    kinematics = Kinematics(Tree(panda()), PANDA)
+    kinematics = ForwardKinematics(Tree(panda()), PANDA)
     q = np.random.default_rng(2).uniform(-2.0, 2.0, (4, 7))
     poses = kinematics.poses(q)
     assert poses.shape == (4, len(kinematics.frames), 4, 4)
@@ -80,22 +80,23 @@ def test_many_positions_at_once_give_the_poses_of_each() -> None:
 
 
 def test_prismatic_joints_axes_and_locked_joints() -> None:
-    car, pole = Kinematics(Tree(SLIDE), ('rail', 'pivot')).poses((0.25, np.pi / 2))[1:]
+    car, pole = ForwardKinematics(Tree(SLIDE), ('rail', 'pivot')).poses((0.25, np.pi / 2))[1:]
     assert car[:3, 3] == pytest.approx([0.0, 0.25, 1.0])  # The axis has length 1.
     assert pole[:3, 3] == pytest.approx([0.5, 0.25, 1.0])
     assert pole[:3, 1] == pytest.approx([0.0, 0.0, 1.0])
-    locked = Kinematics(Tree(SLIDE), ('pivot',), {'rail': -0.5})
+    locked = ForwardKinematics(Tree(SLIDE), ('pivot',), {'rail': -0.5})
     assert locked.poses((0.0,))[1][:3, 3] == pytest.approx([0.0, -0.5, 1.0])
     assert [frame.joint_index for frame in locked.frames] == [-1, -1, 0]
 
 
 def test_a_joint_that_mimics_follows_its_locked_leader() -> None:
     tree = Tree(grip())
-    opened, closed = (Kinematics(tree, ('turn',), {'f1': x}).poses((0.0,)) for x in (0.03, 0.0))
+    opened, closed = (
+        ForwardKinematics(tree, ('turn',), {'f1': x}).poses((0.0,)) for x in (0.03, 0.0))
     moved = np.linalg.norm(opened[:, :3, 3] - closed[:, :3, 3], axis=1)
     assert sorted(moved)[-2:] == pytest.approx([0.03, 0.06])
 
 
 def test_joints_that_are_not_there_are_refused() -> None:
     with pytest.raises(CtcError, match='movable joints of the URDF'):
-        Kinematics(Tree(SLIDE), ('elbow',))
+        ForwardKinematics(Tree(SLIDE), ('elbow',))
