@@ -373,7 +373,11 @@ def gather_velocity_terms(arm: Arm, s: BodyScratch, i: int) -> None:
 
 @function
 def fill_mass(arm: Arm, s: BodyScratch, j: int, M: Array) -> None:
-    """Set row and column of a joint in M by (RB4)."""
+    """
+    Set row and column of a joint in M by (RB4).
+
+    `unit_momentum` is then (K, L) of the joint.
+    """
     column = arm.joint[j]
     set_momentum(s, j, s.joint[j], s.unit_momentum)
     i = j
@@ -415,14 +419,17 @@ def evaluate(
         fill_mass(arm, s, j, M)
         set_momentum(s, j, s.joint_rate[j], momentum_rate)
         for a in range(3):
+            # (K', L') of (RB3), and Wᵀ z + P x v of (RB5).
             momentum_rate[a] += product(W[a], z)
             momentum_rate[3 + a] += cross(z, P, a)
             turning[a] = add_cross(product(W[:, a], z), P, velocity, a)
+        # (RB6), with g along -z.
         G[column] = arm.gravity * (cross(z, s.moment[j], 2) + velocity[2] * s.mass[j])
         i = j
         while i >= 0:
             row = arm.joint[i]
             S = s.joint[i]
+            # (RB5), then (RB4).
             C[column, row] = add_product(
                 power(s.joint_rate[i], s.unit_momentum), turning, S
             )
@@ -441,6 +448,7 @@ def bias(arm: Arm, s: BodyScratch, dq: Array, out: Array) -> None:
     """
     n = len(arm.parent)
     momentum = s.unit_momentum
+    # The base accelerates upwards in place of gravity.
     s.acceleration[n, 5] = arm.gravity
     for i in range(n):
         rate = s.twist[i, :3]
@@ -450,6 +458,7 @@ def bias(arm: Arm, s: BodyScratch, dq: Array, out: Array) -> None:
             s.acceleration[i, a] = (
                 s.joint_rate[i, a] * dq[arm.joint[i]] + s.acceleration[arm.parent[i], a]
             )
+        # Rate of the momentum: that of the acceleration, plus twist x momentum.
         set_momentum(s, i, s.twist[i], momentum)
         set_momentum(s, i, s.acceleration[i], force)
         for a in range(3):
