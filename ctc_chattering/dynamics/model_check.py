@@ -15,8 +15,9 @@
 """
 Numerical tests of the properties that laws rest on.
 
-`check_dynamics` and `ctc check-model` run them at random states, of models of your own as well.
-`inertia_faults` examines a URDF first, link by link, as no rigid body can break these rules.
+`check_dynamics` and `ctc check-model` run them at random states, also for models of your own.
+For a URDF, `inertia_faults` first examines masses and inertias link by link. No rigid body can
+break these rules.
 
 Every error is relative. Elements of matrices and torques are measured against √(M_ii M_jj): a
 light wrist counts as much as a heavy shoulder. Derivatives are central differences.
