@@ -32,7 +32,7 @@ from ctc_chattering.dynamics.urdf_parser import (
     Origin,
     Tree,
 )
-from ctc_chattering.errors import CtcError, near, ParameterError
+from ctc_chattering.errors import CtcError, ParameterError, suggest
 
 #: Name of the link and of the joint that are added.
 _PAYLOAD_NAME = 'ctc_chattering_payload'
@@ -89,7 +89,7 @@ def with_payload(
     if link and link not in tree.links:
         raise CtcError(
             f'payload: no link is called {link}; allowed: {", ".join(tree.links)}'
-            f'{near(link, tree.links)}'
+            f'{suggest(link, tree.links)}'
         )
     carrier = link or tip_of(tree, joint_names)
     moment = 0.4 * mass * _RADIUS_M**2

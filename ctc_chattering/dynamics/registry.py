@@ -33,7 +33,7 @@ from threading import get_ident
 
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.dynamics.two_link import TwoLink
-from ctc_chattering.errors import CtcError, ParameterError, refused_as
+from ctc_chattering.errors import as_ctc_error, CtcError, ParameterError
 from ctc_chattering.numerics.time_grid import period_ns
 from ctc_chattering.parameters import Config, LEAST, named_class, parameter
 
@@ -56,7 +56,7 @@ class DescribedConfig(Config):
         'two_link',
         'Robot model, or your own: docs/robots.md.',
         choices=MODELS,
-        own=True,
+        custom=True,
         read_only=True,
     )
     description: str = parameter(
@@ -194,7 +194,7 @@ def make_model(
             )
         from ctc_chattering.dynamics.urdf_model import UrdfModel
 
-        with refused_as('URDF: there is no model of it'):
+        with as_ctc_error('URDF: there is no model of it'):
             return UrdfModel(urdf, joint_names, gravity, locked, rotors)
     return _model_of_user(name, joint_names, gravity)
 
@@ -278,7 +278,7 @@ def _model_of_user(name: str, joint_names: tuple[str, ...], gravity: float) -> M
         lambda x: issubclass(x, Model),
         'class derived from ctc_chattering.Model',
     )
-    with refused_as(f'the model {name} cannot be made'):
+    with as_ctc_error(f'the model {name} cannot be made'):
         model: Model = model_class(joint_names, gravity)
     count = getattr(model, 'n', 'no')
     if count != len(joint_names):

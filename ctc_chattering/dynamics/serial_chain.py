@@ -25,7 +25,7 @@ from __future__ import annotations
 from collections.abc import Container
 
 from ctc_chattering.dynamics.urdf_parser import Tree
-from ctc_chattering.errors import near, ParameterError, shortened
+from ctc_chattering.errors import ParameterError, shorten, suggest
 
 
 def chain_to(tree: Tree, tip: str) -> tuple[str, ...]:
@@ -42,7 +42,7 @@ def chain_to(tree: Tree, tip: str) -> tuple[str, ...]:
         raise ParameterError(
             'tip',
             tip,
-            f'links of the URDF: {shortened(list(tree.links))}{near(tip, tree.links)}',
+            f'links of the URDF: {shorten(list(tree.links))}{suggest(tip, tree.links)}',
         )
     chain = []
     link = tip

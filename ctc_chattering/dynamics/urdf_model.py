@@ -30,7 +30,7 @@ from typing import Any
 from ctc_chattering.dynamics.model import DynamicsTerms, LinearModel, Model
 from ctc_chattering.dynamics.tree import Arm
 from ctc_chattering.dynamics.urdf_parser import Tree
-from ctc_chattering.errors import CtcError, refused_as
+from ctc_chattering.errors import as_ctc_error, CtcError
 from ctc_chattering.numerics.linear_algebra import Array, Rows, Vector
 from ctc_chattering.parameters import check_joint_names
 import numpy as np
@@ -350,7 +350,7 @@ def pinocchio() -> Any:
 
 def _reduced_model(pin: Any, tree: Tree, locked: Mapping[str, float]) -> Any:
     """Return Pinocchio's model of the moving joints."""
-    with refused_as('URDF: Pinocchio refuses it'):
+    with as_ctc_error('URDF: Pinocchio refuses it'):
         model = pin.buildModelFromXML(tree.bare())
         q = pin.neutral(model)
         joints = [model.getJointId(name) for name in locked]

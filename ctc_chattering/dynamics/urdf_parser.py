@@ -27,7 +27,7 @@ from typing import NamedTuple
 import xml.etree.ElementTree as ET
 
 from ctc_chattering.dynamics.description_xml import parse_description, XACRO
-from ctc_chattering.errors import CtcError, near, ParameterError
+from ctc_chattering.errors import CtcError, ParameterError, suggest
 
 #: Larger numbers are refused: sums of their squares overflow.
 _LARGEST_NUMBER = 1e300
@@ -309,7 +309,7 @@ class Tree:
                 raise ParameterError(
                     'joint_names',
                     tuple(selected),
-                    f'movable joints of the URDF: {", ".join(movable)}{near(name, movable)}',
+                    f'movable joints of the URDF: {", ".join(movable)}{suggest(name, movable)}',
                 )
             if joint.mimic is not None:
                 raise CtcError(

@@ -33,7 +33,7 @@ import xml.etree.ElementTree as ET
 from ctc_chattering.configuration.package_share import find_mesh
 from ctc_chattering.dynamics.kinematics import ForwardKinematics
 from ctc_chattering.dynamics.urdf_parser import Tree
-from ctc_chattering.errors import CtcError, refused_as
+from ctc_chattering.errors import as_ctc_error, CtcError
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
 
@@ -117,7 +117,7 @@ class SelfCollision:
         if not hasattr(self._pin, 'computeDistance'):
             raise CtcError('this Pinocchio has no coal')
         self._kinematics = ForwardKinematics(tree, joints, locked)
-        with refused_as('collision shapes: Pinocchio refuses them'):
+        with as_ctc_error('collision shapes: Pinocchio refuses them'):
             self._shapes = geometry(self._pin, text, list(tree.links), floor)
         names = self._shapes.links
         frame_indices = {frame.link: i for i, frame in enumerate(self._kinematics.frames)}
