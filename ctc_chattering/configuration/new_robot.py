@@ -127,7 +127,7 @@ class NewRobot:
 
     @property
     def held(self) -> tuple[str, ...]:
-        """Other joints that could be joints of the model, and stand at 0."""
+        """Movable joints that are not controlled, at 0."""
         return tuple(name for name in self.tree.movable if name not in self.joints)
 
 
@@ -205,7 +205,7 @@ def new_robot(location: str, joints: Sequence[str] = (), gravity: float = 9.81, 
 
 
 def _choose_joints(tree: Tree, joints: Sequence[str], tip: str) -> tuple[str, ...]:
-    """Return the joints of the model; raise `CtcError` if they cannot be."""
+    """Return the joints of the model."""
     names = tuple(joints) or (chain_to(tree, tip) if tip else longest_chain(tree))
     if not names:
         raise CtcError('URDF: no joint moves a link with a mass' if tree.movable else
@@ -217,7 +217,7 @@ def _choose_joints(tree: Tree, joints: Sequence[str], tip: str) -> tuple[str, ..
 
 def _controller_values(config: ControllerConfig, knowledge: ArmKnowledge, ka: Array, torque: Array
                        ) -> Values:
-    """Return law and gains, with the facts from which they follow."""
+    """Return law and gains, with their facts."""
     facts: dict[str, Any] = {}
     if knowledge.resonance.source == Source.USER:
         facts['resonance'] = knowledge.resonance.value
@@ -236,10 +236,10 @@ def _controller_values(config: ControllerConfig, knowledge: ArmKnowledge, ka: Ar
 def _find_payload(text: str, names: tuple[str, ...], model: Model, gravity: float,
                   stated: float | None) -> tuple[Known, Array]:
     """
-    Return the largest unknown mass at the tip [kg], and its torque, shape (n,) [N·m].
+    Return the payload [kg] and its torque, shape (n,) [N·m].
 
-    Unless it is stated, it is what the effort limits allow beside the weight of the arm, and at
-    most a fraction of its mass.
+    It is the largest unknown mass at the tip. Unless it is stated, it is what the effort limits
+    allow beside the weight of the arm, and at most a fraction of its mass.
     """
     loaded = UrdfModel(with_payload(text, names, 1.0), names, gravity)
     postures = np.random.default_rng(0).uniform(-np.pi, np.pi, (_PAYLOAD_POSTURES, model.n))
@@ -262,7 +262,7 @@ def _shorten(value: float) -> float:
 
 def _find_friction(tree: Tree, limits: Sequence[JointLimits], model: Model, largest_torque: Array,
                    torque: Array) -> DescribedFriction:
-    """Return the friction of a URDF where its bodies fit it, else the assumed one."""
+    """Return the friction, which a URDF gives where it is plausible."""
     joints = [tree.joints[limit.name] for limit in limits]
     coulomb = np.array([joint.friction for joint in joints])
     viscous = np.array([joint.damping for joint in joints])

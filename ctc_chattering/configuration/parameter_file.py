@@ -24,7 +24,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from math import inf
-from operator import itemgetter
+from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
@@ -51,7 +51,7 @@ FROM_FILE = 'file'
 #: Choice of the recommended gains for a law.
 RECOMMENDED = 'recommended'
 #: Duration of the smooth start that goes with recommended gains [s].
-_START = 2.0
+_START_DURATION = 2.0
 
 
 def load(path: Path | None, overrides: Overrides | None = None) -> Setup:
@@ -135,7 +135,7 @@ def dump(values: Mapping[str, Values], path: Path) -> None:
 
 
 def to_text(values: Mapping[str, Values]) -> str:
-    """Return the text of a parameter file with values by node."""
+    """Return the text of a parameter file."""
     sections = {}
     for node, parameters in values.items():
         sections[node] = {'ros__parameters': {
@@ -164,7 +164,7 @@ def read(path: Path) -> dict[str, Values]:
 
 
 def full_sections(path: Path) -> dict[str, Values]:
-    """Return the parameters of a file by full name of a node."""
+    """Return the parameters by full name of a node."""
     tree = yaml_file.read_yaml(path, yaml_file.FileKind.PARAMETERS)
     if not isinstance(tree, dict):
         raise CtcError(f'{path}: not a parameter file; it needs node names at the top')
@@ -183,7 +183,7 @@ def full_sections(path: Path) -> dict[str, Values]:
 
 
 def _flatten(values: Mapping[Any, Any], prefix: str = '') -> Iterator[tuple[str, Any]]:
-    """Yield names and values, with a dot in a name for each nesting."""
+    """Yield names, dotted if nested, and values."""
     for key, value in values.items():
         if isinstance(value, dict):
             yield from _flatten(value, f'{prefix}{key}.')
@@ -193,7 +193,7 @@ def _flatten(values: Mapping[Any, Any], prefix: str = '') -> Iterator[tuple[str,
 
 def node_values(sections: Overrides, node: str, source: str) -> Values:
     """
-    Return a node's values from the sections of a file.
+    Return a node's values from sections.
 
     Raises
     ------
@@ -217,18 +217,19 @@ def node_values(sections: Overrides, node: str, source: str) -> Values:
 def parse_events(lines: Sequence[str], configs: Mapping[str, Any], torque: Array | None = None
                  ) -> tuple[Event, ...]:
     """
-    Return the events that `lines` describe, each "time node parameter value".
+    Return the events of lines.
 
-    Where no line has gains, a law comes with those that `GainChoice` decides.
+    Each line has "time node parameter value". Where no line has gains, a law comes with those that
+    `GainChoice` decides.
 
     Parameters
     ----------
     lines : sequence of str
-        The value is YAML; empty lines are ignored.
+        The value is YAML. Empty lines are ignored.
     configs : mapping
         Configuration of each node that can have events, at the start of the run.
     torque : array, shape (n,), optional
-        `model_torque` of the controller; None while it is not known.
+        `model_torque` of the controller. None while it is not known.
 
     Raises
     ------
@@ -237,39 +238,49 @@ def parse_events(lines: Sequence[str], configs: Mapping[str, Any], torque: Array
         or a value that is not allowed.
 
     """
-    parsed: list[tuple[float, str, str, Any]] = []
-    for line in filter(None, lines):
-        try:
-            time, node, name, text = line.split(None, 3)
-            if not (0.0 <= float(time) < inf and node in configs):
-                raise ValueError
-            parsed.append((float(time), node, name, yaml_file.parse_value(text)))
-        except (ValueError, CtcError):
-            raise ParameterError('events', line, '"time node parameter value", a time >= 0, '
-                                 f'node {" | ".join(configs)}, a value in YAML') from None
-        spec = configs[node].parameters().get(name)
-        if spec is not None and spec.read_only:
-            raise ParameterError('events', name, 'a parameter that can change during the run')
-    parsed.sort(key=itemgetter(0))
+    requests = [_parse_event(line, configs) for line in filter(None, lines)]
+    requests.sort(key=attrgetter('time'))
+    has_gains = any(name in GAINS for request in requests for name in request.values)
     current, choice = dict(configs), GainChoice(torque)
-    without_gains = not any(name in GAINS for _, _, name, _ in parsed)
     events = []
-    for at, node, name, value in parsed:
-        before, values = current[node], {name: value}
-        if name == 'law':
-            taken = choice.of_law(before.changed(values).law, before)
-            values |= taken if without_gains else {x: before.as_mapping()[x] for x in taken}
-        current[node] = before.changed(values)
+    for request in requests:
+        node, values = request.node, request.values
+        config = current[node]
+        if 'law' in values:
+            gains = choice.of_law(config.changed(values).law, config)
+            if has_gains:
+                gains = {name: config.as_mapping()[name] for name in gains}
+            values = {**values, **gains}
+        current[node] = config.changed(values)
         if node == 'controller':
-            check_change(before, current[node])
-        events.append(Event(at, node, {x: current[node].as_mapping()[x] for x in values}))
+            check_change(config, current[node])
+        changed = current[node].as_mapping()
+        events.append(Event(request.time, node, {name: changed[name] for name in values}))
     return tuple(events)
+
+
+def _parse_event(line: str, configs: Mapping[str, Any]) -> Event:
+    """Return the event of a line, with a value not yet checked."""
+    try:
+        time, node, name, text = line.split(None, 3)
+        if not (0.0 <= float(time) < inf and node in configs):
+            raise ValueError
+        value = yaml_file.parse_value(text)
+    except (ValueError, CtcError):
+        raise ParameterError('events', line, '"time node parameter value", a time >= 0, '
+                             f'node {" | ".join(configs)}, a value in YAML') from None
+    spec = configs[node].parameters().get(name)
+    if spec is not None and spec.read_only:
+        raise ParameterError('events', name, 'a parameter that can change during the run')
+    return Event(float(time), node, {name: value})
 
 
 def with_gains(path: Path | None, overrides: Overrides, gains: str | None = None
                ) -> tuple[dict[str, dict[str, Any]], str]:
     """
-    Return overrides with the gains that their law takes where they have none.
+    Return overrides with gains for their law.
+
+    Gains are added where a law is chosen without any.
 
     Parameters
     ----------
@@ -278,15 +289,15 @@ def with_gains(path: Path | None, overrides: Overrides, gains: str | None = None
     overrides : mapping
         Values by node and parameter.
     gains : {'file', 'recommended'}, optional
-        Whose gains are taken; where left out, what `GainChoice` decides for a law that file or
-        overrides choose without gains.
+        Gains that are taken. By default `GainChoice` decides for a law that file or overrides
+        choose without gains.
 
     Returns
     -------
     overrides : dict
         With gains, and a smooth start where they are recommended ones.
     line : str
-        What was added, for the user; empty for nothing.
+        Text for the user about gains that were added, if any.
 
     Raises
     ------
@@ -296,26 +307,30 @@ def with_gains(path: Path | None, overrides: Overrides, gains: str | None = None
         As `load` does.
 
     """
-    found = {node: dict(values) for node, values in overrides.items()}
-    given = node_values(found, 'controller', 'overrides')
+    result = {node: dict(values) for node, values in overrides.items()}
+    stated = node_values(result, 'controller', 'overrides')
     in_file = node_values(read(path) if path else {}, 'controller', str(path))
-    own, of_own = given.get('law', in_file.get('law')) == LAW, in_file.get('law') == LAW
-    suit = own == of_own and not (own and in_file.keys().isdisjoint(GAINS))
-    if gains == FROM_FILE or (gains is None and (suit or not given.keys().isdisjoint(GAINS))):
-        return found, ''
-    setup = load(path, found)
+    recommended = stated.get('law', in_file.get('law')) == LAW
+    file_suits = recommended == (in_file.get('law') == LAW)
+    if recommended and in_file.keys().isdisjoint(GAINS):
+        file_suits = False
+    has_gains = file_suits or not stated.keys().isdisjoint(GAINS)
+    if gains == FROM_FILE or (gains is None and has_gains):
+        return result, ''
+    setup = load(path, result)
     law = setup.controller.law
-    if gains is not None and not own:
+    if gains is not None and not recommended:
         raise UsageError(f'--gains {gains}: only --law {LAW} has recommended gains, not {law}')
-    torque = known_model_torque(setup.controller, setup.descriptions) if own else None
-    taken = GainChoice(torque).suitable(law, setup.controller)
-    found['controller'] = taken | given
-    if own:
-        found.setdefault('reference', {}).setdefault(
-            'start_duration', max(setup.reference.start_duration, _START))
-    gained = ', '.join(f'{name} {x}' for name, x in taken.items() if name not in given)
-    return found, (f'law {law} takes recommended gains{" and a smooth start" if own else ""}: '
-                   f'{gained}; --gains file takes those of the file')
+    torque = known_model_torque(setup.controller, setup.descriptions) if recommended else None
+    chosen = GainChoice(torque).suitable(law, setup.controller)
+    result['controller'] = chosen | stated
+    if recommended:
+        result.setdefault('reference', {}).setdefault(
+            'start_duration', max(setup.reference.start_duration, _START_DURATION))
+    added = ', '.join(f'{name} {x}' for name, x in chosen.items() if name not in stated)
+    start = ' and a smooth start' if recommended else ''
+    return result, (f'law {law} takes recommended gains{start}: {added}; --gains file takes '
+                    'those of the file')
 
 
 def load_parameters(path: str | Path = 'friction', overrides: Overrides | None = None,
