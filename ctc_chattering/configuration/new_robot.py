@@ -242,14 +242,16 @@ def _find_payload(text: str, names: tuple[str, ...], model: Model, gravity: floa
     allow beside the weight of the arm, and at most a fraction of its mass.
     """
     loaded = UrdfModel(with_payload(text, names, 1.0), names, gravity)
-    postures = np.random.default_rng(0).uniform(-np.pi, np.pi, (_PAYLOAD_POSTURES, model.n))
-    weight = np.array([model.gravity_torque(q) for q in postures.tolist()])
-    loaded_weight = np.array([loaded.gravity_torque(q) for q in postures.tolist()])
+    generator = np.random.default_rng(0)
+    postures = generator.uniform(-np.pi, np.pi, (_PAYLOAD_POSTURES, model.n)).tolist()
+    weight = np.array([model.gravity_torque(q) for q in postures])
+    loaded_weight = np.array([loaded.gravity_torque(q) for q in postures])
     torque_per_kg = np.abs(loaded_weight - weight).max(axis=0)
     if stated is not None:
         return Known(stated, Source.USER), stated * torque_per_kg
     mass = float(sum(model.inertial_parameters()[::10]))  # type: ignore[attr-defined]
-    room = np.maximum(np.array(model.effort_limits) - np.abs(weight).max(axis=0), 0.0)
+    effort = np.array(model.effort_limits)
+    room = np.maximum(effort - np.abs(weight).max(axis=0), 0.0)
     carried = np.min(room / np.maximum(torque_per_kg, 1e-9), initial=inf)
     payload = _shorten(min(float(carried), MOST_PAYLOAD * mass))
     return Known(payload, Source.ASSUMED), payload * torque_per_kg
@@ -274,6 +276,10 @@ def _find_friction(tree: Tree, limits: Sequence[JointLimits], model: Model, larg
     coulomb[implausible] = viscous[implausible] = 0.0
     assumed = [_shorten(FRICTION * x) for x in torque]
     names = np.array([joint.name for joint in joints])
-    # Every joint has friction: 0 says that nobody knows it.
-    return DescribedFriction(np.where(coulomb > 0.0, coulomb, assumed), viscous, *(
-        tuple(names[mask].tolist()) for mask in (coulomb > 0.0, viscous > 0.0, implausible)))
+    described = coulomb > 0.0  # Every joint has friction: 0 says that nobody knows it.
+    return DescribedFriction(
+        np.where(described, coulomb, assumed),
+        viscous,
+        coulomb_described=tuple(names[described].tolist()),
+        viscous_described=tuple(names[viscous > 0.0].tolist()),
+        implausible=tuple(names[implausible].tolist()))

@@ -73,10 +73,11 @@ def load(path: Path | None, overrides: Overrides | None = None) -> Setup:
 
     """
     sections = read(path) if path else {}
+    allowed = (*NODES, EVERY_NODE)
     for name in (*sections, *(overrides or {})):
-        if name not in (*NODES, EVERY_NODE):
-            raise CtcError(f'{path if name in sections else "overrides"}: no node is called '
-                           f'{name}; allowed: {", ".join((*NODES, EVERY_NODE))}'
+        if name not in allowed:
+            source = path if name in sections else 'overrides'
+            raise CtcError(f'{source}: no node is called {name}; allowed: {", ".join(allowed)}'
                            + suggest(name, NODES))
     values = {node: node_values(sections, node, str(path))
               | node_values(overrides or {}, node, 'overrides') for node in NODES}
