@@ -452,7 +452,7 @@ def main() -> None:
                                     PAGE.read_text(encoding='utf-8')), encoding='utf-8')
         return
     if options.before:
-        trips.LIMIT_CYCLE_S = np.inf
+        trips.TRIP_LIMITS = trips.TripLimits(cycling=np.inf)
     cases = list(CASES) if options.cases == 'all' else [
         case for case in CASES if any(case.startswith(x) for x in options.cases.split(','))]
     for name in options.arms.split(','):

@@ -42,7 +42,7 @@ from ctc_chattering.analysis.tables import measured, number_text
 from ctc_chattering.analysis.terms import RunTerms, terms
 from ctc_chattering.configuration.loop_setup import Setup
 from ctc_chattering.control.controller import ControllerConfig, LAWS
-from ctc_chattering.controller.health import Saturation, term_saturation
+from ctc_chattering.controller.term_saturation import Saturation, term_saturation
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.dynamics.registry import model_of
 from ctc_chattering.dynamics.urdf_parser import Tree

@@ -68,7 +68,7 @@ def _run(name: str, arguments: Sequence[str]) -> int:
         child_process.end_with(parent)
     values = ros.values([name])[name]
     module = importlib.import_module(f'ctc_chattering.nodes.{name}')
-    run = importlib.import_module('ctc_chattering.ros.node').run
+    run = importlib.import_module('ctc_chattering.ros.run_node').run
 
     if parent is not None:
         child_process.await_start()

@@ -35,9 +35,9 @@ from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.numerics.time_grid import NANOSECONDS, nanoseconds, seconds
 from ctc_chattering.ros import topics
 from ctc_chattering.ros.messages import message_type, read_stamp
-from ctc_chattering.ros.node import BaseNode, qos
+from ctc_chattering.ros.node import BaseNode
 from ctc_chattering.ros.parameters import CHANGES
-from ctc_chattering.ros.subscription import MatchingSubscription, ValidatedSubscription
+from ctc_chattering.ros.subscription import MatchingSubscription, qos, ValidatedSubscription
 from ctc_chattering.ros.topics import select
 from ctc_chattering.trajectory.joint_limits import continuous_joints, read_limits
 from diagnostic_msgs.msg import DiagnosticArray
