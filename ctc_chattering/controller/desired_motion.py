@@ -103,10 +103,9 @@ class DesiredMotion(Trajectory):
 
         """
         points = [self.at(t + lag) for lag in self._lags]
-        end = self.end
-        if end is None or points[0] is None:
+        if points[0] is None:
             return None
-        if wait and t + self._lags[-1] > end and not self.ends_at_rest:
+        if wait and t + self._lags[-1] > self._times[-1] and not self.ends_at_rest:
             return None
         if self.resumes(t) and self.restart_duration > 0.0:
             at_rest = (0.0,) * len(q)
