@@ -41,7 +41,7 @@ from ctc_chattering.errors import CtcError, UsageError
 from ctc_chattering.numerics.time_grid import period_ns
 from ctc_chattering.output_files import new_folder, write_bytes, write_text
 from ctc_chattering.parameters import LARGEST, LEAST
-from ctc_chattering.trajectory.motions import BRAKING_TIME
+from ctc_chattering.trajectory.transitions import BRAKING_TIME
 import numpy as np
 
 _TEMPLATES = Path(__file__).with_name('templates')

@@ -26,7 +26,7 @@ from typing import cast
 from ctc_chattering.numerics.linear_algebra import Vector
 from ctc_chattering.numerics.time_grid import NANOSECONDS
 from ctc_chattering.trajectory.buffer import Point, Trajectory
-from ctc_chattering.trajectory.motions import smooth_start, TimedMotion, Transition
+from ctc_chattering.trajectory.transitions import smooth_start, TimedMotion, Transition
 
 #: Time without a torque after which the robot may be far from the reference [ns].
 PAUSE = NANOSECONDS // 10

@@ -46,7 +46,7 @@ from ctc_chattering.errors import ParameterError, RejectedMessage
 from ctc_chattering.numerics.linear_algebra import Vector
 from ctc_chattering.numerics.time_grid import NANOSECONDS, period_ns, seconds
 from ctc_chattering.trajectory.buffer import Point
-from ctc_chattering.trajectory.motions import BRAKING_TIME, Stop, TimedMotion
+from ctc_chattering.trajectory.transitions import BRAKING_TIME, Stop, TimedMotion
 
 #: Points of the reference that are kept while there is no state: a minute at 1 kHz.
 _MAX_POINTS = 60_000

@@ -45,6 +45,7 @@ from ctc_chattering.ros.reports import ERROR, OK, Status, WARN
 from ctc_chattering.ros.subscription import qos, ValidatedSubscription
 from ctc_chattering.ros.topics import CLOCK, COMMANDS, JOINT_STATES, select, TOPICS
 from ctc_chattering.simulation.plant import limits_of, make_plant, Plant
+from ctc_chattering.trajectory.joint_limits import describe_violations
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
@@ -157,7 +158,8 @@ class PlantNode(LoopNode[PlantNodeConfig]):
             'computed by': plant.computed_by}
         level, message = (self._real_time_status(values) if self.in_real_time
                           else self._lockstep_status())
-        if self._limits and (beyond := self._limits.excess([(plant.q, plant.dq, ())])):
+        if self._limits and (beyond := describe_violations(
+                self._limits, [(plant.q, plant.dq, ())])):
             level, message = max(level, WARN), f'{message}; {beyond}'
         return Status(level, message, values)
 

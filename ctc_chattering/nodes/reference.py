@@ -23,7 +23,7 @@ from typing import Any
 
 from ctc_chattering.configuration.loop_setup import Values
 from ctc_chattering.configuration.node_parameters import ReferenceNodeConfig
-from ctc_chattering.configuration.yaml_file import read_trajectory
+from ctc_chattering.configuration.trajectory_file import read_trajectory
 from ctc_chattering.errors import CtcError, ParameterError, RejectedMessage
 from ctc_chattering.numerics.time_grid import NANOSECONDS, nanoseconds, period_ns, seconds
 from ctc_chattering.ros.loop_node import LoopNode
@@ -31,9 +31,10 @@ from ctc_chattering.ros.messages import LATEST, read_stamp, TrajectoryWriter
 from ctc_chattering.ros.reports import ERROR, OK, Status, WARN
 from ctc_chattering.ros.subscription import qos, ValidatedSubscription
 from ctc_chattering.ros.topics import CLOCK, JOINT_STATES, JOINT_TRAJECTORY, REFERENCE, TOPICS
-from ctc_chattering.trajectory.joint_limits import DescribedLimits
-from ctc_chattering.trajectory.motions import Route
-from ctc_chattering.trajectory.reference import Followed, MotionPlan, ReferenceConfig
+from ctc_chattering.trajectory.joint_limits import read_limits
+from ctc_chattering.trajectory.motion_plan import Followed, MotionPlan
+from ctc_chattering.trajectory.reference import ReferenceConfig
+from ctc_chattering.trajectory.waypoints import Route
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import JointTrajectory
@@ -92,7 +93,7 @@ class ReferenceNode(LoopNode[ReferenceNodeConfig]):
     def begin(self, description: str) -> None:
         """Know the limits, and make the motion if the robot's state is not needed for it."""
         if description:
-            self._plan.limits = DescribedLimits(description, self._plan.config.joint_names)
+            self._plan.limits = read_limits(description, self._plan.config.joint_names)
         self._plan.prepare()
 
     def check(self, config: ReferenceConfig) -> None:

@@ -47,7 +47,7 @@ from ctc_chattering.simulation.plant_step import (
     stepped,
 )
 from ctc_chattering.simulation.sensor import Sensor
-from ctc_chattering.trajectory.joint_limits import check_limits, DescribedLimits
+from ctc_chattering.trajectory.joint_limits import check_limits, JointLimits, read_limits
 import numpy as np
 
 #: Largest step of the integrator times the fastest eigenvalue of an elastic joint.
@@ -327,11 +327,11 @@ def diverged(t: float, torque: Array) -> CtcError:
                     f'under a torque of [{shown}] N*m')
 
 
-def limits_of(config: PlantConfig, description: str) -> DescribedLimits | None:
+def limits_of(config: PlantConfig, description: str) -> list[JointLimits] | None:
     """Return the limits of the description, which no plant keeps by itself; None without any."""
     if config.model != 'urdf' or not description:
         return None
-    return DescribedLimits(description, config.joint_names)
+    return read_limits(description, config.joint_names)
 
 
 def check_start(config: PlantConfig, description: str) -> None:
