@@ -207,8 +207,8 @@ class Plant:
     def _show(self) -> None:
         """Take over what is known of the present sample."""
         n, state = self.n, self.state
-        self.q: Vector = state.motion.q[:n].tolist()  # Links come before motors.
-        self.dq: Vector = state.motion.dq[:n].tolist()
+        self.q: Vector = state.motion.q.tolist()[:n]  # Links come before motors.
+        self.dq: Vector = state.motion.dq.tolist()[:n]
         self.measured: tuple[Vector, Vector] = state.shown.q.tolist(), state.shown.dq.tolist()
         self.applied: Vector = state.driven.torque.tolist()
         self.offset, self.lost = float(state.offset), bool(state.lost_in_a_row)
