@@ -196,9 +196,9 @@ def test_an_event_is_asked_for_again_where_no_answer_comes() -> None:
         it.node.create_service(SetParameters, '/controller/set_parameters', answer,
                                callback_group=ReentrantCallbackGroup())
         events = [Event(0.0, 'controller', {'lambda': x}) for x in (7.0, 8.0)]
-        with graph_monitor(events, lockstep=False, ros_args=()) as (look, _):
+        with graph_monitor(events, lockstep=False, ros_args=()) as monitor:
             def carried_out() -> bool:
-                look()
+                monitor.look()
                 return len(asked) == 3
             it.until(carried_out, 'the events')
     assert asked == [('lambda', 7.0), ('lambda', 7.0), ('lambda', 8.0)]
