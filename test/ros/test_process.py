@@ -22,7 +22,7 @@ import subprocess
 import sys
 import textwrap
 
-from ctc_chattering.ros.process import use_profile, PROFILE_VARIABLES
+from ctc_chattering.ros.process import PROFILE_VARIABLES, use_profile
 from domains import own_domain
 from processes import CONFIG, has_port, PATIENCE, probe, Stopwatch
 import pytest
