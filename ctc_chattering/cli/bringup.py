@@ -59,7 +59,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def bringup(arguments: Sequence[str]) -> int:
-    """Run the graph with the arguments of the command and those for ROS."""
+    """Run the graph with arguments of the command and of ROS."""
     for_program, ros = ros_arguments.parse(arguments)
     options = make_parser().parse_args(for_program)
     from tqdm import tqdm

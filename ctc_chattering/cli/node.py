@@ -44,7 +44,7 @@ def main(name: str, argv: Sequence[str] | None = None) -> int:
     name : str
         Name of its module in `ctc_chattering.nodes`.
     argv : sequence of str, optional
-        Arguments, with the program's name first; those of the process by default.
+        Arguments with the program's name first, by default those of the process.
 
     Returns
     -------
@@ -94,7 +94,7 @@ def _make_parser(name: str) -> argparse.ArgumentParser:
 
 
 def execute(name: str, argv: Sequence[str] | None = None) -> NoReturn:
-    """Run a node, and end the process as soon as the node has left the graph."""
+    """Run a node, and end the process with it."""
     status = main(name, argv)
     gc.collect()  # The last reference to the node holds its DDS participant.
     sys.stdout.flush()

@@ -40,7 +40,7 @@ _RUN = ('import sys; sys.path[:] = filter(None, sys.path); import runpy; '
 
 
 def node_command(name: str, *arguments: str, program: str = 'node') -> list[str]:
-    """Return the command of a node, or of `ctc` NAME, that ends when this process has ended."""
+    """Return the command of a node, or of `ctc` NAME, as a child of this process."""
     return [sys.executable, '-c', _RUN, f'ctc_chattering.cli.{program}', name, '--parent',
             str(os.getpid()), *arguments]
 
@@ -58,7 +58,7 @@ def end_with(parent: int) -> None:
 
 
 def await_start() -> None:
-    """Wait until the parent closes the pipe that is the standard input, if there is one."""
+    """Wait until the parent closes the standard input, where it is a pipe."""
     while os.read(0, 1):
         pass
 
@@ -74,7 +74,7 @@ class Child:
     show : callable
         Called with every line it prints.
     processors : set of int, optional
-        Processors that it may run on; all by default.
+        Processors that it may run on, by default all.
     start : int
         File that is its standard input, from which `await_start` reads.
 
@@ -104,7 +104,7 @@ class Child:
 
     @property
     def status(self) -> int | None:
-        """Exit status, negative for a signal; None while it runs."""
+        """Exit status, negative for a signal, None while it runs."""
         return self.process.poll()
 
     def exit_report(self) -> str:
@@ -116,20 +116,16 @@ class Child:
         output = '\n'.join(f'    {line}' for line in self.tail or ['(it printed nothing)'])
         return f'{self.name} ended with {end}; its last output:\n{output}'
 
-    def signal(self, number: int) -> None:
-        """Send a signal if it still runs."""
-        self.process.send_signal(number)
-
 
 def stop(children: Sequence[Child], patience: float = 5.0) -> None:
     """
-    End processes: SIGINT, then SIGTERM, then SIGKILL, with `patience` [s] after each.
+    End processes by SIGINT, then SIGTERM, then SIGKILL.
 
-    Processes that have ended already are passed over.
+    The next signal is sent after `patience` [s]. Processes that have ended are passed over.
     """
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGKILL):
         for child in children:
-            child.signal(number)
+            child.process.send_signal(number)
         deadline = time.monotonic() + patience
         for child in children:
             with suppress(subprocess.TimeoutExpired):

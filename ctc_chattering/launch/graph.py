@@ -52,7 +52,7 @@ def run_graph(setup: Setup, record: Path | None = None, ros_args: Sequence[str] 
               progress: Callable[[float], object] = lambda _: None,
               show: Callable[[str], None] = print, live: bool = False) -> None:
     """
-    Run the graph until the plant ends the experiment, and leave no process behind.
+    Run the graph until the experiment ends, and leave no process behind.
 
     Parameters
     ----------
@@ -116,7 +116,7 @@ def run_graph(setup: Setup, record: Path | None = None, ros_args: Sequence[str] 
         finally:
             if not hold.closed:  # They have not joined the graph.
                 for child in nodes.values():
-                    child.signal(signal.SIGKILL)
+                    child.process.kill()
             stop([nodes[name] for name in LOOP if name in nodes])
             stop(page)  # It shows how the graph has ended.
             stop(list(nodes.values()), _LAST_PATIENCE_S)
@@ -128,7 +128,7 @@ def run_graph(setup: Setup, record: Path | None = None, ros_args: Sequence[str] 
 def node_values(setup: Setup, record: Path | None, with_bringup: bool = True
                 ) -> dict[str, dict[str, Any]]:
     """
-    Return the parameters of the nodes to run, in the order of their start.
+    Return the parameters of the nodes, in the order of start.
 
     Parameters
     ----------
@@ -150,10 +150,10 @@ def node_values(setup: Setup, record: Path | None, with_bringup: bool = True
     if setup.events and not with_bringup:
         raise CtcError('bringup: events are not allowed in a launch file; run bringup: '
                        'ros2 run ctc_chattering bringup')
-    names = (*(('recorder',) if record else ()), *LOOP)
+    names = ['recorder', *LOOP] if record else list(LOOP)
     values = {name: dict(setup.values[name]) for name in names}
     for name in LOOP:
-        values[name]['wait_for'] = ['bringup', *names] if with_bringup else list(names)
+        values[name]['wait_for'] = ['bringup', *names] if with_bringup else names
     if setup.plant.pacing == 'lockstep' and setup.events:
         values['plant']['hold_at'] = setup.events[0].time
     if record:

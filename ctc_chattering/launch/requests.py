@@ -54,7 +54,7 @@ _RETRY_S = 1.0
 
 @dataclasses.dataclass
 class _Request:
-    """Request without an answer yet; times are those of the monotonic clock [s]."""
+    """Request without an answer yet, with times of the monotonic clock [s]."""
 
     description: str
     client: Any
@@ -97,7 +97,7 @@ class Requests:
         self.pending: list[_Request] = []
 
     def set(self, node: str, *values: Mapping[str, Any]) -> None:  # noqa: A003
-        """Set parameters of a node, those of several mappings one after the other."""
+        """Set parameters of a node in the order of the mappings."""
         items = [item for mapping in values for item in mapping.items()]
         name, value = items[-1]
         self._send(f'{node}: {name} = {in_field(value)}', SetParameters, f'{node}/set_parameters',
@@ -118,7 +118,7 @@ class Requests:
             time.monotonic() + self._patience))
 
     def poll(self) -> None:
-        """Send the requests that wait, and show the answers that have come."""
+        """Send the waiting requests, and show the answers."""
         now = time.monotonic()
         for request in list(self.pending):
             client, response = request.client, request.response()
@@ -143,22 +143,17 @@ def _outcome(response: Any) -> tuple[bool, str]:
 
 class ParameterEventScheduler(BaseNode):
     """
-    Node of bringup, which follows a run and sets the parameters of its events.
+    Node of bringup that sets the parameters of a run's events.
 
-    In lockstep the plant holds simulated time before the first sample of an event, until the
-    scheduler moves the plant's parameter ``hold_at`` on.
+    Time of the run is that of ``/clock`` in lockstep, else since the first values of the plant's
+    parameters. In lockstep the plant holds simulated time before the first sample of an event,
+    until the scheduler moves the plant's parameter ``hold_at`` on.
 
     Parameters
     ----------
     events : sequence of Event
         In the order of time.
     lockstep : bool
-
-    Attributes
-    ----------
-    time : float
-        Time of the run [s]: that of ``/clock`` in lockstep, else since the first values of the
-        plant's parameters.
 
     """
 
@@ -168,7 +163,6 @@ class ParameterEventScheduler(BaseNode):
         self._requests = Requests(self, self._on_answer)
         self._simulated = lockstep
         self._stamp: int | None = None
-        self.time = 0.0
         message_type: Any = Clock if lockstep else ParameterEvent  # Both begin with a stamp.
         topic = CLOCK if lockstep else f'plant/{PARAMETERS}'
         self.inputs = [ValidatedSubscription(
@@ -179,32 +173,46 @@ class ParameterEventScheduler(BaseNode):
             self._stamp = stamp
 
     def look(self) -> float:
-        """Serve the graph for a moment; return the time of the run, or raise `CtcError`."""
+        """
+        Serve the graph for a moment, and return the time of the run [s].
+
+        Raises
+        ------
+        CtcError
+            If an event was refused.
+
+        """
         self.spin_in_batches(self.executor)
-        if self._stamp is not None:
-            self.time = seconds(self._stamp) if self._simulated else (
-                self.get_clock().now().nanoseconds - self._stamp) / NANOSECONDS
+        now = self._time()
         # One request at a time.
-        if not self._requests.pending and self._events and self.time >= self._events[0].time:
+        if not self._requests.pending and self._events and now >= self._events[0].time:
             event = self._events.pop(0)
             self._requests.set(event.node, event.values)
         self._requests.poll()
         if self.failure:
             raise CtcError(self.failure)
-        return self.time
+        return now
+
+    def _time(self) -> float:
+        """Return the time of the run [s]."""
+        if self._stamp is None:
+            return 0.0
+        if self._simulated:
+            return seconds(self._stamp)
+        return (self.get_clock().now().nanoseconds - self._stamp) / NANOSECONDS
 
     def _on_answer(self, _description: str, done: bool, answer: str) -> None:
         if not done:
             self.failure = f'an event was refused: {answer}'
 
     def report_end(self, why: str = '') -> None:
-        """Say on ``/diagnostics`` why the graph ends, and wait until all have heard it."""
+        """Report on ``/diagnostics`` why the graph ends, and wait for all readers."""
         super().report_end(why)
         wait_for_all_acked(self, [signal.SIGTERM])
 
 
 def _with_holds(events: Sequence[Event]) -> Iterator[Event]:
-    """Yield the events, and after all of one time the one that moves ``hold_at`` on."""
+    """Yield the events, and after those of one time the move of ``hold_at``."""
     next_times = [*(event.time for event in events[1:]), inf]
     for event, next_time in zip(events, next_times):
         yield event

@@ -157,7 +157,7 @@ class RecorderNode(BaseNode):
         self._waiting.clear()
 
     def _count_dropped(self, topic: _Recorded, number: int) -> None:
-        """Count the messages of a topic that are missing before one with this number."""
+        """Count the missing messages before one with this number."""
         count = topic.sequence.lost(number, lambda: self.count_publishers(topic.name))
         if count:
             self._dropped[topic.name] += count
@@ -166,7 +166,7 @@ class RecorderNode(BaseNode):
                 f'{topic.name}: {count} messages were dropped', throttle_duration_sec=1.0)
 
     def status(self) -> Status:
-        """Return the counts of messages, and what is wrong with the recording."""
+        """Return the counts of messages, and the problem if there is one."""
         now, dropped = time.monotonic(), self._dropped.total()
         rate = (self._received - self._reported_count) / max(now - self._reported, 1e-3)
         self._reported_count, self._reported = self._received, now
@@ -183,7 +183,7 @@ class RecorderNode(BaseNode):
         self._take()
 
     def _take(self) -> None:
-        """Record all that had arrived when this was called, in the order of arrival."""
+        """Record all that has arrived, in the order of arrival."""
         begin = time.time_ns()
         pending = self._pending
         for topic in self._topics:
@@ -203,7 +203,7 @@ class RecorderNode(BaseNode):
             self._record(topic, data, info)
 
     def _drain(self) -> None:
-        """Record all that was sent before now, but not for ever."""
+        """Record what was sent before now, within a limit of time."""
         begin = time.time_ns()
         received = -1
         while received < self._received or self._pending:
@@ -223,7 +223,7 @@ class RecorderNode(BaseNode):
             self._flushed = time.monotonic()
 
     def _attempt(self, action: Callable[..., None], *arguments: Any) -> None:
-        """Write to the disk; where that fails, end the recording, not the control loop."""
+        """Write to the disk, and where that fails, end the recording alone."""
         if self.failure is not None:
             return
         try:

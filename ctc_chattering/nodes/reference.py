@@ -72,7 +72,7 @@ class ReferenceNode(LoopNode[ReferenceNodeConfig]):
         #: Why the motion does not begin, and the monotonic time of the next attempt [ns].
         self._refusal = ''
         self._next_attempt = 0
-        #: Why the last waypoints were refused; empty once some are accepted.
+        #: Why the last waypoints were refused, empty once some are accepted.
         self._refused_waypoints = ''
         self._publisher = self.create_publisher(
             JointTrajectory, REFERENCE, qos(TOPICS[REFERENCE].depth))
@@ -85,7 +85,7 @@ class ReferenceNode(LoopNode[ReferenceNodeConfig]):
         self.find_description()
 
     def begin(self, description: str) -> None:
-        """Take the limits, and make the motion if it does not need the robot's state."""
+        """Take the limits, and make a motion that needs no state."""
         if description:
             self._plan.limits = DescribedLimits(description, self._plan.config.joint_names)
         self._plan.prepare()
@@ -95,7 +95,7 @@ class ReferenceNode(LoopNode[ReferenceNodeConfig]):
         self._plan.check(config)
 
     def on_change(self) -> None:
-        """Take new parameters, and try again to begin where that was refused."""
+        """Take new parameters, and try again to begin."""
         self._plan.config = self.config
         self._next_attempt = 0
         if self._plan.limits is not None or not self._plan.config.described:
@@ -112,7 +112,7 @@ class ReferenceNode(LoopNode[ReferenceNodeConfig]):
         return f'motion {motion}; waits for {JOINT_STATES} or {CLOCK}'
 
     def idle(self) -> None:
-        """Publish the chunks that are due, and all again for a new subscriber."""
+        """Publish due chunks, and all again for a new subscriber."""
         started = self._schedule.started
         if self._states is None and not started:
             self._states = ValidatedSubscription(
@@ -147,14 +147,15 @@ class ReferenceNode(LoopNode[ReferenceNodeConfig]):
         stamp = nanoseconds(state.header.stamp)
         t: int | None = stamp
         if self.count_publishers(CLOCK) == 0:
-            if not self._publisher.get_subscription_count() or not self.matched(self._publisher):
+            heard = self._publisher.get_subscription_count() and self.matched(self._publisher)
+            if not heard or not 0 <= stamp <= LATEST:
                 return
             t = self._schedule.follow_states(stamp, self.get_clock().now().nanoseconds)
         if t is not None and self._plan.motion is None and not self.problem:
             self._begin_at(state, t)
 
     def _begin_at(self, state: JointState, t: int) -> None:
-        """Begin the motion where the robot is, unless that is beyond the limits."""
+        """Begin the motion where the robot is, within the limits."""
         now = time.monotonic_ns()
         if now < self._next_attempt:
             return

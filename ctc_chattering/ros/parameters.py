@@ -93,7 +93,7 @@ class TolerantParameterService(ParameterService):
         return callback(request, response)
 
     def _set(self, callback: Callable[[Any, Any], Any], request: Any, response: Any) -> Any:
-        """Set parameters, or refuse to where that took too much of the time."""
+        """Set parameters, unless that took too much of the time."""
         begin = time.monotonic()
         if self._set_time.fill(0.0, begin):
             if isinstance(response, SetParameters.Response):
@@ -111,7 +111,7 @@ class TolerantParameterService(ParameterService):
 
 
 def serve_waiting(service: Any) -> None:
-    """Answer the waiting requests for a service now, before others that came earlier."""
+    """Answer the waiting requests for a service before any others."""
     while True:
         with service.handle:
             request, header = service.handle.service_take_request(service.srv_type.Request)
@@ -182,7 +182,7 @@ class NodeParameters:
         self._node.set_parameters_atomically([to_parameter(*item) for item in values.items()])
 
     def announce(self, t: int) -> None:
-        """Publish the changes on ``~/parameters``, in force from the state at `t` [ns]."""
+        """Publish the changes, in force from the state at `t` [ns]."""
         values = self.config.as_mapping()
         messages = [to_parameter(*item).to_parameter_msg()
                     for item in _changes(self._announced, values).items()]
@@ -199,13 +199,13 @@ class NodeParameters:
             self.announce(t)
 
     def _complete(self, parameters: list[RosParameter]) -> list[RosParameter]:
-        """Return parameters of their declared types, with those that the node adds."""
+        """Return typed parameters, with those that the node adds."""
         coerced = [self._coerce(parameter) for parameter in parameters]
         added = self._node.completed({x.name: x.value for x in coerced})
         return coerced + [to_parameter(*item) for item in added.items()]
 
     def _coerce(self, parameter: RosParameter) -> RosParameter:
-        """Return a parameter of its declared type; one that does not fit stays as it is."""
+        """Return a parameter with its declared type, if it fits."""
         name = parameter.name
         if not self._node.has_parameter(name):  # rclpy takes an empty name.
             raise ParameterNotDeclaredException([name])
@@ -216,7 +216,7 @@ class NodeParameters:
         return parameter
 
     def _validate(self, parameters: list[RosParameter]) -> SetParametersResult:
-        """Accept or refuse a set, and keep the configuration that it makes."""
+        """Accept a set and keep its configuration, or refuse it."""
         values = {parameter.name: parameter.value for parameter in parameters}
         try:
             for name, value in values.items():
@@ -228,7 +228,7 @@ class NodeParameters:
         return SetParametersResult(successful=True)
 
     def _check_while_running(self, name: str, value: Any) -> None:
-        """Raise `ParameterError` for a value that is not allowed once the node runs."""
+        """Raise `ParameterError` for a value not allowed in a running node."""
         if name == 'use_sim_time' and value is True and not self._node.count_publishers('/clock'):
             raise ParameterError(name, value, (
                 'false: /clock has no publisher, and time would stand still'))
@@ -260,7 +260,7 @@ def _changes(initial: Mapping[str, Any], final: Mapping[str, Any]) -> dict[str, 
 
 
 def to_parameter(name: str, value: Any) -> RosParameter:
-    """Return a parameter of ROS; an empty list, which has no type there, becomes ['']."""
+    """Return a parameter of ROS, where an empty list has no type and becomes ['']."""
     return RosParameter(name, value=list(value) or [''] if isinstance(value, tuple) else value)
 
 
@@ -270,7 +270,7 @@ def _text(value: object) -> str:
 
 
 def descriptor(declared: Parameter) -> ParameterDescriptor:
-    """Return the descriptor of a parameter; `Config` checks values, with a better message."""
+    """Return the descriptor of a parameter, without ranges, which `Config` checks."""
     unit = f' [{declared.unit}]' if declared.unit else ''
     return ParameterDescriptor(
         name=declared.name, description=declared.meaning + unit, read_only=declared.read_only,

@@ -37,7 +37,7 @@ STOP = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT)
 
 
 def collect_signals() -> list[int]:
-    """Handle `STOP` from now on; return the list in which the signals will stand."""
+    """Handle `STOP`, and return the list that the signals are appended to."""
     caught: list[int] = []
 
     def on_signal(number: int, _frame: FrameType | None) -> None:
@@ -50,7 +50,7 @@ def collect_signals() -> list[int]:
 
 @contextmanager
 def stop_signals() -> Iterator[list[int]]:
-    """Collect `STOP` in the list that is yielded, until the context ends."""
+    """Collect `STOP` in the yielded list while the context lasts."""
     handlers = {number: signal.getsignal(number) for number in STOP}
     try:
         yield collect_signals()
@@ -80,7 +80,7 @@ class _SignalEvent(ctypes.Structure):
 
 def end_after(delay: float, status: int) -> None:
     """
-    End this process `delay` [s] from now with `status`, even if it hangs.
+    End this process after `delay` [s] with `status`, even if it hangs.
 
     A thread of Python could not, because code that hangs may hold the interpreter's lock. The
     layout is that of Linux with 64 bits.
@@ -102,9 +102,9 @@ PROFILE_VARIABLES = ('FASTRTPS_DEFAULT_PROFILES_FILE', 'FASTDDS_DEFAULT_PROFILES
 
 def use_profile() -> None:
     """
-    Use `config/fastdds.xml` in this process and its children, unless they have another profile.
+    Use `config/fastdds.xml`, unless the user has another profile.
 
-    Call it before the first node is made.
+    It is for this process and its children. Call it before the first node is made.
     """
     if os.environ.keys().isdisjoint(PROFILE_VARIABLES):
         os.environ[PROFILE_VARIABLES[0]] = str(config_directory() / 'fastdds.xml')
@@ -112,7 +112,9 @@ def use_profile() -> None:
 
 def check_security() -> None:
     """
-    Check that enforced security has a keystore: without one ROS fails and does not say why.
+    Check that enforced security has a keystore.
+
+    Without one ROS fails and does not say why.
 
     Raises
     ------

@@ -92,9 +92,10 @@ class RosArguments(NamedTuple):
 
 def _read_file(file: Path, namespace: str, nodes: Mapping[str, str]) -> dict[str, Values]:
     """
-    Return the values in a file for `nodes`, names of nodes by executable.
+    Return the values that nodes take from a file, by executable.
 
-    A section without a namespace is for that node in any namespace.
+    A section without a namespace is for that node in any namespace. `nodes` has the names of the
+    nodes by executable.
     """
     if not os.path.exists(file):  # noqa: PTH110 - A name may be too long for a system.
         raise UsageError(f'{_FILE} {file}: there is no such file')
@@ -118,13 +119,13 @@ def _read_file(file: Path, namespace: str, nodes: Mapping[str, str]) -> dict[str
 
 
 def _pattern(section: str) -> re.Pattern[str]:
-    """Return the pattern of the nodes that a section is for, with the wildcards of ROS."""
+    """Return the pattern of a section's nodes, with the wildcards of ROS."""
     escaped = re.escape(section).replace(r'/\*\*', r'(/\w+)*').replace(r'\*', r'\w+')
     return re.compile(escaped)
 
 
 def _read_rule(argument: str, rule: str, nodes: Mapping[str, str]) -> dict[str, Values]:
-    """Return the value that ``-p`` gives to `nodes`, names of nodes by executable."""
+    """Return the value that nodes take from ``-p``, by executable."""
     match = _RULE.fullmatch(rule)
     if match is None:
         raise UsageError(f'{argument}: this is not NAME:=VALUE, nor NODE:NAME:=VALUE')
@@ -180,7 +181,7 @@ def parse(arguments: Sequence[str]) -> tuple[list[str], RosArguments]:
 
 def bringup_values(ros: RosArguments) -> dict[str, Values]:
     """
-    Return the parameters that arguments for all nodes of the graph give, by executable.
+    Return the parameters for all nodes of the graph, by executable.
 
     Raises
     ------

@@ -39,7 +39,7 @@ CHUNKS_AHEAD = 4
 
 class MotionSchedule:
     """
-    Time of a motion, and the part of it to publish next.
+    Time of a motion, and the samples to publish next.
 
     Parameters
     ----------
@@ -74,12 +74,12 @@ class MotionSchedule:
 
     @property
     def running(self) -> bool:
-        """Whether there is a motion, and its time is known."""
+        """True with a motion whose time is known."""
         return self.now is not None and self._plan.motion is not None
 
     @property
     def started(self) -> bool:
-        """Whether the motion needs no further state of the robot."""
+        """True once the motion needs no further state of the robot."""
         return self._start is not None and self._plan.motion is not None
 
     def follow_clock(self, now: int) -> None:
@@ -102,7 +102,7 @@ class MotionSchedule:
 
     def follow_states(self, stamp: int, clock: int) -> int | None:
         """
-        Follow the stamps of the states, and return the time of the motion of one [ns].
+        Follow the stamps of the states, and return the motion's time [ns].
 
         Parameters
         ----------
@@ -125,12 +125,12 @@ class MotionSchedule:
         return stamp - self._start
 
     def follow_real_time(self, clock: int) -> None:
-        """Follow the node's clock [ns] since the first state, if time is not simulated."""
+        """Follow the node's clock [ns], unless time is simulated."""
         if self._start is not None and not self.simulated:
             self._advance(clock + self._lead - self._start)
 
     def _advance(self, now: int) -> None:
-        """Set the time of the motion [ns]; where it went back, start again from there."""
+        """Set the motion's time [ns], and start again where it went back."""
         went_back = self.now is not None and now < self.now
         self.now = now
         if went_back:
@@ -151,7 +151,7 @@ class MotionSchedule:
         route : Route
             With times since `stamp` [ns].
         stamp : int
-            Stamp of the first instant [ns]; 0 for as soon as possible.
+            Stamp of the first instant [ns], 0 for as soon as possible.
 
         Raises
         ------
@@ -175,7 +175,7 @@ class MotionSchedule:
         return followed
 
     def update(self) -> int:
-        """Take changed parameters; return the stamp from which they are in force [ns]."""
+        """Take changed parameters, and return their first stamp in force [ns]."""
         assert self.now is not None
         begin = self._after_published(self.now)
         if self._plan.update(self.now, begin):
@@ -183,7 +183,7 @@ class MotionSchedule:
         return (self._start or 0) + self._plan.in_force
 
     def chunks(self) -> Iterator[tuple[int, list[Point]]]:
-        """Yield stamp and samples of each chunk, until the motion is known far enough ahead."""
+        """Yield stamp and samples of each chunk up to the horizon."""
         assert self.now is not None and self._plan.motion is not None
         present = self.now // self._period
         self._next = max(self._next, present)
@@ -194,5 +194,5 @@ class MotionSchedule:
             self._next += self.chunk_size
 
     def _after_published(self, now: int) -> int:
-        """Return an instant that the controller surely hears of in time [ns]."""
+        """Return the first instant [ns] that may still change."""
         return (now // self._period + self.chunk_size) * self._period

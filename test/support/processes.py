@@ -257,5 +257,5 @@ def interrupt(child: child_process.Child, *numbers: int) -> float:
     """
     watch = Stopwatch(child.process.pid)
     for number in numbers or (signal.SIGINT,):
-        child.signal(number)
+        child.process.send_signal(number)
     return watch.end(child.process)
