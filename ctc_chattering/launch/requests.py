@@ -199,7 +199,8 @@ class ParameterEventScheduler(BaseNode):
             return 0.0
         if self._simulated:
             return seconds(self._stamp)
-        return (self.get_clock().now().nanoseconds - self._stamp) / NANOSECONDS
+        now: int = self.get_clock().now().nanoseconds
+        return (now - self._stamp) / NANOSECONDS
 
     def _on_answer(self, _description: str, done: bool, answer: str) -> None:
         if not done:
