@@ -27,7 +27,9 @@ import sys
 from typing import Any
 
 from ctc_chattering.ros.node import BaseNode, spin_until_stopped
+from ctc_chattering.ros.process import PROFILE_VARIABLES
 from domains import own_domain
+from processes import CONFIG
 import pytest
 import rclpy
 
@@ -57,7 +59,10 @@ class Turning(BaseNode):
 
 
 @pytest.fixture
-def node() -> Iterator[Turning]:
+def node(monkeypatch: pytest.MonkeyPatch) -> Iterator[Turning]:
+    """Return a node of this process, with the profile that all nodes have."""
+    for name in PROFILE_VARIABLES:
+        monkeypatch.setenv(name, str(CONFIG / 'fastdds.xml'))
     with own_domain():
         rclpy.init()
         it = Turning()
