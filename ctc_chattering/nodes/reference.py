@@ -28,17 +28,19 @@ from typing import Any
 
 from ctc_chattering.configuration.loop_setup import Values
 from ctc_chattering.configuration.node_parameters import ReferenceNodeConfig
-from ctc_chattering.configuration.yaml_file import read_trajectory
+from ctc_chattering.configuration.trajectory_file import read_trajectory
 from ctc_chattering.errors import CtcError, RejectedMessage
 from ctc_chattering.numerics.time_grid import NANOSECONDS, nanoseconds, period_ns, seconds
-from ctc_chattering.ros.messages import LATEST, read_stamp, trajectory
-from ctc_chattering.ros.node import ERROR, LoopNode, OK, qos, Status, WARN
-from ctc_chattering.ros.subscription import ValidatedSubscription
+from ctc_chattering.ros.loop_node import LoopNode
+from ctc_chattering.ros.messages import LATEST, read_stamp, TrajectoryWriter
+from ctc_chattering.ros.reports import ERROR, OK, Status, WARN
+from ctc_chattering.ros.subscription import qos, ValidatedSubscription
 from ctc_chattering.ros.topics import CLOCK, JOINT_STATES, JOINT_TRAJECTORY, REFERENCE, TOPICS
-from ctc_chattering.trajectory.joint_limits import DescribedLimits
-from ctc_chattering.trajectory.motions import Route
-from ctc_chattering.trajectory.reference import Followed, MotionPlan, ReferenceConfig
+from ctc_chattering.trajectory.joint_limits import read_limits
+from ctc_chattering.trajectory.motion_plan import Followed, MotionPlan
+from ctc_chattering.trajectory.reference import ReferenceConfig
 from ctc_chattering.trajectory.schedule import MotionSchedule
+from ctc_chattering.trajectory.waypoints import Route
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import JointTrajectory
@@ -66,9 +68,10 @@ class ReferenceNode(LoopNode[ReferenceNodeConfig]):
         if config.trajectory_file:
             route = read_trajectory(Path(config.trajectory_file), config.joint_names)
         self._plan = MotionPlan(config, route)
-        self._period = period_ns(config.control_period)
+        period = period_ns(config.control_period)
         self._schedule = MotionSchedule(
-            self._plan, self._period, round(config.horizon * NANOSECONDS))
+            self._plan, period, round(config.horizon * NANOSECONDS))
+        self._writer = TrajectoryWriter(config.joint_names, period, self._schedule.chunk_size)
         #: Why the motion does not begin, and the monotonic time of the next attempt [ns].
         self._refusal = ''
         self._next_attempt = 0
@@ -87,7 +90,7 @@ class ReferenceNode(LoopNode[ReferenceNodeConfig]):
     def begin(self, description: str) -> None:
         """Take the limits, and make a motion that needs no state."""
         if description:
-            self._plan.limits = DescribedLimits(description, self._plan.config.joint_names)
+            self._plan.limits = read_limits(description, self._plan.config.joint_names)
         self._plan.prepare()
 
     def check(self, config: ReferenceConfig) -> None:
@@ -196,8 +199,7 @@ class ReferenceNode(LoopNode[ReferenceNodeConfig]):
                 return
             self.parameters.announce(in_force)
         for begin, points in self._schedule.chunks():
-            self._publisher.publish(trajectory(
-                self._plan.config.joint_names, begin, self._period, points))
+            self._publisher.publish(self._writer.fill(begin, points))
 
 
 def _description(followed: Followed) -> str:

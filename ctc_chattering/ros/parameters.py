@@ -238,7 +238,7 @@ class NodeParameters:
         if value is None:  # rclpy would undeclare the parameter.
             raise ParameterError(name, None, declared.allowed)
         allowed = list(dict.fromkeys((*declared.choices, self._initial[name])))
-        if declared.own and value not in allowed:
+        if declared.custom and value not in allowed:
             raise ParameterError(
                 name, value, f'{" | ".join(allowed)}; others only at the start of the node')
 

@@ -34,7 +34,7 @@ from ctc_chattering.configuration import parameter_file
 from ctc_chattering.configuration.loop_setup import Values
 from ctc_chattering.configuration.node_parameters import NODES
 from ctc_chattering.configuration.yaml_file import parse_value
-from ctc_chattering.errors import CtcError, near, UsageError
+from ctc_chattering.errors import CtcError, suggest, UsageError
 
 _FILE = '--params-file'
 _RULE = re.compile(r'(?:(?P<node>\w+):)?(?P<name>[^:=\s]+):=(?P<value>.*)', re.DOTALL)
@@ -137,7 +137,7 @@ def _read_rule(argument: str, rule: str, nodes: Mapping[str, str]) -> dict[str, 
             f'{argument}: no node is called {node} here; {" | ".join(nodes.values())}')
     owners = [x for x in declared if name in declared[x]]
     if not owners:
-        hint = near(name, set().union(*declared.values())) or '; ctc parameters lists them'
+        hint = suggest(name, set().union(*declared.values())) or '; ctc parameters lists them'
         raise UsageError(f'{argument}: {" | ".join(declared)}: no parameter of this name{hint}')
     try:
         value = parse_value(text)

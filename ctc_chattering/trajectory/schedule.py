@@ -28,8 +28,8 @@ from collections.abc import Iterator
 from ctc_chattering.errors import ParameterError, RejectedMessage
 from ctc_chattering.numerics.time_grid import NANOSECONDS, seconds
 from ctc_chattering.trajectory.buffer import Point
-from ctc_chattering.trajectory.motions import Route
-from ctc_chattering.trajectory.reference import Followed, MotionPlan
+from ctc_chattering.trajectory.motion_plan import Followed, MotionPlan
+from ctc_chattering.trajectory.waypoints import Route
 
 #: Largest change between two states of the time from stamp to arrival [ns].
 MAX_LEAD_CHANGE_NS = NANOSECONDS // 4

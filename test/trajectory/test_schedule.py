@@ -18,9 +18,10 @@ from __future__ import annotations
 
 from ctc_chattering.errors import CtcError, ParameterError, RejectedMessage
 from ctc_chattering.numerics.time_grid import NANOSECONDS
-from ctc_chattering.trajectory.motions import Route
-from ctc_chattering.trajectory.reference import MotionPlan, ReferenceConfig, Sinusoid
+from ctc_chattering.trajectory.motion_plan import MotionPlan
+from ctc_chattering.trajectory.reference import ReferenceConfig, Sinusoid
 from ctc_chattering.trajectory.schedule import MotionSchedule
+from ctc_chattering.trajectory.waypoints import Route
 import pytest
 
 S = NANOSECONDS
