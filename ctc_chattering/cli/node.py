@@ -52,8 +52,7 @@ def main(name: str, argv: Sequence[str] | None = None) -> int:
         Exit status.
 
     """
-    for number in process.STOP:
-        process.take_signal(number, lambda *_: os._exit(0))  # The node is not in the graph yet.
+    process.handle_stop(lambda *_: os._exit(0))  # The node is not in the graph yet.
     from ctc_chattering.cli.command_line import guarded
     return guarded(name, lambda: _run(name, list(sys.argv if argv is None else argv)[1:]))
 

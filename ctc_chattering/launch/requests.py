@@ -63,11 +63,11 @@ class _Request:
     message: Any
     deadline: float
     next_try: float = 0.0
-    futures: list[Future] = dataclasses.field(default_factory=list)
+    response: Any = None
 
-    def response(self) -> Any:
-        """Return the first response that has come, or None."""
-        return next((future.result() for future in self.futures if future.done()), None)
+    def take_response(self, future: Future) -> None:
+        """Take a response, also of an earlier try."""
+        self.response = future.result()
 
 
 class Requests:
@@ -123,16 +123,16 @@ class Requests:
         """Send the waiting requests, and show the answers."""
         now = time.monotonic()
         for request in list(self.pending):
-            client, response = request.client, request.response()
-            if response is not None:
+            client = request.client
+            if request.response is not None:
                 self.pending.remove(request)
-                self._show(request.description, *_outcome(response))
+                self._show(request.description, *_outcome(request.response))
             elif now > request.deadline:
                 self.pending.remove(request)
                 self._show(request.description, False, f'no answer of {client.srv_name}')
             elif now > request.next_try and client.service_is_ready():
                 request.next_try = now + _RETRY_S
-                request.futures.append(client.call_async(request.message))
+                client.call_async(request.message).add_done_callback(request.take_response)
 
 
 def _outcome(response: Any) -> tuple[bool, str]:

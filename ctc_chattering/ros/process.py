@@ -39,12 +39,7 @@ STOP = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT)
 def collect_signals() -> list[int]:
     """Handle `STOP`, and return the list that the signals are appended to."""
     caught: list[int] = []
-
-    def on_signal(number: int, _frame: FrameType | None) -> None:
-        caught.append(number)
-
-    for number in STOP:
-        take_signal(number, on_signal)
+    handle_stop(lambda number, _frame: caught.append(number))
     return caught
 
 
@@ -59,10 +54,11 @@ def stop_signals() -> Iterator[list[int]]:
             signal.signal(number, handler)
 
 
-def take_signal(number: int, handler: Callable[[int, FrameType | None], None]) -> None:
-    """Handle a signal, except a SIGHUP that nohup has ignored."""
-    if number != signal.SIGHUP or signal.getsignal(number) != signal.SIG_IGN:
-        signal.signal(number, handler)
+def handle_stop(handler: Callable[[int, FrameType | None], None]) -> None:
+    """Handle `STOP`, except a SIGHUP that nohup has ignored."""
+    for number in STOP:
+        if number != signal.SIGHUP or signal.getsignal(number) != signal.SIG_IGN:
+            signal.signal(number, handler)
 
 
 # Numbers of <time.h> and <signal.h> on Linux.

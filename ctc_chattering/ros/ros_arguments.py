@@ -105,7 +105,8 @@ def _read_file(file: Path, namespace: str, nodes: Mapping[str, str]) -> dict[str
         full_name = f'{namespace.rstrip("/")}/{node}'
         of_node: dict[str, Values] = {}
         for section, content in sections.items():
-            if section == f'/{node}' or _pattern(section).fullmatch(full_name):
+            pattern = re.escape(section).replace(r'/\*\*', r'(/\w+)*').replace(r'\*', r'\w+')
+            if section == f'/{node}' or re.fullmatch(pattern, full_name):
                 wild = '*' in section.rpartition('/')[2]
                 of_node.setdefault(
                     parameter_file.EVERY_NODE if wild else executable, {}).update(content)
@@ -116,12 +117,6 @@ def _read_file(file: Path, namespace: str, nodes: Mapping[str, str]) -> dict[str
             f'{_FILE} {file}: no section is for {" or ".join(nodes.values())} in namespace '
             f'{namespace}; there is {", ".join(sections)}')
     return values
-
-
-def _pattern(section: str) -> re.Pattern[str]:
-    """Return the pattern of a section's nodes, with the wildcards of ROS."""
-    escaped = re.escape(section).replace(r'/\*\*', r'(/\w+)*').replace(r'\*', r'\w+')
-    return re.compile(escaped)
 
 
 def _read_rule(argument: str, rule: str, nodes: Mapping[str, str]) -> dict[str, Values]:
