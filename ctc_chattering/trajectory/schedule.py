@@ -74,12 +74,12 @@ class MotionSchedule:
 
     @property
     def running(self) -> bool:
-        """True with a motion whose time is known."""
+        """Tell whether there is a motion with a known time."""
         return self.now is not None and self._plan.motion is not None
 
     @property
     def started(self) -> bool:
-        """True once the motion needs no further state of the robot."""
+        """Tell whether the motion needs no further state of the robot."""
         return self._start is not None and self._plan.motion is not None
 
     def follow_clock(self, now: int) -> None:
