@@ -13,7 +13,7 @@
 # limitations under the License.
 
 """
-Child processes of `bringup`, of the pages of `ctc live`, and of tests: start, watch, stop.
+Child processes of `bringup` and `ctc live`: start, watch, stop.
 
 `node_command` is the command of a child. In the child, `end_with` and `await_start` tie it to its
 parent.
@@ -40,7 +40,7 @@ _RUN = ('import sys; sys.path[:] = filter(None, sys.path); import runpy; '
 
 
 def node_command(name: str, *arguments: str, program: str = 'node') -> list[str]:
-    """Return the command of a node, or of `ctc` NAME, as a child of this process."""
+    """Return the command of a child that runs a node or `ctc`."""
     return [sys.executable, '-c', _RUN, f'ctc_chattering.cli.{program}', name, '--parent',
             str(os.getpid()), *arguments]
 
@@ -58,7 +58,7 @@ def end_with(parent: int) -> None:
 
 
 def await_start() -> None:
-    """Wait until the parent closes the standard input, where it is a pipe."""
+    """Wait until the parent closes a piped standard input."""
     while os.read(0, 1):
         pass
 

@@ -13,7 +13,9 @@
 # limitations under the License.
 
 """
-Run of the whole graph by `bringup`: start its processes, watch them, stop them.
+Run of the whole graph by `bringup`.
+
+It starts the processes, watches them, and stops them.
 
 The parameters come from a checked `Setup`, written as a parameter file for the nodes.
 """
@@ -52,7 +54,7 @@ def run_graph(setup: Setup, record: Path | None = None, ros_args: Sequence[str] 
               progress: Callable[[float], object] = lambda _: None,
               show: Callable[[str], None] = print, live: bool = False) -> None:
     """
-    Run the graph until the experiment ends, and leave no process behind.
+    Run the graph, and leave no process behind.
 
     Parameters
     ----------

@@ -13,7 +13,7 @@
 # limitations under the License.
 
 """
-Requests to the services of a running graph, and the events that bringup sets at their times.
+Requests to the services of a running graph, and timed events.
 
 `ctc live` sends `Requests` of its user. `bringup` runs a `ParameterEventScheduler` in its own
 process by `graph_monitor`.
@@ -56,7 +56,7 @@ _RETRY_S = 1.0
 
 @dataclasses.dataclass
 class _Request:
-    """Request without an answer yet, with times of the monotonic clock [s]."""
+    """Unanswered request, with times of the monotonic clock [s]."""
 
     description: str
     client: Any
@@ -99,7 +99,7 @@ class Requests:
         self.pending: list[_Request] = []
 
     def set(self, node: str, *values: Mapping[str, Any]) -> None:  # noqa: A003
-        """Set parameters of a node in the order of the mappings."""
+        """Set parameters of a node, in their order."""
         items = [item for mapping in values for item in mapping.items()]
         name, value = items[-1]
         self._send(f'{node}: {name} = {in_field(value)}', SetParameters, f'{node}/set_parameters',
@@ -209,13 +209,13 @@ class ParameterEventScheduler(BaseNode):
             self.failure = f'an event was refused: {answer}'
 
     def report_end(self, why: str = '') -> None:
-        """Report on ``/diagnostics`` why the graph ends, and wait for all readers."""
+        """Report why the graph ends, and wait for all readers."""
         super().report_end(why)
         wait_for_all_acked(self, [signal.SIGTERM])
 
 
 def _with_holds(events: Sequence[Event]) -> Iterator[Event]:
-    """Yield the events, and after those of one time the move of ``hold_at``."""
+    """Yield the events, with the moves of ``hold_at``."""
     next_times = [*(event.time for event in events[1:]), inf]
     for event, next_time in zip(events, next_times):
         yield event

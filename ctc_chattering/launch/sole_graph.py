@@ -13,7 +13,9 @@
 # limitations under the License.
 
 """
-Check of `bringup` that its graph is the only one in a domain and namespace.
+Check that a graph is alone in a domain and namespace.
+
+`bringup` makes it before its nodes join.
 
 Of two graphs, each would publish what the other one reads, and no publisher would be obeyed. On
 this computer the graph holds a socket without a file. The kernel frees it however the process
@@ -51,7 +53,7 @@ _CURE = ('stop that one first, or start this one with another ROS_DOMAIN_ID or a
 @contextmanager
 def sole_graph(node: Node) -> Iterator[None]:
     """
-    Be the only graph in the domain and namespace of `node`.
+    Be the only graph in a node's domain and namespace.
 
     No other node of this graph may have joined yet.
 
