@@ -27,7 +27,7 @@ from pathlib import Path, PurePath
 import re
 from typing import Any, NamedTuple
 
-from ctc_chattering.errors import CtcError, shortened
+from ctc_chattering.errors import CtcError, shorten
 from ctc_chattering.numerics.time_grid import NANOSECONDS, seconds
 import yaml
 
@@ -170,5 +170,5 @@ def check_one_recording(folder: Path, spans: Sequence[FileSpan]) -> None:
 def several_recordings(folder: Path, files: Sequence[Path], reason: str = '') -> UnsupportedBag:
     """Return the refusal of a directory with several recordings."""
     return UnsupportedBag(
-        f'{folder}: several recordings and no {METADATA}: {shortened([x.name for x in files])}'
+        f'{folder}: several recordings and no {METADATA}: {shorten([x.name for x in files])}'
         f'{reason}. Name one of the files, or give each recording a directory of its own')

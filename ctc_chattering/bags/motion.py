@@ -46,7 +46,7 @@ from ctc_chattering.control.controller import ControllerConfig
 from ctc_chattering.control.laws.registry import LAWS, SWITCHINGS
 from ctc_chattering.dynamics.registry import locked_positions
 from ctc_chattering.dynamics.urdf_parser import Tree
-from ctc_chattering.errors import CtcError, near, refused_as, shortened
+from ctc_chattering.errors import as_ctc_error, CtcError, shorten, suggest
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.numerics.time_grid import NANOSECONDS, nanoseconds
 from ctc_chattering.ros.topics import COMMANDS, JOINT_STATES, PARAMETERS, ROBOT_DESCRIPTION
@@ -120,7 +120,7 @@ class SignalTopic(NamedTuple):
         if values is None:
             known = [x.name for x in dataclasses.fields(message)] if message else []
             raise CtcError(f'{self.bag.path}: {self.name} has no numbers in {field}; it has: '
-                           f'{", ".join(known)}{near(field, known)}')
+                           f'{", ".join(known)}{suggest(field, known)}')
         return _names_of(message, field), len(values)
 
     def read(self, joints: tuple[str, ...]) -> Signal:
@@ -166,7 +166,7 @@ def _topic(bag: Bag, text: str, option: str, kind: str, fields: tuple[str, ...])
         raise CtcError(f'{bag.path}: several topics: {", ".join(map(str, found))}; give {option}')
     if not found:
         why = ', '.join(f'{x.name} is of type {x.kind}' for x in _topics(bag, name, '', ())) or (
-            f'no message on {name}{near(name, [x.topic for x in bag.connections])}')
+            f'no message on {name}{suggest(name, [x.topic for x in bag.connections])}')
         fit = [*map(str, _topics(bag, '', kind, fields)), f'a topic of type {kind}']
         raise CtcError(f'{bag.path}: {why}; {option} may be: {", ".join(fit[:-1] or fit)}'
                        + ', or TOPIC:FIELD' * (kind == MULTI_ARRAY))
@@ -253,8 +253,8 @@ def read_motion(path: str | Path, joints: Sequence[str] = (), description: str =
     """
     path = Path(path)
     if len(set(joints)) < len(joints):
-        raise CtcError(f'--joints: {shortened(joints)}: a joint is given more than once')
-    with closing(open_bag(path)) as bag, refused_as(f'{path}: damaged'):
+        raise CtcError(f'--joints: {shorten(joints)}: a joint is given more than once')
+    with closing(open_bag(path)) as bag, as_ctc_error(f'{path}: damaged'):
         # What the law was is of no use here.
         own = {'law': LAWS[0], 'switching': SWITCHINGS[0]}
         if model or description:
@@ -272,8 +272,8 @@ def read_motion(path: str | Path, joints: Sequence[str] = (), description: str =
         if not len(motion.logged):
             known, _ = source.names()
             raise CtcError(
-                f'{path}: no state has the joints {shortened(names)}; joints of the bag: '
-                f'{", ".join(known)}{"".join(near(x, known) for x in names[:3])}')
+                f'{path}: no state has the joints {shorten(names)}; joints of the bag: '
+                f'{", ".join(known)}{"".join(suggest(x, known) for x in names[:3])}')
         stamps = motion.stamps if np.ptp(motion.stamps) else motion.logged
         q, (dq, effort) = motion.values[0], map(_if_any, motion.values[1:])
         # All are not needed, and long series are large.
@@ -321,11 +321,11 @@ def _joints(states: SignalTopic, description: str) -> tuple[str, ...]:
     movable = Tree(description).movable if description else in_states
     found = tuple(name for name in movable if name in in_states)
     if not found:
-        described = f'the joints {shortened(movable)}' if movable else (
+        described = f'the joints {shorten(movable)}' if movable else (
             'no joint that moves by itself: fixed joints, joints that mimic others, and their '
             'leaders are left out')
         raise CtcError(f'{states.bag.path}: the description has {described}; the states have '
-                       f'{shortened(in_states)}')
+                       f'{shorten(in_states)}')
     return found
 
 
@@ -351,8 +351,8 @@ def _command(topic: SignalTopic, names: tuple[str, ...], motion: Signal, stamps:
     if not len(values):
         labels, width = topic.names()
         raise CtcError(f'{topic.bag.path}: {width} commanded torques for {len(names)} joints, '
-                       f'{shortened(names)}; name those of the commands, in their order: --joints'
-                       + f' {shortened(labels)}' * bool(labels))
+                       f'{shorten(names)}; name those of the commands, in their order: --joints'
+                       + f' {shorten(labels)}' * bool(labels))
     times, received = found.logged, motion.logged
     if (np.diff(stamps) < -_BACK * np.median(np.diff(np.sort(stamps)))).sum() > _BACK:
         raise CtcError(f'{topic.bag.path}: stamps of the states run to and fro in the order in '

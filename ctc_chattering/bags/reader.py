@@ -40,7 +40,7 @@ from ctc_chattering.bags.recording import answers, BRIDGED, ordered
 from ctc_chattering.bags.repair import open_bag
 from ctc_chattering.control.controller import ControllerConfig
 from ctc_chattering.dynamics.registry import model_of
-from ctc_chattering.errors import CtcError, refused_as
+from ctc_chattering.errors import as_ctc_error, CtcError
 from ctc_chattering.numerics.angles import unwrapped_beside
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.numerics.time_grid import missing, NANOSECONDS, period_ns, seconds
@@ -90,7 +90,7 @@ def read_bag(path: str | Path, model: str | type = '', law: str | type = '',
 
     """
     path = Path(path)
-    with closing(open_bag(path)) as bag, refused_as(f'{path}: damaged'):
+    with closing(open_bag(path)) as bag, as_ctc_error(f'{path}: damaged'):
         return _run(bag, {name: value for name, value in (
             ('model', model), ('law', law), ('switching', switching)) if value})
 

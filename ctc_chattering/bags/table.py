@@ -29,7 +29,7 @@ import warnings
 
 from ctc_chattering.bags.recording import RecordedMotion, Recording
 from ctc_chattering.dynamics.urdf_parser import Tree
-from ctc_chattering.errors import CtcError, near, shortened
+from ctc_chattering.errors import CtcError, shorten, suggest
 from ctc_chattering.input_files import check_regular
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
@@ -84,8 +84,8 @@ def read_table(path: str | Path, joints: Sequence[str] = (), description: str = 
                  for k, name in enumerate(names, 1)]
         missing = [name for name, column in zip(names, found) if column is None]
         if missing and quantity == 'q':
-            raise CtcError(f'{path}: no column q_{missing[0]}; it has: {shortened(heads[1:])}'
-                           f'{near(f"q_{missing[0]}", heads)}')
+            raise CtcError(f'{path}: no column q_{missing[0]}; it has: {shorten(heads[1:])}'
+                           f'{suggest(f"q_{missing[0]}", heads)}')
         return None if missing else np.stack([x for x in found if x is not None], axis=1)
 
     positions = rows('q')
@@ -102,11 +102,11 @@ def _joints(path: Path, in_table: tuple[str, ...], description: str) -> tuple[st
         if len(in_table) == len(movable):
             return tuple(movable)
         raise CtcError(f'{path}: {len(in_table)} joints with numbers; the description has '
-                       f'{len(movable)}: {shortened(movable)}. Give --joints in their order')
+                       f'{len(movable)}: {shorten(movable)}. Give --joints in their order')
     found = tuple(name for name in movable if name in in_table)
     if not found:
-        raise CtcError(f'{path}: the description has the joints {shortened(movable)}; the table '
-                       f'has {shortened(in_table)}')
+        raise CtcError(f'{path}: the description has the joints {shorten(movable)}; the table '
+                       f'has {shorten(in_table)}')
     return found
 
 

@@ -47,7 +47,7 @@ from ctc_chattering.control.step import PlainStep
 from ctc_chattering.dynamics.compiled_model import Arm, arm_of
 from ctc_chattering.dynamics.model import Model, Scaled
 from ctc_chattering.dynamics.registry import model_of
-from ctc_chattering.errors import CtcError, ParameterError, refused_as
+from ctc_chattering.errors import as_ctc_error, CtcError, ParameterError
 from ctc_chattering.numerics.linear_algebra import Array, Vector
 from ctc_chattering.numerics.time_grid import period_ns, seconds
 from ctc_chattering.parameters import vector
@@ -212,7 +212,7 @@ class Controller:
 
     def check(self, config: ControllerConfig) -> None:
         """Raise `CtcError` if the law of a configuration cannot be made."""
-        with refused_as(f'the law {config.law} cannot be made'):
+        with as_ctc_error(f'the law {config.law} cannot be made'):
             self._make_law(config).initial()
 
     def configure(self, config: ControllerConfig) -> None:

@@ -40,7 +40,7 @@ ASSUMED_LAG = 3e-3
 class ControllerConfig(RobotConfig):
     """Parameters of the laws (`laws` says which takes which), of filter (3) and of the limits."""
 
-    law: str = parameter('chattering', 'Control law: docs/laws.md.', choices=LAWS, own=True)
+    law: str = parameter('chattering', 'Control law: docs/laws.md.', choices=LAWS, custom=True)
     kp: tuple[float, ...] = parameter(
         100.0, 'Position gain Kp.', '1/s^2', minimum=LEAST, shape='nn', usual=(1.0, 1e4))
     kv: tuple[float, ...] = parameter(
@@ -54,7 +54,7 @@ class ControllerConfig(RobotConfig):
     b: float = parameter(
         1.0, 'Gain of the filter (3); 1 in the paper.', minimum=1e-3, maximum=1e3)
     switching: str = parameter(
-        'sign', 'How the chattering term is evaluated.', choices=SWITCHINGS, own=True)
+        'sign', 'How the chattering term is evaluated.', choices=SWITCHINGS, custom=True)
     boundary_layer: float = parameter(
         0.05, 'Switching boundary_layer: half the width of the layer.', 'rad/s', minimum=LEAST)
     observer_bandwidth: float = parameter(

@@ -23,7 +23,7 @@ from ctc_chattering.control.controller import ControllerConfig
 from ctc_chattering.control.laws.registry import LAWS
 from ctc_chattering.controller.trips import (
     check_change,
-    FACTOR,
+    MAX_CHANGE_FACTOR,
     missing_limits,
     unsafe_settings,
 )
@@ -98,6 +98,6 @@ def test_a_large_change_is_refused(name: str, before: Any, after: Any, refused: 
         check_change(config, config.changed({name: after}))
     except CtcError as error:
         assert refused and str(error).startswith(f'{name}: ')
-        assert f'a factor of at most {FACTOR:g} at once' in str(error)
+        assert f'a factor of at most {MAX_CHANGE_FACTOR:g} at once' in str(error)
     else:
         assert not refused
