@@ -21,6 +21,7 @@ on where the one before ends. Files of a directory for which this is not so are 
 
 from __future__ import annotations
 
+from ast import literal_eval
 from collections.abc import Sequence
 from itertools import pairwise
 from pathlib import Path, PurePath
@@ -113,6 +114,17 @@ def read_metadata(bag: Path) -> dict[str, Any]:
 def named_files(bag: Path, metadata: dict[str, Any]) -> tuple[Path, ...]:
     """Return the files that metadata name."""
     return tuple(bag / PurePath(x).name for x in metadata['relative_file_paths'])
+
+
+def count_dropped(bag: Path, topics: Sequence[str]) -> int:
+    """Return how many messages on topics the recorder of this package counted as lost."""
+    try:
+        notes = read_metadata(bag).get('custom_data') or {}
+        counts = dict(literal_eval(notes.get('dropped', '{}')))
+        return sum(int(count) for name, count in counts.items()
+                   if any(name.endswith(topic) for topic in topics))
+    except Exception:  # Without metadata, or of another recorder.
+        return 0
 
 
 def find_recording(folder: Path) -> tuple[Path, ...]:

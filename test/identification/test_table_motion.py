@@ -19,8 +19,8 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
-from ctc_chattering.bags.table import read_table
 from ctc_chattering.errors import CtcError
+from ctc_chattering.identification.table_motion import read_table
 import numpy as np
 import pytest
 import urdfs

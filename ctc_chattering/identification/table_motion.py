@@ -11,12 +11,14 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
-"""
-The motion of a robot from a table of comma-separated values, as most public recordings are.
 
-The first column is the time [s]. Then, in any order, `q_NAME` has the position of a joint
-[rad], `tau_NAME` its torque as measured, and `dq_NAME` its velocity [rad/s], if recorded; NAME is
-that of the description, or a number from 1 on in the order of the joints.
+"""
+Recorded motion of a robot, from a table of comma-separated values, as most public recordings are.
+
+The first column is the time [s]. The others may be in any order: `q_NAME` is the position of a
+joint [rad], `tau_NAME` its measured torque and `dq_NAME` its velocity [rad/s], if recorded. NAME
+is that of the description, or a number from 1 on in the order of the joints. `ctc identify` calls
+`read_table` for a file that ends in ``.csv``.
 """
 
 from __future__ import annotations
@@ -27,9 +29,9 @@ from pathlib import Path
 import re
 import warnings
 
-from ctc_chattering.bags.recording import RecordedMotion, Recording
 from ctc_chattering.dynamics.urdf_parser import Tree
 from ctc_chattering.errors import CtcError, near, shortened
+from ctc_chattering.identification.recording import RecordedMotion, Recording
 from ctc_chattering.input_files import check_regular
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
@@ -38,25 +40,25 @@ import numpy as np
 SUFFIX = '.csv'
 #: Names of the column of time.
 TIME = ('t', 'time', 'time_s', 't [s]')
-#: Name of another column: quantity, joint, and a unit, as `ctc export` writes it beside desired
-#: motions, which are none of a joint.
+#: Name of another column: quantity, joint, and a unit as `ctc export` writes it. Columns of
+#: desired motions do not match.
 COLUMN = re.compile(r'(?!d*q_d_)(q|dq|tau|effort)_?(.+?)(?: \[.*\])?')
-#: Largest table that is read [bytes].
-MOST_BYTES = 2 ** 31
+#: Largest table that is read.
+MAX_BYTES = 2 ** 31
 
 
 def read_table(path: str | Path, joints: Sequence[str] = (), description: str = ''
                ) -> RecordedMotion:
     """
-    Return the motion that a table holds, for `identify`.
+    Return the motion in a table, for `identify`.
 
     Parameters
     ----------
     path : str or Path
         The file.
     joints : sequence of str
-        Joints in the order of the model; empty for the movable joints of the description that the
-        table has, or those of the table.
+        Joints in the order of the model. By default the movable joints of the description that
+        the table has, or those of the table.
     description : str
         Text of the URDF.
 
@@ -67,7 +69,7 @@ def read_table(path: str | Path, joints: Sequence[str] = (), description: str = 
 
     """
     path = Path(path)
-    heads, values = _read(path)
+    heads, values = _read_columns(path)
     if not heads or heads[0].strip().lower() not in TIME:
         raise CtcError(f'{path}: the first column is {heads[0] if heads else "missing"}; allowed: '
                        f'{", ".join(TIME)}, the time in seconds')
@@ -77,51 +79,50 @@ def read_table(path: str | Path, joints: Sequence[str] = (), description: str = 
         if match:
             quantity = match[1].replace('effort', 'tau')
             columns[quantity][match[2]] = column
-    names = tuple(joints) or _joints(path, tuple(columns['q']), description)
+    names = tuple(joints) or _find_joints(path, tuple(columns['q']), description)
+    def stack(quantity: str) -> Array | None:
+        by_joint = columns[quantity]
+        picked = [by_joint[name if name in by_joint else str(k)]
+                  for k, name in enumerate(names, 1) if name in by_joint or str(k) in by_joint]
+        return np.stack(picked, axis=1) if len(picked) == len(names) else None
 
-    def rows(quantity: str) -> Array | None:
-        found = [columns[quantity].get(name, columns[quantity].get(str(k)))
-                 for k, name in enumerate(names, 1)]
-        missing = [name for name, column in zip(names, found) if column is None]
-        if missing and quantity == 'q':
-            raise CtcError(f'{path}: no column q_{missing[0]}; it has: {shortened(heads[1:])}'
-                           f'{near(f"q_{missing[0]}", heads)}')
-        return None if missing else np.stack([x for x in found if x is not None], axis=1)
-
-    positions = rows('q')
-    assert positions is not None
-    recording = Recording(path.name, names, values[:, 0] - values[0, 0], positions, rows('dq'),
-                          rows('tau'))
+    q = stack('q')
+    if q is None:
+        missing = next(name for k, name in enumerate(names, 1)
+                       if not {name, str(k)} & columns['q'].keys())
+        raise CtcError(f'{path}: no column q_{missing}; it has: {shortened(heads[1:])}'
+                       f'{near(f"q_{missing}", heads)}')
+    recording = Recording(
+        path.name, names, values[:, 0] - values[0, 0], q, stack('dq'), stack('tau'))
     return RecordedMotion(recording.checked(), description)
 
 
-def _joints(path: Path, in_table: tuple[str, ...], description: str) -> tuple[str, ...]:
-    """Return the joints where none are asked for."""
+def _find_joints(path: Path, in_table: tuple[str, ...], description: str) -> tuple[str, ...]:
+    """Return the movable joints that are in the table."""
     movable = Tree(description).movable if description else in_table
     if all(name.isdigit() for name in in_table):
         if len(in_table) == len(movable):
-            return tuple(movable)
+            return movable
         raise CtcError(f'{path}: {len(in_table)} joints with numbers; the description has '
                        f'{len(movable)}: {shortened(movable)}. Give --joints in their order')
-    found = tuple(name for name in movable if name in in_table)
-    if not found:
+    joints = tuple(name for name in movable if name in in_table)
+    if not joints:
         raise CtcError(f'{path}: the description has the joints {shortened(movable)}; the table '
                        f'has {shortened(in_table)}')
-    return found
+    return joints
 
 
-def _read(path: Path) -> tuple[list[str], Array]:
+def _read_columns(path: Path) -> tuple[list[str], Array]:
     """Return heads and numbers of a table, shape (N, columns)."""
     check_regular(path)
     try:
-        if path.stat().st_size > MOST_BYTES:
-            raise CtcError(f'{path}: larger than {MOST_BYTES >> 20} MiB')
-        with path.open(newline='', encoding='utf-8') as file:
+        if path.stat().st_size > MAX_BYTES:
+            raise CtcError(f'{path}: larger than {MAX_BYTES >> 20} MiB')
+        with path.open(newline='', encoding='utf-8') as file, warnings.catch_warnings():
+            warnings.simplefilter('error')  # loadtxt warns of a table without rows.
             heads = next(csv.reader(file), [])
-            with warnings.catch_warnings():
-                warnings.simplefilter('error')  # Of a table without rows.
-                values = np.loadtxt(file, delimiter=',', ndmin=2)
-    except (OSError, ValueError, UnicodeDecodeError, UserWarning) as error:
+            values = np.loadtxt(file, delimiter=',', ndmin=2)
+    except (OSError, ValueError, UserWarning) as error:
         raise CtcError(f'{path}: not a table of numbers below one line of names: {error}'
                        ) from None
     if values.shape[1] != len(heads) or len(values) < 2:
