@@ -15,8 +15,9 @@
 """
 Reading a bag of any recorder: MCAP or sqlite3, compressed or not.
 
-`rosbags` decodes messages, and reads sqlite3; `mcap_file.py` reads MCAP. A topic whose messages
-are no CDR, as of Protobuf or JSON, is there, and its messages are bytes.
+`repair.py:open_bag` opens a `Bag`, from which all other modules read topics. `mcap_file.py` reads
+MCAP, `rosbags` reads sqlite3 and decodes messages. Messages of other encodings, as of Protobuf or
+JSON, are bytes.
 """
 
 from __future__ import annotations
@@ -49,12 +50,12 @@ from rosbags.rosbag2 import Reader
 from rosbags.typesys import get_types_from_idl, get_types_from_msg, get_typestore, Stores
 from tqdm import tqdm
 
-#: Line between the parts of a definition in IDL.
+#: Line between the sections of a definition in IDL.
 _IDL_RULE = '=' * 80 + '\n'
 
-#: Field of a ParameterValue that holds the value, by its type.
-_FIELDS = {1: 'bool_value', 2: 'integer_value', 3: 'double_value', 4: 'string_value',
-           8: 'double_array_value', 9: 'string_array_value'}
+#: Field of a ParameterValue with the value, by its type.
+_VALUE_FIELDS = {1: 'bool_value', 2: 'integer_value', 3: 'double_value', 4: 'string_value',
+                 8: 'double_array_value', 9: 'string_array_value'}
 
 
 class Bag:
@@ -69,7 +70,6 @@ class Bag:
     Attributes
     ----------
     path : Path
-        As given.
     connections : list of Connection
         The topics of each file, as `rosbags` has them.
     start_time, end_time : int
@@ -80,7 +80,7 @@ class Bag:
     Raises
     ------
     UnsupportedBag
-        If it is none, or of a kind that is not read.
+        If it is no bag, or of a storage that is not read.
     Exception
         Of any kind, if it is damaged.
 
@@ -91,18 +91,16 @@ class Bag:
         listed = list_files(path)
         with ExitStack() as stack:
             files = [_open_file(file, stack) for file in listed.paths]
+            self.message_count: int = sum(x.message_count for x in files)
             if listed.metadata is None:
                 check_one_recording(path, [
                     FileSpan(name, file.start_time, file.end_time)
                     for name, file in zip(listed.paths, files)])
-            self.message_count = sum(x.message_count for x in files)
-            counted = self.message_count if listed.metadata is None else (
-                listed.metadata['message_count'])
-            if counted != self.message_count:
-                raise CtcError(
-                    f'{self.message_count} messages, {counted} according to its metadata')
+            elif listed.metadata['message_count'] != self.message_count:
+                raise CtcError(f'{self.message_count} messages, '
+                               f'{listed.metadata["message_count"]} according to its metadata')
             self.connections: list[Connection] = [x for file in files for x in file.connections]
-            self._types = _typestore(self.connections)
+            self._types = _register_types(self.connections)
             self._stack = stack.pop_all()
         self.start_time: int = min((x.start_time for x in files), default=2 ** 63 - 1)
         self.end_time: int = max((x.end_time for x in files), default=0) - 1
@@ -118,29 +116,24 @@ class Bag:
 
         Raises
         ------
-        CtcError
-            Where the bag is damaged, or its index has more messages.
+        DamagedBag
+            Where the bag is damaged.
 
         """
-        chosen = connections or self.connections
-        expected = sum(x.msgcount for x in chosen)
-        count = 0
+        selected = connections or self.connections
         by_file: dict[Any, list[Connection]] = {}
-        for x in chosen:
+        for x in selected:
             by_file.setdefault(x.owner, []).append(x)
-        streams = [file.messages(same) for file, same in by_file.items()]
+        streams = [file.messages(topics) for file, topics in by_file.items()]
         try:
             for connection, t, data in tqdm(
-                    merge(*streams, key=itemgetter(1)), f'reading {self.path.name}', expected,
+                    merge(*streams, key=itemgetter(1)), f'reading {self.path.name}',
+                    sum(x.msgcount for x in selected),
                     unit=' messages', disable=None, delay=2.0, leave=False):
-                count += 1
-                packed = is_cdr(connection) and data.startswith(ZSTD)
-                yield connection, t, unpack(data, 'zstd') if packed else data
+                is_packed = is_cdr(connection) and data.startswith(ZSTD)
+                yield connection, t, unpack(data, 'zstd') if is_packed else data
         except Exception as error:  # Damaged files may raise any exception.
             raise damaged(self.path, error) from None
-        if count != expected:
-            raise damaged(
-                self.path, CtcError(f'{count} messages, {expected} according to its index'))
 
     @cached_property
     def namespaces(self) -> tuple[str, ...]:
@@ -152,10 +145,10 @@ class Bag:
 
     def named(self, name: str) -> list[Connection]:
         """
-        Return the topic `name`.
+        Return the connections of the topic `name`.
 
-        Without a slash in front, it stands for that in the namespace of a controller of this
-        package, or if there is none, in any namespace.
+        A name without a slash in front is looked for beside the controllers of this package, then
+        in any namespace.
         """
         if name.startswith('/'):
             return [x for x in self.connections if x.topic == name]
@@ -164,15 +157,7 @@ class Bag:
             x for x in self.connections if x.topic.endswith('/' + name)]
 
     def only(self, name: str) -> list[Connection]:
-        """
-        Return the topic `name`, as `named`.
-
-        Raises
-        ------
-        CtcError
-            If there are several, as of several robots.
-
-        """
+        """Return the topic `name`, as `named`; raise `CtcError` if several robots have it."""
         connections = self.named(name)
         topics = sorted({x.topic for x in connections})
         if len(topics) > 1:
@@ -184,19 +169,19 @@ class Bag:
         """
         Yield log time [ns] and message of topics, without messages that cannot be decoded.
 
-        Topics that are no CDR are left out.
+        Topics that are not CDR are left out.
 
         Raises
         ------
         CtcError
-            If no topic is CDR, or the bag has no definition of a type; as `messages`.
+            If no topic is CDR, the bag has no definition of a type, or it is damaged.
 
         """
         readable = [x for x in connections if is_cdr(x)]
-        for x in connections:
-            if not readable:
-                raise CtcError(f'{self.path}: messages on {x.topic} are of format '
-                               f'{serialization(x)!r}; allowed: cdr, as ROS 2 has it')
+        if connections and not readable:
+            first = next(iter(connections))
+            raise CtcError(f'{self.path}: messages on {first.topic} are of format '
+                           f'{serialization(first)!r}; allowed: cdr, as ROS 2 has it')
         for x in readable:
             if x.msgtype not in self._types.fielddefs:
                 raise CtcError(
@@ -204,31 +189,39 @@ class Bag:
                     'of: record with --storage mcap, or convert it where that is installed')
         for x, t, data in self.messages(readable) if readable else ():
             try:
-                message = self.deserialize(data, x.msgtype)
+                message = self._types.deserialize_cdr(data, x.msgtype)
             except Exception:  # Of arbitrary bytes, decoders raise arbitrary exceptions.
                 continue
             yield t, message
 
-    def deserialize(self, data: bytes, kind: str) -> Any:
-        """Return the message of a type; of arbitrary bytes, raise an arbitrary exception."""
-        return self._types.deserialize_cdr(data, kind)
-
     def parameters(self, node: str, kind: Any, own: Mapping[str, object]) -> list[tuple[int, Any]]:
         """
-        Return the configurations of a node, each with the time [ns] from which it applies.
+        Return the configurations of a node in the order of time.
 
-        They are in the order of these times, whatever the order in the bag.
+        Parameters
+        ----------
+        node : str
+            Name of the node.
+        kind : class
+            Class of the configuration.
+        own : mapping
+            Classes in the place of those that the bag names: `Config.received`.
 
-        `own` stands in the place of classes that the bag names: `Config.received`.
+        Returns
+        -------
+        list of (int, kind)
+            Configurations, each with the time from which it applies [ns].
+
         """
-        known = kind.parameters()
+        declared = kind.parameters()
         values: dict[str, Any] = {}
         history: list[tuple[int, Any]] = []
         messages = [message for _, message in self.read(self.only(f'{node}/{PARAMETERS}'))]
         for message in sorted(messages, key=lambda x: nanoseconds(x.stamp)):
             for item in [*message.new_parameters, *message.changed_parameters]:
-                if item.name in known and item.value.type in _FIELDS:
-                    values[item.name] = getattr(item.value, _FIELDS[item.value.type])
+                field = _VALUE_FIELDS.get(item.value.type)
+                if item.name in declared and field:
+                    values[item.name] = getattr(item.value, field)
             try:
                 config = kind.received(values, own)
             except CtcError as error:
@@ -274,7 +267,7 @@ def _open_file(file: Path, stack: ExitStack) -> Any:
     if storage not in ENDINGS:
         raise UnsupportedBag(f'{file}: unknown storage {file.suffix!r}; known: '
                              f'{", ".join(ENDINGS)}, also with .zstd behind it')
-    if not set('%?#').isdisjoint(str(file)) and storage == '.db3':  # They mean much to sqlite3.
+    if storage == '.db3' and not set('%?#').isdisjoint(str(file)):  # It would be taken for a URI.
         raise UnsupportedBag(f'{file}: the path has one of % ? #, not allowed with sqlite3')
     if file.suffix == '.zstd':
         scratch = Path(stack.enter_context(tempfile.TemporaryDirectory()))
@@ -289,24 +282,24 @@ def _open_file(file: Path, stack: ExitStack) -> Any:
             'convert it to MCAP by ros2 bag convert') from None
 
 
-def _typestore(connections: Collection[Connection]) -> Any:
+def _register_types(connections: Collection[Connection]) -> Any:
     """
-    Return the types that a bag defines, and those of ROS 2 Jazzy that it does not.
+    Return a store of the types that a bag defines, and of those of ROS 2 Jazzy that it does not.
 
-    A definition without fields, or one that cannot be read, is none.
+    Definitions without fields, or that cannot be read, are ignored.
 
     Raises
     ------
     CtcError
-        If a definition is not the one that its hash is of.
+        If a definition does not have its hash.
 
     """
     jazzy = get_typestore(Stores.ROS2_JAZZY).fielddefs
     types = dict(jazzy)
     for x in connections:
         if is_cdr(x) and x.msgdef.format != MessageDefinitionFormat.NONE:
-            with suppress(Exception):  # Of arbitrary text, any.
-                types.update({name: definition for name, definition in _definitions(x).items()
+            with suppress(Exception):  # Arbitrary text may raise any exception.
+                types.update({name: definition for name, definition in _parse_definition(x).items()
                               if definition[1] or name not in jazzy})
     store = get_typestore(Stores.EMPTY)
     store.register(types)
@@ -316,7 +309,7 @@ def _typestore(connections: Collection[Connection]) -> Any:
     return store
 
 
-def _definitions(connection: Connection) -> dict[str, Any]:
+def _parse_definition(connection: Connection) -> dict[str, Any]:
     """Return the types that a topic's definition has; raise an error of any kind."""
     text = connection.msgdef.data
     if connection.msgdef.format == MessageDefinitionFormat.MSG:

@@ -13,10 +13,11 @@
 # limitations under the License.
 
 """
-Files that a bag consists of: those that its metadata name, or one recording without metadata.
+Files of a bag: those in its metadata, or those of one recording without metadata.
 
-A recorder that splits a recording numbers its files, ``run_0.mcap``, ``run_1.mcap``, and each goes
-on where the one before ends. Files of a directory for which this is not so are not one bag.
+`bag.py` lists the files of a bag here, and `repair.py` those of a damaged one. A recorder that
+splits a recording numbers its files, ``run_0.mcap``, ``run_1.mcap``, and each goes on where the
+one before ends. Other files of a directory are not one bag.
 """
 
 from __future__ import annotations
@@ -33,19 +34,19 @@ from ctc_chattering.numerics.time_grid import NANOSECONDS, seconds
 import yaml
 
 METADATA = 'metadata.yaml'
-#: Endings of the files that are read, also with `.zstd` behind them.
+#: Endings of the files that are read. ``.zstd`` may follow.
 ENDINGS = ('.mcap', '.db3')
 #: Newest version of the metadata that is known.
 _NEWEST_VERSION = 9
 _NUMBERED = re.compile(r'(.*)_(\d+)\.\w+')
-#: Longest time by which a file may begin before the one before ends, as two threads log, and after
-#: it, as where a damaged end of a file is missing [ns].
-_LONGEST_OVERLAP = NANOSECONDS
-_LONGEST_PAUSE = 10 * NANOSECONDS
+#: Longest overlap of two files of a recording, as two threads log.
+_MAX_OVERLAP_NS = NANOSECONDS
+#: Longest pause between them, as where a damaged end of a file is missing.
+_MAX_PAUSE_NS = 10 * NANOSECONDS
 
 
 class UnsupportedBag(CtcError):
-    """A refusal of a bag that no repair would change: the text says what to do."""
+    """Refusal of a bag that no repair would change; the text says what to do."""
 
 
 class BagFiles(NamedTuple):
@@ -57,7 +58,7 @@ class BagFiles(NamedTuple):
     paths : tuple of Path
         In the order of their times.
     metadata : dict or None
-        What the metadata say; None without metadata.
+        Content of the metadata; None without metadata.
 
     """
 
@@ -95,12 +96,14 @@ def list_files(path: Path) -> BagFiles:
 
 def read_metadata(bag: Path) -> dict[str, Any]:
     """
-    Return what the metadata of a bag say; where they are damaged, raise an error of any kind.
+    Return the content of a bag's metadata.
 
     Raises
     ------
     UnsupportedBag
         If they are of a newer version.
+    Exception
+        Of any kind, if they are damaged.
 
     """
     content = yaml.safe_load((bag / METADATA).read_text(encoding='utf-8'))
@@ -134,24 +137,24 @@ def find_recording(folder: Path) -> tuple[Path, ...]:
     Raises
     ------
     UnsupportedBag
-        If names tell that there are several.
+        If the names are those of several recordings.
     CtcError
-        If there is none.
+        If there is no file.
 
     """
     files = [x for x in folder.iterdir()
              if x.is_file() and (storage_of(x) in ENDINGS or x.suffix == '.bag')]
     if not files:
         raise CtcError(f'no {METADATA} in it, and no file {" or ".join(ENDINGS)}')
+    if len(files) == 1:
+        return tuple(files)
     matches = [_NUMBERED.fullmatch(x.name.removesuffix('.zstd')) for x in files]
     numbers = {int(match[2]): file for match, file in zip(matches, files) if match}
     first = min(numbers, default=0)
-    if len(files) > 1 and (
-            set(numbers) != set(range(first, first + len(files)))
-            or len({match[1] for match in matches if match}) > 1
-            or len({storage_of(x) for x in files}) > 1):
+    kinds = {(match and match[1], storage_of(x)) for match, x in zip(matches, files)}
+    if len(kinds) > 1 or numbers.keys() != set(range(first, first + len(files))):
         raise several_recordings(folder, sorted(files))
-    return tuple(numbers[k] for k in sorted(numbers)) if len(files) > 1 else tuple(files)
+    return tuple(numbers[k] for k in sorted(numbers))
 
 
 def storage_of(file: Path) -> str:
@@ -172,7 +175,7 @@ def check_one_recording(folder: Path, spans: Sequence[FileSpan]) -> None:
     recorded = [x for x in spans if x.start < x.end]
     for earlier, later in pairwise(recorded):
         pause = later.start - earlier.end
-        if not -_LONGEST_OVERLAP <= pause <= _LONGEST_PAUSE:
+        if not -_MAX_OVERLAP_NS <= pause <= _MAX_PAUSE_NS:
             raise several_recordings(
                 folder, [x.path for x in spans], f': {later.path.name} begins '
                 f'{abs(seconds(pause)):.3g} s {"after" if pause > 0 else "before"} the end of '

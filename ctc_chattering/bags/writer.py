@@ -15,15 +15,14 @@
 """
 Writing a rosbag2 bag: MCAP by `mcap`, with message definitions and QoS in it.
 
-Also what a recorder knows of the messages that arrive: their log time, and how many were lost
-before. Several publishers of one topic number their messages each for itself, and do not say who
-they are. What each of them would send next is remembered, also of those that have gone.
+`nodes/recorder.py` writes with a `BagWriter`, `repair.py` writes metadata. A file is cut into
+chunks with checksums, which `flush` brings to the disk, so that a killed recorder loses little.
 """
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import suppress
 import dataclasses
@@ -36,98 +35,48 @@ import zlib
 from ctc_chattering.bags.bag_files import METADATA
 from ctc_chattering.bags.mcap_file import QOS
 from ctc_chattering.errors import CtcError
-from ctc_chattering.numerics.time_grid import NANOSECONDS
 from mcap.data_stream import RecordBuilder
 from mcap.records import Channel, Chunk, Schema
 from mcap.writer import Writer
+from rosbags.interfaces import (
+    Qos,
+    QosDurability,
+    QosHistory,
+    QosLiveliness,
+    QosReliability,
+    QosTime,
+)
+from rosbags.rosbag2.metadata import dump_qos_v9
 from rosbags.typesys import get_typestore, Stores
 import yaml
 
-#: Largest difference between the stamps of two topics that is no jump of time [ns].
-_SKEW = NANOSECONDS
-
-
-class LogTime:
-    """
-    Follows the stamps of several topics, and does not go back because one of them is ahead.
-
-    A bag is read in the order of its log times, so they must not decrease if the order of arrival
-    is to be preserved. A jump of time, as when a simulation restarts, is accepted when the next
-    message of that topic follows it.
-
-    Attributes
-    ----------
-    now : int
-        The time [ns].
-
-    """
-
-    def __init__(self) -> None:
-        self.now = 0
-        self._last: dict[str, int] = {}
-
-    def note(self, topic: str, stamp: int) -> None:
-        """Take the stamp of a message of `topic` [ns]."""
-        before = self._last.get(topic, stamp + 1)
-        if not self._last or (abs(stamp - self.now) > _SKEW and 0 <= stamp - before <= _SKEW):
-            self.now = stamp
-        elif abs(stamp - self.now) <= _SKEW:
-            self.now = max(self.now, stamp)
-        self._last[topic] = stamp
-
-
-class SequenceTracker:
-    """Follows the numbers of one topic's messages."""
-
-    def __init__(self) -> None:
-        self._next: set[int] = set()
-
-    def lost(self, number: int, publishers: Callable[[], int]) -> int:
-        """
-        Return how many messages are missing before one.
-
-        Parameters
-        ----------
-        number : int
-            The publisher's number of the message.
-        publishers : callable
-            Returns how many there are now. With several, it is not known whose message is
-            missing, and a number never seen may be a new publisher's; then it is 0.
-
-        """
-        before = number if number in self._next else None
-        if before is None and publishers() == 1:
-            before = max((x for x in self._next if x < number), default=None)
-        self._next.discard(before or 0)
-        self._next.add(number + 1)
-        return 0 if before is None else number - before
-
-
-#: Age at which a file is ended and a new one begun [s]. The index of a file, about 1 kB for each
-#: chunk, is in memory until the file ends.
-_FILE_AGE = 600.0
+#: After this time a new file begins. The index of a file, about 1 kB for each chunk, stays in
+#: memory until its end.
+_MAX_FILE_AGE_S = 600.0
 #: Compression of a bag whose files and messages are not compressed as a whole.
 NOT_COMPRESSED = {'compression_format': '', 'compression_mode': ''}
-#: Size at which a chunk is ended [bytes]: compressing takes some times as much memory.
-CHUNK_SIZE = 1 << 18
+#: Size of a full chunk. Compressing takes some times as much memory.
+CHUNK_SIZE_BYTES = 1 << 18
+#: Duration without a limit, as ROS 2 writes it.
+_UNLIMITED = QosTime(9223372036, 854775807)
 
 
 def offered_qos(depth: int, latched: bool) -> str:
     """Return the profile of a reliable publisher as a bag stores it, in YAML."""
-    unlimited = {'sec': 9223372036, 'nsec': 854775807}
-    return yaml.safe_dump([{
-        'history': 'keep_last', 'depth': depth, 'reliability': 'reliable',
-        'durability': 'transient_local' if latched else 'volatile', 'deadline': {**unlimited},
-        'lifespan': {**unlimited}, 'liveliness': 'automatic',
-        'liveliness_lease_duration': unlimited, 'avoid_ros_namespace_conventions': False}])
+    durability = QosDurability.TRANSIENT_LOCAL if latched else QosDurability.VOLATILE
+    profile = Qos(
+        QosHistory.KEEP_LAST, depth, QosReliability.RELIABLE, durability, deadline=_UNLIMITED,
+        lifespan=_UNLIMITED, liveliness=QosLiveliness.AUTOMATIC,
+        liveliness_lease_duration=_UNLIMITED, avoid_ros_namespace_conventions=False)
+    return yaml.safe_dump(dump_qos_v9([profile]))
 
 
 @dataclasses.dataclass
 class Span:
-    """Number of messages, and the first and last log time [ns]."""
+    """Number of messages, with the first and last log time [ns]."""
 
     count: int = 0
-    begin: int = 2 ** 63 - 1  # Of a bag without messages, as of rosbag2.
+    begin: int = 2 ** 63 - 1  # As rosbag2 has it for a bag without messages.
     end: int = 0
 
     def entry(self) -> dict[str, Any]:
@@ -138,7 +87,7 @@ class Span:
 
 
 class RecordedTopic(NamedTuple):
-    """A topic of a bag: schema and channel as in a file, and its number of messages."""
+    """Topic of a bag: schema and channel as in a file, and the number of messages."""
 
     schema: Schema
     channel: Channel
@@ -162,14 +111,14 @@ def write_metadata(path: Path, files: Mapping[str, Span], topics: Sequence[Recor
     notes : mapping of str to str
         Remarks on the recording.
     compression : mapping of str to str
-        Its mode and format, under the keys that metadata have for them.
+        Mode and format, under their keys in the metadata.
 
     """
     spans = files.values()
-    whole = Span(sum(x.count for x in spans), min(x.begin for x in spans),
-                 max(x.end for x in spans))
+    bag = Span(sum(x.count for x in spans), min(x.begin for x in spans),
+               max(x.end for x in spans))
     information = {
-        'version': 9, 'storage_identifier': 'mcap', 'ros_distro': 'jazzy', **whole.entry(),
+        'version': 9, 'storage_identifier': 'mcap', 'ros_distro': 'jazzy', **bag.entry(),
         'relative_file_paths': list(files),
         'files': [{'path': name, **span.entry()} for name, span in files.items()],
         'topics_with_message_count': [{
@@ -180,17 +129,17 @@ def write_metadata(path: Path, files: Mapping[str, Span], topics: Sequence[Recor
                 'type_description_hash': x.channel.metadata.get('topic_type_hash', '')}}
             for x in topics],
         **compression, 'custom_data': dict(notes) or None}
-    # Keys are sorted: of metadata that are cut off, the version is missing.
+    # Keys are sorted, so the version is last: it is missing where the file is cut off.
     path.write_text(
         yaml.safe_dump({'rosbag2_bagfile_information': information}), encoding='utf-8')
 
 
 class BagWriter:
     """
-    A bag being written.
+    Bag that is being written.
 
-    When the disk takes no more, `write`, `flush` or `close` raises an `OSError`; `abandon` is all
-    that is left to do then.
+    When the disk takes no more, `write`, `flush` or `close` raises an `OSError`. Only `abandon`
+    may be called then.
 
     Parameters
     ----------
@@ -199,19 +148,21 @@ class BagWriter:
 
     Attributes
     ----------
-    path, file : Path
-        As given, and the file that is being written.
+    path : Path
+        Directory.
+    file : Path
+        File that is being written.
     topics : dict
-        What is known of each topic; the numbers in the records do not matter.
+        Schema and channel of each topic. Their numbers do not matter.
     counts : Counter
         Number of messages by topic.
     notes : dict
-        What the bag's metadata say of the recording.
+        Remarks on the recording, for the metadata.
 
     Raises
     ------
     CtcError
-        If it exists or cannot be made.
+        If it exists or cannot be created.
 
     """
 
@@ -220,11 +171,11 @@ class BagWriter:
         self.topics: dict[str, tuple[Schema, Channel]] = {}
         self.notes: dict[str, str] = {}
         self._files: dict[str, Span] = {}
-        #: Of topics that are new since the last flush.
+        #: Chunks that describe the topics added since the last flush.
         self._descriptions = b''
         self.counts: Counter[str] = Counter()
         self.path = path
-        # A slow disk takes seconds for what it is asked to keep.
+        # Another thread waits for fsync, which takes seconds on a slow disk.
         self._pool = ThreadPoolExecutor(1)
         self._sync: Future[None] = Future()
         self._sync.set_result(None)
@@ -238,7 +189,7 @@ class BagWriter:
 
     def write(self, topic: str, kind: str, t: int, data: bytes, qos: str) -> None:
         """
-        Add a message.
+        Add a message, and its topic where it is new.
 
         Parameters
         ----------
@@ -249,7 +200,7 @@ class BagWriter:
         data : bytes
             Serialized message.
         qos : str
-            What the publishers offer; used for the first message of a topic.
+            QoS that the publishers offer. That of the first message of a topic is used.
 
         """
         if topic not in self.topics:
@@ -272,8 +223,8 @@ class BagWriter:
         """
         Write all out, so that it can be read even if this process is killed.
 
-        The disk is asked to keep it, too. What comes of that is raised by a later call, as
-        `OSError`; as long as the disk takes, no more is asked of it, while writing goes on.
+        The disk is also asked to keep it (fsync), one request at a time, while writing goes on. An
+        `OSError` of that is raised by a later call.
         """
         self._writer.flush()
         self._stream.write(self._descriptions)
@@ -282,7 +233,7 @@ class BagWriter:
         if self._sync.done():
             self._sync.result()
             self._sync = self._pool.submit(os.fsync, self._stream.fileno())
-        if time.monotonic() - self._begun >= _FILE_AGE:
+        if time.monotonic() - self._begun >= _MAX_FILE_AGE_S:
             self._end_file()
             self._begin_file()
 
@@ -307,7 +258,7 @@ class BagWriter:
         self._numbers: dict[str, int] = {}
         self._begun: float = time.monotonic()
         self._stream: BinaryIO = self.file.open('xb')
-        self._writer: Any = Writer(self._stream, chunk_size=CHUNK_SIZE)
+        self._writer: Any = Writer(self._stream, chunk_size=CHUNK_SIZE_BYTES)
         self._writer.start('ros2', 'ctc_chattering')
 
     def _end_file(self) -> None:
@@ -322,7 +273,7 @@ class BagWriter:
         Describe a topic in the file; return its number.
 
         The first chunk with messages of a topic has its description. A damaged chunk must not take
-        it along: it is in chunks without messages on both sides of that chunk as well.
+        it along. So it is also in chunks without messages on both sides of that chunk.
         """
         kind = self._writer.register_schema(schema.name, schema.encoding, schema.data)
         number = self._writer.register_channel(channel.topic, 'cdr', kind, channel.metadata)

@@ -29,8 +29,9 @@ from unittest.mock import Mock
 
 from bags import entries, Entry, write_bag
 from ctc_chattering.analysis.result import simulate
+from ctc_chattering.bags.arrivals import LogTime, SequenceTracker
 from ctc_chattering.bags.repair import open_bag, recover, repair
-from ctc_chattering.bags.writer import BagWriter, LogTime, offered_qos, SequenceTracker
+from ctc_chattering.bags.writer import BagWriter, offered_qos
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.errors import CtcError
 from ctc_chattering.numerics.time_grid import NANOSECONDS as S
