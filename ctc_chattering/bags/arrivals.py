@@ -13,7 +13,7 @@
 # limitations under the License.
 
 """
-Arrival of recorded messages: their log times, and how many were lost before.
+Log times and losses of arriving messages.
 
 `nodes/recorder.py` calls this for each message that it takes.
 """

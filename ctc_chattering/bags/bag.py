@@ -13,7 +13,7 @@
 # limitations under the License.
 
 """
-Reading a bag of any recorder: MCAP or sqlite3, compressed or not.
+Reading bags of any recorder, MCAP or sqlite3.
 
 `repair.py:open_bag` opens a `Bag`, from which all other modules read topics. `mcap_file.py` reads
 MCAP, `rosbags` reads sqlite3 and decodes messages. Messages of other encodings, as of Protobuf or
@@ -99,7 +99,9 @@ class Bag:
             elif listed.metadata['message_count'] != self.message_count:
                 raise CtcError(f'{self.message_count} messages, '
                                f'{listed.metadata["message_count"]} according to its metadata')
-            self.connections: list[Connection] = [x for file in files for x in file.connections]
+            self.connections: list[Connection] = []
+            for file in files:
+                self.connections += file.connections
             self._types = _register_types(self.connections)
             self._stack = stack.pop_all()
         self.start_time: int = min((x.start_time for x in files), default=2 ** 63 - 1)
@@ -112,7 +114,9 @@ class Bag:
     def messages(self, connections: Collection[Connection] = ()
                  ) -> Iterator[tuple[Connection, int, bytes]]:
         """
-        Yield connection, log time [ns] and data of some topics, or of all, in the order of time.
+        Yield messages of some topics, or of all, by time.
+
+        Each comes with its connection and log time [ns].
 
         Raises
         ------
@@ -137,7 +141,7 @@ class Bag:
 
     @cached_property
     def namespaces(self) -> tuple[str, ...]:
-        """Namespaces with a controller of this package, in the order of their names."""
+        """Namespaces with a controller of this package, sorted."""
         name = f'/controller/{PARAMETERS}'
         return tuple(sorted({
             x.topic.removesuffix(name) for x in self.connections
@@ -157,7 +161,11 @@ class Bag:
             x for x in self.connections if x.topic.endswith('/' + name)]
 
     def only(self, name: str) -> list[Connection]:
-        """Return the topic `name`, as `named`; raise `CtcError` if several robots have it."""
+        """
+        Return the only topic `name`, as `named`.
+
+        If several robots have it, `CtcError` is raised.
+        """
         connections = self.named(name)
         topics = sorted({x.topic for x in connections})
         if len(topics) > 1:
@@ -167,7 +175,9 @@ class Bag:
 
     def read(self, connections: Collection[Connection]) -> Iterator[tuple[int, Any]]:
         """
-        Yield log time [ns] and message of topics, without messages that cannot be decoded.
+        Yield log time [ns] and message of topics.
+
+        Messages that cannot be decoded are left out.
 
         Topics that are not CDR are left out.
 
@@ -194,36 +204,38 @@ class Bag:
                 continue
             yield t, message
 
-    def parameters(self, node: str, kind: Any, own: Mapping[str, object]) -> list[tuple[int, Any]]:
+    def parameters(self, node: str, config_class: Any, replacements: Mapping[str, object]
+                   ) -> list[tuple[int, Any]]:
         """
-        Return the configurations of a node in the order of time.
+        Return the configurations of a node by time.
 
         Parameters
         ----------
         node : str
             Name of the node.
-        kind : class
+        config_class : class
             Class of the configuration.
-        own : mapping
+        replacements : mapping
             Classes in the place of those that the bag names: `Config.received`.
 
         Returns
         -------
-        list of (int, kind)
+        list of (int, config)
             Configurations, each with the time from which it applies [ns].
 
         """
-        declared = kind.parameters()
+        declared = config_class.parameters()
         values: dict[str, Any] = {}
         history: list[tuple[int, Any]] = []
-        messages = [message for _, message in self.read(self.only(f'{node}/{PARAMETERS}'))]
+        topic = self.only(f'{node}/{PARAMETERS}')
+        messages = [message for _, message in self.read(topic)]
         for message in sorted(messages, key=lambda x: nanoseconds(x.stamp)):
             for item in [*message.new_parameters, *message.changed_parameters]:
                 field = _VALUE_FIELDS.get(item.value.type)
                 if item.name in declared and field:
                     values[item.name] = getattr(item.value, field)
             try:
-                config = kind.received(values, own)
+                config = config_class.received(values, replacements)
             except CtcError as error:
                 raise CtcError(f'{self.path}: {error}') from None
             if not history or history[-1][1] != config:
@@ -231,13 +243,15 @@ class Bag:
         return history
 
     def description(self, name: str = f'controller/{ROBOT_DESCRIPTION}') -> str:
-        """Return the last robot description on a topic; empty for none."""
-        texts = [str(message.data) for _, message in self.read(self.only(name))]
-        return texts[-1] if texts else ''
+        """Return the last robot description on a topic."""
+        text = ''
+        for _, message in self.read(self.only(name)):
+            text = str(message.data)
+        return text
 
 
 def serialization(connection: Connection) -> str:
-    """Return the format of a topic's messages: cdr, protobuf, json, ..."""
+    """Return a topic's format: cdr, protobuf, json, ..."""
     return str(getattr(connection.ext, 'serialization_format', ''))
 
 
@@ -260,9 +274,10 @@ def _open_file(file: Path, stack: ExitStack) -> Any:
     """
     storage = storage_of(file)
     if storage == '.bag':
+        target = file.with_suffix('')
         raise UnsupportedBag(
             f'{file}: a bag of ROS 1, which is not read; convert it: rosbags-convert --src '
-            f'{shlex.quote(str(file))} --dst {shlex.quote(str(file.with_suffix("")))}_ros2 '
+            f'{shlex.quote(str(file))} --dst {shlex.quote(str(target))}_ros2 '
             '--dst-storage mcap --dst-typestore ros2_jazzy')
     if storage not in ENDINGS:
         raise UnsupportedBag(f'{file}: unknown storage {file.suffix!r}; known: '
@@ -284,7 +299,7 @@ def _open_file(file: Path, stack: ExitStack) -> Any:
 
 def _register_types(connections: Collection[Connection]) -> Any:
     """
-    Return a store of the types that a bag defines, and of those of ROS 2 Jazzy that it does not.
+    Return the types that a bag defines, beside ROS 2 Jazzy's.
 
     Definitions without fields, or that cannot be read, are ignored.
 
@@ -299,8 +314,10 @@ def _register_types(connections: Collection[Connection]) -> Any:
     for x in connections:
         if is_cdr(x) and x.msgdef.format != MessageDefinitionFormat.NONE:
             with suppress(Exception):  # Arbitrary text may raise any exception.
-                types.update({name: definition for name, definition in _parse_definition(x).items()
-                              if definition[1] or name not in jazzy})
+                for name, definition in _parse_definition(x).items():
+                    has_fields = bool(definition[1])
+                    if has_fields or name not in jazzy:
+                        types[name] = definition
     store = get_typestore(Stores.EMPTY)
     store.register(types)
     for x in connections:
@@ -310,7 +327,11 @@ def _register_types(connections: Collection[Connection]) -> Any:
 
 
 def _parse_definition(connection: Connection) -> dict[str, Any]:
-    """Return the types that a topic's definition has; raise an error of any kind."""
+    """
+    Return the types in a topic's definition.
+
+    Arbitrary text raises an error of any kind.
+    """
     text = connection.msgdef.data
     if connection.msgdef.format == MessageDefinitionFormat.MSG:
         return dict(get_types_from_msg(text, connection.msgtype))
@@ -328,8 +349,9 @@ class DamagedBag(CtcError):
 
 def damaged(path: Path, error: Exception) -> DamagedBag:
     """Return an error that names the bag and what to do."""
-    name = '' if isinstance(error, CtcError) else f'{type(error).__name__}: '
-    repairable = any(path.glob('*.mcap')) if path.is_dir() else path.suffix == '.mcap'
-    advice = f'; "ctc repair {shlex.quote(str(path))}" recovers the rest' if repairable else ''
-    return DamagedBag(
-        f'{path}: damaged, or not a bag: {name}{" ".join(str(error).split())}{advice}')
+    reason = ' '.join(str(error).split())
+    if not isinstance(error, CtcError):
+        reason = f'{type(error).__name__}: {reason}'
+    if path.suffix == '.mcap' or any(path.glob('*.mcap')):
+        reason += f'; "ctc repair {shlex.quote(str(path))}" recovers the rest'
+    return DamagedBag(f'{path}: damaged, or not a bag: {reason}')

@@ -13,7 +13,7 @@
 # limitations under the License.
 
 """
-Files of a bag: those in its metadata, or those of one recording without metadata.
+Files of a bag, by its metadata or their names.
 
 `bag.py` lists the files of a bag here, and `repair.py` those of a damaged one. A recorder that
 splits a recording numbers its files, ``run_0.mcap``, ``run_1.mcap``, and each goes on where the
@@ -46,7 +46,7 @@ _MAX_PAUSE_NS = 10 * NANOSECONDS
 
 
 class UnsupportedBag(CtcError):
-    """Refusal of a bag that no repair would change; the text says what to do."""
+    """Refusal of a bag that no repair would change."""
 
 
 class BagFiles(NamedTuple):
@@ -67,7 +67,7 @@ class BagFiles(NamedTuple):
 
 
 class FileSpan(NamedTuple):
-    """Log times of a file's first message and behind its last one [ns]."""
+    """Log times from the first to behind the last message [ns]."""
 
     path: Path
     start: int
@@ -76,7 +76,7 @@ class FileSpan(NamedTuple):
 
 def list_files(path: Path) -> BagFiles:
     """
-    Return the files of the bag at `path`, a directory or one file.
+    Return the files of a bag, a directory or one file.
 
     Raises
     ------
@@ -120,7 +120,7 @@ def named_files(bag: Path, metadata: dict[str, Any]) -> tuple[Path, ...]:
 
 
 def count_dropped(bag: Path, topics: Sequence[str]) -> int:
-    """Return how many messages on topics the recorder of this package counted as lost."""
+    """Return how many messages on topics our recorder lost."""
     try:
         notes = read_metadata(bag).get('custom_data') or {}
         counts = dict(literal_eval(notes.get('dropped', '{}')))
@@ -132,7 +132,7 @@ def count_dropped(bag: Path, topics: Sequence[str]) -> int:
 
 def find_recording(folder: Path) -> tuple[Path, ...]:
     """
-    Return the files of the one recording in a directory.
+    Return the files of a directory's only recording.
 
     Raises
     ------
@@ -142,23 +142,27 @@ def find_recording(folder: Path) -> tuple[Path, ...]:
         If there is no file.
 
     """
-    files = [x for x in folder.iterdir()
-             if x.is_file() and (storage_of(x) in ENDINGS or x.suffix == '.bag')]
+    files = [x for x in folder.iterdir() if x.is_file() and storage_of(x) in (*ENDINGS, '.bag')]
     if not files:
         raise CtcError(f'no {METADATA} in it, and no file {" or ".join(ENDINGS)}')
     if len(files) == 1:
         return tuple(files)
-    matches = [_NUMBERED.fullmatch(x.name.removesuffix('.zstd')) for x in files]
-    numbers = {int(match[2]): file for match, file in zip(matches, files) if match}
-    first = min(numbers, default=0)
-    kinds = {(match and match[1], storage_of(x)) for match, x in zip(matches, files)}
-    if len(kinds) > 1 or numbers.keys() != set(range(first, first + len(files))):
+    numbered: dict[int, Path] = {}
+    series: set[tuple[str, str]] = set()
+    for file in files:
+        match = _NUMBERED.fullmatch(file.name.removesuffix('.zstd'))
+        if match:
+            numbered[int(match[2])] = file
+            series.add((match[1], storage_of(file)))
+    first = min(numbered, default=0)
+    is_complete = numbered.keys() == set(range(first, first + len(files)))
+    if len(series) != 1 or not is_complete:
         raise several_recordings(folder, sorted(files))
-    return tuple(numbers[k] for k in sorted(numbers))
+    return tuple(numbered[k] for k in sorted(numbered))
 
 
 def storage_of(file: Path) -> str:
-    """Return the ending of a file, without that of its compression."""
+    """Return a file's ending, without that of its compression."""
     return Path(file.stem).suffix if file.suffix == '.zstd' else file.suffix
 
 
@@ -176,14 +180,16 @@ def check_one_recording(folder: Path, spans: Sequence[FileSpan]) -> None:
     for earlier, later in pairwise(recorded):
         pause = later.start - earlier.end
         if not -_MAX_OVERLAP_NS <= pause <= _MAX_PAUSE_NS:
+            order = 'after' if pause > 0 else 'before'
             raise several_recordings(
-                folder, [x.path for x in spans], f': {later.path.name} begins '
-                f'{abs(seconds(pause)):.3g} s {"after" if pause > 0 else "before"} the end of '
+                folder, [x.path for x in spans],
+                f': {later.path.name} begins {abs(seconds(pause)):.3g} s {order} the end of '
                 f'{earlier.path.name}')
 
 
 def several_recordings(folder: Path, files: Sequence[Path], reason: str = '') -> UnsupportedBag:
     """Return the refusal of a directory with several recordings."""
+    names = shortened([x.name for x in files])
     return UnsupportedBag(
-        f'{folder}: several recordings and no {METADATA}: {shortened([x.name for x in files])}'
-        f'{reason}. Name one of the files, or give each recording a directory of its own')
+        f'{folder}: several recordings and no {METADATA}: {names}{reason}. Name one of the files, '
+        'or give each recording a directory of its own')

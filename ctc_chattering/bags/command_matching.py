@@ -13,7 +13,7 @@
 # limitations under the License.
 
 """
-Matching of recorded commands with the states that they answer.
+Matching of recorded commands with their states.
 
 A command has no stamp, only the time at which it was recorded. `match_commands` is called with the
 columns of a bag, by `bags/reader.py` for runs and `identification/bag_motion.py` for any robot.
@@ -32,7 +32,7 @@ from scipy.ndimage import median_filter  # type: ignore[import-untyped]
 @dataclasses.dataclass(frozen=True)
 class MatchingLimits:
     """
-    Limits within which a command is matched with a state.
+    Limits of matching a command with a state.
 
     Attributes
     ----------
@@ -81,7 +81,7 @@ MATCHING_LIMITS = MatchingLimits()
 
 class Answers(NamedTuple):
     """
-    Commands in the rows of the states that they answer.
+    Commands in the rows of their states.
 
     Attributes
     ----------
@@ -105,7 +105,7 @@ class Answers(NamedTuple):
 
 class _Matches(NamedTuple):
     """
-    Commands in the order of time, each with the number of its state.
+    Commands by time, with the numbers of their states.
 
     Attributes
     ----------
@@ -125,7 +125,7 @@ class _Matches(NamedTuple):
 
 def match_commands(values: Array, times: Indices, stamps: Indices, received: Indices) -> Answers:
     """
-    Return the commands in the rows of the states that they answer.
+    Return the commands in the rows of their states.
 
     A command answers the state that it follows by about the usual time, less than a period.
     Where each sample has one command, they are matched one by one. Single late messages then do
@@ -150,40 +150,49 @@ def match_commands(values: Array, times: Indices, stamps: Indices, received: Ind
 
 
 def _number_states(stamps: Indices) -> Indices:
-    """Return the numbers of the states, shape (N,), including those that were not recorded."""
+    """Return the states' numbers, counting those not recorded, shape (N,)."""
     step = np.diff(stamps)
-    period = float(np.median(step[step > 0])) if (step > 0).any() else 1.0
+    positive = step[step > 0]
+    period = float(np.median(positive)) if len(positive) else 1.0
     counts = np.maximum(np.rint(step / period), 1.0)
     return np.append(0, np.cumsum(counts)).astype(int)
 
 
 def _match(values: Array, times: Indices, stamps: Indices, received: Indices, numbers: Indices
            ) -> _Matches:
-    """Match the commands by their times, and by their count where times are doubtful."""
+    """Match commands by their times, or else their count."""
     limits = MATCHING_LIMITS
     arrival = np.maximum.accumulate(received - received[0])
-    wall_period = max(float(np.median(np.diff(arrival, append=arrival[-1] + 1))), 1.0)
+    wall_step = np.diff(arrival, append=arrival[-1] + 1)
+    wall_period = max(float(np.median(wall_step)), 1.0)
     order = np.argsort(times, kind='stable')
     sent = times[order] - received[0]
-    is_during = (sent > -0.5 * wall_period) & (sent < arrival[-1] + 2.0 * wall_period)
-    values, sent = values[order[is_during]], sent[is_during]
+    is_during = sent > -0.5 * wall_period
+    is_during &= sent < arrival[-1] + 2.0 * wall_period
+    values = values[order[is_during]]
+    sent = sent[is_during]
     is_own_recorder = np.array_equal(received, stamps)  # It logs by stamps.
     if is_own_recorder and len(sent) > len(arrival):
-        repeats = np.append(False, (values[1:] == values[:-1]).all(axis=1))
+        is_equal = (values[1:] == values[:-1]).all(axis=1)
+        repeats = np.append(False, is_equal)
         if len(sent) - len(arrival) == repeats.sum():  # The answers that lockstep repeats.
-            values, sent = values[~repeats], sent[~repeats]
+            values = values[~repeats]
+            sent = sent[~repeats]
     count = np.arange(len(sent))
     if is_own_recorder and len(sent) == len(arrival):
-        offset = np.searchsorted(arrival, sent, side='right') - 1 - count
-        if np.abs(offset).max() <= limits.log_offset_states:
+        last_state = np.searchsorted(arrival, sent, side='right') - 1
+        if np.abs(last_state - count).max() <= limits.log_offset_states:
             return _Matches(values, numbers)
     # The time of each command, in numbers of states.
-    heard = np.interp(sent, np.r_[-wall_period, arrival, arrival[-1] + wall_period],
-                      np.r_[-1, numbers, numbers[-1] + 1])
+    heard = np.interp(
+        sent,
+        np.r_[-wall_period, arrival, arrival[-1] + wall_period],
+        np.r_[-1, numbers, numbers[-1] + 1])
     usual_phase = _usual_phase(heard)
     phase = 0.5 if usual_phase is None else usual_phase
     state = np.floor(heard - phase + 0.5)
-    is_doubtful = np.abs(heard - phase - state) > limits.sure_distance_periods
+    distance = np.abs(heard - phase - state)
+    is_doubtful = distance > limits.sure_distance_periods
     is_doubtful |= np.diff(state, prepend=-np.inf) < 1.0
     doubtful = 1.0 if usual_phase is None else float(is_doubtful.mean())
     if doubtful <= limits.negligible_fraction:
@@ -201,26 +210,33 @@ def _match(values: Array, times: Indices, stamps: Indices, received: Indices, nu
 
 
 def _usual_phase(heard: Array) -> float | None:
-    """Return the usual time of a command after its state [periods]; None without any."""
-    direction = complex(np.exp(2j * np.pi * heard).sum()) / max(len(heard), 1)
-    if abs(direction) <= MATCHING_LIMITS.min_direction_length:
+    """
+    Return the usual delay of a command [periods].
+
+    It is None where commands have no usual delay.
+    """
+    directions = np.exp(2j * np.pi * heard)
+    mean = complex(directions.sum()) / max(len(heard), 1)
+    if abs(mean) <= MATCHING_LIMITS.min_direction_length:
         return None
+    phase = np.angle(mean) / (2.0 * np.pi)
     lead = MATCHING_LIMITS.max_lead_periods
-    return float((np.angle(direction) / (2.0 * np.pi) + lead) % 1.0 - lead)
+    return float((phase + lead) % 1.0 - lead)
 
 
 def _smooth(excess: Array) -> Array:
-    """Return the running median of the numbers of missing commands, shape (M,)."""
+    """Return the running median of missing commands, shape (M,)."""
     window = MATCHING_LIMITS.counting_window
-    ends = (np.median(excess[:window]), np.median(excess[-window:]))
-    padded = np.pad(excess, window, constant_values=ends)
-    smooth: Array = median_filter(padded, 2 * window + 1)[window:-window]
-    return smooth
+    first = np.median(excess[:window])
+    last = np.median(excess[-window:])
+    padded = np.pad(excess, window, constant_values=(first, last))
+    smooth: Array = median_filter(padded, 2 * window + 1)
+    return smooth[window:-window]
 
 
 def _match_batches(values: Array, sent: Indices, arrival: Indices, numbers: Indices) -> _Matches:
     """
-    Match commands that our recorder took in batches, states first.
+    Match commands that were recorded in batches, states first.
 
     It logs by the stamp of the last received state. So no command is logged before the state that
     it answers, and each leaves room for those after it. That limits the number of states without a
@@ -228,10 +244,11 @@ def _match_batches(values: Array, sent: Indices, arrival: Indices, numbers: Indi
     """
     count = np.arange(len(sent))
     next_state = np.searchsorted(arrival, sent, side='right')
-    latest = np.append(numbers, numbers[-1] + 1)[next_state] - 1
-    excess = latest - count
+    next_number = np.append(numbers, numbers[-1] + 1)[next_state]
+    excess = next_number - 1 - count
     window = MATCHING_LIMITS.counting_window
-    first, last = (int(np.median(x)) for x in (excess[:window], excess[-window:]))
+    first = int(np.median(excess[:window]))
+    last = int(np.median(excess[-window:]))
     if first == last:  # No command is missing.
         return _Matches(values, count + first)
     missing = np.minimum.accumulate(excess[::-1])[::-1]
@@ -244,27 +261,31 @@ def _match_batches(values: Array, sent: Indices, arrival: Indices, numbers: Indi
 
 
 def _place(matches: _Matches, numbers: Indices) -> Answers:
-    """Return for each state the mean of its commands, or the last one before."""
+    """Return each state's mean command, or the last before."""
     limits = MATCHING_LIMITS
-    row = np.searchsorted(numbers, matches.state).clip(0, len(numbers) - 1)
+    states = len(numbers)
+    row = np.searchsorted(numbers, matches.state).clip(0, states - 1)
     is_recorded = numbers[row] == matches.state
     row = row[is_recorded]
-    command = np.zeros((len(numbers), matches.values.shape[1]))
-    count = np.bincount(row, minlength=len(numbers))
-    spread = np.zeros(len(numbers))
-    last = np.maximum.accumulate(np.where(count > 0, np.arange(len(numbers)), -1))
+    count = np.bincount(row, minlength=states)
+    is_answered = count > 0
+    last = np.maximum.accumulate(np.where(is_answered, np.arange(states), -1))
+    has_command = last >= 0
     age = numbers - numbers[last]
-    usual_age = float(np.percentile(age[last >= 0], 90.0)) if (last >= 0).any() else 0.0
+    usual_age = float(np.percentile(age[has_command], 90.0)) if is_answered.any() else 0.0
     oldest = min(limits.max_hold_periods, 2.0 * usual_age + limits.extra_hold_periods)
-    is_known = (last >= 0) & (age <= oldest)
+    is_known = has_command & (age <= oldest)
+    command = np.zeros((states, matches.values.shape[1]))
+    spread = np.zeros(states)
     # Joint by joint, for long series.
     for mean, column in zip(command.T, matches.values.T):
-        np.add.at(mean, row, column[is_recorded])
+        answers = column[is_recorded]
+        np.add.at(mean, row, answers)
         mean /= np.maximum(count, 1)
-        np.maximum.at(spread, row, np.abs(column[is_recorded] - mean[row]))
+        np.maximum.at(spread, row, np.abs(answers - mean[row]))
         mean[:] = np.where(is_known, mean[last], np.nan)
     mean_age = float(age[is_known].mean()) if is_known.any() else 0.0
     if mean_age <= limits.negligible_fraction:
         mean_age = 0.0
     late = (-matches.doubtful - mean_age, matches.doubtful)
-    return Answers(command, late, (count > 0) & (spread < limits.equal_nm))
+    return Answers(command, late, is_answered & (spread < limits.equal_nm))

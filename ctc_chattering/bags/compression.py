@@ -13,7 +13,7 @@
 # limitations under the License.
 
 """
-Unpacking of compressed chunks, messages and files, up to a limit.
+Unpacking of chunks, messages and files, with a limit.
 
 A few hostile bytes may unpack to more than the memory. `mcap_file.py` and `bag.py` unpack here.
 """
@@ -63,7 +63,11 @@ def unpack(data: bytes, compression: str) -> bytes:
 
 
 def unpack_file(source: Path, target: Path) -> Path:
-    """Unpack a file of zstd; return it. Raise `CtcError` if it is more than is allowed."""
+    """
+    Unpack a file of zstd; return the target.
+
+    More than is allowed raises `CtcError`.
+    """
     limit = MAX_UNPACKED_BYTES + _MAX_FILE_RATIO * source.stat().st_size
     with source.open('rb') as packed, target.open('wb') as content, (
             zstandard.ZstdDecompressor().stream_reader(packed, read_across_frames=True)) as stream:

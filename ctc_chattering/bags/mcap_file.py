@@ -13,7 +13,7 @@
 # limitations under the License.
 
 """
-Reading an MCAP file of any recorder: topics, and messages in the order of their log times.
+Reading topics and messages of an MCAP file.
 
 `bag.py` opens each MCAP file of a bag as an `McapFile`. Names are those of the MCAP specification.
 Messages of any encoding are bytes here. Chunks are unpacked by `compression.py`, since `mcap`
@@ -97,7 +97,7 @@ class _Block(NamedTuple):
 
 def unpack_chunk(record: bytes) -> tuple[Chunk, bytes]:
     """
-    Return a chunk and the records in it, from the content of its own record.
+    Unpack the content of a chunk's record.
 
     Raises
     ------
@@ -108,7 +108,8 @@ def unpack_chunk(record: bytes) -> tuple[Chunk, bytes]:
     stream = ReadDataStream(BytesIO(record))
     chunk: Chunk = Chunk.read(stream)
     content = unpack(chunk.data, chunk.compression)
-    if (stream.count, len(content)) != (len(record), chunk.uncompressed_size):
+    has_its_size = stream.count == len(record) and len(content) == chunk.uncompressed_size
+    if not has_its_size:
         raise CtcError(f'a chunk of {chunk.uncompressed_size} bytes has another size')
     if chunk.uncompressed_crc not in (0, zlib.crc32(content)):
         raise CtcError('a chunk has a wrong checksum')
@@ -116,14 +117,19 @@ def unpack_chunk(record: bytes) -> tuple[Chunk, bytes]:
 
 
 def map_file(path: Path) -> Any:
-    """Return the bytes of a file, which are read where they are used."""
+    """Map a file into memory."""
     with path.open('rb') as stream:
-        return mmap.mmap(
-            stream.fileno(), 0, access=mmap.ACCESS_READ) if path.stat().st_size else b''
+        if not path.stat().st_size:
+            return b''
+        return mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ)
 
 
 def read_summary(data: Any) -> Summary:
-    """Return the summary section, empty without any; raise `CtcError` if it is damaged."""
+    """
+    Return the summary section, or an empty one.
+
+    A damaged one raises `CtcError`.
+    """
     if data[-len(MAGIC):] != MAGIC:
         raise CtcError('the file is cut off')
     footer = len(data) - _FOOTER.size
@@ -134,8 +140,8 @@ def read_summary(data: Any) -> Summary:
     return SeekingReader(data).get_summary() or Summary()
 
 
-def _records(data: Any, begin: int, end: int) -> Iterator[tuple[Any, ...]]:
-    """Yield the opcode of each record, and where its content begins and ends."""
+def _records(data: Any, begin: int, end: int) -> Iterator[tuple[int, int, int]]:
+    """Yield opcode, begin and end of each record's content."""
     while begin < end:
         opcode, length = RECORD.unpack_from(data, begin)
         content = begin + RECORD.size
@@ -193,17 +199,21 @@ class McapFile:
 
     @property
     def message_count(self) -> int:
-        """Number of all messages."""
+        """Return the number of all messages."""
         return self.counts.total()
 
     @property
     def connections(self) -> list[Connection]:
-        """Topics of the file, as `rosbags` has them; the id is the number of the channel."""
-        return [self._connection(number, channel) for number, channel in self.channels.items()]
+        """Topics of the file; ids are numbers of channels."""
+        return [self._connection(x) for x in self.channels.values()]
 
     def messages(self, connections: Collection[Connection]
                  ) -> Iterator[tuple[Connection, int, bytes]]:
-        """Yield connection, log time [ns] and data of some topics, in the order of log times."""
+        """
+        Yield messages of some topics in the order of log times.
+
+        Each comes with its connection and log time [ns].
+        """
         topics = {x.id: x for x in connections}
         waiting: list[_Message] = []
         for block in self._blocks:
@@ -217,10 +227,15 @@ class McapFile:
         yield from ((topics[number], t, data) for t, number, data in waiting)
 
     def _find_blocks(self, chunk_indexes: Collection[ChunkIndex]) -> list[_Block]:
-        """Return the blocks of the file; raise `CtcError` if an indexed chunk is not there."""
+        """
+        Return the blocks of the file.
+
+        An indexed chunk that is not there raises `CtcError`.
+        """
         missing = {x.chunk_start_offset for x in chunk_indexes}
         blocks: list[_Block] = []
-        for opcode, begin, end in _records(self._data, len(MAGIC), len(self._data) - len(MAGIC)):
+        file_end = len(self._data) - len(MAGIC)
+        for opcode, begin, end in _records(self._data, len(MAGIC), file_end):
             record = begin - RECORD.size
             if opcode == Opcode.CHUNK:
                 missing.discard(record)
@@ -237,8 +252,14 @@ class McapFile:
         return blocks
 
     def _describe(self, block: _Block) -> _Block:
-        """Take topics and counts from a block; return it with its channels and first log time."""
-        content, times, counts = self._content(block), [], Counter[int]()
+        """
+        Return a block with its channels and first log time.
+
+        Topics and counts of the file are updated.
+        """
+        content = self._content(block)
+        times: list[int] = []
+        counts: Counter[int] = Counter()
         self._data.madvise(mmap.MADV_DONTNEED)  # Otherwise the file stays in memory.
         for opcode, begin, end in _records(content, 0, len(content)):
             if opcode == Opcode.MESSAGE:
@@ -253,14 +274,15 @@ class McapFile:
                 channel = Channel.read(ReadDataStream(BytesIO(content[begin:end])))
                 if self.channels.setdefault(channel.id, channel) != channel:
                     raise CtcError(f'channel {channel.id} is described in two ways')
-        start, last = min(times, default=2 ** 63 - 1), max(times, default=-1)
+        start = min(times, default=2 ** 63 - 1)
+        last = max(times, default=-1)
         self.counts += counts
         self.start_time = min(self.start_time, start)
         self.end_time = max(self.end_time, last + 1)
         return block._replace(start=start, channels=counts.keys())
 
     def _check_counts(self, statistics: Statistics) -> None:
-        """Raise `CtcError` if the statistics count other messages than the file has."""
+        """Raise `CtcError` if the statistics count other messages."""
         if self.message_count != statistics.message_count:
             raise CtcError(f'{self.message_count} messages, {statistics.message_count} according '
                            'to its index')
@@ -272,7 +294,7 @@ class McapFile:
         data: bytes = self._data[block.begin:block.end]
         return unpack_chunk(data)[1] if block.is_chunk else data
 
-    def _connection(self, number: int, channel: Channel) -> Connection:
+    def _connection(self, channel: Channel) -> Connection:
         """Return a topic as `rosbags` has it."""
         schema = self.schemas.get(channel.schema_id, NO_SCHEMA)
         form = _DEFINITIONS.get(schema.encoding, MessageDefinitionFormat.NONE)
@@ -282,12 +304,13 @@ class McapFile:
         with suppress(Exception):  # Arbitrary text; it matters for replay only.
             profiles = parse_qos(channel.metadata[QOS])
         return Connection(
-            number, channel.topic, schema.name, MessageDefinition(form, text), '',
-            self.counts[number], ConnectionExtRosbag2(channel.message_encoding, profiles), self)
+            channel.id, channel.topic, schema.name, MessageDefinition(form, text), '',
+            self.counts[channel.id],
+            ConnectionExtRosbag2(channel.message_encoding, profiles), self)
 
 
 def _messages(content: bytes, channels: Collection[int]) -> Iterator[_Message]:
-    """Yield the messages of some channels among records, in their order."""
+    """Yield the messages of some channels among records."""
     for opcode, begin, end in _records(content, 0, len(content)):
         if opcode == Opcode.MESSAGE:
             number, _, t, _ = _MESSAGE.unpack_from(content, begin)

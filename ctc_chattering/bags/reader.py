@@ -31,7 +31,7 @@ from typing import Any
 from ctc_chattering.analysis.result import Replay, ReplayVerdict, Result
 from ctc_chattering.analysis.signals import PARTS, SignalOrigin
 from ctc_chattering.bags.bag import Bag
-from ctc_chattering.bags.bag_files import ENDINGS, METADATA
+from ctc_chattering.bags.bag_files import METADATA
 from ctc_chattering.bags.recorded_law import (
     answers_to_states,
     is_one_to_one,
@@ -56,15 +56,16 @@ from ctc_chattering.simulation.plant_config import PlantConfig
 import numpy as np
 
 #: Endings of the names of a bag's files.
-_FILE_ENDINGS = (METADATA, *ENDINGS, *(f'{ending}.zstd' for ending in ENDINGS))
+_FILE_ENDINGS = (METADATA, '.mcap', '.db3', '.mcap.zstd', '.db3.zstd')
 #: Topics of what the controller publishes of every Nth sample.
 _TRACKING = f'controller/{topics.TRACKING}'
 _FILTER = f'controller/{topics.FILTER}'
 _TORQUES = f'controller/{topics.TORQUES}'
 
 
-def read_bag(path: str | Path, model: str | type = '', law: str | type = '',
-             switching: str | type = '') -> Result:
+def read_bag(
+        path: str | Path, model: str | type = '', law: str | type = '',
+        switching: str | type = '') -> Result:
     """
     Return the run in a bag.
 
@@ -96,18 +97,22 @@ def read_bag(path: str | Path, model: str | type = '', law: str | type = '',
 
 def find_bags(directory: Path) -> list[Path]:
     """
-    Return the bags below a directory, sorted; none if it is a bag itself, or a file.
+    Return the bags below a directory, sorted.
+
+    A bag itself, or a file, has none.
 
     Damaged bags that `ctc repair` has kept are left out.
     """
     bags = {x.parent for x in directory.rglob('*')
             if x.name.endswith(_FILE_ENDINGS) and x.is_file()}
-    return [] if directory in bags else sorted(x for x in bags if x.suffix != '.damaged')
+    if directory in bags:
+        return []
+    return sorted(x for x in bags if x.suffix != '.damaged')
 
 
-def _read_run(bag: Bag, own: Mapping[str, object]) -> Result:
-    """Return the run; `own` stands in the place of classes that the bag names."""
-    history = _read_configs(bag, own)
+def _read_run(bag: Bag, replacements: Mapping[str, object]) -> Result:
+    """Return the run; user classes replace those that the bag names."""
+    history = _read_configs(bag, replacements)
     since, config = history[0]
     period = period_ns(config.control_period)
     signals = _read_signals(bag, config.joint_names)
@@ -115,11 +120,12 @@ def _read_run(bag: Bag, own: Mapping[str, object]) -> Result:
     start = reference.start
     states = _order(bag, signals[topics.JOINT_STATES], since, period)
     # A recorder that is started during a run receives states before the first reference.
-    states = states.select(slice(int(np.searchsorted(states.stamps, start)), None))
+    first = int(np.searchsorted(states.stamps, start))
+    states = states.select(slice(first, None))
     if not len(reference.t) or not len(states.stamps):
         raise CtcError(f'{bag.path}: no {topics.REFERENCE} for the states')
-    configs = [(seconds(instant - start), x) for instant, x in _select_in_force(
-        history, int(states.stamps[0]), int(states.stamps[-1]))]
+    history = _select_in_force(history, int(states.stamps[0]), int(states.stamps[-1]))
+    configs = [(seconds(instant - start), x) for instant, x in history]
     config = configs[0][1]
     description = bag.description()
     model = model_of(config, description)
@@ -135,20 +141,24 @@ def _read_run(bag: Bag, own: Mapping[str, object]) -> Result:
     commands = signals[topics.COMMANDS]
     published = published_terms(signals[_TORQUES], signals[_FILTER], start)
     tau = answers_to_states(commands, published, states, t)
-    run = Run(t, q, dq, q_d, dq_d, ddq_d, tau, np.zeros_like(q))
+    unknown = np.full_like(q, np.nan)
+    run = Run(t, q, dq, q_d, dq_d, ddq_d, tau, v=unknown)
 
-    torque, replay, law_terms = None, Replay(ReplayVerdict.NOT_ONE_TO_ONE), None
+    torque = None
+    replay = Replay(ReplayVerdict.NOT_ONE_TO_ONE)
+    law_terms = None
     if is_one_to_one(tau):
-        delays = range(1, config.input_delay + 1)
-        ahead = [reference.at(states.stamps + k * period) for k in delays]
-        replay, law_terms = replay_law(
-            run, configs, model, published,
-            np.stack(ahead, axis=1) if ahead else np.zeros((len(t), 0)))
+        # What is desired at the samples of the delay, and at the states themselves.
+        steps = np.arange(1 + config.input_delay)
+        instants = states.stamps[:, np.newaxis] + period * steps
+        points = reference.at(instants.ravel())
+        ahead = points.reshape(*instants.shape, 3, -1)[:, 1:]
+        replay, law_terms = replay_law(run, configs, model, published, ahead)
     else:
         torque = received_torques(commands, published, states, start)
     law_terms = law_terms or published
     run = dataclasses.replace(run, v=rows_at(t, law_terms.t, law_terms.v))
-    plants = bag.parameters('plant', PlantConfig, {'friction_model': '', **own})
+    plants = bag.parameters('plant', PlantConfig, {'friction_model': '', **replacements})
     experiment = plants[0][1].experiment if plants else ''
     return Result(
         experiment or bag.path.name, configs, run, law_terms, description,
@@ -157,13 +167,14 @@ def _read_run(bag: Bag, own: Mapping[str, object]) -> Result:
         off_reference=_find_off_reference(signals[_TRACKING], reference, period))
 
 
-def _read_configs(bag: Bag, own: Mapping[str, object]) -> list[tuple[int, ControllerConfig]]:
-    """Return the configurations of the controller, each with the time [ns] of its beginning."""
+def _read_configs(bag: Bag, replacements: Mapping[str, object]
+                  ) -> list[tuple[int, ControllerConfig]]:
+    """Return the controller's configurations and their times [ns]."""
     if len(bag.namespaces) > 1:
         raise CtcError(f'{bag.path}: runs of several robots: '
                        f'{", ".join(f"{x}/controller" for x in bag.namespaces)}; copy the topics '
                        'of one of them by rosbags-convert --include-topic, or record one')
-    history = bag.parameters('controller', ControllerConfig, own)
+    history = bag.parameters('controller', ControllerConfig, replacements)
     if not history:
         raise CtcError(f'{bag.path}: not a bag of this package: no message on '
                        f'controller/{topics.PARAMETERS}')
@@ -172,20 +183,26 @@ def _read_configs(bag: Bag, own: Mapping[str, object]) -> list[tuple[int, Contro
 
 def _select_in_force(history: Sequence[tuple[int, Any]], first: int, last: int
                      ) -> list[tuple[int, Any]]:
-    """Return the configurations that were in force from one instant to another [ns]."""
+    """Return the configurations in force between two instants [ns]."""
     begins = sum(instant <= first for instant, _ in history[1:])
-    return [item for item in history[begins:] if item[0] <= max(last, history[begins][0])]
+    initial, *changes = history[begins:]
+    return [initial, *(item for item in changes if item[0] <= last)]
 
 
 def _read_signals(bag: Bag, joints: tuple[str, ...]) -> dict[str, Signal]:
-    """Return the signals of some joints by topic, of messages in which all values are finite."""
+    """
+    Return the joints' signals by topic.
+
+    Messages with values that are not finite are left out.
+    """
     terms = [f'{joint}/{term}' for term in (*PARTS, 'commanded') for joint in joints]
+    desired = tuple(f'{joint}/desired' for joint in joints)
     columns = {
         topics.JOINT_STATES: (JOINT_STATE, ('position', 'velocity'), joints),
         topics.COMMANDS: (MULTI_ARRAY, ('data',), joints),
         _TORQUES: (JOINT_STATE, ('effort',), (*terms, 'V')),
         _FILTER: (JOINT_STATE, ('velocity',), joints),
-        _TRACKING: (JOINT_STATE, ('position',), tuple(f'{x}/desired' for x in joints))}
+        _TRACKING: (JOINT_STATE, ('position',), desired)}
     signals = {}
     for name, (message_type, fields, names) in columns.items():
         connections = tuple(x for x in bag.named(name) if x.msgtype == message_type)
@@ -195,21 +212,23 @@ def _read_signals(bag: Bag, joints: tuple[str, ...]) -> dict[str, Signal]:
 
 
 def _order(bag: Bag, states: Signal, since: int, period: int) -> Signal:
-    """Return the states from time `since` [ns] on, in order; raise `CtcError` without any."""
+    """Return the states from `since` [ns] on, in order."""
     states = states.select(states.stamps >= since)
     if not len(states.stamps):
         raise CtcError(f'{bag.path}: no state on {topics.JOINT_STATES} that was answered')
     if len(states.stamps) < 3:
         return states
+    name = f'{bag.path}: {topics.JOINT_STATES}'
     t = (states.stamps - since) / NANOSECONDS
-    return states.select(order_states(
-        f'{bag.path}: {topics.JOINT_STATES}', t, *states.values, period=period / NANOSECONDS))
+    return states.select(order_states(name, t, *states.values, period=seconds(period)))
 
 
 def _find_off_reference(tracking: Signal, reference: RecordedReference, period: int
                         ) -> tuple[float, float] | None:
     """
-    Return when the controller did not follow the reference, first and last time [s].
+    Return when the controller left the reference.
+
+    These are the first and last time [s].
 
     The controller takes states at its samples. So its desired position differs from the reference
     at the stamp of a state by no more than the reference moves in a period.
@@ -218,18 +237,21 @@ def _find_off_reference(tracking: Signal, reference: RecordedReference, period: 
     position, velocity, acceleration = reference.at(tracking.stamps).transpose(1, 0, 2)
     h = seconds(period)
     allowed = h * (np.abs(velocity) + h * np.abs(acceleration)) + ROUNDING
-    differs = (np.abs(tracking.values[0] - position) > allowed).any(axis=1)
-    times = (tracking.stamps[differs] - reference.start) / NANOSECONDS
-    return (float(times[0]), float(times[-1])) if len(times) else None
+    difference = np.abs(tracking.values[0] - position)
+    is_off = (difference > allowed).any(axis=1)
+    if not is_off.any():
+        return None
+    times = (tracking.stamps[is_off] - reference.start) / NANOSECONDS
+    return float(times[0]), float(times[-1])
 
 
 def _source_topics(terms_origin: SignalOrigin, has_commands: bool) -> dict[str, str]:
-    """Return the topics that each signal is taken or computed from."""
+    """Return the topics behind each signal."""
     states = topics.JOINT_STATES
     states_and_reference = f'{states}, {topics.REFERENCE}'
     is_computed = terms_origin is SignalOrigin.COMPUTED
-    parts = states_and_reference if is_computed else _TORQUES
+    term_topics = states_and_reference if is_computed else _TORQUES
     return {'q': states, 'dq': states, 'q_d': states_and_reference, 'e': states_and_reference,
             'torque': topics.COMMANDS if has_commands else _TORQUES,
             'v': states_and_reference if is_computed else _FILTER,
-            **dict.fromkeys((*PARTS, 'V'), parts)}
+            **dict.fromkeys((*PARTS, 'V'), term_topics)}

@@ -50,7 +50,9 @@ _UNANSWERED_STATES = 2
 
 def published_terms(torques: Signal, filtered: Signal, start: int) -> RunTerms:
     """
-    Return the terms that the controller published, nan where one is unknown.
+    Return the terms that the controller published.
+
+    A term is nan where it is unknown.
 
     Parameters
     ----------
@@ -67,23 +69,39 @@ def published_terms(torques: Signal, filtered: Signal, start: int) -> RunTerms:
     stamps = stamps[stamps >= start]
     columns = rows_at(stamps, torques.stamps, torques.values[0])
     v = rows_at(stamps, filtered.stamps, filtered.values[0])
+    n = v.shape[1]
     nominal, compensation, robust, tau, energy = np.split(
-        columns, v.shape[1] * np.arange(1, len(PARTS) + 2), axis=1)
-    return RunTerms((stamps - start) / NANOSECONDS, tau, nominal, -compensation, -robust, v,
-                    energy[:, 0], _origin(stamps))
+        columns, [n, 2 * n, 3 * n, 4 * n], axis=1)
+    return RunTerms(
+        (stamps - start) / NANOSECONDS,
+        tau=tau,
+        nominal=nominal,
+        compensation=-compensation,
+        robust=-robust,
+        v=v,
+        lyapunov=energy[:, 0],
+        origin=_origin(stamps))
 
 
 def rows_at(times: Array | Instants, sample_times: Array | Instants, values: Array) -> Array:
-    """Return the samples at some times, a row for each; nan where there is none."""
-    rows = np.full((len(times), *values.shape[1:]), np.nan)
+    """
+    Return the samples at some times.
+
+    A row for each time, nan without a sample.
+    """
+    shape = (len(times), *values.shape[1:])
+    rows = np.full(shape, np.nan)
     _, row, sample = np.intersect1d(times, sample_times, return_indices=True)
     rows[row] = values[sample]
     return rows
 
 
-def answers_to_states(commands: Signal, published: RunTerms, states: Signal, t: Array) -> Array:
+def answers_to_states(
+        commands: Signal, published: RunTerms, states: Signal, t: Array) -> Array:
     """
-    Return the torque that answers each state, shape (N, n) [N·m]; nan where it is unknown.
+    Return the torque that answers each state.
+
+    Its shape is (N, n) [N·m]; it is nan where it is unknown.
 
     Commands stand where `match_commands` is sure of them. They do not stand next to one that
     differs from the torque published with the stamp of its state.
@@ -100,12 +118,14 @@ def answers_to_states(commands: Signal, published: RunTerms, states: Signal, t: 
         Times of the states [s].
 
     """
-    answers = match_commands(commands.values[0], commands.logged, states.stamps, states.logged)
+    answers = match_commands(
+        commands.values[0], commands.logged, states.stamps, states.logged)
     is_certain = answers.is_own & (answers.late[1] == 0.0)
     tau = np.where(is_certain[:, np.newaxis], answers.command, np.nan)
     stamped = rows_at(t, published.t, published.tau)
     is_stamped = np.isfinite(stamped).all(axis=1)
-    differs = (np.abs(tau - stamped)[is_stamped] > 0.0).any(axis=1)
+    difference = np.abs(tau - stamped)[is_stamped]
+    differs = (difference > 0.0).any(axis=1)
     next_stamped = np.cumsum(is_stamped) - is_stamped
     is_doubtful = np.append(differs, False)[next_stamped]
     is_doubtful |= np.append(False, differs)[next_stamped]
@@ -115,20 +135,25 @@ def answers_to_states(commands: Signal, published: RunTerms, states: Signal, t: 
 
 
 def is_one_to_one(tau: Array) -> bool:
-    """Return whether each state has a torque that answers it, except for the last ones."""
-    unknown = np.flatnonzero(~np.isfinite(tau).all(axis=1))
-    return len(unknown) < len(tau) and not (unknown < len(tau) - _UNANSWERED_STATES).any()
+    """Return whether each state but the last has its torque."""
+    is_known = np.asarray(np.isfinite(tau).all(axis=1))
+    return bool(is_known.any() and is_known[:-_UNANSWERED_STATES].all())
 
 
 def received_torques(commands: Signal, published: RunTerms, states: Signal, start: int) -> Series:
-    """Return the torques sent, when they were received; without any, those published."""
+    """
+    Return the torques by the times of their reception.
+
+    Without commands, those published are returned.
+    """
     if not len(commands.logged):
         is_known = np.isfinite(published.tau).all(axis=1)
         t = published.t[is_known]
         return Series(t, published.tau[is_known], _origin(t))
     t = _reception_times(commands.logged, states, start)
+    begin = (states.stamps[0] - start) / NANOSECONDS
     order = np.argsort(t, kind='stable')
-    order = order[t[order] >= (states.stamps[0] - start) / NANOSECONDS]
+    order = order[t[order] >= begin]
     return Series(t[order], commands.values[0][order], _origin(order), received=True)
 
 
@@ -139,7 +164,7 @@ def _origin(samples: Sequence[object] | Array | Instants) -> SignalOrigin:
 
 def _reception_times(logged: Instants, states: Signal, start: int) -> Array:
     """
-    Return when messages were received, on the clock of the states' stamps, shape (M,) [s].
+    Return reception times on the stamps' clock, shape (M,) [s].
 
     A message that was received between two states stands between their stamps, whatever clock the
     recorder has.
@@ -147,28 +172,36 @@ def _reception_times(logged: Instants, states: Signal, start: int) -> Array:
     received = np.maximum.accumulate(states.logged - states.logged[0])
     since = logged - states.logged[0]
     between = np.interp(since, received, states.stamps - start)
-    beyond = np.maximum(since - received[-1], 0) + np.minimum(since, 0)
-    times: Array = (between + beyond) / NANOSECONDS
+    earlier = np.minimum(since, 0)
+    later = np.maximum(since - received[-1], 0)
+    times: Array = (between + (later + earlier)) / NANOSECONDS
     return times
 
 
 def replay_law(run: Run, configs: Sequence[tuple[float, ControllerConfig]], model: Model,
                published: RunTerms, ahead: Array) -> tuple[Replay, RunTerms | None]:
-    """Return the terms of the law over all states, if they are all that was recorded of them."""
+    """
+    Recompute the law over all states.
+
+    Its terms are returned if they agree with all that was recorded.
+    """
     if len(run.t) > MAX_REPLAYED_SAMPLES:
         return Replay(ReplayVerdict.TOO_LONG), None
     computed = terms(run, configs, model, ahead)
-    agrees = _agree(computed.tau, run.tau) and all(
-        _agree(getattr(computed, name), rows_at(run.t, published.t, getattr(published, name)))
-        for name in (*PARTS, 'tau', 'v', 'lyapunov'))
+    agrees = _agree(computed.tau, run.tau)
+    for name in (*PARTS, 'tau', 'v', 'lyapunov'):
+        recorded = rows_at(run.t, published.t, getattr(published, name))
+        agrees = agrees and _agree(getattr(computed, name), recorded)
     if agrees:
         return Replay(ReplayVerdict.EXACT), computed
-    difference = np.sqrt(np.nanmean(np.square(computed.tau - run.tau), axis=0))
+    squares = np.square(computed.tau - run.tau)
+    difference = np.sqrt(np.nanmean(squares, axis=0))
     return Replay(ReplayVerdict.OTHER_TORQUES, tuple(difference.tolist())), None
 
 
 def _agree(computed: Array, recorded: Array) -> bool:
-    """Return whether values are those recorded, where they are known, except for rounding."""
+    """Return whether values are the recorded ones, except for rounding."""
     is_known = np.isfinite(recorded)
     largest = float(np.abs(recorded[is_known]).max(initial=_SMALLEST_TERM))
-    return bool((np.abs(computed - recorded)[is_known] <= ROUNDING * largest).all())
+    difference = np.abs(computed - recorded)[is_known]
+    return bool((difference <= ROUNDING * largest).all())

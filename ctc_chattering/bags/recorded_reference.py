@@ -37,7 +37,9 @@ import numpy as np
 
 class RecordedReference(NamedTuple):
     """
-    Points of the reference, as `trajectory.buffer.Trajectory` has them at the end.
+    Points of the reference.
+
+    They are those that `trajectory.buffer.Trajectory` has at the end.
 
     Attributes
     ----------
@@ -55,17 +57,20 @@ class RecordedReference(NamedTuple):
     points: Array
 
     def with_turns(self, continuous: Sequence[bool]) -> RecordedReference:
-        """Return it with positions of endless joints that follow each other by (AN1)."""
+        """Return it with counted turns of endless joints, by (AN1)."""
         if not any(continuous) or not len(self.t):
             return self
         points = self.points.copy()
         seconds = (self.t - self.t[0]) / NANOSECONDS
-        points[:, 0] = unwrapped(seconds, points[:, 0], points[:, 1], continuous)
+        q, dq = points[:, 0], points[:, 1]
+        points[:, 0] = unwrapped(seconds, q, dq, continuous)
         return self._replace(points=points)
 
     def at(self, instants: Instants) -> Array:
         """
-        Return the points at instants from the first one on, shape (N, 3, n).
+        Return the points at some instants, shape (N, 3, n).
+
+        No instant may be earlier than the first point.
 
         On a point it is that point, to the last bit. Between two points it is the quintic that
         meets both. After the last one it rests.
@@ -77,19 +82,25 @@ class RecordedReference(NamedTuple):
         points[is_between & (second == first), 1:] = 0.0
         rows = np.flatnonzero(is_between & (second > first))
         if len(rows):
-            begin, end = self.t[first[rows]], self.t[second[rows]]
-            span: Any = ((end - begin) / NANOSECONDS)[:, np.newaxis]
-            share = ((instants[rows] - begin) / NANOSECONDS)[:, np.newaxis] / span
-            ends = (self.points[k[rows], i] for k in (first, second) for i in range(3))
-            points[rows] = np.stack(quintic(share, span, *ends), axis=1)
+            first, second = first[rows], second[rows]
+            begin = self.t[first]
+            span: Any = (self.t[second] - begin)[:, np.newaxis] / NANOSECONDS
+            since = (instants[rows] - begin)[:, np.newaxis] / NANOSECONDS
+            ends = [*self.points[first].swapaxes(0, 1), *self.points[second].swapaxes(0, 1)]
+            points[rows] = np.stack(quintic(since / span, span, *ends), axis=1)
         return points
 
 
 def read_reference(bag: Bag, joints: tuple[str, ...]) -> RecordedReference:
-    """Return the reference of some joints; chunks that the controller refuses are left out."""
+    """
+    Return the recorded reference of some joints.
+
+    Chunks that the controller refuses are left out.
+    """
     chunks: list[tuple[Instants, Array]] = []
     start = 0
-    connections = [x for x in bag.named(REFERENCE) if x.msgtype == TOPICS[REFERENCE].kind]
+    message_type = TOPICS[REFERENCE].kind
+    connections = [x for x in bag.named(REFERENCE) if x.msgtype == message_type]
     for _, message in bag.read(connections):
         try:
             t, points = _read_chunk(message, joints)
@@ -100,12 +111,13 @@ def read_reference(bag: Bag, joints: tuple[str, ...]) -> RecordedReference:
         start = start if chunks else int(t[0])
         _extend(chunks, t, points)
     if not chunks:
-        return RecordedReference(0, np.zeros(0, np.int64), np.zeros((0, 3, len(joints))))
+        no_points = np.zeros((0, 3, len(joints)))
+        return RecordedReference(0, np.zeros(0, np.int64), no_points)
     return RecordedReference(start, *map(np.concatenate, zip(*chunks)))
 
 
 def _extend(chunks: list[tuple[Instants, Array]], t: Instants, points: Array) -> None:
-    """Add a chunk, which replaces all points from its first instant on."""
+    """Add a chunk; it replaces all later points."""
     while chunks and chunks[-1][0][-1] >= t[0]:
         old_t, old_points = chunks.pop()
         count = int(np.searchsorted(old_t, t[0]))
@@ -115,9 +127,20 @@ def _extend(chunks: list[tuple[Instants, Array]], t: Instants, points: Array) ->
 
 
 def _read_chunk(message: Any, joints: tuple[str, ...]) -> tuple[Instants, Array]:
-    """Return instants and points of a message; raise `RejectedMessage` for other joints."""
+    """
+    Return instants and points of a message.
+
+    A message of other joints raises `RejectedMessage`.
+    """
     first = nanoseconds(message.header.stamp)
-    rows = [select(joints, message.joint_names, x.positions.tolist(), x.velocities.tolist(),
-                   x.accelerations.tolist()) for x in message.points]
-    times = [first + nanoseconds(x.time_from_start) for x in message.points]
-    return np.array(times, np.int64), np.array(rows, float).reshape(-1, 3, len(joints))
+    times, rows = [], []
+    for point in message.points:
+        times.append(first + nanoseconds(point.time_from_start))
+        rows.append(select(
+            joints,
+            message.joint_names,
+            point.positions.tolist(),
+            point.velocities.tolist(),
+            point.accelerations.tolist()))
+    points = np.array(rows, float).reshape(-1, 3, len(joints))
+    return np.array(times, np.int64), points

@@ -120,7 +120,7 @@ def open_bag(path: Path) -> Bag:
 
 def repair(path: str | Path) -> Repaired | None:
     """
-    Replace each damaged file of a bag by one with all messages of its whole chunks.
+    Replace damaged files by the messages in whole chunks.
 
     Parameters
     ----------
@@ -144,10 +144,11 @@ def repair(path: str | Path) -> Repaired | None:
     damage = _find_damage(path)
     if damage is None and not _lacks_metadata(path):
         return None
-    if damage is not None and path.is_dir() and not any(path.glob('*.mcap')):
+    has_mcap = path.is_file() or any(path.glob('*.mcap'))
+    if damage is not None and not has_mcap:
         raise damage
     files = _list_damaged_files(path)
-    if damage is not None and any(file.suffix != '.mcap' for file in files):
+    if damage is not None and {file.suffix for file in files} != {'.mcap'}:
         raise damage
     folder = path if path.is_dir() else path.parent
     try:
@@ -158,7 +159,7 @@ def repair(path: str | Path) -> Repaired | None:
 
 
 def _replace_damaged(path: Path, files: tuple[Path, ...], scratch: Path) -> Repaired:
-    """Replace the damaged files of a bag, and its metadata, by way of a scratch directory."""
+    """Replace damaged files and metadata by way of `scratch`."""
     new = {file: scratch / file.name for file in files if _find_damage(file)}
     recovered = sum(recover(file, version) for file, version in new.items())
     if len(new) == len(files) and not recovered:
@@ -172,7 +173,7 @@ def _replace_damaged(path: Path, files: tuple[Path, ...], scratch: Path) -> Repa
 
 def recover(file: Path, target: Path) -> int:
     """
-    Write the messages in whole chunks of an MCAP file into a new one; return their number.
+    Copy the messages in whole chunks; return their number.
 
     Every message, channel and definition is the same to the byte, whatever its format.
     """
@@ -198,7 +199,7 @@ def recover(file: Path, target: Path) -> int:
 
 def _find_damage(path: Path) -> DamagedBag | None:
     """
-    Return the damage of a bag, or of a file of one, read to its end; None without any.
+    Read a bag to its end; return its damage.
 
     Raises
     ------
@@ -216,17 +217,18 @@ def _find_damage(path: Path) -> DamagedBag | None:
 
 
 def _lacks_metadata(path: Path) -> bool:
-    """Return whether a directory of MCAP files has no metadata, which other tools need."""
+    """Return whether a directory of MCAP files lacks metadata."""
     return path.is_dir() and not (path / METADATA).exists() and any(path.glob('*.mcap'))
 
 
 def _list_damaged_files(path: Path) -> tuple[Path, ...]:
-    """Return the files of a damaged bag: those in its metadata, or one recording."""
+    """Return the files of a damaged bag."""
     if not path.is_dir():
         return (path,)
     named: tuple[Path, ...] = ()
     with suppress(Exception):  # Damaged metadata may raise any exception.
-        named = tuple(x for x in named_files(path, read_metadata(path)) if x.is_file())
+        metadata = read_metadata(path)
+        named = tuple(x for x in named_files(path, metadata) if x.is_file())
     if named:
         return named
     files = find_recording(path)
@@ -235,14 +237,15 @@ def _list_damaged_files(path: Path) -> tuple[Path, ...]:
 
 
 def _span(file: Path) -> FileSpan:
-    """Return the log times of the messages in whole chunks of a file."""
+    """Return the log times in whole chunks of a file."""
     times = [message.log_time for _, _, message in _recover_messages(file)]
-    return FileSpan(file, min(times, default=0), max(times, default=-1) + 1)
+    last = max(times, default=-1)
+    return FileSpan(file, min(times, default=0), last + 1)
 
 
 def _put_in_place(new: Mapping[Path, Path]) -> tuple[Path, ...]:
-    """Move new files into their places; return where the replaced ones are now."""
-    aside = {file: file.with_name(file.name + _KEPT_ENDING) for file in new if file.exists()}
+    """Move new files into place; return the kept old ones."""
+    aside = {x: x.with_name(x.name + _KEPT_ENDING) for x in new if x.exists()}
     for kept in aside.values():
         if kept.exists():
             raise CtcError(f'{kept}: exists already, not overwritten')
@@ -298,7 +301,7 @@ def _write_metadata_of(bag: Path, versions: Mapping[Path, Path], target: Path, r
 
 
 def _is_packed_by_message(file: Path) -> bool:
-    """Return whether the first message of ROS 2 in a file is compressed by itself."""
+    """Return whether the first ROS 2 message is compressed."""
     with closing(McapFile(file)) as content:
         connections = [x for x in content.connections if is_cdr(x)]
         first = islice(content.messages(connections), 1)
@@ -306,7 +309,11 @@ def _is_packed_by_message(file: Path) -> bool:
 
 
 def _with_current_qos(channel: Channel) -> Channel:
-    """Return a channel with QoS as ROS 2 Jazzy writes it; without any where it is not QoS."""
+    """
+    Return a channel with QoS as ROS 2 Jazzy writes it.
+
+    Text that is not QoS is left out.
+    """
     profiles = ''
     with suppress(Exception):  # Arbitrary text may raise any exception.
         profiles = yaml.safe_dump(dump_qos_v9(parse_qos(channel.metadata[QOS])))
@@ -314,14 +321,14 @@ def _with_current_qos(channel: Channel) -> Channel:
 
 
 def _read_profile(file: Path) -> str:
-    """Return the profile in the header of a file; that of ROS 2 if it cannot be read."""
+    """Return the profile in a file's header, else `ros2`."""
     with suppress(Exception), file.open('rb') as stream:  # A damaged header may raise any.
         return str(make_reader(stream).get_header().profile)
     return 'ros2'
 
 
 def _recover_messages(path: Path) -> Iterator[tuple[Schema | None, Channel, Message]]:
-    """Yield the messages in the whole chunks of a file, which are looked for byte by byte."""
+    """Yield the messages in whole chunks, searched byte by byte."""
     data = map_file(path)
     schemas: dict[int, Schema] = {}
     channels: dict[int, Channel] = {}

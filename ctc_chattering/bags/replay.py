@@ -13,7 +13,7 @@
 # limitations under the License.
 
 """
-Publishing recorded messages again on their topics, each at its time.
+Publishing recorded messages again, each at its time.
 
 `ctc replay` calls `replay`, which takes a bag of any recorder.
 """
@@ -42,7 +42,7 @@ from rosbags.interfaces import QosDurability
 
 def replay(bag: str | Path, rate: float = 1.0, delay: float = 1.0) -> int:
     """
-    Publish all messages of a bag over ROS, with their timing.
+    Publish all messages of a bag, with their timing.
 
     Parameters
     ----------
@@ -89,7 +89,8 @@ def _publish(reader: Bag, rate: float, delay: float, node: Any, stop: Sequence[i
     count = 0
     begin = time.monotonic() + delay
     for connection, t, data in reader.messages():
-        _sleep_until(begin + (t - reader.start_time) / NANOSECONDS / rate, stop)
+        since = (t - reader.start_time) / NANOSECONDS
+        _sleep_until(begin + since / rate, stop)
         if stop:
             break
         publisher = publishers.get((connection.topic, connection.msgtype))
@@ -101,10 +102,15 @@ def _publish(reader: Bag, rate: float, delay: float, node: Any, stop: Sequence[i
 
 
 def _create_publishers(reader: Bag, node: Any) -> dict[tuple[str, str], Any]:
-    """Return a publisher for each topic and type; print which topics are left out, and why."""
+    """
+    Return a publisher for each topic and type.
+
+    Topics that are left out are printed with the reason.
+    """
     publishers: dict[tuple[str, str], Any] = {}
     # Each file of the bag has the topics.
-    for x in {(x.topic, x.msgtype, is_cdr(x)): x for x in reader.connections}.values():
+    distinct = {(x.topic, x.msgtype, is_cdr(x)): x for x in reader.connections}
+    for x in distinct.values():
         # Subscribers match a reliable publisher, whatever they ask for.
         latched = any(profile.durability == QosDurability.TRANSIENT_LOCAL
                       for profile in getattr(x.ext, 'offered_qos_profiles', []))
@@ -120,12 +126,13 @@ def _create_publishers(reader: Bag, node: Any) -> dict[tuple[str, str], Any]:
             except CtcError:
                 reason = 'its message type is not installed'
         if reason:
-            print(f'not replayed, because {reason}: {x.topic} ({x.msgtype})', file=sys.stderr,
-                  flush=True)
+            print(
+                f'not replayed, because {reason}: {x.topic} ({x.msgtype})',
+                file=sys.stderr, flush=True)
     return publishers
 
 
 def _sleep_until(instant: float, stop: Sequence[int]) -> None:
-    """Wait until a time on the monotonic clock [s], or a signal."""
+    """Wait for a monotonic time [s], or a signal."""
     while not stop and (remaining := instant - time.monotonic()) > 0.0:
         time.sleep(min(remaining, 0.05))  # A signal is noticed after 0.05 s.

@@ -13,7 +13,7 @@
 # limitations under the License.
 
 """
-Joint values of a topic as arrays, from messages of any type.
+Joint values of a topic as arrays.
 
 A `SignalTopic` reads the numbers in some fields of each message. Joint names beside a field, or
 above it, say which column belongs to which joint. `bags/reader.py` reads runs with it,
@@ -64,16 +64,18 @@ class Signal(NamedTuple):
 
     def select(self, rows: Indices | Flags | slice) -> Signal:
         """Return some of the messages."""
-        return Signal(self.logged[rows], self.stamps[rows], tuple(x[rows] for x in self.values))
+        values = tuple(x[rows] for x in self.values)
+        return Signal(self.logged[rows], self.stamps[rows], values)
 
     def select_finite(self) -> Signal:
-        """Return the messages in which all values are finite; no copy where these are all."""
-        is_finite = np.asarray(np.isfinite(np.hstack(self.values)).all(axis=1))
+        """Return the messages in which all values are finite."""
+        values = np.hstack(self.values)
+        is_finite = np.asarray(np.isfinite(values).all(axis=1))
         return self if is_finite.all() else self.select(is_finite)
 
 
 class SignalLayout(NamedTuple):
-    """Joint names of a message, empty for none, and its number of values."""
+    """Joint names, if any, and number of values."""
 
     joints: tuple[str, ...]
     width: int
@@ -107,7 +109,7 @@ class SignalTopic(NamedTuple):
 
     def read_layout(self) -> SignalLayout:
         """
-        Return joint names and number of values of the first message.
+        Return the layout of the first message.
 
         Raises
         ------
@@ -125,11 +127,17 @@ class SignalTopic(NamedTuple):
         return SignalLayout(_joint_names(message, field), len(values))
 
     def read(self, joints: tuple[str, ...]) -> Signal:
-        """Return the values of some joints, of messages that have each of them once."""
+        """
+        Return the values of some joints.
+
+        Messages without one of them, or with one twice, are left out.
+        """
         @cache
         def find_columns(names: tuple[str, ...]) -> Indices:
-            is_complete = set(joints) <= set(names) and len(set(names)) == len(names)
-            return np.array([names.index(x) for x in joints] if is_complete else [], int)
+            distinct = set(names)
+            is_complete = distinct.issuperset(joints) and len(distinct) == len(names)
+            indices = [names.index(x) for x in joints] if is_complete else []
+            return np.array(indices, int)
 
         logged, stamps = array('q'), array('q')
         columns = [array('d') for _ in self.fields]
@@ -155,7 +163,7 @@ _getter = cache(attrgetter)
 
 
 def _value(message: Any, path: str) -> Any:
-    """Return the content of a field, ``a.b.c``; None without it."""
+    """Return the content of a field, or None."""
     try:
         return _getter(path)(message)
     except AttributeError:
@@ -163,7 +171,7 @@ def _value(message: Any, path: str) -> Any:
 
 
 def _numbers(message: Any, field: str) -> Array | None:
-    """Return the numbers in a field, shape (n,); None without any."""
+    """Return the numbers in a field, or None."""
     value = _value(message, field)
     if value is None:
         return None
@@ -175,7 +183,7 @@ def _numbers(message: Any, field: str) -> Array | None:
 
 
 def _joint_names(message: Any, field: str) -> tuple[str, ...]:
-    """Return the names beside a field, or above it; empty for none."""
+    """Return the names beside a field, or above it."""
     if field == 'data':
         return tuple(x.label for x in _value(message, 'layout.dim') or ())
     while field:

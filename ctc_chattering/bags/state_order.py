@@ -66,7 +66,7 @@ STAMP_LIMITS = StampLimits()
 
 def order_states(name: str, t: Array, *contents: Array, period: float | None = None) -> Indices:
     """
-    Return the indices of the usable states, sorted by their stamps, each stamp once.
+    Return the usable states' indices, sorted by stamp, each once.
 
     Few states with stamps far from all others are left out.
 
@@ -89,12 +89,15 @@ def order_states(name: str, t: Array, *contents: Array, period: float | None = N
     """
     order: Indices = np.argsort(t, kind='stable')
     repeats = np.diff(t[order]) == 0.0
-    for column in (column for values in contents for column in values.T):
-        repeats &= column[order[1:]] == column[order[:-1]]
+    for values in contents:
+        for column in values.T:  # Column by column, for long series.
+            ordered = column[order]
+            repeats &= ordered[1:] == ordered[:-1]
     order = order[np.append(True, ~repeats)]
     usual_step = period or _median_step(t[order])
     distinct = np.unique(t)
-    order = order[~np.isin(t[order], distinct[find_isolated(distinct, usual_step)])]
+    isolated = distinct[find_isolated(distinct, usual_step)]
+    order = order[~np.isin(t[order], isolated)]
     if len(order) < 3:
         raise CtcError(
             f'{name}: the stamps have no regular period: their median step is {usual_step:.3g} s, '
@@ -107,23 +110,24 @@ def order_states(name: str, t: Array, *contents: Array, period: float | None = N
     if period is None:
         is_crowded |= _find_alternating(np.diff(stamps), double_step)
     if is_crowded.any():
+        begin = stamps[int(is_crowded.argmax())] - stamps[0]
         raise CtcError(
-            f'{name}: {stamps[int(is_crowded.argmax())] - stamps[0]:.4g} s after the first, '
-            f'states stand closer than the period of {usual_step:.3g} s: was a clock set back, '
-            'are there two publishers of joint states, or are stamps coarser than the period? '
-            'Record it again')
+            f'{name}: {begin:.4g} s after the first, states stand closer than the period of '
+            f'{usual_step:.3g} s: was a clock set back, are there two publishers of joint '
+            'states, or are stamps coarser than the period? Record it again')
     step = np.diff(stamps)
     shared = float((step == 0.0).mean())
     if shared > STAMP_LIMITS.max_shared_fraction:
+        resolution = step[step > 0.0].min(initial=np.inf)
         raise CtcError(
             f'{name}: {shared:.0%} of the states have the stamp of another one: stamps are in '
-            f'steps of {1e3 * step[step > 0.0].min(initial=np.inf):.3g} ms, coarser than the '
-            'period. Record the stamps of the driver with all their digits')
+            f'steps of {1e3 * resolution:.3g} ms, coarser than the period. '
+            'Record the stamps of the driver with all their digits')
     return order[np.diff(stamps, prepend=-np.inf) > 0.0]
 
 
 def find_isolated(stamps: Array, period: float) -> Flags:
-    """Return a flag for each sorted stamp in a small group, with long steps around it."""
+    """Flag sorted stamps in small groups between long steps."""
     is_end = np.diff(stamps) > STAMP_LIMITS.isolating_step_periods * period
     group = np.append(0, np.cumsum(is_end))
     sizes = np.bincount(group)
@@ -133,7 +137,7 @@ def find_isolated(stamps: Array, period: float) -> Flags:
 
 
 def _median_step(stamps: Array) -> float:
-    """Return the median step of sorted stamps, repetitions apart; inf for no step."""
+    """Return the median positive step; inf without any."""
     step = np.diff(stamps)
     step = step[step > 0.0]
     return float(np.median(step)) if len(step) else np.inf
@@ -141,7 +145,9 @@ def _median_step(stamps: Array) -> float:
 
 def _find_alternating(step: Array, double_step: Array) -> Flags:
     """
-    Return where states are those of two series with the period h, if these are the most.
+    Flag states of two series with one period h.
+
+    Nothing is flagged unless these are most states.
 
     Their steps are a, h - a, a, h - a, ...
 
@@ -155,6 +161,8 @@ def _find_alternating(step: Array, double_step: Array) -> Flags:
     """
     median = np.median(double_step)
     is_regular: Flags = double_step <= 2.0 * STAMP_LIMITS.crowded_step_ratio * median
-    alternates = (np.abs(np.diff(step)) > 0.1 * double_step)[is_regular]
-    spread = np.ptp(np.percentile(double_step[is_regular], (10.0, 90.0)))
-    return is_regular & bool(alternates.mean() > 0.8 and spread < 0.4 * median)
+    change = np.abs(np.diff(step))
+    alternates = (change > 0.1 * double_step)[is_regular]
+    low, high = np.percentile(double_step[is_regular], (10.0, 90.0))
+    is_even = high - low < 0.4 * median
+    return is_regular & bool(alternates.mean() > 0.8 and is_even)

@@ -13,7 +13,7 @@
 # limitations under the License.
 
 """
-Writing a rosbag2 bag: MCAP by `mcap`, with message definitions and QoS in it.
+Writing a rosbag2 bag as MCAP.
 
 `nodes/recorder.py` writes with a `BagWriter`, `repair.py` writes metadata. A file is cut into
 chunks with checksums, which `flush` brings to the disk, so that a killed recorder loses little.
@@ -62,7 +62,7 @@ _UNLIMITED = QosTime(9223372036, 854775807)
 
 
 def offered_qos(depth: int, latched: bool) -> str:
-    """Return the profile of a reliable publisher as a bag stores it, in YAML."""
+    """Return the QoS of a reliable publisher as YAML."""
     durability = QosDurability.TRANSIENT_LOCAL if latched else QosDurability.VOLATILE
     profile = Qos(
         QosHistory.KEEP_LAST, depth, QosReliability.RELIABLE, durability, deadline=_UNLIMITED,
@@ -73,30 +73,33 @@ def offered_qos(depth: int, latched: bool) -> str:
 
 @dataclasses.dataclass
 class Span:
-    """Number of messages, with the first and last log time [ns]."""
+    """Number of messages, first and last log time [ns]."""
 
     count: int = 0
     begin: int = 2 ** 63 - 1  # As rosbag2 has it for a bag without messages.
     end: int = 0
 
     def entry(self) -> dict[str, Any]:
-        """Return the span as the metadata of a bag have it."""
+        """Return the span as metadata have it."""
         return {'message_count': self.count,
                 'starting_time': {'nanoseconds_since_epoch': self.begin},
                 'duration': {'nanoseconds': max(0, self.end - self.begin)}}
 
 
 class RecordedTopic(NamedTuple):
-    """Topic of a bag: schema and channel as in a file, and the number of messages."""
+    """Schema and channel of a topic, and its messages' number."""
 
     schema: Schema
     channel: Channel
     messages: int
 
 
-def write_metadata(path: Path, files: Mapping[str, Span], topics: Sequence[RecordedTopic],
-                   notes: Mapping[str, str], compression: Mapping[str, str] = NOT_COMPRESSED
-                   ) -> None:
+def write_metadata(
+        path: Path,
+        files: Mapping[str, Span],
+        topics: Sequence[RecordedTopic],
+        notes: Mapping[str, str],
+        compression: Mapping[str, str] = NOT_COMPRESSED) -> None:
     """
     Write the metadata of a bag.
 
@@ -115,8 +118,10 @@ def write_metadata(path: Path, files: Mapping[str, Span], topics: Sequence[Recor
 
     """
     spans = files.values()
-    bag = Span(sum(x.count for x in spans), min(x.begin for x in spans),
-               max(x.end for x in spans))
+    bag = Span(
+        sum(x.count for x in spans),
+        min(x.begin for x in spans),
+        max(x.end for x in spans))
     information = {
         'version': 9, 'storage_identifier': 'mcap', 'ros_distro': 'jazzy', **bag.entry(),
         'relative_file_paths': list(files),
@@ -187,14 +192,16 @@ class BagWriter:
         except OSError as error:
             raise CtcError(f'{path}: {error.strerror or error}') from None
 
-    def write(self, topic: str, kind: str, t: int, data: bytes, qos: str) -> None:
+    def write(self, topic: str, message_type: str, t: int, data: bytes, qos: str) -> None:
         """
-        Add a message, and its topic where it is new.
+        Add a message, and its topic if new.
 
         Parameters
         ----------
-        topic, kind : str
-            Full name and message type.
+        topic : str
+            Full name.
+        message_type : str
+            Type of the message.
         t : int
             Log time [ns].
         data : bytes
@@ -204,24 +211,25 @@ class BagWriter:
 
         """
         if topic not in self.topics:
-            definition, _ = self._store.generate_msgdef(kind, ros_version=2)
-            metadata = {QOS: qos, 'topic_type_hash': self._store.hash_rihs01(kind)}
-            self.topics[topic] = (Schema(0, definition.encode(), 'ros2msg', kind),
+            definition, _ = self._store.generate_msgdef(message_type, ros_version=2)
+            metadata = {QOS: qos, 'topic_type_hash': self._store.hash_rihs01(message_type)}
+            self.topics[topic] = (Schema(0, definition.encode(), 'ros2msg', message_type),
                                   Channel(0, topic, 'cdr', metadata, 0))
         self.add_message(topic, t, data)
 
     def add_message(self, topic: str, t: int, data: bytes) -> None:
-        """Add a message of one of `topics` with log time `t` [ns]."""
+        """Add a message of a known topic at `t` [ns]."""
         number = self._numbers.get(topic) or self._add_channel(*self.topics[topic])
         self._writer.add_message(number, t, data, t)
         self.counts[topic] += 1
         span = self._span
         span.count += 1
-        span.begin, span.end = min(t, span.begin), max(t, span.end)
+        span.begin = min(t, span.begin)
+        span.end = max(t, span.end)
 
     def flush(self) -> None:
         """
-        Write all out, so that it can be read even if this process is killed.
+        Write all out, so that a killed process loses nothing.
 
         The disk is also asked to keep it (fsync), one request at a time, while writing goes on. An
         `OSError` of that is raised by a later call.
@@ -238,21 +246,21 @@ class BagWriter:
             self._begin_file()
 
     def abandon(self) -> None:
-        """Close without index and metadata: the disk takes no more."""
+        """Close without index and metadata, on a full disk."""
         for action in (self._sync.result, self._stream.close,
                        (self.path / METADATA).unlink):
             with suppress(OSError):
                 action()
 
     def close(self) -> None:
-        """Write index and metadata; without them, tools cannot open the bag."""
+        """Write index and metadata, which other tools need."""
         self._end_file()
         topics = [RecordedTopic(schema, channel, self.counts[topic])
                   for topic, (schema, channel) in self.topics.items()]
         write_metadata(self.path / METADATA, self._files, topics, self.notes)
 
     def _begin_file(self) -> None:
-        """Begin a file, named as the recorder of ROS names it."""
+        """Begin a file, named as ROS does it."""
         self.file = self.path / f'{self.path.name}_{len(self._files)}.mcap'
         self._span = self._files[self.file.name] = Span()
         self._numbers: dict[str, int] = {}
@@ -275,11 +283,11 @@ class BagWriter:
         The first chunk with messages of a topic has its description. A damaged chunk must not take
         it along. So it is also in chunks without messages on both sides of that chunk.
         """
-        kind = self._writer.register_schema(schema.name, schema.encoding, schema.data)
-        number = self._writer.register_channel(channel.topic, 'cdr', kind, channel.metadata)
+        schema_id = self._writer.register_schema(schema.name, schema.encoding, schema.data)
+        number = self._writer.register_channel(channel.topic, 'cdr', schema_id, channel.metadata)
         records: Any = RecordBuilder()
-        dataclasses.replace(schema, id=kind).write(records)
-        dataclasses.replace(channel, id=number, schema_id=kind).write(records)
+        dataclasses.replace(schema, id=schema_id).write(records)
+        dataclasses.replace(channel, id=number, schema_id=schema_id).write(records)
         data = records.end()
         Chunk('', data, 0, 0, zlib.crc32(data), len(data)).write(records)
         description = records.end()

@@ -13,7 +13,7 @@
 # limitations under the License.
 
 """
-Recorded motion of a robot, from a bag of any recorder.
+Recorded motion of a robot, from a bag.
 
 `read_motion` reads joint states and commanded torques for `identify`. The user may name a topic,
 and a field of it: `/NAME/robot_state:desired_joint_state.effort`. Without a field, that of the
@@ -58,7 +58,7 @@ _TRAJECTORY_STATE = 'control_msgs/msg/JointTrajectoryControllerState'
 @dataclasses.dataclass(frozen=True)
 class CommandLimits:
     """
-    Limits of commands that are the torques of one controller.
+    Limits of one controller's torque commands.
 
     Attributes
     ----------
@@ -96,7 +96,7 @@ _MAX_LOCK_ERROR = 0.02
 
 
 class _RobotInBag(NamedTuple):
-    """Controller's configuration and text of the URDF, as far as a bag has them."""
+    """Controller's configuration and URDF in a bag."""
 
     controller: ControllerConfig | None
     description: str
@@ -106,7 +106,7 @@ def read_motion(path: str | Path, joints: Sequence[str] = (), description: str =
                 states: str = JOINT_STATES, commands: str = COMMANDS, model: str = ''
                 ) -> RecordedMotion:
     """
-    Return the motion in a bag of any recorder, for `identify`.
+    Return the motion in a bag, for `identify`.
 
     Parameters
     ----------
@@ -148,20 +148,26 @@ def read_motion(path: str | Path, joints: Sequence[str] = (), description: str =
         signal = state_topic.read(names)
         if not len(signal.logged):
             recorded = state_topic.read_layout().joints
+            hints = ''.join(near(x, recorded) for x in names[:3])
             raise CtcError(
                 f'{path}: no state has the joints {shortened(names)}; joints of the bag: '
-                f'{", ".join(recorded)}{"".join(near(x, recorded) for x in names[:3])}')
+                f'{", ".join(recorded)}{hints}')
         stamps = signal.stamps if np.ptp(signal.stamps) else signal.logged
         q, dq, effort = signal.values
+        command_name, _, _ = commands.partition(':')
         recording = Recording(
-            path.resolve().name, names, (stamps - stamps.min()) / NANOSECONDS, q,
+            path.resolve().name,
+            names,
+            (stamps - stamps.min()) / NANOSECONDS,
+            q,
             None if _is_unused(dq) else dq[:KEPT_VELOCITY_ROWS].copy(),
             None if _is_unused(effort) else effort,
-            dropped=count_dropped(path, (state_topic.name, commands.partition(':')[0])))
+            dropped=count_dropped(path, (state_topic.name, command_name)))
         notes: list[str] = []
         if joints and robot.description:
-            locked = locked_positions(robot.controller.locked if robot.controller else ())
-            notes += _note_misplaced_joints(state_topic, names, robot.description, locked)
+            lines = robot.controller.locked if robot.controller else ()
+            notes += _note_misplaced_joints(
+                state_topic, names, robot.description, locked_positions(lines))
         try:
             command_topic = _choose_topic(bag, commands, '--commands', MULTI_ARRAY, ('data',))
             answers = _read_commands(command_topic, recording, signal.logged, stamps)
@@ -187,7 +193,11 @@ def read_motion(path: str | Path, joints: Sequence[str] = (), description: str =
 
 def _find_topics(bag: Bag, name: str, message_type: str, fields: tuple[str, ...]
                  ) -> list[SignalTopic]:
-    """Return the topics with messages of a name and a type; an empty one stands for all."""
+    """
+    Return the topics of a name and a type.
+
+    An empty name or type stands for all. Topics without messages are left out.
+    """
     connections: dict[tuple[str, str], list[Connection]] = {}
     for x in bag.named(name) if name else bag.connections:
         if x.msgcount and message_type in ('', x.msgtype):
@@ -196,9 +206,17 @@ def _find_topics(bag: Bag, name: str, message_type: str, fields: tuple[str, ...]
             for key, same in sorted(connections.items())]
 
 
-def _choose_topic(bag: Bag, text: str, option: str, message_type: str, fields: tuple[str, ...]
-                  ) -> SignalTopic:
-    """Return the topic that an option names; raise `CtcError` that names those that fit."""
+def _choose_topic(
+        bag: Bag,
+        text: str,
+        option: str,
+        message_type: str,
+        fields: tuple[str, ...]) -> SignalTopic:
+    """
+    Return the topic that an option names.
+
+    If there is none, `CtcError` names those that fit.
+    """
     may_have_field = message_type == MULTI_ARRAY
     name, _, field = text.partition(':') if may_have_field else (text, '', '')
     if field:
@@ -208,11 +226,13 @@ def _choose_topic(bag: Bag, text: str, option: str, message_type: str, fields: t
     if len(topics) == 1:
         return topics[0]
     if topics:
-        raise CtcError(f'{bag.path}: several topics: {", ".join(map(str, topics))}; give {option}')
-    reason = ', '.join(
-        f'{x.name} is of type {x.message_type}' for x in _find_topics(bag, name, '', ()))
+        names = ', '.join(map(str, topics))
+        raise CtcError(f'{bag.path}: several topics: {names}; give {option}')
+    other_types = _find_topics(bag, name, '', ())
+    reason = ', '.join(f'{x.name} is of type {x.message_type}' for x in other_types)
     if not reason:
-        reason = f'no message on {name}{near(name, [x.topic for x in bag.connections])}'
+        existing = [x.topic for x in bag.connections]
+        reason = f'no message on {name}{near(name, existing)}'
     suitable = [str(x) for x in _find_topics(bag, '', message_type, fields)]
     allowed = ', '.join(suitable) or f'a topic of type {message_type}'
     if may_have_field:
@@ -221,14 +241,18 @@ def _choose_topic(bag: Bag, text: str, option: str, message_type: str, fields: t
 
 
 def _read_robot(bag: Bag, state_topic: str, description: str, model: str) -> _RobotInBag:
-    """Return the configuration of the controller beside the states, and the description."""
+    """
+    Return configuration and description of the robot.
+
+    They are those in the innermost namespace around the states.
+    """
     # Only the joints and the model matter, not the law.
-    own = {'law': LAWS[0], 'switching': SWITCHINGS[0]}
+    replacements = {'law': LAWS[0], 'switching': SWITCHINGS[0]}
     if model or description:
-        own['model'] = model or 'urdf'
+        replacements['model'] = model or 'urdf'
     parameters = _name_beside(bag, state_topic, f'controller/{PARAMETERS}')
     node = parameters.removesuffix(f'/{PARAMETERS}')
-    history = bag.parameters(node, ControllerConfig, own)
+    history = bag.parameters(node, ControllerConfig, replacements)
     description = (
         description or bag.description(f'{node}/{ROBOT_DESCRIPTION}')
         or bag.description(_name_beside(bag, state_topic, ROBOT_DESCRIPTION)))
@@ -236,7 +260,11 @@ def _read_robot(bag: Bag, state_topic: str, description: str, model: str) -> _Ro
 
 
 def _name_beside(bag: Bag, topic: str, name: str) -> str:
-    """Return the full name of a topic in the innermost namespace around another, else `name`."""
+    """
+    Return a topic's name in the innermost namespace around another.
+
+    Without such a topic, `name` is returned.
+    """
     namespace = topic
     while namespace:
         namespace = namespace.rpartition('/')[0]
@@ -263,13 +291,14 @@ def _find_joints(states: SignalTopic, description: str) -> tuple[str, ...]:
 
 def _note_misplaced_joints(states: SignalTopic, names: tuple[str, ...], description: str,
                            locked: Mapping[str, float]) -> list[str]:
-    """Return a note for each joint that is not asked for and not where the model locks it."""
+    """Note unused joints that are not where the model locks them."""
     recorded = states.read_layout().joints
-    unused = tuple(
-        x for x in Tree(description).movable if x in recorded and x not in names)
+    candidates = set(recorded).difference(names)
+    unused = tuple(x for x in Tree(description).movable if x in candidates)
     notes = []
-    for name, q in zip(unused, states.read(unused).values[0].T if unused else ()):
-        low, high, position = q.min(), q.max(), locked.get(name, 0.0)
+    for name, q in zip(unused, states.read(unused).values[0].T):
+        low, high = q.min(), q.max()
+        position = locked.get(name, 0.0)
         if max(position - low, high - position) > _MAX_LOCK_ERROR:
             notes.append(f'{name} is none of --joints: it is at {low:.3g} to {high:.3g} in the '
                          f'bag, and fixed at {position:g} in the model')
@@ -308,10 +337,10 @@ def _read_commands(topic: SignalTopic, recording: Recording, logged: Instants, s
     values = commands.values[0]
     if not len(values):
         layout = topic.read_layout()
-        labels = f' {shortened(layout.joints)}' if layout.joints else ''
+        option = ' '.join(filter(None, ('--joints', shortened(layout.joints))))
         raise CtcError(
             f'{topic.bag.path}: {layout.width} commanded torques for {len(joints)} joints, '
-            f'{shortened(joints)}; name those of the commands, in their order: --joints{labels}')
+            f'{shortened(joints)}; name those of the commands, in their order: {option}')
     period = np.median(np.diff(np.sort(stamps)))
     is_backward = np.diff(stamps) < -COMMAND_LIMITS.backward_step_periods * period
     if is_backward.sum() > COMMAND_LIMITS.max_backward_steps:
@@ -334,14 +363,15 @@ def _read_commands(topic: SignalTopic, recording: Recording, logged: Instants, s
 
 def _time_reports(topic: SignalTopic, reports: Signal, logged: Instants, stamps: Instants
                   ) -> tuple[Instants, Instants]:
-    """Return the times of torques that the robot reports, and of the states, on one clock [ns]."""
+    """Return times of reports and of states on one clock [ns]."""
     count, states = len(reports.logged), len(stamps)
     if count < COMMAND_LIMITS.min_reports_per_state * states:
         raise CtcError(
             f'{topic.bag.path}: {count} torques on {topic.name} for {states} states: a '
             'torque is not known between its reports; raise their rate (state_publish_rate)')
     times, received = reports.logged, logged
-    if reports.stamps[0] < stamps[-1] and stamps[0] < reports.stamps[-1]:  # Stamps of one clock.
+    stamps_overlap = reports.stamps[0] < stamps[-1] and stamps[0] < reports.stamps[-1]
+    if stamps_overlap:  # They are of one clock.
         times, received = reports.stamps, stamps
     if topic.message_type != _TRAJECTORY_STATE:
         times = times - int(np.median(np.diff(received)))
@@ -349,23 +379,31 @@ def _time_reports(topic: SignalTopic, reports: Signal, logged: Instants, stamps:
 
 
 def _check_one_publisher(path: Path, values: Array, times: Instants, states: int) -> None:
-    """Raise `CtcError` if there are many commands for each state, uneven or to and fro."""
+    """
+    Raise `CtcError` if several publishers sent the commands.
+
+    There are then many for each state, uneven or to and fro.
+    """
     if len(values) <= COMMAND_LIMITS.max_commands_per_state * states:
         return
     step = np.diff(times)
     shortest = COMMAND_LIMITS.min_quartile_step_ratio * step.mean()
-    single, double = (np.abs(values[k:] - values[:-k]).mean(axis=0) for k in (1, 2))
-    is_rough = (single > COMMAND_LIMITS.max_roughness * double).any()
+    change = np.abs(values[1:] - values[:-1]).mean(axis=0)
+    double_change = np.abs(values[2:] - values[:-2]).mean(axis=0)
+    is_rough = (change > COMMAND_LIMITS.max_roughness * double_change).any()
     if np.percentile(step, 25.0) < shortest or is_rough:
         raise CtcError(f'{path}: {len(values)} commands for {states} states, uneven '
                        'or to and fro: two publishers of commands? If not, record more states')
 
 
 def _repeats(command: Array, motion: Array) -> bool:
-    """Return whether commands of a joint are its positions or velocities."""
-    is_known = np.isfinite(command).all(axis=1) & np.isfinite(motion).all(axis=1)
+    """Return whether commands copy a joint's motion."""
+    is_known = np.isfinite(command).all(axis=1)
+    is_known &= np.isfinite(motion).all(axis=1)
     if not is_known.any():
         return False
-    difference = np.abs(command[is_known] - motion[is_known]).mean(axis=0)
-    smallest = COMMAND_LIMITS.min_motion_difference * motion[is_known].std(axis=0)
+    command = command[is_known]
+    motion = motion[is_known]
+    difference = np.abs(command - motion).mean(axis=0)
+    smallest = COMMAND_LIMITS.min_motion_difference * motion.std(axis=0)
     return bool((difference < smallest).any())

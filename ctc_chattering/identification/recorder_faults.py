@@ -13,7 +13,7 @@
 # limitations under the License.
 
 """
-Faults of recorders: turns that are not counted, repeated states, a second source, jitter.
+Faults of recorders, repaired or refused.
 
 `repair` takes a checked `Recording` before anything is computed from it. A driver may report the
 angle of a joint within a turn: turns are counted where it jumps. A broadcaster that is faster than
@@ -101,7 +101,7 @@ class RepairedStates(NamedTuple):
 
 def repair(recording: Recording) -> RepairedStates:
     """
-    Return a recording with turns counted and without repeated states, and findings.
+    Return a recording without the recorder's faults, and findings.
 
     Raises
     ------
@@ -118,23 +118,31 @@ def repair(recording: Recording) -> RepairedStates:
 
 
 def _count_turns(recording: Recording) -> RepairedStates:
-    """Return a recording in which no joint jumps by a turn from a state to the next one."""
+    """Count the turns where a joint jumps by a turn."""
     step = np.diff(recording.t)
     is_next = step < LIMITS.next_state_periods * np.median(step)
-    turns = np.rint(np.diff(recording.q, axis=0) / TURN) * is_next[:, np.newaxis]
+    turns = np.rint(np.diff(recording.q, axis=0) / TURN)
+    turns[~is_next] = 0.0
     if not turns.any():
         return RepairedStates(recording)
     q = recording.q.copy()
     q[1:] -= TURN * np.cumsum(turns, axis=0)
-    findings = tuple(
-        note(f'{recording.name}: the position of {name} jumps by a turn {count} times; its turns '
-             'are counted')
-        for name, count in zip(recording.joints, np.count_nonzero(turns, axis=0)) if count)
-    return RepairedStates(dataclasses.replace(recording, q=q), findings)
+    findings = []
+    for name, column in zip(recording.joints, turns.T):
+        count = np.count_nonzero(column)
+        if count:
+            findings.append(note(
+                f'{recording.name}: the position of {name} jumps by a turn {count} times; its '
+                'turns are counted'))
+    return RepairedStates(dataclasses.replace(recording, q=q), tuple(findings))
 
 
 def _check_source(recording: Recording) -> None:
-    """Raise `CtcError` if positions often jump and come back: a second source publishes states."""
+    """
+    Raise `CtcError` if a second source publishes states.
+
+    Positions then often jump and come back.
+    """
     q = recording.q
     change = np.abs(np.diff(q, axis=0))
     double_change = np.abs(q[2:] - q[:-2])
@@ -167,7 +175,7 @@ def _remove_repetitions(recording: Recording) -> RepairedStates:
 
 
 def _find_repetitions(recording: Recording) -> Flags:
-    """Return a flag for each state that is equal to the one before, shape (N,)."""
+    """Flag states equal to the one before, shape (N,)."""
     is_equal = np.ones(len(recording.t) - 1, bool)
     for values in (recording.q, recording.effort):
         if values is not None:
@@ -177,7 +185,9 @@ def _find_repetitions(recording: Recording) -> Flags:
 
 def _mean_repetitions(repeats: Flags) -> float:
     """
-    Return how often a state is recorded in motion; 1 for a recording without repetitions.
+    Return how often a state is recorded in motion.
+
+    It is 1 for a recording without repetitions.
 
     A broadcaster repeats all states equally often, but for one time. Positions that change slowly,
     in steps of an encoder, are equal for any number of times.
@@ -187,7 +197,8 @@ def _mean_repetitions(repeats: Flags) -> float:
     runs = runs[runs < LIMITS.resting_repetitions]
     if len(runs) < LIMITS.min_runs:
         return 1.0
-    usual, mean = int(np.median(runs)), float(np.mean(runs))
+    usual = int(np.median(runs))
+    mean = float(np.mean(runs))
     shorter = usual - int(mean < usual)
     is_even = (runs == shorter) | (runs == shorter + 1)
     repeats_evenly = float(is_even.mean()) > LIMITS.min_even_fraction
@@ -198,7 +209,8 @@ def _find_dropped(recording: Recording) -> Iterator[Finding]:
     """Yield a finding if the recorder lost messages."""
     if not recording.dropped:
         return
-    fraction = recording.dropped / (recording.dropped + 2 * len(recording.t))
+    recorded = 2 * len(recording.t)  # States and commands.
+    fraction = recording.dropped / (recording.dropped + recorded)
     severity = Severity.CARE if fraction > LIMITS.max_dropped_fraction else Severity.NOTE
     yield Finding(
         Reason.DROPPED, severity, ALL_JOINTS,

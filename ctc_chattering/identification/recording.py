@@ -13,7 +13,7 @@
 # limitations under the License.
 
 """
-Recordings of a robot's motion, as the identification takes them.
+Recordings of a robot's motion.
 
 A `Recording` has the samples as arrays. `bag_motion.py` and `table_motion.py` build it from files,
 scripts from their own arrays. Its `checked` puts the states in order and refuses useless ones.
@@ -91,15 +91,20 @@ class Recording:
 
     def select(self, rows: Indices) -> Recording:
         """Return some of the states."""
-        dq_rows = rows if self.dq is None else rows[rows < len(self.dq)]
+        dq = self.dq
+        if dq is not None:
+            dq = take_rows(dq, rows[rows < len(dq)])
         return dataclasses.replace(
-            self, t=self.t[rows], q=take_rows(self.q, rows), dq=take_rows_if_any(self.dq, dq_rows),
+            self,
+            t=self.t[rows],
+            q=take_rows(self.q, rows),
+            dq=dq,
             effort=take_rows_if_any(self.effort, rows),
             command=take_rows_if_any(self.command, rows))
 
     def checked(self) -> Recording:
         """
-        Return the states in the order of time, each stamp once, as `order_states` does it.
+        Return the states in order, each stamp once.
 
         Velocities and torques without a finite value of each joint are left out.
 
@@ -113,9 +118,9 @@ class Recording:
         is_bad = ~np.isfinite(self.q)
         if is_bad.any():
             row, joint = np.argwhere(is_bad)[0]
+            count = int(is_bad.any(axis=1).sum())
             raise CtcError(
-                f'{self.name}: {int(is_bad.any(axis=1).sum())} of {len(self.t)} states have a '
-                f'position that is not finite, the first of {self.joints[joint]} at '
+                f'{self.name}: {count} of {len(self.t)} states have a position that is not finite, the first of {self.joints[joint]} at '
                 f'{self.t[row]:.3f} s')
         rows: Indices = np.unique(self.t, return_index=True)[1]
         if len(rows) >= MIN_STATES:
@@ -126,7 +131,9 @@ class Recording:
         if len(rows) < MIN_STATES:
             raise CtcError(f'{self.name}: {len(rows)} states; at least {MIN_STATES} are needed')
         complete = dataclasses.replace(
-            self, dq=_if_finite(self.dq), effort=_if_finite(self.effort),
+            self,
+            dq=_if_finite(self.dq),
+            effort=_if_finite(self.effort),
             command=_if_finite(self.command))
         if complete.effort is None and complete.command is None:
             raise CtcError(f'{self.name}: no torque: neither effort in the states nor commands')
@@ -137,7 +144,8 @@ class Recording:
         """Median step of the stamps, without gaps [s]."""
         step = np.diff(self.t)
         median = float(np.median(step))
-        return float(np.mean(step[np.abs(step - median) < 0.5 * median]))
+        is_regular = np.abs(step - median) < 0.5 * median
+        return float(np.mean(step[is_regular]))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -170,7 +178,7 @@ class RecordedMotion:
 
 
 def take_rows(values: Array, rows: Indices) -> Array:
-    """Return some rows, without a copy where they follow each other."""
+    """Return some rows, without a copy of contiguous ones."""
     if len(rows) and (np.diff(rows) == 1).all():
         return values[rows[0]:rows[-1] + 1]
     return values[rows]
@@ -182,7 +190,7 @@ def take_rows_if_any(values: Array | None, rows: Indices) -> Array | None:
 
 
 def _if_finite(values: Array | None) -> Array | None:
-    """Return values that have a finite one in each column, else None."""
+    """Return values with finite ones in each column, else None."""
     if values is None or not np.isfinite(values).any(axis=0).all():
         return None
     return values

@@ -13,7 +13,7 @@
 # limitations under the License.
 
 """
-Stretches of a recording: parts without gaps, on a regular grid of time.
+Parts of a recording without gaps, on regular grids.
 
 `stretches` divides a checked `Recording`. The windows and the drives' timing are computed on the
 result.
@@ -44,7 +44,7 @@ _ROUNDING_PERIODS = 1e-5
 @dataclasses.dataclass(frozen=True)
 class Stretch:
     """
-    Part of a recording without gaps, sample k at t0 + k h.
+    Part without gaps, sample k at t0 + k h.
 
     Attributes
     ----------
@@ -72,19 +72,24 @@ class Stretch:
         """Return its samples from `first` to before `last`."""
         rows = np.arange(len(self.q))[first:last]
         return dataclasses.replace(
-            self, t0=self.t0 + self.period * first, q=self.q[first:last],
+            self,
+            t0=self.t0 + self.period * first,
+            q=take_rows(self.q, rows),
             effort=take_rows_if_any(self.effort, rows),
             command=take_rows_if_any(self.command, rows))
 
     @property
     def t(self) -> Array:
-        """Times of the samples, shape (N,) [s]."""
-        return np.asarray(self.t0 + self.period * np.arange(len(self.q)), float)
+        """Return the times of the samples, shape (N,) [s]."""
+        since = self.period * np.arange(len(self.q))
+        return np.asarray(self.t0 + since, float)
 
 
 def stretches(recording: Recording, period: float) -> Iterator[Stretch]:
     """
-    Yield the parts of a checked recording without gaps, on a grid with the step `period` [s].
+    Yield a recording's parts without gaps, on regular grids.
+
+    The recording is checked, and `period` is the step of a grid [s].
 
     Short gaps (`STAMP_LIMITS`) are interpolated, and torques hold their last value there. Stamps
     that drift away from the grid, as while a clock is adjusted, are moved back.
@@ -100,36 +105,46 @@ def stretches(recording: Recording, period: float) -> Iterator[Stretch]:
         held = np.searchsorted(stamps, grid + 0.5 * period) - 1
         held = np.clip(held, 0, len(stamps) - 1)
         # Where a state is missing, an older command stands.
-        mean_age = float(np.mean(np.clip(np.rint((grid - stamps[held]) / period), 0.0, None)))
+        age = np.rint((grid - stamps[held]) / period)
+        mean_age = float(np.mean(np.maximum(age, 0.0)))
         if mean_age <= MATCHING_LIMITS.negligible_fraction:
             mean_age = 0.0
         earliest, latest = recording.late
+        q = take_rows(recording.q, rows)
         yield Stretch(
-            float(grid[0]), period, _on_grid(grid, stamps, take_rows(recording.q, rows)),
+            float(grid[0]),
+            period,
+            _on_grid(grid, stamps, q),
             take_rows_if_any(recording.effort, rows[held]),
-            take_rows_if_any(recording.command, rows[held]), (earliest - mean_age, latest))
+            take_rows_if_any(recording.command, rows[held]),
+            (earliest - mean_age, latest))
 
 
 def _fit_grid(stamps: Array, period: float) -> Array:
     """Return the grid nearest to stamps [s]."""
     since = stamps - stamps[0]
-    grid = stamps[0] + period * np.arange(round(float(since[-1]) / period) + 1)
-    offset = float(np.median(since - period * np.rint(since / period)))
+    count = round(float(since[-1]) / period) + 1
+    grid = stamps[0] + period * np.arange(count)
+    nearest = period * np.rint(since / period)
+    offset = float(np.median(since - nearest))
     return np.asarray(grid + offset, float)
 
 
 def _on_grid(grid: Array, t: Array, q: Array) -> Array:
     """
-    Return positions on a grid of times, shape (N, n) [rad].
+    Return positions on a grid, shape (N, n) [rad].
 
     Stamps may jitter because states are taken at uneven times, or because they are stamped late.
     The positions are smoother with the right assumption.
     """
     period = grid[1] - grid[0]
-    if len(t) == len(grid) and np.abs(t - grid).max() < _ROUNDING_PERIODS * period:
+    rounding = _ROUNDING_PERIODS * period
+    if len(t) == len(grid) and np.abs(t - grid).max() < rounding:
         return q
-    index, first = np.unique(np.rint((t - grid[0]) / period), return_index=True)
-    even_t, even_q = grid[0] + period * index, q[first]
+    nearest = np.rint((t - grid[0]) / period)
+    index, first = np.unique(nearest, return_index=True)
+    even_t = grid[0] + period * index
+    even_q = q[first]
     # Joint by joint, for long series.
     stamped = sum(_roughness(t, column, grid) for column in q.T)
     even = sum(_roughness(even_t, column, grid) for column in even_q.T)
@@ -139,19 +154,22 @@ def _on_grid(grid: Array, t: Array, q: Array) -> Array:
 
 
 def _roughness(t: Array, column: Array, grid: Array) -> float:
-    """Return the median third difference of an interpolated position [rad]."""
+    """Return the median third difference [rad]."""
     values = interpolated(t, column[:, np.newaxis], grid)
-    return float(np.median(np.abs(np.diff(values, 3, axis=0))))
+    third = np.diff(values, 3, axis=0)
+    return float(np.median(np.abs(third)))
 
 
 def _remove_drift(t: Array, period: float) -> Array:
-    """Return stamps [s] less their slow drift from a grid, if that is much."""
+    """Return stamps [s] without a large slow drift."""
     angle = 2.0 * np.pi * (t - t[0]) / period
     window = np.ones(min(_DRIFT_WINDOW, len(t)))
     # Not as complex numbers, for long series.
     sine = np.convolve(np.sin(angle), window, 'same')
     cosine = np.convolve(np.cos(angle), window, 'same')
-    phase = np.unwrap(np.arctan2(sine, cosine)) / (2.0 * np.pi)
+    angle = np.unwrap(np.arctan2(sine, cosine))
+    phase = angle / (2.0 * np.pi)
     regular = t - period * (phase - phase[0])
-    is_usable = np.ptp(phase) > _MAX_DRIFT_PERIODS and (np.diff(regular) > 0.0).all()
-    return regular if is_usable else t
+    is_large = np.ptp(phase) > _MAX_DRIFT_PERIODS
+    is_increasing = (np.diff(regular) > 0.0).all()
+    return regular if is_large and is_increasing else t

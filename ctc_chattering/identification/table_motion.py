@@ -13,7 +13,7 @@
 # limitations under the License.
 
 """
-Recorded motion of a robot, from a table of comma-separated values, as most public recordings are.
+Recorded motion of a robot, from a CSV table.
 
 The first column is the time [s]. The others may be in any order: `q_NAME` is the position of a
 joint [rad], `tau_NAME` its measured torque and `dq_NAME` its velocity [rad/s], if recorded. NAME
@@ -79,21 +79,23 @@ def read_table(path: str | Path, joints: Sequence[str] = (), description: str = 
         if match:
             quantity = match[1].replace('effort', 'tau')
             columns[quantity][match[2]] = column
-    names = tuple(joints) or _find_joints(path, tuple(columns['q']), description)
+    names = tuple(joints)
+    if not names:
+        names = _find_joints(path, tuple(columns['q']), description)
     def stack(quantity: str) -> Array | None:
         by_joint = columns[quantity]
-        picked = [by_joint[name if name in by_joint else str(k)]
-                  for k, name in enumerate(names, 1) if name in by_joint or str(k) in by_joint]
-        return np.stack(picked, axis=1) if len(picked) == len(names) else None
+        picked = [by_joint.get(name, by_joint.get(str(k))) for k, name in enumerate(names, 1)]
+        present = [x for x in picked if x is not None]
+        return np.stack(present, axis=1) if len(present) == len(names) else None
 
     q = stack('q')
     if q is None:
         missing = next(name for k, name in enumerate(names, 1)
-                       if not {name, str(k)} & columns['q'].keys())
+                       if columns['q'].keys().isdisjoint((name, str(k))))
         raise CtcError(f'{path}: no column q_{missing}; it has: {shortened(heads[1:])}'
                        f'{near(f"q_{missing}", heads)}')
-    recording = Recording(
-        path.name, names, values[:, 0] - values[0, 0], q, stack('dq'), stack('tau'))
+    t = values[:, 0] - values[0, 0]
+    recording = Recording(path.name, names, t, q, stack('dq'), stack('tau'))
     return RecordedMotion(recording.checked(), description)
 
 
@@ -113,7 +115,7 @@ def _find_joints(path: Path, in_table: tuple[str, ...], description: str) -> tup
 
 
 def _read_columns(path: Path) -> tuple[list[str], Array]:
-    """Return heads and numbers of a table, shape (N, columns)."""
+    """Return a table's heads and numbers, shape (N, columns)."""
     check_regular(path)
     try:
         if path.stat().st_size > MAX_BYTES:
