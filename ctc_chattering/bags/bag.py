@@ -35,8 +35,8 @@ from typing import Any
 from ctc_chattering.bags.bag_files import (
     check_one_recording,
     ENDINGS,
-    FileSpan,
     list_files,
+    Span,
     storage_of,
     UnsupportedBag,
 )
@@ -60,7 +60,7 @@ _VALUE_FIELDS = {1: 'bool_value', 2: 'integer_value', 3: 'double_value', 4: 'str
 
 class Bag:
     """
-    An open bag; close it after use.
+    Open bag, which must be closed after use.
 
     Parameters
     ----------
@@ -90,22 +90,21 @@ class Bag:
         self.path = path
         listed = list_files(path)
         with ExitStack() as stack:
-            files = [_open_file(file, stack) for file in listed.paths]
-            self.message_count: int = sum(x.message_count for x in files)
+            files = {file: _open_file(file, stack) for file in listed.paths}
+            spans = {path: _span(file) for path, file in files.items()}
+            self.message_count = sum(x.count for x in spans.values())
             if listed.metadata is None:
-                check_one_recording(path, [
-                    FileSpan(name, file.start_time, file.end_time)
-                    for name, file in zip(listed.paths, files)])
+                check_one_recording(path, spans)
             elif listed.metadata['message_count'] != self.message_count:
                 raise CtcError(f'{self.message_count} messages, '
                                f'{listed.metadata["message_count"]} according to its metadata')
             self.connections: list[Connection] = []
-            for file in files:
+            for file in files.values():
                 self.connections += file.connections
             self._types = _register_types(self.connections)
             self._stack = stack.pop_all()
-        self.start_time: int = min((x.start_time for x in files), default=2 ** 63 - 1)
-        self.end_time: int = max((x.end_time for x in files), default=0) - 1
+        self.start_time = min((x.begin for x in spans.values()), default=Span.begin)
+        self.end_time = max((x.end for x in spans.values()), default=Span.end)
 
     def close(self) -> None:
         """Close the files."""
@@ -129,11 +128,16 @@ class Bag:
         for x in selected:
             by_file.setdefault(x.owner, []).append(x)
         streams = [file.messages(topics) for file, topics in by_file.items()]
+        progress = tqdm(
+            merge(*streams, key=itemgetter(1)),
+            f'reading {self.path.name}',
+            sum(x.msgcount for x in selected),
+            unit=' messages',
+            disable=None,
+            delay=2.0,
+            leave=False)
         try:
-            for connection, t, data in tqdm(
-                    merge(*streams, key=itemgetter(1)), f'reading {self.path.name}',
-                    sum(x.msgcount for x in selected),
-                    unit=' messages', disable=None, delay=2.0, leave=False):
+            for connection, t, data in progress:
                 is_packed = is_cdr(connection) and data.startswith(ZSTD)
                 yield connection, t, unpack(data, 'zstd') if is_packed else data
         except Exception as error:  # Damaged files may raise any exception.
@@ -204,8 +208,11 @@ class Bag:
                 continue
             yield t, message
 
-    def parameters(self, node: str, config_class: Any, replacements: Mapping[str, object]
-                   ) -> list[tuple[int, Any]]:
+    def parameters(
+            self,
+            node: str,
+            config_class: Any,
+            replacements: Mapping[str, object]) -> list[tuple[int, Any]]:
         """
         Return the configurations of a node by time.
 
@@ -295,6 +302,13 @@ def _open_file(file: Path, stack: ExitStack) -> Any:
         raise UnsupportedBag(
             f'{file}: definitions of messages in the format {error}, not known in sqlite3; '
             'convert it to MCAP by ros2 bag convert') from None
+
+
+def _span(file: Any) -> Span:
+    """Return number and log times of the messages in an open file."""
+    if isinstance(file, McapFile):
+        return file.span
+    return Span(file.message_count, file.start_time, file.end_time - 1)
 
 
 def _register_types(connections: Collection[Connection]) -> Any:

@@ -23,7 +23,8 @@ one before ends. Other files of a directory are not one bag.
 from __future__ import annotations
 
 from ast import literal_eval
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+import dataclasses
 from itertools import pairwise
 from pathlib import Path, PurePath
 import re
@@ -66,12 +67,13 @@ class BagFiles(NamedTuple):
     metadata: dict[str, Any] | None = None
 
 
-class FileSpan(NamedTuple):
-    """Log times from the first to behind the last message [ns]."""
+@dataclasses.dataclass
+class Span:
+    """Number of messages, first and last log time [ns]."""
 
-    path: Path
-    start: int
-    end: int
+    count: int = 0
+    begin: int = 2 ** 63 - 1  # As rosbag2 has it for a bag without messages.
+    end: int = 0
 
 
 def list_files(path: Path) -> BagFiles:
@@ -91,7 +93,8 @@ def list_files(path: Path) -> BagFiles:
     if not (path / METADATA).exists():
         return BagFiles(find_recording(path))
     metadata = read_metadata(path)
-    return BagFiles(named_files(path, metadata), metadata)
+    names = [PurePath(x).name for x in metadata['relative_file_paths']]
+    return BagFiles(tuple(path / name for name in names), metadata)
 
 
 def read_metadata(bag: Path) -> dict[str, Any]:
@@ -112,11 +115,6 @@ def read_metadata(bag: Path) -> dict[str, Any]:
         raise UnsupportedBag(f'{bag}: metadata of version {information["version"]}; known: 1 to '
                              f'{_NEWEST_VERSION}')
     return information
-
-
-def named_files(bag: Path, metadata: dict[str, Any]) -> tuple[Path, ...]:
-    """Return the files that metadata name."""
-    return tuple(bag / PurePath(x).name for x in metadata['relative_file_paths'])
 
 
 def count_dropped(bag: Path, topics: Sequence[str]) -> int:
@@ -166,7 +164,7 @@ def storage_of(file: Path) -> str:
     return Path(file.stem).suffix if file.suffix == '.zstd' else file.suffix
 
 
-def check_one_recording(folder: Path, spans: Sequence[FileSpan]) -> None:
+def check_one_recording(folder: Path, spans: Mapping[Path, Span]) -> None:
     """
     Raise unless numbered files follow each other in time.
 
@@ -176,15 +174,16 @@ def check_one_recording(folder: Path, spans: Sequence[FileSpan]) -> None:
         If one begins long before, or long after, the one before it ends.
 
     """
-    recorded = [x for x in spans if x.start < x.end]
-    for earlier, later in pairwise(recorded):
-        pause = later.start - earlier.end
+    recorded = [(path, span) for path, span in spans.items() if span.count]
+    for (earlier, first), (later, second) in pairwise(recorded):
+        pause = second.begin - first.end
         if not -_MAX_OVERLAP_NS <= pause <= _MAX_PAUSE_NS:
             order = 'after' if pause > 0 else 'before'
             raise several_recordings(
-                folder, [x.path for x in spans],
-                f': {later.path.name} begins {abs(seconds(pause)):.3g} s {order} the end of '
-                f'{earlier.path.name}')
+                folder,
+                tuple(spans),
+                f': {later.name} begins {abs(seconds(pause)):.3g} s {order} the end of '
+                f'{earlier.name}')
 
 
 def several_recordings(folder: Path, files: Sequence[Path], reason: str = '') -> UnsupportedBag:

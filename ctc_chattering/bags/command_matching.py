@@ -158,8 +158,12 @@ def _number_states(stamps: Indices) -> Indices:
     return np.append(0, np.cumsum(counts)).astype(int)
 
 
-def _match(values: Array, times: Indices, stamps: Indices, received: Indices, numbers: Indices
-           ) -> _Matches:
+def _match(
+        values: Array,
+        times: Indices,
+        stamps: Indices,
+        received: Indices,
+        numbers: Indices) -> _Matches:
     """Match commands by their times, or else their count."""
     limits = MATCHING_LIMITS
     arrival = np.maximum.accumulate(received - received[0])

@@ -64,7 +64,7 @@ def unpack(data: bytes, compression: str) -> bytes:
 
 def unpack_file(source: Path, target: Path) -> Path:
     """
-    Unpack a file of zstd; return the target.
+    Unpack a file of zstd and return the target.
 
     More than is allowed raises `CtcError`.
     """

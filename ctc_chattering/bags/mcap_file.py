@@ -34,6 +34,7 @@ import struct
 from typing import Any, NamedTuple
 import zlib
 
+from ctc_chattering.bags.bag_files import Span
 from ctc_chattering.bags.compression import unpack
 from ctc_chattering.errors import CtcError
 from mcap.data_stream import ReadDataStream
@@ -153,7 +154,7 @@ def _records(data: Any, begin: int, end: int) -> Iterator[tuple[int, int, int]]:
 
 class McapFile:
     """
-    An open MCAP file; close it after use.
+    Open MCAP file, which must be closed after use.
 
     Parameters
     ----------
@@ -165,10 +166,8 @@ class McapFile:
         By their numbers.
     counts : Counter
         Number of messages by channel.
-    start_time : int
-        Log time of the first message [ns].
-    end_time : int
-        Log time behind the last message [ns].
+    span : Span
+        Number and log times of the messages.
 
     Raises
     ------
@@ -181,8 +180,7 @@ class McapFile:
         self.schemas: dict[int, Schema] = {}
         self.channels: dict[int, Channel] = {}
         self.counts: Counter[int] = Counter()
-        self.start_time = 2 ** 63 - 1
-        self.end_time = 0
+        self.span = Span()
         self._data = map_file(path)
         summary = read_summary(self._data)
         blocks = [self._describe(x) for x in self._find_blocks(summary.chunk_indexes)]
@@ -198,13 +196,8 @@ class McapFile:
             self._data.close()
 
     @property
-    def message_count(self) -> int:
-        """Return the number of all messages."""
-        return self.counts.total()
-
-    @property
     def connections(self) -> list[Connection]:
-        """Topics of the file; ids are numbers of channels."""
+        """Return the topics of the file, with the channels as ids."""
         return [self._connection(x) for x in self.channels.values()]
 
     def messages(self, connections: Collection[Connection]
@@ -274,17 +267,19 @@ class McapFile:
                 channel = Channel.read(ReadDataStream(BytesIO(content[begin:end])))
                 if self.channels.setdefault(channel.id, channel) != channel:
                     raise CtcError(f'channel {channel.id} is described in two ways')
-        start = min(times, default=2 ** 63 - 1)
-        last = max(times, default=-1)
+        if not times:
+            return block
+        start = min(times)
         self.counts += counts
-        self.start_time = min(self.start_time, start)
-        self.end_time = max(self.end_time, last + 1)
+        self.span.count += len(times)
+        self.span.begin = min(self.span.begin, start)
+        self.span.end = max(self.span.end, max(times))
         return block._replace(start=start, channels=counts.keys())
 
     def _check_counts(self, statistics: Statistics) -> None:
         """Raise `CtcError` if the statistics count other messages."""
-        if self.message_count != statistics.message_count:
-            raise CtcError(f'{self.message_count} messages, {statistics.message_count} according '
+        if self.span.count != statistics.message_count:
+            raise CtcError(f'{self.span.count} messages, {statistics.message_count} according '
                            'to its index')
         if self.counts != Counter(statistics.channel_message_counts):
             raise CtcError('the index counts other messages of a topic')
@@ -301,12 +296,17 @@ class McapFile:
         is_text = form != MessageDefinitionFormat.NONE
         text = schema.data.decode(errors='replace') if is_text else ''
         profiles: list[Qos] = []
-        with suppress(Exception):  # Arbitrary text; it matters for replay only.
+        with suppress(Exception):  # Arbitrary text, which matters for replay only.
             profiles = parse_qos(channel.metadata[QOS])
         return Connection(
-            channel.id, channel.topic, schema.name, MessageDefinition(form, text), '',
+            channel.id,
+            channel.topic,
+            schema.name,
+            MessageDefinition(form, text),
+            '',
             self.counts[channel.id],
-            ConnectionExtRosbag2(channel.message_encoding, profiles), self)
+            ConnectionExtRosbag2(channel.message_encoding, profiles),
+            self)
 
 
 def _messages(content: bytes, channels: Collection[int]) -> Iterator[_Message]:

@@ -64,7 +64,9 @@ _TORQUES = f'controller/{topics.TORQUES}'
 
 
 def read_bag(
-        path: str | Path, model: str | type = '', law: str | type = '',
+        path: str | Path,
+        model: str | type = '',
+        law: str | type = '',
         switching: str | type = '') -> Result:
     """
     Return the run in a bag.
@@ -111,7 +113,7 @@ def find_bags(directory: Path) -> list[Path]:
 
 
 def _read_run(bag: Bag, replacements: Mapping[str, object]) -> Result:
-    """Return the run; user classes replace those that the bag names."""
+    """Return the run, with user classes for those that the bag names."""
     history = _read_configs(bag, replacements)
     since, config = history[0]
     period = period_ns(config.control_period)
@@ -161,14 +163,21 @@ def _read_run(bag: Bag, replacements: Mapping[str, object]) -> Result:
     plants = bag.parameters('plant', PlantConfig, {'friction_model': '', **replacements})
     experiment = plants[0][1].experiment if plants else ''
     return Result(
-        experiment or bag.path.name, configs, run, law_terms, description,
-        bag.path.resolve().name, commands=torque, replay=replay,
+        experiment or bag.path.name,
+        configs,
+        run,
+        law_terms,
+        description,
+        bag.path.resolve().name,
+        commands=torque,
+        replay=replay,
         topics=_source_topics(law_terms.origin, len(commands.logged) > 0),
         off_reference=_find_off_reference(signals[_TRACKING], reference, period))
 
 
-def _read_configs(bag: Bag, replacements: Mapping[str, object]
-                  ) -> list[tuple[int, ControllerConfig]]:
+def _read_configs(
+        bag: Bag,
+        replacements: Mapping[str, object]) -> list[tuple[int, ControllerConfig]]:
     """Return the controller's configurations and their times [ns]."""
     if len(bag.namespaces) > 1:
         raise CtcError(f'{bag.path}: runs of several robots: '
@@ -181,8 +190,10 @@ def _read_configs(bag: Bag, replacements: Mapping[str, object]
     return history
 
 
-def _select_in_force(history: Sequence[tuple[int, Any]], first: int, last: int
-                     ) -> list[tuple[int, Any]]:
+def _select_in_force(
+        history: Sequence[tuple[int, Any]],
+        first: int,
+        last: int) -> list[tuple[int, Any]]:
     """Return the configurations in force between two instants [ns]."""
     begins = sum(instant <= first for instant, _ in history[1:])
     initial, *changes = history[begins:]
@@ -223,8 +234,10 @@ def _order(bag: Bag, states: Signal, since: int, period: int) -> Signal:
     return states.select(order_states(name, t, *states.values, period=seconds(period)))
 
 
-def _find_off_reference(tracking: Signal, reference: RecordedReference, period: int
-                        ) -> tuple[float, float] | None:
+def _find_off_reference(
+        tracking: Signal,
+        reference: RecordedReference,
+        period: int) -> tuple[float, float] | None:
     """
     Return when the controller left the reference.
 

@@ -62,7 +62,7 @@ def published_terms(torques: Signal, filtered: Signal, start: int) -> RunTerms:
     filtered : Signal
         v, shape (M, n) [rad/s].
     start : int
-        Instant of the time 0 [ns]; what is before is left out.
+        Instant of the time 0 [ns]. Earlier samples are left out.
 
     """
     stamps = np.union1d(torques.stamps, filtered.stamps)
@@ -71,7 +71,9 @@ def published_terms(torques: Signal, filtered: Signal, start: int) -> RunTerms:
     v = rows_at(stamps, filtered.stamps, filtered.values[0])
     n = v.shape[1]
     nominal, compensation, robust, tau, energy = np.split(
-        columns, [n, 2 * n, 3 * n, 4 * n], axis=1)
+        columns,
+        [n, 2 * n, 3 * n, 4 * n],
+        axis=1)
     return RunTerms(
         (stamps - start) / NANOSECONDS,
         tau=tau,
@@ -97,11 +99,14 @@ def rows_at(times: Array | Instants, sample_times: Array | Instants, values: Arr
 
 
 def answers_to_states(
-        commands: Signal, published: RunTerms, states: Signal, t: Array) -> Array:
+        commands: Signal,
+        published: RunTerms,
+        states: Signal,
+        t: Array) -> Array:
     """
     Return the torque that answers each state.
 
-    Its shape is (N, n) [N·m]; it is nan where it is unknown.
+    Its shape is (N, n) [N·m], and it is nan where it is unknown.
 
     Commands stand where `match_commands` is sure of them. They do not stand next to one that
     differs from the torque published with the stamp of its state.
@@ -119,7 +124,10 @@ def answers_to_states(
 
     """
     answers = match_commands(
-        commands.values[0], commands.logged, states.stamps, states.logged)
+        commands.values[0],
+        commands.logged,
+        states.stamps,
+        states.logged)
     is_certain = answers.is_own & (answers.late[1] == 0.0)
     tau = np.where(is_certain[:, np.newaxis], answers.command, np.nan)
     stamped = rows_at(t, published.t, published.tau)
@@ -158,7 +166,7 @@ def received_torques(commands: Signal, published: RunTerms, states: Signal, star
 
 
 def _origin(samples: Sequence[object] | Array | Instants) -> SignalOrigin:
-    """Return the origin of a recorded signal; unknown without samples."""
+    """Return the origin of recorded samples, unknown without any."""
     return SignalOrigin.RECORDED if len(samples) else SignalOrigin.UNKNOWN
 
 
@@ -178,8 +186,12 @@ def _reception_times(logged: Instants, states: Signal, start: int) -> Array:
     return times
 
 
-def replay_law(run: Run, configs: Sequence[tuple[float, ControllerConfig]], model: Model,
-               published: RunTerms, ahead: Array) -> tuple[Replay, RunTerms | None]:
+def replay_law(
+        run: Run,
+        configs: Sequence[tuple[float, ControllerConfig]],
+        model: Model,
+        published: RunTerms,
+        ahead: Array) -> tuple[Replay, RunTerms | None]:
     """
     Recompute the law over all states.
 

@@ -117,7 +117,7 @@ def read_reference(bag: Bag, joints: tuple[str, ...]) -> RecordedReference:
 
 
 def _extend(chunks: list[tuple[Instants, Array]], t: Instants, points: Array) -> None:
-    """Add a chunk; it replaces all later points."""
+    """Add a chunk in the place of all later points."""
     while chunks and chunks[-1][0][-1] >= t[0]:
         old_t, old_points = chunks.pop()
         count = int(np.searchsorted(old_t, t[0]))

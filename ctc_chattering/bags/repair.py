@@ -35,12 +35,12 @@ from typing import Any, NamedTuple
 
 from ctc_chattering.bags.bag import Bag, damaged, DamagedBag, is_cdr
 from ctc_chattering.bags.bag_files import (
+    BagFiles,
     check_one_recording,
-    FileSpan,
     find_recording,
+    list_files,
     METADATA,
-    named_files,
-    read_metadata,
+    Span,
     UnsupportedBag,
 )
 from ctc_chattering.bags.compression import ZSTD
@@ -57,7 +57,6 @@ from ctc_chattering.bags.writer import (
     CHUNK_SIZE_BYTES,
     NOT_COMPRESSED,
     RecordedTopic,
-    Span,
     write_metadata,
 )
 from ctc_chattering.errors import CtcError
@@ -137,18 +136,19 @@ def repair(path: str | Path) -> Repaired | None:
     UnsupportedBag
         If a directory has several recordings.
     CtcError
-        If there is no bag, or a file cannot be repaired; then nothing is changed.
+        If there is no bag, or a file cannot be repaired. Then nothing is changed.
 
     """
     path = Path(path).absolute()
     damage = _find_damage(path)
-    if damage is None and not _lacks_metadata(path):
+    has_mcap = path.suffix == '.mcap' or any(path.glob('*.mcap'))
+    lacks_metadata = path.is_dir() and not (path / METADATA).exists()
+    if damage is None and not (has_mcap and lacks_metadata):
         return None
-    has_mcap = path.is_file() or any(path.glob('*.mcap'))
     if damage is not None and not has_mcap:
         raise damage
     files = _list_damaged_files(path)
-    if damage is not None and {file.suffix for file in files} != {'.mcap'}:
+    if damage is not None and {file.suffix for file in files.paths} != {'.mcap'}:
         raise damage
     folder = path if path.is_dir() else path.parent
     try:
@@ -158,22 +158,22 @@ def repair(path: str | Path) -> Repaired | None:
         raise CtcError(f'{error.filename or path}: {error.strerror or error}') from None
 
 
-def _replace_damaged(path: Path, files: tuple[Path, ...], scratch: Path) -> Repaired:
+def _replace_damaged(path: Path, files: BagFiles, scratch: Path) -> Repaired:
     """Replace damaged files and metadata by way of `scratch`."""
-    new = {file: scratch / file.name for file in files if _find_damage(file)}
+    new = {file: scratch / file.name for file in files.paths if _find_damage(file)}
     recovered = sum(recover(file, version) for file, version in new.items())
-    if len(new) == len(files) and not recovered:
+    if len(new) == len(files.paths) and not recovered:
         raise CtcError(f'{path}: no message in a whole chunk')
     if path.is_dir():
-        versions = {file: new.get(file, file) for file in files}
+        versions = {file: new.get(file, file) for file in files.paths}
         new[path / METADATA] = scratch / METADATA
-        _write_metadata_of(path, versions, new[path / METADATA], recovered)
+        _write_metadata_of(versions, files.metadata, new[path / METADATA], recovered)
     return Repaired(recovered, _put_in_place(new))
 
 
 def recover(file: Path, target: Path) -> int:
     """
-    Copy the messages in whole chunks; return their number.
+    Copy the messages in whole chunks and return their number.
 
     Every message, channel and definition is the same to the byte, whatever its format.
     """
@@ -188,10 +188,16 @@ def recover(file: Path, target: Path) -> int:
             key = definition, channel.topic, channel.message_encoding, *metadata.items()
             if key not in numbers:
                 numbers[key] = writer.register_channel(
-                    channel.topic, channel.message_encoding,
-                    writer.register_schema(*definition) if definition else 0, metadata)
-            writer.add_message(numbers[key], message.log_time, message.data,
-                               message.publish_time, message.sequence)
+                    channel.topic,
+                    channel.message_encoding,
+                    writer.register_schema(*definition) if definition else 0,
+                    metadata)
+            writer.add_message(
+                numbers[key],
+                message.log_time,
+                message.data,
+                message.publish_time,
+                message.sequence)
             count += 1
         writer.finish()
     return count
@@ -199,7 +205,7 @@ def recover(file: Path, target: Path) -> int:
 
 def _find_damage(path: Path) -> DamagedBag | None:
     """
-    Read a bag to its end; return its damage.
+    Read a bag to its end and return its damage.
 
     Raises
     ------
@@ -216,35 +222,18 @@ def _find_damage(path: Path) -> DamagedBag | None:
     return None
 
 
-def _lacks_metadata(path: Path) -> bool:
-    """Return whether a directory of MCAP files lacks metadata."""
-    return path.is_dir() and not (path / METADATA).exists() and any(path.glob('*.mcap'))
-
-
-def _list_damaged_files(path: Path) -> tuple[Path, ...]:
+def _list_damaged_files(path: Path) -> BagFiles:
     """Return the files of a damaged bag."""
-    if not path.is_dir():
-        return (path,)
-    named: tuple[Path, ...] = ()
     with suppress(Exception):  # Damaged metadata may raise any exception.
-        metadata = read_metadata(path)
-        named = tuple(x for x in named_files(path, metadata) if x.is_file())
-    if named:
-        return named
-    files = find_recording(path)
-    check_one_recording(path, [_span(file) for file in files])
-    return files
-
-
-def _span(file: Path) -> FileSpan:
-    """Return the log times in whole chunks of a file."""
-    times = [message.log_time for _, _, message in _recover_messages(file)]
-    last = max(times, default=-1)
-    return FileSpan(file, min(times, default=0), last + 1)
+        files = list_files(path)
+        existing = tuple(x for x in files.paths if x.is_file())
+        if existing:
+            return files._replace(paths=existing)
+    return BagFiles(find_recording(path))
 
 
 def _put_in_place(new: Mapping[Path, Path]) -> tuple[Path, ...]:
-    """Move new files into place; return the kept old ones."""
+    """Move new files into place and return the kept old ones."""
     aside = {x: x.with_name(x.name + _KEPT_ENDING) for x in new if x.exists()}
     for kept in aside.values():
         if kept.exists():
@@ -259,45 +248,53 @@ def _put_in_place(new: Mapping[Path, Path]) -> tuple[Path, ...]:
     return tuple(aside.values())
 
 
-def _write_metadata_of(bag: Path, versions: Mapping[Path, Path], target: Path, recovered: int
-                       ) -> None:
+def _write_metadata_of(
+        versions: Mapping[Path, Path],
+        metadata: dict[str, Any] | None,
+        target: Path,
+        recovered: int) -> None:
     """
     Write the metadata of a bag.
 
     Parameters
     ----------
-    bag : Path
-        Its directory.
     versions : mapping of Path to Path
         The files of the bag, and where they are now.
+    metadata : dict or None
+        Content of the old metadata; None without any.
     target : Path
         File to write.
     recovered : int
         Messages in files that were written anew.
 
+    Raises
+    ------
+    UnsupportedBag
+        If there are no old metadata, and files of several recordings.
+
     """
-    metadata: dict[str, Any] = {}
-    with suppress(Exception):  # Damaged metadata may raise any exception.
-        metadata = read_metadata(bag)
-    spans: dict[str, Span] = {}
+    spans: dict[Path, Span] = {}
     counts: Counter[tuple[str, str]] = Counter()
     topics: dict[tuple[str, str], RecordedTopic] = {}
     for file, version in versions.items():
         with closing(McapFile(version)) as content:
-            spans[file.name] = Span(
-                content.message_count, content.start_time, content.end_time - 1)
+            spans[file] = content.span
             for number, channel in content.channels.items():
                 schema = content.schemas.get(channel.schema_id, NO_SCHEMA)
                 key = channel.topic, schema.name
                 counts[key] += content.counts[number]
                 topics[key] = RecordedTopic(schema, _with_current_qos(channel), counts[key])
+    if metadata is None:
+        check_one_recording(target.parent, spans)
+        metadata = {}
     notes = dict(metadata.get('custom_data') or {})
     if recovered:
         notes['repaired'] = f'{recovered} messages recovered'
     compression = {key: metadata.get(key) or '' for key in NOT_COMPRESSED}
     if not metadata and any(map(_is_packed_by_message, versions.values())):
         compression = {'compression_format': 'zstd', 'compression_mode': 'MESSAGE'}
-    write_metadata(target, spans, tuple(topics.values()), notes, compression)
+    files = {file.name: span for file, span in spans.items()}
+    write_metadata(target, files, tuple(topics.values()), notes, compression)
 
 
 def _is_packed_by_message(file: Path) -> bool:

@@ -122,13 +122,16 @@ def _create_publishers(reader: Bag, node: Any) -> dict[tuple[str, str], Any]:
         else:
             try:
                 publishers[x.topic, x.msgtype] = node.create_publisher(
-                    message_type(x.msgtype), x.topic, qos(latched=latched))
+                    message_type(x.msgtype),
+                    x.topic,
+                    qos(latched=latched))
             except CtcError:
                 reason = 'its message type is not installed'
         if reason:
             print(
                 f'not replayed, because {reason}: {x.topic} ({x.msgtype})',
-                file=sys.stderr, flush=True)
+                file=sys.stderr,
+                flush=True)
     return publishers
 
 

@@ -45,7 +45,7 @@ _NAME_FIELDS = ('name', 'names', 'joint_names', 'dof_names')
 
 class Signal(NamedTuple):
     """
-    Values of a topic; N messages, n joints.
+    Values of a topic, of N messages and n joints.
 
     Attributes
     ----------

@@ -32,7 +32,7 @@ import time
 from typing import Any, BinaryIO, NamedTuple
 import zlib
 
-from ctc_chattering.bags.bag_files import METADATA
+from ctc_chattering.bags.bag_files import METADATA, Span
 from ctc_chattering.bags.mcap_file import QOS
 from ctc_chattering.errors import CtcError
 from mcap.data_stream import RecordBuilder
@@ -65,25 +65,16 @@ def offered_qos(depth: int, latched: bool) -> str:
     """Return the QoS of a reliable publisher as YAML."""
     durability = QosDurability.TRANSIENT_LOCAL if latched else QosDurability.VOLATILE
     profile = Qos(
-        QosHistory.KEEP_LAST, depth, QosReliability.RELIABLE, durability, deadline=_UNLIMITED,
-        lifespan=_UNLIMITED, liveliness=QosLiveliness.AUTOMATIC,
-        liveliness_lease_duration=_UNLIMITED, avoid_ros_namespace_conventions=False)
+        QosHistory.KEEP_LAST,
+        depth,
+        QosReliability.RELIABLE,
+        durability,
+        deadline=_UNLIMITED,
+        lifespan=_UNLIMITED,
+        liveliness=QosLiveliness.AUTOMATIC,
+        liveliness_lease_duration=_UNLIMITED,
+        avoid_ros_namespace_conventions=False)
     return yaml.safe_dump(dump_qos_v9([profile]))
-
-
-@dataclasses.dataclass
-class Span:
-    """Number of messages, first and last log time [ns]."""
-
-    count: int = 0
-    begin: int = 2 ** 63 - 1  # As rosbag2 has it for a bag without messages.
-    end: int = 0
-
-    def entry(self) -> dict[str, Any]:
-        """Return the span as metadata have it."""
-        return {'message_count': self.count,
-                'starting_time': {'nanoseconds_since_epoch': self.begin},
-                'duration': {'nanoseconds': max(0, self.end - self.begin)}}
 
 
 class RecordedTopic(NamedTuple):
@@ -91,7 +82,15 @@ class RecordedTopic(NamedTuple):
 
     schema: Schema
     channel: Channel
-    messages: int
+    messages: int = 0
+
+
+def _entry(span: Span) -> dict[str, Any]:
+    """Return a span as metadata have it."""
+    return {
+        'message_count': span.count,
+        'starting_time': {'nanoseconds_since_epoch': span.begin},
+        'duration': {'nanoseconds': max(0, span.end - span.begin)}}
 
 
 def write_metadata(
@@ -123,9 +122,9 @@ def write_metadata(
         min(x.begin for x in spans),
         max(x.end for x in spans))
     information = {
-        'version': 9, 'storage_identifier': 'mcap', 'ros_distro': 'jazzy', **bag.entry(),
+        'version': 9, 'storage_identifier': 'mcap', 'ros_distro': 'jazzy', **_entry(bag),
         'relative_file_paths': list(files),
-        'files': [{'path': name, **span.entry()} for name, span in files.items()],
+        'files': [{'path': name, **_entry(span)} for name, span in files.items()],
         'topics_with_message_count': [{
             'message_count': x.messages, 'topic_metadata': {
                 'name': x.channel.topic, 'type': x.schema.name,
@@ -173,7 +172,7 @@ class BagWriter:
 
     def __init__(self, path: Path) -> None:
         self._store = get_typestore(Stores.ROS2_JAZZY)
-        self.topics: dict[str, tuple[Schema, Channel]] = {}
+        self.topics: dict[str, RecordedTopic] = {}
         self.notes: dict[str, str] = {}
         self._files: dict[str, Span] = {}
         #: Chunks that describe the topics added since the last flush.
@@ -213,13 +212,10 @@ class BagWriter:
         if topic not in self.topics:
             definition, _ = self._store.generate_msgdef(message_type, ros_version=2)
             metadata = {QOS: qos, 'topic_type_hash': self._store.hash_rihs01(message_type)}
-            self.topics[topic] = (Schema(0, definition.encode(), 'ros2msg', message_type),
-                                  Channel(0, topic, 'cdr', metadata, 0))
-        self.add_message(topic, t, data)
-
-    def add_message(self, topic: str, t: int, data: bytes) -> None:
-        """Add a message of a known topic at `t` [ns]."""
-        number = self._numbers.get(topic) or self._add_channel(*self.topics[topic])
+            self.topics[topic] = RecordedTopic(
+                Schema(0, definition.encode(), 'ros2msg', message_type),
+                Channel(0, topic, 'cdr', metadata, 0))
+        number = self._numbers.get(topic) or self._add_channel(self.topics[topic])
         self._writer.add_message(number, t, data, t)
         self.counts[topic] += 1
         span = self._span
@@ -255,8 +251,7 @@ class BagWriter:
     def close(self) -> None:
         """Write index and metadata, which other tools need."""
         self._end_file()
-        topics = [RecordedTopic(schema, channel, self.counts[topic])
-                  for topic, (schema, channel) in self.topics.items()]
+        topics = [x._replace(messages=self.counts[name]) for name, x in self.topics.items()]
         write_metadata(self.path / METADATA, self._files, topics, self.notes)
 
     def _begin_file(self) -> None:
@@ -276,13 +271,14 @@ class BagWriter:
         self._sync.result()
         self._stream.close()
 
-    def _add_channel(self, schema: Schema, channel: Channel) -> int:
+    def _add_channel(self, topic: RecordedTopic) -> int:
         """
-        Describe a topic in the file; return its number.
+        Describe a topic in the file and return its number.
 
         The first chunk with messages of a topic has its description. A damaged chunk must not take
         it along. So it is also in chunks without messages on both sides of that chunk.
         """
+        schema, channel, _ = topic
         schema_id = self._writer.register_schema(schema.name, schema.encoding, schema.data)
         number = self._writer.register_channel(channel.topic, 'cdr', schema_id, channel.metadata)
         records: Any = RecordBuilder()

@@ -22,7 +22,7 @@ known types is read. `bags/reader.py` reads the runs of this package, with refer
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import closing
 import dataclasses
 from pathlib import Path
@@ -39,6 +39,7 @@ from ctc_chattering.dynamics.registry import locked_positions
 from ctc_chattering.dynamics.urdf_parser import Tree
 from ctc_chattering.errors import CtcError, near, refused_as, shortened
 from ctc_chattering.identification.recording import (
+    find_joints,
     KEPT_VELOCITY_ROWS,
     RecordedMotion,
     Recording,
@@ -102,9 +103,13 @@ class _RobotInBag(NamedTuple):
     description: str
 
 
-def read_motion(path: str | Path, joints: Sequence[str] = (), description: str = '',
-                states: str = JOINT_STATES, commands: str = COMMANDS, model: str = ''
-                ) -> RecordedMotion:
+def read_motion(
+        path: str | Path,
+        joints: Sequence[str] = (),
+        description: str = '',
+        states: str = JOINT_STATES,
+        commands: str = COMMANDS,
+        model: str = '') -> RecordedMotion:
     """
     Return the motion in a bag, for `identify`.
 
@@ -144,10 +149,10 @@ def read_motion(path: str | Path, joints: Sequence[str] = (), description: str =
         names = tuple(joints)
         if not names and robot.controller:
             names = robot.controller.joint_names
-        names = names or _find_joints(state_topic, robot.description)
+        recorded = state_topic.read_layout().joints
+        names = names or find_joints(path, robot.description, recorded)
         signal = state_topic.read(names)
         if not len(signal.logged):
-            recorded = state_topic.read_layout().joints
             hints = ''.join(near(x, recorded) for x in names[:3])
             raise CtcError(
                 f'{path}: no state has the joints {shortened(names)}; joints of the bag: '
@@ -166,13 +171,19 @@ def read_motion(path: str | Path, joints: Sequence[str] = (), description: str =
         notes: list[str] = []
         if joints and robot.description:
             lines = robot.controller.locked if robot.controller else ()
-            notes += _note_misplaced_joints(
-                state_topic, names, robot.description, locked_positions(lines))
+            candidates = set(recorded).difference(names)
+            movable = Tree(robot.description).movable
+            unused = tuple(x for x in movable if x in candidates)
+            if unused:
+                notes += _note_misplaced_joints(
+                    state_topic.read(unused), unused, locked_positions(lines))
         try:
             command_topic = _choose_topic(bag, commands, '--commands', MULTI_ARRAY, ('data',))
             answers = _read_commands(command_topic, recording, signal.logged, stamps)
             recording = dataclasses.replace(
-                recording, command=answers.command, late=answers.late)
+                recording,
+                command=answers.command,
+                late=answers.late)
         except CtcError as error:
             if commands != COMMANDS:
                 raise
@@ -186,13 +197,19 @@ def read_motion(path: str | Path, joints: Sequence[str] = (), description: str =
             if missing:
                 notes.append(f'the effort is not used: there is none of {", ".join(missing)}')
         return RecordedMotion(
-            recording.checked(), robot.description, robot.controller, tuple(notes))
+            recording.checked(),
+            robot.description,
+            robot.controller,
+            tuple(notes))
 
 
 # Topics and the robot.
 
-def _find_topics(bag: Bag, name: str, message_type: str, fields: tuple[str, ...]
-                 ) -> list[SignalTopic]:
+def _find_topics(
+        bag: Bag,
+        name: str,
+        message_type: str,
+        fields: tuple[str, ...]) -> list[SignalTopic]:
     """
     Return the topics of a name and a type.
 
@@ -275,34 +292,17 @@ def _name_beside(bag: Bag, topic: str, name: str) -> str:
 
 # Joints and states.
 
-def _find_joints(states: SignalTopic, description: str) -> tuple[str, ...]:
-    """Return the movable joints that are in the states."""
-    recorded = states.read_layout().joints
-    movable = Tree(description).movable if description else recorded
-    joints = tuple(name for name in movable if name in recorded)
-    if not joints:
-        described = f'the joints {shortened(movable)}' if movable else (
-            'no joint that moves by itself: fixed joints, joints that mimic others, and their '
-            'leaders are left out')
-        raise CtcError(f'{states.bag.path}: the description has {described}; the states have '
-                       f'{shortened(recorded)}')
-    return joints
-
-
-def _note_misplaced_joints(states: SignalTopic, names: tuple[str, ...], description: str,
-                           locked: Mapping[str, float]) -> list[str]:
+def _note_misplaced_joints(
+        states: Signal,
+        joints: tuple[str, ...],
+        locked: Mapping[str, float]) -> Iterator[str]:
     """Note unused joints that are not where the model locks them."""
-    recorded = states.read_layout().joints
-    candidates = set(recorded).difference(names)
-    unused = tuple(x for x in Tree(description).movable if x in candidates)
-    notes = []
-    for name, q in zip(unused, states.read(unused).values[0].T):
+    for name, q in zip(joints, states.values[0].T):
         low, high = q.min(), q.max()
         position = locked.get(name, 0.0)
         if max(position - low, high - position) > _MAX_LOCK_ERROR:
-            notes.append(f'{name} is none of --joints: it is at {low:.3g} to {high:.3g} in the '
-                         f'bag, and fixed at {position:g} in the model')
-    return notes
+            yield (f'{name} is none of --joints: it is at {low:.3g} to {high:.3g} in the '
+                   f'bag, and fixed at {position:g} in the model')
 
 
 def _is_unused(values: Array) -> bool:
@@ -312,8 +312,11 @@ def _is_unused(values: Array) -> bool:
 
 # Commanded torques.
 
-def _read_commands(topic: SignalTopic, recording: Recording, logged: Instants, stamps: Instants
-                   ) -> Answers:
+def _read_commands(
+        topic: SignalTopic,
+        recording: Recording,
+        logged: Instants,
+        stamps: Instants) -> Answers:
     """
     Return the torques commanded in answer to the states.
 
@@ -361,8 +364,11 @@ def _read_commands(topic: SignalTopic, recording: Recording, logged: Instants, s
     return answers
 
 
-def _time_reports(topic: SignalTopic, reports: Signal, logged: Instants, stamps: Instants
-                  ) -> tuple[Instants, Instants]:
+def _time_reports(
+        topic: SignalTopic,
+        reports: Signal,
+        logged: Instants,
+        stamps: Instants) -> tuple[Instants, Instants]:
     """Return times of reports and of states on one clock [ns]."""
     count, states = len(reports.logged), len(stamps)
     if count < COMMAND_LIMITS.min_reports_per_state * states:

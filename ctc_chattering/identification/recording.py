@@ -23,10 +23,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 import dataclasses
+from pathlib import Path
 
 from ctc_chattering.bags.state_order import order_states
 from ctc_chattering.control.controller_config import ControllerConfig
-from ctc_chattering.errors import CtcError
+from ctc_chattering.dynamics.urdf_parser import Tree
+from ctc_chattering.errors import CtcError, shortened
 from ctc_chattering.numerics.linear_algebra import Array, Indices
 import numpy as np
 
@@ -120,8 +122,8 @@ class Recording:
             row, joint = np.argwhere(is_bad)[0]
             count = int(is_bad.any(axis=1).sum())
             raise CtcError(
-                f'{self.name}: {count} of {len(self.t)} states have a position that is not finite, the first of {self.joints[joint]} at '
-                f'{self.t[row]:.3f} s')
+                f'{self.name}: {count} of {len(self.t)} states have a position that is not '
+                f'finite, the first of {self.joints[joint]} at {self.t[row]:.3f} s')
         rows: Indices = np.unique(self.t, return_index=True)[1]
         if len(rows) >= MIN_STATES:
             contents = [self.q]
@@ -175,6 +177,27 @@ class RecordedMotion:
     description: str = ''
     controller: ControllerConfig | None = None
     notes: Sequence[str] = ()
+
+
+def find_joints(path: Path, description: str, recorded: tuple[str, ...]) -> tuple[str, ...]:
+    """
+    Return the movable joints of a description that were recorded.
+
+    Raises
+    ------
+    CtcError
+        If there is none.
+
+    """
+    movable = Tree(description).movable if description else recorded
+    joints = tuple(name for name in movable if name in recorded)
+    if not joints:
+        described = f'the joints {shortened(movable)}' if movable else (
+            'no joint that moves by itself: fixed joints, joints that mimic others, and their '
+            'leaders are left out')
+        raise CtcError(f'{path}: the description has {described}; the states have '
+                       f'{shortened(recorded)}')
+    return joints
 
 
 def take_rows(values: Array, rows: Indices) -> Array:

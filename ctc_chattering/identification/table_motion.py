@@ -31,7 +31,7 @@ import warnings
 
 from ctc_chattering.dynamics.urdf_parser import Tree
 from ctc_chattering.errors import CtcError, near, shortened
-from ctc_chattering.identification.recording import RecordedMotion, Recording
+from ctc_chattering.identification.recording import find_joints, RecordedMotion, Recording
 from ctc_chattering.input_files import check_regular
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
@@ -47,8 +47,10 @@ COLUMN = re.compile(r'(?!d*q_d_)(q|dq|tau|effort)_?(.+?)(?: \[.*\])?')
 MAX_BYTES = 2 ** 31
 
 
-def read_table(path: str | Path, joints: Sequence[str] = (), description: str = ''
-               ) -> RecordedMotion:
+def read_table(
+        path: str | Path,
+        joints: Sequence[str] = (),
+        description: str = '') -> RecordedMotion:
     """
     Return the motion in a table, for `identify`.
 
@@ -81,7 +83,11 @@ def read_table(path: str | Path, joints: Sequence[str] = (), description: str = 
             columns[quantity][match[2]] = column
     names = tuple(joints)
     if not names:
-        names = _find_joints(path, tuple(columns['q']), description)
+        names = tuple(columns['q'])
+        if description and all(name.isdigit() for name in names):
+            names = _name_numbers(path, names, description)
+        else:
+            names = find_joints(path, description, names)
     def stack(quantity: str) -> Array | None:
         by_joint = columns[quantity]
         picked = [by_joint.get(name, by_joint.get(str(k))) for k, name in enumerate(names, 1)]
@@ -99,19 +105,13 @@ def read_table(path: str | Path, joints: Sequence[str] = (), description: str = 
     return RecordedMotion(recording.checked(), description)
 
 
-def _find_joints(path: Path, in_table: tuple[str, ...], description: str) -> tuple[str, ...]:
-    """Return the movable joints that are in the table."""
-    movable = Tree(description).movable if description else in_table
-    if all(name.isdigit() for name in in_table):
-        if len(in_table) == len(movable):
-            return movable
-        raise CtcError(f'{path}: {len(in_table)} joints with numbers; the description has '
+def _name_numbers(path: Path, numbers: tuple[str, ...], description: str) -> tuple[str, ...]:
+    """Return the movable joints of a description in the place of numbers from 1 on."""
+    movable = Tree(description).movable
+    if len(numbers) != len(movable):
+        raise CtcError(f'{path}: {len(numbers)} joints with numbers; the description has '
                        f'{len(movable)}: {shortened(movable)}. Give --joints in their order')
-    joints = tuple(name for name in movable if name in in_table)
-    if not joints:
-        raise CtcError(f'{path}: the description has the joints {shortened(movable)}; the table '
-                       f'has {shortened(in_table)}')
-    return joints
+    return movable
 
 
 def _read_columns(path: Path) -> tuple[list[str], Array]:
