@@ -54,8 +54,13 @@ from tqdm import tqdm
 _IDL_RULE = '=' * 80 + '\n'
 
 #: Field of a ParameterValue with the value, by its type.
-_VALUE_FIELDS = {1: 'bool_value', 2: 'integer_value', 3: 'double_value', 4: 'string_value',
-                 8: 'double_array_value', 9: 'string_array_value'}
+_VALUE_FIELDS = {
+    1: 'bool_value',
+    2: 'integer_value',
+    3: 'double_value',
+    4: 'string_value',
+    8: 'double_array_value',
+    9: 'string_array_value'}
 
 
 class Bag:

@@ -63,8 +63,10 @@ _GROUP_SIZE = 1 << 20
 #: Key of the publishers' QoS in the metadata of a channel.
 QOS = 'offered_qos_profiles'
 #: Formats of definitions that `rosbags` reads, by their encodings.
-_DEFINITIONS = {'ros2msg': MessageDefinitionFormat.MSG, 'ros2idl': MessageDefinitionFormat.IDL,
-                'omgidl': MessageDefinitionFormat.IDL}
+_DEFINITIONS = {
+    'ros2msg': MessageDefinitionFormat.MSG,
+    'ros2idl': MessageDefinitionFormat.IDL,
+    'omgidl': MessageDefinitionFormat.IDL}
 #: Schema of a channel without one, as of JSON.
 NO_SCHEMA = Schema(0, b'', '', '')
 

@@ -264,7 +264,11 @@ def _source_topics(terms_origin: SignalOrigin, has_commands: bool) -> dict[str, 
     states_and_reference = f'{states}, {topics.REFERENCE}'
     is_computed = terms_origin is SignalOrigin.COMPUTED
     term_topics = states_and_reference if is_computed else _TORQUES
-    return {'q': states, 'dq': states, 'q_d': states_and_reference, 'e': states_and_reference,
-            'torque': topics.COMMANDS if has_commands else _TORQUES,
-            'v': states_and_reference if is_computed else _FILTER,
-            **dict.fromkeys((*PARTS, 'V'), term_topics)}
+    return {
+        'q': states,
+        'dq': states,
+        'q_d': states_and_reference,
+        'e': states_and_reference,
+        'torque': topics.COMMANDS if has_commands else _TORQUES,
+        'v': states_and_reference if is_computed else _FILTER,
+        **dict.fromkeys((*PARTS, 'V'), term_topics)}

@@ -93,6 +93,17 @@ def _entry(span: Span) -> dict[str, Any]:
         'duration': {'nanoseconds': max(0, span.end - span.begin)}}
 
 
+def _topic_metadata(topic: RecordedTopic) -> dict[str, Any]:
+    """Return name, type and QoS of a topic as metadata have it."""
+    channel = topic.channel
+    return {
+        'name': channel.topic,
+        'type': topic.schema.name,
+        'serialization_format': channel.message_encoding,
+        'offered_qos_profiles': yaml.safe_load(channel.metadata[QOS] or '[]'),
+        'type_description_hash': channel.metadata.get('topic_type_hash', '')}
+
+
 def write_metadata(
         path: Path,
         files: Mapping[str, Span],
@@ -122,17 +133,16 @@ def write_metadata(
         min(x.begin for x in spans),
         max(x.end for x in spans))
     information = {
-        'version': 9, 'storage_identifier': 'mcap', 'ros_distro': 'jazzy', **_entry(bag),
+        'version': 9,
+        'storage_identifier': 'mcap',
+        'ros_distro': 'jazzy',
+        **_entry(bag),
         'relative_file_paths': list(files),
         'files': [{'path': name, **_entry(span)} for name, span in files.items()],
-        'topics_with_message_count': [{
-            'message_count': x.messages, 'topic_metadata': {
-                'name': x.channel.topic, 'type': x.schema.name,
-                'serialization_format': x.channel.message_encoding,
-                'offered_qos_profiles': yaml.safe_load(x.channel.metadata[QOS] or '[]'),
-                'type_description_hash': x.channel.metadata.get('topic_type_hash', '')}}
-            for x in topics],
-        **compression, 'custom_data': dict(notes) or None}
+        'topics_with_message_count': [
+            {'message_count': x.messages, 'topic_metadata': _topic_metadata(x)} for x in topics],
+        **compression,
+        'custom_data': dict(notes) or None}
     # Keys are sorted, so the version is last: it is missing where the file is cut off.
     path.write_text(
         yaml.safe_dump({'rosbag2_bagfile_information': information}), encoding='utf-8')
