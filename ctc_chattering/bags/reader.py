@@ -43,12 +43,13 @@ from ctc_chattering.bags.recorded_law import (
 )
 from ctc_chattering.bags.recorded_reference import read_reference, RecordedReference
 from ctc_chattering.bags.repair import open_bag
-from ctc_chattering.bags.signals import JOINT_STATE, MULTI_ARRAY, Signal, SignalTopic
+from ctc_chattering.bags.signals import Instants, JOINT_STATE, MULTI_ARRAY, Signal, SignalTopic
 from ctc_chattering.bags.state_order import order_states, STAMP_LIMITS
 from ctc_chattering.control.controller import ControllerConfig
 from ctc_chattering.dynamics.registry import model_of
 from ctc_chattering.errors import CtcError, refused_as
 from ctc_chattering.numerics.angles import unwrapped_beside
+from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.numerics.time_grid import missing, NANOSECONDS, period_ns, seconds
 from ctc_chattering.ros import topics
 from ctc_chattering.simulation.closed_loop import Run
@@ -101,9 +102,7 @@ def find_bags(directory: Path) -> list[Path]:
     """
     Return the bags below a directory, sorted.
 
-    A bag itself, or a file, has none.
-
-    Damaged bags that `ctc repair` has kept are left out.
+    A bag itself, or a file, has none below it. Damaged bags that `ctc repair` has kept are left out.
     """
     bags = {x.parent for x in directory.rglob('*')
             if x.name.endswith(_FILE_ENDINGS) and x.is_file()}
@@ -143,18 +142,13 @@ def _read_run(bag: Bag, replacements: Mapping[str, object]) -> Result:
     commands = signals[topics.COMMANDS]
     published = published_terms(signals[_TORQUES], signals[_FILTER], start)
     tau = answers_to_states(commands, published, states, t)
-    unknown = np.full_like(q, np.nan)
-    run = Run(t, q, dq, q_d, dq_d, ddq_d, tau, v=unknown)
+    run = Run(t, q, dq, q_d, dq_d, ddq_d, tau, v=np.full_like(q, np.nan))
 
     torque = None
     replay = Replay(ReplayVerdict.NOT_ONE_TO_ONE)
     law_terms = None
     if is_one_to_one(tau):
-        # What is desired at the samples of the delay, and at the states themselves.
-        steps = np.arange(1 + config.input_delay)
-        instants = states.stamps[:, np.newaxis] + period * steps
-        points = reference.at(instants.ravel())
-        ahead = points.reshape(*instants.shape, 3, -1)[:, 1:]
+        ahead = _desired_ahead(reference, states.stamps, period, config.input_delay)
         replay, law_terms = replay_law(run, configs, model, published, ahead)
     else:
         torque = received_torques(commands, published, states, start)
@@ -234,14 +228,23 @@ def _order(bag: Bag, states: Signal, since: int, period: int) -> Signal:
     return states.select(order_states(name, t, *states.values, period=seconds(period)))
 
 
+def _desired_ahead(
+        reference: RecordedReference,
+        stamps: Instants,
+        period: int,
+        delay: int) -> Array:
+    """Return the points at the samples of the delay, shape (N, delay, 3, n)."""
+    instants = stamps[:, np.newaxis] + period * np.arange(1 + delay)
+    points = reference.at(instants.ravel())
+    return points.reshape(*instants.shape, 3, -1)[:, 1:]
+
+
 def _find_off_reference(
         tracking: Signal,
         reference: RecordedReference,
         period: int) -> tuple[float, float] | None:
     """
-    Return when the controller left the reference.
-
-    These are the first and last time [s].
+    Return when the controller left the reference, first and last time [s].
 
     The controller takes states at its samples. So its desired position differs from the reference
     at the stamp of a state by no more than the reference moves in a period.

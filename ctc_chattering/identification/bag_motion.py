@@ -22,7 +22,7 @@ known types is read. `bags/reader.py` reads the runs of this package, with refer
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import closing
 import dataclasses
 from pathlib import Path
@@ -149,10 +149,11 @@ def read_motion(
         names = tuple(joints)
         if not names and robot.controller:
             names = robot.controller.joint_names
-        recorded = state_topic.read_layout().joints
-        names = names or find_joints(path, robot.description, recorded)
+        if not names:
+            names = find_joints(path, robot.description, state_topic.read_layout().joints)
         signal = state_topic.read(names)
         if not len(signal.logged):
+            recorded = state_topic.read_layout().joints
             hints = ''.join(near(x, recorded) for x in names[:3])
             raise CtcError(
                 f'{path}: no state has the joints {shortened(names)}; joints of the bag: '
@@ -170,13 +171,7 @@ def read_motion(
             dropped=count_dropped(path, (state_topic.name, command_name)))
         notes: list[str] = []
         if joints and robot.description:
-            lines = robot.controller.locked if robot.controller else ()
-            candidates = set(recorded).difference(names)
-            movable = Tree(robot.description).movable
-            unused = tuple(x for x in movable if x in candidates)
-            if unused:
-                notes += _note_misplaced_joints(
-                    state_topic.read(unused), unused, locked_positions(lines))
+            notes += _note_misplaced_joints(state_topic, names, robot)
         try:
             command_topic = _choose_topic(bag, commands, '--commands', MULTI_ARRAY, ('data',))
             answers = _read_commands(command_topic, recording, signal.logged, stamps)
@@ -191,11 +186,7 @@ def read_motion(
                 raise CtcError(f'no torque: no effort in the states, and {error}') from None
             if _find_topics(bag, '', MULTI_ARRAY, ()):
                 notes.append(f'no commands are used: {error}')
-        if recording.effort is not None:
-            missing = [name for name, values in zip(names, recording.effort.T)
-                       if not np.isfinite(values).any()]
-            if missing:
-                notes.append(f'the effort is not used: there is none of {", ".join(missing)}')
+        notes += _note_missing_effort(recording)
         return RecordedMotion(
             recording.checked(),
             robot.description,
@@ -293,16 +284,32 @@ def _name_beside(bag: Bag, topic: str, name: str) -> str:
 # Joints and states.
 
 def _note_misplaced_joints(
-        states: Signal,
-        joints: tuple[str, ...],
-        locked: Mapping[str, float]) -> Iterator[str]:
+        states: SignalTopic,
+        names: tuple[str, ...],
+        robot: _RobotInBag) -> Iterator[str]:
     """Note unused joints that are not where the model locks them."""
-    for name, q in zip(joints, states.values[0].T):
+    candidates = set(states.read_layout().joints).difference(names)
+    movable = Tree(robot.description).movable
+    unused = tuple(x for x in movable if x in candidates)
+    if not unused:
+        return
+    locked = locked_positions(robot.controller.locked if robot.controller else ())
+    for name, q in zip(unused, states.read(unused).values[0].T):
         low, high = q.min(), q.max()
         position = locked.get(name, 0.0)
         if max(position - low, high - position) > _MAX_LOCK_ERROR:
             yield (f'{name} is none of --joints: it is at {low:.3g} to {high:.3g} in the '
                    f'bag, and fixed at {position:g} in the model')
+
+
+def _note_missing_effort(recording: Recording) -> Iterator[str]:
+    """Note joints without an effort, where others have one."""
+    if recording.effort is None:
+        return
+    is_missing = ~np.isfinite(recording.effort)
+    missing = [x for x, column in zip(recording.joints, is_missing.T) if column.all()]
+    if missing:
+        yield f'the effort is not used: there is none of {", ".join(missing)}'
 
 
 def _is_unused(values: Array) -> bool:
@@ -345,7 +352,8 @@ def _read_commands(
             f'{topic.bag.path}: {layout.width} commanded torques for {len(joints)} joints, '
             f'{shortened(joints)}; name those of the commands, in their order: {option}')
     period = np.median(np.diff(np.sort(stamps)))
-    is_backward = np.diff(stamps) < -COMMAND_LIMITS.backward_step_periods * period
+    longest = COMMAND_LIMITS.backward_step_periods * period
+    is_backward = np.diff(stamps) < -longest
     if is_backward.sum() > COMMAND_LIMITS.max_backward_steps:
         raise CtcError(f'{topic.bag.path}: stamps of the states run to and fro in the order in '
                        'which they were recorded: was the clock of the recorder set back, or are '
