@@ -122,8 +122,7 @@ def count_dropped(bag: Path, topics: Sequence[str]) -> int:
     try:
         notes = read_metadata(bag).get('custom_data') or {}
         counts = dict(literal_eval(notes.get('dropped', '{}')))
-        return sum(int(count) for name, count in counts.items()
-                   if any(name.endswith(topic) for topic in topics))
+        return sum(int(n) for name, n in counts.items() if name.endswith(tuple(topics)))
     except Exception:  # Without metadata, or of another recorder.
         return 0
 

@@ -98,10 +98,6 @@ class Answers(NamedTuple):
     late: tuple[float, float]
     is_own: Flags
 
-    def select(self, rows: Indices) -> Answers:
-        """Return the commands of some states."""
-        return self._replace(command=self.command[rows], is_own=self.is_own[rows])
-
 
 class _Matches(NamedTuple):
     """

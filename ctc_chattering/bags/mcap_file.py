@@ -27,6 +27,7 @@ from collections import Counter
 from collections.abc import Collection, Iterator
 from contextlib import suppress
 from io import BytesIO
+from math import inf
 import mmap
 from operator import attrgetter, itemgetter
 from pathlib import Path
@@ -210,16 +211,16 @@ class McapFile:
         Each comes with its connection and log time [ns].
         """
         topics = {x.id: x for x in connections}
+        blocks = [x for x in self._blocks if not topics.keys().isdisjoint(x.channels)]
+        next_starts = [*(x.start for x in blocks[1:]), inf]
         waiting: list[_Message] = []
-        for block in self._blocks:
-            if topics.keys().isdisjoint(block.channels):
-                continue
-            due = bisect_left(waiting, block.start, key=_LOG_TIME)
-            yield from ((topics[number], t, data) for t, number, data in waiting[:due])
-            del waiting[:due]
+        for block, next_start in zip(blocks, next_starts):
             waiting += _messages(self._content(block), topics)
             waiting.sort(key=_LOG_TIME)
-        yield from ((topics[number], t, data) for t, number, data in waiting)
+            due = bisect_left(waiting, next_start, key=_LOG_TIME)
+            for t, number, data in waiting[:due]:
+                yield topics[number], t, data
+            del waiting[:due]
 
     def _find_blocks(self, chunk_indexes: Collection[ChunkIndex]) -> list[_Block]:
         """
@@ -295,8 +296,7 @@ class McapFile:
         """Return a topic as `rosbags` has it."""
         schema = self.schemas.get(channel.schema_id, NO_SCHEMA)
         form = _DEFINITIONS.get(schema.encoding, MessageDefinitionFormat.NONE)
-        is_text = form != MessageDefinitionFormat.NONE
-        text = schema.data.decode(errors='replace') if is_text else ''
+        text = schema.data.decode(errors='replace')
         profiles: list[Qos] = []
         with suppress(Exception):  # Arbitrary text, which matters for replay only.
             profiles = parse_qos(channel.metadata[QOS])

@@ -102,7 +102,8 @@ def find_bags(directory: Path) -> list[Path]:
     """
     Return the bags below a directory, sorted.
 
-    A bag itself, or a file, has none below it. Damaged bags that `ctc repair` has kept are left out.
+    A bag itself, or a file, has none below it. Damaged bags that `ctc repair` has kept are left
+    out.
     """
     bags = {x.parent for x in directory.rglob('*')
             if x.name.endswith(_FILE_ENDINGS) and x.is_file()}

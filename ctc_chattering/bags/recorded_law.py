@@ -24,7 +24,7 @@ bag.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Sequence, Sized
 
 from ctc_chattering.analysis.result import Replay, ReplayVerdict
 from ctc_chattering.analysis.signals import PARTS, Series, SignalOrigin
@@ -165,7 +165,7 @@ def received_torques(commands: Signal, published: RunTerms, states: Signal, star
     return Series(t[order], commands.values[0][order], _origin(order), received=True)
 
 
-def _origin(samples: Sequence[object] | Array | Instants) -> SignalOrigin:
+def _origin(samples: Sized) -> SignalOrigin:
     """Return the origin of recorded samples, unknown without any."""
     return SignalOrigin.RECORDED if len(samples) else SignalOrigin.UNKNOWN
 

@@ -30,7 +30,7 @@ from typing import NamedTuple
 
 from ctc_chattering.bags.bag import Bag
 from ctc_chattering.bags.bag_files import count_dropped
-from ctc_chattering.bags.command_matching import Answers, match_commands
+from ctc_chattering.bags.command_matching import match_commands
 from ctc_chattering.bags.repair import open_bag
 from ctc_chattering.bags.signals import Instants, JOINT_STATE, MULTI_ARRAY, Signal, SignalTopic
 from ctc_chattering.control.controller import ControllerConfig, LAWS
@@ -174,11 +174,7 @@ def read_motion(
             notes += _note_misplaced_joints(state_topic, names, robot)
         try:
             command_topic = _choose_topic(bag, commands, '--commands', MULTI_ARRAY, ('data',))
-            answers = _read_commands(command_topic, recording, signal.logged, stamps)
-            recording = dataclasses.replace(
-                recording,
-                command=answers.command,
-                late=answers.late)
+            recording = _add_commands(command_topic, recording, signal.logged, stamps)
         except CtcError as error:
             if commands != COMMANDS:
                 raise
@@ -319,20 +315,20 @@ def _is_unused(values: Array) -> bool:
 
 # Commanded torques.
 
-def _read_commands(
+def _add_commands(
         topic: SignalTopic,
         recording: Recording,
         logged: Instants,
-        stamps: Instants) -> Answers:
+        stamps: Instants) -> Recording:
     """
-    Return the torques commanded in answer to the states.
+    Return a recording with the torques commanded in answer to its states.
 
     Parameters
     ----------
     topic : SignalTopic
         Commands, or reports of them.
     recording : Recording
-        Positions and velocities.
+        Recording without commands.
     logged, stamps : ndarray of int, shape (N,)
         Log times and stamps of the states [ns].
 
@@ -364,12 +360,12 @@ def _read_commands(
     _check_one_publisher(topic.bag.path, values, times, len(stamps))
     order = np.argsort(stamps, kind='stable')
     answers = match_commands(values, times, stamps[order], received[order])
-    answers = answers.select(np.argsort(order))
+    command = answers.command[np.argsort(order)]
     for motion, quantity in ((recording.q, 'positions'), (recording.dq, 'velocities')):
-        if motion is not None and _repeats(answers.command[:len(motion)], motion):
+        if motion is not None and _repeats(command[:len(motion)], motion):
             raise CtcError(
                 f'{topic.bag.path}: the commands on {topic.name} are {quantity}, no torques')
-    return answers
+    return dataclasses.replace(recording, command=command, late=answers.late)
 
 
 def _time_reports(
