@@ -25,7 +25,6 @@ from __future__ import annotations
 from bisect import bisect_left
 from collections import Counter
 from collections.abc import Collection, Iterator
-from contextlib import suppress
 from io import BytesIO
 from math import inf
 import mmap
@@ -263,13 +262,9 @@ class McapFile:
                 counts[number] += 1
                 times.append(t)
             elif opcode == Opcode.SCHEMA:
-                schema = Schema.read(ReadDataStream(BytesIO(content[begin:end])))
-                if self.schemas.setdefault(schema.id, schema) != schema:
-                    raise CtcError(f'schema {schema.id} is described in two ways')
+                _register(Schema, content[begin:end], self.schemas)
             elif opcode == Opcode.CHANNEL:
-                channel = Channel.read(ReadDataStream(BytesIO(content[begin:end])))
-                if self.channels.setdefault(channel.id, channel) != channel:
-                    raise CtcError(f'channel {channel.id} is described in two ways')
+                _register(Channel, content[begin:end], self.channels)
         if not times:
             return block
         start = min(times)
@@ -297,9 +292,6 @@ class McapFile:
         schema = self.schemas.get(channel.schema_id, NO_SCHEMA)
         form = _DEFINITIONS.get(schema.encoding, MessageDefinitionFormat.NONE)
         text = schema.data.decode(errors='replace')
-        profiles: list[Qos] = []
-        with suppress(Exception):  # Arbitrary text, which matters for replay only.
-            profiles = parse_qos(channel.metadata[QOS])
         return Connection(
             channel.id,
             channel.topic,
@@ -307,8 +299,23 @@ class McapFile:
             MessageDefinition(form, text),
             '',
             self.counts[channel.id],
-            ConnectionExtRosbag2(channel.message_encoding, profiles),
+            ConnectionExtRosbag2(channel.message_encoding, read_qos(channel)),
             self)
+
+
+def read_qos(channel: Channel) -> list[Qos]:
+    """Return the QoS that the publishers of a channel offer, empty where it is none."""
+    try:
+        return parse_qos(channel.metadata[QOS])
+    except Exception:  # Arbitrary text may raise any exception.
+        return []
+
+
+def _register(record_class: Any, content: bytes, records: dict[int, Any]) -> None:
+    """Add a schema or channel; raise `CtcError` if there is another one of its number."""
+    record = record_class.read(ReadDataStream(BytesIO(content)))
+    if records.setdefault(record.id, record) != record:
+        raise CtcError(f'{record_class.__name__.lower()} {record.id} is described in two ways')
 
 
 def _messages(content: bytes, channels: Collection[int]) -> Iterator[_Message]:

@@ -122,8 +122,7 @@ def _read_run(bag: Bag, replacements: Mapping[str, object]) -> Result:
     start = reference.start
     states = _order(bag, signals[topics.JOINT_STATES], since, period)
     # A recorder that is started during a run receives states before the first reference.
-    first = int(np.searchsorted(states.stamps, start))
-    states = states.select(slice(first, None))
+    states = states.select(states.stamps >= start)
     if not len(reference.t) or not len(states.stamps):
         raise CtcError(f'{bag.path}: no {topics.REFERENCE} for the states')
     history = _select_in_force(history, int(states.stamps[0]), int(states.stamps[-1]))

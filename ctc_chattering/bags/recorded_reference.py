@@ -58,8 +58,6 @@ class RecordedReference(NamedTuple):
 
     def with_turns(self, continuous: Sequence[bool]) -> RecordedReference:
         """Return it with counted turns of endless joints, by (AN1)."""
-        if not any(continuous) or not len(self.t):
-            return self
         points = self.points.copy()
         seconds = (self.t - self.t[0]) / NANOSECONDS
         q, dq = points[:, 0], points[:, 1]

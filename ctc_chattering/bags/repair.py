@@ -49,6 +49,7 @@ from ctc_chattering.bags.mcap_file import (
     McapFile,
     NO_SCHEMA,
     QOS,
+    read_qos,
     read_summary,
     RECORD,
     unpack_chunk,
@@ -65,7 +66,7 @@ from mcap.reader import make_reader
 from mcap.records import Channel, Message, Schema
 from mcap.stream_reader import breakup_chunk
 from mcap.writer import Writer
-from rosbags.rosbag2.metadata import dump_qos_v9, parse_qos
+from rosbags.rosbag2.metadata import dump_qos_v9
 import yaml
 
 #: Beginning of a chunk: opcode, length, times, size, checksum and compression.
@@ -273,12 +274,14 @@ def _write_metadata_of(
         If there are no old metadata, and files of several recordings.
 
     """
+    is_packed = False
     spans: dict[Path, Span] = {}
     counts: Counter[tuple[str, str]] = Counter()
     topics: dict[tuple[str, str], RecordedTopic] = {}
     for file, version in versions.items():
         with closing(McapFile(version)) as content:
             spans[file] = content.span
+            is_packed |= _is_packed_by_message(content)
             for number, channel in content.channels.items():
                 schema = content.schemas.get(channel.schema_id, NO_SCHEMA)
                 key = channel.topic, schema.name
@@ -291,18 +294,17 @@ def _write_metadata_of(
     if recovered:
         notes['repaired'] = f'{recovered} messages recovered'
     compression = {key: metadata.get(key) or '' for key in NOT_COMPRESSED}
-    if not metadata and any(map(_is_packed_by_message, versions.values())):
+    if not metadata and is_packed:
         compression = {'compression_format': 'zstd', 'compression_mode': 'MESSAGE'}
     files = {file.name: span for file, span in spans.items()}
     write_metadata(target, files, tuple(topics.values()), notes, compression)
 
 
-def _is_packed_by_message(file: Path) -> bool:
+def _is_packed_by_message(content: McapFile) -> bool:
     """Return whether the first ROS 2 message is compressed."""
-    with closing(McapFile(file)) as content:
-        connections = [x for x in content.connections if is_cdr(x)]
-        first = islice(content.messages(connections), 1)
-        return any(data.startswith(ZSTD) for _, _, data in first)
+    connections = [x for x in content.connections if is_cdr(x)]
+    first = islice(content.messages(connections), 1)
+    return any(data.startswith(ZSTD) for _, _, data in first)
 
 
 def _with_current_qos(channel: Channel) -> Channel:
@@ -311,9 +313,7 @@ def _with_current_qos(channel: Channel) -> Channel:
 
     Text that is not QoS is left out.
     """
-    profiles = ''
-    with suppress(Exception):  # Arbitrary text may raise any exception.
-        profiles = yaml.safe_dump(dump_qos_v9(parse_qos(channel.metadata[QOS])))
+    profiles = yaml.safe_dump(dump_qos_v9(read_qos(channel)))
     return dataclasses.replace(channel, metadata={**channel.metadata, QOS: profiles})
 
 

@@ -62,7 +62,7 @@ class Signal(NamedTuple):
     stamps: Instants
     values: tuple[Array, ...]
 
-    def select(self, rows: Indices | Flags | slice) -> Signal:
+    def select(self, rows: Indices | Flags) -> Signal:
         """Return some of the messages."""
         values = tuple(x[rows] for x in self.values)
         return Signal(self.logged[rows], self.stamps[rows], values)
@@ -141,7 +141,7 @@ class SignalTopic(NamedTuple):
 
         logged, stamps = array('q'), array('q')
         columns = [array('d') for _ in self.fields]
-        missing = np.full(len(joints), np.nan)
+        missing = [np.nan] * len(joints)
         for t, message in self.bag.read(self.connections):
             names = _joint_names(message, self.fields[0]) or joints
             indices = find_columns(names)
@@ -149,9 +149,10 @@ class SignalTopic(NamedTuple):
             if rows[0] is None or not len(indices):
                 continue
             for column, row in zip(columns, rows):
-                is_whole = row is not None and len(row) == len(names)
-                picked = row[indices] if row is not None and is_whole else missing
-                column.frombytes(picked.tobytes())
+                if row is None or len(row) != len(names):
+                    column.extend(missing)
+                else:
+                    column.frombytes(row[indices].tobytes())
             stamp = _value(message, 'header.stamp')
             stamps.append(nanoseconds(stamp) if stamp else 0)
             logged.append(t)
