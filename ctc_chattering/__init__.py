@@ -15,7 +15,7 @@
 """
 Computed torque plus compensation plus chattering, for robot arms with friction.
 
-All that the command ``ctc`` does, for Python; ROS is needed by `replay` and `reproduce` only. The
+All that the command ``ctc`` does, for Python. Only `replay` and `reproduce` need ROS. The
 paper's first experiment under two laws, with the errors in the second half of ten seconds:
 
 >>> from ctc_chattering import load_parameters, simulate
@@ -34,24 +34,24 @@ The samples are arrays, ``t`` of shape (N,) and all others (N, n):
 
 **Runs.** `load_parameters` reads a parameter file, or one of the package by its name. It returns a
 `Setup`, which can also be made of a `PlantConfig`, a `ControllerConfig` and a `ReferenceConfig`,
-with changes of parameters during the run, each an `Event`. `simulate` runs it; `read_bag` reads a
+with changes of parameters during the run, each an `Event`. `simulate` runs it. `read_bag` reads a
 recorded run. Both return a `Result`, which has the samples, a `Run`, and the law that ran.
 `write_runs` writes a page with plots and numbers, `save_figures` figures alone, `export` samples.
 `compile_setup` makes plain Python machine code. `repair` mends a bag, `replay` publishes it over
 ROS.
 
 **Laws.** `laws` lists them. A law of your own is a class marked by `law`, its memory one marked by
-`record`; `State`, `Terms`, `Applied` and `dot` are for its methods, and `switching` marks a
+`record`. `State`, `Terms`, `Applied` and `dot` are for its methods, and `switching` marks a
 switching of law (6). The parameter ``law`` takes the class, or ``package.module:Name``.
 
-**Robots.** A `Model` of your own, `TwoLink`, or `UrdfModel`; `check_dynamics` tests one.
+**Robots.** A `Model` of your own, `TwoLink`, or `UrdfModel`. `check_dynamics` tests one.
 
 **From a recording to gains.** `excite` makes a motion that shows the friction, `write_excitation`
-its files. `read_motion` reads a bag of any recorder; arrays of your own are a `Recording` in a
+its files. `read_motion` reads a bag of any recorder. Arrays of your own are a `Recording` in a
 `RecordedMotion`. `identify` returns an `IdentifiedRobot`, `write_identified` a parameter file.
 
 **Which law, which gains.** `compare` runs all laws, `tune` searches for gains, `compute_map` shows
-where laws fail, `stability` which errors a loop stands; `write_tuning` writes tables, figures and
+where laws fail, `stability` which errors a loop stands. `write_tuning` writes tables, figures and
 parameter files of a search, the others take a directory. `reproduce` runs the paper's experiments
 over ROS.
 
@@ -75,13 +75,13 @@ __version__ = '1.0.0'
 
 @cache
 def _modules() -> dict[str, str]:
-    """Return the public names with the modules that define them, as `__init__.pyi` has them."""
+    """Return the module of each public name, from `__init__.pyi`."""
     text = Path(__file__).with_suffix('.pyi').read_text(encoding='utf-8')
     return {name: module for module, name in re.findall(r'from (\S+) import \w+ as (\w+)', text)}
 
 
 def __getattr__(name: str) -> Any:
-    """Import a public name when it is first used: a node handles signals before that."""
+    """Import a public name when it is first used."""
     if name == '__all__':
         return ['__version__', *sorted(_modules())]
     if name not in _modules():

@@ -58,9 +58,9 @@ from ctc_chattering.simulation.closed_loop import Event as Event
 from ctc_chattering.simulation.closed_loop import Run as Run
 from ctc_chattering.simulation.plant import Plant as Plant
 from ctc_chattering.simulation.plant_config import PlantConfig as PlantConfig
-from ctc_chattering.trajectory.motions import Waypoints as Waypoints
 from ctc_chattering.trajectory.reference import ReferenceConfig as ReferenceConfig
 from ctc_chattering.trajectory.reference import Sinusoid as Sinusoid
+from ctc_chattering.trajectory.waypoints import Waypoints as Waypoints
 
 __all__: list[str]
 __version__: str

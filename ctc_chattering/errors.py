@@ -12,28 +12,33 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The package's exceptions: one base class, so that a caller catches all of them at once."""
+"""
+Exceptions of the package, and translators to them.
+
+All exceptions have one base class, so that a caller catches all of them at once. A message is one
+line for a user: what happened, and what is allowed instead.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 import difflib
 
-#: Characters of a value in a message.
-_LONGEST = 400
+#: Characters of a value, or of a list of names, in a message.
+_MAX_LENGTH = 400
 
 
 class CtcError(Exception):
-    """Base of every error this package raises on purpose; its text is one line for a user."""
+    """Base of the errors that this package raises."""
 
 
 class UsageError(CtcError):
-    """A command line that means nothing; the program ends with status 2."""
+    """A wrong command line, which ends with status 2."""
 
 
 class MachineError(CtcError):
-    """What the machine or its installation could not do: it says nothing of any numbers."""
+    """A failure of the machine or installation, not of the computation."""
 
 
 class ParameterError(CtcError, ValueError):
@@ -47,19 +52,22 @@ class ParameterError(CtcError, ValueError):
     value : object
         The refused value.
     allowed : str
-        What is allowed instead.
+        Values that are allowed instead.
 
     """
 
     def __init__(self, name: str, value: object, allowed: str) -> None:
         super().__init__(name, value, allowed)
-        self.name, self.value, self.allowed = name, value, allowed
+        self.name = name
+        self.value = value
+        self.allowed = allowed
 
     def __str__(self) -> str:
-        """Return the line for a user, with as much of the value as fits in it."""
-        shown = list(self.value) if isinstance(self.value, tuple) else self.value
-        text = ' '.join(repr(shown).split())
-        text = text if len(text) <= _LONGEST else f'{text[:_LONGEST]}…'
+        """Return the line for a user."""
+        value = list(self.value) if isinstance(self.value, tuple) else self.value
+        text = _one_line(repr(value))
+        if len(text) > _MAX_LENGTH:
+            text = f'{text[:_MAX_LENGTH]}…'
         return f'{self.name}: {text} is not allowed; allowed: {self.allowed}'
 
 
@@ -72,7 +80,7 @@ class RejectedMessage(CtcError):
     kind : str
         One word, under which it is counted.
     reason : str
-        What is wrong and what is allowed; empty where the count says enough.
+        What is wrong and what is allowed. Empty where the count says enough.
 
     """
 
@@ -81,55 +89,61 @@ class RejectedMessage(CtcError):
         self.kind = kind
 
 
-def near(value: object, known: Iterable[str]) -> str:
-    """Return "; did you mean NAME?" with the known name most like a wrong one; '' for none."""
-    names = {name.lower(): name for name in known if name != value}
-    found = difflib.get_close_matches(str(value).lower(), names, 1)
-    return f'; did you mean {names[found[0]]}?' if found else ''
+def suggest(value: object, names: Iterable[str]) -> str:
+    """Return a question for the name that was meant."""
+    candidates = {name.lower(): name for name in names if name != value}
+    matches = difflib.get_close_matches(str(value).lower(), candidates, 1)
+    return f'; did you mean {candidates[matches[0]]}?' if matches else ''
 
 
-def shortened(names: Sequence[str], most: int = 12) -> str:
-    """Return the first of some names, with commas, and how many more there are."""
-    more = f', … ({len(names)} in all)' if len(names) > most else ''
-    return ', '.join(name[:_LONGEST // most] for name in names[:most]) + more
+def shorten(names: Sequence[str], count: int = 12) -> str:
+    """Return the first names of a list."""
+    text = ', '.join(name[:_MAX_LENGTH // count] for name in names[:count])
+    return text if len(names) <= count else f'{text}, … ({len(names)} in all)'
 
 
 @contextmanager
-def given_by_user(names: Iterable[str]) -> Iterator[None]:
-    """
-    Turn the refusal of a value that stands on the command line into a `UsageError`.
-
-    Parameters
-    ----------
-    names : iterable of str
-        The parameters that stand there.
-
-    """
+def prefixed(prefix: str) -> Iterator[None]:
+    """Put a prefix before the message of a `CtcError`."""
     try:
         yield
     except ParameterError as error:
-        if any(error.name == x or error.name.endswith((f' {x}', f'.{x}')) for x in names):
+        raise ParameterError(prefix + error.name, error.value, error.allowed) from None
+    except MachineError as error:
+        raise MachineError(f'{prefix}{error}') from None
+    except CtcError as error:
+        raise CtcError(f'{prefix}{error}') from None
+
+
+@contextmanager
+def as_usage_error(names: Collection[str]) -> Iterator[None]:
+    """Turn the refusal of these parameters into a `UsageError`."""
+    try:
+        yield
+    except ParameterError as error:
+        endings = tuple(mark + name for mark in ' .' for name in names)
+        if f' {error.name}'.endswith(endings):
             raise UsageError(str(error)) from None
         raise
 
 
 @contextmanager
-def prefixed(prefix: str) -> Iterator[None]:
-    """Put the file, the node or the key in front of the name of a parameter that is refused."""
+def as_file_error(summary: str) -> Iterator[None]:
+    """Turn an error of the file system into a `CtcError`."""
     try:
         yield
-    except ParameterError as error:
-        raise ParameterError(prefix + error.name, error.value, error.allowed) from None
+    except OSError as error:
+        raise CtcError(f'{summary}: {error.strerror or error}') from None
 
 
 @contextmanager
-def refused_as(what: str) -> Iterator[None]:
+def as_ctc_error(summary: str) -> Iterator[None]:
     """
-    Turn whatever code that is not ours raises into a `CtcError` of one line.
+    Turn exceptions of foreign code into a `CtcError`.
 
     Parameters
     ----------
-    what : str
+    summary : str
         Beginning of the line.
 
     Raises
@@ -145,10 +159,14 @@ def refused_as(what: str) -> Iterator[None]:
     except CtcError:
         raise
     except (MemoryError, OSError, ImportError) as error:
-        raise MachineError(f'{what}: {_line(error)}') from error
+        raise MachineError(f'{summary}: {_describe(error)}') from error
     except Exception as error:  # Libraries raise what they like.
-        raise CtcError(f'{what}: {_line(error)}') from error
+        raise CtcError(f'{summary}: {_describe(error)}') from error
 
 
-def _line(error: Exception) -> str:
-    return ' '.join(f'{type(error).__name__}: {error}'.split()).removesuffix(':')
+def _describe(error: Exception) -> str:
+    return _one_line(f'{type(error).__name__}: {error}').removesuffix(':')
+
+
+def _one_line(text: str) -> str:
+    return ' '.join(text.split())

@@ -12,7 +12,11 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Files that a user names to be read: regular ones of a limited size, so that none hangs."""
+"""
+Files that a user names to be read.
+
+They are regular files of a limited size, so that no command hangs.
+"""
 
 from __future__ import annotations
 
@@ -21,9 +25,9 @@ import os
 from pathlib import Path
 import stat
 
-from ctc_chattering.errors import CtcError
+from ctc_chattering.errors import as_file_error, CtcError
 
-#: Largest description, parameter file or spec [bytes]; the largest of those seen have 5 MB.
+#: Largest description, parameter file or spec [bytes]. The largest of those seen have 5 MB.
 LARGEST = 50_000_000
 
 
@@ -54,18 +58,15 @@ def read_bytes(path: Path, largest: int = LARGEST) -> bytes:
     if not stat.S_ISREG(mode):
         os.close(descriptor)
         raise CtcError(f'{path}: is {kind_of(mode)}; a regular file is needed')
-    try:
-        with os.fdopen(descriptor, 'rb') as stream:
-            content = stream.read(largest + 1)
-    except OSError as error:
-        raise CtcError(f'{path}: {error.strerror or error}') from None
+    with as_file_error(str(path)), os.fdopen(descriptor, 'rb') as stream:
+        content = stream.read(largest + 1)
     if len(content) > largest:
         raise CtcError(f'{path}: is too large; at most {largest / 1e6:g} MB are read')
     return content
 
 
 def read_text(path: Path) -> str:
-    """Return the text of a file as `read_bytes` reads it; raise `CtcError` if it is no text."""
+    """Return the text of a file, or raise `CtcError`."""
     try:
         return io.StringIO(read_bytes(path).decode(), newline=None).read()
     except UnicodeDecodeError:
@@ -74,7 +75,7 @@ def read_text(path: Path) -> str:
 
 def check_regular(path: Path) -> None:
     """
-    Raise where a library would wait for a file, or read one without an end.
+    Raise unless a library can read a file to its end.
 
     Parameters
     ----------
@@ -87,17 +88,15 @@ def check_regular(path: Path) -> None:
         If it, or something in the folder, is a pipe, a socket or a device.
 
     """
-    try:
+    with as_file_error(str(path)):
         for file in (path, *(path.iterdir() if path.is_dir() else ())):
             mode = file.stat().st_mode if file.exists() else stat.S_IFREG
             if not (stat.S_ISREG(mode) or stat.S_ISDIR(mode)):
                 raise CtcError(f'{file}: is {kind_of(mode)}; a regular file is needed')
-    except OSError as error:
-        raise CtcError(f'{path}: {error.strerror or error}') from None
 
 
 def kind_of(mode: int) -> str:
-    """Return what a file of this mode is, with its article."""
+    """Return the kind of a file, with its article."""
     kinds = {stat.S_IFREG: 'a file', stat.S_IFDIR: 'a folder', stat.S_IFLNK: 'a link',
              stat.S_IFIFO: 'a pipe', stat.S_IFSOCK: 'a socket'}
     return kinds.get(stat.S_IFMT(mode), 'a device')

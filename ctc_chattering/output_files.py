@@ -13,11 +13,11 @@
 # limitations under the License.
 
 """
-Files that commands write, and the folders that they own.
+Files that commands write, and their folders.
 
 A folder that a command has written contains a list of its files, `LIST`. It has the digest of each
-file's content: size and time of a file are not those of its copy, nor of a clone. Only what is in
-the list, and has not been changed since, is ever removed. What a user puts there stays.
+file's content, as size and time of a file are not those of its copy, nor of a clone. Only files in
+the list that have not been changed since are ever removed. The files of a user stay.
 
 New output is made in a folder beside the old one, and takes its place in one step of the file
 system. A process that is killed leaves the old output or the new one. Every file is made under
@@ -27,7 +27,7 @@ another name, which must be new, and then renamed: no link is followed, and no p
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import AbstractContextManager, contextmanager, suppress
 import ctypes
 import errno
 import fcntl
@@ -40,7 +40,7 @@ import shutil
 import stat
 from typing import Any, BinaryIO, NamedTuple
 
-from ctc_chattering.errors import CtcError, ParameterError
+from ctc_chattering.errors import as_file_error, CtcError, ParameterError
 from ctc_chattering.input_files import kind_of, read_text
 
 #: Formats of figures.
@@ -51,17 +51,15 @@ LIST = '.ctc_output'
 _PART = re.compile(r'\..*\.part', re.DOTALL)
 #: Flags with which a file is opened that others may have put there.
 _NO_LINK = os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC
-#: Arguments of renameat2: paths count from the working directory; exchange two names.
-_AT_FDCWD, _RENAME_EXCHANGE = -100, 2
+#: Argument of renameat2: paths count from the working directory.
+_AT_FDCWD = -100
+#: Argument of renameat2: exchange two names.
+_RENAME_EXCHANGE = 2
 
 
-@contextmanager
-def writing(path: Path) -> Iterator[None]:
-    """Turn an error of the file system into a `CtcError` that names `path`."""
-    try:
-        yield
-    except OSError as error:
-        raise CtcError(f'cannot write {path}: {error.strerror or error}') from None
+def writing(path: Path) -> AbstractContextManager[None]:
+    """Turn an error of the file system into a `CtcError`."""
+    return as_file_error(f'cannot write {path}')
 
 
 def check_file(path: Path, overwrite: bool = False) -> None:
@@ -87,9 +85,10 @@ def check_file(path: Path, overwrite: bool = False) -> None:
 @contextmanager
 def replacing(path: Path) -> Iterator[BinaryIO]:
     """
-    Yield a stream whose content gets the name of a file in one step, when it is complete.
+    Yield a stream that replaces a file when it is complete.
 
-    What replaces a file is on the disk before that.
+    The content gets the name of the file in one step. What replaces a file is on the disk before
+    that.
 
     Parameters
     ----------
@@ -103,29 +102,29 @@ def replacing(path: Path) -> Iterator[BinaryIO]:
 
     """
     check_file(path, overwrite=True)
-    part = _part(path)
+    incomplete = _part(path)
     with writing(path):
-        part.unlink(missing_ok=True)
-        descriptor = os.open(part, os.O_WRONLY | os.O_CREAT | os.O_EXCL | _NO_LINK, 0o666)
+        incomplete.unlink(missing_ok=True)
+        descriptor = os.open(incomplete, os.O_WRONLY | os.O_CREAT | os.O_EXCL | _NO_LINK, 0o666)
         try:
             with os.fdopen(descriptor, 'wb') as stream:
                 yield stream
                 stream.flush()
                 if path.exists():
                     os.fsync(descriptor)
-            part.replace(path)
+            incomplete.replace(path)
         except BaseException:
-            part.unlink(missing_ok=True)
+            incomplete.unlink(missing_ok=True)
             raise
 
 
 def _part(path: Path) -> Path:
-    """Return the name that a file or folder has until it is complete."""
+    """Return the name of an incomplete file or folder."""
     return path.with_name(f'.{path.name}.part')  # As `_PART` has it.
 
 
 def write_bytes(path: Path, content: bytes) -> None:
-    """Write a file as `replacing` does; its folder is made if it does not exist."""
+    """Write a file as `replacing` does, and make its folder."""
     with writing(path):
         path.parent.mkdir(parents=True, exist_ok=True)
     with replacing(path) as stream:
@@ -139,14 +138,15 @@ def write_text(path: Path, text: str) -> None:
 
 class FileList(NamedTuple):
     """
-    What a command has written into a folder.
+    List of the files that a command has written.
 
     Attributes
     ----------
     command : str
         Empty without a list.
     digests : dict of str to set of str
-        Of every content that each file has had; a process may have been killed between two.
+        Digests of every content that each file has had, as a process may have been killed between
+        two.
 
     """
 
@@ -154,49 +154,49 @@ class FileList(NamedTuple):
     digests: dict[str, set[str]]
 
     def is_own(self, folder: Path, name: str) -> bool:
-        """Return whether a file is as the command has written it."""
+        """Return whether a file is as it was written."""
         return _digest(folder / name) in self.digests.get(name, ())
 
 
 class FolderContents(NamedTuple):
     """
-    Paths in a folder, relative to it, by whose they are.
+    Paths in a folder by owner, relative to it.
 
     Attributes
     ----------
-    own : list of str
+    output : list of str
         Files of the list as the command has written them, and those that it has not completed.
     changed : list of str
         Files of the list that have been changed since.
-    others : list of str
+    foreign : list of str
         All other files, links and empty folders.
 
     """
 
-    own: list[str]
+    output: list[str]
     changed: list[str]
-    others: list[str]
+    foreign: list[str]
 
 
 def read_contents(folder: Path) -> FolderContents:
-    """Return what is in a folder; raise `CtcError` if it cannot be read."""
+    """Return the contents of a folder."""
     with writing(folder):
         files = _read_list(folder)
         contents = FolderContents([], [], [])
         for name in _names(folder):
             if any(map(_PART.fullmatch, Path(name).parts)):
-                contents.own.append(name)
+                contents.output.append(name)
             elif name not in files.digests:
-                contents.others.append(name)
+                contents.foreign.append(name)
             elif files.is_own(folder, name):
-                contents.own.append(name)
+                contents.output.append(name)
             else:
                 contents.changed.append(name)
     return contents
 
 
 def _read_list(folder: Path) -> FileList:
-    """Return the list of a folder; an empty one for a folder without."""
+    """Return the list of a folder, which may be empty."""
     path, command, digests = folder / LIST, '', dict[str, set[str]]()
     if _is_file(path):
         for line in read_text(path).splitlines():
@@ -209,7 +209,7 @@ def _read_list(folder: Path) -> FileList:
 
 
 def _names(folder: Path) -> Iterator[str]:
-    """Yield the paths of all files, links and empty folders in a folder, in order; not `LIST`."""
+    """Yield files, links and empty folders in order, without `LIST`."""
     def fail(error: OSError) -> None:
         raise error
 
@@ -225,35 +225,35 @@ def _names(folder: Path) -> Iterator[str]:
 
 
 def _is_file(path: Path) -> bool:
-    """Return whether there is a regular file, and no link."""
+    """Return whether this is a regular file."""
     return path.is_file() and not path.is_symlink()
 
 
 def _digest(path: Path) -> str:
-    """Return the digest of a file; empty for anything else."""
+    """Return the digest of a file, if it is one."""
     if not _is_file(path):
         return ''
     digest = hashlib.sha256()
     with path.open('rb') as stream:
-        while part := stream.read(1 << 20):
-            digest.update(part)
+        while block := stream.read(1 << 20):
+            digest.update(block)
     return digest.hexdigest()
 
 
 def check_owner(path: Path, command: str) -> None:
     """
-    Raise unless a folder is new, or empty, or one that this command has written.
+    Raise unless a folder is new, empty or the command's.
 
     Raises
     ------
     CtcError
-        If it is not, or contains more than the output of a command; the message says what to do.
+        If it is not, or contains more than the output of a command. The message says what to do.
 
     """
     with writing(path):
         if path.is_symlink() and not path.exists():
             raise CtcError(f'{path}: is a link to nothing; choose another --out')
-        _check_place(path)
+        _check_not_shared(path)
         if not path.exists():
             return
         mode = path.stat().st_mode
@@ -268,15 +268,15 @@ def check_owner(path: Path, command: str) -> None:
                        'choose another --out')
 
 
-def _check_place(path: Path) -> None:
-    """Raise `CtcError` for a folder that contains more than the output of a command."""
-    place = path.resolve()
-    known = {'the working directory': Path.cwd()}
+def _check_not_shared(path: Path) -> None:
+    """Raise `CtcError` for a folder that commands must not own."""
+    resolved = path.resolve()
+    shared = {'the working directory': Path.cwd()}
     with suppress(RuntimeError):  # A user may have no home.
-        known['the home folder'] = Path.home()
-    reasons = [f'is {name}, or above it' for name, folder in known.items()
-               if place in (folder.resolve(), *folder.resolve().parents)]
-    if os.path.ismount(place):
+        shared['the home folder'] = Path.home()
+    reasons = [f'is {name}, or above it' for name, folder in shared.items()
+               if resolved in (folder.resolve(), *folder.resolve().parents)]
+    if os.path.ismount(resolved):
         reasons.append('is the top of a file system')
     if reasons:
         raise CtcError(f'{path}: {reasons[0]}; choose a folder for the output alone, such as '
@@ -284,23 +284,23 @@ def _check_place(path: Path) -> None:
 
 
 def _check_writable(path: Path) -> None:
-    """Raise `CtcError` unless a folder can be made beside this one; nothing is left of it."""
+    """Raise `CtcError` unless a folder can be made beside this one."""
     with writing(path):
-        part = _part(path.resolve())
-        missing = [x for x in (part, *part.parents) if not x.exists()]
-        part.mkdir(parents=True, exist_ok=True)
+        folder = _part(path.resolve())
+        missing = [x for x in (folder, *folder.parents) if not x.exists()]
+        folder.mkdir(parents=True, exist_ok=True)
         for folder in missing:
             folder.rmdir()
 
 
 def check_folder(path: Path, command: str, overwrite: bool = False) -> None:
     """
-    Raise unless a command may write its output to this folder.
+    Raise unless a command may write to this folder.
 
     Parameters
     ----------
     path : Path
-        The folder; it is new, or empty, or one that the same command has written.
+        The folder. It is new, or empty, or one that the same command has written.
     command : str
         Such as ``ctc plot``.
     overwrite : bool
@@ -309,7 +309,7 @@ def check_folder(path: Path, command: str, overwrite: bool = False) -> None:
     Raises
     ------
     CtcError
-        If it may not, or cannot; the message says what to do.
+        If it may not, or cannot. The message says what to do.
 
     """
     check_owner(path, command)
@@ -317,9 +317,10 @@ def check_folder(path: Path, command: str, overwrite: bool = False) -> None:
     if not path.exists():
         return
     contents = read_contents(path)
-    if (contents.own or contents.changed) and not overwrite:
-        raise CtcError(f'{path / [*contents.own, *contents.changed][0]}: exists already; choose '
-                       'another --out, or --overwrite')
+    written = [*contents.output, *contents.changed]
+    if written and not overwrite:
+        raise CtcError(f'{path / written[0]}: exists already; choose another --out, or '
+                       '--overwrite')
     if contents.changed:
         raise CtcError(f'{path / contents.changed[0]}: was changed since {command} wrote it; move '
                        'it away, or choose another --out')
@@ -327,7 +328,7 @@ def check_folder(path: Path, command: str, overwrite: bool = False) -> None:
 
 class OutputFolder:
     """
-    A folder that only this process writes, with the list of its files.
+    A folder that only this process writes.
 
     Parameters
     ----------
@@ -347,7 +348,9 @@ class OutputFolder:
     @contextmanager
     def replacing(self, name: str) -> Iterator[BinaryIO]:
         """
-        Yield a stream for a file as `replacing` does; the list has it before it has its name.
+        Yield a stream for a file as `replacing` does.
+
+        The list has the file before it has its name.
 
         Raises
         ------
@@ -368,7 +371,9 @@ class OutputFolder:
     @contextmanager
     def replacing_files(self) -> Iterator[Path]:
         """
-        Yield an empty folder; when the context ends, its files take the places of those here.
+        Yield an empty folder whose files replace those here.
+
+        They take their places when the context ends.
 
         Raises
         ------
@@ -392,7 +397,7 @@ class OutputFolder:
             shutil.rmtree(scratch)
 
     def begin(self) -> None:
-        """Remove all files, and begin a new list: of a folder beside the output."""
+        """Remove all files, and begin a new list."""
         with writing(self.path):
             for path in self.path.iterdir():
                 if path.is_dir() and not path.is_symlink():
@@ -404,7 +409,7 @@ class OutputFolder:
 
     def take_place(self, path: Path) -> None:
         """
-        Give this folder the name of another one, and remove that one's own files.
+        Give this folder the name of the old output, which goes.
 
         Before that, files of the user there get a second name here.
 
@@ -423,16 +428,16 @@ class OutputFolder:
             for name in _names(self.path):
                 _sync(self.path / name)
             contents = read_contents(path)
-            kept = [*contents.changed, *contents.others]
+            kept = [*contents.changed, *contents.foreign]
             for name in kept:
                 self._keep(path / name, self.path / name)
             shutil.copymode(path, self.path)
             _exchange(self.path, path)
         with suppress(OSError):  # What remains is hidden, and the next output takes its place.
-            _remove(self.path, [*contents.own, *kept])
+            _remove(self.path, [*contents.output, *kept])
 
     def _keep(self, path: Path, target: Path) -> None:
-        """Give a file of the user, or an empty folder, a second name."""
+        """Give a user's file or empty folder a second name."""
         try:
             if path.is_dir() and not path.is_symlink():
                 target.mkdir(parents=True, exist_ok=True)
@@ -447,23 +452,25 @@ class OutputFolder:
                            'away, or choose another --out') from None
 
     def _check_own(self, name: str) -> None:
-        """Raise `CtcError` if there is a file that this command has not written as it is."""
+        """Raise `CtcError` if a file is not as the command wrote it."""
         path = self.path / name
-        for part in (*reversed(path.relative_to(self.path).parents), Path(name)):
-            if part != Path() and (self.path / part).is_symlink():
-                raise CtcError(f'{self.path / part}: is a link, which is not followed; remove it')
+        for parent in (*reversed(path.relative_to(self.path).parents), Path(name)):
+            if parent != Path() and (self.path / parent).is_symlink():
+                raise CtcError(
+                    f'{self.path / parent}: is a link, which is not followed; remove it')
         if os.path.lexists(path) and not _read_list(self.path).is_own(self.path, name):
             raise CtcError(f'{path}: is not as {self.command} wrote it; move it away, or choose '
                            'another --out')
 
     def _note(self, **entry: str) -> None:
-        """Add an entry to the list, on a line of its own, also after one that was cut off."""
+        """Add an entry to the list."""
         with writing(self.path / LIST):
+            # On a line of its own, also after an entry that was cut off.
             self._stream.write(f'\n{json.dumps(entry)}\n'.encode())
 
 
 def _sync(path: Path) -> None:
-    """Have the disk keep a file, if it is one."""
+    """Flush a file to the disk."""
     if _is_file(path):
         descriptor = os.open(path, os.O_RDONLY | _NO_LINK)
         try:
@@ -472,14 +479,14 @@ def _sync(path: Path) -> None:
             os.close(descriptor)
 
 
-def _exchange(one: Path, other: Path) -> None:
+def _exchange(first: Path, second: Path) -> None:
     """
     Let two folders have each other's name.
 
     Where the file system cannot do it in one step, as NFS, one of them has no name in between.
     """
     rename = getattr(ctypes.CDLL(None, use_errno=True), 'renameat2', None)
-    names = os.fsencode(one), os.fsencode(other)
+    names = os.fsencode(first), os.fsencode(second)
     if rename is None:
         number = errno.ENOSYS
     elif rename(_AT_FDCWD, names[0], _AT_FDCWD, names[1], _RENAME_EXCHANGE) == 0:
@@ -488,14 +495,14 @@ def _exchange(one: Path, other: Path) -> None:
         number = ctypes.get_errno()
     if number not in (errno.EINVAL, errno.ENOSYS, errno.ENOTSUP):
         raise OSError(number, os.strerror(number))
-    aside = one.with_name(f'{one.name}.old')
-    other.rename(aside)
-    one.rename(other)
-    aside.rename(one)
+    aside = first.with_name(f'{first.name}.old')
+    second.rename(aside)
+    first.rename(second)
+    aside.rename(first)
 
 
 def _remove(folder: Path, names: Sequence[str]) -> None:
-    """Remove a folder with its list, these files and empty folders; with others, it remains."""
+    """Remove these files, and the folder if nothing else is in it."""
     for name in names:
         with suppress(IsADirectoryError):
             (folder / name).unlink(missing_ok=True)
@@ -508,7 +515,9 @@ def _remove(folder: Path, names: Sequence[str]) -> None:
 @contextmanager
 def held(path: Path, command: str) -> Iterator[OutputFolder]:
     """
-    Hold a folder for this process, however that ends; it is made if it does not exist.
+    Hold a folder for this process, however that ends.
+
+    It is made if it does not exist.
 
     Parameters
     ----------
@@ -534,7 +543,7 @@ def held(path: Path, command: str) -> Iterator[OutputFolder]:
 
 
 def _lock(stream: BinaryIO, path: Path) -> None:
-    """Lock the list of a folder; raise `CtcError` if another process has."""
+    """Lock the list of a folder, or raise `CtcError`."""
     status = os.fstat(stream.fileno())
     if not stat.S_ISREG(status.st_mode):
         raise CtcError(f'{path / LIST}: is {kind_of(status.st_mode)}; remove it')
@@ -552,12 +561,14 @@ def _lock(stream: BinaryIO, path: Path) -> None:
 
 def claim(path: Path, command: str, name: str) -> Path:
     """
-    Return a folder for files of a user in the folder of a command, both made if necessary.
+    Return a folder for a user's files in a command's folder.
+
+    Both are made if necessary.
 
     Raises
     ------
     CtcError
-        As `check_owner` does; if there is a link in its place, or it cannot be made.
+        As `check_owner` does, if there is a link in its place, or it cannot be made.
 
     """
     check_owner(path, command)
@@ -575,29 +586,32 @@ def claim(path: Path, command: str, name: str) -> Path:
 @contextmanager
 def beside(path: Path, command: str) -> Iterator[OutputFolder]:
     """
-    Hold the folder in which the new output of `path` is made.
+    Hold the folder of the new output.
 
-    It may have what a process that was killed has made.
+    The output gets the name `path` later. The folder may have what a process that was killed has
+    made.
 
     Raises
     ------
     CtcError
-        As `held` does; if the folder has files and no list of them.
+        As `held` does, or if the folder has files and no list of them.
 
     """
-    part = _part(path.resolve())
+    incomplete = _part(path.resolve())
     with writing(path):
-        part.mkdir(parents=True, exist_ok=True)
-        owner = _read_list(part).command
-    check_owner(part, owner or command)
-    with held(part, command) as folder:
+        incomplete.mkdir(parents=True, exist_ok=True)
+        owner = _read_list(incomplete).command
+    check_owner(incomplete, owner or command)
+    with held(incomplete, command) as folder:
         yield folder
 
 
 @contextmanager
 def new_folder(path: Path, command: str, overwrite: bool = False) -> Iterator[Path]:
     """
-    Yield an empty folder, which gets the name `path` when the context ends without an error.
+    Yield an empty folder that replaces the old output.
+
+    It gets the name `path` when the context ends without an error.
 
     Parameters
     ----------
@@ -607,7 +621,7 @@ def new_folder(path: Path, command: str, overwrite: bool = False) -> Iterator[Pa
     Raises
     ------
     CtcError
-        As `check_folder` does; if another process writes there, or the folder cannot be written.
+        As `check_folder` does, if another process writes there, or the folder cannot be written.
 
     """
     check_folder(path, command, overwrite)
@@ -622,7 +636,7 @@ def new_folder(path: Path, command: str, overwrite: bool = False) -> Iterator[Pa
 
 
 def check_format(extra: str) -> None:
-    """Raise `ParameterError` unless figures can have this format besides SVG."""
+    """Raise `ParameterError` unless figures can have this format."""
     if extra not in FORMATS:
         raise ParameterError('extra', extra, ' | '.join(FORMATS))
 
@@ -634,9 +648,9 @@ def file_stem(text: str, used: set[str] | None = None) -> str:
     Parameters
     ----------
     text : str
-        What it is named after, whatever that contains.
+        Text to name it after, with any characters.
     used : set of str, optional
-        Names that are taken; this one is added.
+        Names that are taken. This one is added.
 
     """
     used = set() if used is None else used
@@ -647,10 +661,10 @@ def file_stem(text: str, used: set[str] | None = None) -> str:
 
 
 def write_json(value: Any, path: Path) -> None:
-    """Write a file of strict JSON; numbers that are not finite become null."""
+    """Write a file of strict JSON, with null for infinity."""
     write_text(path, json.dumps(finite(value), indent=2, ensure_ascii=False) + '\n')
 
 
 def finite(value: Any) -> Any:
-    """Return `value`, as JSON has it, with None in place of every number that is not finite."""
+    """Return a value of JSON, with None for numbers not finite."""
     return json.loads(json.dumps(value, default=lambda x: x.item()), parse_constant=lambda _: None)

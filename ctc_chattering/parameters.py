@@ -13,11 +13,12 @@
 # limitations under the License.
 
 """
-Declaration of parameters: one place for type, unit, default, range and description.
+Declarations of parameters.
 
-A configuration is a frozen dataclass derived from `Config` whose fields are made by `parameter`.
-The YAML file, the ROS nodes, `ctc` and the README's tables are all served from these fields. What
-functions check of their arguments beyond types is at the end.
+Type, unit, default, range and description of a parameter are in one place. A configuration is a
+frozen dataclass derived from `Config`. Its fields are made by `parameter`. YAML files, ROS nodes,
+`ctc` and the tables of the documentation are served from these fields. The checks at the end are
+for arguments of functions.
 """
 
 from __future__ import annotations
@@ -34,24 +35,30 @@ import math
 import re
 from typing import Any, ClassVar, TypeVar
 
-from ctc_chattering.errors import CtcError, near, ParameterError, refused_as
+from ctc_chattering.errors import as_ctc_error, CtcError, ParameterError, suggest
 import numpy as np
 import numpy.typing as npt
 
 C = TypeVar('C', bound='Config')
 
-#: Least magnitude of a number that must not be 0, and largest of any that is not infinite: what is
-#: beyond is no gain, time, torque or length, and its products leave the range of floats.
-LEAST, LARGEST = 1e-9, 1e9
-#: What a class of the user's is called: ``package.module:Name``.
+#: Least magnitude of a number that must not be 0. Less is no gain, time, torque or length.
+LEAST = 1e-9
+#: Largest magnitude of a finite number. Products of larger ones leave the range of floats.
+LARGEST = 1e9
+#: Largest magnitude of an integer, which a parameter of ROS holds.
+_LARGEST_INTEGER = 2 ** 62
+#: Name of a class of the user's: ``package.module:Name``.
 OWN_CLASS = re.compile(r'[^\W\d]\w*(\.[^\W\d]\w*)*:[^\W\d]\w*')
-#: Kinds of annotations that are no kind themselves, and shapes that they imply.
+#: Kinds of the annotations that are not themselves a kind.
 _KINDS = {'tuple[float, ...]': 'float[]', 'tuple[str, ...]': 'str[]'}
+#: Shapes that annotations imply.
 _SHAPES = {'tuple[float, ...]': 'n'}
+#: Kinds that have a range.
+_NUMBERS = ('float', 'float[]', 'int')
 _TYPE_NAMES = {
     'bool': 'a boolean', 'int': 'an integer', 'float': 'a number', 'str': 'a string',
     'float[]': 'a list of numbers', 'str[]': 'a list of strings'}
-#: How a scalar of each kind is made, and of what; a boolean is no number.
+#: Type of a scalar of each kind, and the types that become one. A boolean is no number.
 _SCALARS: dict[str, tuple[Any, Any]] = {
     'bool': (bool, bool), 'int': (int, (int, np.integer)),
     'float': (float, (int, float, np.integer, np.floating)), 'str': (str, str)}
@@ -60,7 +67,7 @@ _SCALARS: dict[str, tuple[Any, Any]] = {
 @dataclasses.dataclass(frozen=True)
 class Parameter:
     """
-    What is known of one parameter besides its value.
+    Declaration of one parameter: type, range, unit and documentation.
 
     Attributes
     ----------
@@ -69,28 +76,28 @@ class Parameter:
     kind : {'bool', 'int', 'float', 'str', 'float[]', 'str[]'}
         Its type.
     default : object
-        A scalar for a ``float[]`` stands for that value on every joint; numbers for each are
-        those of as many joints, and 0 is the default of others.
+        A scalar for a ``float[]`` is the value of every joint. Several numbers are the values of
+        that many joints, and other numbers of joints have the default 0.
     description, unit : str
-        For `ros2 param describe` and the README.
+        For `ros2 param describe` and the documentation.
     minimum, maximum : float
-        Range of the value, or of each element; numbers are within ±`LARGEST` in any case, and
-        `LEAST` is the minimum of what must not be 0.
+        Range of the value, or of each element. Numbers are within ±`LARGEST` in any case, and
+        `LEAST` is the minimum of a number that must not be 0.
     infinite : bool
-        Whether infinity is a value.
+        True if infinity is a value.
     choices : tuple of str
-        The only strings allowed; empty for any.
-    own : bool
-        Whether a class of the user's is allowed besides, itself or as ``package.module:Name``.
+        The only strings allowed. Empty for any.
+    custom : bool
+        True if a class of the user's is also allowed, itself or as ``package.module:Name``.
     shape : {'', 'n', 'nn'}
-        For lists: any number of elements; one per joint; n or n·n (a symmetric positive definite
-        matrix, row by row).
+        Size of a list: any, one per joint, or n or n·n numbers, which are a symmetric positive
+        definite matrix row by row.
     read_only : bool
-        Whether it is fixed once the node runs.
+        True if it is fixed once the node runs.
     laws : tuple of str
-        The control laws that take it; empty for all, and for what has no law.
+        Control laws that take it. Empty for all laws, and for what has no law.
     usual : (float, float)
-        From where to where a slider goes.
+        Range of a slider.
 
     """
 
@@ -103,7 +110,7 @@ class Parameter:
     maximum: float = math.inf
     infinite: bool = False
     choices: tuple[str, ...] = ()
-    own: bool = False
+    custom: bool = False
     shape: str = ''
     read_only: bool = False
     laws: tuple[str, ...] = ()
@@ -111,7 +118,8 @@ class Parameter:
 
     @cached_property
     def field(self) -> str:
-        """Name in the dataclass: ``lambda`` is a keyword, and a dot is no identifier."""
+        """Name in the dataclass."""
+        # `lambda` is a keyword, and a dot is no identifier.
         return 'lambda_' if self.name == 'lambda' else self.name.replace('.', '_')
 
     @property
@@ -121,14 +129,14 @@ class Parameter:
 
     @property
     def allowed(self) -> str:
-        """Return what is allowed, in words."""
+        """Return in words the values that are allowed."""
         if self.choices:
-            return ' | '.join((*(x or "''" for x in self.choices),
-                               *['package.module:Name'] * self.own))
+            choices = [choice or "''" for choice in self.choices]
+            return ' | '.join([*choices, 'package.module:Name'] if self.custom else choices)
         text = _TYPE_NAMES[self.kind]
-        if self.kind in ('float', 'float[]', 'int'):
+        if self.kind in _NUMBERS:
             low, high = self.bounds
-            text = text.replace('number', 'finite number') if not self.infinite else text
+            text = text if self.infinite else text.replace('number', 'finite number')
             text += f' >= {low:g} and <= {high:g}{", or inf" if self.infinite else ""}'
         if self.shape == 'nn':
             text += ', one for all, one per joint or n*n row by row, symmetric positive definite'
@@ -139,8 +147,8 @@ class Parameter:
     @property
     def bounds(self) -> tuple[float, float]:
         """Least and largest finite value."""
-        most = 2 ** 62 if self.kind == 'int' else LARGEST
-        return max(self.minimum, -most), min(self.maximum, most)
+        largest = _LARGEST_INTEGER if self.kind == 'int' else LARGEST
+        return max(self.minimum, -largest), min(self.maximum, largest)
 
     def default_for(self, n: int) -> Any:
         """Return the default for `n` joints."""
@@ -150,15 +158,17 @@ class Parameter:
 
     def coerce(self, value: object, n: int = 0) -> Any:
         """
-        Return `value` as this parameter's Python type, integers as floats where floats are due.
+        Return `value` as this parameter's Python type.
+
+        Integers become floats where floats are due.
 
         Parameters
         ----------
         value : object
-            Of any type.
+            Value of any type.
         n : int
-            Number of joints, each of which one number is for, in a list or not; 0 if it is not
-            known, and a number for all is no value.
+            Number of joints. One number, in a list or not, is that of each joint. With 0 the
+            number of joints is not known, and a number in no list is refused.
 
         Raises
         ------
@@ -168,17 +178,18 @@ class Parameter:
         """
         if not self.kind.endswith('[]'):
             return self._scalar(value, value)
-        each = self.kind == 'float[]' and self.shape in ('n', 'nn') and n > 0
+        per_joint = self.kind == 'float[]' and self.shape in ('n', 'nn') and n > 0
         if isinstance(value, (list, tuple, array)) or (
                 isinstance(value, np.ndarray) and value.ndim == 1):
             items = tuple(self._scalar(item, value) for item in value)
-            return items * n if each and len(items) == 1 else items
-        if each:
+            return items * n if per_joint and len(items) == 1 else items
+        if per_joint:
             return (self._scalar(value, value),) * n
         raise ParameterError(self.name, value, self.allowed)
 
-    def _scalar(self, item: object, whole: object) -> Any:
-        if self.own and isinstance(item, type):
+    def _scalar(self, item: object, value: object) -> Any:
+        """Return an item of a value, coerced."""
+        if self.custom and isinstance(item, type):
             return f'{item.__module__}:{item.__qualname__}'
         make, accepted = _SCALARS[self.kind.removesuffix('[]')]
         if isinstance(item, accepted) and (make is bool or not isinstance(item, bool)):
@@ -189,33 +200,35 @@ class Parameter:
             number = yaml_number(item)
             if number and (make is float or number.lstrip('+-').isdecimal()):
                 hint = f'; write {number}: {item!r} is text to YAML'
-        raise ParameterError(self.name, whole, self.allowed + hint)
+        raise ParameterError(self.name, value, self.allowed + hint)
 
     def checked(self, value: object, n: int = 0) -> Any:
-        """Return `value` as `coerce` does; raise `ParameterError` as that and `check` do."""
+        """Return `value` as `coerce` does, if `check` allows it."""
         coerced = self.coerce(value, n)
         self.check(coerced, n)
         return coerced
 
     def check(self, value: Any, n: int) -> None:
-        """Raise `ParameterError` unless `value` is allowed for a robot of `n` joints."""
+        """Raise `ParameterError` unless `n` joints may have this value."""
         items = value if isinstance(value, tuple) else (value,)
         sizes = {'n': (n,), 'nn': (n, n * n)}.get(self.shape, (len(items),))
         if len(items) not in sizes:
             raise ParameterError(
                 self.name, value, f'{self.allowed} (n = {n}, got {len(items)} values)')
-        fits = True
+        full = self.shape == 'nn' and len(items) != n
+        if not all(self._allows(item, full) for item in items) or (
+                full and not _positive_definite(matrix(items, n))):
+            raise ParameterError(self.name, value, self.allowed + suggest(value, self.choices))
+
+    def _allows(self, item: Any, full: bool) -> bool:
+        """Return whether an item is allowed."""
         if self.choices:
-            fits = all(item in self.choices or (
-                self.own and OWN_CLASS.fullmatch(item)) for item in items)
-        elif self.kind in ('float', 'float[]', 'int'):
-            full = self.shape == 'nn' and len(items) != n
-            low, high = self.bounds
-            fits = all((-high if full else low) <= item <= high
-                       or (self.infinite and item == math.inf) for item in items) and (
-                not full or _positive_definite(matrix(items, n)))
-        if not fits:
-            raise ParameterError(self.name, value, self.allowed + near(value, self.choices))
+            return item in self.choices or (
+                self.custom and OWN_CLASS.fullmatch(item) is not None)
+        if self.kind not in _NUMBERS:
+            return True
+        low, high = self.bounds
+        return (-high if full else low) <= item <= high or (self.infinite and item == math.inf)
 
 
 #: A number as people write it: mantissa, and sign and digits of the exponent.
@@ -224,13 +237,14 @@ _NUMBER = re.compile(r'([-+]?(?:\d+\.?\d*|\.\d+))(?:[eE]([-+]?)(\d+))?')
 
 def yaml_number(text: str) -> str:
     """
-    Return how the number in a text is written so that YAML reads a number; empty for no number.
+    Return the number in a text as YAML needs it.
 
-    To YAML, and to `ros2 param set`, 1e-9 is text and 1.0e-9 a number.
+    To YAML, and to `ros2 param set`, 1e-9 is text and 1.0e-9 a number. Other text gives nothing.
     """
-    if text.strip().lstrip('+-.').lower() in ('inf', 'infinity'):
-        return '-.inf' if text.strip().startswith('-') else '.inf'
-    match = _NUMBER.fullmatch(text.strip())
+    text = text.strip()
+    if text.lstrip('+-.').lower() in ('inf', 'infinity'):
+        return '-.inf' if text.startswith('-') else '.inf'
+    match = _NUMBER.fullmatch(text)
     if match is None:
         return ''
     mantissa, sign, exponent = match.groups()
@@ -244,11 +258,11 @@ def _positive_definite(a: npt.NDArray[np.float64]) -> bool:
 
 
 def matrix(values: tuple[float, ...], n: int) -> npt.NDArray[np.float64]:
-    """Return `values` as `n` rows: n of them are a diagonal, n·n stand row by row."""
+    """Return n numbers as a diagonal, or n·n as rows."""
     return np.reshape(values, (n, n)) if len(values) == n * n else np.diag(values)
 
 
-def parameter(default: Any, description: str, unit: str = '', **more: Any) -> Any:
+def parameter(default: Any, description: str, unit: str = '', **attributes: Any) -> Any:
     """
     Return a dataclass field that declares one parameter.
 
@@ -256,23 +270,24 @@ def parameter(default: Any, description: str, unit: str = '', **more: Any) -> An
     ----------
     default, description, unit
         As in `Parameter`.
-    **more
-        Others of `Parameter`. Where they are left out, the name is that of the field, the kind
-        that of its annotation, a number at least 0, infinity a value if it is the default, and a
-        list of numbers has one per joint.
+    **attributes
+        Other attributes of `Parameter`. By default the name is that of the field, and the kind
+        that of its annotation. A number is at least 0, and infinity is a value if it is the
+        default. A list of numbers has one per joint.
 
     """
     return dataclasses.field(default=None, metadata={
         'default': default, 'description': description, 'unit': unit, 'minimum': 0.0,
-        'infinite': default == math.inf, **more})
+        'infinite': default == math.inf, **attributes})
 
 
 @dataclasses.dataclass(frozen=True)
 class Config:
     """
-    Base of the configurations: fields left out take their defaults, all are checked.
+    Base of the configurations.
 
-    `joint_names`, where there is such a parameter, comes first: it gives the number of joints.
+    Fields left out take their defaults, and all are checked. `joint_names`, where there is such a
+    parameter, comes first: it gives the number of joints.
 
     Raises
     ------
@@ -284,18 +299,18 @@ class Config:
     _declared: ClassVar[dict[str, Parameter]] = {}
 
     def __init_subclass__(cls) -> None:
-        """Collect the declarations, inherited ones first, and describe them in the docstring."""
+        """Collect the declarations, inherited ones first, and document them."""
         specs = [spec for base in cls.__bases__[::-1] for spec in vars(base)['_declared'].values()]
         for name, field in vars(cls).items():
             if isinstance(field, dataclasses.Field):
-                kind = cls.__annotations__[name]
-                specs.append(Parameter(**{
-                    'name': name, 'kind': _KINDS.get(kind, kind), 'shape': _SHAPES.get(kind, ''),
-                    **field.metadata}))
+                annotation = cls.__annotations__[name]
+                defaults = {'name': name, 'kind': _KINDS.get(annotation, annotation),
+                            'shape': _SHAPES.get(annotation, '')}
+                specs.append(Parameter(**{**defaults, **field.metadata}))
         cls._declared = {spec.name: spec for spec in specs}
-        cls.__doc__ = '\n'.join((
-            inspect.cleandoc(cls.__doc__ or ''), '', 'Parameters', '----------', *(
-                f'{spec.field} : {spec.kind}\n    {spec.meaning}' for spec in specs)))
+        text = inspect.cleandoc(cls.__doc__ or '')
+        entries = [f'{spec.field} : {spec.kind}\n    {spec.meaning}' for spec in specs]
+        cls.__doc__ = '\n'.join([text, '', 'Parameters', '----------', *entries])
 
     def __post_init__(self) -> None:
         """Fill in defaults, coerce types and check every value."""
@@ -310,7 +325,7 @@ class Config:
         self.validate()
 
     def validate(self) -> None:
-        """Check what concerns several parameters at once; a subclass overrides this."""
+        """Check several parameters together. Subclasses override this."""
 
     @classmethod
     def parameters(cls) -> dict[str, Parameter]:
@@ -328,124 +343,128 @@ class Config:
             For an unknown name or a value that is not allowed.
 
         """
-        return cls(**{spec.field: value for spec, value in cls._known(values)})
+        return cls(**{spec.field: value for spec, value in cls._declarations(values)})
 
     @classmethod
-    def _known(cls, values: Mapping[str, object]) -> Iterator[tuple[Parameter, object]]:
-        """Yield parameters with their values; raise `ParameterError` for an unknown name."""
-        known = cls.parameters()
+    def _declarations(cls, values: Mapping[str, object]) -> Iterator[tuple[Parameter, object]]:
+        """Yield declarations and values, if all names are known."""
+        names = cls.parameters()
         for name, value in values.items():
-            if name not in known:
-                raise ParameterError(name, value, f'one of {", ".join(known)}{near(name, known)}')
+            if name not in names:
+                raise ParameterError(
+                    name, value, f'one of {", ".join(names)}{suggest(name, names)}')
             if value is None:
-                raise ParameterError(name, value, known[name].allowed)
-            yield known[name], value
+                raise ParameterError(name, value, names[name].allowed)
+            yield names[name], value
 
     @classmethod
     def received(cls: type[C], values: Mapping[str, object],
-                 instead: Mapping[str, object] | None = None) -> C:
+                 classes: Mapping[str, object] | None = None) -> C:
         """
-        Build the configuration from values of a bag or of another process: they name no code.
+        Build the configuration from values that name no code.
+
+        They are from a bag or from another process.
 
         Parameters
         ----------
         values : mapping
             Parameter names and values.
-        instead : mapping, optional
-            What the user gives in the place of a class that the values name, by parameter.
+        classes : mapping, optional
+            Classes from the user that replace those which the values name, by parameter.
 
         Raises
         ------
         ParameterError
             As `from_mapping` raises it.
         CtcError
-            For the name of a class in whose place nothing is given.
+            For the name of a class that the user does not replace.
 
         """
-        used, given = dict(values), instead or {}
+        values, classes = dict(values), classes or {}
         for name, spec in cls.parameters().items():
             value = values.get(name)
-            if spec.own and isinstance(value, str) and value not in spec.choices:
-                if name not in given:
+            if spec.custom and isinstance(value, str) and value not in spec.choices:
+                if name not in classes:
                     raise CtcError(
                         f'{name}: {value[:80]!r} is not used, because what was recorded or '
                         f'received names no code; for your own give --{name} '
                         f"package.module:Name, in Python {name}='package.module:Name'")
-                used[name] = given[name]
-        return cls.from_mapping(used)
+                values[name] = classes[name]
+        return cls.from_mapping(values)
 
     def as_mapping(self) -> dict[str, Any]:
         """Return every parameter's value by name."""
         return {name: getattr(self, spec.field) for name, spec in self.parameters().items()}
 
     def changed(self: C, values: Mapping[str, object]) -> C:
-        """Return a copy with some parameters changed, checked like a new one."""
-        if 'joint_names' in values:  # The number of joints concerns all others.
+        """Return a checked copy with other values of some parameters."""
+        if 'joint_names' in values:  # The number of joints concerns all other parameters.
             return self.from_mapping({**self.as_mapping(), **values})
-        made, n = copy(self), len(getattr(self, 'joint_names', ()))
-        for spec, value in self._known(values):
-            object.__setattr__(made, spec.field, spec.checked(value, n))
-        made.validate()
-        return made
+        config, n = copy(self), len(getattr(self, 'joint_names', ()))
+        for spec, value in self._declarations(values):
+            object.__setattr__(config, spec.field, spec.checked(value, n))
+        config.validate()
+        return config
 
 
-def named_class(what: str, name: str, fits: Callable[[type], bool], wanted: str) -> Any:
+def named_class(role: str, name: str, fits: Callable[[type], bool], expected: str) -> Any:
     """
-    Import the class ``package.module:Name``: the one place that runs code which a value names.
+    Import the class ``package.module:Name`` that a user has named.
 
-    A user has given the name: `Config.received` lets no other one in.
+    This is the one place that runs code which a value names. `Config.received` admits no other
+    name.
 
     Parameters
     ----------
-    what, wanted : str
-        For errors: what is named, and what it must be.
+    role : str
+        Purpose of the class, for errors, for example ``model``.
     name : str
-        Of the class.
+        Name of the class.
     fits : callable
-        Whether a class is of the kind that is expected.
+        Returns whether a class is as expected.
+    expected : str
+        Class that is expected, for errors.
 
     Raises
     ------
     CtcError
-        If there is none, or it is not of that kind; nothing of it has been called then.
+        If there is no such class, or it does not fit. Nothing of it has been called then.
 
     """
     module, _, attribute = name.partition(':')
-    with refused_as(f'there is no {what} {name}'):
-        found = getattr(importlib.import_module(module), attribute)
-    if not (isinstance(found, type) and fits(found)):
-        raise CtcError(f'the {what} {name} is no {wanted}')
-    return found
+    with as_ctc_error(f'there is no {role} {name}'):
+        result = getattr(importlib.import_module(module), attribute)
+    if not (isinstance(result, type) and fits(result)):
+        raise CtcError(f'the {role} {name} is no {expected}')
+    return result
 
 
 def unit_text(unit: str) -> str:
-    """Return a declared unit as pages and tables have it: N·m for ``N*m``, s² for ``s^2``."""
+    """Return a unit as pages show it: N·m for ``N*m``."""
     return unit.replace('*', '·').replace('^2', '²').replace('^3', '³')
 
 
 def check_joint_names(names: tuple[str, ...]) -> None:
-    """Raise `ParameterError` unless there are names, each of them once and none empty."""
+    """Raise `ParameterError` unless names are different and not empty."""
     if not names or len(set(names)) != len(names) or not all(names):
         raise ParameterError('joint_names', names, 'one or more names, all different, none empty')
 
 
-def check_some(name: str, values: Sequence[object]) -> None:
+def check_not_empty(name: str, values: Sequence[object]) -> None:
     """Raise `ParameterError` for an empty sequence."""
     if not values:
         raise ParameterError(name, values, 'one or more')
 
 
-def whole(name: str, value: object, least: float = -math.inf) -> int:
-    """Return a whole number as an `int`; raise `ParameterError` if it is none, or less."""
-    return int(Parameter(name, 'int', None, '', minimum=least).checked(value))
+def whole(name: str, value: object, minimum: float = -math.inf) -> int:
+    """Return a whole number, or raise `ParameterError`."""
+    return int(Parameter(name, 'int', None, '', minimum=minimum).checked(value))
 
 
 def vector(name: str, values: Any, n: int) -> npt.NDArray[np.float64]:
-    """Return `n` numbers as an array; raise `ParameterError` if they are something else."""
-    try:
-        found = np.array(values, float)
-    except (TypeError, ValueError, OverflowError):
-        found = np.empty(0)
-    if found.shape != (n,):
-        raise ParameterError(name, values, f'{n} numbers')
-    return found
+    """Return `n` numbers as an array, or raise `ParameterError`."""
+    with suppress(TypeError, ValueError, OverflowError):
+        result = np.array(values, float)
+        if result.shape == (n,):
+            return result
+    raise ParameterError(name, values, f'{n} numbers')

@@ -16,7 +16,7 @@
 
 from __future__ import annotations
 
-from ctc_chattering.errors import given_by_user, near, ParameterError, UsageError
+from ctc_chattering.errors import as_usage_error, ParameterError, suggest, UsageError
 import pytest
 
 
@@ -24,8 +24,8 @@ import pytest
     ('chatering', '; did you mean chattering?'), ('CHATTERING', '; did you mean chattering?'),
     ('chattering', ''), ('xyz', ''), ('', ''), (6, ''), (None, ''), (['chatering'], '; did you')])
 def test_the_nearest_name_is_named(value: object, said: str) -> None:
-    assert near(value, ('chattering', 'compensation')).startswith(said)
-    assert bool(near(value, ('chattering', 'compensation'))) == bool(said)
+    assert suggest(value, ('chattering', 'compensation')).startswith(said)
+    assert bool(suggest(value, ('chattering', 'compensation'))) == bool(said)
 
 
 @pytest.mark.parametrize(('name', 'usage'), [
@@ -33,5 +33,5 @@ def test_the_nearest_name_is_named(value: object, said: str) -> None:
     ('ka', False)])
 def test_only_what_stands_on_the_command_line_is_its_fault(name: str, usage: bool) -> None:
     kind = UsageError if usage else ParameterError
-    with pytest.raises(kind, match='allowed: that'), given_by_user(['law', 'switching']):
+    with pytest.raises(kind, match='allowed: that'), as_usage_error(['law', 'switching']):
         raise ParameterError(name, 'this', 'that')

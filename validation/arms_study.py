@@ -33,8 +33,9 @@ import xml.etree.ElementTree as ET
 
 from ctc_chattering.analysis.compilation import compile_setups
 from ctc_chattering.configuration import parameter_file
+from ctc_chattering.configuration.arm_knowledge import ArmFacts
 from ctc_chattering.configuration.loop_setup import Setup
-from ctc_chattering.configuration.new_robot import new_robot, Told
+from ctc_chattering.configuration.new_robot import new_robot
 from ctc_chattering.control.controller import Controller
 from ctc_chattering.controller import trips
 from ctc_chattering.dynamics.registry import model_of
@@ -280,7 +281,7 @@ def without_shapes(urdf: str) -> str:
     return ET.tostring(robot, encoding='unicode')
 
 
-def setups(urdf: str, joints: Sequence[str], laws: Sequence[str], told: Told, before: bool
+def setups(urdf: str, joints: Sequence[str], laws: Sequence[str], told: ArmFacts, before: bool
            ) -> dict[str, Setup]:
     """
     Return the setup of each law from what `ctc new-robot` writes.
@@ -293,7 +294,7 @@ def setups(urdf: str, joints: Sequence[str], laws: Sequence[str], told: Told, be
         The arm.
     laws : sequence of str
         With gains by rule.
-    told : Told
+    told : ArmFacts
         What `ctc new-robot` is told of the arm.
     before : bool
         Whether no rotors are assumed, as before they were.
@@ -302,7 +303,7 @@ def setups(urdf: str, joints: Sequence[str], laws: Sequence[str], told: Told, be
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / 'robot.urdf'
         file.write_text(urdf, encoding='utf-8')
-        setup = parameter_file.load(None, new_robot(str(file), joints, told=told).values)
+        setup = parameter_file.load(None, new_robot(str(file), joints, facts=told).values)
     if before:
         setup = setup.changed({
             'plant': {'rotor_inertia': 0.0},
@@ -369,7 +370,7 @@ CASES = {
 
 
 def rows(name: str, cases: Sequence[str], laws: Sequence[str], seeds: Sequence[int],
-         told: Told, before: bool) -> Iterator[dict[str, Any]]:
+         told: ArmFacts, before: bool) -> Iterator[dict[str, Any]]:
     """Yield an outcome of each case, law and seed."""
     urdf, joints = urdfs.robot(DESCRIBED[name][0]), DESCRIBED[name][1]
     made = setups(urdf, joints, laws, told, before)
@@ -451,13 +452,13 @@ def main() -> None:
                                     PAGE.read_text(encoding='utf-8')), encoding='utf-8')
         return
     if options.before:
-        trips.LIMIT_CYCLE_S = np.inf
+        trips.TRIP_LIMITS = trips.TripLimits(cycling=np.inf)
     cases = list(CASES) if options.cases == 'all' else [
         case for case in CASES if any(case.startswith(x) for x in options.cases.split(','))]
     for name in options.arms.split(','):
         for row in rows(name, cases, options.laws.split(','),
-                        range(options.first, options.first + options.seeds), Told(**options.told),
-                        options.before):
+                        range(options.first, options.first + options.seeds),
+                        ArmFacts(**options.told), options.before):
             print(f"{row['arm']:8s} {row['case']:34s} {row['law']:18s} {row['seed']:3d} "
                   f"rms {row['rms']:.2e} variation {row['variation']:8.0f} rate "
                   f"{row['rate']:9.0f} {row['trip_time']:6.2f} {row['trip'][:70]}", flush=True)

@@ -45,7 +45,7 @@ from ctc_chattering.identification.trial_runs import (
     setups_tried,
     trial_runs,
 )
-from ctc_chattering.trajectory.motions import Route
+from ctc_chattering.trajectory.waypoints import Route
 from faults_of_arms import case, FAULTS, recorded
 from faulty_robots import Case, Faulty, lab_gains, plant_of, Played, played, sampled
 from identification_judge import judged, model_of, Outcome, outcome

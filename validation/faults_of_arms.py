@@ -21,7 +21,7 @@ import dataclasses
 from typing import Any
 
 from ctc_chattering.identification.recording import Recording
-from ctc_chattering.trajectory.motions import Route
+from ctc_chattering.trajectory.waypoints import Route
 from faulty_robots import (
     Case,
     Faulty,

@@ -25,7 +25,7 @@ import dataclasses
 from typing import Any, NamedTuple
 
 from ctc_chattering.identification.recording import Recording
-from ctc_chattering.trajectory.motions import Route
+from ctc_chattering.trajectory.waypoints import Route
 from independent_plant import advance, at_rest, ideal, Physics, Plant, State
 import numpy as np
 from rigid_bodies import Array, Bodies, compiled, dynamics

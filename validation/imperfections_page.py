@@ -38,7 +38,7 @@ from ctc_chattering.analysis.page import FigureFile
 from ctc_chattering.analysis.result import LAW_COLOURS, simulate
 from ctc_chattering.analysis.tables import markdown, markdown_table, Table
 from ctc_chattering.control.controller_config import LAWS, SWITCHINGS
-from ctc_chattering.errors import shortened
+from ctc_chattering.errors import shorten
 from ctc_chattering.output_files import write_text
 from imperfections import (
     about,
@@ -110,7 +110,7 @@ def sweep(outcomes: Sequence[CaseOutcome], groups: Sequence[str], title: str, xl
         ax.set_xticks([], minor=True)
         failed = [f'{o.variant} at {o.case.x:g}' for o in mine if o.score.failure]
         if failed:
-            drawing.label(ax, 0.01, 0.04, fill(f'diverged: {shortened(failed, 6)}', _LINE))
+            drawing.label(ax, 0.01, 0.04, fill(f'diverged: {shorten(failed, 6)}', _LINE))
     for column in (0, 1):
         _same_ordinate(figure.axes[column::2])
     _legend(figure, outcomes)
@@ -141,7 +141,7 @@ def overview(outcomes: Sequence[CaseOutcome], title: str) -> Figure:
                             markeredgewidth=0.6, zorder=3)
             failed = [o.variant for o in row if o.score.failure]
             if failed:
-                ax.text(0.995, y, fill(f'diverged: {shortened(failed, 2)}', _NARROW), ha='right',
+                ax.text(0.995, y, fill(f'diverged: {shorten(failed, 2)}', _NARROW), ha='right',
                         va='center', fontsize=7.5, color='#444444',
                         transform=ax.get_yaxis_transform())
         for y, (before, case) in enumerate(itertools.pairwise(cases)):

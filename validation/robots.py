@@ -20,7 +20,7 @@ import dataclasses
 from functools import cache
 from typing import Any
 
-from ctc_chattering.trajectory.motions import Route
+from ctc_chattering.trajectory.waypoints import Route
 import numpy as np
 import pinocchio as pin
 from rigid_bodies import Array, Bodies, bodies_of, PAPER, planar

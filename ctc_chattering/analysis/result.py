@@ -42,11 +42,11 @@ from ctc_chattering.analysis.tables import measured, number_text
 from ctc_chattering.analysis.terms import RunTerms, terms
 from ctc_chattering.configuration.loop_setup import Setup
 from ctc_chattering.control.controller import ControllerConfig, LAWS
-from ctc_chattering.controller.health import Saturation, term_saturation
+from ctc_chattering.controller.term_saturation import Saturation, term_saturation
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.dynamics.registry import model_of
 from ctc_chattering.dynamics.urdf_parser import Tree
-from ctc_chattering.errors import CtcError, ParameterError, shortened
+from ctc_chattering.errors import CtcError, ParameterError, shorten
 from ctc_chattering.numerics.time_grid import missing
 from ctc_chattering.output_files import replacing, write_json
 from ctc_chattering.simulation import closed_loop
@@ -389,7 +389,7 @@ class Result(RunAttributes):
             low, high = (f'{100.0 * x:.0f}' for x in (shares[large].min(), shares[large].max()))
             cure = 'Set ka above friction and disturbance' if self.config.takes('ka') else (
                 'Choose a law that takes friction into account (docs/laws.md)')
-            yield (f'{shortened([self.joint_names[i] for i in large])}: the RMS error is '
+            yield (f'{shorten([self.joint_names[i] for i in large])}: the RMS error is '
                    f'{low if low == high else f"{low} to {high}"} % of the amplitude of the '
                    f'motion. {cure}, or raise kp and kv')
 

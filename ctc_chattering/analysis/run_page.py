@@ -45,7 +45,7 @@ from ctc_chattering.output_files import (
     new_folder,
     write_text,
 )
-from ctc_chattering.parameters import check_some
+from ctc_chattering.parameters import check_not_empty
 from ctc_chattering.simulation.closed_loop import Array
 
 #: The command that writes runs.
@@ -333,7 +333,7 @@ def write_runs(results: Sequence[Result], out: str | Path, bags: Sequence[str | 
         written.
 
     """
-    check_some('results', results)
+    check_not_empty('results', results)
     if len(bags) not in (0, len(results)):
         raise ParameterError('bags', bags, f'none, or {len(results)}, one of each result')
     check_format(extra)

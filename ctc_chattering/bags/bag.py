@@ -42,7 +42,7 @@ from ctc_chattering.bags.bag_files import (
 )
 from ctc_chattering.bags.compression import unpack, unpack_file, ZSTD
 from ctc_chattering.bags.mcap_file import McapFile
-from ctc_chattering.errors import CtcError, shortened
+from ctc_chattering.errors import CtcError, shorten
 from ctc_chattering.numerics.time_grid import nanoseconds
 from ctc_chattering.ros.topics import PARAMETERS, ROBOT_DESCRIPTION
 from rosbags.interfaces import Connection, MessageDefinitionFormat
@@ -179,7 +179,7 @@ class Bag:
         topics = sorted({x.topic for x in connections})
         if len(topics) > 1:
             raise CtcError(f'{self.path}: several topics {name}, and no way to tell which one '
-                           f'belongs to the states: {shortened(topics)}')
+                           f'belongs to the states: {shorten(topics)}')
         return connections
 
     def read(self, connections: Collection[Connection]) -> Iterator[tuple[int, Any]]:

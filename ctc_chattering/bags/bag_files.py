@@ -30,7 +30,7 @@ from pathlib import Path, PurePath
 import re
 from typing import Any, NamedTuple
 
-from ctc_chattering.errors import CtcError, shortened
+from ctc_chattering.errors import CtcError, shorten
 from ctc_chattering.numerics.time_grid import NANOSECONDS, seconds
 import yaml
 
@@ -187,7 +187,7 @@ def check_one_recording(folder: Path, spans: Mapping[Path, Span]) -> None:
 
 def several_recordings(folder: Path, files: Sequence[Path], reason: str = '') -> UnsupportedBag:
     """Return the refusal of a directory with several recordings."""
-    names = shortened([x.name for x in files])
+    names = shorten([x.name for x in files])
     return UnsupportedBag(
         f'{folder}: several recordings and no {METADATA}: {names}{reason}. Name one of the files, '
         'or give each recording a directory of its own')

@@ -47,7 +47,7 @@ from ctc_chattering.bags.signals import Instants, JOINT_STATE, MULTI_ARRAY, Sign
 from ctc_chattering.bags.state_order import order_states, STAMP_LIMITS
 from ctc_chattering.control.controller import ControllerConfig
 from ctc_chattering.dynamics.registry import model_of
-from ctc_chattering.errors import CtcError, refused_as
+from ctc_chattering.errors import as_ctc_error, CtcError
 from ctc_chattering.numerics.angles import unwrapped_beside
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.numerics.time_grid import missing, NANOSECONDS, period_ns, seconds
@@ -94,7 +94,7 @@ def read_bag(
     """
     path = Path(path)
     classes = {'model': model, 'law': law, 'switching': switching}
-    with closing(open_bag(path)) as bag, refused_as(f'{path}: damaged'):
+    with closing(open_bag(path)) as bag, as_ctc_error(f'{path}: damaged'):
         return _read_run(bag, {name: value for name, value in classes.items() if value})
 
 

@@ -32,8 +32,8 @@ from ctc_chattering.bags.repair import open_bag
 from ctc_chattering.errors import CtcError, ParameterError
 from ctc_chattering.numerics.time_grid import NANOSECONDS
 from ctc_chattering.ros.messages import message_type
-from ctc_chattering.ros.node import wait_for_all_acked
 from ctc_chattering.ros.process import stop_signals, use_profile
+from ctc_chattering.ros.run_node import wait_for_all_acked
 from ctc_chattering.ros.subscription import qos
 import rclpy
 from rclpy.signals import SignalHandlerOptions

@@ -29,7 +29,7 @@ from operator import attrgetter
 from typing import Any, NamedTuple
 
 from ctc_chattering.bags.bag import Bag
-from ctc_chattering.errors import CtcError, near
+from ctc_chattering.errors import CtcError, suggest
 from ctc_chattering.numerics.linear_algebra import Array, Flags, Indices
 from ctc_chattering.numerics.time_grid import nanoseconds
 import numpy as np
@@ -123,7 +123,7 @@ class SignalTopic(NamedTuple):
         if values is None:
             fields = [x.name for x in dataclasses.fields(message)] if message else []
             raise CtcError(f'{self.bag.path}: {self.name} has no numbers in {field}; it has: '
-                           f'{", ".join(fields)}{near(field, fields)}')
+                           f'{", ".join(fields)}{suggest(field, fields)}')
         return SignalLayout(_joint_names(message, field), len(values))
 
     def read(self, joints: tuple[str, ...]) -> Signal:

@@ -34,19 +34,14 @@ from ctc_chattering.compiled.records import load, packed
 from ctc_chattering.control.controller import Controller, ControllerConfig
 from ctc_chattering.control.step import CompiledStep, ControlSettings, regained
 from ctc_chattering.controller.positions import LIMITS
-from ctc_chattering.controller.trips import (
-    LARGEST_GROWTH,
-    LIMIT_CYCLE_S,
-    PATIENCE,
-    WATCHED,
-)
+from ctc_chattering.controller.trips import TRIP_LIMITS, WATCHED
 from ctc_chattering.dynamics.compiled_model import set_mass_and_bias, set_terms
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.errors import CtcError, UsageError
 from ctc_chattering.numerics.time_grid import period_ns
 from ctc_chattering.output_files import new_folder, write_bytes, write_text
 from ctc_chattering.parameters import LARGEST, LEAST
-from ctc_chattering.trajectory.motions import BRAKING_TIME
+from ctc_chattering.trajectory.transitions import BRAKING_TIME
 import numpy as np
 
 _TEMPLATES = Path(__file__).with_name('templates')
@@ -247,7 +242,8 @@ def _values(config: ControllerConfig, settings: ControlSettings) -> dict[str, ob
             'DELAY': config.input_delay, 'PERIOD': config.control_period,
             'PERIOD_NS': period_ns(config.control_period),
             'RATE': f'{1.0 / config.control_period:g}',
-            'GROWTH': LARGEST_GROWTH, 'PATIENCE': PATIENCE, 'CYCLE': LIMIT_CYCLE_S,
+            'GROWTH': TRIP_LIMITS.growth, 'PATIENCE': TRIP_LIMITS.strained,
+            'CYCLE': TRIP_LIMITS.cycling,
             'MARGIN': LIMITS.margin,
             'LEAST': LEAST, 'LARGEST': LARGEST,
             **{name.upper(): ', '.join(map(repr, map(float, x)))
@@ -258,8 +254,9 @@ def _data(block: Block, named: dict[str, int], functions: Sequence[str],
           config: ControllerConfig) -> str:
     """Return the numbers of a law in C."""
     constants = named | {
-        'WATCHED': int(config.law == WATCHED), 'LARGEST_GROWTH': LARGEST_GROWTH,
-        'PATIENCE': PATIENCE, 'LONGEST_CYCLE': LIMIT_CYCLE_S, 'POSITION_MARGIN': LIMITS.margin,
+        'WATCHED': int(config.law == WATCHED), 'LARGEST_GROWTH': TRIP_LIMITS.growth,
+        'PATIENCE': TRIP_LIMITS.strained, 'LONGEST_CYCLE': TRIP_LIMITS.cycling,
+        'POSITION_MARGIN': LIMITS.margin,
         'LARGEST_ACCELERATION': LIMITS.acceleration,
         'GAINS_FUNCTION': _SET if _SET in functions else 'NULL'}
     bounds = [config.parameters()[name].bounds for name in _GAINS]

@@ -24,7 +24,7 @@ from pathlib import Path
 from ctc_chattering.analysis.tables import counted
 from ctc_chattering.cli.command_line import say
 from ctc_chattering.cli.options import add_bag, add_number, add_output, add_own, own
-from ctc_chattering.errors import CtcError, ParameterError, refused_as, UsageError
+from ctc_chattering.errors import as_ctc_error, CtcError, ParameterError, UsageError
 from ctc_chattering.input_files import check_regular
 from ctc_chattering.output_files import check_folder, new_folder
 from ctc_chattering.parameters import LEAST
@@ -57,7 +57,7 @@ def run_plot(options: argparse.Namespace) -> int:
     check_folder(options.out, PLOT, options.overwrite)
     bags, results = [], []
     for path in options.bags:
-        with refused_as(f'{path}: cannot be searched for bags'):
+        with as_ctc_error(f'{path}: cannot be searched for bags'):
             found = find_bags(path)
         for bag in found or [path]:
             try:

@@ -25,7 +25,7 @@ from ctc_chattering import __version__
 from ctc_chattering.cli.command_line import guarded, Parser
 from ctc_chattering.cli.options import add_overrides, add_run_options, load_setup
 from ctc_chattering.cli.presentation import progress
-from ctc_chattering.errors import given_by_user
+from ctc_chattering.errors import as_usage_error
 from ctc_chattering.launch.graph import run_graph, Stopped
 from ctc_chattering.ros import ros_arguments
 
@@ -63,7 +63,7 @@ def bringup(arguments: Sequence[str]) -> int:
         from ctc_chattering.live import require_viser
         require_viser()
 
-    with given_by_user(ros.assigned):
+    with as_usage_error(ros.assigned):
         setup = load_setup(options, ros_arguments.bringup_values(ros))
     plant = setup.plant
     with progress(f'experiment {plant.experiment}', plant.duration) as moved:

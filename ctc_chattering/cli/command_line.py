@@ -24,7 +24,7 @@ import sys
 import traceback
 from typing import NoReturn
 
-from ctc_chattering.errors import CtcError, near, UsageError
+from ctc_chattering.errors import CtcError, suggest, UsageError
 
 
 class Parser(argparse.ArgumentParser):
@@ -33,7 +33,7 @@ class Parser(argparse.ArgumentParser):
     def error(self, message: str) -> NoReturn:
         """Raise `UsageError`."""
         word, *known = re.findall(r"'([^']*)'", message) if 'invalid choice' in message else ['']
-        raise UsageError(f'{message}{near(word, known)}; see {self.prog} --help')
+        raise UsageError(f'{message}{suggest(word, known)}; see {self.prog} --help')
 
 
 def say(line: str) -> None:

@@ -27,7 +27,7 @@ from ctc_chattering.cli.options import add_declared, add_number, add_output, add
 from ctc_chattering.cli.presentation import print_page
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.configuration.package_share import find_config, read_description
-from ctc_chattering.errors import CtcError, given_by_user
+from ctc_chattering.errors import as_usage_error, CtcError
 from ctc_chattering.identification.bag_motion import read_motion
 from ctc_chattering.identification.effort import CURRENT, LINK, MOTOR
 from ctc_chattering.identification.excite import (
@@ -85,7 +85,7 @@ def run_excite(options: argparse.Namespace) -> int:
     setup = parameter_file.load(find_config(options.params_file), still)
     out = options.out
     check_folder(out, EXCITE, options.overwrite)
-    with given_by_user(_ASKED):
+    with as_usage_error(_ASKED):
         found = excite(setup, {name: x for name in _ASKED
                                if (x := getattr(options, name)) is not None}, options.joints)
     write_excitation(found, setup, out, options.overwrite)
@@ -179,7 +179,7 @@ def run_identify(options: argparse.Namespace) -> int:
         for bag in options.bags]
     for note in [note for motion in motions for note in motion.notes]:
         say(note)
-    with given_by_user(('torque_rate', 'torque_constant', 'payloads', 'urdf_uncertainty')):
+    with as_usage_error(('torque_rate', 'torque_constant', 'payloads', 'urdf_uncertainty')):
         # Motions are not kept here: long ones are large.
         found = identify([motions.pop(0) for _ in options.bags], options.model, urdf,
                          options.gravity, options.effort or '', options.torque_rate or (),

@@ -59,7 +59,7 @@ def main(name: str, argv: Sequence[str] | None = None) -> int:
 
 def _run(name: str, arguments: Sequence[str]) -> int:
     """Run a node with its arguments, those for ROS and its own."""
-    from ctc_chattering.errors import given_by_user
+    from ctc_chattering.errors import as_usage_error
     from ctc_chattering.launch import child_process
     from ctc_chattering.ros import ros_arguments
     own, ros = ros_arguments.parse(arguments)
@@ -68,13 +68,13 @@ def _run(name: str, arguments: Sequence[str]) -> int:
         child_process.end_with(parent)
     values = ros.values([name])[name]
     module = importlib.import_module(f'ctc_chattering.nodes.{name}')
-    run = importlib.import_module('ctc_chattering.ros.node').run
+    run = importlib.import_module('ctc_chattering.ros.run_node').run
 
     if parent is not None:
         child_process.await_start()
 
     def make_node() -> Any:
-        with given_by_user(ros.assigned):
+        with as_usage_error(ros.assigned):
             return getattr(module, f'{name.capitalize()}Node')(values)
     return int(run(make_node, name, ['--ros-args', *ros.rest], process.collect_signals()))
 

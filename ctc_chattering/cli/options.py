@@ -31,7 +31,7 @@ from ctc_chattering.configuration.loop_setup import Setup
 from ctc_chattering.configuration.package_share import find_config
 from ctc_chattering.configuration.parameter_file import FROM_FILE, RECOMMENDED, with_gains
 from ctc_chattering.control.controller import ControllerConfig
-from ctc_chattering.errors import given_by_user, ParameterError, UsageError
+from ctc_chattering.errors import as_usage_error, ParameterError, UsageError
 from ctc_chattering.parameters import Parameter, unit_text
 from ctc_chattering.simulation.plant_config import PlantConfig
 
@@ -196,7 +196,7 @@ def load_setup(options: argparse.Namespace, more: Mapping[str, Any] | None = Non
             over.setdefault(section, {})[name] = getattr(options, name)
     for node, values in (more or {}).items():
         over.setdefault(node, {}).update(values)
-    with given_by_user({name for values in over.values() for name in values}):
+    with as_usage_error({name for values in over.values() for name in values}):
         over, line = with_gains(file, over, getattr(options, 'gains', None))
         setup = parameter_file.load(file, over)
     if line:

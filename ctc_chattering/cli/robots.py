@@ -18,7 +18,6 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Iterator, Mapping, Sequence
-from math import inf
 from pathlib import Path
 import textwrap
 from typing import TYPE_CHECKING
@@ -33,18 +32,15 @@ from ctc_chattering.cli.options import (
     load_setup,
 )
 from ctc_chattering.configuration.arm_knowledge import (
+    ArmFacts,
     ArmKnowledge,
-    Known,
     PAYLOAD,
     RESONANCE,
     ROTOR,
-    rotors_of,
-    Source,
     TORQUE_RATE,
-    torque_rates_of,
 )
 from ctc_chattering.configuration.node_parameters import parameter_table
-from ctc_chattering.errors import CtcError, given_by_user, UsageError
+from ctc_chattering.errors import as_usage_error, CtcError, UsageError
 from ctc_chattering.output_files import check_file, check_folder, write_text
 from ctc_chattering.parameters import Parameter
 
@@ -88,20 +84,20 @@ def run_new_robot(options: argparse.Namespace) -> int:
     and which friction it has taken. docs/robots.md says what to set next.
     """
     from ctc_chattering.configuration import parameter_file
-    from ctc_chattering.configuration.new_robot import KA, new_robot, Told
+    from ctc_chattering.configuration.new_robot import KA, new_robot
     from ctc_chattering.control.recommended_gains import FINE_RESOLUTION
     from ctc_chattering.runs.arm_margins import arm_margins, with_stable_gains
 
     if options.joints and options.tip:
         raise UsageError('--tip: not allowed with --joints')
     location = options.urdf if '://' in options.urdf else str(Path(options.urdf).resolve())
-    told = Told(options.rotor_inertia or (), options.torque_rate or (), options.resonance,
-                options.payload)
+    facts = ArmFacts(options.rotor_inertia or (), options.torque_rate or (), options.resonance,
+                     options.payload)
     out = options.out
     check_file(out, options.overwrite)
-    with given_by_user(('joint_names', 'tip', 'center', 'rotor_inertia', 'torque_rate')):
+    with as_usage_error(('joint_names', 'tip', 'center', 'rotor_inertia', 'torque_rate')):
         robot = with_stable_gains(new_robot(
-            location, options.joints, options.gravity, options.tip, options.center or (), told))
+            location, options.joints, options.gravity, options.tip, options.center or (), facts))
     margins = arm_margins(parameter_file.load(None, robot.values))
     lines = [one_line(line) for line in _described(robot, bool(options.center))]
     lines += margins.lines() if margins else ()
@@ -120,8 +116,8 @@ def _described(robot: NewRobot, center_given: bool) -> Iterator[str]:
     yield f'joints: {", ".join(robot.joints)}'
     if robot.held:
         yield f'left out, at 0 unless `locked` says otherwise: {", ".join(robot.held)}'
-    yield from _mimicked(robot.leaders)
-    yield from _unexpanded(robot.unexpanded)
+    yield from _mimicked(robot.tree.leaders)
+    yield from _unexpanded(robot.tree.unexpanded)
     if robot.unlimited:
         yield (f'without effort limit, which is 0, inf or missing: {", ".join(robot.unlimited)}; '
                'set effort_limit of the controller')
@@ -212,7 +208,7 @@ def run_check_model(options: argparse.Namespace) -> int:
     joints = options.joints or (tree.movable if tree else ('joint1', 'joint2'))
     if not joints:
         raise CtcError('the description has no joint that moves')
-    with given_by_user(('joint_names', 'model')):
+    with as_usage_error(('joint_names', 'model')):
         check_joint_names(joints)
         model = make_model(name, options.gravity, joints, urdf)
     print(f'{name}, {model.n} joints: {", ".join(joints)}')
@@ -237,10 +233,7 @@ def run_check_model(options: argparse.Namespace) -> int:
 
 def _print_knowledge(tree: Tree, joints: Sequence[str]) -> None:
     """Print what a URDF says of the arm besides its bodies, and what it lacks."""
-    knowledge = ArmKnowledge(
-        tuple(joints), rotors_of(tree, joints), torque_rates_of(tree.name, joints),
-        Known(inf, Source.NOT_KNOWN), Known(inf, Source.NOT_KNOWN),
-        tuple(name for name in joints if tree.joints[name].kind == 'continuous'))
+    knowledge = ArmKnowledge.from_urdf(tree, joints)
     print('what `ctc new-robot` takes besides the bodies:')
     print('\n'.join(fitted(list(knowledge.rows()))))
     print('\n'.join(f'  {line}' for line in knowledge.lines()))

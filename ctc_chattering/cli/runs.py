@@ -34,7 +34,7 @@ from ctc_chattering.cli.presentation import print_page, progress
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.configuration.package_share import find_config
 from ctc_chattering.control.controller import LAWS
-from ctc_chattering.errors import CtcError, given_by_user, UsageError
+from ctc_chattering.errors import as_usage_error, CtcError, UsageError
 from ctc_chattering.output_files import check_file, check_folder, claim
 from ctc_chattering.parameters import LEAST
 
@@ -80,7 +80,7 @@ def run_compare(options: argparse.Namespace) -> int:
     from ctc_chattering.runs.compare_page import outcomes, to_markdown
     from ctc_chattering.runs.store import PAGE
 
-    with progress('compare', unit='run') as moved, given_by_user(
+    with progress('compare', unit='run') as moved, as_usage_error(
             ('laws', 'condition', 'held_out', 'seed')):
         rows = compare(
             options.files, options.laws, options.condition, options.gains, options.held_out,
@@ -177,7 +177,7 @@ def run_tune(options: argparse.Namespace) -> int:
 
     require_optuna()
     more = {} if options.draws is None else {'repeats': options.draws}
-    with given_by_user(more):
+    with as_usage_error(more):
         spec = tune_spec(more if options.identified else find_config(options.file),
                          options.identified, more)
     out = options.out

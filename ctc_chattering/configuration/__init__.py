@@ -12,4 +12,4 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Parameter files and what they name."""
+"""Parameter files and the files that they name."""

@@ -11,12 +11,13 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
-"""
-What is known of an arm besides its bodies, and where each number comes from.
 
-A URDF has bodies and limits. What a law needs besides, the rotors, the rate of the torque, the
-lowest resonance and the payload, is given by the user, known of the arm by its name, or assumed;
-`ArmKnowledge` is the one record of it. The parameter file has the numbers, this says their origin.
+"""
+Facts about an arm that its URDF lacks.
+
+Beside bodies and limits, a law needs the rotors, the rate of the torque, the lowest resonance and
+the payload. They are stated by the user, known of an arm by its name, or assumed. `ctc new-robot`
+writes the numbers into a parameter file, and `ArmKnowledge` has their origin.
 """
 
 from __future__ import annotations
@@ -31,15 +32,19 @@ from ctc_chattering.dynamics.urdf_parser import Tree
 from ctc_chattering.errors import ParameterError
 from ctc_chattering.parameters import LEAST, Parameter
 
-#: Inertia of a rotor at the joint per effort limit that is assumed where a URDF has none [kg·m²
-#: per N·m]. Data sheets of geared arms have `LEAST_ROTOR` to `MOST_ROTOR`.
+#: Rotor inertia at the joint per effort limit, assumed without a URDF's [kg·m² per N·m].
 ASSUMED_ROTOR = 0.002
-LEAST_ROTOR, MOST_ROTOR = 0.001, 0.006
+#: Smallest value in data sheets of geared arms [kg·m² per N·m].
+LEAST_ROTOR = 0.001
+#: Largest value in data sheets of geared arms [kg·m² per N·m].
+MOST_ROTOR = 0.006
 #: Effort limit from which on it is none, but a way to write that there is none [N·m].
 NO_LIMIT = 1e5
-#: Payload of an arm that carries what its effort limits allow, at most, as a part of its mass.
+#: Assumed payload over the arm's mass, at most, where the effort limits allow more.
 MOST_PAYLOAD = 0.3
-#: What the user may say of an arm.
+#: Arms whose interface stops above a rate of the torque, by the beginnings of their names. The
+#: Franka Control Interface has the number in its limits for control in joint space [N·m/s].
+_TORQUE_RATES = {('panda', 'fr3', 'fer', 'franka'): 1000.0}
 TORQUE_RATE = Parameter(
     'torque_rate', 'float[]', None, 'largest rate of the torque that the interface of the robot '
     'accepts; default: that of a robot that is known, or none', 'N*m/s', minimum=LEAST, shape='n')
@@ -78,36 +83,40 @@ class Known(NamedTuple):
         return ' '.join(filter(None, (number, unit, f'({self.source.value})')))
 
 
-class KnownArm(NamedTuple):
+_UNKNOWN = Known(inf, Source.NOT_KNOWN)
+
+
+@dataclasses.dataclass(frozen=True)
+class ArmFacts:
     """
-    Limits of an arm's interface.
+    Facts about an arm that its user states.
 
     Attributes
     ----------
-    names : tuple of str
-        Beginnings of the name of the robot in its URDF.
-    torque_rate : float
-        Largest rate of a commanded torque [N·m/s].
-    reference : str
-        Document that has it.
+    rotor_inertia : sequence of float, length n
+        Inertia of each rotor at its joint [kg·m²]. Empty, or 0 for a joint, states nothing.
+    torque_rate : sequence of float, length 1 or n
+        Rate of the torque that the interface accepts [N·m/s].
+    resonance : float
+        Lowest resonance while the drives hold the arm [Hz].
+    payload : float, optional
+        Largest unknown mass at the tip [kg].
 
     """
 
-    names: tuple[str, ...]
-    torque_rate: float
-    reference: str
+    rotor_inertia: Sequence[float] = ()
+    torque_rate: Sequence[float] = ()
+    resonance: float = inf
+    payload: float | None = None
 
 
-#: Arms whose interface stops above a rate of the torque.
-KNOWN_ARMS = (
-    KnownArm(('panda', 'fr3', 'fer', 'franka'), 1000.0,
-             'Franka Control Interface, limits for control in joint space'),)
+NO_FACTS = ArmFacts()
 
 
 @dataclasses.dataclass(frozen=True)
 class ArmKnowledge:
     """
-    What is known of an arm of n joints.
+    Facts about an arm with their origin, n joints.
 
     Attributes
     ----------
@@ -119,10 +128,10 @@ class ArmKnowledge:
         Largest rate of the torque of each joint [N·m/s].
     resonance : Known
         Lowest one with the drives holding [Hz].
-    payload : Known
-        Largest unknown mass at the tip [kg].
     continuous : tuple of str
         Joints that turn without end.
+    payload : Known
+        Largest unknown mass at the tip [kg].
 
     """
 
@@ -130,33 +139,58 @@ class ArmKnowledge:
     rotors: tuple[Known, ...]
     torque_rates: tuple[Known, ...]
     resonance: Known
-    payload: Known
     continuous: tuple[str, ...]
+    payload: Known = _UNKNOWN
+
+    @classmethod
+    def from_urdf(cls, tree: Tree, joints: Sequence[str], facts: ArmFacts = NO_FACTS
+                  ) -> ArmKnowledge:
+        """
+        Return the knowledge about joints of a URDF.
+
+        Raises
+        ------
+        ParameterError
+            If there are facts about another number of joints.
+
+        """
+        resonance = facts.resonance
+        return cls(
+            tuple(joints),
+            find_rotors(tree, joints, facts.rotor_inertia),
+            find_torque_rates(tree.name, joints, facts.torque_rate),
+            Known(resonance, Source.USER) if resonance < inf else _UNKNOWN,
+            tuple(name for name in joints if tree.joints[name].continuous))
+
+    def joints_with(self, source: Source) -> tuple[str, ...]:
+        """Return the joints whose rotor has this origin."""
+        return tuple(joint for joint, rotor in zip(self.joints, self.rotors)
+                     if rotor.source == source)
 
     def rows(self) -> Iterator[tuple[str, ...]]:
-        """Yield heads and a row of each joint, for a table."""
+        """Yield the rows of a table, a joint each."""
         yield 'joint', 'rotor [kg*m^2]', 'torque rate [N*m/s]', 'turns'
         for joint, rotor, rate in zip(self.joints, self.rotors, self.torque_rates):
-            yield (joint, rotor.text(''), rate.text(''),
-                   'endless' if joint in self.continuous else 'between limits')
+            turns = 'endless' if joint in self.continuous else 'between limits'
+            yield joint, rotor.text(''), rate.text(''), turns
 
     def lines(self) -> Iterator[str]:
-        """Yield what is known of the whole arm, and what to find out next."""
+        """Yield lines about the whole arm."""
         yield f'lowest resonance: {self.resonance.text("Hz")}'
-        most = '' if self.payload.source == Source.NOT_KNOWN else 'at most '
-        yield f'unknown payload: {most}{self.payload.text("kg")}'
-        assumed = [joint for joint, rotor in zip(self.joints, self.rotors)
-                   if rotor.source == Source.ASSUMED]
+        bound = '' if self.payload.source == Source.NOT_KNOWN else 'at most '
+        yield f'unknown payload: {bound}{self.payload.text("kg")}'
+        assumed = self.joints_with(Source.ASSUMED)
         if assumed:
-            lacking = '' if len(assumed) == len(self.joints) else f' for {", ".join(assumed)}'
-            yield (f'the URDF has no rotors{lacking}: {ASSUMED_ROTOR:g} kg*m^2 per N*m of '
+            joints = '' if assumed == self.joints else f' for {", ".join(assumed)}'
+            yield (f'the URDF has no rotors{joints}: {ASSUMED_ROTOR:g} kg*m^2 per N*m of '
                    'effort are assumed. Take them from a data sheet (--rotor-inertia), or from '
                    '`ctc identify`; a wrong one costs more than all else')
 
 
-def rotors_of(tree: Tree, joints: Sequence[str], given: Sequence[float] = ()) -> tuple[Known, ...]:
+def find_rotors(tree: Tree, joints: Sequence[str], stated: Sequence[float] = ()
+                ) -> tuple[Known, ...]:
     """
-    Return the rotors: as given, as in the URDF, or assumed.
+    Return the rotors that are stated, described or assumed.
 
     Parameters
     ----------
@@ -164,35 +198,37 @@ def rotors_of(tree: Tree, joints: Sequence[str], given: Sequence[float] = ()) ->
         The URDF.
     joints : sequence of str, length n
         Names.
-    given : sequence of float, length n
-        Inertias at the joints [kg·m²]; empty, or 0 for a joint, where the user says nothing.
+    stated : sequence of float, length n
+        Inertias at the joints [kg·m²]. Empty, or 0 for a joint, if nothing is stated.
 
     """
-    if given and len(given) != len(joints):
-        raise ParameterError('rotor_inertia', tuple(given), f'{len(joints)} numbers')
+    stated = stated or (0.0,) * len(joints)
+    if len(stated) != len(joints):
+        raise ParameterError('rotor_inertia', tuple(stated), f'{len(joints)} numbers')
     rotors = []
-    for k, name in enumerate(joints):
+    for name, inertia in zip(joints, stated):
         joint = tree.joints[name]
-        if given and given[k] > 0.0:
-            rotors.append(Known(given[k], Source.USER))
+        if inertia > 0.0:
+            rotor = Known(inertia, Source.USER)
         elif joint.rotor_inertia > 0.0:
-            rotors.append(Known(joint.rotor_inertia, Source.URDF))
+            rotor = Known(joint.rotor_inertia, Source.URDF)
         elif joint.kind != 'prismatic' and joint.effort < NO_LIMIT:
-            rotors.append(Known(ASSUMED_ROTOR * joint.effort, Source.ASSUMED))
+            rotor = Known(ASSUMED_ROTOR * joint.effort, Source.ASSUMED)
         else:
-            rotors.append(Known(0.0, Source.NOT_KNOWN))
+            rotor = Known(0.0, Source.NOT_KNOWN)
+        rotors.append(rotor)
     return tuple(rotors)
 
 
-def torque_rates_of(robot_name: str, joints: Sequence[str], given: Sequence[float] = ()
-                    ) -> tuple[Known, ...]:
-    """Return the largest rates of the torque: as given, one for all or each, of an arm, or inf."""
-    if len(given) not in (0, 1, len(joints)):
-        raise ParameterError('torque_rate', tuple(given), f'1 or {len(joints)} numbers')
-    if len(given):
-        rates = tuple(Known(float(rate), Source.USER) for rate in given)
-        return rates * (len(joints) if len(rates) == 1 else 1)
-    for arm in KNOWN_ARMS:
-        if robot_name.lower().startswith(arm.names):
-            return (Known(arm.torque_rate, Source.ARM),) * len(joints)
-    return (Known(inf, Source.NOT_KNOWN),) * len(joints)
+def find_torque_rates(robot_name: str, joints: Sequence[str], stated: Sequence[float] = ()
+                      ) -> tuple[Known, ...]:
+    """Return the torque rates that are stated or known."""
+    n = len(joints)
+    if len(stated) not in (0, 1, n):
+        raise ParameterError('torque_rate', tuple(stated), f'1 or {n} numbers')
+    rates = [Known(float(rate), Source.USER) for rate in stated]
+    for names, rate in _TORQUE_RATES.items():
+        if not rates and robot_name.lower().startswith(names):
+            rates = [Known(rate, Source.ARM)]
+    rates = rates or [_UNKNOWN]
+    return tuple(rates * n if len(rates) == 1 else rates)

@@ -13,11 +13,11 @@
 # limitations under the License.
 
 """
-A motion that every joint of an arm can hold: about which posture, and how large.
+Search for a motion that an arm can hold.
 
-It is about the middle of the limits where the joints can hold that. Else postures are found by
-steps of one joint at a time, from the middle and then from postures that are drawn. The same robot
-always gets the same motion.
+`ctc new-robot` takes it for a new parameter file. It is about the middle of the limits if the
+joints can hold that. Otherwise postures are found by steps of one joint at a time, from the middle
+and then from random postures. The same robot always gets the same motion.
 """
 
 from __future__ import annotations
@@ -35,40 +35,44 @@ from ctc_chattering.trajectory.joint_limits import JointLimits
 from ctc_chattering.trajectory.reference import make_motion, ReferenceConfig
 import numpy as np
 
-#: Part of the limits of position, velocity and acceleration that a motion takes.
+#: Fraction of the limits of position, velocity and acceleration that a motion takes.
 SHARE = 0.5
-#: Part of the effort limits that a motion takes: the rest is for the law.
+#: Fraction of the effort limits that a motion takes. The law has the remainder.
 EFFORT_SHARE = 0.9
 #: Largest amplitude [rad or m].
-_AMPLITUDE = 0.5
+_MAX_AMPLITUDE = 0.5
 #: Largest frequency [Hz].
-_FREQUENCY = 0.5
-#: Factors of amplitude and frequency, one after the other, where joints cannot hold a motion.
-_SMALLER = (0.5, 0.25)
-#: Part of the effort limits at which the weight of a posture is small enough.
+_MAX_FREQUENCY = 0.5
+#: Factors of amplitude and frequency that are tried where joints cannot hold the full motion.
+_REDUCTIONS = (0.5, 0.25)
+#: Fraction of the effort limits at which the weight of a posture is small enough.
 _LIGHT = 0.5
-#: First and last step of a joint to another posture [rad or m].
+#: First step of a joint to another posture [rad or m].
 _FIRST_STEP = 0.5
+#: Last step of a joint to another posture [rad or m].
 _LAST_STEP = 0.02
-#: Postures that are drawn.
+#: Random postures that are tried.
 _DRAWS = 20
-#: Distance that a posture keeps to the limits [rad or m], and at most this part of their range.
-_ROOM = 1.0
+#: Largest distance that a posture keeps to the limits [rad or m].
+_MAX_ROOM = 1.0
+#: Largest distance that a posture keeps to the limits over their range.
 _ROOM_SHARE = 0.25
 #: Range of positions of a joint that has no limit [rad or m].
 _RANGE = 2.0 * pi
-#: Duration of a motion, and of its smooth start.
+#: Duration of a motion [s].
 DURATION_S = 10.0
+#: Duration of its smooth start [s].
 START_S = 2.0
 #: Time between the instants at which the torque is evaluated.
 _STEP_NS = NANOSECONDS // 20
-#: Significant digits of amplitudes and frequencies, and of positions.
+#: Significant digits of amplitudes and frequencies.
 _DIGITS = 3
+#: Significant digits of positions.
 _DIGITS_OF_POSITION = 6
 
 
 class HeldArm(NamedTuple):
-    """What a motion is for: n joints."""
+    """An arm of n joints with friction."""
 
     limits: Sequence[JointLimits]
     model: Model
@@ -79,12 +83,13 @@ class HeldArm(NamedTuple):
 
 
 class Load(NamedTuple):
-    """Largest torque or force of a joint in a motion, and its effort limit [N·m or N]."""
+    """Largest effort of a joint in a motion [N·m or N]."""
 
     joint: JointLimits
     torque: float
-    #: What the weight takes at the centre of the motion.
+    #: Torque for the weight at the centre of the motion.
     weight: float
+    #: Effort limit.
     limit: float
 
     def __str__(self) -> str:
@@ -94,7 +99,7 @@ class Load(NamedTuple):
 
     @property
     def share(self) -> float:
-        """Return the part of the limit that is taken."""
+        """Fraction of the limit."""
         return self.torque / self.limit
 
 
@@ -107,20 +112,20 @@ class HoldingMotion(NamedTuple):
     #: Factor of the usual amplitudes and frequencies.
     size: float
     load: Load
-    #: Load of the motion about the middle of the limits, where that is another and too large.
+    #: Load of the motion about the middle of the limits, if that is another and too large.
     about_middle: Load | None = None
 
 
 def choose_motion(arm: HeldArm, center: Sequence[float] = ()) -> HoldingMotion:
     """
-    Return the first motion that every joint can hold with a margin.
+    Return a motion that every joint holds with a margin.
 
     Parameters
     ----------
     arm : HeldArm
-        For which it is.
+        The arm.
     center : sequence of float
-        Centre of the motion [rad or m]; empty to choose it.
+        Centre of the motion [rad or m]. Empty to choose it.
 
     Raises
     ------
@@ -129,53 +134,54 @@ def choose_motion(arm: HeldArm, center: Sequence[float] = ()) -> HoldingMotion:
 
     """
     motions = []
-    for motion in _motions(arm, center):
+    for motion in _candidates(arm, center):
         motions.append(motion)
         if motion.load.share <= EFFORT_SHARE:
             first = motions[0]
-            return motion if motion.center == first.center else motion._replace(
-                about_middle=first.load)
-    best = min((motion.load for motion in motions), key=lambda load: load.share)
-    where = 'about --center' if len(center) else 'of those that were tried'
+            if motion.center != first.center:
+                motion = motion._replace(about_middle=first.load)
+            return motion
+    lightest = min((motion.load for motion in motions), key=lambda load: load.share)
+    scope = 'about --center' if len(center) else 'of those that were tried'
     raise CtcError(
-        f'{best.joint.name}: the lightest motion {where} takes {best}, and may take '
+        f'{lightest.joint.name}: the lightest motion {scope} takes {lightest}, and may take '
         f'{EFFORT_SHARE:.0%} of <limit effort>; correct the URDF, or give other --joints, a '
         '--tip, or another --center')
 
 
-def middle(joint: JointLimits) -> float:
-    """Return the middle of a joint's limits; 0, or what is nearest to it, without both limits."""
+def middle_position(joint: JointLimits) -> float:
+    """Return the middle of a joint's limits, or about 0."""
     low, high = joint.position
     if -inf < low < high < inf:
         return 0.5 * (low + high)
-    return float(np.clip(0.0, *_inner_range(joint)))
+    return float(np.clip(0.0, *_posture_range(joint)))
 
 
-def fastest(limits: Sequence[JointLimits]) -> Array:
-    """Return velocities that no motion exceeds, shape (n,) [rad/s or m/s]."""
-    usual = 2.0 * pi * _FREQUENCY * _AMPLITUDE
+def largest_speeds(limits: Sequence[JointLimits]) -> Array:
+    """Return bounds of the speeds, shape (n,) [rad/s or m/s]."""
+    usual = 2.0 * pi * _MAX_FREQUENCY * _MAX_AMPLITUDE
     return np.array([min(usual, SHARE * joint.velocity[1]) for joint in limits])
 
 
-def _motions(arm: HeldArm, center: Sequence[float]) -> Iterator[HoldingMotion]:
-    """Yield motions, the most wanted first: large ones, about the middle of the limits."""
+def _candidates(arm: HeldArm, center: Sequence[float]) -> Iterator[HoldingMotion]:
+    """Yield motions: large ones first, about the middle first."""
     if len(center):
         _check_center(center, arm.limits)
-        centers: Iterable[Array] = [np.array(center, float)]
+        postures: Iterable[Array] = [np.array(center, float)]
     else:
-        first = np.array([middle(joint) for joint in arm.limits])
-        centers = map(_rounded, chain([first], _light_postures(arm, first)))
+        middle = np.array([middle_position(joint) for joint in arm.limits])
+        postures = map(_round, chain([middle], _light_postures(arm, middle)))
     tried = []
-    for posture in centers:
+    for posture in postures:
         tried.append(posture)
-        yield _motion(arm, posture, 1.0)
-    for size in _SMALLER:
+        yield _make_motion(arm, posture, 1.0)
+    for size in _REDUCTIONS:
         for posture in tried:
-            yield _motion(arm, posture, size)
+            yield _make_motion(arm, posture, size)
 
 
 def _check_center(center: Sequence[float], limits: Sequence[JointLimits]) -> None:
-    """Raise `ParameterError` unless a centre is within the limits of all joints."""
+    """Raise `ParameterError` unless a centre is within the limits."""
     if len(center) != len(limits):
         raise ParameterError('center', tuple(center), f'{len(limits)} positions, one per joint')
     for value, joint in zip(center, limits):
@@ -185,11 +191,12 @@ def _check_center(center: Sequence[float], limits: Sequence[JointLimits]) -> Non
                                  f'{joint.unit}, the limits of {joint.name}')
 
 
-def _motion(arm: HeldArm, center: Array, size: float) -> HoldingMotion:
+def _make_motion(arm: HeldArm, center: Array, size: float) -> HoldingMotion:
     """Return a motion with its load, friction included."""
     positions = center.tolist()
     amplitudes = [_amplitude(joint, x, size) for joint, x in zip(arm.limits, positions)]
-    frequencies = [_short(size * _frequency(*x)) for x in zip(arm.limits, amplitudes)]
+    frequencies = [_shorten(size * _frequency(joint, amplitude))
+                   for joint, amplitude in zip(arm.limits, amplitudes)]
     names = [joint.name for joint in arm.limits]
     reference = ReferenceConfig.from_mapping({
         'joint_names': names, 'model': 'urdf', 'center': positions, 'amplitude': amplitudes,
@@ -210,64 +217,63 @@ def _amplitude(joint: JointLimits, center: float, size: float) -> float:
     """Return the amplitude of a joint's motion [rad or m]."""
     low, high = joint.position
     room = max(0.0, min(center - low, high - center))
-    return _short(size * min(_AMPLITUDE, SHARE * room))
+    return _shorten(size * min(_MAX_AMPLITUDE, SHARE * room))
 
 
 def _frequency(joint: JointLimits, amplitude: float) -> float:
     """Return the frequency of a joint's motion [Hz]."""
     if amplitude == 0.0:
-        return _FREQUENCY
+        return _MAX_FREQUENCY
     by_velocity = SHARE * joint.velocity[1] / amplitude
     by_acceleration = sqrt(SHARE * joint.acceleration[1] / amplitude)
-    return min(_FREQUENCY, by_velocity / (2.0 * pi), by_acceleration / (2.0 * pi))
+    return min(_MAX_FREQUENCY, by_velocity / (2.0 * pi), by_acceleration / (2.0 * pi))
 
 
-def _light_postures(arm: HeldArm, first: Array) -> Iterator[Array]:
-    """Yield postures whose weight is less than around them; the first one is near to `first`."""
-    low, high = np.transpose([_inner_range(joint) for joint in arm.limits])
+def _light_postures(arm: HeldArm, middle: Array) -> Iterator[Array]:
+    """Yield light postures, near the middle first."""
+    low, high = np.transpose([_posture_range(joint) for joint in arm.limits])
     draws = np.random.default_rng(0).uniform(low, high, (_DRAWS, len(low)))
-    for start in (first, *draws):
-        yield _lighter_posture(arm.model, start, low, high)
+    for start in (middle, *draws):
+        yield _find_light_posture(arm.model, start, low, high)
 
 
-def _inner_range(joint: JointLimits) -> tuple[float, float]:
-    """Return the least and greatest position of a posture [rad or m]."""
+def _posture_range(joint: JointLimits) -> tuple[float, float]:
+    """Return the range of a joint's postures [rad or m]."""
     low, high = joint.position
-    room = min(_ROOM, _ROOM_SHARE * (high - low))
+    room = min(_MAX_ROOM, _ROOM_SHARE * (high - low))
+    low, high = low + room, high - room
     if low == -inf and high == inf:
         return -0.5 * _RANGE, 0.5 * _RANGE
     if low == -inf:
-        return high - room - _RANGE, high - room
-    if high == inf:
-        return low + room, low + room + _RANGE
-    return low + room, high - room
+        return high - _RANGE, high
+    return low, low + _RANGE if high == inf else high
 
 
-def _lighter_posture(model: Model, start: Array, low: Array, high: Array) -> Array:
-    """Return a posture near `start` that weighs less; steps get smaller until none helps."""
+def _find_light_posture(model: Model, start: Array, low: Array, high: Array) -> Array:
+    """Return a posture near `start` that weighs less."""
     posture, share, step = start, _weight_share(model, start), _FIRST_STEP
     moves = np.concatenate((np.eye(len(low)), -np.eye(len(low))))
     while step >= _LAST_STEP and share > _LIGHT:
         candidates = np.clip(posture + step * moves, low, high)
         shares = [_weight_share(model, candidate) for candidate in candidates]
-        best = int(np.argmin(shares))
-        if shares[best] < share:
-            posture, share = candidates[best], shares[best]
+        lightest = int(np.argmin(shares))
+        if shares[lightest] < share:
+            posture, share = candidates[lightest], shares[lightest]
         else:
             step *= 0.5
     return posture
 
 
 def _weight_share(model: Model, q: Array) -> float:
-    """Return the largest part of an effort limit that the weight takes at a posture."""
+    """Return the weight over the effort limits, at most."""
     weights = np.abs(model.gravity_torque(q.tolist()))
     return float((weights / np.array(model.effort_limits)).max())
 
 
-def _short(value: float) -> float:
+def _shorten(value: float) -> float:
     return float(f'{value:.{_DIGITS}g}')
 
 
-def _rounded(posture: Array) -> Array:
+def _round(posture: Array) -> Array:
     """Return a posture to fewer digits [rad or m]."""
     return np.array([float(f'{x:.{_DIGITS_OF_POSITION}g}') for x in posture])

@@ -12,8 +12,11 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
+"""
+Setup of a closed loop: plant, controller and reference.
 
-"""What a run of the closed loop needs: plant, controller and reference that agree."""
+`parameter_file.load` makes a `Setup` from a file, and users make one from three configurations.
+"""
 
 from __future__ import annotations
 
@@ -26,21 +29,28 @@ from ctc_chattering.errors import CtcError, prefixed
 from ctc_chattering.simulation.closed_loop import Event
 from ctc_chattering.simulation.plant import check_start
 from ctc_chattering.simulation.plant_config import PlantConfig
-from ctc_chattering.trajectory.joint_limits import continuous_joints, DescribedLimits
-from ctc_chattering.trajectory.motions import Route
+from ctc_chattering.trajectory.joint_limits import continuous_joints, read_limits
 from ctc_chattering.trajectory.reference import make_motion, ReferenceConfig
+from ctc_chattering.trajectory.waypoints import Route
 
 Values = dict[str, Any]
-#: Values by node and parameter that override those of a file; node ``/**`` for all nodes.
+#: Values by node and parameter that override those of a file. Node ``/**`` stands for all nodes.
 Overrides = Mapping[str, Mapping[str, Any]]
-#: Parameters of the plant that say where it starts, and of the reference that change no motion.
-_STARTS, _TIMING = {'initial_position', 'initial_velocity'}, {'control_period'}
+#: Parameters of the plant at which it starts.
+_STARTS = {'initial_position', 'initial_velocity'}
+#: Parameters of the reference that change no motion.
+_TIMING = {'control_period'}
+#: Parameters that controller and plant share.
+_SHARED = (
+    'joint_names', 'gravity', 'model', 'locked', 'continuous_joints', 'control_period')
 
 
 @dataclasses.dataclass(frozen=True)
 class Setup:
     """
-    A closed loop: the checked contents of a parameter file, or three configurations.
+    Setup of a closed loop.
+
+    It is the checked contents of a parameter file, or three configurations that agree.
 
     Attributes
     ----------
@@ -52,12 +62,12 @@ class Setup:
         Desired motion.
     events : sequence of Event
         Parameters that change during the run, in the order of time.
-    values : mapping
-        Every parameter's value, by executable and parameter; empty without a file.
     route : Route or None
         Contents of the reference's `trajectory_file`, in the order of its joints.
     descriptions : mapping
         Text of the robot's description by node, for those that need one and name a file.
+    node_only : mapping
+        Values, by executable and parameter, that only the nodes need. Empty without a file.
 
     Raises
     ------
@@ -77,31 +87,47 @@ class Setup:
     controller: ControllerConfig
     reference: ReferenceConfig
     events: Sequence[Event] = ()
-    values: Mapping[str, Values] = dataclasses.field(default_factory=dict)
     route: Route | None = None
     descriptions: Mapping[str, str] = dataclasses.field(default_factory=dict)
+    node_only: Mapping[str, Values] = dataclasses.field(default_factory=dict)
 
     def __post_init__(self) -> None:
         """Refuse values that contradict each other."""
-        shared = [(name, 'controller', 'plant') for name in (
-            'joint_names', 'gravity', 'model', 'locked', 'continuous_joints', 'control_period')]
-        for name, one, other in (*shared, ('control_period', 'reference', 'plant'),
-                                 ('joint_names', 'reference', 'controller'),
-                                 ('continuous_joints', 'reference', 'controller')):
-            mine, theirs = (getattr(getattr(self, node), name) for node in (one, other))
-            more = one == 'reference' and name != 'control_period'  # It may have joints more.
-            if not (set(theirs) <= set(mine) if more else mine == theirs):
-                raise CtcError(f'{name}: {mine} of {one} contradicts {theirs} of {other}; put '
-                               'what nodes share under /**')
+        for name in _SHARED:
+            self._check(name, 'controller', 'plant')
+        self._check('control_period', 'reference', 'plant')
+        for name in ('joint_names', 'continuous_joints'):
+            self._check(name, 'reference', 'controller', may_have_more=True)
+
+    def _check(self, name: str, node: str, peer: str, may_have_more: bool = False) -> None:
+        """Raise `CtcError` if a parameter of two nodes differs."""
+        value = getattr(getattr(self, node), name)
+        expected = getattr(getattr(self, peer), name)
+        agree = set(expected) <= set(value) if may_have_more else value == expected
+        if not agree:
+            raise CtcError(f'{name}: {value} of {node} contradicts {expected} of {peer}; put '
+                           'what nodes share under /**')
+
+    @property
+    def values(self) -> dict[str, Values]:
+        """Value of every parameter, by executable and parameter."""
+        values = {'plant': self.plant.as_mapping(), 'controller': self.controller.as_mapping(),
+                  'reference': self.reference.as_mapping()}
+        for node, extra in self.node_only.items():
+            values[node] = {**values.get(node, {}), **extra}
+        return values
 
     @property
     def continuous(self) -> tuple[bool, ...]:
-        """Mask of the reference's joints that turn endlessly, shape (n,)."""
-        return continuous_joints(self.reference, self.descriptions.get('reference', ''))
+        """Mask of the reference's endless joints, shape (n,)."""
+        description = self.descriptions.get('reference', '')
+        names = self.reference.joint_names
+        limits = read_limits(description, names) if description else None
+        return continuous_joints(self.reference, limits)
 
     def changed(self, values: Overrides) -> Setup:
         """
-        Return the setup with other values of some parameters, checked like those of a file.
+        Return a checked setup with other values.
 
         Parameters
         ----------
@@ -116,22 +142,20 @@ class Setup:
 
         """
         configs: dict[str, Any] = {}
-        for node, mine in values.items():
+        for node, changes in values.items():
             with prefixed(f'{node}: '):
-                configs[node] = getattr(self, node).changed(mine)
-        resolved = {node: {**self.values.get(node, {}), **config.as_mapping()}
-                    for node, config in configs.items()}
-        found = dataclasses.replace(self, **configs, values={**self.values, **resolved})
+                configs[node] = getattr(self, node).changed(changes)
+        setup = dataclasses.replace(self, **configs)
         if _STARTS & set(values.get('plant', ())) or set(values.get('reference', ())) - _TIMING:
-            check_motion(found)
-        return found
+            check_motion(setup)
+        return setup
 
 
 def check_motion(setup: Setup) -> None:
-    """Raise `CtcError` if the motion, or its start, is beyond the limits of a URDF."""
+    """Raise `CtcError` if motion or start exceed the limits."""
     plant, reference = setup.plant, setup.reference
     check_start(plant, setup.descriptions.get('plant', ''))
     if description := setup.descriptions.get('reference', ''):
-        start = dict(zip(plant.joint_names, zip(plant.initial_position, plant.initial_velocity)))
-        make_motion(reference, setup.route, start,
-                    limits=DescribedLimits(description, reference.joint_names))
+        states = zip(plant.initial_position, plant.initial_velocity)
+        make_motion(reference, setup.route, dict(zip(plant.joint_names, states)),
+                    limits=read_limits(description, reference.joint_names))

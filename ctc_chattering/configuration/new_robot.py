@@ -12,31 +12,35 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""A parameter file for a robot of which no more is known than its URDF."""
+"""
+Parameters for a robot from its URDF, for `ctc new-robot`.
+
+What the URDF lacks is stated by the user or assumed, see `arm_knowledge`.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 import dataclasses
 from math import inf
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.configuration.arm_knowledge import (
+    ArmFacts,
     ArmKnowledge,
     Known,
     MOST_PAYLOAD,
-    rotors_of,
+    NO_FACTS,
     Source,
-    torque_rates_of,
 )
 from ctc_chattering.configuration.holding_motion import (
     choose_motion,
     DURATION_S,
-    fastest,
     HeldArm,
     HoldingMotion,
-    middle,
+    largest_speeds,
+    middle_position,
     START_S,
 )
 from ctc_chattering.configuration.loop_setup import Values
@@ -53,34 +57,35 @@ from ctc_chattering.errors import CtcError
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.parameters import LARGEST
 from ctc_chattering.simulation.plant_config import PlantConfig
-from ctc_chattering.trajectory.joint_limits import DescribedLimits, JointLimits
+from ctc_chattering.trajectory.joint_limits import JointLimits, read_limits
 import numpy as np
 
-#: Coulomb friction that is assumed, as a part of the torque that the model takes.
+#: Assumed Coulomb friction over the torque that the model takes.
 FRICTION = 0.1
-#: Friction of a URDF that exceeds this part of the effort limit is a placeholder.
+#: Friction of a URDF over the effort limit, above which it is a placeholder.
 LARGEST_FRICTION = 1.0 / 3.0
 #: Damping of a URDF that stops a joint faster belongs to a rotor that the URDF lacks [s].
 LEAST_STOPPING_TIME = 0.01
-#: Part of the effort limit that ka has for the friction of the real robot.
+#: Share of ka for the friction of the real robot, over the effort limit.
 KA = 0.06
-#: By what ka exceeds the friction of a URDF.
+#: Factor by which ka exceeds the friction of a URDF.
 _KA_MARGIN = 1.25
 #: Significant digits of friction.
 _DIGITS = 3
 #: Postures in which the torque of a payload is taken.
-PAYLOAD_POSTURES = 100
+_PAYLOAD_POSTURES = 100
 
 
 class DescribedFriction(NamedTuple):
-    """Friction of the simulated robot, and the joints for which the URDF gives it."""
+    """Friction of the simulated robot, with its origin."""
 
     #: Coulomb friction, shape (n,) [N·m or N].
     coulomb: Array
     #: Viscous friction, shape (n,) [N·m·s/rad or N·s/m].
     viscous: Array
-    #: Joints whose Coulomb, or viscous, friction is that of the URDF.
+    #: Joints whose Coulomb friction is that of the URDF.
     coulomb_described: tuple[str, ...]
+    #: Joints whose viscous friction is that of the URDF.
     viscous_described: tuple[str, ...]
     #: Joints whose friction in the URDF is too large to be taken.
     implausible: tuple[str, ...]
@@ -89,92 +94,70 @@ class DescribedFriction(NamedTuple):
 @dataclasses.dataclass(frozen=True)
 class NewRobot:
     """
-    The parameters of a run that a robot can do, and what was taken of its URDF.
+    Parameters of a run, with their origin.
 
     Attributes
     ----------
     values : dict
         Parameters by section of a file.
-    joints : tuple of str
-        Those of the model.
-    held : tuple of str
-        Joints that could be joints of the model, and stand at 0.
-    leaders : mapping of str to tuple of str
-        Joints that cannot, because others mimic them: these.
-    unexpanded : tuple of str
-        Macros of xacro that are left in the URDF.
+    tree : Tree
+        The URDF.
     unlimited : tuple of str
         Joints without an effort limit.
     knowledge : ArmKnowledge
         Rotors, rate of the torque, resonance and payload, with their origin.
     friction : DescribedFriction
-        Of the plant.
+        Friction of the plant.
     motion : HoldingMotion
-        About `center`, or about the posture that was chosen.
+        The desired motion.
 
     """
 
     values: dict[str, Values]
-    joints: tuple[str, ...]
-    held: tuple[str, ...]
-    leaders: Mapping[str, tuple[str, ...]]
-    unexpanded: tuple[str, ...]
+    tree: Tree
     unlimited: tuple[str, ...]
     knowledge: ArmKnowledge
     friction: DescribedFriction
     motion: HoldingMotion
 
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """Joints of the model."""
+        return self.knowledge.joints
 
-@dataclasses.dataclass(frozen=True)
-class Told:
-    """
-    What the user says of an arm; nothing by default.
-
-    Attributes
-    ----------
-    rotor_inertia : sequence of float, length n
-        Of each rotor at its joint [kg·m²].
-    torque_rate : sequence of float, length n
-        That the interface accepts [N·m/s].
-    resonance : float
-        Lowest one while the drives hold the arm [Hz].
-    payload : float, optional
-        Largest unknown mass at the tip [kg]; by default what the effort limits allow.
-
-    """
-
-    rotor_inertia: Sequence[float] = ()
-    torque_rate: Sequence[float] = ()
-    resonance: float = inf
-    payload: float | None = None
+    @property
+    def held(self) -> tuple[str, ...]:
+        """Other joints that could be joints of the model, and stand at 0."""
+        return tuple(name for name in self.tree.movable if name not in self.joints)
 
 
 def new_robot(location: str, joints: Sequence[str] = (), gravity: float = 9.81, tip: str = '',
-              center: Sequence[float] = (), told: Told = Told()) -> NewRobot:
+              center: Sequence[float] = (), facts: ArmFacts = NO_FACTS) -> NewRobot:
     """
-    Return the parameters of a run that the robot can do.
+    Return parameters of a run that the robot can do.
 
-    A sinusoid at no more than half the limits of position, velocity and acceleration, under law
-    `observer_feedback` with the recommended gains. Its centre is the middle of the limits, or the
-    nearest posture found in which every joint carries its weight. Collisions are not checked.
+    The motion is a sinusoid at no more than half the limits of position, velocity and
+    acceleration, under law `observer_feedback` with the recommended gains. Its centre is the
+    middle of the limits, or the nearest posture found in which every joint carries its weight.
+    Collisions are not checked.
 
     Friction is that of the URDF where it is plausible, else 10 % of the torque that the model
-    takes; `ka` has room for it, and for 6 % of the effort limit.
+    takes. `ka` has room for it, for 6 % of the effort limit, and for a payload.
 
     Parameters
     ----------
     location : str
-        Of the URDF: a path or ``package://NAME/PATH``.
+        Path of the URDF, or ``package://NAME/PATH``.
     joints : sequence of str
-        Those that are controlled; by default those up to `tip`, or the longest chain.
+        Joints that are controlled. By default those up to `tip`, or the longest chain.
     gravity : float
-        [m/s²].
+        Acceleration of gravity [m/s²].
     tip : str
         Link at the end of the arm.
     center : sequence of float
-        Centre of the motion [rad or m]; empty to choose it.
-    told : Told
-        What is known besides the URDF.
+        Centre of the motion [rad or m]. Empty to choose it.
+    facts : ArmFacts
+        Facts beside the URDF.
 
     Raises
     ------
@@ -184,107 +167,113 @@ def new_robot(location: str, joints: Sequence[str] = (), gravity: float = 9.81, 
     """
     text = read_description(location)
     tree = Tree(text)
-    names = tuple(joints) or (chain_to(tree, tip) if tip else longest_chain(tree))
-    if not names:
-        raise CtcError('URDF: no joint moves a link with a mass' if tree.movable else
-                       'URDF: it has no joint that moves')
-    tree.locked(names, {})  # Refuses joints that are not there.
-    tree.check_limits(names)
-    rotors = rotors_of(tree, names, told.rotor_inertia)
+    names = _choose_joints(tree, joints, tip)
+    knowledge = ArmKnowledge.from_urdf(tree, names, facts)
     shared: Values = {
         'joint_names': names, 'control_period': 1e-3, 'gravity': gravity, 'model': 'urdf',
         'description': location}
-    if any(rotor.source in (Source.USER, Source.ASSUMED) for rotor in rotors):
-        shared['rotor_inertia'] = [_rounded(rotor.value) for rotor in rotors]
+    if knowledge.joints_with(Source.USER) or knowledge.joints_with(Source.ASSUMED):
+        shared['rotor_inertia'] = [_shorten(rotor.value) for rotor in knowledge.rotors]
     config = ControllerConfig.from_mapping(shared)
     model = model_of(config, text)
-    expected = model_torque(config, model)
-    assert expected is not None  # Only a model of the user's has none.
+    torque = model_torque(config, model)
+    assert torque is not None  # Only a model of the user's has none.
     effort = np.array(model.effort_limits)
-    largest = np.where(effort < inf, effort, expected)
-    limits = DescribedLimits(text, names).joints
-    friction = _friction(tree, limits, model, largest, expected)
+    largest_torque = np.where(effort < inf, effort, torque)
+    limits = read_limits(text, names)
+    friction = _find_friction(tree, limits, model, largest_torque, torque)
     motion = choose_motion(HeldArm(limits, model, friction.coulomb, friction.viscous), center)
+    payload, payload_torque = _find_payload(text, names, model, gravity, facts.payload)
+    knowledge = dataclasses.replace(knowledge, payload=payload)
     described = np.isin(names, friction.coulomb_described + friction.viscous_described)
-    needed = _KA_MARGIN * (friction.coulomb + friction.viscous * fastest(limits))
-    # Some URDFs have 1e300 for no limit; ka gets a part for the error of the model as well.
-    ka = np.minimum(np.maximum(KA * largest, np.where(described, needed, 0.0)), 0.5 * LARGEST)
-    payload, load = _payload(text, names, model, gravity, told.payload, effort)
-    rates = torque_rates_of(tree.name, names, told.torque_rate)
-    assumed = any(rotor.source == Source.ASSUMED for rotor in rotors)
-    known = {'ka': ka + load, 'estimator_slope': not assumed, 'resonance': told.resonance, **(
-        {'torque_rate_limit': [rate.value for rate in rates]}
-        if rates[0].source != Source.NOT_KNOWN else {})}
-    resolution = max(PlantConfig().encoder_resolution)
-    gains = recommended_gains(config.changed(known), expected, resolution)
-    if told.resonance < inf:
-        gains['resonance'] = told.resonance
-    if assumed:
-        gains['estimator_slope'] = False
-    for name in ('torque_rate_limit', 'effort_rate_limit') if 'torque_rate_limit' in known else ():
-        gains[name] = known['torque_rate_limit']
+    needed = _KA_MARGIN * (friction.coulomb + friction.viscous * largest_speeds(limits))
+    ka = np.maximum(KA * largest_torque, np.where(described, needed, 0.0))
+    # Some URDFs have 1e300 for no limit, and ka gets a share for the error of the model as well.
+    ka = np.minimum(ka, 0.5 * LARGEST) + payload_torque
     values: dict[str, Values] = {
         parameter_file.EVERY_NODE: shared,
         'plant': {'pacing': 'lockstep', 'duration': DURATION_S,
                   'initial_position': motion.center,
                   'coulomb_friction': friction.coulomb.tolist(),
                   'viscous_friction': friction.viscous.tolist()},
-        'controller': {'law': LAW, **gains},
+        'controller': _controller_values(config, knowledge, ka, torque),
         'reference': {'center': motion.center, 'amplitude': motion.amplitude,
                       'frequency': motion.frequency, 'start_duration': START_S}}
     parameter_file.load(None, values)
-    return NewRobot(
-        values, names, tuple(name for name in tree.movable if name not in names),
-        tree.leaders, tree.unexpanded,
-        tuple(name for name, limit in zip(names, effort) if limit == inf),
-        ArmKnowledge(
-            names, rotors, rates,
-            Known(told.resonance, Source.USER if told.resonance < inf else Source.NOT_KNOWN),
-            payload, tuple(name for name in names if tree.joints[name].kind == 'continuous')),
-        friction, motion)
+    unlimited = tuple(name for name, limit in zip(names, effort) if limit == inf)
+    return NewRobot(values, tree, unlimited, knowledge, friction, motion)
 
 
-def _payload(text: str, names: tuple[str, ...], model: Model, gravity: float,
-             told: float | None, effort: Array) -> tuple[Known, Array]:
+def _choose_joints(tree: Tree, joints: Sequence[str], tip: str) -> tuple[str, ...]:
+    """Return the joints of the model; raise `CtcError` if they cannot be."""
+    names = tuple(joints) or (chain_to(tree, tip) if tip else longest_chain(tree))
+    if not names:
+        raise CtcError('URDF: no joint moves a link with a mass' if tree.movable else
+                       'URDF: it has no joint that moves')
+    tree.locked(names, {})  # Refuses joints that are not there.
+    tree.check_limits(names)
+    return names
+
+
+def _controller_values(config: ControllerConfig, knowledge: ArmKnowledge, ka: Array, torque: Array
+                       ) -> Values:
+    """Return law and gains, with the facts from which they follow."""
+    facts: dict[str, Any] = {}
+    if knowledge.resonance.source == Source.USER:
+        facts['resonance'] = knowledge.resonance.value
+    if knowledge.joints_with(Source.ASSUMED):
+        facts['estimator_slope'] = False
+    rates = knowledge.torque_rates
+    if rates[0].source != Source.NOT_KNOWN:
+        facts['torque_rate_limit'] = [rate.value for rate in rates]
+    resolution = max(PlantConfig().encoder_resolution)
+    gains = recommended_gains(config.changed({'ka': ka, **facts}), torque, resolution)
+    if 'torque_rate_limit' in facts:
+        facts['effort_rate_limit'] = facts['torque_rate_limit']
+    return {'law': LAW, **gains, **facts}
+
+
+def _find_payload(text: str, names: tuple[str, ...], model: Model, gravity: float,
+                  stated: float | None) -> tuple[Known, Array]:
     """
-    Return the largest unknown mass at the tip [kg], and the torque that ka has for it, (n,) [N·m].
+    Return the largest unknown mass at the tip [kg], and its torque, shape (n,) [N·m].
 
-    By default it is what the effort limits, (n,) [N·m], allow beside the weight of the arm, and at
-    most a part of its mass.
+    Unless it is stated, it is what the effort limits allow beside the weight of the arm, and at
+    most a fraction of its mass.
     """
     loaded = UrdfModel(with_payload(text, names, 1.0), names, gravity)
-    postures = np.random.default_rng(0).uniform(-np.pi, np.pi, (PAYLOAD_POSTURES, model.n))
+    postures = np.random.default_rng(0).uniform(-np.pi, np.pi, (_PAYLOAD_POSTURES, model.n))
     weight = np.array([model.gravity_torque(q) for q in postures.tolist()])
-    more = np.array([loaded.gravity_torque(q) for q in postures.tolist()]) - weight
-    per_kg = np.abs(more).max(axis=0)
-    if told is not None:
-        return Known(told, Source.USER), told * per_kg
+    loaded_weight = np.array([loaded.gravity_torque(q) for q in postures.tolist()])
+    torque_per_kg = np.abs(loaded_weight - weight).max(axis=0)
+    if stated is not None:
+        return Known(stated, Source.USER), stated * torque_per_kg
     mass = float(sum(model.inertial_parameters()[::10]))  # type: ignore[attr-defined]
-    room = np.maximum(effort - np.abs(weight).max(axis=0), 0.0)
-    carried = np.min(room / np.maximum(per_kg, 1e-9), initial=inf)
-    payload = _rounded(min(float(carried), MOST_PAYLOAD * mass))
-    return Known(payload, Source.ASSUMED), payload * per_kg
+    room = np.maximum(np.array(model.effort_limits) - np.abs(weight).max(axis=0), 0.0)
+    carried = np.min(room / np.maximum(torque_per_kg, 1e-9), initial=inf)
+    payload = _shorten(min(float(carried), MOST_PAYLOAD * mass))
+    return Known(payload, Source.ASSUMED), payload * torque_per_kg
 
 
-def _rounded(value: float) -> float:
+def _shorten(value: float) -> float:
     """Return a number to three digits."""
     return float(f'{value:.{_DIGITS}g}')
 
 
-def _friction(tree: Tree, limits: Sequence[JointLimits], model: Model, largest: Array,
-              expected: Array) -> DescribedFriction:
-    """Return the friction of the simulated robot: what the URDF says, where its bodies fit it."""
+def _find_friction(tree: Tree, limits: Sequence[JointLimits], model: Model, largest_torque: Array,
+                   torque: Array) -> DescribedFriction:
+    """Return the friction of a URDF where its bodies fit it, else the assumed one."""
     joints = [tree.joints[limit.name] for limit in limits]
     coulomb = np.array([joint.friction for joint in joints])
     viscous = np.array([joint.damping for joint in joints])
-    mass_matrix = np.array(model.mass_matrix([middle(limit) for limit in limits]))
+    mass_matrix = np.array(model.mass_matrix([middle_position(limit) for limit in limits]))
     inertia = 1.0 / np.diagonal(np.linalg.inv(mass_matrix))
-    most = np.minimum(LARGEST_FRICTION * largest, expected)
-    implausible = (coulomb + viscous * fastest(limits) > most) | (
+    plausible = np.minimum(LARGEST_FRICTION * largest_torque, torque)
+    implausible = (coulomb + viscous * largest_speeds(limits) > plausible) | (
         viscous * LEAST_STOPPING_TIME > inertia)
     coulomb[implausible] = viscous[implausible] = 0.0
-    assumed = np.array([float(f'{FRICTION * torque:.{_DIGITS}g}') for torque in expected])
+    assumed = [_shorten(FRICTION * x) for x in torque]
     names = np.array([joint.name for joint in joints])
     # Every joint has friction: 0 says that nobody knows it.
     return DescribedFriction(np.where(coulomb > 0.0, coulomb, assumed), viscous, *(
-        tuple(map(str, names[which])) for which in (coulomb > 0.0, viscous > 0.0, implausible)))
+        tuple(names[mask].tolist()) for mask in (coulomb > 0.0, viscous > 0.0, implausible)))

@@ -12,7 +12,11 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The parameters of the executables, one class for each, and the tables of them."""
+"""
+Parameters of the executables, one class each.
+
+The nodes, `ctc` and `parameter_file` read them here.
+"""
 
 from __future__ import annotations
 
@@ -27,7 +31,7 @@ from ctc_chattering.trajectory.reference import ReferenceConfig
 
 @dataclasses.dataclass(frozen=True)
 class NodeConfig(Config):
-    """A parameter that all nodes of the loop have besides those of their subject."""
+    """The parameter that all nodes of the loop have."""
 
     wait_for: tuple[str, ...] = parameter(
         ('',), 'Nodes that must have subscribed before the first message (set by bringup).',
@@ -105,15 +109,11 @@ class BringupConfig(Config):
 NODES: dict[str, type[Config]] = {
     'plant': PlantNodeConfig, 'controller': ControllerNodeConfig,
     'reference': ReferenceNodeConfig, 'recorder': RecorderConfig, 'bringup': BringupConfig}
-
-#: Parameters by which bringup, the live page and tests drive the nodes: no user sets them.
-INTERNAL = ('wait_for', 'hold_at', 'compiled')
-
+#: Parameters by which bringup, the live page and tests drive the nodes. No user sets them.
+_INTERNAL = ('wait_for', 'hold_at', 'compiled')
 #: The nodes of the control loop, with the parameters that concern a simulation.
 LOOP: dict[str, type[Config]] = {
     'plant': PlantConfig, 'controller': ControllerConfig, 'reference': ReferenceConfig}
-
-
 #: Description of each node for its --help.
 NODE_DESCRIPTIONS = {
     'plant': 'The simulated robot: receives torques, publishes joint states.',
@@ -123,20 +123,23 @@ NODE_DESCRIPTIONS = {
 
 
 def parameter_table() -> str:
-    """Return all parameters of all executables as a table in Markdown."""
+    """Return all parameters as a table in Markdown."""
     nodes: dict[Parameter, list[str]] = {}
-    for node, kind in NODES.items():
-        for spec in kind.parameters().values():
-            nodes.setdefault(spec, []).append(node)
+    for node, config in NODES.items():
+        for spec in config.parameters().values():
+            if spec.name not in _INTERNAL:
+                nodes.setdefault(spec, []).append(node)
     rows = [('parameter', 'nodes', 'allowed', 'default', 'unit', 'while running', 'meaning'),
-            ('---',) * 7, *(
-        (f'`{spec.name}`', ', '.join(names), spec.allowed.replace('|', '\\|'),
-         f'`{_shown(spec.default)}`', unit_text(spec.unit), '' if spec.read_only else 'yes',
-         spec.meaning) for spec, names in nodes.items() if spec.name not in INTERNAL)]
+            ('---',) * 7]
+    for spec, names in nodes.items():
+        rows.append((
+            f'`{spec.name}`', ', '.join(names), spec.allowed.replace('|', '\\|'),
+            f'`{_default_text(spec.default)}`', unit_text(spec.unit),
+            '' if spec.read_only else 'yes', spec.meaning))
     return '\n'.join(f'| {" | ".join(row)} |' for row in rows)
 
 
-def _shown(value: object) -> str:
-    """Return a default as a file has it; one number stands for every joint."""
+def _default_text(value: object) -> str:
+    """Return a default as a file has it."""
     text = str(list(value) if isinstance(value, tuple) else value) or "''"
     return text.replace('inf', '.inf')

@@ -12,7 +12,12 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Files of the package and of robots by path, name or ``package://``; the paper's experiments."""
+"""
+Files of the package and of robots.
+
+They are named by path, name or ``package://``. Parameter files and commands name them. The
+experiments of the paper are at the end.
+"""
 
 from __future__ import annotations
 
@@ -22,7 +27,7 @@ from pathlib import Path
 import sys
 from typing import Any
 
-from ctc_chattering.errors import CtcError, near, UsageError
+from ctc_chattering.errors import CtcError, prefixed, suggest, UsageError
 from ctc_chattering.input_files import read_text
 
 
@@ -41,9 +46,9 @@ def config_directory() -> Path:
     """
     for prefix in (*Path(__file__).resolve().parents, Path(sys.prefix)):
         checkout = (prefix / 'package.xml').exists()
-        found = prefix / ('config' if checkout else 'share/ctc_chattering/config')
-        if (found / 'friction.yaml').exists():
-            return found
+        folder = prefix / ('config' if checkout else 'share/ctc_chattering/config')
+        if (folder / 'friction.yaml').exists():
+            return folder
     raise CtcError('the configuration files of ctc_chattering are not installed')
 
 
@@ -54,11 +59,11 @@ def find_config(text: str, beside: Path = Path(), folder: str = '') -> Path:
     Parameters
     ----------
     text : str
-        A path, or ``panda`` for the package's own.
+        A path, or a name of the package's files such as ``panda``.
     beside : Path
         Directory from which a relative path counts.
     folder : str
-        Of the package's own, below `config_directory`.
+        Folder of the package's files, below `config_directory`.
 
     Raises
     ------
@@ -66,20 +71,24 @@ def find_config(text: str, beside: Path = Path(), folder: str = '') -> Path:
         If `text` has no directory, and names neither.
 
     """
-    own = {path.stem: path for path in sorted((config_directory() / folder).glob('*.yaml'))}
-    if text in own:
-        return own[text]
+    files = {path.stem: path for path in sorted((config_directory() / folder).glob('*.yaml'))}
+    if text in files:
+        return files[text]
     if Path(text).name == text and not os.path.lexists(beside / text):
         raise UsageError(f'{text}: no such file, and the package has none with this name: '
-                         f'{", ".join(own)}{near(text, own)}')
+                         f'{", ".join(files)}{suggest(text, files)}')
     return beside / text
 
 
 _SCHEME = 'package://'
-#: The robots of the package's own files, and how they come with what their model needs.
-_ROBOTS, _INSTALL = f'{_SCHEME}example-robot-data/', 'pip install example-robot-data pin'
-#: What meshes are read from, and how large these files may be [bytes].
-_MESHES, _MESH_SIZE = ('.stl', '.dae', '.obj'), 50_000_000
+#: Robots of the package's files.
+_ROBOTS = f'{_SCHEME}example-robot-data/'
+#: Installation of these robots and of Pinocchio, for their model.
+_INSTALL = 'pip install example-robot-data pin'
+#: Formats of meshes that are read.
+_MESH_FORMATS = ('.stl', '.dae', '.obj')
+#: Largest file of a mesh that is read [bytes].
+_MAX_MESH_SIZE = 50_000_000
 
 
 def read_description(location: str) -> str:
@@ -99,15 +108,13 @@ def read_description(location: str) -> str:
 
     """
     path = find_file(location)
-    try:
+    with prefixed('description: '):
         return read_text(path)
-    except CtcError as error:
-        raise CtcError(f'description: {error}') from None
 
 
 def find_file(location: str) -> Path:
     """
-    Return where a file is that a description or a parameter names.
+    Return the path of a named file.
 
     Parameters
     ----------
@@ -125,32 +132,32 @@ def find_file(location: str) -> Path:
     below = Path('share', *location.removeprefix(_SCHEME).split('/'))
     ament = filter(None, os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep))
     bundles = (Path(entry, 'cmeel.prefix') for entry in filter(None, sys.path))
-    looked = [*map(Path, ament), Path(sys.prefix), *filter(Path.is_dir, bundles)]
-    for prefix in looked:
+    prefixes = [*map(Path, ament), Path(sys.prefix), *filter(Path.is_dir, bundles)]
+    for prefix in prefixes:
         if os.path.isfile(prefix / below):  # noqa: PTH113 - A path may be too long for a system.
             return prefix / below
     hint = f'; {_INSTALL}' if location.startswith(_ROBOTS) else ''
     raise CtcError(f'description: {location}: not installed; looked for {below} below '
-                   f'{", ".join(map(str, looked))}{hint}')
+                   f'{", ".join(map(str, prefixes))}{hint}')
 
 
 def find_mesh(location: str) -> Path | None:
     """
-    Return the file of a mesh that a URDF names; None where it is not to be read.
+    Return the file of a mesh, if it may be read.
 
-    Read are STL, COLLADA and OBJ, up to 50 MB: a URDF of others may name any file.
+    STL, COLLADA and OBJ are read, up to 50 MB. A foreign URDF may name any file.
     """
     with suppress(CtcError):
         path = find_file(location.removeprefix('file://'))
-        if path.suffix.lower() in _MESHES and path.is_file() and (
-                path.stat().st_size <= _MESH_SIZE):
+        is_mesh = path.suffix.lower() in _MESH_FORMATS and path.is_file()
+        if is_mesh and path.stat().st_size <= _MAX_MESH_SIZE:
             return path
     return None
 
 
-#: Figures 2 to 9 of the paper, the switching that this package recommends (Ka above friction),
-#: and the switch from one law to the other: a parameter file of the package, and values of the
-#: controller in the place of its own, by the name of the bag.
+#: Parameter file of the package and values of the controller that replace the file's, by the name
+#: of the bag: figures 2 to 9 of the paper, the switching that this package recommends (Ka above
+#: friction), and the switch from one law to the other.
 EXPERIMENTS: dict[str, tuple[str, dict[str, Any]]] = {
     'friction_compensation': ('friction', {'law': 'compensation'}),
     'friction_chattering': ('friction', {'law': 'chattering'}),

@@ -13,11 +13,11 @@
 # limitations under the License.
 
 """
-Parameter files in the syntax of ROS 2, read and checked without ROS.
+Parameter files of ROS 2, without ROS.
 
-`read` returns what a file says, section by section; `load` gives every node its values, checks
-them, and returns a `Setup`. `load_parameters` is `load` for users of the package: it takes names
-of the package's files, and gives a law its gains (`with_gains`).
+`read` returns the sections of a file. `load` gives every node its values, checks them, and returns
+a `Setup`. `load_parameters` is `load` for users of the package: it takes names of the package's
+files, and gives a law its gains (`with_gains`).
 """
 
 from __future__ import annotations
@@ -32,21 +32,24 @@ from ctc_chattering.configuration import yaml_file
 from ctc_chattering.configuration.loop_setup import check_motion, Overrides, Setup, Values
 from ctc_chattering.configuration.node_parameters import LOOP, NODES
 from ctc_chattering.configuration.package_share import find_config, read_description
+from ctc_chattering.configuration.trajectory_file import read_trajectory
 from ctc_chattering.control.controller_config import ControllerConfig
 from ctc_chattering.control.recommended_gains import GainChoice, GAINS, LAW, model_torque
 from ctc_chattering.controller.trips import check_change
 from ctc_chattering.dynamics.registry import model_of
-from ctc_chattering.errors import CtcError, near, ParameterError, prefixed, UsageError
+from ctc_chattering.errors import CtcError, ParameterError, prefixed, suggest, UsageError
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.output_files import write_text
 from ctc_chattering.simulation.closed_loop import Event
 
 #: Section whose parameters apply to every node that has them.
 EVERY_NODE = '/**'
-#: Parameters of every ROS node; without ROS they have no effect.
+#: Parameters of every ROS node. Without ROS they have no effect.
 OF_ROS = ('use_sim_time', 'start_type_description_service')
-#: Whose gains a law takes: those of the file, or the recommended ones.
-FROM_FILE, RECOMMENDED = 'file', 'recommended'
+#: Choice of the gains of the file for a law.
+FROM_FILE = 'file'
+#: Choice of the recommended gains for a law.
+RECOMMENDED = 'recommended'
 #: Duration of the smooth start that goes with recommended gains [s].
 _START = 2.0
 
@@ -66,7 +69,7 @@ def load(path: Path | None, overrides: Overrides | None = None) -> Setup:
     ------
     CtcError
         If the file cannot be read, or has an unknown node or parameter, a value that is not
-        allowed, or contradictory values; or if its file of waypoints is wrong.
+        allowed, contradictory values, or a wrong file of waypoints.
 
     """
     sections = read(path) if path else {}
@@ -74,34 +77,38 @@ def load(path: Path | None, overrides: Overrides | None = None) -> Setup:
         if name not in (*NODES, EVERY_NODE):
             raise CtcError(f'{path if name in sections else "overrides"}: no node is called '
                            f'{name}; allowed: {", ".join((*NODES, EVERY_NODE))}'
-                           + near(name, NODES))
+                           + suggest(name, NODES))
     values = {node: node_values(sections, node, str(path))
               | node_values(overrides or {}, node, 'overrides') for node in NODES}
     values['plant'].setdefault('experiment', path.stem if path else 'friction')
-    resolved: dict[str, Values] = {}
-    for node, kind in NODES.items():
+    loop: dict[str, Any] = {}
+    node_only: dict[str, Values] = {}
+    for node, config in NODES.items():
         with prefixed(f'{node}: '):
-            resolved[node] = kind.from_mapping({
-                name: x for name, x in values[node].items() if name not in OF_ROS}).as_mapping()
-    loop: dict[str, Any] = {node: kind.from_mapping({name: resolved[node][name] for name in (
-        kind.parameters())}) for node, kind in LOOP.items()}
+            checked = config.from_mapping({
+                name: value for name, value in values[node].items() if name not in OF_ROS})
+        resolved = checked.as_mapping()
+        if node in LOOP:
+            names = LOOP[node].parameters()
+            loop[node] = LOOP[node].from_mapping({name: resolved.pop(name) for name in names})
+        node_only[node] = resolved
     plant, controller, reference = loop.values()
     if values['plant'].get('use_sim_time') is True and plant.pacing == 'real_time':
         raise UsageError('use_sim_time: true contradicts real_time, the pacing of plant')
     file = reference.trajectory_file
-    route = yaml_file.read_trajectory(Path(file), reference.joint_names) if file else None
+    route = read_trajectory(Path(file), reference.joint_names) if file else None
     descriptions = {node: read_description(config.description) for node, config in loop.items()
                     if config.described and config.description}
-    lines = resolved['bringup']['events']
+    lines = node_only['bringup']['events']
     torque = known_model_torque(controller, descriptions) if LAW in ' '.join(lines) else None
     events = parse_events(lines, {'plant': plant, 'controller': controller}, torque)
-    setup = Setup(plant, controller, reference, events, resolved, route, descriptions)
+    setup = Setup(plant, controller, reference, events, route, descriptions, node_only)
     check_motion(setup)
     return setup
 
 
 def known_model_torque(config: ControllerConfig, descriptions: Mapping[str, str]) -> Array | None:
-    """Return `model_torque` of the controller; None where it waits for its description."""
+    """Return `model_torque` of a controller that has its description."""
     text = descriptions.get('controller', '')
     return None if config.described and not text else model_torque(
         config, model_of(config, text))
@@ -128,17 +135,20 @@ def dump(values: Mapping[str, Values], path: Path) -> None:
 
 
 def to_text(values: Mapping[str, Values]) -> str:
-    """Return the text of a parameter file with these values by node and parameter."""
-    return yaml_file.yaml_text({node: {'ros__parameters': {
-        name: list(value) if isinstance(value, tuple) else value
-        for name, value in mine.items()}} for node, mine in values.items()})
+    """Return the text of a parameter file with values by node."""
+    sections = {}
+    for node, parameters in values.items():
+        sections[node] = {'ros__parameters': {
+            name: list(value) if isinstance(value, tuple) else value
+            for name, value in parameters.items()}}
+    return yaml_file.yaml_text(sections)
 
 
 def read(path: Path) -> dict[str, Values]:
     """
-    Return the sections of a parameter file: node name to flat parameter values.
+    Return the parameters of a file by node.
 
-    A node's namespace is left out; ``/**`` stays as it is.
+    A node's namespace is left out. ``/**`` stays as it is.
 
     Raises
     ------
@@ -148,41 +158,42 @@ def read(path: Path) -> dict[str, Values]:
     """
     sections: dict[str, Values] = {}
     for name, values in full_sections(path).items():
-        last = name.rsplit('/', 1)[1]
-        sections.setdefault(EVERY_NODE if '*' in last else last, {}).update(values)
+        node = name.rsplit('/', 1)[1]
+        sections.setdefault(EVERY_NODE if '*' in node else node, {}).update(values)
     return sections
 
 
 def full_sections(path: Path) -> dict[str, Values]:
-    """Return the sections of a parameter file: full name and flat values; see `read`."""
+    """Return the parameters of a file by full name of a node."""
     tree = yaml_file.read_yaml(path, yaml_file.FileKind.PARAMETERS)
     if not isinstance(tree, dict):
         raise CtcError(f'{path}: not a parameter file; it needs node names at the top')
-    found: dict[str, Values] = {}
-    for key, below in tree.items():
+    sections: dict[str, Values] = {}
+    for key, section in tree.items():
         name = f'/{key}'.replace('//', '/')
-        values = below.get('ros__parameters', '') if isinstance(below, dict) else ''
+        values = section.get('ros__parameters', '') if isinstance(section, dict) else ''
         if not (values is None or isinstance(values, dict)):
             raise CtcError(f'{path}: {name}: ros__parameters is missing, or holds no parameters')
-        pairs = list(_flat(values or {}, ''))
-        if name in found or len({x for x, _ in pairs}) < len(pairs):
+        pairs = list(_flatten(values or {}))
+        parameters = dict(pairs)
+        if name in sections or len(parameters) < len(pairs):
             raise CtcError(f'{path}: section {name}, or a parameter in it, is given twice')
-        found[name] = dict(pairs)
-    return found
+        sections[name] = parameters
+    return sections
 
 
-def _flat(values: Mapping[Any, Any], prefix: str) -> Iterator[tuple[str, Any]]:
-    """Yield names and values; a name has a dot for each mapping that the value stands in."""
+def _flatten(values: Mapping[Any, Any], prefix: str = '') -> Iterator[tuple[str, Any]]:
+    """Yield names and values, with a dot in a name for each nesting."""
     for key, value in values.items():
         if isinstance(value, dict):
-            yield from _flat(value, f'{prefix}{key}.')
+            yield from _flatten(value, f'{prefix}{key}.')
         else:
             yield f'{prefix}{key}', value
 
 
 def node_values(sections: Overrides, node: str, source: str) -> Values:
     """
-    Return the values that `node` takes from the sections of a file.
+    Return a node's values from the sections of a file.
 
     Raises
     ------
@@ -190,16 +201,16 @@ def node_values(sections: Overrides, node: str, source: str) -> Values:
         For a parameter that the node, or under ``/**`` any node, does not have.
 
     """
-    known = NODES[node].parameters()
-    everyone = {name for other in NODES for name in NODES[other].parameters()}
+    names = set(NODES[node].parameters())
+    of_any_node = {name for config in NODES.values() for name in config.parameters()}
     values = {}
-    for section, allowed in ((EVERY_NODE, everyone), (node, set(known))):
+    for section, allowed in ((EVERY_NODE, of_any_node), (node, names)):
         for name, value in sections.get(section, {}).items():
-            if name in known or name in OF_ROS:
+            if name in names or name in OF_ROS:
                 values[name] = value
             elif name not in allowed:
                 raise CtcError(f'{source}: {section} has no parameter {name}; allowed: '
-                               f'{", ".join(sorted(allowed))}{near(name, allowed)}')
+                               f'{", ".join(sorted(allowed))}{suggest(name, allowed)}')
     return values
 
 
@@ -310,7 +321,7 @@ def with_gains(path: Path | None, overrides: Overrides, gains: str | None = None
 def load_parameters(path: str | Path = 'friction', overrides: Overrides | None = None,
                     gains: str | None = None) -> Setup:
     """
-    Return the configurations of plant, controller and reference, and the events, of a file.
+    Return the checked contents of a parameter file.
 
     A law that the overrides choose without gains takes recommended ones where those of the file
     do not suit it, as under ``ctc simulate --law``: `observer_feedback` has gains of its own.
@@ -322,7 +333,7 @@ def load_parameters(path: str | Path = 'friction', overrides: Overrides | None =
         ``switch``, ``switching`` (the paper's arm), ``panda``, ``ur5``.
     overrides : mapping, optional
         Values by node and parameter that override the file's. Nodes are ``plant``,
-        ``controller``, ``reference``, …, or ``/**`` for all that have the parameter; the
+        ``controller``, ``reference``, …, or ``/**`` for all that have the parameter. The
         parameters are in docs/parameters.md.
     gains : {'file', 'recommended'}, optional
         Take the gains of the file in any case, or the recommended ones of `observer_feedback`.

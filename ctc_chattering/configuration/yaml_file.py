@@ -12,7 +12,12 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""YAML files, with numbers as ROS reads them, and every key once; among them waypoints."""
+"""
+YAML files as ROS reads them.
+
+They have parameters, specs, conditions or waypoints. `read_yaml` reads each file that a user
+writes. It says which kind of file it has found instead.
+"""
 
 from __future__ import annotations
 
@@ -24,23 +29,16 @@ from pathlib import Path
 import re
 from typing import Any
 
-from ctc_chattering.errors import CtcError, near, ParameterError, prefixed
+from ctc_chattering.errors import CtcError, ParameterError, suggest
 from ctc_chattering.input_files import read_bytes
-from ctc_chattering.numerics.time_grid import NANOSECONDS, seconds
-from ctc_chattering.output_files import write_text
-from ctc_chattering.parameters import LARGEST, Parameter
-from ctc_chattering.trajectory.motions import Route
 import yaml
-
-#: Rows of a point of a trajectory, and decimal places of them in a file.
-_ROWS, _PLACES = ('positions', 'velocities', 'accelerations'), 8
 
 
 class Loader(yaml.SafeLoader):
-    """YAML with numbers as ROS reads them, 1e-3 is one; a key that stands twice is refused."""
+    """YAML with numbers as ROS reads them."""
 
     def compose_mapping_node(self, anchor: Any) -> yaml.MappingNode:
-        """Return a mapping as it is written; of equal keys YAML would take the last silently."""
+        """Return a mapping without equal keys."""
         node: yaml.MappingNode = super().compose_mapping_node(anchor)
         lines: dict[str, int] = {}
         for key in (key for key, _ in node.value if isinstance(key, yaml.ScalarNode)):
@@ -53,23 +51,23 @@ class Loader(yaml.SafeLoader):
 
 
 class Dumper(yaml.SafeDumper):
-    """YAML that quotes the strings which ROS would read as numbers, such as 1e3."""
+    """YAML that quotes strings such as 1e3."""
 
     def ignore_aliases(self, data: Any) -> bool:
-        """Write what stands twice twice, not as an anchor and an alias."""
+        """Write equal values twice, without an anchor."""
         del data
         return True
 
 
-for _kind in (Loader, Dumper):  # What is an integer is one already.
-    _kind.add_implicit_resolver(
+for _class in (Loader, Dumper):  # An integer is one already.
+    _class.add_implicit_resolver(
         'tag:yaml.org,2002:float', re.compile(r'[-+]?(\d[\d_]*\.?\d*|\.\d+)([eE][-+]?\d+)?$'),
         list('-+0123456789.'))
 
 
 def parse_value(text: str) -> Any:
     """
-    Return the value that `text` is in YAML.
+    Return the value of a text in YAML.
 
     Raises
     ------
@@ -87,7 +85,7 @@ def parse_value(text: str) -> Any:
 
 
 class FileKind(Enum):
-    """Kinds of YAML files that a user writes, by their names in messages."""
+    """Kinds of YAML files that a user writes."""
 
     PARAMETERS = 'a parameter file'
     SPEC = 'a spec of ctc map or ctc tune'
@@ -95,20 +93,20 @@ class FileKind(Enum):
     CONDITIONS = 'a file of conditions'
 
 
-#: Where a file belongs.
+#: Use of each kind of file.
 _USE = {
     FileKind.PARAMETERS: 'ctc simulate and bringup take it, and params_file of a spec names one',
     FileKind.SPEC: 'ctc map and ctc tune take it',
     FileKind.WAYPOINTS: 'trajectory_file of reference names it',
     FileKind.CONDITIONS: 'ctc compare --cases takes it'}
-#: Keys of which a file of each kind has one.
+#: Keys by which a kind is detected: a file has one of them.
 _KEYS = {
     FileKind.WAYPOINTS: ('points',), FileKind.CONDITIONS: ('cases',),
     FileKind.SPEC: ('params_file', 'laws', 'axes', 'uncertain', 'tune')}
 
 
-def kind_of(tree: object) -> FileKind | None:
-    """Return the kind of a file with these contents; None where no key tells it."""
+def detect_kind(tree: object) -> FileKind | None:
+    """Return the kind of a file, if a key tells."""
     if not isinstance(tree, dict):
         return None
     if any(isinstance(value, dict) and 'ros__parameters' in value for value in tree.values()):
@@ -119,14 +117,14 @@ def kind_of(tree: object) -> FileKind | None:
 
 def read_yaml(path: Path, *expected: FileKind) -> object:
     """
-    Return what a YAML file holds.
+    Return the contents of a YAML file.
 
     Parameters
     ----------
     path : Path
         The file.
     *expected : FileKind
-        Kinds that are taken, most wanted first; none for any.
+        Kinds that are taken, the preferred one first. None for any.
 
     Raises
     ------
@@ -139,95 +137,24 @@ def read_yaml(path: Path, *expected: FileKind) -> object:
         stream = io.StringIO(content.decode(), newline=None)
         stream.name = str(path)  # For messages of the parser.
         tree = yaml.load(stream, Loader)
-        json.dumps(tree, default=str, skipkeys=True)  # What contains itself is refused by it.
+        json.dumps(tree, default=str, skipkeys=True)  # Refuses a value that contains itself.
     except (yaml.YAMLError, ValueError) as error:
         raise CtcError(f'{path}: not a YAML file: {" ".join(str(error).split())}') from None
-    kind = kind_of(tree)
+    kind = detect_kind(tree)
     if expected and kind and kind not in expected:
         raise CtcError(f'{path}: this is {kind.value}, not {expected[0].value}; {_USE[kind]}')
     return tree
 
 
-def write_yaml(tree: object, path: Path) -> None:
-    """Write a YAML file as `read_yaml` reads it; raise `CtcError` if it cannot be written."""
-    write_text(path, yaml_text(tree))
-
-
 def yaml_text(tree: object) -> str:
-    """Return the text of a YAML file as `read_yaml` reads it."""
+    """Return the text of a YAML file."""
     return yaml.dump(tree, Dumper=Dumper, default_flow_style=None, sort_keys=False, width=99)
 
 
 def mapping(name: str, value: object, keys: Sequence[str]) -> dict[Any, Any]:
-    """Return `value`; raise `ParameterError` unless it is a mapping with no other keys."""
-    wrong = [key for key in value if key not in keys] if isinstance(value, dict) else [value]
-    if wrong or not isinstance(value, dict):
-        raise ParameterError(name, wrong[0], f'a mapping of {", ".join(keys)}'
-                             + near(wrong[0], keys))
+    """Return a mapping, or raise `ParameterError` for other keys."""
+    unknown = [key for key in value if key not in keys] if isinstance(value, dict) else [value]
+    if unknown or not isinstance(value, dict):
+        raise ParameterError(name, unknown[0], f'a mapping of {", ".join(keys)}'
+                             + suggest(unknown[0], keys))
     return value
-
-
-def read_trajectory(path: Path, joint_names: Sequence[str]) -> Route:
-    """
-    Return the waypoints of a file, checked, in the order of `joint_names`.
-
-    The file has `joint_names` and `points`, each of these with `positions`, `time_from_start` [s]
-    and maybe `velocities` and `accelerations`. A `header` is ignored: times count from the start
-    of the motion.
-
-    Parameters
-    ----------
-    path : Path
-        The file.
-    joint_names : sequence of str
-        Joints of the desired motion; the file is for all of them and no other.
-
-    Raises
-    ------
-    CtcError
-        With the file, the point and the allowed values.
-
-    """
-    with prefixed(f'{path}: '):
-        return _route(read_yaml(path, FileKind.WAYPOINTS)).ordered(joint_names)
-
-
-def write_trajectory(route: Route, path: Path) -> None:
-    """
-    Write waypoints as `read_trajectory` reads them.
-
-    Parameters
-    ----------
-    route : Route
-        The waypoints.
-    path : Path
-        File to write.
-
-    Raises
-    ------
-    CtcError
-        If it cannot be written.
-
-    """
-    points = [{'time_from_start': seconds(t), **{
-        name: [round(float(x), _PLACES) + 0.0 for x in row]
-        for name, row in zip(_ROWS, point) if row}} for t, point in zip(route.times, route.points)]
-    write_yaml({'joint_names': list(route.names), 'points': points}, path)
-
-
-def _route(tree: object) -> Route:
-    values = mapping('trajectory', tree, ('joint_names', 'points', 'header'))
-    names = Parameter('joint_names', 'str[]', (), '').coerce(values.get('joint_names'))
-    rows = values.get('points')
-    if not isinstance(rows, list):
-        raise ParameterError('points', rows, 'a list of points')
-    times, points = [], []
-    for i, row in enumerate(rows):
-        name = f'points[{i}]'
-        point = mapping(name, row, (*_ROWS, 'effort', 'time_from_start'))
-        if point.get('effort'):
-            raise ParameterError(f'{name}.effort', point['effort'], 'none: it would not be used')
-        time = Parameter(f'{name}.time_from_start', 'float', None, '', 's', 0.0, LARGEST)
-        times.append(round(time.checked(point.get('time_from_start')) * NANOSECONDS))
-        points.append(tuple(point.get(x, []) for x in _ROWS))
-    return Route(names, times, points)

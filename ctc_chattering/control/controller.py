@@ -30,7 +30,7 @@ from ctc_chattering.control.step import Arrival, CompiledStep, Memories, PlainSt
 from ctc_chattering.dynamics.compiled_model import Arm, arm_of
 from ctc_chattering.dynamics.model import Model, Scaled
 from ctc_chattering.dynamics.registry import model_of
-from ctc_chattering.errors import CtcError, ParameterError, refused_as
+from ctc_chattering.errors import as_ctc_error, CtcError, ParameterError
 from ctc_chattering.numerics.linear_algebra import Array, Vector
 from ctc_chattering.numerics.time_grid import period_ns, seconds
 from ctc_chattering.parameters import vector
@@ -137,7 +137,7 @@ class Controller:
 
     def check(self, config: ControllerConfig) -> None:
         """Raise `CtcError` if the law of a configuration cannot be made."""
-        with refused_as(f'the law {config.law} cannot be made'):
+        with as_ctc_error(f'the law {config.law} cannot be made'):
             law_class(config.law).made(config, seconds(self._period)).initial()
 
     def configure(self, config: ControllerConfig) -> None:

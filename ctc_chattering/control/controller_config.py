@@ -44,7 +44,7 @@ _OF_DRIVES = ('pid_kalman', *_OBSERVING)
 class ControllerConfig(RobotConfig):
     """Parameters of the laws, of the filter (3) and of the limits."""
 
-    law: str = parameter('chattering', 'Control law: docs/laws.md.', choices=LAWS, own=True)
+    law: str = parameter('chattering', 'Control law: docs/laws.md.', choices=LAWS, custom=True)
     kp: tuple[float, ...] = parameter(
         100.0, 'Position gain Kp.', '1/s^2', minimum=LEAST, shape='nn', usual=(1.0, 1e4))
     kv: tuple[float, ...] = parameter(
@@ -60,7 +60,7 @@ class ControllerConfig(RobotConfig):
         1.0, 'Gain of the filter (3); 1 in the paper.', minimum=1e-3, maximum=1e3,
         laws=(*_PAPER, 'super_twisting'))
     switching: str = parameter(
-        'sign', 'How the chattering term is evaluated.', choices=SWITCHINGS, own=True,
+        'sign', 'How the chattering term is evaluated.', choices=SWITCHINGS, custom=True,
         laws=('chattering',))
     boundary_layer: float = parameter(
         0.05, 'Switching boundary_layer: half the width of the layer.', 'rad/s', minimum=LEAST,

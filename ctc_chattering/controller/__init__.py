@@ -12,4 +12,4 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Whether a joint state may be answered, and with what torque: the loop, without ROS."""
+"""The control loop without ROS: from joint states to torques."""

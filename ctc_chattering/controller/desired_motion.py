@@ -12,7 +12,12 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The desired motion as a controller has it: the reference, and the way back to it."""
+"""
+The reference of a controller, and the way back to it.
+
+The control loop adds the chunks of the reference as they come, and asks for the points of each
+sample.
+"""
 
 from __future__ import annotations
 
@@ -21,7 +26,7 @@ from typing import cast
 from ctc_chattering.numerics.linear_algebra import Vector
 from ctc_chattering.numerics.time_grid import NANOSECONDS
 from ctc_chattering.trajectory.buffer import Point, Trajectory
-from ctc_chattering.trajectory.motions import smooth_start, TimedMotion, Transition
+from ctc_chattering.trajectory.transitions import smooth_start, TimedMotion, Transition
 
 #: Time without a torque after which the robot may be far from the reference [ns].
 PAUSE = NANOSECONDS // 10
@@ -29,7 +34,7 @@ PAUSE = NANOSECONDS // 10
 
 class DesiredMotion(Trajectory):
     """
-    Points of the reference at the instants that a law needs, led back to after a pause.
+    The reference at the instants of a law, led back to after a pause.
 
     After an outage of states, a restart of the robot's driver, or while the controller was
     disabled, the reference has moved on, and the error would be a step. The desired motion then
@@ -45,13 +50,16 @@ class DesiredMotion(Trajectory):
 
     Attributes
     ----------
+    restart_duration : float
+        As the parameter of this name: duration of a way back [s], or 0 for none.
     way_back : Transition or None
-        The way back to the reference; None where that is followed.
+        The way back to the reference, or None where that is followed.
 
     """
 
     def __init__(self, grace: int, period: int, delay: int) -> None:
         super().__init__(grace)
+        self.restart_duration = 0.0
         self._lags = [k * period for k in range(delay + 1)]
         self.restart()
 
@@ -61,19 +69,18 @@ class DesiredMotion(Trajectory):
         self.way_back: Transition | None = None
 
     def pass_over(self, t: int, driven: bool) -> None:
-        """Forget what is past at `t` [ns]; `driven` is whether torques may be sent there."""
+        """Forget points before `t` [ns]; torques may be sent there if `driven`."""
         self.forget(t)
         if not driven and self._driven is None:
             self._driven = t
 
     def resumes(self, t: int) -> bool:
-        """Return whether the robot is driven again at `t` [ns], after a pause."""
+        """Return whether `t` [ns] ends a pause of the torques."""
         return self._driven is not None and t - self._driven > PAUSE
 
-    def desired(self, t: int, q: Vector, dq: Vector, wait: bool, duration: float
-                ) -> list[Point] | None:
+    def desired(self, t: int, q: Vector, dq: Vector, wait: bool) -> list[Point] | None:
         """
-        Return what is desired at `t` [ns], and one point for each sample of delay.
+        Return the desired points at `t` and over the delay.
 
         Parameters
         ----------
@@ -83,13 +90,11 @@ class DesiredMotion(Trajectory):
             Position [rad] and velocity [rad/s] of the robot.
         wait : bool
             Whether the reference must not be extrapolated.
-        duration : float
-            Time that a way back takes [s]; 0 for none.
 
         Returns
         -------
         list of (position, velocity, acceleration) or None
-            Each of shape (n,) [rad, rad/s, rad/s²]; None if the reference is not known yet.
+            Each of shape (n,) [rad, rad/s, rad/s²], or None if the reference is not known yet.
 
         Raises
         ------
@@ -98,12 +103,15 @@ class DesiredMotion(Trajectory):
 
         """
         points = [self.at(t + lag) for lag in self._lags]
-        late = self.end is None or t + self._lags[-1] > self.end
-        if points[0] is None or (wait and late and not self.ends_at_rest):
+        end = self.end
+        if end is None or points[0] is None:
             return None
-        if self.resumes(t) and duration > 0.0:
+        if wait and t + self._lags[-1] > end and not self.ends_at_rest:
+            return None
+        if self.resumes(t) and self.restart_duration > 0.0:
+            at_rest = (0.0,) * len(q)
             self.way_back = smooth_start(
-                cast('TimedMotion', self), t, (q, dq, (0.0,) * len(q)), duration)
+                cast('TimedMotion', self), t, (q, dq, at_rest), self.restart_duration)
         self._driven = t
         if self.way_back is not None:
             if t < self.way_back.end:

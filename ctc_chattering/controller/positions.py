@@ -13,7 +13,9 @@
 # limitations under the License.
 
 """
-Measured positions from state to state: whole turns of continuous joints, and jumps.
+Positions from state to state: whole turns, and jumps.
+
+The control loop passes each state through a `PositionTracker` before the law sees it.
 
 A driver may report a continuous joint within any turn. Its position stands for the representative
 that follows the state before, (AN1) of `numerics/angles.py`, the first one for that nearest to the
@@ -23,11 +25,11 @@ No joint moves further within the time h between two states than its velocities 
 
     |q - q0| <= h (|dq0| + min(|dq - dq0|, A h)) + Q                                      (MP1)
 
-q0 and dq0 are those of the state before. A is more than joints of arms accelerate, so that a
-velocity which a driver computes from the jump itself does not explain it. Q is left to encoders.
+q0 and dq0 are those of the state before. Arms accelerate less than A, so that a velocity which a
+driver computes from the jump itself does not explain it. Q is for encoders.
 
-A state beyond is refused. Where several in a row are, and follow each other by (MP1), the joint is
-elsewhere than its encoder said, and the torques have to end.
+A state that violates it is refused. Where several in a row do, and follow each other by (MP1), the
+encoder was wrong about the joint's position, and the torques have to end.
 """
 
 from __future__ import annotations
@@ -42,7 +44,7 @@ from ctc_chattering.numerics.time_grid import seconds
 
 
 class JointSample(NamedTuple):
-    """A joint state: stamp [ns], position [rad] and velocity [rad/s], each of shape (n,)."""
+    """A joint state: stamp [ns], position [rad], velocity [rad/s]."""
 
     t: int
     q: Vector
@@ -54,12 +56,12 @@ class JumpLimits(NamedTuple):
 
     #: Q: noise and rounding of encoders, and what a lagging velocity leaves [rad].
     margin: float = 0.1
-    #: A: a wrist of 1e-3 kg·m² under 2 N·m has that [rad/s²].
+    #: A: that of a wrist of 1e-3 kg·m² under 2 N·m [rad/s²].
     acceleration: float = 2000.0
-    #: States in a row that agree on another position: not more than the periods without one after
-    #: which `state_timeout` would end the torques, without the reason.
+    #: States in a row that agree on another position. With more, `state_timeout` would end the
+    #: torques first, without the reason.
     agreeing: int = 3
-    #: Difference from whole turns up to which a jump looks like some [rad].
+    #: Largest difference between a jump and whole turns, for which it is taken for such [rad].
     like_a_turn: float = 0.1
 
 
@@ -79,18 +81,22 @@ class Jump(NamedTuple):
 
     @property
     def is_whole_turns(self) -> bool:
-        """Return whether it is whole turns, as where a driver reports angles within a window."""
+        """True for whole turns, as of a driver within one turn."""
         distance = self.position - self.last_position
         turns = round(distance / TURN)
         return turns != 0 and isclose(distance, TURN * turns, abs_tol=LIMITS.like_a_turn)
 
 
-def find_jump(before: JointSample, after: JointSample) -> Jump | None:
-    """Return the first joint whose position does not follow, by (MP1); None for none."""
-    h = seconds(after.t - before.t)
-    fastest = LIMITS.acceleration * h
-    for joint, (q0, dq0, q, dq) in enumerate(zip(before.q, before.dq, after.q, after.dq)):
-        if abs(q - q0) > h * (abs(dq0) + min(abs(dq - dq0), fastest)) + LIMITS.margin:
+def find_jump(previous: JointSample, state: JointSample) -> Jump | None:
+    """Return the first joint that violates (MP1), if any."""
+    margin = LIMITS.margin
+    for joint, (q0, q) in enumerate(zip(previous.q, state.q)):
+        step = abs(q - q0)
+        if step <= margin:
+            continue
+        h = seconds(state.t - previous.t)
+        dq0, dq = previous.dq[joint], state.dq[joint]
+        if step > h * (abs(dq0) + min(abs(dq - dq0), LIMITS.acceleration * h)) + margin:
             return Jump(joint, q0, dq0, q, h)
     return None
 
@@ -102,7 +108,7 @@ class PositionTracker:
     Attributes
     ----------
     continuous : sequence of bool, shape (n,)
-        Which joints turn endlessly; empty for none.
+        True for joints that turn endlessly, and empty for none.
     last : JointSample or None
         The last state that was taken, its positions with the turns that belong to them.
     anchored : bool
@@ -114,41 +120,44 @@ class PositionTracker:
         self.continuous: Sequence[bool] = ()
         self.last: JointSample | None = None
         self.anchored = False
-        #: The last state, where it was refused, and how many in a row agree with it.
+        #: The last state, if it was refused, and the number of states in a row that agree.
         self._refused: JointSample | None = None
         self._agreeing = 0
 
     def forget(self) -> None:
-        """Have the next state follow none: the joints may have been turned meanwhile."""
-        self.last, self._refused, self._agreeing, self.anchored = None, None, 0, False
+        """Have the next state follow none, as after an outage."""
+        self.last = None
+        self._refused, self._agreeing = None, 0
+        self.anchored = False
 
     def follow(self, state: JointSample) -> JointSample:
-        """Return a state with the turns that belong to its positions."""
-        return state if self.last is None else self._after(self.last, state)
+        """Return a state with whole turns added to its positions."""
+        return state if self.last is None else self._follow(self.last, state)
 
-    def _after(self, before: JointSample, state: JointSample) -> JointSample:
+    def _follow(self, previous: JointSample, state: JointSample) -> JointSample:
         if not any(self.continuous):
             return state
-        h = seconds(state.t - before.t)
+        h = seconds(state.t - previous.t)
         return state._replace(q=[
             nearest(q, expected(q0, dq0, dq, h)) if endless else q
             for q, dq, q0, dq0, endless in zip(
-                state.q, state.dq, before.q, before.dq, self.continuous)])
+                state.q, state.dq, previous.q, previous.dq, self.continuous)])
 
     def take(self, state: JointSample) -> None:
         """Have the next states follow this one."""
-        self.last, self._refused, self._agreeing = state, None, 0
+        self.last = state
+        self._refused, self._agreeing = None, 0
 
     def agrees(self, state: JointSample) -> bool:
-        """Note a state that is refused; return whether it and those before agree for good."""
+        """Note a refused state, and return whether enough of them agree."""
         last, self._refused = self._refused, state
-        follows = last is not None and find_jump(last, self._after(last, state)) is None
+        follows = last is not None and find_jump(last, self._follow(last, state)) is None
         self._agreeing = self._agreeing + 1 if follows else 1
         return self._agreeing >= LIMITS.agreeing
 
     def anchor(self, state: JointSample, target: Vector) -> JointSample:
         """
-        Take a state with the turns nearest to the reference, and return it.
+        Take and return a state with the turns nearest to the reference.
 
         Parameters
         ----------
@@ -159,8 +168,8 @@ class PositionTracker:
 
         """
         self.anchored = True
-        turns = [turns_to(q, there) if endless else 0
-                 for q, there, endless in zip(state.q, target, self.continuous)]
+        turns = [turns_to(q, desired) if endless else 0
+                 for q, desired, endless in zip(state.q, target, self.continuous)]
         if any(turns):
             state = state._replace(q=[turned(q, count) for q, count in zip(state.q, turns)])
             self.take(state)

@@ -13,9 +13,10 @@
 # limitations under the License.
 
 """
-The modes of the controller, and what leads from one to another.
+The modes of the controller and their transitions.
 
-An input that is not in the row of a mode changes nothing.
+`ControlLoop` holds the present mode, and passes it each `Input`. An input that is not in the row
+of a mode changes nothing.
 """
 
 from __future__ import annotations
@@ -25,35 +26,43 @@ from enum import Enum
 
 
 class Mode(Enum):
-    """What the controller does; the value is what is said to a user."""
+    """
+    Mode of the controller.
 
-    WAITING_FOR_STATE = 'waiting for joint_states'
-    WAITING_FOR_REFERENCE = 'waiting for reference'
-    RUNNING = 'running'
-    RESTARTING = 'running, back to the reference'
-    HOLDING = 'holding the position, the reference is late'
-    NO_STATE = 'no state'
-    TRIPPED = 'tripped'
-    DISABLED = 'disabled; call ~/enable'
-    TRIPPED_AND_DISABLED = 'tripped and disabled'
+    Attributes
+    ----------
+    text : str
+        Mode for a user.
+    sends_torque : bool
+        Whether every joint state is answered by a torque.
+    allows_torque : bool
+        Whether a torque may be sent as soon as state and reference are there.
 
-    @property
-    def sends_torque(self) -> bool:
-        """Whether every joint state is answered by a torque."""
-        return self in (Mode.RUNNING, Mode.RESTARTING, Mode.HOLDING)
+    """
 
-    @property
-    def allows_torque(self) -> bool:
-        """Whether a torque may be sent as soon as state and reference are there."""
-        return self not in (Mode.TRIPPED, Mode.DISABLED, Mode.TRIPPED_AND_DISABLED)
+    WAITING_FOR_STATE = 'waiting for joint_states', False, True
+    WAITING_FOR_REFERENCE = 'waiting for reference', False, True
+    RUNNING = 'running', True, True
+    RESTARTING = 'running, back to the reference', True, True
+    HOLDING = 'holding the position, the reference is late', True, True
+    NO_STATE = 'no state', False, True
+    TRIPPED = 'tripped', False, False
+    DISABLED = 'disabled; call ~/enable', False, False
+    TRIPPED_AND_DISABLED = 'tripped and disabled', False, False
+
+    def __init__(self, text: str, sends_torque: bool, allows_torque: bool) -> None:
+        self.text = text
+        self.sends_torque, self.allows_torque = sends_torque, allows_torque
+
+    __hash__ = object.__hash__  # Faster than that of Enum, which hashes the name.
 
     def after(self, event: Input) -> Mode:
-        """Return the mode that an input leads to: this one, where the table has no other."""
+        """Return the mode that an input leads to, by `TRANSITIONS`."""
         return TRANSITIONS[self].get(event, self)
 
 
 class Input(Enum):
-    """What happens to the controller."""
+    """Event that the controller reacts to."""
 
     #: A joint state was accepted.
     STATE = 'state'
@@ -65,11 +74,13 @@ class Input(Enum):
     FOLLOW = 'follow'
     LEAD_BACK = 'lead back'
     HOLD = 'hold'
-    #: What `trips` finds.
+    #: The torques must end until a reset: see `controller/trips.py`.
     TRIP = 'trip'
     RESET = 'reset'
     DISABLE = 'disable'
     ENABLE = 'enable'
+
+    __hash__ = object.__hash__
 
 
 #: Rows of all modes in which torques are sent, or would be.

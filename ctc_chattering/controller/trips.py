@@ -13,34 +13,36 @@
 # limitations under the License.
 
 """
-What ends the torques until a reset, and settings of a law that are unsafe.
+Trips, which end the torques, and unsafe settings of a law.
 
-A law that observes the perturbation removes an error, whatever the robot started with. Where the
-error of a joint i grows all the same, the loop is lost: by drives that are slower or later than
-told, or a perturbation beyond Ka. In the sample k, of samples j since the torques began::
+The control loop passes each sample to a `TripMonitor` before its torque is sent. A law that
+observes the perturbation removes an error, whatever the robot started with. If the error of a
+joint i grows all the same, the loop is lost: because the drives are slower, or their delay longer,
+than configured, or because the perturbation exceeds Ka. In the sample k, of samples j since the
+torques began::
 
     g_i(k) = |e_i(k)| - min |e_i(j)| <= 1 rad                                             (TR1)
 
 So a start far from the reference is allowed, and its overshoot. The price: a reference that jumps
 by more counts as a loss, and an error that stays within 1 rad does not.
 
-Settings show some conditions under which a law is worse than law `compensation`. `actuator_lag` T
-and `torque_rate_limit` say what is known of the drives; no lag and no limit, as by default, are
-taken for ideal drives.
+Some settings make a law worse than law `compensation`. `actuator_lag` T and `torque_rate_limit`
+describe the drives. By default they have no lag and no limit, and are ideal.
 
 - Law ``integral``: a joint with a lag has the poles of T s⁴ + s³ + Kv s² + Kp s + Ki, and is
   unstable for Ki >= Kp (Kv - T Kp) (Routh).
-- Laws without a bound of what they estimate: drives with a limited rate that they do not know
-  let the estimate grow, until the loop diverges (measured).
+- Laws whose estimate has no bound: it grows under drives with a limited rate that the law does
+  not know, until the loop diverges (measured).
 
 docs/safety.md has the measurements, and the conditions that settings do not show. A number that is
-set while the controller runs changes by at most a factor of `FACTOR` at once.
+set while the controller runs changes by at most a factor of `MAX_CHANGE_FACTOR` at once.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from math import inf
+from typing import NamedTuple
 
 from ctc_chattering.control.controller import Controller, Sample
 from ctc_chattering.control.controller_config import ControllerConfig
@@ -51,46 +53,59 @@ from ctc_chattering.numerics.time_grid import NANOSECONDS
 from ctc_chattering.parameters import matrix
 import numpy as np
 
-#: Largest growth of an error of (TR1) [rad].
-LARGEST_GROWTH = 1.0
+#: Time for which a feedback must oscillate before it is a trip [s].
+TRIP_DELAY_S = 0.2
+#: Time between two looks at the law's stability [ns].
+CHECK_PERIOD_NS = NANOSECONDS // 50
+#: Warn below this fraction of the nominal bandwidth.
+WARN_BANDWIDTH_RATIO = 0.7
 
 
-def joint_beyond(e: Vector, limit: Vector) -> int | None:
-    """
-    Return the first joint whose error is beyond its limit; None if all are within.
+class TripLimits(NamedTuple):
+    """Thresholds of the trips."""
 
-    Parameters
-    ----------
-    e : sequence of float, shape (n,)
-        Position error [rad]; NaN is beyond any limit.
-    limit : sequence of float, shape (n,)
-        Largest magnitude allowed [rad].
-
-    """
-    return next((i for i, (x, most) in enumerate(zip(e, limit)) if not -most <= x <= most), None)
+    #: Largest growth of an error, (TR1) [rad].
+    growth: float = 1.0
+    #: Longest time of a feedback that oscillates strongly [s].
+    strained: float = TRIP_DELAY_S
+    #: Longest limit cycle [s].
+    cycling: float = 1.0
+    #: Lowest frequency of an oscillation that is named [Hz].
+    frequency: float = 1.0
 
 
-#: How long a loop may seem out of control [s], and how often that is read [ns].
-PATIENCE, _INTERVAL = 0.2, NANOSECONDS // 50
-#: Longest limit cycle [s].
-LIMIT_CYCLE_S = 1.0
-#: Least frequency of an oscillation [Hz].
-LEAST_FREQUENCY_HZ = 1.0
-#: Part of the bandwidth below which it is worth a word.
-_WORTH_A_WORD = 0.7
+TRIP_LIMITS = TripLimits()
 #: The law whose errors must not grow, where `error_limit` is not set.
 WATCHED = 'observer_feedback'
-#: Why the error of a joint grows, or the feedback oscillates.
+#: Possible causes of an error that grows, or of a feedback that oscillates.
 _CAUSES = ('the drives may be slower than torque_rate_limit, or later than actuator_lag and '
            'input_delay say, ka too small, joints elastic, or a rotor far from that of the model')
-#: Why a loop has a limit cycle, and what to do about it.
+#: Possible causes of a limit cycle, and the cure.
 _CYCLE_CAUSES = ('the joints are elastic, or an inertia is far from that of the model, often a '
                  "rotor's; set resonance, or correct rotor_inertia (docs/safety.md#limit-cycles)")
 
 
+def joint_beyond(e: Vector, limit: Vector) -> int | None:
+    """
+    Return the first joint whose error exceeds its limit, if any.
+
+    Parameters
+    ----------
+    e : sequence of float, shape (n,)
+        Position error [rad]. NaN exceeds any limit.
+    limit : sequence of float, shape (n,)
+        Largest magnitude allowed [rad].
+
+    """
+    for joint, (error, largest) in enumerate(zip(e, limit)):
+        if not -largest <= error <= largest:
+            return joint
+    return None
+
+
 class TripMonitor:
     """
-    Watches the error, and the bandwidth that a law leaves itself.
+    Watches the error, and the bandwidth that a law uses.
 
     Parameters
     ----------
@@ -103,18 +118,18 @@ class TripMonitor:
 
     def __init__(self, names: Sequence[str], period: int) -> None:
         self._names = names
-        self._interval = max(_INTERVAL // period, 1)
+        self._interval = max(CHECK_PERIOD_NS // period, 1)
         self._samples = 0
-        #: Of (TR1): under which law, and the least errors.
+        #: For (TR1): the law, and the smallest errors under it.
         self._law = ''
         self.restart()
 
     def restart(self) -> None:
         """Begin again with the torques."""
-        self._least = [inf] * len(self._names)
+        self._smallest = [inf] * len(self._names)
 
     def check(self, law: Controller, sample: Sample) -> str:
-        """Return why the torque of a sample must not be sent until a reset; '' if it may be."""
+        """Return the reason not to send a torque, or ''."""
         config, e = law.config, sample.e
         if (joint := joint_beyond(e, config.error_limit)) is not None:
             return (f'the position error of {self._names[joint]}, {e[joint]:.4g} rad, exceeded '
@@ -123,12 +138,12 @@ class TripMonitor:
             self._law = config.law
             self.restart()
         if config.law == WATCHED and min(config.error_limit) == inf:
-            self._least = [min(abs(x), least) for x, least in zip(e, self._least)]
-            grown, joint = max(
-                (abs(x) - least, i) for i, (x, least) in enumerate(zip(e, self._least)))
-            if grown > LARGEST_GROWTH:
-                return (f'the position error of {self._names[joint]} has grown by {grown:.2f} rad '
-                        f'(set error_limit to allow more than {LARGEST_GROWTH:g} rad)'
+            self._smallest = [min(abs(x), smallest) for x, smallest in zip(e, self._smallest)]
+            growth, joint = max((abs(x) - smallest, i) for i, (x, smallest) in enumerate(
+                zip(e, self._smallest)))
+            if growth > TRIP_LIMITS.growth:
+                return (f'the position error of {self._names[joint]} has grown by {growth:.2f} '
+                        f'rad (set error_limit to allow more than {TRIP_LIMITS.growth:g} rad)'
                         f'{self._where(law.stability)}; {_CAUSES}')
         self._samples += 1
         if self._samples % self._interval:
@@ -136,32 +151,33 @@ class TripMonitor:
         return self._oscillation(config.law, law.stability)
 
     def _oscillation(self, law: str, state: Stability) -> str:
-        """Return why a feedback that oscillates must end; '' if it need not."""
-        if state.strained >= PATIENCE:
+        """Return the reason to end an oscillation, or ''."""
+        if state.strained >= TRIP_LIMITS.strained:
             return f'the feedback of {law} oscillated{self._where(state)}; {_CAUSES}'
-        if state.cycling >= LIMIT_CYCLE_S:
+        if state.cycling >= TRIP_LIMITS.cycling:
             return (f'the feedback of {law} found no bandwidth at which it is calm'
                     f'{self._where(state)}; {_CYCLE_CAUSES}')
         return ''
 
     def _where(self, state: Stability) -> str:
-        """Return which joint oscillates, and how fast; '' if none does."""
-        if state.bandwidth > _WORTH_A_WORD or state.frequency < LEAST_FREQUENCY_HZ:
+        """Return the joint that oscillates and its frequency, or ''."""
+        if (state.bandwidth > WARN_BANDWIDTH_RATIO
+                or state.frequency < TRIP_LIMITS.frequency):
             return ''
         return f': {self._names[state.joint]} oscillates at {state.frequency:.0f} Hz'
 
 
 #: Largest factor by which a number changes at once.
-FACTOR = 100.0
+MAX_CHANGE_FACTOR = 100.0
 #: Laws without a bound of what they estimate.
 UNBOUNDED = ('integral', 'momentum_observer', 'super_twisting')
 
 
 def low_bandwidth(law: Controller) -> list[str]:
-    """Return a line if the feedback of a law oscillates so much that it uses less bandwidth."""
-    part = law.stability.bandwidth
-    return [] if part > _WORTH_A_WORD else [
-        f'the feedback oscillates; the law is down to {100.0 * part:.0f} % of its bandwidth; '
+    """Return a line if an oscillation reduces the bandwidth."""
+    ratio = law.stability.bandwidth
+    return [] if ratio > WARN_BANDWIDTH_RATIO else [
+        f'the feedback oscillates; the law is down to {100.0 * ratio:.0f} % of its bandwidth; '
         f'{_CAUSES}']
 
 
@@ -170,9 +186,10 @@ def unsafe_settings(config: ControllerConfig) -> Iterator[str]:
     if config.law == 'integral':
         n, lag = len(config.joint_names), np.array(config.known_lag)
         kp, kv = (np.array(matrix(x, n)).diagonal() for x in (config.kp, config.kv))
-        for name, ki, most in zip(config.joint_names, config.ki, kp * (kv - lag * kp)):
-            if ki >= most:
-                yield f'{name}: ki is {ki:g}; the loop is unstable from {max(most, 0.0):g} on'
+        largest = kp * (kv - lag * kp)
+        for name, ki, bound in zip(config.joint_names, config.ki, largest):
+            if ki >= bound:
+                yield f'{name}: ki is {ki:g}; the loop is unstable from {max(bound, 0.0):g} on'
     if config.law in UNBOUNDED and any(
             ours > drives for ours, drives in zip(
                 config.effort_rate_limit, config.torque_rate_limit)):
@@ -180,31 +197,35 @@ def unsafe_settings(config: ControllerConfig) -> Iterator[str]:
                f'torque that is sent, the estimate of {config.law} grows')
 
 
-def check_change(before: ControllerConfig, after: ControllerConfig) -> None:
+def check_change(present: ControllerConfig, candidate: ControllerConfig) -> None:
     """
-    Raise `ParameterError` if a number changes by more than `FACTOR` at once.
+    Raise `ParameterError` if a number changes too much at once.
 
-    From 0 a factor counts from the default, or from 1. What becomes 0, or is or becomes infinite,
-    may be any.
+    The largest factor is `MAX_CHANGE_FACTOR`.
+    From 0 a factor counts from the default, or from 1. A number that becomes 0, or that is or
+    becomes infinite, is not checked.
     """
-    n = len(before.joint_names)
+    n = len(present.joint_names)
     for name, spec in ControllerConfig.parameters().items():
         if spec.read_only or spec.kind not in ('float', 'float[]'):
             continue
         old, new = (np.abs(np.diagonal(matrix(x, n)) if spec.shape == 'nn' else np.atleast_1d(x))
-                    for x in (getattr(before, spec.field), getattr(after, spec.field)))
+                    for x in (getattr(present, spec.field), getattr(candidate, spec.field)))
         old[old == 0.0] = spec.default if 0.0 < spec.default < inf else 1.0
         with np.errstate(all='ignore'):
             ratio = np.maximum(new / old, old / new)
-        if (ratio > 1.01 * FACTOR)[(new > 0.0) & np.isfinite(new) & np.isfinite(old)].any():
-            raise ParameterError(name, getattr(after, spec.field), (
-                f'a change by a factor of at most {FACTOR:g} at once; if you mean it, set values '
-                'in between first'))
+        is_checked = (new > 0.0) & np.isfinite(new) & np.isfinite(old)
+        if (ratio > 1.01 * MAX_CHANGE_FACTOR)[is_checked].any():
+            raise ParameterError(name, getattr(candidate, spec.field), (
+                f'a change by a factor of at most {MAX_CHANGE_FACTOR:g} at once; if you mean it, '
+                'set values in between first'))
 
 
 def missing_limits(config: ControllerConfig, of_model: Vector) -> str:
     """
-    Return a line that names the joints whose torque has no limit, for a warning; '' for none.
+    Return a warning that names the joints without a torque limit.
+
+    It is '' if all have one.
 
     Parameters
     ----------

@@ -33,7 +33,7 @@ from ctc_chattering.dynamics.description_xml import parse_description
 from ctc_chattering.dynamics.pseudo_inertia import parameters_of, pseudo_inertia
 from ctc_chattering.dynamics.urdf_model import pinocchio, UrdfModel
 from ctc_chattering.dynamics.urdf_parser import origin, Tree
-from ctc_chattering.errors import CtcError, near, ParameterError
+from ctc_chattering.errors import CtcError, ParameterError, suggest
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
 
@@ -263,7 +263,7 @@ def with_payload(description: str, joint_names: Sequence[str], mass: float, link
     tree = Tree(robot)
     if link and link not in tree.links:
         raise CtcError(f'payload: no link is called {link}; allowed: {", ".join(tree.links)}'
-                       f'{near(link, tree.links)}')
+                       f'{suggest(link, tree.links)}')
     end = link or tip_of(tree, joint_names)
     inertia = f'{0.4 * mass * _RADIUS ** 2!r}'
     inertial = ET.SubElement(ET.SubElement(robot, 'link', name=NAME), 'inertial')

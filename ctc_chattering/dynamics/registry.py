@@ -30,7 +30,7 @@ from threading import get_ident
 
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.dynamics.two_link import TwoLink
-from ctc_chattering.errors import CtcError, ParameterError, refused_as
+from ctc_chattering.errors import as_ctc_error, CtcError, ParameterError
 from ctc_chattering.numerics.time_grid import period_ns
 from ctc_chattering.parameters import Config, LEAST, named_class, parameter
 
@@ -47,7 +47,7 @@ class DescribedConfig(Config):
     joint_names: tuple[str, ...] = parameter(
         ('joint1', 'joint2'), 'Joints, in the order of gains and torques.', read_only=True)
     model: str = parameter(
-        'two_link', 'Robot model, or your own: docs/robots.md.', choices=MODELS, own=True,
+        'two_link', 'Robot model, or your own: docs/robots.md.', choices=MODELS, custom=True,
         read_only=True)
     description: str = parameter(
         '', 'Model urdf: file of the robot, a path or package://NAME/PATH; empty for the topic '
@@ -151,7 +151,7 @@ def make_model(name: str, gravity: float, joint_names: tuple[str, ...] = ('joint
             raise CtcError('model urdf needs the parameter description, or the topic '
                            'robot_description')
         from ctc_chattering.dynamics.urdf_model import UrdfModel
-        with refused_as('URDF: there is no model of it'):
+        with as_ctc_error('URDF: there is no model of it'):
             return UrdfModel(urdf, joint_names, gravity, locked, rotors)
     return _own(name, joint_names, gravity)
 
@@ -207,7 +207,7 @@ def _own(name: str, joint_names: tuple[str, ...], gravity: float) -> Model:
     """Return an instance of a class of the user's."""
     own = named_class('model', name, lambda x: issubclass(x, Model),
                       'class derived from ctc_chattering.Model')
-    with refused_as(f'the model {name} cannot be made'):
+    with as_ctc_error(f'the model {name} cannot be made'):
         made: Model = own(joint_names, gravity)
     if getattr(made, 'n', None) != len(joint_names):
         raise ParameterError('joint_names', joint_names,

@@ -26,7 +26,7 @@ from typing import NamedTuple
 import xml.etree.ElementTree as ET
 
 from ctc_chattering.dynamics.urdf_parser import Tree
-from ctc_chattering.errors import near, ParameterError, shortened
+from ctc_chattering.errors import ParameterError, shorten, suggest
 
 
 class Branch(NamedTuple):
@@ -51,7 +51,8 @@ def chain_to(tree: Tree, tip: str) -> tuple[str, ...]:
     """
     if tip not in tree.links:
         raise ParameterError(
-            'tip', tip, f'links of the URDF: {shortened(list(tree.links))}{near(tip, tree.links)}')
+            'tip', tip,
+            f'links of the URDF: {shorten(list(tree.links))}{suggest(tip, tree.links)}')
     carrier = {child: name for name, (_, child) in tree.ends.items()}
     chain = []
     link = tip

@@ -29,7 +29,7 @@ from typing import Any
 
 from ctc_chattering.dynamics.model import LinearModel, Model
 from ctc_chattering.dynamics.urdf_parser import Tree
-from ctc_chattering.errors import CtcError, refused_as
+from ctc_chattering.errors import as_ctc_error, CtcError
 from ctc_chattering.numerics.linear_algebra import Array, Rows, Vector
 from ctc_chattering.parameters import check_joint_names
 import numpy as np
@@ -312,7 +312,7 @@ def pinocchio() -> Any:
 
 def _reduced(pin: Any, tree: Tree, stand: Mapping[str, float]) -> Any:
     """Return Pinocchio's model of the joints that are not in `stand`, where the others are."""
-    with refused_as('URDF: Pinocchio refuses it'):
+    with as_ctc_error('URDF: Pinocchio refuses it'):
         model = pin.buildModelFromXML(tree.bare())
         q = pin.neutral(model)
         ids = [model.getJointId(name) for name in stand]

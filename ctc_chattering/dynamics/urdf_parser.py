@@ -22,7 +22,7 @@ from typing import NamedTuple
 import xml.etree.ElementTree as ET
 
 from ctc_chattering.dynamics.description_xml import parse_description, XACRO
-from ctc_chattering.errors import CtcError, near, ParameterError
+from ctc_chattering.errors import CtcError, ParameterError, suggest
 
 #: Types of joint with one degree of freedom.
 _MOVABLE = ('revolute', 'continuous', 'prismatic')
@@ -210,7 +210,7 @@ class Tree:
             joint = self.joints.get(name)
             if joint is None:
                 raise ParameterError('joint_names', tuple(chosen), 'movable joints of the URDF: '
-                                     f'{", ".join(self.movable)}{near(name, self.movable)}')
+                                     f'{", ".join(self.movable)}{suggest(name, self.movable)}')
             if joint.mimic is not None:
                 raise CtcError(f'URDF: joint {name} mimics {joint.mimic.leader} and cannot be a '
                                'joint of the model')

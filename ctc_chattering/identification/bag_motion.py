@@ -37,7 +37,7 @@ from ctc_chattering.control.controller import ControllerConfig, LAWS
 from ctc_chattering.control.controller_config import SWITCHINGS
 from ctc_chattering.dynamics.registry import locked_positions
 from ctc_chattering.dynamics.urdf_parser import Tree
-from ctc_chattering.errors import CtcError, near, refused_as, shortened
+from ctc_chattering.errors import as_ctc_error, CtcError, shorten, suggest
 from ctc_chattering.identification.recording import (
     find_joints,
     KEPT_VELOCITY_ROWS,
@@ -142,8 +142,8 @@ def read_motion(
     """
     path = Path(path)
     if len(set(joints)) < len(joints):
-        raise CtcError(f'--joints: {shortened(joints)}: a joint is given more than once')
-    with closing(open_bag(path)) as bag, refused_as(f'{path}: damaged'):
+        raise CtcError(f'--joints: {shorten(joints)}: a joint is given more than once')
+    with closing(open_bag(path)) as bag, as_ctc_error(f'{path}: damaged'):
         state_topic = _choose_topic(bag, states, '--states', JOINT_STATE, STATE_FIELDS)
         robot = _read_robot(bag, state_topic.name, description, model)
         names = tuple(joints)
@@ -154,9 +154,9 @@ def read_motion(
         signal = state_topic.read(names)
         if not len(signal.logged):
             recorded = state_topic.read_layout().joints
-            hints = ''.join(near(x, recorded) for x in names[:3])
+            hints = ''.join(suggest(x, recorded) for x in names[:3])
             raise CtcError(
-                f'{path}: no state has the joints {shortened(names)}; joints of the bag: '
+                f'{path}: no state has the joints {shorten(names)}; joints of the bag: '
                 f'{", ".join(recorded)}{hints}')
         stamps = signal.stamps if np.ptp(signal.stamps) else signal.logged
         q, dq, effort = signal.values
@@ -236,7 +236,7 @@ def _choose_topic(
     reason = ', '.join(f'{x.name} is of type {x.message_type}' for x in other_types)
     if not reason:
         existing = [x.topic for x in bag.connections]
-        reason = f'no message on {name}{near(name, existing)}'
+        reason = f'no message on {name}{suggest(name, existing)}'
     suitable = [str(x) for x in _find_topics(bag, '', message_type, fields)]
     allowed = ', '.join(suitable) or f'a topic of type {message_type}'
     if may_have_field:
@@ -343,10 +343,10 @@ def _add_commands(
     values = commands.values[0]
     if not len(values):
         layout = topic.read_layout()
-        option = ' '.join(filter(None, ('--joints', shortened(layout.joints))))
+        option = ' '.join(filter(None, ('--joints', shorten(layout.joints))))
         raise CtcError(
             f'{topic.bag.path}: {layout.width} commanded torques for {len(joints)} joints, '
-            f'{shortened(joints)}; name those of the commands, in their order: {option}')
+            f'{shorten(joints)}; name those of the commands, in their order: {option}')
     period = np.median(np.diff(np.sort(stamps)))
     longest = COMMAND_LIMITS.backward_step_periods * period
     is_backward = np.diff(stamps) < -longest

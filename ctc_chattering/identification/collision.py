@@ -30,7 +30,7 @@ import xml.etree.ElementTree as ET
 
 from ctc_chattering.configuration.package_share import find_mesh
 from ctc_chattering.dynamics.urdf_parser import Tree
-from ctc_chattering.errors import CtcError, refused_as
+from ctc_chattering.errors import as_ctc_error, CtcError
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
 
@@ -84,7 +84,7 @@ class SelfCollision:
         self._pin: Any = importlib.import_module('pinocchio')
         if not hasattr(self._pin, 'computeDistance'):
             raise CtcError('this Pinocchio has no coal')
-        with refused_as('collision shapes: Pinocchio refuses them'):
+        with as_ctc_error('collision shapes: Pinocchio refuses them'):
             self._model, self._shapes = geometry(
                 self._pin, text, tree.locked(joints, locked), floor)
         back = [self._model.joints[self._model.getJointId(name)].idx_q for name in joints]

@@ -24,10 +24,10 @@ from typing import Any
 
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.configuration.loop_setup import Setup, Values
-from ctc_chattering.configuration.yaml_file import write_trajectory
+from ctc_chattering.configuration.trajectory_file import write_trajectory
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.dynamics.registry import locked_positions, model_of
-from ctc_chattering.errors import CtcError, MachineError, near
+from ctc_chattering.errors import CtcError, MachineError, suggest
 from ctc_chattering.identification.collision import SelfCollision
 from ctc_chattering.identification.random_motions import (
     Bounds,
@@ -39,7 +39,7 @@ from ctc_chattering.identification.random_motions import (
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.output_files import new_folder
 from ctc_chattering.parameters import LEAST, matrix
-from ctc_chattering.trajectory.joint_limits import DescribedLimits, JointLimits
+from ctc_chattering.trajectory.joint_limits import JointLimits, read_limits
 import numpy as np
 
 #: Files that `write_excitation` makes.
@@ -214,10 +214,10 @@ def excite(setup: Setup, request: Mapping[str, Any] | None = None, joints: Seque
     for name in joints:
         if name not in names:
             raise CtcError(f'joints: no joint is called {name}; allowed: {", ".join(names)}'
-                           f'{near(name, names)}')
+                           f'{suggest(name, names)}')
     description = setup.descriptions.get('controller', '')
     model = model_of(controller, description)
-    limits = (DescribedLimits(description, names).joints if description else
+    limits = (read_limits(description, names) if description else
               [JointLimits(name) for name in names])
     bounds = bounds_of(config, limits)
     for quantity, values in (('velocity', bounds.velocity), ('acceleration', bounds.acceleration)):
@@ -327,8 +327,7 @@ def write_excitation(found: Plan, setup: Setup, out: str | Path, overwrite: bool
     with new_folder(Path(out), EXCITE, overwrite) as folder:
         write_trajectory(found.excitation.route, folder / MOTION)
         parameter_file.dump({node: {
-            **setup.values.get(node, {}),
-            **(getattr(setup, node).as_mapping() if hasattr(setup, node) else {}),
-            **changed.get(node, {})} for node in (*setup.values, *changed)}, folder / RUN)
+            **setup.values.get(node, {}), **changed.get(node, {})
+        } for node in (*setup.values, *changed)}, folder / RUN)
         parameter_file.load(
             folder / RUN, {'reference': {'trajectory_file': str(folder / MOTION)}})

@@ -54,7 +54,7 @@ from ctc_chattering.identification.trial_runs import (
 )
 from ctc_chattering.numerics.angles import unwrapped
 from ctc_chattering.output_files import check_format, new_folder, write_json, write_text
-from ctc_chattering.parameters import check_some, LEAST, Parameter, whole
+from ctc_chattering.parameters import check_not_empty, LEAST, Parameter, whole
 import numpy as np
 
 #: Rate of the drives, as the user declares it.
@@ -256,7 +256,7 @@ def identify(motions: Sequence[RecordedMotion], model: str = '', urdf: str = '',
         joint moves.
 
     """
-    check_some('motions', motions)
+    check_not_empty('motions', motions)
     if side not in SIDES:
         raise ParameterError('side', side, ' | '.join(map(repr, SIDES)))
     joints = motions[0].recording.joints

@@ -36,7 +36,7 @@ from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.numerics.time_grid import NANOSECONDS
 from ctc_chattering.parameters import Config, LEAST, parameter
 from ctc_chattering.trajectory.joint_limits import JointLimits
-from ctc_chattering.trajectory.motions import Route
+from ctc_chattering.trajectory.waypoints import Route
 import numpy as np
 from scipy.interpolate import BPoly, make_interp_spline  # type: ignore[import-untyped]
 

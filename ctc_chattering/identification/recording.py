@@ -28,7 +28,7 @@ from pathlib import Path
 from ctc_chattering.bags.state_order import order_states
 from ctc_chattering.control.controller_config import ControllerConfig
 from ctc_chattering.dynamics.urdf_parser import Tree
-from ctc_chattering.errors import CtcError, shortened
+from ctc_chattering.errors import CtcError, shorten
 from ctc_chattering.numerics.linear_algebra import Array, Indices
 import numpy as np
 
@@ -192,11 +192,11 @@ def find_joints(path: Path, description: str, recorded: tuple[str, ...]) -> tupl
     movable = Tree(description).movable if description else recorded
     joints = tuple(name for name in movable if name in recorded)
     if not joints:
-        described = f'the joints {shortened(movable)}' if movable else (
+        described = f'the joints {shorten(movable)}' if movable else (
             'no joint that moves by itself: fixed joints, joints that mimic others, and their '
             'leaders are left out')
         raise CtcError(f'{path}: the description has {described}; the states have '
-                       f'{shortened(recorded)}')
+                       f'{shorten(recorded)}')
     return joints
 
 

@@ -30,7 +30,7 @@ import re
 import warnings
 
 from ctc_chattering.dynamics.urdf_parser import Tree
-from ctc_chattering.errors import CtcError, near, shortened
+from ctc_chattering.errors import CtcError, shorten, suggest
 from ctc_chattering.identification.recording import find_joints, RecordedMotion, Recording
 from ctc_chattering.input_files import check_regular
 from ctc_chattering.numerics.linear_algebra import Array
@@ -98,8 +98,8 @@ def read_table(
     if q is None:
         missing = next(name for k, name in enumerate(names, 1)
                        if columns['q'].keys().isdisjoint((name, str(k))))
-        raise CtcError(f'{path}: no column q_{missing}; it has: {shortened(heads[1:])}'
-                       f'{near(f"q_{missing}", heads)}')
+        raise CtcError(f'{path}: no column q_{missing}; it has: {shorten(heads[1:])}'
+                       f'{suggest(f"q_{missing}", heads)}')
     t = values[:, 0] - values[0, 0]
     recording = Recording(path.name, names, t, q, stack('dq'), stack('tau'))
     return RecordedMotion(recording.checked(), description)
@@ -110,7 +110,7 @@ def _name_numbers(path: Path, numbers: tuple[str, ...], description: str) -> tup
     movable = Tree(description).movable
     if len(numbers) != len(movable):
         raise CtcError(f'{path}: {len(numbers)} joints with numbers; the description has '
-                       f'{len(movable)}: {shortened(movable)}. Give --joints in their order')
+                       f'{len(movable)}: {shorten(movable)}. Give --joints in their order')
     return movable
 
 

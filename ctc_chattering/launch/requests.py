@@ -27,12 +27,14 @@ import time
 from typing import Any
 
 from ctc_chattering.analysis.tables import in_field
-from ctc_chattering.errors import CtcError, refused_as
+from ctc_chattering.errors import as_ctc_error, CtcError
 from ctc_chattering.launch.sole_graph import sole_graph
 from ctc_chattering.numerics.time_grid import NANOSECONDS, seconds
 from ctc_chattering.ros.messages import read_stamp
-from ctc_chattering.ros.node import BaseNode, Executor, qos, wait_for_all_acked
-from ctc_chattering.ros.subscription import ValidatedSubscription
+from ctc_chattering.ros.node import BaseNode
+from ctc_chattering.ros.run_node import wait_for_all_acked
+from ctc_chattering.ros.spinning import Executor
+from ctc_chattering.ros.subscription import qos, ValidatedSubscription
 from ctc_chattering.ros.topics import CLOCK, PARAMETERS
 from ctc_chattering.simulation.closed_loop import Event
 from rcl_interfaces.msg import ParameterEvent
@@ -231,7 +233,7 @@ def graph_monitor(events: Sequence[Event], lockstep: bool, ros_args: Sequence[st
 
     """
     with ExitStack() as leaving:
-        with refused_as('ROS'):
+        with as_ctc_error('ROS'):
             leaving.callback(rclpy.try_shutdown)
             rclpy.init(args=['bringup', *ros_args], signal_handler_options=SignalHandlerOptions.NO)
             node = ParameterEventScheduler(events, lockstep)

@@ -32,8 +32,8 @@ from ctc_chattering.live.page import ArmView, Page
 from ctc_chattering.live.page_socket import Message, PageSocket, word
 from ctc_chattering.live.skeleton import skeleton_of
 from ctc_chattering.numerics.linear_algebra import Array
-from ctc_chattering.ros.node import Executor
 from ctc_chattering.ros.process import check_security, end_after, use_profile
+from ctc_chattering.ros.spinning import Executor
 import numpy as np
 import rclpy
 from rclpy.signals import SignalHandlerOptions

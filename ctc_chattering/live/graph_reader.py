@@ -28,18 +28,18 @@ from typing import Any
 
 from ctc_chattering.analysis.signals import packed, PARTS
 from ctc_chattering.control.controller import ControllerConfig
-from ctc_chattering.errors import CtcError, refused_as, RejectedMessage
+from ctc_chattering.errors import as_ctc_error, CtcError, RejectedMessage
 from ctc_chattering.live.health import NodeReport
 from ctc_chattering.numerics.angles import nearest
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.numerics.time_grid import NANOSECONDS, nanoseconds, seconds
 from ctc_chattering.ros import topics
 from ctc_chattering.ros.messages import message_type, read_stamp
-from ctc_chattering.ros.node import BaseNode, qos
+from ctc_chattering.ros.node import BaseNode
 from ctc_chattering.ros.parameters import CHANGES
-from ctc_chattering.ros.subscription import MatchingSubscription, ValidatedSubscription
+from ctc_chattering.ros.subscription import MatchingSubscription, qos, ValidatedSubscription
 from ctc_chattering.ros.topics import select
-from ctc_chattering.trajectory.joint_limits import continuous_joints
+from ctc_chattering.trajectory.joint_limits import continuous_joints, read_limits
 from diagnostic_msgs.msg import DiagnosticArray
 import numpy as np
 from rcl_interfaces.msg import ParameterEvent
@@ -188,7 +188,7 @@ class GraphReader(BaseNode):
         def heard(message: Any, now: int) -> None:
             self._heard[topic] = seconds(now)
             try:
-                with refused_as('of no use'):
+                with as_ctc_error('of no use'):
                     take(message)
             except RejectedMessage:
                 raise
@@ -354,7 +354,8 @@ class GraphReader(BaseNode):
     def _find_endless(self, config: ControllerConfig) -> None:
         """Know which joints turn endlessly; of a text that is no URDF, those of the parameters."""
         try:
-            endless = continuous_joints(config, self.description)
+            limits = read_limits(self.description, config.joint_names)
+            endless = continuous_joints(config, limits)
         except CtcError:
             endless = config.which_are_continuous()
         self._endless = np.flatnonzero(endless).tolist()

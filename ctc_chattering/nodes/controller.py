@@ -12,11 +12,16 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The controller as a node: a joint state in, the torque that answers it out."""
+"""
+The controller as a node.
+
+It answers joint states with torques. Its inputs are states and reference, the parameters of
+`ControllerNodeConfig`, and two services. The torques are decided in `controller/loop.py`.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from itertools import pairwise
 from math import inf
 import time
@@ -27,25 +32,30 @@ from ctc_chattering.configuration.loop_setup import Values
 from ctc_chattering.configuration.node_parameters import ControllerNodeConfig
 from ctc_chattering.control.controller import Controller, ControllerConfig, LAWS
 from ctc_chattering.control.recommended_gains import GainChoice, GAINS, LAW, model_torque
-from ctc_chattering.controller.answers import Rehearsal
 from ctc_chattering.controller.loop import Answer, ControlLoop
 from ctc_chattering.controller.positions import JointSample
+from ctc_chattering.controller.rehearsal import Rehearsal
+from ctc_chattering.controller.stamps import STALE
 from ctc_chattering.controller.state_machine import Input, Mode
-from ctc_chattering.controller.timing import STALE
+from ctc_chattering.controller.status import loop_status
 from ctc_chattering.controller.trips import check_change, missing_limits
 from ctc_chattering.dynamics.registry import model_of
 from ctc_chattering.errors import RejectedMessage
 from ctc_chattering.numerics.time_grid import nanoseconds, seconds
 from ctc_chattering.parameters import OWN_CLASS
+from ctc_chattering.ros.loop_node import LoopNode
 from ctc_chattering.ros.messages import (
     effort_writer,
     LATEST,
     LoopMessage,
+    raw_sender,
     state_reader,
     state_writer,
+    Writer,
 )
-from ctc_chattering.ros.node import ERROR, LoopNode, qos, Status, TICK
-from ctc_chattering.ros.subscription import ValidatedSubscription
+from ctc_chattering.ros.reports import ERROR, Status
+from ctc_chattering.ros.spinning import TICK
+from ctc_chattering.ros.subscription import qos, ValidatedSubscription
 from ctc_chattering.ros.topics import (
     CLOCK,
     COMMANDS,
@@ -62,47 +72,42 @@ from std_msgs.msg import Float64MultiArray, String
 from std_srvs.srv import SetBool, Trigger
 from trajectory_msgs.msg import JointTrajectory
 
-#: Least time for which a message is waited for: without one EventsExecutor hangs [s].
-_SHORTEST = 1e-5
+#: Shortest wait for a message: with a wait of 0 EventsExecutor hangs [s].
+_SHORTEST_WAIT_S = 1e-5
+#: Terms of the torque on the topic `TORQUES`, in the order of `_publish_terms`.
+_TORQUE_TERMS = 'nominal', 'compensation', 'robust', 'commanded'
 
 
 class ControllerNode(LoopNode[ControllerNodeConfig]):
     """
-    Answers every joint state with a torque, by the law that the parameters name.
+    Answers every joint state with a torque of the law.
 
     A state for which there is no reference yet waits for it. In real time it falls silent without
-    states, and restarts the law with the next one; simulated time can wait. All of that is in
+    states, and restarts the law with the next one. Simulated time can wait. All of that is in
     `ControlLoop`.
     """
 
     def __init__(self, values: Values | None = None) -> None:
         super().__init__('controller', values)
         config = self.config
-        self._commands = self.create_publisher(Float64MultiArray, COMMANDS, qos())
         self._names = config.joint_names
-        #: What the torques are made of: publishers and names of the topics under ``~/``, which
-        #: carry every Nth sample, and the number of samples so far.
+        self._commands = self.create_publisher(Float64MultiArray, COMMANDS, qos())
+        #: Publishers of the terms of every Nth sample.
         self._terms = [self.create_publisher(JointState, f'~/{name}', qos())
                        for name in (TRACKING, FILTER, TORQUES)]
-        n, parts = len(self._names), ('nominal', 'compensation', 'robust', 'commanded')
-        self._writers = (
-            state_writer([f'{j}/{x}' for x in ('desired', 'error') for j in self._names],
-                         position=2 * n, velocity=2 * n),
-            state_writer(self._names, velocity=n),
-            state_writer([*(f'{j}/{x}' for x in parts for j in self._names), 'V'],
-                         effort=4 * n + 1))
+        self._term_writers = _term_writers(self._names)
+        #: Samples since time began.
         self._samples = 0
         self._gains = GainChoice()
         #: The gains that came with the law of the last request.
         self._of_law: dict[str, Any] = {}
-        writer = effort_writer(self._names)
+        writer, send = effort_writer(self._names), raw_sender(self._commands)
         self._loop = ControlLoop(
             config, config.state_timeout, config.reference_timeout, config.enabled,
-            lambda tau: self._commands.publish(writer.write(tau)),
-            self.get_logger())
+            lambda tau: send(writer.write(tau)), self.get_logger())
         self.on_change()
         self.tick = min(TICK, seconds(self._loop.watchdog.timeout) / 2)
-        #: Whether all who are to receive the torques do, and whether the clock is published.
+        #: Whether all subscribers of the torques are matched, and whether there is a clock.
         self._matched = self._clock_published = False
         self.urgent = [self.create_service(SetBool, '~/enable', self._on_enable),
                        self.create_service(Trigger, '~/reset', self._on_reset)]
@@ -141,11 +146,11 @@ class ControllerNode(LoopNode[ControllerNodeConfig]):
 
     @property
     def in_real_time(self) -> bool:
-        """Whether states come in real time."""
+        """True if states come in real time."""
         return self._loop.last is not None and not self._loop.simulated
 
     def introduction(self) -> str:
-        """Return the law, and what must come before the first torque."""
+        """Return the law, and the messages that are waited for."""
         waits = self.problem or f'waits for {JOINT_STATES} and {REFERENCE}'
         return f'law {self.config.law}, {1 / self.config.control_period:g} Hz; {waits}'
 
@@ -153,10 +158,11 @@ class ControllerNode(LoopNode[ControllerNodeConfig]):
         rows: list[tuple[float, ...]] = []
         if chunk.points or chunk.joint_names:
             rows = select(self._names, chunk.joint_names, *(
-                row for x in chunk.points for row in (x.positions, x.velocities, x.accelerations)))
+                row for point in chunk.points
+                for row in (point.positions, point.velocities, point.accelerations)))
         start = nanoseconds(chunk.header.stamp)
         times = [start + nanoseconds(point.time_from_start) for point in chunk.points]
-        if any(b <= a for a, b in pairwise([start - 1, *times])):
+        if any(second <= first for first, second in pairwise([start - 1, *times])):
             raise RejectedMessage('times', (
                 'points whose times do not increase, or with a negative time_from_start'))
         self._loop.take_reference(times, list(zip(rows[::3], rows[1::3], rows[2::3])))
@@ -166,12 +172,13 @@ class ControllerNode(LoopNode[ControllerNodeConfig]):
         q, dq = select(self._names, state.names, *state.rows[:2])
         if state.t > LATEST:
             raise RejectedMessage('stamp', f'no stamp is as late as {seconds(state.t):.9f} s')
-        if self._loop.last is None:
+        loop, states = self._loop, self.inputs[0]
+        if loop.last is None:
             self._clock_published = self.count_publishers(CLOCK) > 0
-        self.lockstep, self.inputs[0].newest = self._clock_published, not self._clock_published
-        unanswered = self.inputs[0].skipped + self.inputs[0].rejected[STALE]
-        if self._loop.take_state(
-                JointSample(state.t, q, dq), now, self._clock_published, unanswered):
+        simulated = self.lockstep = self._clock_published
+        states.newest = not simulated
+        unanswered = states.skipped + states.rejected.get(STALE, 0)
+        if loop.take_state(JointSample(state.t, q, dq), now, simulated, unanswered):
             self._samples = 0
             self.parameters.changed = True
             self.get_logger().info(
@@ -179,7 +186,7 @@ class ControllerNode(LoopNode[ControllerNodeConfig]):
         self._answer(now)
 
     def idle(self) -> None:
-        """Answer a state that waits; end the torques when no state comes."""
+        """Answer a pending state, and end the torques without states."""
         self._clock_published = self.count_publishers(CLOCK) > 0
         if self._clock_published:
             self._loop.rehearsal = None
@@ -191,9 +198,9 @@ class ControllerNode(LoopNode[ControllerNodeConfig]):
         self._answer(now)
 
     def patience(self) -> float:
-        """Return the time until a predicted state is to be answered [s]."""
+        """Return the time until a predicted state is answered [s]."""
         due = self._loop.due()
-        return inf if due is None else max(seconds(due - time.monotonic_ns()), _SHORTEST)
+        return inf if due is None else max(seconds(due - time.monotonic_ns()), _SHORTEST_WAIT_S)
 
     def overdue(self) -> None:
         """Answer a predicted state where none has come."""
@@ -205,49 +212,57 @@ class ControllerNode(LoopNode[ControllerNodeConfig]):
                 self.inputs[0].reject(rejected)
 
     def _answer(self, now: int) -> None:
-        """Have the pending state answered, and publish what the torque is made of."""
-        begin = time.thread_time_ns()
-        if self._loop.rehearse(now):
-            self._loop.note_answer(time.monotonic_ns())
+        """Answer the pending state, and publish the torque's terms."""
+        loop = self._loop
+        if loop.rehearsal is not None and loop.rehearse(now):
+            loop.note_answer(time.monotonic_ns())
             return
         self._matched = self._matched or self.matched(self._commands, *self._terms)
+        begin = 0 if loop.simulated else time.thread_time_ns()
         try:
-            answer = self._loop.answer(self._matched, now)
+            answer = loop.answer(self._matched, now)
         except RejectedMessage as rejected:
             self.inputs[0].reject(rejected)
             return
         if answer is None:
-            if not self._loop.mode.sends_torque:
-                self.statistics.pause()
-                if self._loop.last is not None:  # What is set is for the next torque.
-                    self.parameters.announce_change(self._loop.last.t + 1)
-            if (self._loop.mode is Mode.TRIPPED and self._loop.simulated
-                    and 'bringup' in self.config.wait_for and not self.done.done()):
-                self.failure = f'tripped: {self._loop.tripped}'  # Time would wait for a reset.
-                self.done.set_result(None)
+            self._note_no_answer()
             return
-        self._loop.took.append(time.thread_time_ns() - begin)
-        if self._samples % self.config.state_decimation == 0 and any(
+        if not loop.simulated:
+            loop.computing_times.append(time.thread_time_ns() - begin)
+        if self._samples % self._decimation == 0 and any(
                 publisher.get_subscription_count() for publisher in self._terms):
             self._publish_terms(answer)
         self._samples += 1
         if self.parameters.changed:
             self.parameters.announce(answer.state.t)
         end = time.monotonic_ns()
-        self._loop.note_answer(end)
         self.statistics.sample(now, end)
-        if self.in_real_time and end - now > self._loop.period:
-            self.statistics.misses += 1
+        if not loop.simulated:
+            loop.note_answer(end)
+            self.statistics.misses += end - now > loop.period
+
+    def _note_no_answer(self) -> None:
+        """Announce parameters, and end a run that would wait for ever."""
+        loop = self._loop
+        if not loop.mode.sends_torque:
+            self.statistics.pause()
+            if loop.last is not None:  # Parameters that are set are for the next torque.
+                self.parameters.announce_change(loop.last.t + 1)
+        if (loop.mode is Mode.TRIPPED and loop.simulated
+                and 'bringup' in self.config.wait_for and not self.done.done()):
+            self.failure = f'tripped: {loop.tripped}'  # Time would wait for a reset.
+            self.done.set_result(None)
 
     def _publish_terms(self, answer: Answer) -> None:
-        """Publish the error, v and the terms of the torque that answered a state."""
+        """Publish error, v and torque terms of an answer."""
         assert self._loop.law is not None
-        state, point, terms = answer
-        rows = (([*point[0], *terms.e], [*point[1], *terms.de], ()), (terms.v, ()), ([
-            *terms.nominal, *(-x for x in terms.compensation), *(-x for x in terms.robust),
-            *terms.tau, self._loop.law.lyapunov(state.q, terms.v)],))
-        for publisher, writer, mine in zip(self._terms, self._writers, rows):
-            publisher.publish(writer.write(*mine, t=state.t))
+        state, (q_d, dq_d, _), sample = answer
+        subtracted = [-x for x in (*sample.compensation, *sample.robust)]
+        torques = [*sample.nominal, *subtracted, *sample.tau,
+                   self._loop.law.lyapunov(state.q, sample.v)]
+        rows = ([*q_d, *sample.e], [*dq_d, *sample.de], ()), (sample.v, ()), (torques,)
+        for publisher, writer, row in zip(self._terms, self._term_writers, rows):
+            publisher.publish(writer.write(*row, t=state.t))
 
     def finish(self) -> None:
         """Leave no torque behind."""
@@ -270,7 +285,7 @@ class ControllerNode(LoopNode[ControllerNodeConfig]):
         return response
 
     def check(self, config: ControllerConfig) -> None:
-        """Refuse a law that cannot be made, and a change that is too large."""
+        """Refuse a law or a change that is not allowed."""
         values = config.as_mapping()
         of_law, self._of_law = self._of_law, {}
         check_change(self.config.changed({  # Those of the law itself may be any.
@@ -279,7 +294,7 @@ class ControllerNode(LoopNode[ControllerNodeConfig]):
             self._loop.law.check(config)
 
     def completed(self, values: Mapping[str, Any]) -> Mapping[str, Any]:
-        """Return the gains that go with a law which is set without any; see `GainChoice`."""
+        """Return the gains of a law that is set without any, by `GainChoice`."""
         law, named = values.get('law'), {*values, *self.parameter_service.names}
         if (law in LAWS or OWN_CLASS.fullmatch(str(law))) and named.isdisjoint(GAINS):
             self._of_law = self._gains.of_law(str(law), self.config)
@@ -289,28 +304,30 @@ class ControllerNode(LoopNode[ControllerNodeConfig]):
         return self._of_law
 
     def _take_recommended_gains(self) -> None:
-        """Set those of a law that the node was started with and that has gains of its own."""
+        """Set the recommended gains of the law at the start."""
         if self.config.law == LAW and self.given.keys().isdisjoint(GAINS):
             self._of_law = self._gains.suitable(LAW, self.config)
             self.parameters.assign(self._of_law)
 
     def on_change(self) -> None:
-        """Have the law take what has been set."""
-        self._loop.restart_duration = self.config.restart_duration
-        self._loop.predicted_periods = self.config.predicted_periods
-        self._loop.least_answered = self.config.least_answered
-        if self._loop.law is not None:
-            self._loop.law.configure(self.config)
+        """Have loop and law take the parameters that were set."""
+        config, loop = self.config, self._loop
+        self._decimation = config.state_decimation
+        loop.motion.restart_duration = config.restart_duration
+        loop.lost_states.predicted_periods = config.predicted_periods
+        loop.least_answered = config.least_answered
+        if loop.law is not None:
+            loop.law.configure(config)
 
     def status(self) -> Status:
-        """Return what the controller does and why."""
+        """Return the state of the controller, and its reason."""
         config, loop = self.config, self._loop
         cause = self.statistics.too_slow(loop.period)
         level, message = ERROR, self.problem
         if not self.problem:
             states = self.inputs[0]
-            level, message = loop.status(
-                time.monotonic_ns(), states.rejected, states.skipped, cause)
+            level, message = loop_status(
+                loop, time.monotonic_ns(), states.rejected, states.skipped, cause)
         return Status(level, message, {
             'law': config.law, **({'switching': config.switching}
                                   if config.takes('switching') else {}),
@@ -321,3 +338,13 @@ class ControllerNode(LoopNode[ControllerNodeConfig]):
             'timeouts, state': loop.watchdog.outages,
             'timeouts, reference': loop.reference_outages,
             'time': 'simulated' if loop.simulated else 'real'})
+
+
+def _term_writers(names: Sequence[str]) -> list[Writer]:
+    """Return the writers for `TRACKING`, `FILTER` and `TORQUES`."""
+    n = len(names)
+    tracking = [f'{joint}/{x}' for x in ('desired', 'error') for joint in names]
+    torques = [f'{joint}/{term}' for term in _TORQUE_TERMS for joint in names]
+    return [state_writer(tracking, position=2 * n, velocity=2 * n),
+            state_writer(names, velocity=n),
+            state_writer([*torques, 'V'], effort=len(torques) + 1)]

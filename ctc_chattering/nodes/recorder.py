@@ -30,9 +30,11 @@ from ctc_chattering.configuration.loop_setup import Values
 from ctc_chattering.configuration.node_parameters import RecorderConfig
 from ctc_chattering.numerics.time_grid import NANOSECONDS
 from ctc_chattering.ros.messages import message_type, read_stamp
-from ctc_chattering.ros.node import BaseNode, ERROR, NAP, OK, qos, Status
+from ctc_chattering.ros.node import BaseNode
 from ctc_chattering.ros.parameters import NodeParameters
-from ctc_chattering.ros.subscription import MatchingSubscription, ValidatedSubscription
+from ctc_chattering.ros.reports import ERROR, OK, Status
+from ctc_chattering.ros.spinning import NAP
+from ctc_chattering.ros.subscription import MatchingSubscription, qos, ValidatedSubscription
 from ctc_chattering.ros.topics import CLOCK, JOINT_STATES, Topic, TOPICS
 
 #: Messages that DDS keeps for us while we sleep, or the disk does.

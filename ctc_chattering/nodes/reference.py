@@ -23,16 +23,18 @@ from typing import Any
 
 from ctc_chattering.configuration.loop_setup import Values
 from ctc_chattering.configuration.node_parameters import ReferenceNodeConfig
-from ctc_chattering.configuration.yaml_file import read_trajectory
+from ctc_chattering.configuration.trajectory_file import read_trajectory
 from ctc_chattering.errors import CtcError, ParameterError, RejectedMessage
 from ctc_chattering.numerics.time_grid import NANOSECONDS, nanoseconds, period_ns, seconds
-from ctc_chattering.ros.messages import LATEST, read_stamp, trajectory
-from ctc_chattering.ros.node import ERROR, LoopNode, OK, qos, Status, WARN
-from ctc_chattering.ros.subscription import ValidatedSubscription
+from ctc_chattering.ros.loop_node import LoopNode
+from ctc_chattering.ros.messages import LATEST, read_stamp, TrajectoryWriter
+from ctc_chattering.ros.reports import ERROR, OK, Status, WARN
+from ctc_chattering.ros.subscription import qos, ValidatedSubscription
 from ctc_chattering.ros.topics import CLOCK, JOINT_STATES, JOINT_TRAJECTORY, REFERENCE, TOPICS
-from ctc_chattering.trajectory.joint_limits import DescribedLimits
-from ctc_chattering.trajectory.motions import Route
-from ctc_chattering.trajectory.reference import Followed, MotionPlan, ReferenceConfig
+from ctc_chattering.trajectory.joint_limits import read_limits
+from ctc_chattering.trajectory.motion_plan import Followed, MotionPlan
+from ctc_chattering.trajectory.reference import ReferenceConfig
+from ctc_chattering.trajectory.waypoints import Route
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import JointTrajectory
@@ -71,6 +73,7 @@ class ReferenceNode(LoopNode[ReferenceNodeConfig]):
         horizon = round(self.config.horizon * NANOSECONDS)
         self._ahead = max(4, horizon // self._period)
         self._piece = self._ahead // 4
+        self._writer = TrajectoryWriter(config.joint_names, self._period, self._piece)
         self._publisher = self.create_publisher(
             JointTrajectory, REFERENCE, qos(TOPICS[REFERENCE].depth))
         self._simulated = False
@@ -90,7 +93,7 @@ class ReferenceNode(LoopNode[ReferenceNodeConfig]):
     def begin(self, description: str) -> None:
         """Know the limits, and make the motion if the robot's state is not needed for it."""
         if description:
-            self._plan.limits = DescribedLimits(description, self._plan.config.joint_names)
+            self._plan.limits = read_limits(description, self._plan.config.joint_names)
         self._plan.prepare()
 
     def check(self, config: ReferenceConfig) -> None:
@@ -238,10 +241,10 @@ class ReferenceNode(LoopNode[ReferenceNodeConfig]):
         first = self._now // self._period
         self._next = max(self._next, first)
         while self._next < first + self._ahead:
-            self._publisher.publish(trajectory(
-                self._plan.config.joint_names, (self._start or 0) + self._next * self._period,
-                self._period, [self._plan.motion.at((self._next + k) * self._period)
-                               for k in range(self._piece)]))
+            self._publisher.publish(self._writer.fill(
+                (self._start or 0) + self._next * self._period,
+                [self._plan.motion.at((self._next + k) * self._period)
+                 for k in range(self._piece)]))
             self._next += self._piece
 
 

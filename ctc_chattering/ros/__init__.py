@@ -12,4 +12,4 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What depends on ROS 2 and is shared by the nodes."""
+"""ROS 2: the parts that all nodes share."""

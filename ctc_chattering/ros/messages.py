@@ -12,11 +12,18 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Messages: their classes by name, times in them, and those of the control loop as numbers."""
+"""
+Messages: classes, stamps, and the numbers of the control loop.
+
+ROS reads and writes a message of the control loop in full once. In the next ones only stamp and
+numbers differ, and `Reader` and `Writer` touch these only. For a state and its torque that is a
+tenth of a control cycle less than rclpy needs, whose messages are objects with a setter for each
+field.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 import importlib
 import os
 from pathlib import Path
@@ -27,9 +34,10 @@ from builtin_interfaces.msg import Duration, Time
 from ctc_chattering.errors import CtcError
 from ctc_chattering.numerics.time_grid import NANOSECONDS, nanoseconds, seconds
 import rclpy
+from rclpy.publisher import Publisher
 from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Float64MultiArray, Header, MultiArrayDimension, MultiArrayLayout
+from std_msgs.msg import Float64MultiArray, MultiArrayDimension, MultiArrayLayout
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 #: Position, velocity and acceleration.
@@ -42,9 +50,9 @@ MARK = 1.234567890123456e-67
 _STAMP = struct.Struct('<iI')
 
 
-def message_type(kind: str) -> Any:
+def message_type(type_name: str) -> Any:
     """
-    Return the message class called `kind`, for example ``std_msgs/msg/String``.
+    Return the message class of a name like ``std_msgs/msg/String``.
 
     Bags and graphs name types: only what a package of ROS lists as its messages is imported.
 
@@ -54,13 +62,13 @@ def message_type(kind: str) -> Any:
         If there is none.
 
     """
-    package, _, name = kind.partition('/msg/')
+    package, _, name = type_name.partition('/msg/')
     listed = Path('share/ament_index/resource_index/rosidl_interfaces', package)
     prefixes = [Path(rclpy.__file__).parents[4], *map(
         Path, filter(None, os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep)))]
     if not any(f'msg/{name}.idl' in (prefix / listed).read_text().split()
                for prefix in prefixes if (prefix / listed).is_file()):
-        raise CtcError(f'{kind}: this message type is not installed')
+        raise CtcError(f'{type_name}: this message type is not installed')
     return getattr(importlib.import_module(f'{package}.msg'), name)
 
 
@@ -72,7 +80,9 @@ def stamp(t: int) -> Time:
 
 def read_stamp(data: bytes) -> int:
     """
-    Return the time in a `Clock`, or in a header, at the beginning of a serialized message [ns].
+    Return the time at the beginning of a serialized message [ns].
+
+    It is that of a `Clock`, or of a header.
 
     Raises
     ------
@@ -91,109 +101,136 @@ def read_stamp(data: bytes) -> int:
 
 
 class LoopMessage(NamedTuple):
-    """A message of the control loop: stamp (0 for none) [ns], names, rows of numbers."""
+    """Stamp [ns], or 0 for none, names and rows of a message."""
 
     t: int
     names: tuple[str, ...]
     rows: Sequence[Sequence[float]]
 
 
-def _row_struct(sizes: Sequence[int]) -> struct.Struct:
-    """Return rows of doubles as CDR has them: after the first each has its count before it."""
-    first, *others = sizes
-    return struct.Struct(f'<{first}d' + ''.join(f'I4x{n}d' if n else 'I' for n in others))
+def _rows_format(sizes: Sequence[int]) -> str:
+    """Return the CDR format of rows, counts before all but the first."""
+    first, *following = sizes
+    return f'{first}d' + ''.join(f'I4x{n}d' if n else 'I' for n in following)
 
 
 class Reader:
     """
     Reads messages that end with rows of doubles.
 
-    Plant and controller answer each other by them, and to have ROS convert each field by field
-    takes more than a tenth of a control cycle. ROS reads a message; one that has the same frame,
-    which is all but stamp and numbers, then differs from it in these only.
+    ROS reads a message. The next one of the same frame, which is all but stamp and numbers, is
+    unpacked at once.
 
     Parameters
     ----------
-    kind : type
+    message_class : type
         Message class.
     content : callable
-        Returns what is read of a message.
+        Returns the `LoopMessage` of a message of that class.
     stamped : bool
         Whether a stamp is at the beginning.
 
     """
 
-    def __init__(self, kind: Any, content: Callable[[Any], LoopMessage], stamped: bool) -> None:
-        self._kind, self._content, self._begin = kind, content, 12 if stamped else 4
-        self._frame, self._struct = b'', _row_struct([0])
+    def __init__(self, message_class: Any, content: Callable[[Any], LoopMessage],
+                 stamped: bool) -> None:
+        self._class, self._content = message_class, content
+        self._stamp_format = 'iI' if stamped else ''
+        self._frame_index = len(self._stamp_format)
+        self._layout: struct.Struct | None = None
+        self._frame = b''
+        self._counts: tuple[int, ...] = ()
         self._names: tuple[str, ...] = ()
+        self._row_slices: list[slice] = []
+        self._count_slice = slice(0)
 
     def __call__(self, data: bytes) -> LoopMessage:
-        """Return the content of a serialized message; raise `RuntimeError` if it is malformed."""
-        end = len(data) - self._struct.size
-        n = len(self._names)
-        if self._frame and data[self._begin:end] == self._frame:
-            values = self._struct.unpack_from(data, end)
-            if set(values[n::n + 1]) <= {n}:  # The counts between the rows.
-                sec, nanosec = _STAMP.unpack_from(data, 4) if self._begin > 4 else (0, 0)
-                return LoopMessage(sec * NANOSECONDS + nanosec, self._names, [
-                    values[k:k + n] for k in range(0, len(values), n + 1)])
-        message = deserialize_message(data, self._kind)
-        found = self._content(message)
-        n = len(found.names)
-        self._frame, self._names = b'', found.names
-        if n and {len(row) for row in found.rows} == {n} and data[1] == 1 and (
+        """Return the content of a message, or raise `RuntimeError`."""
+        layout = self._layout
+        if layout is not None and len(data) == layout.size:
+            values = layout.unpack(data)
+            index = self._frame_index
+            if values[index] == self._frame and values[self._count_slice] == self._counts:
+                return LoopMessage(
+                    values[0] * NANOSECONDS + values[1] if index else 0, self._names,
+                    [values[row] for row in self._row_slices])
+        return self._read_by_ros(data)
+
+    def _read_by_ros(self, data: bytes) -> LoopMessage:
+        """Return the content of a message, and remember its frame."""
+        message = deserialize_message(data, self._class)
+        content = self._content(message)
+        n, rows = len(content.names), len(content.rows)
+        is_little_endian = data[1] == 1
+        self._layout = None
+        if n and {len(row) for row in content.rows} == {n} and is_little_endian and (
                 len(serialize_message(message)) == len(data)):
-            self._struct = _row_struct([n] * len(found.rows))
-            self._frame = data[self._begin:len(data) - self._struct.size]
-        return found
+            head, tail = f'<4x{self._stamp_format}', _rows_format([n] * rows)
+            length = len(data) - struct.calcsize(head) - struct.calcsize(f'<{tail}')
+            self._layout = struct.Struct(f'{head}{length}s{tail}')
+            self._names, self._counts = content.names, (n,) * (rows - 1)
+            first = self._frame_index + 1
+            self._frame = self._layout.unpack(data)[self._frame_index]
+            self._count_slice = slice(first + n, None, n + 1)
+            self._row_slices = [slice(k, k + n) for k in range(
+                first, first + rows * (n + 1), n + 1)]
+        return content
 
 
 def state_reader() -> Reader:
-    """Return what reads `JointState` messages: positions, velocities, efforts."""
+    """Return a reader of `JointState` messages: positions, velocities, efforts."""
     return Reader(JointState, lambda m: LoopMessage(
         nanoseconds(m.header.stamp), tuple(m.name), (m.position, m.velocity, m.effort)), True)
 
 
 def effort_reader() -> Reader:
-    """Return what reads `Float64MultiArray` messages and their labels, if there are some."""
+    """Return a reader of `Float64MultiArray` messages with labels."""
     return Reader(Float64MultiArray, lambda m: LoopMessage(
         0, tuple([x.label for x in m.layout.dim]), (m.data,)), False)
 
 
 class Writer:
     """
-    Writes messages that end with rows of doubles: the numbers of one that ROS has serialized.
+    Writes messages that end with rows of doubles.
+
+    It replaces the numbers in a message that ROS has serialized.
 
     Parameters
     ----------
     message : object
-        Of ROS; its last fields are the rows, all numbers `MARK`. A stamp is at its beginning.
+        Of ROS. Its last fields are the rows, all numbers `MARK`. A stamp is at its beginning.
     sizes : sequence of int
         The numbers in each row, at least one in the first.
 
     """
 
     def __init__(self, message: Any, sizes: Sequence[int]) -> None:
-        self._data, self._struct = bytearray(serialize_message(message)), _row_struct(sizes)
+        self._data = bytearray(serialize_message(message))
+        self._layout = struct.Struct(f'<{_rows_format(sizes)}')
         self._begin = self._data.index(struct.pack('<d', MARK))
         # Where rows are empty, rclpy leaves bytes behind the message, which other readers refuse.
-        del self._data[self._begin + self._struct.size:]
+        del self._data[self._begin + self._layout.size:]
 
     def write(self, *rows: Sequence[float], t: int | None = None) -> bytes:
-        """Return the message with `rows` of their sizes, and stamp `t` [ns] if it has one."""
+        """Return the message with `rows`, and stamp `t` [ns] if any."""
         if t is not None:
             _STAMP.pack_into(self._data, 4, *divmod(t, NANOSECONDS))
         values = [*rows[0]]
         for row in rows[1:]:
             values += (len(row), *row)
-        self._struct.pack_into(self._data, self._begin, *values)
+        self._layout.pack_into(self._data, self._begin, *values)
         return bytes(self._data)
+
+
+def raw_sender(publisher: Publisher) -> Callable[[bytes], None]:
+    """Return a function that publishes serialized messages."""
+    send: Callable[[bytes], None] = publisher.handle.publish_raw
+    return send
 
 
 def state_writer(names: Sequence[str], **sizes: int) -> Writer:
     """
-    Return what writes `JointState` messages with `names`.
+    Return a writer of `JointState` messages with `names`.
 
     It takes the rows from the first field that `sizes` names on: position, velocity and effort,
     each with so many numbers, or none.
@@ -204,19 +241,35 @@ def state_writer(names: Sequence[str], **sizes: int) -> Writer:
 
 
 def effort_writer(names: Sequence[str]) -> Writer:
-    """Return what writes `Float64MultiArray` messages, labelled with `names`."""
+    """Return a writer of `Float64MultiArray` messages, labelled with `names`."""
     labels = [MultiArrayDimension(label=name, size=1, stride=1) for name in names]
     return Writer(Float64MultiArray(
         layout=MultiArrayLayout(dim=labels), data=[MARK] * len(names)), [len(names)])
 
 
-def trajectory(names: Sequence[str], t: int, period: int, points: Sequence[Point]
-               ) -> JointTrajectory:
-    """Return a `JointTrajectory` of `points`, the first at `t` [ns], one every `period` [ns]."""
-    message = JointTrajectory(header=Header(stamp=stamp(t)), joint_names=names)
-    for k, (q, dq, ddq) in enumerate(points):
-        sec, nanosec = divmod(k * period, NANOSECONDS)
-        message.points.append(JointTrajectoryPoint(
-            positions=q, velocities=dq, accelerations=ddq,
-            time_from_start=Duration(sec=sec, nanosec=nanosec)))
-    return message
+class TrajectoryWriter:
+    """
+    Fills one `JointTrajectory` again and again.
+
+    Parameters
+    ----------
+    names : sequence of str
+        The joints.
+    period, count : int
+        Time from point to point [ns], and number of points.
+
+    """
+
+    def __init__(self, names: Sequence[str], period: int, count: int) -> None:
+        self._message = JointTrajectory(joint_names=names)
+        for k in range(count):
+            sec, nanosec = divmod(k * period, NANOSECONDS)
+            self._message.points.append(JointTrajectoryPoint(
+                time_from_start=Duration(sec=sec, nanosec=nanosec)))
+
+    def fill(self, t: int, points: Iterable[Point]) -> JointTrajectory:
+        """Return the message with `points` from `t` [ns] on."""
+        self._message.header.stamp = stamp(t)
+        for target, point in zip(self._message.points, points, strict=True):
+            target.positions, target.velocities, target.accelerations = point
+        return self._message

@@ -250,7 +250,7 @@ class NodeParameters:
                 spec = self._specs.get(parameter.name)
                 if spec is not None and parameter.value is None:
                     raise ParameterError(spec.name, None, spec.allowed)
-                if spec is not None and spec.own and parameter.value not in (
+                if spec is not None and spec.custom and parameter.value not in (
                         known := (*spec.choices, self._first[spec.name])):
                     raise ParameterError(spec.name, parameter.value, ' | '.join(
                         dict.fromkeys(known)) + '; others only at the start of the node')

@@ -34,7 +34,7 @@ from ctc_chattering.configuration import parameter_file
 from ctc_chattering.configuration.loop_setup import Values
 from ctc_chattering.configuration.node_parameters import NODES
 from ctc_chattering.configuration.yaml_file import parse_value
-from ctc_chattering.errors import CtcError, near, UsageError
+from ctc_chattering.errors import CtcError, suggest, UsageError
 
 _FILE = '--params-file'
 _RULE = re.compile(r'(?:(?P<node>\w+):)?(?P<name>[^:=\s]+):=(?P<value>.*)', re.DOTALL)
@@ -130,7 +130,7 @@ def _assigned(where: str, rule: str, names: Mapping[str, str]) -> dict[str, Valu
     known = {x for parameters in asked.values() for x in parameters}
     if name not in known:
         raise UsageError(f'{where}: {" | ".join(asked)}: no parameter of this name'
-                         + (near(name, known) or '; ctc parameters lists them'))
+                         + (suggest(name, known) or '; ctc parameters lists them'))
     try:
         value = parse_value(text)
     except CtcError as error:

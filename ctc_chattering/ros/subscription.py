@@ -12,41 +12,47 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Subscriptions: they match what publishers offer, and decide who is obeyed."""
+"""
+Subscriptions that match publishers, and obey only one.
+
+The nodes subscribe to the topics of the control loop by `ValidatedSubscription`. It reads each
+serialized message, asks `ros/topic_ownership.py` whether it is obeyed, and hands it to the node.
+"""
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 import copy
+from functools import partial
 import inspect
 import time
 from typing import Any, Generic, TypeVar
 
 from ctc_chattering.errors import RejectedMessage
-from ctc_chattering.numerics.time_grid import NANOSECONDS
+from ctc_chattering.ros.topic_ownership import TopicOwnership
 from rclpy.clock import Clock, ClockType
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.serialization import deserialize_message
 
-#: Time between two looks at who publishes [s].
-_PERIOD = 0.5
+#: Time between two looks at the publishers' offers [s].
+_MATCH_PERIOD_S = 0.5
 
 
 def qos(depth: int = 1000, latched: bool = False) -> QoSProfile:
-    """Return a reliable profile; `latched` keeps messages for those who subscribe later."""
+    """Return a reliable profile, `latched` for late subscribers."""
     return QoSProfile(depth=depth, durability=(
         DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE))
 
 
 def compatible(offered: QoSProfile, requested: QoSProfile) -> bool:
     """
-    Return whether a publisher and a subscription with these profiles find each other.
+    Return whether these profiles match.
 
     `qos_check_compatible` of rclpy takes a deadline that is not set for shorter than one that a
-    peer reports as infinite; deadlines are nothing that we offer or ask for.
+    peer reports as infinite. We neither offer nor request deadlines.
     """
     return not ((offered.reliability == ReliabilityPolicy.BEST_EFFORT
                 and requested.reliability == ReliabilityPolicy.RELIABLE)
@@ -56,25 +62,25 @@ def compatible(offered: QoSProfile, requested: QoSProfile) -> bool:
 
 class MatchingSubscription:
     """
-    A subscription that hears best-effort publishers, too.
+    A subscription that also hears best-effort publishers.
 
-    It asks for what `profile` says. Only where no publisher of the topic offers that does
-    it subscribe again and asks for what all of them offer: a request for reliable messages does
-    not match ``rclcpp::ClockQoS``, ``SensorDataQoS`` or the clock of ``ros2 bag play``. While a
-    publisher matches, nothing changes, whoever else comes.
+    It requests what `profile` says. Where no publisher of the topic offers that, it subscribes
+    again and requests what all of them offer. A request for reliable messages does not match
+    ``rclcpp::ClockQoS``, ``SensorDataQoS`` or the clock of ``ros2 bag play``. While a publisher
+    matches, nothing changes, whoever else comes.
 
     Parameters
     ----------
     node : Node
-        Who receives.
-    kind : type
+        Node that receives.
+    message_class : type
         Message class.
     topic : str
         Name of the topic.
     callback : callable
         As `Node.create_subscription` takes it.
     profile : QoSProfile
-        What is asked for at first.
+        First request.
     raw : bool
         Whether the callback takes serialized messages.
 
@@ -83,23 +89,23 @@ class MatchingSubscription:
     current : Subscription
         The subscription of rclpy.
     destroyed : bool
-        Whether it was destroyed; a callback may still be called afterwards.
+        Whether it was destroyed. A callback may still be called afterwards.
 
     """
 
-    def __init__(self, node: Node, kind: Any, topic: str, callback: Callable[..., None],
-                 profile: QoSProfile, raw: bool = True) -> None:
+    def __init__(self, node: Node, message_class: Any, topic: str,
+                 callback: Callable[..., None], profile: QoSProfile, raw: bool = True) -> None:
         self._node = node
-        self._arguments = kind, topic, callback
+        self._arguments = message_class, topic, callback
         self._raw = raw
         self._profile = profile
         self.destroyed = False
         self.current = self._subscribe()
         self._timer = node.create_timer(
-            _PERIOD, self.match, clock=Clock(clock_type=ClockType.STEADY_TIME))
+            _MATCH_PERIOD_S, self.match, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def match(self) -> None:
-        """Ask for less if publishers are there and none of them offers what is asked for."""
+        """Request less if no publisher offers what is requested."""
         if self.destroyed or self.current.get_publisher_count():
             return
         name = self.current.topic_name
@@ -112,86 +118,35 @@ class MatchingSubscription:
             self.current = self._subscribe()
 
     def destroy(self) -> None:
-        """Hear nothing any more."""
+        """Receive nothing any more."""
         self.destroyed = True
         self._node.destroy_timer(self._timer)
         self._node.destroy_subscription(self.current)
 
     def _subscribe(self) -> Any:
-        kind, topic, callback = self._arguments
+        message_class, topic, callback = self._arguments
         # Destroying a subscription that has callbacks for events can crash: rclpy#1644.
         return self._node.create_subscription(
-            kind, topic, callback, self._profile, raw=self._raw,
+            message_class, topic, callback, self._profile, raw=self._raw,
             event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False))
-
-
-#: How long a message may be queued here at the most [ns]; a larger difference comes from a system
-#: clock that was set.
-_QUEUED = NANOSECONDS
-
-
-class TopicOwnership:
-    """
-    Decides which messages of a topic are obeyed.
-
-    They are obeyed while one publisher is matched; while there are several, none is obeyed. Who
-    sent a message is not known: rclpy of Jazzy does not tell.
-
-    Attributes
-    ----------
-    publishers : int
-        Number of publishers matched.
-
-    """
-
-    def __init__(self) -> None:
-        self.publishers = 0
-        self._contested_until = -1
-
-    @property
-    def contested(self) -> bool:
-        """Whether there are several publishers."""
-        return self.publishers > 1
-
-    def update(self, publishers: int, now: int) -> None:
-        """Take the number of publishers matched at `now`, of the system's clock [ns]."""
-        if self.contested:
-            self._contested_until = now
-        self.publishers = publishers
-
-    def admits(self, received: int) -> bool:
-        """
-        Return whether a message is obeyed.
-
-        Parameters
-        ----------
-        received : int
-            When it was received, by the system's clock [ns]; 0 if that is unknown. A message that
-            was received before the contention ended, and is taken afterwards, may be of a
-            publisher that has left.
-
-        """
-        return not (self.contested or 0 <= self._contested_until - received < _QUEUED)
 
 
 T = TypeVar('T')
 
-#: By which rclpy sees that a callback wants the information.
-_SIGNATURE = inspect.signature(lambda _message, _info: None)
+#: Signature by which rclpy decides to pass the information.
+_MESSAGE_AND_INFORMATION = inspect.signature(lambda _message, _info: None)
 
 
-def with_info(callback: Callable[[bytes, Mapping[str, Any]], None]) -> Callable[..., None]:
+def with_info(callback: Callable[..., None]) -> Callable[..., None]:
     """
-    Return a callback for a raw subscription that takes the message's information, too.
+    Return a callback that also takes the message's information.
 
-    The executors of rclpy 7 disagree: SingleThreadedExecutor calls it with message and
-    information, EventsExecutor with one tuple of both. What is returned takes either.
+    The executors of rclpy 7 disagree. SingleThreadedExecutor calls it with message and
+    information, EventsExecutor with one tuple of both. So `callback` must accept either.
     """
-    def both(*arguments: Any) -> None:
-        callback(*(arguments if len(arguments) > 1 else arguments[0]))
-
-    setattr(both, '__signature__', _SIGNATURE)  # noqa: B010
-    return both
+    informed = partial(callback)
+    setattr(informed, '__signature__', _MESSAGE_AND_INFORMATION)  # noqa: B010
+    return informed
 
 
 class ValidatedSubscription(Generic[T]):
@@ -201,22 +156,22 @@ class ValidatedSubscription(Generic[T]):
     Parameters
     ----------
     node : Node
-        Who receives.
-    kind : type
+        Node that receives.
+    message_class : type
         Message class.
     topic : str
         Relative name.
     take : callable
-        Uses it: called with what was read and with the time of arrival on the monotonic clock
-        [ns]. It raises `RejectedMessage` before it has changed anything.
+        Called with the content of a message and its time of arrival on the monotonic clock [ns].
+        It raises `RejectedMessage` before it has changed anything.
     profile : QoSProfile
         As the subscription has it.
     read : callable, optional
-        Makes something useful of a serialized message, by default a message of `kind`; any
-        exception says that it is none.
+        Returns the content of a serialized message, by default a message. Any exception
+        says that it is malformed.
     newest : bool, optional
         Whether the newest message that waits is used and older ones are skipped, where time is
-        real; it may change. None if every message is always used.
+        real. It may change. None if every message is always used.
 
     Attributes
     ----------
@@ -227,16 +182,16 @@ class ValidatedSubscription(Generic[T]):
     rejected : Counter
         Rejected messages by kind.
     ownership : TopicOwnership
-        Who is obeyed.
+        Whether messages are obeyed.
 
     """
 
-    def __init__(self, node: Node, kind: Any, topic: str, take: Callable[[T, int], None],
-                 profile: QoSProfile, read: Callable[[bytes], T] | None = None,
-                 newest: bool | None = None) -> None:
+    def __init__(self, node: Node, message_class: Any, topic: str,
+                 take: Callable[[T, int], None], profile: QoSProfile,
+                 read: Callable[[bytes], T] | None = None, newest: bool | None = None) -> None:
         self._node = node
         self.topic = topic
-        self._read = read or (lambda data: deserialize_message(data, kind))
+        self._read = read or (lambda data: deserialize_message(data, message_class))
         self._take, self.newest = take, newest
         self._depth = profile.depth
         self.skipped = 0
@@ -244,27 +199,58 @@ class ValidatedSubscription(Generic[T]):
         self.ownership = TopicOwnership()
         self._contention = ''
         self.subscription = MatchingSubscription(
-            node, kind, topic, with_info(self.receive), profile)
+            node, message_class, topic, with_info(self.receive), profile)
 
-    def receive(self, data: bytes, info: Mapping[str, Any]) -> None:
-        """Use a serialized message, or a newer one that waits; count what is rejected."""
+    def receive(self, data: Any, info: Mapping[str, Any] | None = None) -> None:
+        """
+        Use a serialized message, or a newer one that waits.
+
+        Parameters
+        ----------
+        data : bytes or tuple
+            Message, or tuple of message and information.
+        info : mapping, optional
+            Information, if it is not in `data`.
+
+        """
+        if info is None:
+            data, info = data
         if self.subscription.destroyed:
             return  # The executor had taken the message before.
-        messages = [(data, info), *self._waiting()]
+        newer = self._take_waiting() if self.newest else None
         now = time.monotonic_ns()
-        publishers = self.subscription.current.get_publisher_count()
+        publishers = self.subscription.current.handle.get_publisher_count()
         if publishers != self.ownership.publishers:
             self.ownership.update(publishers, time.time_ns())
+        if newer:
+            self._use_newest([(data, info), *newer], now)
+            return
+        try:
+            self._take(self._admit(data, info), now)
+        except RejectedMessage as rejected:
+            self.reject(rejected)
+
+    def _take_waiting(self) -> list[tuple[bytes, Mapping[str, Any]]]:
+        """Return the waiting messages, at most `depth`."""
+        current = self.subscription.current
+        waiting: list[tuple[bytes, Mapping[str, Any]]] = []
+        while len(waiting) < self._depth and (
+                taken := current.handle.take_message(current.msg_type, True)) is not None:
+            waiting.append(taken)
+        return waiting
+
+    def _use_newest(self, messages: list[tuple[bytes, Mapping[str, Any]]], now: int) -> None:
+        """Use the newest message that is not rejected."""
         valid = []
         for data, info in messages:
             try:
-                valid.append(self._admitted(data, info))
+                valid.append(self._admit(data, info))
             except RejectedMessage as rejected:
                 self.reject(rejected)
-        before = self.skipped
+        skipped = self.skipped
         while valid:
             message = valid.pop()
-            self.skipped = before + len(valid)
+            self.skipped = skipped + len(valid)
             try:
                 self._take(message, now)
             except RejectedMessage as rejected:
@@ -272,19 +258,8 @@ class ValidatedSubscription(Generic[T]):
             else:
                 break
 
-    def _waiting(self) -> Iterator[tuple[bytes, Mapping[str, Any]]]:
-        """Yield the messages that wait, where only the newest is used; no more than fit."""
-        if not self.newest:
-            return
-        current = self.subscription.current
-        for _ in range(self._depth):
-            taken = current.handle.take_message(current.msg_type, True)
-            if taken is None:
-                return
-            yield taken
-
-    def _admitted(self, data: bytes, info: Mapping[str, Any]) -> T:
-        """Return what a message says; raise `RejectedMessage`."""
+    def _admit(self, data: bytes, info: Mapping[str, Any]) -> T:
+        """Return the content of a message, or raise `RejectedMessage`."""
         try:
             message = self._read(data)
         except Exception as error:
@@ -295,7 +270,7 @@ class ValidatedSubscription(Generic[T]):
         return message
 
     def reject(self, rejected: RejectedMessage) -> None:
-        """Count a message that is not used, and say why, if there is a reason, once a second."""
+        """Count a rejected message, and log the reason once a second."""
         self.rejected[rejected.kind] += 1
         if str(rejected):
             self._node.get_logger().warning(
@@ -303,23 +278,24 @@ class ValidatedSubscription(Generic[T]):
                 throttle_duration_sec=1.0)
 
     def publishers(self) -> list[str]:
-        """Return the full names of the nodes that publish on the topic."""
+        """Return the full names of the topic's publishers."""
         return sorted(f'{x.node_namespace.rstrip("/")}/{x.node_name}'
                       for x in self._node.get_publishers_info_by_topic(
                           self.subscription.current.topic_name))
 
-    def contention(self, names: list[str]) -> str:
+    def report_contention(self, names: list[str]) -> str:
         """
-        Return what to report of several contenders among `names`, and log a change.
+        Return a report on several publishers, and log a change.
 
-        The middleware may know of a publisher before it knows the name of its node.
+        It is '' if there is at most one.
+        The middleware may know a publisher before it knows the name of its node.
         """
         self.ownership.update(
             self.subscription.current.get_publisher_count(), time.time_ns())
         message = ''
         if self.ownership.contested:
-            message = (f'{self.topic} has several publishers, none is obeyed: '
-                       f'{", ".join(names)}')
+            message = (f'{self.topic} has several publishers; messages from all of them are '
+                       f'ignored: {", ".join(names)}')
         if message != self._contention:
             self._contention = message
             if message:

@@ -106,17 +106,19 @@ def select(ours: Sequence[str], names: Sequence[str], *rows: Sequence[float]
 
     """
     ours, names, n = tuple(ours), tuple(names), len(names)
-    if names != ours and (len(set(names)) != n or not set(names).issuperset(ours)):
+    same_names = names == ours
+    if not same_names and (len(set(names)) != n or not set(names).issuperset(ours)):
         raise RejectedMessage('joints', (
             f'joints {list(names)}; needed: each of {list(ours)} once'))
-    lengths = {len(row) for row in rows}
-    if lengths - {n}:
-        raise RejectedMessage('length', (
-            f'{" or ".join(map(str, sorted(lengths)))} values for {n} joints'))
+    for row in rows:
+        if len(row) != n:
+            lengths = sorted({len(row) for row in rows})
+            raise RejectedMessage('length', (
+                f'{" or ".join(map(str, lengths))} values for {n} joints'))
     values = [tuple(row) for row in rows]
-    if names != ours:
+    if not same_names:
         order = [names.index(name) for name in ours]
-        values = [tuple([row[i] for i in order]) for row in rows]
+        values = [tuple([row[i] for i in order]) for row in values]
     if not isfinite(sum(map(sum, values))):
         raise RejectedMessage('not_finite', f'{[list(row) for row in values[:3]]}')
     return values

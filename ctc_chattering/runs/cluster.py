@@ -29,7 +29,7 @@ import sys
 import threading
 from typing import Any, TYPE_CHECKING
 
-from ctc_chattering.errors import CtcError, refused_as
+from ctc_chattering.errors import as_ctc_error, CtcError
 from ctc_chattering.runs import pool, store
 from ctc_chattering.runs.points import Points
 from ctc_chattering.runs.store import Numbers
@@ -126,7 +126,7 @@ def computed(client: Client, points: Points, chunks: Collection[Numbers]
 def answer(points: Points, made_by: str, chunk: Numbers) -> bytes:
     """Return the rows of a chunk as bytes, or why there are none; arguments of `store.compute`."""
     try:
-        with refused_as('a worker failed'):
+        with as_ctc_error('a worker failed'):
             table = store.compute(points, made_by, chunk)
     except CtcError as error:
         table = pyarrow.schema([], {_REFUSAL: str(error)}).empty_table()

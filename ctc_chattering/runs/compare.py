@@ -26,9 +26,9 @@ from ctc_chattering.configuration.loop_setup import Overrides, Setup
 from ctc_chattering.configuration.package_share import find_config
 from ctc_chattering.control.controller import ControllerConfig, LAWS
 from ctc_chattering.control.controller_config import SWITCHINGS
-from ctc_chattering.errors import CtcError, near, ParameterError
+from ctc_chattering.errors import CtcError, ParameterError, suggest
 from ctc_chattering.output_files import check_format, finite
-from ctc_chattering.parameters import check_some, whole
+from ctc_chattering.parameters import check_not_empty, whole
 from ctc_chattering.runs.conditions import chosen, Condition, HeldOut, read_cases, SEED
 from ctc_chattering.runs.conditions import held_out as drawn
 from ctc_chattering.runs.map import computed
@@ -174,10 +174,10 @@ def compare(files: Sequence[str | Path], laws: Sequence[str] = LAWS,
     """
     for name in laws:
         if name not in LAWS:
-            raise ParameterError('laws', name, ' | '.join(LAWS) + near(name, LAWS))
+            raise ParameterError('laws', name, ' | '.join(LAWS) + suggest(name, LAWS))
     if gains not in GAINS:
         raise ParameterError('gains', gains, ' | '.join(GAINS))
-    check_some('files', files)
+    check_not_empty('files', files)
     check_format(extra)
     jobs = whole('jobs', jobs, 1)
     paths = [find_config(x) if isinstance(x, str) else x for x in files]

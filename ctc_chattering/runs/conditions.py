@@ -33,7 +33,7 @@ from typing import Any, TYPE_CHECKING
 from ctc_chattering.configuration.node_parameters import LOOP
 from ctc_chattering.configuration.yaml_file import FileKind, mapping, read_yaml
 from ctc_chattering.dynamics.registry import model_of
-from ctc_chattering.errors import near, ParameterError, UsageError
+from ctc_chattering.errors import ParameterError, suggest, UsageError
 import numpy as np
 
 if TYPE_CHECKING:
@@ -168,7 +168,7 @@ def condition(name: str) -> Condition:
         return Case('')
     if name not in CONDITIONS:
         raise UsageError(f'no condition is called {name}; allowed: '
-                         f'{", ".join((*CONDITIONS, ALL))}{near(name, CONDITIONS)}')
+                         f'{", ".join((*CONDITIONS, ALL))}{suggest(name, CONDITIONS)}')
     return CONDITIONS[name]
 
 

@@ -27,7 +27,7 @@ from multiprocessing import resource_tracker
 import signal
 from typing import Any, TYPE_CHECKING, TypeVar
 
-from ctc_chattering.errors import CtcError, refused_as
+from ctc_chattering.errors import as_ctc_error, CtcError
 
 if TYPE_CHECKING:
     from distributed import Client
@@ -92,7 +92,7 @@ def workers(jobs: int, address: str | None = None) -> Iterator[Client]:
         with client:
             yield client
         return
-    with _without_interrupts(), refused_as('the processes that compute cannot be started'):
+    with _without_interrupts(), as_ctc_error('the processes that compute cannot be started'):
         cluster = LocalCluster(
             n_workers=jobs, threads_per_worker=1, memory_limit=0, dashboard_address=None,
             silence_logs=logging.CRITICAL, scheduler_kwargs={'dashboard_address': '127.0.0.1:0'})
@@ -160,7 +160,7 @@ def _refusals() -> Iterator[None]:
     """Turn what dask raises of a task, or without a scheduler, into a `CtcError`."""
     from distributed import KilledWorker
     from distributed.comm import CommClosedError
-    with refused_as('a worker failed'):
+    with as_ctc_error('a worker failed'):
         try:
             yield
         except KilledWorker as error:

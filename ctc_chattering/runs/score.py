@@ -26,7 +26,7 @@ from ctc_chattering.analysis.result import Result, simulate
 from ctc_chattering.compiled.machine_code import MACHINE_CODE, PLAIN_PYTHON
 from ctc_chattering.configuration.loop_setup import Setup
 from ctc_chattering.dynamics.registry import model_of
-from ctc_chattering.errors import CtcError, MachineError, refused_as
+from ctc_chattering.errors import as_ctc_error, CtcError, MachineError
 from ctc_chattering.simulation.closed_loop import Array, Run
 import numpy as np
 
@@ -118,7 +118,7 @@ def score(setup: Setup, window: tuple[float, float] = WINDOW, run: Runner = over
 
     """
     try:
-        with refused_as('the run failed'), np.errstate(all='ignore'):
+        with as_ctc_error('the run failed'), np.errstate(all='ignore'):
             period = None if across_gaps else setup.controller.control_period
             made = run(setup).run
             found = _numbers(made, setup, window, period)

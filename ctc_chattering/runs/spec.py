@@ -17,7 +17,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Container, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
 import dataclasses
 from itertools import pairwise
 from math import inf, prod
@@ -244,10 +243,8 @@ def check(quantities: Iterable[tuple[Quantity, tuple[float, ...]]], setup: Setup
             if other != quantity.name and not quantity.factor:
                 raise ParameterError(quantity.name, here, f'a factor, for {other} sets it, too')
         for x in numbers:
-            try:
+            with prefixed(f'{quantity.name} = {x:g}: '):
                 applied(setup, [(quantity, x)])
-            except CtcError as error:
-                raise CtcError(f'{quantity.name} = {x:g}: {error}') from None
 
 
 def coarse_steps(values: Mapping[str, Any], axes: tuple[Axis, ...]) -> tuple[int, ...]:
@@ -416,8 +413,9 @@ def read_spec(path: Path) -> MapSpec:
         Naming the file, the key, its value and what is allowed; before anything is run.
 
     """
-    with errors_of(path):
-        return parse(read_yaml(path, FileKind.SPEC), path)
+    tree = read_yaml(path, FileKind.SPEC)
+    with prefixed(f'{path}: '):
+        return parse(tree, path)
 
 
 def rows_of(tree: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
@@ -428,18 +426,6 @@ def rows_of(tree: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
             yield f'{key} {name}'.rstrip(), yaml.safe_dump(
                 part, default_flow_style=True, sort_keys=False, allow_unicode=True,
                 width=float('inf')).removesuffix('...\n').rstrip()
-
-
-@contextmanager
-def errors_of(path: Path) -> Iterator[None]:
-    """Put the path of a file in front of the errors that reading it raises."""
-    try:
-        with prefixed(f'{path}: '):
-            yield
-    except CtcError as error:
-        if str(path) in str(error):
-            raise
-        raise CtcError(f'{path}: {error}') from None
 
 
 def parse(tree: object, path: Path) -> MapSpec:

@@ -33,7 +33,7 @@ from typing import Any, BinaryIO
 
 import ctc_chattering
 from ctc_chattering.analysis.compilation import compile_setups
-from ctc_chattering.errors import CtcError, refused_as
+from ctc_chattering.errors import as_ctc_error, CtcError
 from ctc_chattering.input_files import read_bytes, read_text
 from ctc_chattering.output_files import (
     beside,
@@ -207,7 +207,7 @@ def _key_there(path: Path, kind: str) -> str:
     file = path / f'{kind}.json'
     if not os.path.lexists(file):
         return ''
-    with refused_as(f'{file}: cannot be read'):
+    with as_ctc_error(f'{file}: cannot be read'):
         return str(json.loads(read_text(file))['key'])
 
 
@@ -248,7 +248,7 @@ def opened(path: Path, about: Mapping[str, Any], columns: pyarrow.Schema, overwr
         if not overwrite and _key_there(place, kind) not in ('', about['key']):
             raise CtcError(f'{path}: the output of {command} of another spec or version is '
                            'there; choose another --out, or --overwrite')
-        if not overwrite or not contents.own:
+        if not overwrite or not contents.output:
             yield Directory(folder, about, columns, kind)
             return
         with beside(place, command) as new:

@@ -33,7 +33,7 @@ from ctc_chattering.analysis.tables import rounded
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.configuration.loop_setup import Setup, Values
 from ctc_chattering.configuration.package_share import find_config
-from ctc_chattering.configuration.yaml_file import FileKind, kind_of, mapping, read_yaml
+from ctc_chattering.configuration.yaml_file import detect_kind, FileKind, mapping, read_yaml
 from ctc_chattering.control.controller import ControllerConfig
 from ctc_chattering.errors import CtcError, ParameterError, prefixed
 from ctc_chattering.input_files import read_text
@@ -41,7 +41,6 @@ from ctc_chattering.parameters import LEAST
 from ctc_chattering.runs.recommended import recommended_setup
 from ctc_chattering.runs.score import limits
 from ctc_chattering.runs.spec import (
-    errors_of,
     Failure,
     KEYS,
     MapSpec,
@@ -414,7 +413,7 @@ def tune_spec(spec: TuneSpec | Mapping[str, Any] | str | Path,
         return parse_tune(spec, Path(Path(str(spec.get('params_file', 'friction'))).name))
     path = Path(spec)
     tree = read_yaml(path, FileKind.SPEC, FileKind.PARAMETERS)
-    if kind_of(tree) == FileKind.PARAMETERS:
+    if detect_kind(tree) == FileKind.PARAMETERS:
         return tune_spec({'params_file': str(path), **(more or {})})
-    with errors_of(path):
+    with prefixed(f'{path}: '):
         return parse_tune({**tree, **(more or {})} if isinstance(tree, dict) else tree, path)

@@ -45,8 +45,8 @@ from ctc_chattering.simulation.plant import diverged, make_plant, Plant
 from ctc_chattering.simulation.plant_config import PlantConfig
 from ctc_chattering.simulation.plant_step import CompiledPlantStep
 from ctc_chattering.trajectory.buffer import Point
-from ctc_chattering.trajectory.motions import Route
 from ctc_chattering.trajectory.reference import reference_table, ReferenceConfig
+from ctc_chattering.trajectory.waypoints import Route
 import numpy as np
 import numpy.typing as npt
 

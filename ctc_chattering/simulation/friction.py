@@ -38,7 +38,7 @@ from ctc_chattering.compiled.compilable import (
     some,
     Truths,
 )
-from ctc_chattering.errors import CtcError, refused_as
+from ctc_chattering.errors import as_ctc_error, CtcError
 from ctc_chattering.numerics.box_qp import nearest
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.parameters import named_class
@@ -111,7 +111,7 @@ def own_friction(name: str, joint_names: Sequence[str]) -> Any:
         return NoFriction()
     own, n = named_class('friction_model', name, lambda x: x in RECORDS and hasattr(
         x, 'resistance'), 'class marked by @record with a method resistance'), len(joint_names)
-    with refused_as(f'the friction_model {name} cannot be made'):
+    with as_ctc_error(f'the friction_model {name} cannot be made'):
         made = own.made(tuple(joint_names))
         at_rest = made.resistance(np.zeros(n), np.zeros(n), np.ones(n))
         if len(at_rest) != n or any(at_rest):

@@ -47,7 +47,7 @@ from ctc_chattering.simulation.plant_step import (
     stepped,
 )
 from ctc_chattering.simulation.sensor import Sensor
-from ctc_chattering.trajectory.joint_limits import check_limits, DescribedLimits
+from ctc_chattering.trajectory.joint_limits import check_limits, JointLimits, read_limits
 import numpy as np
 
 #: Largest step of the integrator times the fastest eigenvalue of an elastic joint.
@@ -190,6 +190,8 @@ class Plant:
         self._moving = self._mechanism(mechanics)
         self.state, self.transit = state, transit
         self._compiled_step: CompiledPlantStep | None = None
+        noise = *config.position_noise, *config.velocity_noise
+        self._is_random = any(noise) or any(getattr(config, name) for name in self.chances)
         self._show()
 
     @property
@@ -292,26 +294,30 @@ class Plant:
         command = np.array(tau, float)
         if command.shape != (self.n,) or not isfinite(sum(command.tolist())):
             raise ParameterError('tau', tau, f'{self.n} finite numbers')
-        sensor = self.sensor.encoders
-        late, lost, off = [random.random() if getattr(self.config, name) else 1.0
-                           for name, random in self.chances.items()]
-        given = PlantInput(
-            command, late, lost, off, self.sensor.noise(sensor.position_noise),
-            self.sensor.noise(sensor.velocity_noise))
         try:
             step = self.compiled_step
             if step is not None and step.compiled:
-                step.go_on(given)
+                if self._is_random:
+                    step.set_input(self._draw_input(command))
+                step.go_on(command)
             else:
                 with np.errstate(all='ignore'):  # What overflows shows in the state.
-                    self.state = stepped(
-                        self._moving, self.parameters, self.state, self.transit, given)
+                    self.state = stepped(self._moving, self.parameters, self.state, self.transit,
+                                         self._draw_input(command))
             self._show()
             if not isfinite(sum(self.q) + sum(self.dq)):
                 raise OverflowError
         except (ArithmeticError, ValueError, np.linalg.LinAlgError):  # sin(inf)
             raise diverged(self.t, self.state.driven.commanded) from None
         self.k += 1
+
+    def _draw_input(self, command: Array) -> PlantInput:
+        """Return the input of a sample, with random numbers where the parameters ask for any."""
+        late, lost, off = [random.random() if getattr(self.config, name) else 1.0
+                           for name, random in self.chances.items()]
+        sensor = self.sensor.encoders
+        return PlantInput(command, late, lost, off, self.sensor.noise(sensor.position_noise),
+                          self.sensor.noise(sensor.velocity_noise))
 
 
 def diverged(t: float, torque: Array) -> CtcError:
@@ -321,11 +327,11 @@ def diverged(t: float, torque: Array) -> CtcError:
                     f'under a torque of [{shown}] N*m')
 
 
-def limits_of(config: PlantConfig, description: str) -> DescribedLimits | None:
+def limits_of(config: PlantConfig, description: str) -> list[JointLimits] | None:
     """Return the limits of the description, which no plant keeps by itself; None without any."""
     if config.model != 'urdf' or not description:
         return None
-    return DescribedLimits(description, config.joint_names)
+    return read_limits(description, config.joint_names)
 
 
 def check_start(config: PlantConfig, description: str) -> None:

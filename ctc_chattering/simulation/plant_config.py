@@ -48,7 +48,7 @@ class PlantConfig(RobotConfig):
         0.0, 'Coulomb friction is Kf (1 + this) forwards and Kf (1 - this) backwards.',
         minimum=-1.0, maximum=1.0)
     friction_model: str = parameter(
-        '', 'Friction of your own; empty for none.', choices=('',), own=True, read_only=True)
+        '', 'Friction of your own; empty for none.', choices=('',), custom=True, read_only=True)
     joint_stiffness: tuple[float, ...] = parameter(
         inf, 'Stiffness between motor and link; .inf for a rigid joint.', 'N*m/rad', minimum=LEAST,
         read_only=True)

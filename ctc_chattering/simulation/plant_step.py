@@ -163,7 +163,7 @@ class CompiledPlantStep(Program):
     transit : array, shape (delay, n)
         Torques in transit [N·m].
     given : record
-        `PlantInput` of the next sample.
+        `PlantInput` of the next sample; at first without noise and faults.
 
     """
 
@@ -171,16 +171,22 @@ class CompiledPlantStep(Program):
                  transit: Array) -> None:
         n = len(state.motion.q)
         self.arm, self.given = CompiledArm(arm, n), no_inputs(n, 1)[0]
+        self.set_input(PlantInput(np.zeros(n), 1.0, 1.0, 1.0, np.zeros(n), np.zeros(n)))
+        self._tau = self.given['tau']
         self.transit = transit.copy()
         self.records = CompiledPlant(
             *self.arm.model, packed(own), packed(parameters), packed(state), self.transit)
         self.state: PlantState = views(self.records.state)
         super().__init__(self.arm.codes, called, (self.records, self.given), f'plant-{n}')
 
-    def go_on(self, given: PlantInput) -> None:
-        """Go on by a sample."""
+    def set_input(self, given: PlantInput) -> None:
+        """Use noise and faults of an input from now on."""
         for name, x in zip(given._fields, given):
             self.given[name] = x
+
+    def go_on(self, tau: Array) -> None:
+        """Go on by a sample with a torque, shape (n,) [N·m]."""
+        self._tau[:] = tau
         self.call()
 
 

@@ -12,4 +12,4 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Desired motions."""
+"""Desired motions as functions of time, without ROS."""

@@ -12,72 +12,97 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""A desired motion that arrives in chunks, as a controller sees it."""
+"""
+Buffer of a desired motion that arrives in chunks.
+
+`controller/desired_motion.py` fills it from messages and reads it at the stamp of each state.
+"""
 
 from __future__ import annotations
 
 from bisect import bisect_left, bisect_right
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any
 
 from ctc_chattering.numerics.angles import expected, nearest
-from ctc_chattering.numerics.interpolation import quintic
+from ctc_chattering.numerics.interpolation import cubic, linear, quintic
 from ctc_chattering.numerics.linear_algebra import Vector
 from ctc_chattering.numerics.time_grid import seconds
 
+#: Position, velocity and acceleration, each of shape (n,) [rad, rad/s, rad/s²].
 Point = tuple[Vector, Vector, Vector]
 
+#: Polynomials by the number of rows that both ends of a segment have.
+_POLYNOMIALS: dict[int, Callable[..., Any]] = {1: linear, 2: cubic, 3: quintic}
 
-def following(times: Sequence[int], points: Sequence[Point], continuous: Sequence[bool],
-              start: int, state: Point | None) -> Iterator[Point]:
+
+def interpolate(t: int, times: Sequence[int], points: Sequence[Point], i: int) -> Point:
     """
-    Yield points in which each joint that turns endlessly follows the point before, by (AN1).
+    Return the point at `t` [ns] between two points.
 
-    Velocities count where both points have some.
+    The polynomial from point i - 1 to point i is a quintic where both have accelerations,
+    otherwise a cubic where both have velocities, otherwise a straight line.
+    """
+    start, goal = points[i - 1], points[i]
+    rows = min(sum(map(bool, start)), sum(map(bool, goal)))
+    h = seconds(times[i] - times[i - 1])
+    s = seconds(t - times[i - 1]) / h
+    joints = [_POLYNOMIALS[rows](s, h, *ends) for ends in zip(*start[:rows], *goal[:rows])]
+    return tuple(zip(*joints))  # type: ignore[return-value]
+
+
+def follow_turns(times: Sequence[int], points: Sequence[Point], continuous: Sequence[bool],
+                 start: int, state: Point | None) -> Iterator[Point]:
+    """
+    Yield points with continuous joints turned by (AN1).
+
+    Each follows the point before it. Velocities count where both points have them.
 
     Parameters
     ----------
     times : sequence of int
         Instants [ns], increasing.
     points : sequence of (position, velocity, acceleration)
-        Each of shape (n,) [rad, rad/s, rad/s²]; velocities may be empty.
+        Each of shape (n,) [rad, rad/s, rad/s²], velocities maybe empty.
     continuous : sequence of bool, shape (n,)
-        Which joints turn endlessly.
-    start, state : int, (position, velocity, acceleration) or None
-        What the first one follows: instant [ns] and point; None for nothing.
+        Mask of the joints that turn endlessly.
+    start : int
+        Instant of `state` [ns].
+    state : (position, velocity, acceleration) or None
+        State that the first point follows. With None that point stays as it is.
 
     """
-    last = state
     for t, (q, dq, ddq) in zip(times, points):
-        if last is not None:
-            rest = (0.0,) * len(q)
-            speeds = (last[1], dq) if len(last[1]) and len(dq) else (rest, rest)
+        if state is not None:
+            q0, dq0, _ = state
+            zeros = (0.0,) * len(q)
+            speeds = (dq0, dq) if len(dq0) and len(dq) else (zeros, zeros)
             h = seconds(t - start)
-            q = tuple(nearest(x, expected(x0, v0, v, h)) if endless else x
-                      for x, x0, v0, v, endless in zip(q, last[0], *speeds, continuous))
-        start, last = t, (q, dq, ddq)
-        yield last
+            q = tuple(
+                nearest(x, expected(x0, v0, v, h)) if endless else x
+                for x, x0, v0, v, endless in zip(q, q0, *speeds, continuous))
+        start, state = t, (q, dq, ddq)
+        yield state
 
 
 class Trajectory:
     """
     Points of position, velocity and acceleration over integer nanoseconds.
 
-    A new chunk replaces all points from its first instant on; continuous joints follow what was
-    before it by the nearest turn. Between two points the motion is
-    the quintic that meets both; on a point it is that point, to the last bit. After the last one
-    it goes on at that point's velocity for as long as `grace`, and then rests where it is.
+    A new chunk replaces all points from its first instant on. Its continuous joints take the turn
+    that is nearest to the motion before it. Between two points the motion is the quintic that
+    meets both. On a point it is that point, to the last bit. After the last point it continues at
+    that point's velocity for as long as `grace`. Then it rests.
 
     Parameters
     ----------
     grace : int
-        How long the next chunk may be late [ns].
+        Time by which the next chunk may be late [ns].
 
     Attributes
     ----------
-    grace : int
-        As given.
     continuous : sequence of bool, shape (n,)
-        Which joints turn endlessly; empty for none.
+        Mask of the joints that turn endlessly. Empty for none.
 
     """
 
@@ -93,17 +118,19 @@ class Trajectory:
 
     @property
     def end(self) -> int | None:
-        """Instant of the last point [ns]; None without points."""
+        """Instant of the last point [ns], or None."""
         return self._times[-1] if self._times else None
 
     @property
     def ends_at_rest(self) -> bool:
-        """Whether nothing is to come after the last point: it has no velocity."""
-        return bool(self._times) and not any(
-            x for row in self._points[-1][1:] for x in row)
+        """Rest at the last point: no chunk need follow."""
+        if not self._points:
+            return False
+        _, dq, ddq = self._points[-1]
+        return not any((*dq, *ddq))
 
     def overdue(self, t: int) -> bool:
-        """Return whether a chunk that should go on at `t` [ns] has not come within the grace."""
+        """Return whether the next chunk is late at `t` [ns]."""
         return bool(self._times) and t > self._times[-1] + self.grace and not self.ends_at_rest
 
     def extend(self, times: Sequence[int], points: Sequence[Point]) -> None:
@@ -118,40 +145,37 @@ class Trajectory:
             Each of shape (n,) [rad, rad/s, rad/s²].
 
         """
-        if times:
-            if any(self.continuous):
-                points = list(following(
-                    times, points, self.continuous, times[0], self.at(times[0])))
-            kept = bisect_left(self._times, times[0])
-            self._times[kept:], self._points[kept:] = times, points
+        if not times:
+            return
+        begin = times[0]
+        if any(self.continuous):
+            points = list(follow_turns(times, points, self.continuous, begin, self.at(begin)))
+        seam = bisect_left(self._times, begin)
+        self._times[seam:] = times
+        self._points[seam:] = points
 
-    def forget(self, before: int) -> None:
-        """Drop the points that no instant from `before` [ns] on needs."""
-        keep = max(0, bisect_right(self._times, before) - 1)
-        del self._times[:keep], self._points[:keep]
+    def forget(self, t: int) -> None:
+        """Drop the points not needed from `t` [ns] on."""
+        count = max(0, bisect_right(self._times, t) - 1)
+        del self._times[:count], self._points[:count]
 
-    def limit(self, most: int) -> None:
-        """Drop the first points where there are more than `most`."""
-        if len(self._times) > most:
-            self.forget(self._times[-most])
+    def limit(self, max_count: int) -> None:
+        """Keep the last `max_count` points."""
+        if len(self._times) > max_count:
+            self.forget(self._times[-max_count])
 
     def at(self, t: int) -> Point | None:
-        """
-        Return position, velocity and acceleration at `t` [ns].
-
-        None if the first point is still to come, or there is no point.
-        """
+        """Return the point at `t` [ns], if one is known."""
         i = bisect_right(self._times, t)
         if i == 0:
             return None
-        begin, before = self._times[i - 1], self._points[i - 1]
-        if begin == t:
-            return before
-        if i == len(self._times):
-            h, rest = seconds(min(t - begin, self.grace)), (0.0,) * len(before[0])
-            return (tuple(x + h * v for x, v in zip(*before[:2])),
-                    before[1] if t <= begin + self.grace else rest, rest)
-        h = seconds(self._times[i] - begin)
-        s = seconds(t - begin) / h
-        joints = [quintic(s, h, *ends) for ends in zip(*before, *self._points[i])]
-        return tuple(zip(*joints))  # type: ignore[return-value]
+        lateness = t - self._times[i - 1]
+        if lateness == 0:
+            return self._points[i - 1]
+        if i < len(self._times):
+            return interpolate(t, self._times, self._points, i)
+        q, dq, _ = self._points[-1]
+        h = seconds(min(lateness, self.grace))
+        zeros = (0.0,) * len(q)
+        return (tuple(x + h * v for x, v in zip(q, dq)),
+                dq if lateness <= self.grace else zeros, zeros)

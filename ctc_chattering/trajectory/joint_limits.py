@@ -12,7 +12,11 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Limits of position, velocity and acceleration, and those that a URDF gives its joints."""
+"""
+Joint limits of a URDF.
+
+Motions are checked against them before they begin: position, velocity and acceleration.
+"""
 
 from __future__ import annotations
 
@@ -25,84 +29,47 @@ from ctc_chattering.dynamics.urdf_parser import Joint, Tree
 from ctc_chattering.errors import CtcError
 from ctc_chattering.trajectory.buffer import Point
 
-#: What may be beyond a limit unnoticed: of position [rad or m], else as a share of the limit.
+#: Excess that counts as none: of a position [rad or m], else as a share of the limit.
 TOLERANCE = 1e-3
-#: Names and units of position, velocity and acceleration.
-_QUANTITIES = (('position', ''), ('velocity', '/s'), ('acceleration', '/s²'))
+#: What follows rad or m in the unit of each quantity, in the order of a point.
+_PER_TIME = {'position': '', 'velocity': '/s', 'acceleration': '/s²'}
 
 
 class JointLimits(NamedTuple):
-    """Limits of one joint: least and greatest value of each quantity; ∓inf where there is none."""
+    """Lower and upper limits of one joint."""
 
     name: str
-    #: ``rad`` or ``m``.
+    #: ``rad`` or ``m``; no limit is -inf or inf.
     unit: str = 'rad'
     position: tuple[float, float] = -inf, inf
     velocity: tuple[float, float] = -inf, inf
     acceleration: tuple[float, float] = -inf, inf
+    #: True for a joint that turns endlessly.
+    continuous: bool = False
+
+    def violation(self, quantity: str, values: Sequence[float]) -> str:
+        """Describe how far values exceed a limit, if they do."""
+        lower, upper = getattr(self, quantity)
+        excess, value, limit, side = max(
+            (max(values) - upper, max(values), upper, 'above its upper'),
+            (lower - min(values), min(values), lower, 'below its lower'))
+        scale = 1.0 if quantity == 'position' else abs(limit)
+        if excess > TOLERANCE * scale:
+            return (f'{self.name}: {quantity} {value:.4g} {self.unit}{_PER_TIME[quantity]}, '
+                    f'{excess:.3g} {side} limit of {limit:.4g}')
+        return ''
 
 
-class LimitSet:
+def read_limits(urdf: str, joint_names: Sequence[str]) -> list[JointLimits]:
     """
-    Limits of some joints.
-
-    Parameters
-    ----------
-    joints : sequence of JointLimits
-        In the order of the vectors.
-
-    """
-
-    def __init__(self, joints: Sequence[JointLimits]) -> None:
-        self.joints = list(joints)
-
-    def excess(self, points: Iterable[Point]) -> str:
-        """
-        Return what is beyond the limits, by joint, quantity and amount; empty if nothing is.
-
-        Parameters
-        ----------
-        points : iterable of (position, velocity, acceleration)
-            Each of shape (n,) or empty.
-
-        """
-        points = list(points)
-        found = []
-        for k, (quantity, per) in enumerate(_QUANTITIES):
-            rows = [point[k] for point in points if point[k]]
-            for joint, values in zip(self.joints, zip(*rows)):
-                low, high = getattr(joint, quantity)
-                least, most = min(values), max(values)
-                beyond, value, limit, side = max(
-                    (most - high, most, high, 'above its upper'),
-                    (low - least, least, low, 'below its lower'))
-                if beyond > TOLERANCE * (1.0 if quantity == 'position' else abs(limit)):
-                    found.append(f'{joint.name}: {quantity} {value:.4g} {joint.unit}{per}, '
-                                 f'{beyond:.3g} {side} limit of {limit:.4g}')
-        return '; '.join(found)
-
-    def slower(self, velocity: float) -> LimitSet:
-        """Return the same with at most this speed of every joint [rad/s or m/s]."""
-        return LimitSet([joint._replace(velocity=(
-            max(joint.velocity[0], -velocity), min(joint.velocity[1], velocity)))
-            for joint in self.joints])
-
-
-class DescribedLimits(LimitSet):
-    """
-    Limits that a URDF gives some joints.
+    Return the limits that a URDF gives joints.
 
     Parameters
     ----------
     urdf : str
         Text of the URDF.
-    joint_names : sequence of str
-        Joints in the order of the vectors; one that the URDF does not have is not limited.
-
-    Attributes
-    ----------
-    continuous : tuple of bool, shape (n,)
-        Which joints turn endlessly.
+    joint_names : sequence of str, length n
+        Joints in the order of the vectors. One that the URDF does not have is not limited.
 
     Raises
     ------
@@ -110,46 +77,69 @@ class DescribedLimits(LimitSet):
         If the text is no URDF, or limits of these joints contradict themselves.
 
     """
-
-    def __init__(self, urdf: str, joint_names: Sequence[str]) -> None:
-        tree = Tree(urdf)
-        tree.check_limits(joint_names)
-        described = tree.joints
-        super().__init__([_limits_of(name, described.get(name)) for name in joint_names])
-        self.continuous = tuple(
-            name in described and described[name].continuous for name in joint_names)
+    tree = Tree(urdf)
+    tree.check_limits(joint_names)
+    return [_joint_limits(name, tree.joints.get(name)) for name in joint_names]
 
 
-def continuous_joints(config: DescribedConfig, description: str) -> tuple[bool, ...]:
+def _joint_limits(name: str, joint: Joint | None) -> JointLimits:
+    if joint is None:
+        return JointLimits(name)
+    return JointLimits(
+        name,
+        'm' if joint.kind == 'prismatic' else 'rad',
+        joint.position,
+        (-joint.velocity, joint.velocity),
+        (-joint.acceleration, joint.acceleration),
+        joint.continuous)
+
+
+def limit_speed(limits: Sequence[JointLimits], speed: float) -> list[JointLimits]:
+    """Return limits with a lower speed [rad/s or m/s]."""
+    return [joint._replace(velocity=(
+        max(joint.velocity[0], -speed), min(joint.velocity[1], speed))) for joint in limits]
+
+
+def describe_violations(limits: Sequence[JointLimits], points: Iterable[Point]) -> str:
     """
-    Return which joints turn endlessly, by parameters and the robot's description, shape (n,).
+    Describe which limits points exceed.
+
+    The text has joints, quantities and amounts, and is empty if points exceed no limit.
+
+    Parameters
+    ----------
+    limits : sequence of JointLimits, length n
+        In the order of the vectors.
+    points : iterable of (position, velocity, acceleration)
+        Each of shape (n,) or empty.
+
+    """
+    violations = []
+    for quantity, rows in zip(_PER_TIME, zip(*points)):
+        columns = zip(*filter(len, rows))
+        violations += [joint.violation(quantity, values)
+                       for joint, values in zip(limits, columns)]
+    return '; '.join(filter(None, violations))
+
+
+def check_limits(motion: str, limits: Sequence[JointLimits], points: Iterable[Point]) -> None:
+    """Raise `CtcError` if points of a motion exceed limits."""
+    text = describe_violations(limits, points)
+    if text:
+        raise CtcError(f'{motion} is beyond the limits of the description: {text}')
+
+
+def continuous_joints(config: DescribedConfig, limits: Sequence[JointLimits] | None
+                      ) -> tuple[bool, ...]:
+    """
+    Return which joints turn endlessly, shape (n,).
 
     Parameters
     ----------
     config : DescribedConfig
-        The parameters.
-    description : str
-        Text of the URDF; empty for none.
-
-    Raises
-    ------
-    CtcError
-        As `DescribedLimits` does.
+        Parameters, which may name such joints.
+    limits : sequence of JointLimits, length n, or None
+        Limits of the joints of `config`, if there is a description of the robot.
 
     """
-    return config.which_are_continuous(
-        DescribedLimits(description, config.joint_names).continuous if description else ())
-
-
-def _limits_of(name: str, joint: Joint | None) -> JointLimits:
-    """Return the limits of a joint of a URDF; none without one."""
-    return JointLimits(name) if joint is None else JointLimits(
-        name, 'm' if joint.kind == 'prismatic' else 'rad', joint.position,
-        (-joint.velocity, joint.velocity), (-joint.acceleration, joint.acceleration))
-
-
-def check_limits(what: str, limits: LimitSet, points: Iterable[Point]) -> None:
-    """Raise `CtcError` if points are beyond the limits, and say by how much."""
-    text = limits.excess(points)
-    if text:
-        raise CtcError(f'{what} is beyond the limits of the description: {text}')
+    return config.which_are_continuous([joint.continuous for joint in limits or ()])

@@ -96,9 +96,11 @@ def test_everything_comes_again_with_its_own_timing(bag: Path) -> None:
         commands = it.listen(Float64MultiArray, 'effort_controller/commands', 10_000, raw=True)
         clocks = it.listen(Clock, '/clock')
         sent: list[int] = []
-        it.node.create_subscription(
-            JointState, 'joint_states', with_info(
-                lambda _, info: sent.append(info['source_timestamp'])), 10_000)
+
+        def note(message: Any, info: Any = None) -> None:
+            sent.append((info or message[1])['source_timestamp'])
+
+        it.node.create_subscription(JointState, 'joint_states', with_info(note), 10_000)
         process = subprocess.Popen(
             [sys.executable, '-m', 'ctc_chattering.cli.ctc', 'replay', str(bag), '--rate',
              str(rate), '--delay', '3'], text=True, stdout=subprocess.PIPE,

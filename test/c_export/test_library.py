@@ -27,7 +27,7 @@ from typing import Any
 from broken_arm import Broken
 from ctc_chattering.c_export.library import c_string, export
 from ctc_chattering.control.controller_config import SWITCHINGS
-from ctc_chattering.controller.trips import LARGEST_GROWTH, PATIENCE, TripMonitor
+from ctc_chattering.controller.trips import TRIP_DELAY_S, TRIP_LIMITS, TripMonitor
 from ctc_chattering.errors import CtcError, UsageError
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_commands import ctc, refused
@@ -232,7 +232,7 @@ def test_a_joint_that_is_not_endless_is_not_turned(library: Path) -> None:
 
 NO_LIMIT = ('error_limit[CTC_JOINTS] = {0.5, 0.5}',
             'error_limit[CTC_JOINTS] = {INFINITY, INFINITY}')
-GROWTH = LARGEST_GROWTH
+GROWTH = TRIP_LIMITS.growth
 TINY = 1e-9
 
 
@@ -242,7 +242,7 @@ TINY = 1e-9
         ([3.0, 3.0 - 2.0 * GROWTH], OK), ([0.5, 0.25, 0.25 + GROWTH - TINY], OK),
         ([0.5, 0.25, 0.25 + GROWTH + TINY], ERROR_GROWTH)]),
     ([NO_LIMIT, ('STRAINED 0', 'STRAINED MEASURED')], [
-        ([PATIENCE - TINY], OK), ([PATIENCE], OSCILLATION)])])
+        ([TRIP_DELAY_S - TINY], OK), ([TRIP_DELAY_S], OSCILLATION)])])
 def test_the_trips_are_at_their_bounds(
         library: Path, tmp_path: Path, changes: list[tuple[str, str]],
         cases: list[tuple[list[float], int]]) -> None:

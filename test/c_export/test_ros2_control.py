@@ -29,10 +29,10 @@ import subprocess
 from typing import cast
 
 from ctc_chattering.c_export.library import export
-from ctc_chattering.controller.trips import PATIENCE
+from ctc_chattering.controller.trips import TRIP_DELAY_S
 from ctc_chattering.numerics.linear_algebra import Vector
 from ctc_chattering.trajectory.buffer import Point, Trajectory
-from ctc_chattering.trajectory.motions import BRAKING_TIME, Stop, TimedMotion
+from ctc_chattering.trajectory.transitions import BRAKING_TIME, Stop, TimedMotion
 from exported_laws import controller_of, Robot, robot_of, watched
 from machine_code import compile_step
 import numpy as np
@@ -185,7 +185,7 @@ def test_late_points_of_the_reference_are_gone_through_where_they_are_due(progra
 
 def test_an_oscillating_feedback_trips_until_it_is_activated_again(tmp_path: Path) -> None:
     """
-    Once it has not been helped for `PATIENCE`, of which the node reads every 20 ms.
+    Once it has not been helped for `TRIP_DELAY_S`, of which the node reads every 20 ms.
 
     Until then a reference that ends at rest is held.
     """
@@ -197,7 +197,7 @@ def test_an_oscillating_feedback_trips_until_it_is_activated_again(tmp_path: Pat
         *(update(t, q, rest[1]) for t, q in zip(times, states)), 'deactivate', 'activate',
         reference([(times[-1], rest)], times[-1]), update(times[-1], *rest[:2]))
     controller, expected = controller_of(robot), list[list[float]]()
-    while controller.stability[1] < PATIENCE:
+    while controller.stability[1] < TRIP_DELAY_S:
         expected.append([GOOD, *controller.step(states[len(expected)], rest[1], *rest).tau])
     expected[-1:] = [[FAILED, 0.0, 0.0]] * (len(times) - len(expected) + 1)
     assert [x[:3] for x in found[3:-4]] == expected

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What is known of an arm, and from where."""
+"""Rotors and torque rates of an arm, and their origin."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ from math import inf
 from pathlib import Path
 
 from ctc_chattering.configuration.arm_knowledge import (
+    find_rotors,
+    find_torque_rates,
     Known,
-    rotors_of,
     Source,
-    torque_rates_of,
 )
 from ctc_chattering.dynamics.urdf_parser import Tree
 from ctc_chattering.errors import ParameterError
@@ -40,25 +40,25 @@ URDF = two_links().replace('<joint name="a" type="revolute">', (
 def test_a_rotor_is_given_or_described_or_assumed() -> None:
     tree = Tree(URDF)
     described, assumed = Known(0.3, Source.URDF), Known(0.04, Source.ASSUMED)
-    assert rotors_of(tree, ['a', 'b']) == (described, assumed)
-    assert rotors_of(tree, ['a', 'b'], [0.5, 0.0]) == (Known(0.5, Source.USER), assumed)
+    assert find_rotors(tree, ['a', 'b']) == (described, assumed)
+    assert find_rotors(tree, ['a', 'b'], [0.5, 0.0]) == (Known(0.5, Source.USER), assumed)
     with pytest.raises(ParameterError, match='2 numbers'):
-        rotors_of(tree, ['a', 'b'], [0.5])
+        find_rotors(tree, ['a', 'b'], [0.5])
 
 
 @pytest.mark.parametrize('effort', ['0', '1e300'])
 def test_nothing_is_assumed_without_an_effort_limit(effort: str) -> None:
     tree = Tree(URDF.replace('effort="20"', f'effort="{effort}"'))
-    assert rotors_of(tree, ['b']) == (Known(0.0, Source.NOT_KNOWN),)
+    assert find_rotors(tree, ['b']) == (Known(0.0, Source.NOT_KNOWN),)
 
 
 def test_the_torque_rate_is_given_or_that_of_a_known_arm() -> None:
-    assert torque_rates_of('fr3', ['a']) == (Known(1000.0, Source.ARM),)
-    assert torque_rates_of('panda', ['a'], [300.0]) == (Known(300.0, Source.USER),)
-    assert torque_rates_of('arm', ['a', 'b'], [300.0]) == (Known(300.0, Source.USER),) * 2
+    assert find_torque_rates('fr3', ['a']) == (Known(1000.0, Source.ARM),)
+    assert find_torque_rates('panda', ['a'], [300.0]) == (Known(300.0, Source.USER),)
+    assert find_torque_rates('arm', ['a', 'b'], [300.0]) == (Known(300.0, Source.USER),) * 2
     with pytest.raises(ParameterError, match='1 or 3 numbers'):
-        torque_rates_of('arm', ['a', 'b', 'c'], [300.0, 200.0])
-    assert torque_rates_of('arm', ['a']) == (Known(inf, Source.NOT_KNOWN),)
+        find_torque_rates('arm', ['a', 'b', 'c'], [300.0, 200.0])
+    assert find_torque_rates('arm', ['a']) == (Known(inf, Source.NOT_KNOWN),)
 
 
 def test_check_model_says_which_joints_have_no_rotor(tmp_path: Path) -> None:

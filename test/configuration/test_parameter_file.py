@@ -22,7 +22,7 @@ from typing import Any
 
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.configuration.loop_setup import Setup
-from ctc_chattering.configuration.node_parameters import LOOP, NODES
+from ctc_chattering.configuration.node_parameters import NODES
 from ctc_chattering.configuration.package_share import find_config
 from ctc_chattering.configuration.parameter_file import load_parameters, with_gains
 from ctc_chattering.control.recommended_gains import GAINS
@@ -109,19 +109,6 @@ def test_what_is_no_value(file: Path, node: str, line: str, value: str, allowed:
     """Check that the line names parameter, value and what is allowed."""
     name = line.split(':')[0].split('{')[0]
     refused(lambda: loaded(file, (node, line)), name, value, allowed, 'allowed')
-
-
-@pytest.mark.parametrize(('node', 'line'), [
-    ('plant', 'control_period: 0.002'), ('reference', 'control_period: 0.002'),
-    ('controller', 'control_period: 0.002'), ('plant', 'joint_names: [joint2, joint1]'),
-    ('controller', 'joint_names: [a, b]'), ('reference', 'joint_names: [joint1, other]'),
-    ('plant', 'gravity: 9.8'), ('controller', 'gravity: 1.0')])
-def test_contradictions(file: Path, node: str, line: str) -> None:
-    """Check that both nodes and the parameter are named; the same under /** is no trouble."""
-    name = line.split(':')[0]
-    refused(lambda: loaded(file, (node, line)), name, ' of ', 'contradicts', node, '/**')
-    if 'other' not in line:
-        assert loaded(file, ('/**', line)).values[node][name]
 
 
 def test_simulated_time_contradicts_real_time(file: Path) -> None:
@@ -303,23 +290,3 @@ reference:
             ('plant', {'initial_velocity': [0.0, 2.0]}, 'b: velocity 2 rad/s, 0.5 above')):
         with pytest.raises(CtcError, match=message):
             parameter_file.load(file, {node: values})
-
-
-@pytest.mark.parametrize('values', [
-    {'plant': {'coulomb_friction': [1, 2], 'noise_seed': 3}, 'controller': {'lambda': 4}},
-    {node: {'control_period': 2e-3} for node in LOOP},
-    {'reference': {'amplitude': [0.1, 0.2]}, 'plant': {'initial_position': [1, 2]}}])
-def test_what_is_changed_is_as_if_loaded(file: Path, values: dict[str, Any]) -> None:
-    setup = loaded(file, ('plant', 'duration: 1.0'),
-                   ('bringup', "events: ['0.5 controller law compensation']"))
-    assert setup.changed(values) == parameter_file.load(file, values)
-
-
-def test_what_is_changed_is_checked() -> None:
-    setup = parameter_file.load(CONFIG / 'panda.yaml')
-    for node, values, words in (
-            ('plant', {'control_period': 2e-3}, ('control_period', 'put what nodes share')),
-            ('controller', {'ka': [-1.0] * 7}, ('controller: ka', '-1.0', '>= 0')),
-            ('plant', {'initial_position': [9.0] * 7}, ('panda_joint1', 'limits')),
-            ('reference', {'amplitude': [9.0] * 7}, ('the motion', 'panda_joint1', 'limits'))):
-        refused(lambda: setup.changed({node: values}), *words)

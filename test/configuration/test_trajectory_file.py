@@ -22,7 +22,7 @@ from typing import Any
 
 from ctc_chattering.analysis.result import simulate
 from ctc_chattering.configuration import parameter_file
-from ctc_chattering.configuration.yaml_file import read_trajectory
+from ctc_chattering.configuration.trajectory_file import read_trajectory
 from ctc_chattering.errors import CtcError
 import numpy as np
 import pytest

@@ -20,7 +20,8 @@ from collections.abc import Callable
 from pathlib import Path
 
 from ctc_chattering.configuration import parameter_file
-from ctc_chattering.configuration.yaml_file import read_trajectory, read_yaml, write_yaml
+from ctc_chattering.configuration.trajectory_file import read_trajectory
+from ctc_chattering.configuration.yaml_file import read_yaml, yaml_text
 from ctc_chattering.errors import CtcError
 from ctc_chattering.ros.ros_arguments import parse
 from ctc_chattering.runs.conditions import read_cases
@@ -68,11 +69,11 @@ def test_what_is_merged_may_be_replaced(tmp_path: Path) -> None:
         'b': {'x': 1}, 'outer': {'inner': {'x': 2}}, 'd': {'x': 4, 'y': 3}}
 
 
-def test_what_stands_twice_is_written_twice(tmp_path: Path) -> None:
+def test_equal_values_are_written_twice() -> None:
     """Anchors such as &id001 are no numbers to read or to change."""
-    twice, path = [0.0, 1.0], tmp_path / 'file.yaml'
-    write_yaml({'plant': {'initial_position': twice}, 'reference': {'center': twice}}, path)
-    assert path.read_text() == (
+    twice = [0.0, 1.0]
+    tree = {'plant': {'initial_position': twice}, 'reference': {'center': twice}}
+    assert yaml_text(tree) == (
         'plant:\n  initial_position: [0.0, 1.0]\nreference:\n  center: [0.0, 1.0]\n')
 
 

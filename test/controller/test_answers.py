@@ -17,8 +17,9 @@
 from __future__ import annotations
 
 from ctc_chattering.control.controller import Controller
-from ctc_chattering.controller.answers import AnsweredStates, Rehearsal, shortfall
+from ctc_chattering.controller.answers import AnsweredStates, shortfall
 from ctc_chattering.controller.positions import JointSample
+from ctc_chattering.controller.rehearsal import Rehearsal
 from ctc_chattering.controller.state_machine import Mode
 from loop_robot import MOTION, MS, Robot, ZERO
 import pytest

@@ -41,7 +41,8 @@ def following(times: Iterable[int], delay: int = 0) -> DesiredMotion:
 
 def desired(motion: DesiredMotion, t: int, q: tuple[float, float], duration: float,
             dq: tuple[float, float] = ZERO) -> list[Point]:
-    points = motion.desired(t, q, dq, wait=False, duration=duration)
+    motion.restart_duration = duration
+    points = motion.desired(t, q, dq, wait=False)
     assert points is not None
     return points
 

@@ -160,7 +160,7 @@ class RealTime:
         law = controller('observer_feedback', Controller if stamped else Deaf)
         self._plant = Plant(w)
         self._loop = ControlLoop(law.config, 0.02, 0.1, True, self._send, self)
-        self._loop.law, self._loop.predicted_periods = law, periods
+        self._loop.law, self._loop.lost_states.predicted_periods = law, periods
         times = list(range(0, (COUNT + 100) * H, H))
         self._loop.take_reference(times, [reference(1e-9 * t, w) for t in times])
         #: 8 of 73.
@@ -192,7 +192,7 @@ class RealTime:
                 self._now = k * H + self.LEAST
                 self._loop.take_state(state, self._now, False)
                 self._loop.answer(True, self._now)
-                self._loop.took.append(H // 10)
+                self._loop.computing_times.append(H // 10)
             self._predict((k + 1) * H)
             # What arrives during a period is applied from the next one on.
             for at, torque in self._torques:

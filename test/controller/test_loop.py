@@ -100,7 +100,7 @@ def test_silence_ends_the_torques_and_the_next_state_restarts_the_law() -> None:
     assert robot.loop.health.restarts == 1
     assert 'states again, after 0.202 s; meanwhile no torque' in robot.log.lines[-1]
     at_once = Robot(simulated=False)
-    at_once.loop.restart_duration = 0.0
+    at_once.loop.motion.restart_duration = 0.0
     at_once.reference(0, 2000)
     at_once.state(0)
     at_once.silence(30)
@@ -110,7 +110,7 @@ def test_silence_ends_the_torques_and_the_next_state_restarts_the_law() -> None:
 def test_the_first_torque_is_that_of_the_state_however_late_it_is_answered() -> None:
     """Predict no further periods: it is not known what moved the robot before."""
     robot = Robot(simulated=False)
-    robot.loop.restart_duration, robot.loop.predicted_periods = 0.0, 8
+    robot.loop.motion.restart_duration, robot.loop.lost_states.predicted_periods = 0.0, 8
     robot.reference(0, 2000)
     robot.state(0)
     assert robot.state(1) == law((0.1, 0.2), (0.1, 0.2))[1:]
@@ -132,7 +132,7 @@ def test_nothing_is_sent_after_an_outage_of_the_controller_itself(k: int, torque
     waiting.loop.answer(True, k * MS)
     assert len(waiting.sent) == torques
     robot = Robot(simulated=False)
-    robot.loop.predicted_periods = 8
+    robot.loop.lost_states.predicted_periods = 8
     robot.reference(0, 5000)
     for sample in range(10):
         robot.state(sample)
@@ -144,12 +144,12 @@ def test_nothing_is_sent_after_an_outage_of_the_controller_itself(k: int, torque
 def test_a_step_that_always_takes_more_than_a_period_makes_no_periods_good() -> None:
     """A processor that is taken away for some answers is no reason not to."""
     robot = Robot(simulated=False)
-    robot.loop.predicted_periods = 8
+    robot.loop.lost_states.predicted_periods = 8
     robot.reference(0, 100)
     robot.state(0)
-    robot.loop.took.extend([3 * MS, MS // 10, 3 * MS])
+    robot.loop.computing_times.extend([3 * MS, MS // 10, 3 * MS])
     assert robot.loop.due() is not None
-    robot.loop.took.remove(MS // 10)
+    robot.loop.computing_times.remove(MS // 10)
     assert robot.loop.due() is None
 
 

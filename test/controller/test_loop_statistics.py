@@ -14,7 +14,7 @@
 
 """The regularity of a loop, against numpy on the times it was given."""
 
-from ctc_chattering.controller.health import LoopStatistics
+from ctc_chattering.controller.loop_statistics import LoopStatistics
 from hypothesis import given
 from hypothesis import strategies as st
 import numpy as np

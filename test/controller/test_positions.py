@@ -60,7 +60,7 @@ class Driven(Robot):
         self.least = least
         self.plant = Plant(PlantConfig(
             coulomb_friction=(2.0, 1.0), initial_position=(3.0, 0.0), initial_velocity=(0.0, 0.6)))
-        self.loop.restart_duration = 0.0
+        self.loop.motion.restart_duration = 0.0
 
     def run(self, lost: Sequence[int] = ()) -> list[list[float]]:
         """Return the torques of a run; the states of some samples do not arrive."""

@@ -22,7 +22,7 @@ from typing import Any
 from ctc_chattering.control.controller import ControllerConfig, LAWS
 from ctc_chattering.controller.trips import (
     check_change,
-    FACTOR,
+    MAX_CHANGE_FACTOR,
     missing_limits,
     unsafe_settings,
 )
@@ -97,6 +97,6 @@ def test_a_large_change_is_refused(name: str, before: Any, after: Any, refused: 
         check_change(config, config.changed({name: after}))
     except CtcError as error:
         assert refused and str(error).startswith(f'{name}: ')
-        assert f'a factor of at most {FACTOR:g} at once' in str(error)
+        assert f'a factor of at most {MAX_CHANGE_FACTOR:g} at once' in str(error)
     else:
         assert not refused

@@ -17,7 +17,7 @@
 from collections.abc import Sequence
 import dataclasses
 
-from ctc_chattering.controller.timing import (
+from ctc_chattering.controller.stamps import (
     BACKWARD,
     GAP,
     JUMP,

@@ -22,7 +22,8 @@ from typing import Any
 
 from ctc_chattering.analysis.terms import terms
 from ctc_chattering.control.controller import Controller, ControllerConfig
-from ctc_chattering.controller.health import ControllerHealth, Saturation, term_saturation
+from ctc_chattering.controller.health import ControllerHealth
+from ctc_chattering.controller.term_saturation import Saturation, term_saturation
 from ctc_chattering.simulation.closed_loop import simulate
 from ctc_chattering.simulation.plant_config import PlantConfig
 from ctc_chattering.trajectory.reference import ReferenceConfig
@@ -63,7 +64,7 @@ def test_a_running_controller_looks_at_the_last_thousand_samples() -> None:
     x = (0.1, 0.2)
     sample = Controller(config).step(x, x, x, x, x)
 
-    def reported(*robust: float) -> list[tuple[int, str]]:
+    def reported(*robust: float) -> Sequence[tuple[int, str]]:
         for z in robust:
             health.add(sample._replace(robust=(z, 0.0)))
         return health.saturation(config)

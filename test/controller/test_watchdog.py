@@ -16,7 +16,7 @@
 
 from __future__ import annotations
 
-from ctc_chattering.controller.timing import Watchdog
+from ctc_chattering.controller.watchdog import Watchdog
 import pytest
 
 MS = 10 ** 6

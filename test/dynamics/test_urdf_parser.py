@@ -21,7 +21,7 @@ from math import inf
 from ctc_chattering.dynamics.urdf_model import UrdfModel
 from ctc_chattering.dynamics.urdf_parser import Mimic, Tree
 from ctc_chattering.errors import CtcError
-from ctc_chattering.trajectory.joint_limits import DescribedLimits
+from ctc_chattering.trajectory.joint_limits import read_limits
 import pytest
 from urdfs import grip, joint, link, PANDA, panda, two_links, UR5, ur5, urdf
 
@@ -67,7 +67,7 @@ def test_limits_that_contradict_themselves_are_refused_where_the_joint_is_used(
         limit: str, words: list[str]) -> None:
     """Programs read them in different ways; those of a joint that is locked do not matter."""
     text = LIMITED.format(limit, '')
-    for use in (lambda: UrdfModel(text, ['a', 'b']), lambda: DescribedLimits(text, ['b'])):
+    for use in (lambda: UrdfModel(text, ['a', 'b']), lambda: read_limits(text, ['b'])):
         with pytest.raises(CtcError) as error:
             use()
         assert [word for word in ['joint b', *words] if word not in str(error.value)] == []

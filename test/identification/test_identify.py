@@ -27,7 +27,7 @@ from ctc_chattering.identification.identify import Identification, identify, Tor
 from ctc_chattering.identification.recording import Recording
 from ctc_chattering.identification.verdict import verdicts
 from ctc_chattering.numerics.linear_algebra import Array, Rows, Vector
-from ctc_chattering.trajectory.motions import Route
+from ctc_chattering.trajectory.waypoints import Route
 from identified_robots import record, Recorded
 import numpy as np
 import pytest

@@ -45,7 +45,7 @@ from ctc_chattering.identification.random_motions import (
 from ctc_chattering.output_files import LIST
 from ctc_chattering.simulation.closed_loop import Run, simulate
 from ctc_chattering.simulation.plant import make_plant
-from ctc_chattering.trajectory.joint_limits import DescribedLimits
+from ctc_chattering.trajectory.joint_limits import read_limits
 from ctc_chattering.trajectory.reference import make_motion
 from ctc_commands import ctc, refused
 import numpy as np
@@ -352,7 +352,7 @@ class Bench:
     def __init__(self, center: tuple[float, float] = (0.8, 1.2), effort: float = np.inf) -> None:
         self.config = ExcitationConfig(NAMES, 50.0, center=center, start=center)
         self.center = np.array(center)
-        self.bounds = bounds_of(self.config, DescribedLimits(ARM, NAMES).joints)
+        self.bounds = bounds_of(self.config, read_limits(ARM, NAMES))
         self.model: Model = make_model('urdf', 9.81, NAMES, ARM)
         self.friction = AssumedFriction(np.ones(2), np.zeros(2))
         self.effort = np.full(2, effort)

@@ -20,7 +20,7 @@ from itertools import product
 from pathlib import Path
 
 from ctc_chattering.configuration import parameter_file
-from ctc_chattering.configuration.yaml_file import read_trajectory, write_trajectory
+from ctc_chattering.configuration.trajectory_file import read_trajectory, write_trajectory
 from ctc_chattering.dynamics.registry import model_of
 from ctc_chattering.errors import ParameterError
 from ctc_chattering.identification.excite import AssumedFriction, gains, sticking
@@ -32,8 +32,8 @@ from ctc_chattering.identification.random_motions import (
     multisine,
     random_motion,
 )
-from ctc_chattering.trajectory.joint_limits import DescribedLimits
-from ctc_chattering.trajectory.motions import Route, Waypoints
+from ctc_chattering.trajectory.joint_limits import read_limits
+from ctc_chattering.trajectory.waypoints import Route, Waypoints
 import numpy as np
 import pytest
 from urdfs import joint, link, urdf
@@ -90,7 +90,7 @@ ARM = urdf([
 
 
 def test_bounds_of_a_description_with_acceleration_and_a_short_slide() -> None:
-    limits = DescribedLimits(ARM, ('turn', 'slide')).joints
+    limits = read_limits(ARM, ('turn', 'slide'))
     config = ExcitationConfig(('turn', 'slide'), center=(1.0, 0.08), start=(0.0, 0.0))
     bounds = bounds_of(config, limits)
     assert bounds.room == pytest.approx([0.8, 0.07])

@@ -34,7 +34,7 @@ from browser import (
     scene,
     unfold,
 )
-from ctc_chattering.ros.node import qos
+from ctc_chattering.ros.subscription import qos
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from faults import nodes_of
 from processes import bringup, CONFIG, descendants, PATIENCE, Probe, probe, wait_for

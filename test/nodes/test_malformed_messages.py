@@ -27,7 +27,7 @@ from ctc_chattering.bags.reader import read_bag
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.ros.messages import read_stamp
 from ctc_chattering.ros.topics import CLOCK, COMMANDS, JOINT_STATES, REFERENCE
-from faults import Diagnostics, JOINTS, Kind, KINDS, malformed
+from faults import CONTESTED, Diagnostics, JOINTS, Kind, KINDS, malformed
 import numpy as np
 from processes import bringup, CONFIG, PATIENCE, Probe, probe
 import pytest
@@ -110,7 +110,7 @@ def test_a_second_publisher_of_everything_changes_nothing_in_lockstep(tmp_path: 
             publishers = {topic: it.node.create_publisher(kind.type, topic, 1000)
                           for topic, kind in KINDS.items()}
             for topic, node in READERS.items():
-                said = f'{topic} has several publishers, none is obeyed: '
+                said = f'{topic} {CONTESTED}: '
                 diagnostics.until(
                     node, lambda r, said=said: said in r.message, 'contention')  # type: ignore
             assert it.set('plant', 'hold_at', 0.0).successful

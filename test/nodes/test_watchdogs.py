@@ -27,7 +27,7 @@ from typing import TypeVar
 from controller_process import ControllerUnderTest
 from ctc_chattering.control.controller import Controller, ControllerConfig
 from ctc_chattering.ros.subscription import qos
-from faults import Diagnostics, ERROR, JOINTS, OK, Report, WARN
+from faults import CONTESTED, Diagnostics, ERROR, JOINTS, OK, Report, WARN
 from processes import Probe, probe
 import pytest
 from rcl_interfaces.msg import ParameterEvent
@@ -251,7 +251,7 @@ def test_disabled_it_sends_nothing_until_it_is_enabled(robot: Robot, silent: boo
 def test_with_two_sources_of_states_none_is_answered_until_one_has_left(robot: Robot) -> None:
     robot.until_well()
     other = robot.probe.node.create_publisher(JointState, 'joint_states', 10)
-    report = robot.until_error('joint_states has several publishers, none is obeyed: /probe')
+    report = robot.until_error(f'joint_states {CONTESTED}: /probe')
     robot.assert_silent()
     refused = robot.diagnostics.next('controller').refused('joint_states')
     assert refused['second_publisher'] > report.refused('joint_states').get('second_publisher', 0)
@@ -315,7 +315,7 @@ def test_with_two_publishers_of_torques_none_is_obeyed_until_one_has_left(comman
     commander.until_well()
     other = commander.probe.node.create_publisher(Float64MultiArray, COMMANDS, 10)
     intrusion = commander.probe.node.create_timer(PERIOD, lambda: other.publish(torques(OTHER)))
-    report = commander.until_braked(f'{COMMANDS} has several publishers, none is obeyed: /probe')
+    report = commander.until_braked(f'{COMMANDS} {CONTESTED}: /probe')
     refused = commander.diagnostics.next('plant').refused(COMMANDS)['second_publisher']
     assert refused > report.refused(COMMANDS)['second_publisher'] > 20
     commander.probe.node.destroy_timer(intrusion)

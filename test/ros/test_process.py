@@ -98,8 +98,8 @@ def test_a_node_that_the_middleware_does_not_let_go_ends() -> None:
             import ctypes
             import sys
             from ctc_chattering.nodes.plant import PlantNode
-            from ctc_chattering.ros import node, process
-            node._LEAVE = 3.0  # A busy machine must get that far before.
+            from ctc_chattering.ros import process, run_node
+            run_node._LEAVE_TIMEOUT_S = 3.0  # A busy machine must get that far before.
 
             class Stuck(PlantNode):
                 def idle(self):
@@ -110,7 +110,7 @@ def test_a_node_that_the_middleware_does_not_let_go_ends() -> None:
                     print('hanging', flush=True)
                     {HANG}
 
-            sys.exit(node.run(Stuck, 'plant', [], process.collect_signals()))
+            sys.exit(run_node.run(Stuck, 'plant', [], process.collect_signals()))
         """)
         try:
             assert process.stdout is not None

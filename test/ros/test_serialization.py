@@ -38,7 +38,7 @@ from ctc_chattering.ros.messages import (
     stamp,
     state_reader,
     state_writer,
-    trajectory,
+    TrajectoryWriter,
 )
 from ctc_chattering.ros.topics import select
 from faults import KINDS
@@ -211,7 +211,9 @@ def test_the_stamp_at_the_beginning() -> None:
 
 def test_a_trajectory_that_is_sent() -> None:
     points: list[Point] = [([1.5 + k] * 3, [0.1 * k] * 3, [1.5 - k] * 3) for k in range(25)]
-    message = trajectory(('x', 'yy', 'zzz'), 3_200_000_001, 700_000_000, points)
+    writer = TrajectoryWriter(('x', 'yy', 'zzz'), 700_000_000, len(points))
+    writer.fill(5, [([0.0] * 3,) * 3] * len(points))
+    message = writer.fill(3_200_000_001, points)
     assert tuple(message.joint_names) == ('x', 'yy', 'zzz')
     assert ns(message.header.stamp) == 3_200_000_001
     assert [(ns(x.time_from_start), bits(x.positions), bits(x.velocities),

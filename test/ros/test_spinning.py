@@ -26,7 +26,8 @@ import signal
 import sys
 from typing import Any
 
-from ctc_chattering.ros.node import BaseNode, spin_until_stopped
+from ctc_chattering.ros.node import BaseNode
+from ctc_chattering.ros.spinning import spin_until_stopped
 from domains import own_domain
 import pytest
 import rclpy

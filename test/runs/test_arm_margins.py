@@ -20,9 +20,14 @@ from pathlib import Path
 from typing import Any
 
 from ctc_chattering.configuration import parameter_file
-from ctc_chattering.configuration.arm_knowledge import ASSUMED_ROTOR, LEAST_ROTOR, MOST_ROTOR
+from ctc_chattering.configuration.arm_knowledge import (
+    ArmFacts,
+    ASSUMED_ROTOR,
+    LEAST_ROTOR,
+    MOST_ROTOR,
+)
 from ctc_chattering.configuration.loop_setup import Setup
-from ctc_chattering.configuration.new_robot import new_robot, NewRobot, Told
+from ctc_chattering.configuration.new_robot import new_robot, NewRobot
 from ctc_chattering.configuration.package_share import find_config
 from ctc_chattering.control.controller import Controller
 from ctc_chattering.dynamics.registry import model_of
@@ -46,7 +51,7 @@ def arm(folder: Path, **told: Any) -> NewRobot:
     text = two_links().replace('effort="0" velocity="1.5"', 'effort="2000" velocity="1.5"'
                                ).replace('effort="40"', 'effort="4000"')
     (folder / 'arm.urdf').write_text(text)
-    return new_robot(str(folder / 'arm.urdf'), told=Told(**told))
+    return new_robot(str(folder / 'arm.urdf'), facts=ArmFacts(**told))
 
 
 def setup_of(robot: NewRobot, **controller: Any) -> Setup:

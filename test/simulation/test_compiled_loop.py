@@ -31,7 +31,7 @@ from ctc_chattering.simulation import closed_loop
 from ctc_chattering.simulation.closed_loop import Event, Run
 from ctc_chattering.simulation.plant import Plant
 from ctc_chattering.simulation.sensor import Measured
-from ctc_chattering.trajectory.motions import Route
+from ctc_chattering.trajectory.waypoints import Route
 from machine_code import compile_runs
 import numpy as np
 import pytest

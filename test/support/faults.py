@@ -36,6 +36,8 @@ from trajectory_msgs.msg import JointTrajectory
 
 OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
 JOINTS = ('joint1', 'joint2')
+#: Report on a topic with several publishers, between its name and theirs.
+CONTESTED = 'has several publishers; messages from all of them are ignored'
 
 
 class Report(NamedTuple):

@@ -34,8 +34,8 @@ from ctc_chattering.identification.windows import joined, Windows
 from ctc_chattering.simulation.closed_loop import Run, simulate
 from ctc_chattering.simulation.plant import make_plant, Plant
 from ctc_chattering.simulation.plant_config import PlantConfig
-from ctc_chattering.trajectory.motions import Route
 from ctc_chattering.trajectory.reference import ReferenceConfig
+from ctc_chattering.trajectory.waypoints import Route
 import numpy as np
 from robots import arm, motion
 

@@ -21,6 +21,7 @@ from collections.abc import Sequence
 from ctc_chattering.control.controller import Controller, ControllerConfig
 from ctc_chattering.controller.loop import ControlLoop
 from ctc_chattering.controller.positions import JointSample
+from ctc_chattering.controller.status import loop_status
 from ctc_chattering.trajectory.reference import ReferenceConfig, Sinusoid
 
 MS = 1_000_000
@@ -51,7 +52,7 @@ class Robot:
             self.config, 0.02, 0.1, enabled, lambda tau: self.sent.append([float(x) for x in tau]),
             self.log)
         self.loop.law = Controller(self.config)
-        self.loop.restart_duration = 2.0
+        self.loop.motion.restart_duration = 2.0
         self.simulated = simulated
         self.k = 0
 
@@ -79,4 +80,4 @@ class Robot:
         return self.sent[before:]
 
     def status(self) -> tuple[int, str]:
-        return self.loop.status(self.k * MS, {}, 0)
+        return loop_status(self.loop, self.k * MS, {}, 0)

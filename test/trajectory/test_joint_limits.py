@@ -12,126 +12,121 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The sampled loop's limits: h -> 0, no perturbation, a constant perturbation."""
+"""Limits of joints, and the motions and starts that they refuse."""
 
-from typing import Any
+from __future__ import annotations
 
-from ctc_chattering.control.controller import Controller, ControllerConfig
-from ctc_chattering.simulation.closed_loop import Run, simulate
-from ctc_chattering.simulation.plant import Plant
-from ctc_chattering.simulation.plant_config import PlantConfig
-from ctc_chattering.trajectory.reference import ReferenceConfig
+import math
+import re
+
+from ctc_chattering.errors import CtcError
+from ctc_chattering.trajectory.buffer import Point
+from ctc_chattering.trajectory.joint_limits import describe_violations, JointLimits, read_limits
+from ctc_chattering.trajectory.reference import make_motion, ReferenceConfig
+from ctc_chattering.trajectory.transitions import TimedMotion
+from ctc_chattering.trajectory.waypoints import Route
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
 import numpy as np
-from oracles import Array, Masses, paper_m
+import numpy.typing as npt
 import pytest
 
-IMPLICIT = ['implicit', 'implicit_observer']
-FREE = {'coulomb_friction': [0.0, 0.0]}
+S = 1_000_000_000
+positions = st.floats(-5.0, 5.0)
+velocities = st.floats(-3.0, 3.0)
+instants = st.integers(-10 * S, 1000 * S)
+sinusoids = st.builds(
+    ReferenceConfig, joint_names=st.just(('a',)), center=st.tuples(positions),
+    amplitude=st.tuples(st.floats(-2.0, 2.0)), frequency=st.tuples(st.floats(0.0, 3.0)),
+    phase=st.tuples(st.floats(-4.0, 4.0)))
 
 
-def _run(switching: str, h: float, duration: float, plant: dict[str, Any] | None = None,
-         **controller: Any) -> Run:
-    return simulate(
-        PlantConfig.from_mapping({'control_period': h, 'duration': duration, **(plant or {})}),
-        ControllerConfig.from_mapping(
-            {'control_period': h, 'switching': switching, **controller}),
-        ReferenceConfig(control_period=h))
+def _path(motion: TimedMotion, t0: int, t1: int, count: int = 400) -> npt.NDArray[np.float64]:
+    """Return what a motion does: shape (count, 3, n)."""
+    return np.array([motion.at(t0 + (t1 - t0) * k // (count - 1)) for k in range(count)])
 
 
-def _held(run: Run, h: float) -> Array:
-    """
-    Return what v, wanted at 0, is a sample later for torque and filter being held: of order h².
-
-    While v rests, dde = -u with u = Kv de + Kp e at the sample, and then moves away from it at the
-    rate M⁻¹ dτ/dt - du/dt, which over half a period, integrated, makes -h/2 (M⁻¹ Δτ - Δu).
-    """
-    u = 50.0 * (run.dq_d - run.dq) + 100.0 * (run.q_d - run.q)
-    rows = []
-    for k in range(1, len(run.t) - 1):
-        tau_rate, u_rate = (run.tau[k + 1] - run.tau[k - 1]) / 2, (u[k + 1] - u[k - 1]) / 2
-        rows.append(-h / 2 * (np.linalg.solve(paper_m(run.q[k].tolist()), tau_rate) - u_rate))
-    return np.array(rows)
+def _ranges(config: ReferenceConfig) -> tuple[float, float, float, float]:
+    """Return centre, amplitude, greatest velocity and acceleration of the one joint."""
+    w = 2 * math.pi * config.frequency[0]
+    a = abs(config.amplitude[0])
+    return config.center[0], a, w * a, w * w * a
 
 
-def _reached(run: Run, band: float) -> int:
-    """Return the first sample from which |v| stays within the band."""
-    outside = np.flatnonzero(np.abs(run.v).max(axis=1) > band)
-    return int(outside[-1]) + 1 if len(outside) else 0
+def test_a_violation_has_joint_quantity_amount_and_limit() -> None:
+    """Check the worse side of each quantity, up to the tolerance of a thousandth."""
+    limits = [JointLimits('a', 'rad', (-1.0, 2.0), (-3.0, 3.0), (-5.0, 5.0)),
+              JointLimits('b', 'm', (0.0, 1.0))]
+    inside: list[Point] = [((-1.0009, 1.0), (3.002, 9.0), (-5.004, 9.0)), ((2.0009, 0.0), (), ())]
+    assert describe_violations(limits, inside) == ''
+    beyond: list[Point] = [((-1.5, 1.2), (3.5, 0.0), (-6.0, 0.0)), ((2.1, 0.0), (), ())]
+    assert describe_violations(limits, beyond) == (
+        'a: position -1.5 rad, 0.5 below its lower limit of -1; '
+        'b: position 1.2 m, 0.2 above its upper limit of 1; '
+        'a: velocity 3.5 rad/s, 0.5 above its upper limit of 3; '
+        'a: acceleration -6 rad/s², 1 below its lower limit of -5')
 
 
-@pytest.mark.parametrize('velocity', [
-    pytest.param([0.0, 0.0], marks=pytest.mark.slow), [6.0, -4.0]])
-def test_without_a_perturbation_v_reaches_zero_and_stays(velocity: list[float]) -> None:
-    """
-    Check the theorem's time, 2 √V(0) / (ka k) and a few samples, into a band of order h².
-
-    λ is small, so that the filter's own decay does not do the work; sign's band is of order h.
-    """
-    alpha, mass = np.linalg.norm(paper_m([0.0, 0.0]), 2), paper_m([0.0, 0.0])
-    v0 = np.array(velocity) - np.pi
-    bound = 2 * np.sqrt(0.5 * v0 @ mass @ v0) / (10.0 * np.sqrt(2 / alpha))
-    bands: dict[str, list[float]] = {name: [] for name in ['sign', *IMPLICIT]}
-    for h in (2e-3, 1e-3):
-        for name, found in bands.items():
-            run = _run(name, h, 2.2 + bound, {**FREE, 'initial_velocity': velocity},
-                       **{'lambda': 0.1})
-            after = run.t > bound + 1.0
-            found.append(float(np.abs(run.v[after]).max()))
-            if name == 'implicit':
-                assert _reached(run, 1000.0 * h * h) * h <= bound + 5 * h
-                np.testing.assert_allclose(
-                    run.v[2:][after[2:]], _held(run, h)[after[2:]], atol=0.02 * found[-1])
-            elif name == 'sign':
-                assert _reached(run, 1000.0 * h * h) > len(run.t) - 50
-    sign, plain, observed = (np.array(bands[name]) for name in ['sign', *IMPLICIT])
-    assert plain[:-1] / plain[1:] == pytest.approx([4.0], rel=0.05)
-    assert (observed[:-1] / observed[1:] > 3.8).all()
-    assert sign[:-1] / sign[1:] == pytest.approx([2.0], rel=0.25)
-    assert plain[1] < 2e-4
-    assert observed[1] < 5e-6
-    assert sign[1] > 0.015
+LIMITED = """<robot name="r"><link name="base"/><link name="arm"/>
+<joint name="a" type="{kind}"><parent link="base"/><child link="arm"/>
+<limit effort="0" {limits}/></joint></robot>"""
 
 
-def _pulled(switching: str, force: list[float], h: float = 1e-3, b: float = 1.0,
-            friction: tuple[float, float] = (0.0, 0.0)) -> tuple[Array, Array]:
-    """
-    Return v of all samples and M⁻¹ F: two coupled masses on a ramp, in the plant itself.
-
-    The ramp goes forwards on joint 1 and backwards on joint 2; `friction` is the Coulomb friction.
-    """
-    mass = np.array([[2.0, 0.7], [0.7, 0.5]])
-    model, speed = Masses(mass.tolist()), np.array([1.0, -0.7])
-    plant = Plant(PlantConfig(control_period=h, coulomb_friction=friction,
-                              initial_velocity=(1.0, -0.7)), model)
-    law = Controller(ControllerConfig(switching=switching, control_period=h, b=b), model)
-    v = []
-    for k in range(800):
-        s = law.step(plant.q, plant.dq, (speed * k * h).tolist(), speed.tolist(), [0.0, 0.0])
-        v.append(s.v)
-        plant.step([t - f for t, f in zip(s.tau, force)])
-    total = np.array(force) + np.array(friction) * np.sign(speed)
-    return np.array(v), np.linalg.solve(mass, total)
+def _limits(kind: str = 'revolute', **limits: float) -> list[JointLimits]:
+    values = {'lower': -9.0, 'upper': 9.0, 'velocity': 0.0, **limits}
+    return read_limits(LIMITED.format(kind=kind, limits=' '.join(
+        f'{name}="{value}"' for name, value in values.items())), ('a',))
 
 
-@pytest.mark.parametrize(('h', 'b', 'force', 'friction'), [
-    (1e-3, 1.0, [5.0, -3.0], (0.0, 0.0)), (1e-3, 0.5, [0.0, 0.0], (6.0, 4.0)),
-    (4e-3, 1.0, [2.0, 2.0], (3.0, 1.0)), (4e-3, 0.5, [5.0, -3.0], (0.0, 0.0))])
-def test_a_constant_perturbation_on_a_ramp(
-        h: float, b: float, force: list[float], friction: tuple[float, float]) -> None:
-    """Check that v rests at -b h M⁻¹ F exactly, and with the observer at 0, soon and for good."""
-    v, pull = _pulled('implicit', force, h, b, friction)
-    np.testing.assert_allclose(v[100:], [-b * h * pull] * 700, atol=1e-9)
-    assert np.abs(v[-1]).max() > 1e-3 * b
-    observed, _ = _pulled('implicit_observer', force, h, b, friction)
-    assert np.abs(observed[100:]).max() < 1e-9
-    rattling, _ = _pulled('sign', force, h, b, friction)
-    assert np.abs(rattling[100:]).max() > 2 * b * h * np.abs(pull).max()
+@settings(max_examples=20)
+@given(sinusoids, positions, velocities, st.floats(0.05, 3.0), instants, st.floats(0.5, 8.0),
+       st.floats(0.5, 8.0), st.floats(1.0, 100.0))
+def test_what_is_not_refused_keeps_the_limits_and_what_is_named_would_do(
+        config: ReferenceConfig, q0: float, dq0: float, duration: float, t0: int, upper: float,
+        velocity: float, acceleration: float) -> None:
+    limits = _limits(lower=-upper, upper=upper, velocity=velocity, acceleration=acceleration)
+    c, a, speed, push = _ranges(config)
+    state = {'a': (q0, dq0)}
+
+    def started(duration: float) -> TimedMotion:
+        return make_motion(config.changed({'start_duration': duration}), None, state, t0, limits)
+
+    try:
+        motion = started(duration)
+    except CtcError as error:
+        beyond = (abs(c) + a > upper or speed > velocity or push > acceleration
+                  or abs(q0) > upper or abs(dq0) > velocity)
+        text = str(error)
+        if 'would do' not in text:
+            assert beyond
+            assert re.search('the (motion|start) is beyond the limits of the description: a: ',
+                             text)
+            return
+        assert f'start_duration {duration:g} s' in text
+        word = text.split('; ')[-1].split()[0]
+        assume(word != 'no')
+        duration = float(word)
+        motion = started(duration)
+    path = np.abs(_path(motion, t0, t0 + round(duration * S) + S, 1000))[:, :, 0]
+    assert (path.max(axis=0) <= np.array([
+        upper + 1e-3, velocity * 1.001, acceleration * 1.001]) + 0.02).all()
 
 
-def test_beyond_the_gain_v_leaves_zero() -> None:
-    """Check the gain condition on both sides of ka = 10: the band h M⁻¹ F holds, and breaks."""
-    for switching in IMPLICIT:
-        v, pull = _pulled(switching, [9.5, 0.0])
-        assert (np.abs(v[400:]) <= 1e-3 * np.abs(pull) + 1e-9).all()
-        v, pull = _pulled(switching, [11.5, 0.0])
-        assert (np.abs(v[400:]).max(axis=0) > 2e-3 * np.abs(pull)).any()
+def test_refusals_name_the_joint_and_by_how_much() -> None:
+    """Check motion, start and duration, one limit each."""
+    config = ReferenceConfig(joint_names=('a',), center=(1.0,), amplitude=(0.5,),
+                             frequency=(1.0,), start_duration=1.0)
+    state = {'a': (0.0, 0.0)}
+    for limits, start, message in (
+            ({'upper': 1.4}, state, 'the motion is beyond the limits of the description: '
+             'a: position 1.5 rad, 0.1 above its upper limit of 1.4'),
+            ({'lower': -0.5}, {'a': (-0.6, 0.0)}, 'the start is beyond the limits of the '
+             'description: a: position -0.6 rad, 0.1 below its lower limit of -0.5'),
+            ({'velocity': 3.2}, {'a': (-3.0, 0.0)}, r'start_duration 1 s: the start is beyond .* '
+             r'a: velocity 6\.\d+ rad/s, .* above its upper limit of 3.2; \d+ s would do'),
+            ({'lower': -0.1}, {'a': (0.0, -3.0)}, 'no other would do')):
+        with pytest.raises(CtcError, match=message):
+            make_motion(config, None, start, 0, _limits(**limits))  # type: ignore[arg-type]
+    route = Route(('a',), (S, 2 * S), (((0.0,), (0.0,), ()), ((2.0,), (0.0,), ())))
+    with pytest.raises(CtcError, match=r'the motion .* a: velocity 3 rad/s, 1 above its upper'):
+        make_motion(config, route, state, 0, _limits(velocity=2.0))

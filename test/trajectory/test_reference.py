@@ -17,7 +17,6 @@
 import math
 
 from ctc_chattering.errors import CtcError, ParameterError
-from ctc_chattering.trajectory.motions import Route
 from ctc_chattering.trajectory.reference import (
     make_motion,
     reference_table,
@@ -25,6 +24,7 @@ from ctc_chattering.trajectory.reference import (
     Sinusoid,
     Trapezoid,
 )
+from ctc_chattering.trajectory.waypoints import Route
 import numpy as np
 import pytest
 

@@ -20,7 +20,7 @@ from typing import Any
 
 from ctc_chattering.errors import ParameterError
 from ctc_chattering.trajectory.buffer import Point
-from ctc_chattering.trajectory.motions import Route, Waypoints
+from ctc_chattering.trajectory.waypoints import Route, Waypoints
 import numpy as np
 import pytest
 from scipy.interpolate import (  # type: ignore[import-untyped]
@@ -135,6 +135,7 @@ GOOD: list[Any] = [((0.0, 1.0), (), ()), ((1.0, 2.0), (), ()), ((2.0, 0.0), (), 
     ([5, 4, 6], {}, 'points[1].time_from_start', 'more than'),
     ([0, S], {}, 'times', '3'),
     ([0, 1, 2], {0: ((), (), ())}, 'points[0].positions', 'one per joint'),
+    ([0, 1, 2], {0: ((1.0, 2.0), (1.0,), ())}, 'points[0].velocities', 'n = 2, got 1'),
     ([0, 1, 2], {1: ((1.0,), (), ())}, 'points[1].positions', 'n = 2, got 1'),
     ([0, 1, 2], {2: ((1.0, 2.0), (1.0,), ())}, 'points[2].velocities', 'got 1'),
     ([0, 1, 2], {1: ((1.0, 2.0), (), (1.0, 2.0))}, 'points[1].accelerations', 'velocities'),

@@ -17,7 +17,7 @@
 from __future__ import annotations
 
 from arms_study import Arm, Case, mass_matrix, rows, springs
-from ctc_chattering.configuration.new_robot import Told
+from ctc_chattering.configuration.arm_knowledge import ArmFacts
 import numpy as np
 from oracles import random_spd
 import pytest
@@ -59,7 +59,7 @@ def test_rotors_are_on_the_diagonal_of_the_mass_matrix() -> None:
 def test_a_drawn_arm_is_followed_if_rigid_and_stopped_if_it_oscillates() -> None:
     """From the URDF alone: the errors and times that docs promise."""
     cases = ['rigid', 'elastic 20 Hz, encoder at the motor']
-    rigid, elastic = rows(NAME, cases, ['observer_feedback'], [SEED], Told(), False)
+    rigid, elastic = rows(NAME, cases, ['observer_feedback'], [SEED], ArmFacts(), False)
     assert rigid['trip'] == ''
     assert rigid['rms'] < 3e-4
     assert 'oscillates at' in elastic['trip']

@@ -33,7 +33,7 @@ import sys
 import time
 from typing import NamedTuple
 
-from ctc_chattering.controller.health import LoopStatistics
+from ctc_chattering.controller.loop_statistics import LoopStatistics
 from real_time_loop import real_time_loop
 
 _COLUMNS = ('p50', 'p99', 'p99.9', 'max')

@@ -21,7 +21,8 @@ import os
 import sys
 import time
 
-from ctc_chattering.ros.node import Executor, qos
+from ctc_chattering.ros.spinning import Executor
+from ctc_chattering.ros.subscription import qos
 import rclpy
 from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future

@@ -335,7 +335,8 @@ private:
   {
     const auto logger = get_node()->get_logger();
     if (subscription_->get_publisher_count() > 1) {
-      RCLCPP_ERROR(logger, "~/reference has several publishers: none is obeyed");
+      RCLCPP_ERROR(
+        logger, "~/reference has several publishers; messages from all of them are ignored");
       return;
     }
     std::array<size_t, N> order;

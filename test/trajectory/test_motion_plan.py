@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What takes the place of a motion that runs: waypoints, late and past ones, and a stop."""
+"""Replacement of a motion that runs: by waypoints, late and past ones, and by a stop."""
 
 from __future__ import annotations
 
@@ -23,15 +23,11 @@ from typing import Any
 from ctc_chattering.errors import CtcError
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.trajectory.buffer import Point
-from ctc_chattering.trajectory.joint_limits import DescribedLimits
-from ctc_chattering.trajectory.motions import BRAKING_TIME, Route, Stop, TimedMotion, Waypoints
-from ctc_chattering.trajectory.reference import (
-    Followed,
-    make_motion,
-    MotionPlan,
-    ReferenceConfig,
-    Sinusoid,
-)
+from ctc_chattering.trajectory.joint_limits import JointLimits, read_limits
+from ctc_chattering.trajectory.motion_plan import Followed, MotionPlan
+from ctc_chattering.trajectory.reference import make_motion, ReferenceConfig, Sinusoid
+from ctc_chattering.trajectory.transitions import BRAKING_TIME, Stop, TimedMotion
+from ctc_chattering.trajectory.waypoints import Route, Waypoints
 from hypothesis import given
 from hypothesis import strategies as st
 import numpy as np
@@ -46,17 +42,17 @@ CONFIG = ReferenceConfig(joint_names=NAMES, center=(0.5, -0.3), frequency=(0.5, 
 NOW, BEGIN = 10 * S, 10 * S + 125 * MS
 
 
-def limits(kind: str = 'revolute', **values: float) -> DescribedLimits:
+def limits(kind: str = 'revolute', **values: float) -> list[JointLimits]:
     """Return limits of both joints."""
     text = ' '.join(f'{name}="{value}"' for name, value in {
         'lower': -9.0, 'upper': 9.0, 'velocity': 0.0, **values}.items())
     more = f'<limit effort="0" {text}/>'
-    return DescribedLimits(urdf([
+    return read_limits(urdf([
         link('base'), link('one'), link('two'), joint('a', kind, 'base', 'one', more=more),
         joint('b', kind, 'one', 'two', more=more)]), NAMES)
 
 
-def plan_of(described: DescribedLimits | None = None, **config: Any) -> MotionPlan:
+def plan_of(described: list[JointLimits] | None = None, **config: Any) -> MotionPlan:
     """Return the plan of a sinusoid that has begun."""
     plan = MotionPlan(CONFIG.changed(config), None)
     plan.limits = described

@@ -16,7 +16,7 @@
 
 from __future__ import annotations
 
-from ctc_chattering.controller.timing import LockstepExchange
+from ctc_chattering.controller.lockstep_exchange import LockstepExchange
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -33,7 +33,7 @@ def test_every_state_is_answered_once(states: list[tuple[int, int]]) -> None:
     """
     exchange, now, late, last = LockstepExchange(0), 0, 0, 0
     for tau, repeats in states:
-        exchange.asked = now
+        exchange.sent_at = now
         for _ in range(repeats):
             now += 201 * MS
             assert exchange.repeat_due(now)

@@ -19,7 +19,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 import dataclasses
 
-from ctc_chattering.ros.subscription import TopicOwnership
+from ctc_chattering.ros.topic_ownership import TopicOwnership
 from hypothesis import given
 from hypothesis import strategies as st
 

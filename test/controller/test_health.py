@@ -18,7 +18,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from ctc_chattering.controller.health import ControllerHealth, FaultRates, WINDOW
+from ctc_chattering.controller.health import (
+    ControllerHealth,
+    FaultCount,
+    FaultKind,
+    FaultRates,
+    WINDOW,
+)
 from hypothesis import given
 from hypothesis import strategies as st
 import pytest
@@ -29,10 +35,10 @@ BUSY = 'this computer is too busy, or processes are stopped'
 
 
 def report(taken: int, skipped: int, cause: str = '', simulated: bool = False,
-           period: int = MS, **rejected: int) -> list[tuple[int, str]]:
+           period: int = MS, **rejected: int) -> Sequence[tuple[int, str]]:
     """Return the last report of four seconds with so many states a second."""
     health = ControllerHealth(('joint1',), MS)
-    found: list[tuple[int, str]] = []
+    found: Sequence[tuple[int, str]] = []
     for k in range(1, 5):
         health.taken += taken
         found = health.report(k * SECOND, k * (taken + skipped) * period, {
@@ -64,10 +70,11 @@ def test_a_wrong_rate_is_reported(skipped: int) -> None:
         (1, 'states come every 2 ms; control_period is 1 ms')]
 
 
-def rates(*totals: tuple[int, int]) -> list[list[tuple[int, str]]]:
+def rates(*totals: tuple[int, int]) -> list[Sequence[tuple[int, str]]]:
     """Return the reports of faults and of their part of the samples, once a second."""
-    judged = FaultRates(('{:.2g} faults per second', 0.0, 1.0), ('{1:.0f} % refused', 0.01, 0.1))
-    return [judged.report('', (events, float(k)), (part, 1000 * k))
+    judged = FaultRates(
+        FaultKind('{:.2g} faults per second', 0.0, 1.0), FaultKind('{1:.0f} % refused', 0.01, 0.1))
+    return [judged.report('', FaultCount(events, float(k)), FaultCount(part, 1000 * k))
             for k, (events, part) in enumerate(totals)]
 
 

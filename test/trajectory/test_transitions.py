@@ -17,21 +17,20 @@
 from __future__ import annotations
 
 import math
-import re
 
-from ctc_chattering.errors import CtcError, ParameterError
+from ctc_chattering.errors import ParameterError
 from ctc_chattering.trajectory.buffer import Point
-from ctc_chattering.trajectory.joint_limits import DescribedLimits
-from ctc_chattering.trajectory.motions import (
+from ctc_chattering.trajectory.joint_limits import JointLimits
+from ctc_chattering.trajectory.reference import make_motion, ReferenceConfig
+from ctc_chattering.trajectory.transitions import (
     braking,
     BRAKING_TIME,
-    Route,
+    shortest_duration,
     smooth_start,
     TimedMotion,
     Transition,
 )
-from ctc_chattering.trajectory.reference import make_motion, ReferenceConfig, shortest
-from hypothesis import assume, given, settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
 import numpy as np
 import numpy.typing as npt
@@ -128,83 +127,28 @@ def test_braking_ends_at_rest_after_half_the_way() -> None:
     assert path[-1].ravel().tolist() == pytest.approx([path[-1, 0, 0], 0.0, 0.0], abs=1e-9)
 
 
-# Limits.
-
-LIMITED = """<robot name="r"><link name="base"/><link name="arm"/>
-<joint name="a" type="{kind}"><parent link="base"/><child link="arm"/>
-<limit effort="0" {limits}/></joint></robot>"""
-
-
-def _limits(kind: str = 'revolute', **limits: float) -> DescribedLimits:
-    values = {'lower': -9.0, 'upper': 9.0, 'velocity': 0.0, **limits}
-    return DescribedLimits(LIMITED.format(kind=kind, limits=' '.join(
-        f'{name}="{value}"' for name, value in values.items())), ('a',))
-
-
-@settings(max_examples=20)
-@given(sinusoids, positions, velocities, st.floats(0.05, 3.0), instants, st.floats(0.5, 8.0),
-       st.floats(0.5, 8.0), st.floats(1.0, 100.0))
-def test_what_is_not_refused_keeps_the_limits_and_what_is_named_would_do(
-        config: ReferenceConfig, q0: float, dq0: float, duration: float, t0: int, upper: float,
-        velocity: float, acceleration: float) -> None:
-    limits = _limits(lower=-upper, upper=upper, velocity=velocity, acceleration=acceleration)
-    c, a, speed, push = _ranges(config)
-    state = {'a': (q0, dq0)}
-
-    def started(duration: float) -> TimedMotion:
-        return make_motion(config.changed({'start_duration': duration}), None, state, t0, limits)
-
-    try:
-        motion = started(duration)
-    except CtcError as error:
-        beyond = (abs(c) + a > upper or speed > velocity or push > acceleration
-                  or abs(q0) > upper or abs(dq0) > velocity)
-        text = str(error)
-        if 'would do' not in text:
-            assert beyond
-            assert re.search('the (motion|start) is beyond the limits of the description: a: ',
-                             text)
-            return
-        assert f'start_duration {duration:g} s' in text
-        word = text.split('; ')[-1].split()[0]
-        assume(word != 'no')
-        duration = float(word)
-        motion = started(duration)
-    path = np.abs(_path(motion, t0, t0 + round(duration * S) + S, 1000))[:, :, 0]
-    assert (path.max(axis=0) <= np.array([
-        upper + 1e-3, velocity * 1.001, acceleration * 1.001]) + 0.02).all()
-
-
-def test_refusals_name_the_joint_and_by_how_much() -> None:
-    """Check motion, start and duration, one limit each."""
-    config = ReferenceConfig(joint_names=('a',), center=(1.0,), amplitude=(0.5,),
-                             frequency=(1.0,), start_duration=1.0)
-    state = {'a': (0.0, 0.0)}
-    for limits, start, message in (
-            ({'upper': 1.4}, state, 'the motion is beyond the limits of the description: '
-             'a: position 1.5 rad, 0.1 above its upper limit of 1.4'),
-            ({'lower': -0.5}, {'a': (-0.6, 0.0)}, 'the start is beyond the limits of the '
-             'description: a: position -0.6 rad, 0.1 below its lower limit of -0.5'),
-            ({'velocity': 3.2}, {'a': (-3.0, 0.0)}, r'start_duration 1 s: the start is beyond .* '
-             r'a: velocity 6\.\d+ rad/s, .* above its upper limit of 3.2; \d+ s would do'),
-            ({'lower': -0.1}, {'a': (0.0, -3.0)}, 'no other would do')):
-        with pytest.raises(CtcError, match=message):
-            make_motion(config, None, start, 0, _limits(**limits))  # type: ignore[arg-type]
-    route = Route(('a',), (S, 2 * S), (((0.0,), (0.0,), ()), ((2.0,), (0.0,), ())))
-    with pytest.raises(CtcError, match=r'the motion .* a: velocity 3 rad/s, 1 above its upper'):
-        make_motion(config, route, state, 0, _limits(velocity=2.0))
-
-
 def test_the_shortest_duration() -> None:
     """Check it against a rest-to-rest move, whose greatest velocity is 15/8 of the mean."""
     def move(duration: float) -> Transition:
         first, last = (braking(0, ((q,), (0.0,), (0.0,)), 1.0) for q in (0.0, 3.0))
         return Transition(first, last, 0, duration)
 
+    slow = [JointLimits('a', velocity=(-1.5, 1.5))]
     needed = 3.0 * 1.875 / 1.5
-    assert needed <= shortest(move, 0.1, _limits(velocity=1.5)) <= 1.15 * needed
-    assert shortest(move, 5.0, _limits(velocity=1.5)) == 5.0
-    assert shortest(move, 0.1, _limits(upper=2.0)) == math.inf
+    duration = shortest_duration(move, 0.1, slow)
+    assert duration is not None
+    assert needed <= duration <= 1.15 * needed
+    assert shortest_duration(move, 5.0, slow) == 5.0
+    assert shortest_duration(move, 0.1, [JointLimits('a', position=(-9.0, 2.0))]) is None
+
+
+def test_a_transition_of_no_duration_switches_at_its_instant() -> None:
+    """The last nanosecond before it is the one motion, the instant itself the other one."""
+    origin, target = Wave(), braking(0, ((1.0, 2.0), (0.0, 0.0), (0.0, 0.0)), 1.0)
+    switch = Transition(origin, target, S, 0.0)
+    assert switch.end == S
+    assert [switch.at(t) for t in (0, S - 1)] == [origin.at(t) for t in (0, S - 1)]
+    assert [switch.at(t) for t in (S, S + 1)] == [target.at(t) for t in (S, S + 1)]
 
 
 @pytest.mark.parametrize(('q0', 'dq0', 'duration', 'ddq0', 'name'), [

@@ -1,0 +1,69 @@
+# Copyright 2026 The ctc_chattering maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The status of the control loop, for `/diagnostics`."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from ctc_chattering.controller.health import Problem
+from ctc_chattering.controller.loop import ControlLoop
+from ctc_chattering.controller.state_machine import Mode
+from ctc_chattering.controller.trips import low_bandwidth, unsafe_settings
+from ctc_chattering.numerics.time_grid import seconds
+
+
+def loop_status(loop: ControlLoop, now: int, rejected: Mapping[str, int], skipped: int,
+                cause: str = '') -> tuple[int, str]:
+    """
+    Return level and text of the mode and its problems.
+
+    The level is 0 if all is well, 1 for a warning, and 2 for an error.
+
+    Parameters
+    ----------
+    loop : ControlLoop
+        The loop.
+    now, rejected, skipped, cause
+        As `ControllerHealth.report` takes them.
+
+    """
+    mode = loop.mode
+    problems = _problems(loop, now, rejected, skipped, cause)
+    if mode in (Mode.TRIPPED, Mode.TRIPPED_AND_DISABLED):
+        return 2, f'tripped: {loop.tripped}; call ~/reset'
+    if mode is Mode.NO_STATE:
+        return 2, f'no state for {seconds(loop.watchdog.silence(now)):.1f} s'
+    if mode is Mode.HOLDING:
+        return 2, f'no reference for {seconds(loop.motion.grace):g} s; holding the position'
+    if not mode.sends_torque or not problems:
+        return int(not mode.sends_torque), mode.text
+    level = max(problem.level for problem in problems)
+    return level, f'running, but {"; ".join(problem.text for problem in problems)}'
+
+
+def _problems(loop: ControlLoop, now: int, rejected: Mapping[str, int], skipped: int,
+              cause: str) -> list[Problem]:
+    """Return all that is wrong while torques are sent."""
+    problems: list[Problem] = []
+    if loop.last is not None:
+        problems += loop.health.report(
+            now, loop.last.t, rejected, skipped, loop.simulated, cause)
+    if loop.law is not None:
+        config = loop.law.config
+        problems += loop.health.saturation(config)
+        problems += [Problem(1, text) for text in (
+            *low_bandwidth(loop.law), *unsafe_settings(config))]
+    return problems

@@ -1,0 +1,246 @@
+# Copyright 2026 The ctc_chattering maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+The running motion of a reference, and its replacements.
+
+Waypoints or changed parameters replace it. The node `reference` holds one `MotionPlan`. It passes
+on messages and parameters, and publishes the points of `MotionPlan.motion`.
+"""
+
+from __future__ import annotations
+
+from bisect import bisect_right
+from typing import NamedTuple
+
+from ctc_chattering.errors import CtcError
+from ctc_chattering.numerics.time_grid import seconds
+from ctc_chattering.trajectory.buffer import Point
+from ctc_chattering.trajectory.joint_limits import (
+    check_limits,
+    continuous_joints,
+    describe_violations,
+    JointLimits,
+    limit_speed,
+)
+from ctc_chattering.trajectory.reference import make_motion, ReferenceConfig, RobotState
+from ctc_chattering.trajectory.transitions import (
+    BRAKING_TIME,
+    fit_duration,
+    smooth_start,
+    Stop,
+    TimedMotion,
+    Transition,
+)
+from ctc_chattering.trajectory.waypoints import check_names, Route, Waypoints
+
+#: Time over which waypoints that begin in the past are joined, without a start duration [s].
+_JOIN_TIME = 0.5
+#: Time over which a sinusoid passes into a changed one, without a start duration [s].
+_CHANGE_TIME = 2.0
+#: Greatest speed of the way into waypoints that are late, over the greatest of their own.
+_MAX_HASTE = 1.5
+#: Speed that is never too fast for it [rad/s or m/s].
+_GENTLE_SPEED = 0.5
+
+
+class Followed(NamedTuple):
+    """Outcome of waypoints that were accepted."""
+
+    #: Number of waypoints.
+    waypoints: int
+    #: Number of waypoints that were past.
+    past: int
+    #: Instant at which the motion comes to rest, also without waypoints [ns].
+    end: int
+    #: Joints that take another turn than the waypoints say.
+    turned: tuple[str, ...] = ()
+
+
+class MotionPlan:
+    """
+    A motion, which waypoints or changed parameters replace.
+
+    Parameters
+    ----------
+    config : ReferenceConfig
+        Parameters at the start.
+    route : Route or None
+        Waypoints in place of the sinusoid.
+
+    Attributes
+    ----------
+    config : ReferenceConfig
+        Parameters in force. They may be replaced.
+    limits : list of JointLimits, length n, or None
+        Limits of the robot, where they are known.
+    motion : TimedMotion or None
+        None before it has begun.
+    in_force : int
+        Instant from which on the parameters of the sinusoid are in force [ns].
+
+    """
+
+    def __init__(self, config: ReferenceConfig, route: Route | None) -> None:
+        self.config = config
+        self._route = route
+        self.limits: list[JointLimits] | None = None
+        self.motion: TimedMotion | None = None
+        self.in_force = 0
+        #: Parameters of the sinusoid that the motion has, or passes into.
+        self._shape = _shape(config)
+
+    @property
+    def from_state(self) -> bool:
+        """Dependence of the motion on the robot's state."""
+        return self._route is not None or self.config.start_duration > 0.0
+
+    def check(self, config: ReferenceConfig) -> None:
+        """Raise `CtcError` if parameters would lead beyond the limits."""
+        if not config.trajectory_file:
+            make_motion(config.changed({'start_duration': 0.0}), limits=self.limits)
+
+    def prepare(self) -> None:
+        """Begin now if the robot's state does not matter."""
+        if self.motion is None and not self.from_state:
+            self.begin(None, 0)
+
+    def begin(self, start: RobotState | None, t: int) -> None:
+        """
+        Begin the motion.
+
+        Parameters
+        ----------
+        start : mapping or None
+            Position [rad] and velocity [rad/s] by joint, as far as they are known.
+        t : int
+            Instant [ns].
+
+        Raises
+        ------
+        CtcError
+            If it would lead beyond the limits.
+
+        """
+        self.motion = make_motion(self.config, self._route, start, t, self.limits)
+        self._shape = _shape(self.config)
+
+    def restart(self) -> None:
+        """Forget a motion that began at the robot, as time went back."""
+        if self.from_state:
+            self.motion = None
+
+    def follow(self, route: Route, now: int, begin: int, epoch: int = 0) -> Followed:
+        """
+        Go through waypoints, or stop without any.
+
+        Those until `begin` are left out. Where the next one is too near in time for the speed that
+        the waypoints have, the motion passes into theirs instead, and is late.
+
+        Parameters
+        ----------
+        route : Route
+            Some of it may be past.
+        now : int
+            Present instant [ns].
+        begin : int
+            Instant until which the motion is the present one [ns].
+        epoch : int
+            Instant 0 by the clock that a user of the waypoints knows, for messages [ns].
+
+        Raises
+        ------
+        CtcError
+            If a waypoint is not allowed, or all are past.
+
+        """
+        present = self.motion
+        assert present is not None
+        if isinstance(present, Transition) and present.t0 == present.end == begin:
+            present = present.origin  # What was to come at that instant never does.
+        if not len(route.points):
+            return self._stop(route, present, begin)
+        state = present.at(begin)
+        requested = route.ordered(self.config.joint_names)
+        continuous = continuous_joints(self.config, self.limits)
+        route = requested.by_the_short_way(continuous, (begin, state))
+        last = route.times[-1]
+        if last <= now:
+            raise CtcError(f'all waypoints are past: the last one was due at '
+                           f'{seconds(epoch + last):.3f} s, now it is '
+                           f'{seconds(epoch + now):.3f} s; are the clocks synchronised?')
+        motion = Waypoints(route.times, route.points, (begin, state))
+        if self.limits is not None:
+            check_limits('the motion', self.limits, motion.extremes())
+        past = bisect_right(route.times, begin)
+        passage = self._join(route, past, motion, begin, state) if past else motion
+        self.motion = Transition(present, passage, begin, 0.0)
+        turned = [name for i, name in enumerate(route.names) if any(
+            a[0][i] != b[0][i] for a, b in zip(route.points, requested.points))]
+        return Followed(len(route.points), past, max(last, passage.end), tuple(turned))
+
+    def _join(self, route: Route, past: int, motion: Waypoints, begin: int, state: Point
+              ) -> Waypoints | Transition:
+        """Return the way into waypoints that are partly past."""
+        speeds = [abs(v) for point in (*motion.extremes(), state) for v in point[1]]
+        limits = self.limits or list(map(JointLimits, route.names))
+        limits = limit_speed(limits, max(_MAX_HASTE * max(speeds), _GENTLE_SPEED))
+        if past < len(route.points):
+            direct = Waypoints(route.times[past:], route.points[past:], (begin, state))
+            if not describe_violations(limits, direct.extremes()):
+                return direct
+        return fit_duration(
+            lambda duration: smooth_start(motion, begin, state, duration),
+            self.config.start_duration or _JOIN_TIME, limits)
+
+    def _stop(self, route: Route, present: TimedMotion, begin: int) -> Followed:
+        """Bring a motion to rest on its path."""
+        if route.names:
+            check_names(route.names, self.config.joint_names)
+        if isinstance(present, Stop):
+            return Followed(0, 0, present.end)
+        self.motion = stop = fit_duration(
+            lambda duration: Stop(present, begin, duration), BRAKING_TIME, self.limits)
+        return Followed(0, 0, stop.end)
+
+    def update(self, now: int, begin: int) -> bool:
+        """
+        Return whether the motion passes into a changed sinusoid.
+
+        Parameters
+        ----------
+        now : int
+            Instant before which nothing is needed any more [ns].
+        begin : int
+            Instant from which on the motion may be another one [ns].
+
+        """
+        while isinstance(self.motion, Transition) and now >= self.motion.end:
+            self.motion = self.motion.target
+        present = self.motion
+        if (present is None or isinstance(present, Transition) or self._route is not None
+                or self._shape == _shape(self.config)):
+            return False
+        changed = make_motion(self.config.changed({'start_duration': 0.0}))
+        self.motion = fit_duration(
+            lambda duration: Transition(present, changed, begin, duration),
+            self.config.start_duration or _CHANGE_TIME, self.limits)
+        self._shape = _shape(self.config)
+        self.in_force = begin
+        return True
+
+
+def _shape(config: ReferenceConfig) -> tuple[tuple[float, ...], ...]:
+    """Return the parameters of the sinusoid."""
+    return config.center, config.amplitude, config.frequency, config.phase

@@ -1,0 +1,270 @@
+# Copyright 2026 The ctc_chattering maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+Motions that lead from one motion into another.
+
+They are a stop, a smooth start and a transition. The way back of a controller, the start of a
+reference and its replacements are made of them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from math import ceil, inf, log10
+from typing import Protocol, TypeVar
+
+from ctc_chattering.errors import ParameterError
+from ctc_chattering.numerics.interpolation import quintic
+from ctc_chattering.numerics.linear_algebra import Array
+from ctc_chattering.numerics.time_grid import NANOSECONDS, seconds
+from ctc_chattering.trajectory.buffer import Point
+from ctc_chattering.trajectory.joint_limits import describe_violations, JointLimits
+from ctc_chattering.trajectory.waypoints import check_point, Waypoints
+import numpy as np
+
+#: Longest time in which a robot that moves is brought to rest [s].
+BRAKING_TIME = 0.5
+#: Shortest step between the points of a passage at which limits are checked [ns].
+_CHECK_STEP_NS = NANOSECONDS // 1000
+#: Largest number of these steps.
+_MAX_CHECKS = 2000
+#: Factor from one duration that is tried to the next.
+_GROWTH = 1.1
+#: Number of durations that are tried. The last is a thousand times the first.
+_MAX_TRIALS = 72
+
+
+class TimedMotion(Protocol):
+    """A motion as a function of time."""
+
+    def at(self, t: int) -> Point:
+        """Return the point at `t` [ns]."""
+
+
+class Passage(TimedMotion, Protocol):
+    """A motion from `t0` to `end` [ns]."""
+
+    t0: int
+    end: int
+
+
+P = TypeVar('P', bound=Passage)
+
+
+def as_point(*rows: Array) -> Point:
+    """Return arrays as a point of tuples."""
+    return tuple(tuple(row.tolist()) for row in rows)  # type: ignore[return-value]
+
+
+def braking(t0: int, start: Point, duration: float) -> Waypoints:
+    """
+    Return the motion from a state to rest.
+
+    The velocity falls to 0 as a cubic in time. Without a first acceleration the joint goes on by
+    half of |dq0| duration, and its acceleration stays within 1.5 |dq0| / duration.
+
+    Parameters
+    ----------
+    t0 : int
+        Instant at which it begins [ns]. Before that it rests.
+    start : (position, velocity, acceleration), each of shape (n,)
+        State at `t0` [rad, rad/s, rad/s²].
+    duration : float
+        Time that it takes [s].
+
+    Raises
+    ------
+    ParameterError
+        If the place where it comes to rest is not finite.
+
+    """
+    # The quintic that ends at rest at this place has no term of fifth order: the velocity is of
+    # fourth order at the most, and a cubic without a first acceleration.
+    q, dq, ddq = np.array(start)
+    zeros = np.zeros_like(q)
+    goal = as_point(q + duration * (0.5 * dq + duration * ddq / 12.0), zeros, zeros)
+    return Waypoints([t0 + round(duration * NANOSECONDS)], [goal], (t0, start))
+
+
+class Stop:
+    """
+    A motion that comes to rest on its own path.
+
+    Its time slows down until it stands. With τ = (t - t0) / T, the motion at t is that of the path
+    at s(t) = t0 + T (τ - τ³ + τ⁴/2). Its rate ds/dt = 1 - 3 τ² + 2 τ³ falls from 1 to 0. No
+    velocity exceeds that of the path, and |ddq| is at most that of the path plus 1.5 |dq| / T.
+
+    Parameters
+    ----------
+    path : TimedMotion
+        The motion to stop.
+    t0 : int
+        Instant until which it follows the path in time [ns].
+    duration : float
+        T, until it rests [s].
+
+    Attributes
+    ----------
+    end : int
+        Instant from which on it rests [ns].
+
+    """
+
+    def __init__(self, path: TimedMotion, t0: int, duration: float) -> None:
+        self._path = path
+        self.t0 = t0
+        self.end = t0 + round(duration * NANOSECONDS)
+        self._span = seconds(self.end - t0)
+
+    def at(self, t: int) -> Point:
+        """Return the point at `t` [ns]."""
+        if t <= self.t0:
+            return self._path.at(t)
+        s = seconds(min(t, self.end) - self.t0) / self._span
+        elapsed = self._span * (s - s ** 3 + 0.5 * s ** 4)
+        rate = 1.0 - s * s * (3.0 - 2.0 * s)
+        rate_change = 6.0 * s * (s - 1.0) / self._span
+        q, dq, ddq = np.array(self._path.at(self.t0 + round(elapsed * NANOSECONDS)))
+        return as_point(q, rate * dq, rate * rate * ddq + rate_change * dq)
+
+
+class Transition:
+    """
+    A mean of two motions that shifts from one to the other.
+
+    q = (1 - σ) origin + σ target, with σ the quintic from 0 to 1 that begins and ends without
+    velocity and acceleration. On every joint it is thus between the two motions at every instant,
+    whatever their phases are, and position, velocity and acceleration are continuous where theirs
+    are. Let d be the greatest distance between the two. Then |dq| is at most that of the faster
+    one plus 1.875 d / duration. |ddq| is at most the greater one plus 3.75 / duration times the
+    greatest difference of the velocities plus 5.774 d / duration².
+
+    Parameters
+    ----------
+    origin, target : TimedMotion
+        The two motions, of as many joints.
+    t0 : int
+        Instant until which it is `origin` [ns].
+    duration : float
+        Time from there to the instant from which on it is `target`, to the last bit [s]. With 0
+        it is `target` from `t0` on.
+
+    Attributes
+    ----------
+    end : int
+        That instant [ns].
+
+    """
+
+    def __init__(self, origin: TimedMotion, target: TimedMotion, t0: int, duration: float) -> None:
+        self.origin = origin
+        self.target = target
+        self.t0 = t0
+        self.end = t0 + round(duration * NANOSECONDS)
+        self._span = seconds(self.end - t0)
+
+    def at(self, t: int) -> Point:
+        """Return the point at `t` [ns]."""
+        if t >= self.end:
+            return self.target.at(t)
+        if t <= self.t0:
+            return self.origin.at(t)
+        s = seconds(t - self.t0) / self._span
+        w, dw, ddw = quintic(s, self._span, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0)
+        origin = np.array(self.origin.at(t))
+        shift = np.array(self.target.at(t)) - origin
+        q, dq, ddq = origin + w * shift
+        return as_point(
+            q, dq + dw * shift[0], ddq + 2.0 * dw * shift[1] + ddw * shift[0])
+
+
+def smooth_start(motion: TimedMotion, t0: int, start: Point, duration: float) -> Transition:
+    """
+    Return a motion from a state into another motion.
+
+    The robot brakes from its velocity while the mean shifts from where it comes to rest to the
+    motion. From rest it therefore never leaves the hull of its position and of the motion. A
+    robot that moves leaves it by its braking distance at the most. Without acceleration that is
+    |dq0| min(duration, `BRAKING_TIME`) / 2.
+
+    Parameters
+    ----------
+    motion : TimedMotion
+        Motion to pass into.
+    t0 : int
+        Instant of the start [ns].
+    start : (position, velocity, acceleration), each of shape (n,)
+        State at `t0` [rad, rad/s, rad/s²]. Before that it rests there.
+    duration : float
+        Time until it is the motion itself [s].
+
+    Raises
+    ------
+    ParameterError
+        If the duration is less than a nanosecond or not finite, the state is not finite numbers,
+        as many as the motion has joints, or the robot would not stop at a finite position.
+
+    """
+    if not 1e-9 <= duration < inf:
+        raise ParameterError('duration', duration, 'a finite number of seconds >= 1e-9')
+    start = check_point('start', start, len(motion.at(t0)[0]))
+    stop = braking(t0, start, min(duration, BRAKING_TIME))
+    return Transition(stop, motion, t0, duration)
+
+
+def sample_passage(passage: Passage) -> list[Point]:
+    """Return points of a passage to check limits."""
+    t0, end = passage.t0, passage.end
+    step = max(_CHECK_STEP_NS, (end - t0) // _MAX_CHECKS)
+    return [passage.at(t) for t in (*range(t0, end, step), end)]
+
+
+def shortest_duration(make: Callable[[float], Passage], duration: float,
+                      limits: Sequence[JointLimits]) -> float | None:
+    """
+    Return the shortest duration that keeps limits, to a tenth.
+
+    Parameters
+    ----------
+    make : callable
+        Returns the passage of a duration [s].
+    duration : float
+        Lower bound [s].
+    limits : sequence of JointLimits, length n
+        Limits to keep.
+
+    Returns
+    -------
+    float or None
+        None if none of up to a thousand times `duration` keeps them.
+
+    """
+    candidates = [duration]
+    for k in range(1, _MAX_TRIALS + 1):
+        candidate = duration * _GROWTH ** k
+        scale = 10.0 ** (2 - ceil(log10(candidate)))
+        candidates.append(ceil(candidate * scale) / scale)
+    for candidate in candidates:
+        if not describe_violations(limits, sample_passage(make(candidate))):
+            return candidate
+    return None
+
+
+def fit_duration(make: Callable[[float], P], duration: float,
+                 limits: Sequence[JointLimits] | None) -> P:
+    """Return a passage that is as slow as limits require."""
+    if limits is not None:
+        duration = shortest_duration(make, duration, limits) or duration
+    return make(duration)
