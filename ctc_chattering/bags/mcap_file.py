@@ -75,7 +75,7 @@ _Message = tuple[int, int, bytes]
 _LOG_TIME = itemgetter(0)
 
 
-class _Block(NamedTuple):
+class _RecordBlock(NamedTuple):
     """
     Chunk, or group of records outside chunks.
 
@@ -221,32 +221,32 @@ class McapFile:
                 yield topics[number], t, data
             del waiting[:due]
 
-    def _find_blocks(self, chunk_indexes: Collection[ChunkIndex]) -> list[_Block]:
+    def _find_blocks(self, chunk_indexes: Collection[ChunkIndex]) -> list[_RecordBlock]:
         """
         Return the blocks of the file.
 
         An indexed chunk that is not there raises `CtcError`.
         """
         missing = {x.chunk_start_offset for x in chunk_indexes}
-        blocks: list[_Block] = []
+        blocks: list[_RecordBlock] = []
         file_end = len(self._data) - len(MAGIC)
         for opcode, begin, end in _records(self._data, len(MAGIC), file_end):
             record = begin - RECORD.size
             if opcode == Opcode.CHUNK:
                 missing.discard(record)
-                blocks.append(_Block(begin, end, True))
+                blocks.append(_RecordBlock(begin, end, True))
             elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE):
                 group = blocks[-1] if blocks else None
                 if group and not group.is_chunk and group.end == record and (
                         end - group.begin < _GROUP_SIZE):
                     blocks[-1] = group._replace(end=end)
                 else:
-                    blocks.append(_Block(record, end, False))
+                    blocks.append(_RecordBlock(record, end, False))
         if missing:
             raise CtcError('the index has chunks that are not there')
         return blocks
 
-    def _describe(self, block: _Block) -> _Block:
+    def _describe(self, block: _RecordBlock) -> _RecordBlock:
         """
         Return a block with its channels and first log time.
 
@@ -282,7 +282,7 @@ class McapFile:
         if self.counts != Counter(statistics.channel_message_counts):
             raise CtcError('the index counts other messages of a topic')
 
-    def _content(self, block: _Block) -> bytes:
+    def _content(self, block: _RecordBlock) -> bytes:
         """Return the records of a block."""
         data: bytes = self._data[block.begin:block.end]
         return unpack_chunk(data)[1] if block.is_chunk else data

@@ -88,6 +88,7 @@ def read_table(
             names = _name_numbers(path, names, description)
         else:
             names = find_joints(path, description, names)
+
     def stack(quantity: str) -> Array | None:
         by_joint = columns[quantity]
         picked = [by_joint.get(name, by_joint.get(str(k))) for k, name in enumerate(names, 1)]

@@ -40,8 +40,9 @@ def recorded(late: str, after: float = 0.2, states: float = 0.0, commands: float
     sent = np.maximum.accumulate(STATES + int(after * PERIOD) + received(late, rng))
     stamps = np.where(number > COUNT // 2, STATES - back, STATES)
     left, kept = rng.random(COUNT) >= states, rng.random(COUNT) >= commands
-    return match_commands(number[kept, None].astype(float), sent[kept], stamps[left], got[left]
-                   ), number[left]
+    answers = match_commands(
+        number[kept, None].astype(float), sent[kept], stamps[left], got[left])
+    return answers, number[left]
 
 
 @pytest.mark.parametrize('after', [0.02, 0.2, 0.8, 0.95])
@@ -115,8 +116,9 @@ def in_lockstep(answer: float, after: float, jitter: float, stall: float, loss: 
     got = np.maximum.accumulate(sent + late, axis=0).astype(int)
     left, kept = rng.random((2, COUNT)) >= loss
     # A state is sent with the second time, and the first is that of the command before.
-    return match_commands(np.arange(1, COUNT)[kept[1:], None].astype(float), got[1:, 0][kept[1:]],
-                   STATES[left], got[left, 1]), np.arange(COUNT)[left] + 1
+    values = np.arange(1, COUNT)[kept[1:], None].astype(float)
+    answers = match_commands(values, got[1:, 0][kept[1:]], STATES[left], got[left, 1])
+    return answers, np.arange(COUNT)[left] + 1
 
 
 @pytest.mark.parametrize(('answer', 'after', 'jitter', 'stall', 'loss', 'sure'), [
