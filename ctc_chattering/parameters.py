@@ -34,6 +34,7 @@ import inspect
 import math
 import re
 from typing import Any, ClassVar, TypeVar
+import warnings
 
 from ctc_chattering.errors import as_ctc_error, CtcError, ParameterError, suggest
 import numpy as np
@@ -437,6 +438,14 @@ def named_class(role: str, name: str, fits: Callable[[type], bool], expected: st
     if not (isinstance(result, type) and fits(result)):
         raise CtcError(f'the {role} {name} is no {expected}')
     return result
+
+
+def accept_old_name(kind: type, old: str, new: str) -> None:
+    """Let a class of the user's have a method by its old name, with a warning."""
+    if not hasattr(kind, new) and hasattr(kind, old):
+        warnings.warn(f'{kind.__name__}.{old} is deprecated. Call it {new}.', FutureWarning,
+                      stacklevel=3)
+        setattr(kind, new, getattr(kind, old))
 
 
 def unit_text(unit: str) -> str:

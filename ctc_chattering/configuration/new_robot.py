@@ -46,7 +46,12 @@ from ctc_chattering.configuration.holding_motion import (
 from ctc_chattering.configuration.loop_setup import Values
 from ctc_chattering.configuration.package_share import read_description
 from ctc_chattering.control.controller_config import ControllerConfig
-from ctc_chattering.control.recommended_gains import LAW, model_torque, recommended_gains
+from ctc_chattering.control.recommended_gains import (
+    KnownLoop,
+    model_torque,
+    recommended_gains,
+    RECOMMENDED_LAW,
+)
 from ctc_chattering.dynamics.corrected_urdf import with_payload
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.dynamics.registry import model_of
@@ -227,10 +232,11 @@ def _controller_values(config: ControllerConfig, knowledge: ArmKnowledge, ka: Ar
     if rates[0].source != Source.NOT_KNOWN:
         facts['torque_rate_limit'] = [rate.value for rate in rates]
     resolution = max(PlantConfig().encoder_resolution)
-    gains = recommended_gains(config.changed({'ka': ka, **facts}), torque, resolution)
+    gains = recommended_gains(RECOMMENDED_LAW, KnownLoop(
+        config.changed({'ka': ka, **facts}), lambda: torque, resolution))
     if 'torque_rate_limit' in facts:
         facts['effort_rate_limit'] = facts['torque_rate_limit']
-    return {'law': LAW, **gains, **facts}
+    return {'law': RECOMMENDED_LAW, **gains, **facts}
 
 
 def _find_payload(text: str, names: tuple[str, ...], model: Model, gravity: float,

@@ -47,6 +47,7 @@ from typing import NamedTuple
 from ctc_chattering.control.controller import Controller, Sample
 from ctc_chattering.control.controller_config import ControllerConfig
 from ctc_chattering.control.laws.base import Stability
+from ctc_chattering.control.laws.registry import law_class
 from ctc_chattering.errors import ParameterError
 from ctc_chattering.numerics.linear_algebra import Vector
 from ctc_chattering.numerics.time_grid import NANOSECONDS
@@ -75,8 +76,6 @@ class TripLimits(NamedTuple):
 
 
 TRIP_LIMITS = TripLimits()
-#: The law whose errors must not grow, where `error_limit` is not set.
-WATCHED = 'observer_feedback'
 #: Possible causes of an error that grows, or of a feedback that oscillates.
 _CAUSES = ('the drives may be slower than torque_rate_limit, or later than actuator_lag and '
            'input_delay say, ka too small, joints elastic, or a rotor far from that of the model')
@@ -137,7 +136,7 @@ class TripMonitor:
         if config.law != self._law:
             self._law = config.law
             self.restart()
-        if config.law == WATCHED and min(config.error_limit) == inf:
+        if law.law.is_watched and min(config.error_limit) == inf:
             self._smallest = [min(abs(x), smallest) for x, smallest in zip(e, self._smallest)]
             growth, joint = max((abs(x) - smallest, i) for i, (x, smallest) in enumerate(
                 zip(e, self._smallest)))
@@ -169,8 +168,6 @@ class TripMonitor:
 
 #: Largest factor by which a number changes at once.
 MAX_CHANGE_FACTOR = 100.0
-#: Laws without a bound of what they estimate.
-UNBOUNDED = ('integral', 'momentum_observer', 'super_twisting')
 
 
 def low_bandwidth(law: Controller) -> list[str]:
@@ -183,14 +180,11 @@ def low_bandwidth(law: Controller) -> list[str]:
 
 def unsafe_settings(config: ControllerConfig) -> Iterator[str]:
     """Yield a line for each condition of this module that `config` meets."""
-    if config.law == 'integral':
-        n, lag = len(config.joint_names), np.array(config.known_lag)
-        kp, kv = (np.array(matrix(x, n)).diagonal() for x in (config.kp, config.kv))
-        largest = kp * (kv - lag * kp)
-        for name, ki, bound in zip(config.joint_names, config.ki, largest):
-            if ki >= bound:
-                yield f'{name}: ki is {ki:g}; the loop is unstable from {max(bound, 0.0):g} on'
-    if config.law in UNBOUNDED and any(
+    law = law_class(config.law)
+    for name, ki, bound in zip(config.joint_names, config.ki, law.largest_ki(config)):
+        if ki >= bound:
+            yield f'{name}: ki is {ki:g}; the loop is unstable from {max(bound, 0.0):g} on'
+    if not law.is_bounded and any(
             ours > drives for ours, drives in zip(
                 config.effort_rate_limit, config.torque_rate_limit)):
         yield ('effort_rate_limit exceeds torque_rate_limit; where drives are slower than the '

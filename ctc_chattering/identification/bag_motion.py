@@ -33,8 +33,8 @@ from ctc_chattering.bags.bag_files import count_dropped
 from ctc_chattering.bags.command_matching import match_commands
 from ctc_chattering.bags.repair import open_bag
 from ctc_chattering.bags.signals import Instants, JOINT_STATE, MULTI_ARRAY, Signal, SignalTopic
-from ctc_chattering.control.controller import ControllerConfig, LAWS
-from ctc_chattering.control.controller_config import SWITCHINGS
+from ctc_chattering.control.controller import ControllerConfig
+from ctc_chattering.control.laws.registry import LAWS, SWITCHINGS
 from ctc_chattering.dynamics.registry import locked_positions
 from ctc_chattering.dynamics.urdf_parser import Tree
 from ctc_chattering.errors import as_ctc_error, CtcError, shorten, suggest

@@ -25,7 +25,8 @@ from typing import Any, NamedTuple
 from ctc_chattering.compiled.compilable import every, first, function, some
 from ctc_chattering.compiled.machine_code import invoke, places, Program
 from ctc_chattering.compiled.records import fill, load, numpy_record, rows, store, value
-from ctc_chattering.control.step import CompiledStep, E, periods, TAU, V
+from ctc_chattering.control.compiled_step import CompiledStep
+from ctc_chattering.control.irregular_sample import locate_sample
 from ctc_chattering.dynamics.compiled_model import Arm
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.simulation.plant import Plant
@@ -47,11 +48,11 @@ class Control(NamedTuple):
     call: Any
     #: `PlantInput` of the plant's step.
     given: Any
-    #: As of `CompiledStep`.
+    #: As of `CompiledStep` and its records.
     measured: Array
     points: Array
-    arrival: Any
-    made: Array
+    irregularity: Any
+    result: Any
     #: Largest position error, shape (n,) [rad]; inf for any.
     error_limit: Array
     #: What is added to the measured positions: whole turns of continuous joints, shape (n,) [rad].
@@ -79,16 +80,17 @@ class CompiledLoop(Program):
     """
 
     def __init__(self, plant_step: CompiledPlantStep, step: CompiledStep) -> None:
-        self.measured, self.error, self.step = step.measured, step.made[E], step
-        self.plant_step, self._error_limit = plant_step, np.zeros_like(step.made[E])
-        self._lacking = np.zeros_like(step.made[E])
+        records = step.records
+        self.measured, self.error, self.step = records.measured, records.result.e, step
+        self.plant_step, self._error_limit = plant_step, np.zeros_like(self.error)
+        self._lacking = np.zeros_like(self.error)
         n = len(self._error_limit)
         self._result = numpy_record(dict.fromkeys(('rows', 'last', 'joint', 'truth'), np.array(0)))
         calls = numpy_record(dict.fromkeys(
             ('control', 'control_places', 'plant', 'plant_places'), np.array(0)))
         kept = plant_step.records, Control(
-            calls, plant_step.given, step.measured, step.points, step.arrival, step.made,
-            self._error_limit, self._lacking), self._result
+            calls, plant_step.given, records.measured, step.points, records.irregularity,
+            records.result, self._error_limit, self._lacking), self._result
         super().__init__((*step.codes, *plant_step.codes), run, (
             *kept, *_arrays(no_inputs(n, 1), np.zeros((3, n)))), f'loop-{n}')
         self.compiled &= step.compiled and plant_step.compiled
@@ -206,7 +208,7 @@ def run(p: CompiledPlant, c: Control, result: Any, drawn: Any, points: Array,
 
     """
     s, tau = p.state, value(p.state.driven.received)
-    measured, ahead, made = rows(c.measured, tau), rows(c.points, tau), rows(c.made, tau)
+    measured, ahead = rows(c.measured, tau), rows(c.points, tau)
     table, kept, limit = rows(points, tau), rows(out, tau), rows(c.error_limit, tau)
     lacking = rows(c.lacking, tau)[0]
     last, period = p.parameters.last, p.parameters.mechanics.period_ns
@@ -218,16 +220,17 @@ def run(p: CompiledPlant, c: Control, result: Any, drawn: Any, points: Array,
             for j in range(len(c.points)):
                 ahead[j] = table[3 * k + j]
             stamp = k * period + round(1e9 * s.offset)
-            missed, offset = periods(period, offset, stamp - before)
+            missed, offset = locate_sample(period, offset, stamp - before)
             for j in range(missed, -1, -1):
-                c.arrival.offset = offset / 1e9
-                c.arrival.after_points = (stamp - offset - (k + j) * period) / 1e9
-                c.arrival.measured, c.arrival.kept = 1 - min(j, 1), min(j, 1)
+                c.irregularity.offset = offset / 1e9
+                c.irregularity.reference_offset = (stamp - offset - (k + j) * period) / 1e9
+                c.irregularity.is_measured = 1 - min(j, 1)
+                c.irregularity.keeps_torque = min(j, 1)
                 invoke(c.call.control, c.call.control_places)
-            before, tau = stamp, made[TAU]
-            if not every(np.abs(tau) + np.abs(made[V]) < inf):
+            before, tau, v = stamp, value(c.result.tau), value(c.result.v)
+            if not every(np.abs(tau) + np.abs(v) < inf):
                 return NO_TORQUE
-            beyond = ~(np.abs(made[E]) <= limit[0])
+            beyond = ~(np.abs(value(c.result.e)) <= limit[0])
             if some(beyond):
                 result.joint = first(beyond)
                 return BEYOND
@@ -235,7 +238,7 @@ def run(p: CompiledPlant, c: Control, result: Any, drawn: Any, points: Array,
             kept[i + Q], kept[i + DQ] = measured[0], measured[1]
             if result.truth:
                 kept[i + Q], kept[i + DQ] = value(s.motion.q) + lacking, value(s.motion.dq)
-            kept[i + SENT], kept[i + FILTERED] = tau, made[V]
+            kept[i + SENT], kept[i + FILTERED] = tau, v
             stamps[result.rows] = stamp
             result.rows += 1
         if k < last:

@@ -40,6 +40,7 @@ from ctc_chattering.compiled.compilable import (
     some,
     Truths,
 )
+from ctc_chattering.dynamics.drive_response import middle_error, response
 from ctc_chattering.numerics.integration import (
     extrapolated_euler,
     first_negative,
@@ -47,7 +48,6 @@ from ctc_chattering.numerics.integration import (
     simpson,
 )
 from ctc_chattering.numerics.linear_algebra import Array
-from ctc_chattering.simulation.drive import middle_error, response
 from ctc_chattering.simulation.friction import Friction, margin_of_rest, modes
 import numpy as np
 

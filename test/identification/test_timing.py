@@ -17,6 +17,7 @@ from __future__ import annotations
 
 import dataclasses
 
+from ctc_chattering.dynamics.drive_response import response
 from ctc_chattering.identification.drives import COMMAND, EFFORT
 from ctc_chattering.identification.findings import Reason, Severity
 from ctc_chattering.identification.stretches import Stretch
@@ -32,7 +33,6 @@ from ctc_chattering.identification.timing import (
 )
 from ctc_chattering.identification.weak_form import TestFunction
 from ctc_chattering.numerics.linear_algebra import Array
-from ctc_chattering.simulation.drive import response
 from made_up_windows import windows
 import numpy as np
 import pytest
