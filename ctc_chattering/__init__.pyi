@@ -19,10 +19,7 @@ from ctc_chattering.analysis.result import export as export
 from ctc_chattering.analysis.result import Result as Result
 from ctc_chattering.analysis.result import simulate as simulate
 from ctc_chattering.analysis.run_page import write_runs as write_runs
-from ctc_chattering.bags.motion import read_motion as read_motion
 from ctc_chattering.bags.reader import read_bag as read_bag
-from ctc_chattering.bags.recording import RecordedMotion as RecordedMotion
-from ctc_chattering.bags.recording import Recording as Recording
 from ctc_chattering.bags.repair import repair as repair
 from ctc_chattering.bags.replay import replay as replay
 from ctc_chattering.compiled.compilable import dot as dot
@@ -44,11 +41,14 @@ from ctc_chattering.dynamics.model_check import check_dynamics as check_dynamics
 from ctc_chattering.dynamics.two_link import TwoLink as TwoLink
 from ctc_chattering.dynamics.urdf_model import UrdfModel as UrdfModel
 from ctc_chattering.errors import CtcError as CtcError
+from ctc_chattering.identification.bag_motion import read_motion as read_motion
 from ctc_chattering.identification.excite import excite as excite
 from ctc_chattering.identification.excite import write_excitation as write_excitation
 from ctc_chattering.identification.identified_robot import IdentifiedRobot as IdentifiedRobot
 from ctc_chattering.identification.identified_robot import identify as identify
 from ctc_chattering.identification.identified_robot import write_identified as write_identified
+from ctc_chattering.identification.recording import RecordedMotion as RecordedMotion
+from ctc_chattering.identification.recording import Recording as Recording
 from ctc_chattering.runs.compare import compare as compare
 from ctc_chattering.runs.map import compute_map as compute_map
 from ctc_chattering.runs.reproduction import reproduce as reproduce

@@ -20,7 +20,7 @@ from collections.abc import Callable, Mapping
 import dataclasses
 from typing import Any
 
-from ctc_chattering.bags.recording import Recording
+from ctc_chattering.identification.recording import Recording
 from ctc_chattering.trajectory.waypoints import Route
 from faulty_robots import (
     Case,

@@ -24,7 +24,7 @@ from collections.abc import Callable, Sequence
 import dataclasses
 from typing import Any, NamedTuple
 
-from ctc_chattering.bags.recording import Recording
+from ctc_chattering.identification.recording import Recording
 from ctc_chattering.trajectory.waypoints import Route
 from independent_plant import advance, at_rest, ideal, Physics, Plant, State
 import numpy as np

@@ -22,17 +22,17 @@ import tempfile
 import time
 from typing import Any, NamedTuple
 
-from ctc_chattering.bags.motion import read_motion
-from ctc_chattering.bags.recording import Recording
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.dynamics.registry import make_model
 from ctc_chattering.errors import CtcError
+from ctc_chattering.identification.bag_motion import read_motion
 from ctc_chattering.identification.findings import Estimate, Severity
 from ctc_chattering.identification.friction import JointFriction
 from ctc_chattering.identification.gains import recommend
 from ctc_chattering.identification.identified_robot import corrected_description
 from ctc_chattering.identification.identify import Identification, identify, TorqueSignal
 from ctc_chattering.identification.perturbation import perturbation
+from ctc_chattering.identification.recording import Recording
 from ctc_chattering.identification.results import IdentificationResults
 from faults_of_arms import truths
 from faulty_robots import Case, Played

@@ -31,11 +31,10 @@ from pathlib import Path
 import sys
 from typing import Any, NamedTuple
 
-from ctc_chattering.bags.motion import read_motion
-from ctc_chattering.bags.recording import RecordedMotion
-from ctc_chattering.identification import recorder_faults
+from ctc_chattering.identification.bag_motion import read_motion
 from ctc_chattering.identification.findings import Estimate
 from ctc_chattering.identification.identified_robot import IdentifiedRobot, identify
+from ctc_chattering.identification.recording import RecordedMotion
 import numpy as np
 import pinocchio as pin
 from rigid_bodies import Array
@@ -114,7 +113,7 @@ def reference_module(folder: Path) -> Any:
 def half(motion: RecordedMotion, part: float = 0.5) -> RecordedMotion:
     """Return the first part of a motion."""
     recording = motion.recording
-    cut = recorder_faults.select(recording, np.arange(int(part * len(recording.t))))
+    cut = recording.select(np.arange(int(part * len(recording.t))))
     return dataclasses.replace(motion, recording=cut)
 
 

@@ -13,10 +13,11 @@
 # limitations under the License.
 
 """
-Reading a bag of any recorder: MCAP or sqlite3, compressed or not.
+Reading bags of any recorder, MCAP or sqlite3.
 
-`rosbags` decodes messages, and reads sqlite3; `mcap_file.py` reads MCAP. A topic whose messages
-are no CDR, as of Protobuf or JSON, is there, and its messages are bytes.
+`repair.py:open_bag` opens a `Bag`, from which all other modules read topics. `mcap_file.py` reads
+MCAP, `rosbags` reads sqlite3 and decodes messages. Messages of other encodings, as of Protobuf or
+JSON, are bytes.
 """
 
 from __future__ import annotations
@@ -34,8 +35,8 @@ from typing import Any
 from ctc_chattering.bags.bag_files import (
     check_one_recording,
     ENDINGS,
-    FileSpan,
     list_files,
+    Span,
     storage_of,
     UnsupportedBag,
 )
@@ -49,17 +50,22 @@ from rosbags.rosbag2 import Reader
 from rosbags.typesys import get_types_from_idl, get_types_from_msg, get_typestore, Stores
 from tqdm import tqdm
 
-#: Line between the parts of a definition in IDL.
+#: Line between the sections of a definition in IDL.
 _IDL_RULE = '=' * 80 + '\n'
 
-#: Field of a ParameterValue that holds the value, by its type.
-_FIELDS = {1: 'bool_value', 2: 'integer_value', 3: 'double_value', 4: 'string_value',
-           8: 'double_array_value', 9: 'string_array_value'}
+#: Field of a ParameterValue with the value, by its type.
+_VALUE_FIELDS = {
+    1: 'bool_value',
+    2: 'integer_value',
+    3: 'double_value',
+    4: 'string_value',
+    8: 'double_array_value',
+    9: 'string_array_value'}
 
 
 class Bag:
     """
-    An open bag; close it after use.
+    Open bag, which must be closed after use.
 
     Parameters
     ----------
@@ -69,7 +75,6 @@ class Bag:
     Attributes
     ----------
     path : Path
-        As given.
     connections : list of Connection
         The topics of each file, as `rosbags` has them.
     start_time, end_time : int
@@ -80,7 +85,7 @@ class Bag:
     Raises
     ------
     UnsupportedBag
-        If it is none, or of a kind that is not read.
+        If it is no bag, or of a storage that is not read.
     Exception
         Of any kind, if it is damaged.
 
@@ -90,22 +95,21 @@ class Bag:
         self.path = path
         listed = list_files(path)
         with ExitStack() as stack:
-            files = [_open_file(file, stack) for file in listed.paths]
+            files = {file: _open_file(file, stack) for file in listed.paths}
+            spans = {path: _span(file) for path, file in files.items()}
+            self.message_count = sum(x.count for x in spans.values())
             if listed.metadata is None:
-                check_one_recording(path, [
-                    FileSpan(name, file.start_time, file.end_time)
-                    for name, file in zip(listed.paths, files)])
-            self.message_count = sum(x.message_count for x in files)
-            counted = self.message_count if listed.metadata is None else (
-                listed.metadata['message_count'])
-            if counted != self.message_count:
-                raise CtcError(
-                    f'{self.message_count} messages, {counted} according to its metadata')
-            self.connections: list[Connection] = [x for file in files for x in file.connections]
-            self._types = _typestore(self.connections)
+                check_one_recording(path, spans)
+            elif listed.metadata['message_count'] != self.message_count:
+                raise CtcError(f'{self.message_count} messages, '
+                               f'{listed.metadata["message_count"]} according to its metadata')
+            self.connections: list[Connection] = []
+            for file in files.values():
+                self.connections += file.connections
+            self._types = _register_types(self.connections)
             self._stack = stack.pop_all()
-        self.start_time: int = min((x.start_time for x in files), default=2 ** 63 - 1)
-        self.end_time: int = max((x.end_time for x in files), default=0) - 1
+        self.start_time = min((x.begin for x in spans.values()), default=Span.begin)
+        self.end_time = max((x.end for x in spans.values()), default=Span.end)
 
     def close(self) -> None:
         """Close the files."""
@@ -114,37 +118,39 @@ class Bag:
     def messages(self, connections: Collection[Connection] = ()
                  ) -> Iterator[tuple[Connection, int, bytes]]:
         """
-        Yield connection, log time [ns] and data of some topics, or of all, in the order of time.
+        Yield messages of some topics, or of all, by time.
+
+        Each comes with its connection and log time [ns].
 
         Raises
         ------
-        CtcError
-            Where the bag is damaged, or its index has more messages.
+        DamagedBag
+            Where the bag is damaged.
 
         """
-        chosen = connections or self.connections
-        expected = sum(x.msgcount for x in chosen)
-        count = 0
+        selected = connections or self.connections
         by_file: dict[Any, list[Connection]] = {}
-        for x in chosen:
+        for x in selected:
             by_file.setdefault(x.owner, []).append(x)
-        streams = [file.messages(same) for file, same in by_file.items()]
+        streams = [file.messages(topics) for file, topics in by_file.items()]
+        progress = tqdm(
+            merge(*streams, key=itemgetter(1)),
+            f'reading {self.path.name}',
+            sum(x.msgcount for x in selected),
+            unit=' messages',
+            disable=None,
+            delay=2.0,
+            leave=False)
         try:
-            for connection, t, data in tqdm(
-                    merge(*streams, key=itemgetter(1)), f'reading {self.path.name}', expected,
-                    unit=' messages', disable=None, delay=2.0, leave=False):
-                count += 1
-                packed = is_cdr(connection) and data.startswith(ZSTD)
-                yield connection, t, unpack(data, 'zstd') if packed else data
+            for connection, t, data in progress:
+                is_packed = is_cdr(connection) and data.startswith(ZSTD)
+                yield connection, t, unpack(data, 'zstd') if is_packed else data
         except Exception as error:  # Damaged files may raise any exception.
             raise damaged(self.path, error) from None
-        if count != expected:
-            raise damaged(
-                self.path, CtcError(f'{count} messages, {expected} according to its index'))
 
     @cached_property
     def namespaces(self) -> tuple[str, ...]:
-        """Namespaces with a controller of this package, in the order of their names."""
+        """Namespaces with a controller of this package, sorted."""
         name = f'/controller/{PARAMETERS}'
         return tuple(sorted({
             x.topic.removesuffix(name) for x in self.connections
@@ -152,10 +158,10 @@ class Bag:
 
     def named(self, name: str) -> list[Connection]:
         """
-        Return the topic `name`.
+        Return the connections of the topic `name`.
 
-        Without a slash in front, it stands for that in the namespace of a controller of this
-        package, or if there is none, in any namespace.
+        A name without a slash in front is looked for beside the controllers of this package, then
+        in any namespace.
         """
         if name.startswith('/'):
             return [x for x in self.connections if x.topic == name]
@@ -165,13 +171,9 @@ class Bag:
 
     def only(self, name: str) -> list[Connection]:
         """
-        Return the topic `name`, as `named`.
+        Return the only topic `name`, as `named`.
 
-        Raises
-        ------
-        CtcError
-            If there are several, as of several robots.
-
+        If several robots have it, `CtcError` is raised.
         """
         connections = self.named(name)
         topics = sorted({x.topic for x in connections})
@@ -182,21 +184,23 @@ class Bag:
 
     def read(self, connections: Collection[Connection]) -> Iterator[tuple[int, Any]]:
         """
-        Yield log time [ns] and message of topics, without messages that cannot be decoded.
+        Yield log time [ns] and message of topics.
 
-        Topics that are no CDR are left out.
+        Messages that cannot be decoded are left out.
+
+        Topics that are not CDR are left out.
 
         Raises
         ------
         CtcError
-            If no topic is CDR, or the bag has no definition of a type; as `messages`.
+            If no topic is CDR, the bag has no definition of a type, or it is damaged.
 
         """
         readable = [x for x in connections if is_cdr(x)]
-        for x in connections:
-            if not readable:
-                raise CtcError(f'{self.path}: messages on {x.topic} are of format '
-                               f'{serialization(x)!r}; allowed: cdr, as ROS 2 has it')
+        if connections and not readable:
+            first = next(iter(connections))
+            raise CtcError(f'{self.path}: messages on {first.topic} are of format '
+                           f'{serialization(first)!r}; allowed: cdr, as ROS 2 has it')
         for x in readable:
             if x.msgtype not in self._types.fielddefs:
                 raise CtcError(
@@ -204,33 +208,46 @@ class Bag:
                     'of: record with --storage mcap, or convert it where that is installed')
         for x, t, data in self.messages(readable) if readable else ():
             try:
-                message = self.deserialize(data, x.msgtype)
+                message = self._types.deserialize_cdr(data, x.msgtype)
             except Exception:  # Of arbitrary bytes, decoders raise arbitrary exceptions.
                 continue
             yield t, message
 
-    def deserialize(self, data: bytes, kind: str) -> Any:
-        """Return the message of a type; of arbitrary bytes, raise an arbitrary exception."""
-        return self._types.deserialize_cdr(data, kind)
-
-    def parameters(self, node: str, kind: Any, own: Mapping[str, object]) -> list[tuple[int, Any]]:
+    def parameters(
+            self,
+            node: str,
+            config_class: Any,
+            replacements: Mapping[str, object]) -> list[tuple[int, Any]]:
         """
-        Return the configurations of a node, each with the time [ns] from which it applies.
+        Return the configurations of a node by time.
 
-        They are in the order of these times, whatever the order in the bag.
+        Parameters
+        ----------
+        node : str
+            Name of the node.
+        config_class : class
+            Class of the configuration.
+        replacements : mapping
+            Classes in the place of those that the bag names: `Config.received`.
 
-        `own` stands in the place of classes that the bag names: `Config.received`.
+        Returns
+        -------
+        list of (int, config)
+            Configurations, each with the time from which it applies [ns].
+
         """
-        known = kind.parameters()
+        declared = config_class.parameters()
         values: dict[str, Any] = {}
         history: list[tuple[int, Any]] = []
-        messages = [message for _, message in self.read(self.only(f'{node}/{PARAMETERS}'))]
+        topic = self.only(f'{node}/{PARAMETERS}')
+        messages = [message for _, message in self.read(topic)]
         for message in sorted(messages, key=lambda x: nanoseconds(x.stamp)):
             for item in [*message.new_parameters, *message.changed_parameters]:
-                if item.name in known and item.value.type in _FIELDS:
-                    values[item.name] = getattr(item.value, _FIELDS[item.value.type])
+                field = _VALUE_FIELDS.get(item.value.type)
+                if item.name in declared and field:
+                    values[item.name] = getattr(item.value, field)
             try:
-                config = kind.received(values, own)
+                config = config_class.received(values, replacements)
             except CtcError as error:
                 raise CtcError(f'{self.path}: {error}') from None
             if not history or history[-1][1] != config:
@@ -238,13 +255,15 @@ class Bag:
         return history
 
     def description(self, name: str = f'controller/{ROBOT_DESCRIPTION}') -> str:
-        """Return the last robot description on a topic; empty for none."""
-        texts = [str(message.data) for _, message in self.read(self.only(name))]
-        return texts[-1] if texts else ''
+        """Return the last robot description on a topic."""
+        text = ''
+        for _, message in self.read(self.only(name)):
+            text = str(message.data)
+        return text
 
 
 def serialization(connection: Connection) -> str:
-    """Return the format of a topic's messages: cdr, protobuf, json, ..."""
+    """Return a topic's format: cdr, protobuf, json, ..."""
     return str(getattr(connection.ext, 'serialization_format', ''))
 
 
@@ -267,14 +286,15 @@ def _open_file(file: Path, stack: ExitStack) -> Any:
     """
     storage = storage_of(file)
     if storage == '.bag':
+        target = file.with_suffix('')
         raise UnsupportedBag(
             f'{file}: a bag of ROS 1, which is not read; convert it: rosbags-convert --src '
-            f'{shlex.quote(str(file))} --dst {shlex.quote(str(file.with_suffix("")))}_ros2 '
+            f'{shlex.quote(str(file))} --dst {shlex.quote(str(target))}_ros2 '
             '--dst-storage mcap --dst-typestore ros2_jazzy')
     if storage not in ENDINGS:
         raise UnsupportedBag(f'{file}: unknown storage {file.suffix!r}; known: '
                              f'{", ".join(ENDINGS)}, also with .zstd behind it')
-    if not set('%?#').isdisjoint(str(file)) and storage == '.db3':  # They mean much to sqlite3.
+    if storage == '.db3' and not set('%?#').isdisjoint(str(file)):  # It would be taken for a URI.
         raise UnsupportedBag(f'{file}: the path has one of % ? #, not allowed with sqlite3')
     if file.suffix == '.zstd':
         scratch = Path(stack.enter_context(tempfile.TemporaryDirectory()))
@@ -289,25 +309,34 @@ def _open_file(file: Path, stack: ExitStack) -> Any:
             'convert it to MCAP by ros2 bag convert') from None
 
 
-def _typestore(connections: Collection[Connection]) -> Any:
-    """
-    Return the types that a bag defines, and those of ROS 2 Jazzy that it does not.
+def _span(file: Any) -> Span:
+    """Return number and log times of the messages in an open file."""
+    if isinstance(file, McapFile):
+        return file.span
+    return Span(file.message_count, file.start_time, file.end_time - 1)
 
-    A definition without fields, or one that cannot be read, is none.
+
+def _register_types(connections: Collection[Connection]) -> Any:
+    """
+    Return the types that a bag defines, beside ROS 2 Jazzy's.
+
+    Definitions without fields, or that cannot be read, are ignored.
 
     Raises
     ------
     CtcError
-        If a definition is not the one that its hash is of.
+        If a definition does not have its hash.
 
     """
     jazzy = get_typestore(Stores.ROS2_JAZZY).fielddefs
     types = dict(jazzy)
     for x in connections:
         if is_cdr(x) and x.msgdef.format != MessageDefinitionFormat.NONE:
-            with suppress(Exception):  # Of arbitrary text, any.
-                types.update({name: definition for name, definition in _definitions(x).items()
-                              if definition[1] or name not in jazzy})
+            with suppress(Exception):  # Arbitrary text may raise any exception.
+                for name, definition in _parse_definition(x).items():
+                    has_fields = bool(definition[1])
+                    if has_fields or name not in jazzy:
+                        types[name] = definition
     store = get_typestore(Stores.EMPTY)
     store.register(types)
     for x in connections:
@@ -316,8 +345,12 @@ def _typestore(connections: Collection[Connection]) -> Any:
     return store
 
 
-def _definitions(connection: Connection) -> dict[str, Any]:
-    """Return the types that a topic's definition has; raise an error of any kind."""
+def _parse_definition(connection: Connection) -> dict[str, Any]:
+    """
+    Return the types in a topic's definition.
+
+    Arbitrary text raises an error of any kind.
+    """
     text = connection.msgdef.data
     if connection.msgdef.format == MessageDefinitionFormat.MSG:
         return dict(get_types_from_msg(text, connection.msgtype))
@@ -335,8 +368,9 @@ class DamagedBag(CtcError):
 
 def damaged(path: Path, error: Exception) -> DamagedBag:
     """Return an error that names the bag and what to do."""
-    name = '' if isinstance(error, CtcError) else f'{type(error).__name__}: '
-    repairable = any(path.glob('*.mcap')) if path.is_dir() else path.suffix == '.mcap'
-    advice = f'; "ctc repair {shlex.quote(str(path))}" recovers the rest' if repairable else ''
-    return DamagedBag(
-        f'{path}: damaged, or not a bag: {name}{" ".join(str(error).split())}{advice}')
+    reason = ' '.join(str(error).split())
+    if not isinstance(error, CtcError):
+        reason = f'{type(error).__name__}: {reason}'
+    if path.suffix == '.mcap' or any(path.glob('*.mcap')):
+        reason += f'; "ctc repair {shlex.quote(str(path))}" recovers the rest'
+    return DamagedBag(f'{path}: damaged, or not a bag: {reason}')

@@ -13,15 +13,18 @@
 # limitations under the License.
 
 """
-Files that a bag consists of: those that its metadata name, or one recording without metadata.
+Files of a bag, by its metadata or their names.
 
-A recorder that splits a recording numbers its files, ``run_0.mcap``, ``run_1.mcap``, and each goes
-on where the one before ends. Files of a directory for which this is not so are not one bag.
+`bag.py` lists the files of a bag here, and `repair.py` those of a damaged one. A recorder that
+splits a recording numbers its files, ``run_0.mcap``, ``run_1.mcap``, and each goes on where the
+one before ends. Other files of a directory are not one bag.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from ast import literal_eval
+from collections.abc import Mapping, Sequence
+import dataclasses
 from itertools import pairwise
 from pathlib import Path, PurePath
 import re
@@ -32,19 +35,19 @@ from ctc_chattering.numerics.time_grid import NANOSECONDS, seconds
 import yaml
 
 METADATA = 'metadata.yaml'
-#: Endings of the files that are read, also with `.zstd` behind them.
+#: Endings of the files that are read. ``.zstd`` may follow.
 ENDINGS = ('.mcap', '.db3')
 #: Newest version of the metadata that is known.
 _NEWEST_VERSION = 9
 _NUMBERED = re.compile(r'(.*)_(\d+)\.\w+')
-#: Longest time by which a file may begin before the one before ends, as two threads log, and after
-#: it, as where a damaged end of a file is missing [ns].
-_LONGEST_OVERLAP = NANOSECONDS
-_LONGEST_PAUSE = 10 * NANOSECONDS
+#: Longest overlap of two files of a recording, as two threads log.
+_MAX_OVERLAP_NS = NANOSECONDS
+#: Longest pause between them, as where a damaged end of a file is missing.
+_MAX_PAUSE_NS = 10 * NANOSECONDS
 
 
 class UnsupportedBag(CtcError):
-    """A refusal of a bag that no repair would change: the text says what to do."""
+    """Refusal of a bag that no repair would change."""
 
 
 class BagFiles(NamedTuple):
@@ -56,7 +59,7 @@ class BagFiles(NamedTuple):
     paths : tuple of Path
         In the order of their times.
     metadata : dict or None
-        What the metadata say; None without metadata.
+        Content of the metadata; None without metadata.
 
     """
 
@@ -64,17 +67,18 @@ class BagFiles(NamedTuple):
     metadata: dict[str, Any] | None = None
 
 
-class FileSpan(NamedTuple):
-    """Log times of a file's first message and behind its last one [ns]."""
+@dataclasses.dataclass
+class Span:
+    """Number of messages, first and last log time [ns]."""
 
-    path: Path
-    start: int
-    end: int
+    count: int = 0
+    begin: int = 2 ** 63 - 1  # As rosbag2 has it for a bag without messages.
+    end: int = 0
 
 
 def list_files(path: Path) -> BagFiles:
     """
-    Return the files of the bag at `path`, a directory or one file.
+    Return the files of a bag, a directory or one file.
 
     Raises
     ------
@@ -89,17 +93,20 @@ def list_files(path: Path) -> BagFiles:
     if not (path / METADATA).exists():
         return BagFiles(find_recording(path))
     metadata = read_metadata(path)
-    return BagFiles(named_files(path, metadata), metadata)
+    names = [PurePath(x).name for x in metadata['relative_file_paths']]
+    return BagFiles(tuple(path / name for name in names), metadata)
 
 
 def read_metadata(bag: Path) -> dict[str, Any]:
     """
-    Return what the metadata of a bag say; where they are damaged, raise an error of any kind.
+    Return the content of a bag's metadata.
 
     Raises
     ------
     UnsupportedBag
         If they are of a newer version.
+    Exception
+        Of any kind, if they are damaged.
 
     """
     content = yaml.safe_load((bag / METADATA).read_text(encoding='utf-8'))
@@ -110,44 +117,53 @@ def read_metadata(bag: Path) -> dict[str, Any]:
     return information
 
 
-def named_files(bag: Path, metadata: dict[str, Any]) -> tuple[Path, ...]:
-    """Return the files that metadata name."""
-    return tuple(bag / PurePath(x).name for x in metadata['relative_file_paths'])
+def count_dropped(bag: Path, topics: Sequence[str]) -> int:
+    """Return how many messages on topics our recorder lost."""
+    try:
+        notes = read_metadata(bag).get('custom_data') or {}
+        counts = dict(literal_eval(notes.get('dropped', '{}')))
+        return sum(int(n) for name, n in counts.items() if name.endswith(tuple(topics)))
+    except Exception:  # Without metadata, or of another recorder.
+        return 0
 
 
 def find_recording(folder: Path) -> tuple[Path, ...]:
     """
-    Return the files of the one recording in a directory.
+    Return the files of a directory's only recording.
 
     Raises
     ------
     UnsupportedBag
-        If names tell that there are several.
+        If the names are those of several recordings.
     CtcError
-        If there is none.
+        If there is no file.
 
     """
-    files = [x for x in folder.iterdir()
-             if x.is_file() and (storage_of(x) in ENDINGS or x.suffix == '.bag')]
+    files = [x for x in folder.iterdir() if x.is_file() and storage_of(x) in (*ENDINGS, '.bag')]
     if not files:
         raise CtcError(f'no {METADATA} in it, and no file {" or ".join(ENDINGS)}')
-    matches = [_NUMBERED.fullmatch(x.name.removesuffix('.zstd')) for x in files]
-    numbers = {int(match[2]): file for match, file in zip(matches, files) if match}
-    first = min(numbers, default=0)
-    if len(files) > 1 and (
-            set(numbers) != set(range(first, first + len(files)))
-            or len({match[1] for match in matches if match}) > 1
-            or len({storage_of(x) for x in files}) > 1):
+    if len(files) == 1:
+        return tuple(files)
+    numbered: dict[int, Path] = {}
+    series: set[tuple[str, str]] = set()
+    for file in files:
+        match = _NUMBERED.fullmatch(file.name.removesuffix('.zstd'))
+        if match:
+            numbered[int(match[2])] = file
+            series.add((match[1], storage_of(file)))
+    first = min(numbered, default=0)
+    is_complete = numbered.keys() == set(range(first, first + len(files)))
+    if len(series) != 1 or not is_complete:
         raise several_recordings(folder, sorted(files))
-    return tuple(numbers[k] for k in sorted(numbers)) if len(files) > 1 else tuple(files)
+    return tuple(numbered[k] for k in sorted(numbered))
 
 
 def storage_of(file: Path) -> str:
-    """Return the ending of a file, without that of its compression."""
+    """Return a file's ending, without that of its compression."""
     return Path(file.stem).suffix if file.suffix == '.zstd' else file.suffix
 
 
-def check_one_recording(folder: Path, spans: Sequence[FileSpan]) -> None:
+def check_one_recording(folder: Path, spans: Mapping[Path, Span]) -> None:
     """
     Raise unless numbered files follow each other in time.
 
@@ -157,18 +173,21 @@ def check_one_recording(folder: Path, spans: Sequence[FileSpan]) -> None:
         If one begins long before, or long after, the one before it ends.
 
     """
-    recorded = [x for x in spans if x.start < x.end]
-    for earlier, later in pairwise(recorded):
-        pause = later.start - earlier.end
-        if not -_LONGEST_OVERLAP <= pause <= _LONGEST_PAUSE:
+    recorded = [(path, span) for path, span in spans.items() if span.count]
+    for (earlier, first), (later, second) in pairwise(recorded):
+        pause = second.begin - first.end
+        if not -_MAX_OVERLAP_NS <= pause <= _MAX_PAUSE_NS:
+            order = 'after' if pause > 0 else 'before'
             raise several_recordings(
-                folder, [x.path for x in spans], f': {later.path.name} begins '
-                f'{abs(seconds(pause)):.3g} s {"after" if pause > 0 else "before"} the end of '
-                f'{earlier.path.name}')
+                folder,
+                tuple(spans),
+                f': {later.name} begins {abs(seconds(pause)):.3g} s {order} the end of '
+                f'{earlier.name}')
 
 
 def several_recordings(folder: Path, files: Sequence[Path], reason: str = '') -> UnsupportedBag:
     """Return the refusal of a directory with several recordings."""
+    names = shorten([x.name for x in files])
     return UnsupportedBag(
-        f'{folder}: several recordings and no {METADATA}: {shorten([x.name for x in files])}'
-        f'{reason}. Name one of the files, or give each recording a directory of its own')
+        f'{folder}: several recordings and no {METADATA}: {names}{reason}. Name one of the files, '
+        'or give each recording a directory of its own')

@@ -12,7 +12,11 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Unpacking of what bags have compressed, and no more than is allowed: a few bytes may be many."""
+"""
+Unpacking of chunks, messages and files, with a limit.
+
+A few hostile bytes may unpack to more than the memory. `mcap_file.py` and `bag.py` unpack here.
+"""
 
 from __future__ import annotations
 
@@ -22,12 +26,12 @@ from ctc_chattering.errors import CtcError
 import lz4.frame  # type: ignore[import-untyped]
 import zstandard
 
-#: Beginning of what zstd has compressed; no CDR begins so.
+#: First bytes of data compressed by zstd. No CDR begins with them.
 ZSTD = b'\x28\xb5\x2f\xfd'
-#: Largest chunk or message after unpacking [bytes].
-MOST_UNPACKED = 1 << 27
-#: Bytes for each packed byte that a file may unpack to, beyond `MOST_UNPACKED`.
-_UNPACKED_PER_BYTE = 100
+#: Largest chunk or message after unpacking.
+MAX_UNPACKED_BYTES = 1 << 27
+#: A file may unpack to this many times its size, beyond `MAX_UNPACKED_BYTES`.
+_MAX_FILE_RATIO = 100
 
 
 def unpack(data: bytes, compression: str) -> bytes:
@@ -37,28 +41,34 @@ def unpack(data: bytes, compression: str) -> bytes:
     Raises
     ------
     CtcError
-        If it is more than is allowed, or the compression is not known. What unpacks raises
-        errors of its own.
+        If it is more than is allowed, or the compression is not known.
+    Exception
+        Of any kind, if the data are damaged.
 
     """
     if compression == 'zstd':
         with zstandard.ZstdDecompressor().stream_reader(data, read_across_frames=True) as stream:
-            content = stream.read(MOST_UNPACKED + 1)
+            content = stream.read(MAX_UNPACKED_BYTES + 1)
     elif compression == 'lz4':
-        content = lz4.frame.LZ4FrameDecompressor().decompress(data, max_length=MOST_UNPACKED + 1)
+        content = lz4.frame.LZ4FrameDecompressor().decompress(
+            data, max_length=MAX_UNPACKED_BYTES + 1)
     elif compression:
         raise CtcError(f'unknown compression {compression!r}; allowed: zstd, lz4')
     else:
         content = data
-    if len(content) > MOST_UNPACKED:
-        raise CtcError(
-            f'{len(data)} bytes unpack to more than {MOST_UNPACKED} bytes, which is allowed')
+    if len(content) > MAX_UNPACKED_BYTES:
+        raise CtcError(f'{len(data)} bytes unpack to more than {MAX_UNPACKED_BYTES} bytes, '
+                       'which is allowed')
     return bytes(content)
 
 
 def unpack_file(source: Path, target: Path) -> Path:
-    """Unpack a file of zstd; return it. Raise `CtcError` if it is more than is allowed."""
-    limit = MOST_UNPACKED + _UNPACKED_PER_BYTE * source.stat().st_size
+    """
+    Unpack a file of zstd and return the target.
+
+    More than is allowed raises `CtcError`.
+    """
+    limit = MAX_UNPACKED_BYTES + _MAX_FILE_RATIO * source.stat().st_size
     with source.open('rb') as packed, target.open('wb') as content, (
             zstandard.ZstdDecompressor().stream_reader(packed, read_across_frames=True)) as stream:
         while piece := stream.read(1 << 20):

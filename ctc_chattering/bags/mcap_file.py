@@ -13,10 +13,11 @@
 # limitations under the License.
 
 """
-Reading an MCAP file of any recorder: topics, and messages in the order of their log times.
+Reading topics and messages of an MCAP file.
 
-Messages of any encoding are read as bytes. The records are those of `mcap`; chunks are unpacked
-here, as it unpacks more than a file states, and all of them are checked before the first message.
+`bag.py` opens each MCAP file of a bag as an `McapFile`. Names are those of the MCAP specification.
+Messages of any encoding are bytes here. Chunks are unpacked by `compression.py`, since `mcap`
+unpacks more than a file states. All of them are checked before the first message is read.
 """
 
 from __future__ import annotations
@@ -24,8 +25,8 @@ from __future__ import annotations
 from bisect import bisect_left
 from collections import Counter
 from collections.abc import Collection, Iterator
-from contextlib import suppress
 from io import BytesIO
+from math import inf
 import mmap
 from operator import attrgetter, itemgetter
 from pathlib import Path
@@ -33,12 +34,13 @@ import struct
 from typing import Any, NamedTuple
 import zlib
 
+from ctc_chattering.bags.bag_files import Span
 from ctc_chattering.bags.compression import unpack
 from ctc_chattering.errors import CtcError
 from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
 from mcap.reader import SeekingReader
-from mcap.records import Channel, Chunk, ChunkIndex, Schema
+from mcap.records import Channel, Chunk, ChunkIndex, Schema, Statistics
 from mcap.summary import Summary
 from rosbags.interfaces import (
     Connection,
@@ -50,20 +52,22 @@ from rosbags.interfaces import (
 from rosbags.rosbag2.metadata import parse_qos
 
 MAGIC = b'\x89MCAP0\r\n'
-#: Beginning of a record: its opcode, and the length of its content.
+#: Beginning of a record: opcode, and length of its content.
 RECORD = struct.Struct('<BQ')
-#: Beginning of a message: channel, sequence number, log time and time of publication [ns].
+#: Beginning of a message: channel, sequence number, log time and publish time [ns].
 _MESSAGE = struct.Struct('<HIQQ')
-#: Footer, with the offset and the checksum of the index, and the end of a file.
-_END = struct.Struct('<BQQQI8s')
-#: Size of a group of messages outside chunks that is read at once [bytes].
-_GROUP = 1 << 20
-#: Where the metadata of a channel have what its publishers offer.
+#: Record of the footer, with start and checksum of the summary, and the closing magic.
+_FOOTER = struct.Struct('<BQQQI8s')
+#: Records outside chunks are read in groups of this size [bytes].
+_GROUP_SIZE = 1 << 20
+#: Key of the publishers' QoS in the metadata of a channel.
 QOS = 'offered_qos_profiles'
-#: Formats of definitions that `rosbags` reads, by their names in a file.
-_DEFINITIONS = {'ros2msg': MessageDefinitionFormat.MSG, 'ros2idl': MessageDefinitionFormat.IDL,
-                'omgidl': MessageDefinitionFormat.IDL}
-#: What stands for the schema of a channel without one, as of JSON.
+#: Formats of definitions that `rosbags` reads, by their encodings.
+_DEFINITIONS = {
+    'ros2msg': MessageDefinitionFormat.MSG,
+    'ros2idl': MessageDefinitionFormat.IDL,
+    'omgidl': MessageDefinitionFormat.IDL}
+#: Schema of a channel without one, as of JSON.
 NO_SCHEMA = Schema(0, b'', '', '')
 
 #: Log time [ns], number of the channel, data.
@@ -73,45 +77,42 @@ _LOG_TIME = itemgetter(0)
 
 class _RecordBlock(NamedTuple):
     """
-    A chunk, or some messages outside chunks that follow each other.
+    Chunk, or group of records outside chunks.
 
     Attributes
     ----------
-    start : int
-        Log time of its first message [ns].
     begin, end : int
-        Offsets in the file: of a chunk's content, or of the first record and behind the last.
+        Offsets in the file: of the chunk's content, or of the first and behind the last record.
     is_chunk : bool
-    channels : set of int, or None
-        Those with messages in it; None where the index does not say.
+    start : int
+        Log time of the first message [ns].
+    channels : set of int
+        Channels with messages in it.
 
     """
 
-    start: int
     begin: int
     end: int
     is_chunk: bool
-    channels: Collection[int] | None = None
-
-    def has_any(self, channels: Collection[int]) -> bool:
-        """Return whether it may have messages of some channels."""
-        return self.channels is None or not set(channels).isdisjoint(self.channels)
+    start: int = 0
+    channels: Collection[int] = ()
 
 
 def unpack_chunk(record: bytes) -> tuple[Chunk, bytes]:
     """
-    Return a chunk and the records in it, from the content of its own record.
+    Unpack the content of a chunk's record.
 
     Raises
     ------
     CtcError
-        If the records are not what it states; where it is damaged, errors of any kind.
+        If the records are not what the chunk states. Where it is damaged, errors of any kind.
 
     """
     stream = ReadDataStream(BytesIO(record))
     chunk: Chunk = Chunk.read(stream)
     content = unpack(chunk.data, chunk.compression)
-    if (stream.count, len(content)) != (len(record), chunk.uncompressed_size):
+    has_its_size = stream.count == len(record) and len(content) == chunk.uncompressed_size
+    if not has_its_size:
         raise CtcError(f'a chunk of {chunk.uncompressed_size} bytes has another size')
     if chunk.uncompressed_crc not in (0, zlib.crc32(content)):
         raise CtcError('a chunk has a wrong checksum')
@@ -119,25 +120,31 @@ def unpack_chunk(record: bytes) -> tuple[Chunk, bytes]:
 
 
 def map_file(path: Path) -> Any:
-    """Return the bytes of a file, which are read where they are used."""
+    """Map a file into memory."""
     with path.open('rb') as stream:
-        return mmap.mmap(
-            stream.fileno(), 0, access=mmap.ACCESS_READ) if path.stat().st_size else b''
+        if not path.stat().st_size:
+            return b''
+        return mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ)
 
 
-def read_index(data: Any) -> Summary | None:
-    """Return the index of a file, None without one; raise `CtcError` if it is damaged."""
+def read_summary(data: Any) -> Summary:
+    """
+    Return the summary section, or an empty one.
+
+    A damaged one raises `CtcError`.
+    """
     if data[-len(MAGIC):] != MAGIC:
         raise CtcError('the file is cut off')
-    footer = len(data) - _END.size
-    _, _, start, _, checksum, _ = _END.unpack_from(data, footer)
-    if checksum not in (0, zlib.crc32(data[start or footer:-12])):
+    footer = len(data) - _FOOTER.size
+    _, _, start, _, checksum, _ = _FOOTER.unpack_from(data, footer)
+    end = footer + RECORD.size + 16  # The checksum covers the footer up to itself.
+    if checksum not in (0, zlib.crc32(data[start or footer:end])):
         raise CtcError('the index has a wrong checksum')
-    return SeekingReader(data).get_summary()
+    return SeekingReader(data).get_summary() or Summary()
 
 
 def _records(data: Any, begin: int, end: int) -> Iterator[tuple[int, int, int]]:
-    """Yield the opcode of each record, and where its content begins and ends."""
+    """Yield opcode, begin and end of each record's content."""
     while begin < end:
         opcode, length = RECORD.unpack_from(data, begin)
         content = begin + RECORD.size
@@ -149,7 +156,7 @@ def _records(data: Any, begin: int, end: int) -> Iterator[tuple[int, int, int]]:
 
 class McapFile:
     """
-    An open MCAP file; close it after use.
+    Open MCAP file, which must be closed after use.
 
     Parameters
     ----------
@@ -159,10 +166,10 @@ class McapFile:
     ----------
     schemas, channels : dict of int to record
         By their numbers.
-    counts : dict of int to int
+    counts : Counter
         Number of messages by channel.
-    start_time, end_time : int
-        Log times of the first message and behind the last one [ns].
+    span : Span
+        Number and log times of the messages.
 
     Raises
     ------
@@ -175,15 +182,15 @@ class McapFile:
         self.schemas: dict[int, Schema] = {}
         self.channels: dict[int, Channel] = {}
         self.counts: Counter[int] = Counter()
-        self.start_time, self.end_time = 2 ** 63 - 1, 0
+        self.span = Span()
         self._data = map_file(path)
-        summary = read_index(self._data) or Summary()
-        self._blocks = self._find_blocks(summary.chunk_indexes)
-        if not self._describe_by_index(summary):
-            self._blocks = [self._describe_block(block) for block in self._blocks]
-        self._blocks.sort(key=attrgetter('start'))
+        summary = read_summary(self._data)
+        blocks = [self._describe(x) for x in self._find_blocks(summary.chunk_indexes)]
+        self._blocks = sorted(blocks, key=attrgetter('start'))
         if not self.counts.keys() <= self.channels.keys():
             raise CtcError('there are messages of a topic that is not described')
+        if summary.statistics is not None:
+            self._check_counts(summary.statistics)
 
     def close(self) -> None:
         """Close the file."""
@@ -191,141 +198,128 @@ class McapFile:
             self._data.close()
 
     @property
-    def message_count(self) -> int:
-        """Return the number of all messages."""
-        return self.counts.total()
-
-    @property
     def connections(self) -> list[Connection]:
-        """Topics of the file, as `rosbags` has them; the id is the number of the channel."""
-        return [self._connection(number, channel) for number, channel in self.channels.items()]
+        """Return the topics of the file, with the channels as ids."""
+        return [self._connection(x) for x in self.channels.values()]
 
     def messages(self, connections: Collection[Connection]
                  ) -> Iterator[tuple[Connection, int, bytes]]:
-        """Yield connection, log time [ns] and data of some topics, in the order of log times."""
+        """
+        Yield messages of some topics in the order of log times.
+
+        Each comes with its connection and log time [ns].
+        """
         topics = {x.id: x for x in connections}
+        blocks = [x for x in self._blocks if not topics.keys().isdisjoint(x.channels)]
+        next_starts = [*(x.start for x in blocks[1:]), inf]
         waiting: list[_Message] = []
-        for block in self._blocks:
-            if not block.has_any(topics):
-                continue
-            due = bisect_left(waiting, block.start, key=_LOG_TIME)
-            yield from ((topics[number], t, data) for t, number, data in waiting[:due])
-            del waiting[:due]
+        for block, next_start in zip(blocks, next_starts):
             waiting += _messages(self._content(block), topics)
             waiting.sort(key=_LOG_TIME)
-        yield from ((topics[number], t, data) for t, number, data in waiting)
+            due = bisect_left(waiting, next_start, key=_LOG_TIME)
+            for t, number, data in waiting[:due]:
+                yield topics[number], t, data
+            del waiting[:due]
 
-    def _find_blocks(self, indexes: Collection[ChunkIndex]) -> list[_RecordBlock]:
+    def _find_blocks(self, chunk_indexes: Collection[ChunkIndex]) -> list[_RecordBlock]:
         """
-        Return the blocks of the file, in its order.
+        Return the blocks of the file.
 
-        Raises
-        ------
-        CtcError
-            If a chunk does not unpack to what it states, or the index has chunks that are not
-            there. Where the file is damaged, errors of any kind.
-
+        An indexed chunk that is not there raises `CtcError`.
         """
-        expected = {x.chunk_start_offset: x for x in indexes}
+        missing = {x.chunk_start_offset for x in chunk_indexes}
         blocks: list[_RecordBlock] = []
-        for opcode, begin, end in _records(self._data, len(MAGIC), len(self._data) - len(MAGIC)):
+        file_end = len(self._data) - len(MAGIC)
+        for opcode, begin, end in _records(self._data, len(MAGIC), file_end):
             record = begin - RECORD.size
             if opcode == Opcode.CHUNK:
-                chunk, _ = unpack_chunk(self._data[begin:end])
-                self._data.madvise(mmap.MADV_DONTNEED)  # It would stay in memory, else.
-                index = expected.pop(record, None)
-                if index and not _describes(index, chunk):
-                    raise CtcError('the index has other chunks than the file')
-                # Nothing protects the times in a chunk's own head.
-                start, channels = (index.message_start_time, index.message_index_offsets.keys()
-                                   ) if index else (0, ())
-                blocks.append(_RecordBlock(start, begin, end, True, channels or None))
-            elif opcode == Opcode.MESSAGE:
-                _, _, t, _ = _MESSAGE.unpack_from(self._data, begin)
-                last = blocks[-1] if blocks else None
-                if last and not last.is_chunk and last.end - last.begin < _GROUP and (
-                        last.end == record):
-                    blocks[-1] = last._replace(start=min(t, last.start), end=end)
+                missing.discard(record)
+                blocks.append(_RecordBlock(begin, end, True))
+            elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE):
+                group = blocks[-1] if blocks else None
+                if group and not group.is_chunk and group.end == record and (
+                        end - group.begin < _GROUP_SIZE):
+                    blocks[-1] = group._replace(end=end)
                 else:
-                    blocks.append(_RecordBlock(t, record, end, False))
-            elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
-                self._note(opcode, self._data[begin:end])
-        if expected:
+                    blocks.append(_RecordBlock(record, end, False))
+        if missing:
             raise CtcError('the index has chunks that are not there')
         return blocks
 
-    def _describe_by_index(self, summary: Summary) -> bool:
-        """Take topics and counts from the index; return whether it has all of them."""
-        statistics = summary.statistics
-        if statistics is None or len(summary.channels) != statistics.channel_count or (
-                len(summary.schemas) != statistics.schema_count):
-            return False
-        self.schemas, self.channels = summary.schemas, summary.channels
-        self.counts.update(statistics.channel_message_counts)
-        if self.counts.total() != statistics.message_count:
-            raise CtcError('the counts of messages in the index contradict each other')
-        if statistics.message_count:
-            self.start_time = statistics.message_start_time
-            self.end_time = statistics.message_end_time + 1
-        return True
+    def _describe(self, block: _RecordBlock) -> _RecordBlock:
+        """
+        Return a block with its channels and first log time.
 
-    def _describe_block(self, block: _RecordBlock) -> _RecordBlock:
-        """Take topics and counts from a block; return it with its first log time."""
-        content, times = self._content(block), []
+        Topics and counts of the file are updated.
+        """
+        content = self._content(block)
+        times: list[int] = []
+        counts: Counter[int] = Counter()
+        self._data.madvise(mmap.MADV_DONTNEED)  # Otherwise the file stays in memory.
         for opcode, begin, end in _records(content, 0, len(content)):
             if opcode == Opcode.MESSAGE:
                 number, _, t, _ = _MESSAGE.unpack_from(content, begin)
-                self.counts[number] += 1
+                counts[number] += 1
                 times.append(t)
-            else:
-                self._note(opcode, content[begin:end])
+            elif opcode == Opcode.SCHEMA:
+                _register(Schema, content[begin:end], self.schemas)
+            elif opcode == Opcode.CHANNEL:
+                _register(Channel, content[begin:end], self.channels)
         if not times:
             return block
-        self.start_time = min(self.start_time, min(times))
-        self.end_time = max(self.end_time, max(times) + 1)
-        return block._replace(start=min(times))
+        start = min(times)
+        self.counts += counts
+        self.span.count += len(times)
+        self.span.begin = min(self.span.begin, start)
+        self.span.end = max(self.span.end, max(times))
+        return block._replace(start=start, channels=counts.keys())
 
-    def _note(self, opcode: int, content: bytes) -> None:
-        """Take a schema or a channel from its record."""
-        stream = ReadDataStream(BytesIO(content))
-        if opcode == Opcode.SCHEMA:
-            schema = Schema.read(stream)
-            if self.schemas.setdefault(schema.id, schema) != schema:
-                raise CtcError(f'schema {schema.id} is described in two ways')
-        elif opcode == Opcode.CHANNEL:
-            channel = Channel.read(stream)
-            if self.channels.setdefault(channel.id, channel) != channel:
-                raise CtcError(f'channel {channel.id} is described in two ways')
+    def _check_counts(self, statistics: Statistics) -> None:
+        """Raise `CtcError` if the statistics count other messages."""
+        if self.span.count != statistics.message_count:
+            raise CtcError(f'{self.span.count} messages, {statistics.message_count} according '
+                           'to its index')
+        if self.counts != Counter(statistics.channel_message_counts):
+            raise CtcError('the index counts other messages of a topic')
 
     def _content(self, block: _RecordBlock) -> bytes:
         """Return the records of a block."""
         data: bytes = self._data[block.begin:block.end]
         return unpack_chunk(data)[1] if block.is_chunk else data
 
-    def _connection(self, number: int, channel: Channel) -> Connection:
+    def _connection(self, channel: Channel) -> Connection:
         """Return a topic as `rosbags` has it."""
         schema = self.schemas.get(channel.schema_id, NO_SCHEMA)
         form = _DEFINITIONS.get(schema.encoding, MessageDefinitionFormat.NONE)
-        is_text = form != MessageDefinitionFormat.NONE
-        definition = MessageDefinition(
-            form, schema.data.decode(errors='replace') if is_text else '')
-        profiles: list[Qos] = []
-        with suppress(Exception):  # Of arbitrary text, any; it matters for replay only.
-            profiles = parse_qos(channel.metadata[QOS])
+        text = schema.data.decode(errors='replace')
         return Connection(
-            number, channel.topic, schema.name, definition, '', self.counts[number],
-            ConnectionExtRosbag2(channel.message_encoding, profiles), self)
+            channel.id,
+            channel.topic,
+            schema.name,
+            MessageDefinition(form, text),
+            '',
+            self.counts[channel.id],
+            ConnectionExtRosbag2(channel.message_encoding, read_qos(channel)),
+            self)
 
 
-def _describes(index: ChunkIndex, chunk: Chunk) -> bool:
-    """Return whether sizes and compression of a chunk are those in the index."""
-    return (index.compressed_size == len(chunk.data)
-            and index.compression == chunk.compression
-            and index.uncompressed_size == chunk.uncompressed_size)
+def read_qos(channel: Channel) -> list[Qos]:
+    """Return the QoS that the publishers of a channel offer, empty where it is none."""
+    try:
+        return parse_qos(channel.metadata[QOS])
+    except Exception:  # Arbitrary text may raise any exception.
+        return []
+
+
+def _register(record_class: Any, content: bytes, records: dict[int, Any]) -> None:
+    """Add a schema or channel; raise `CtcError` if there is another one of its number."""
+    record = record_class.read(ReadDataStream(BytesIO(content)))
+    if records.setdefault(record.id, record) != record:
+        raise CtcError(f'{record_class.__name__.lower()} {record.id} is described in two ways')
 
 
 def _messages(content: bytes, channels: Collection[int]) -> Iterator[_Message]:
-    """Yield the messages of some channels among records, in their order."""
+    """Yield the messages of some channels among records."""
     for opcode, begin, end in _records(content, 0, len(content)):
         if opcode == Opcode.MESSAGE:
             number, _, t, _ = _MESSAGE.unpack_from(content, begin)

@@ -12,7 +12,12 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The reference that a bag holds, at any instants at once."""
+"""
+Recorded reference, evaluated at any instants at once.
+
+`bags/reader.py` needs what was desired at the stamps of all states. The result is that of
+`trajectory/buffer.py`, which the controller used, to the last bit.
+"""
 
 from __future__ import annotations
 
@@ -20,25 +25,26 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 from ctc_chattering.bags.bag import Bag
-from ctc_chattering.bags.columns import MessageLayout
+from ctc_chattering.bags.signals import Instants
+from ctc_chattering.errors import CtcError
 from ctc_chattering.numerics.angles import unwrapped
 from ctc_chattering.numerics.interpolation import quintic
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.numerics.time_grid import NANOSECONDS, nanoseconds
-from ctc_chattering.ros import topics
-from ctc_chattering.ros.topics import select
+from ctc_chattering.ros.topics import REFERENCE, select, TOPICS
 import numpy as np
-import numpy.typing as npt
-
-Instants = npt.NDArray[np.int64]
 
 
 class RecordedReference(NamedTuple):
     """
-    Points of the reference, as `trajectory.buffer.Trajectory` has them at the end.
+    Points of the reference.
+
+    They are those that `trajectory.buffer.Trajectory` has at the end.
 
     Attributes
     ----------
+    start : int
+        Instant of the first point that was received [ns].
     t : ndarray of int, shape (K,)
         Instants, increasing [ns].
     points : ndarray, shape (K, 3, n)
@@ -46,112 +52,93 @@ class RecordedReference(NamedTuple):
 
     """
 
+    start: int
     t: Instants
     points: Array
 
     def with_turns(self, continuous: Sequence[bool]) -> RecordedReference:
-        """Return it with positions of endless joints that follow each other by (AN1)."""
-        if not any(continuous) or not len(self.t):
-            return self
+        """Return it with counted turns of endless joints, by (AN1)."""
         points = self.points.copy()
         seconds = (self.t - self.t[0]) / NANOSECONDS
-        points[:, 0] = unwrapped(seconds, points[:, 0], points[:, 1], continuous)
-        return RecordedReference(self.t, points)
+        q, dq = points[:, 0], points[:, 1]
+        points[:, 0] = unwrapped(seconds, q, dq, continuous)
+        return self._replace(points=points)
 
     def at(self, instants: Instants) -> Array:
         """
-        Return the points at instants that are not before the first one, shape (N, 3, n).
+        Return the points at some instants, shape (N, 3, n).
 
-        On a point it is that point, to the last bit; between two it is the quintic that meets
-        both, and after the last one rest.
+        No instant may be earlier than the first point.
+
+        On a point it is that point, to the last bit. Between two points it is the quintic that
+        meets both. After the last one it rests.
         """
         first = np.searchsorted(self.t, instants, side='right') - 1
         second = np.minimum(first + 1, len(self.t) - 1)
         points = self.points[first]
-        is_on_point = self.t[first] == instants
-        points[(second == first) & ~is_on_point, 1:] = 0.0
-        between = np.flatnonzero((second > first) & ~is_on_point)
-        if len(between):
-            begin, end = self.t[first[between]], self.t[second[between]]
-            span: Any = ((end - begin) / NANOSECONDS)[:, np.newaxis]
-            share = ((instants[between] - begin) / NANOSECONDS)[:, np.newaxis] / span
-            ends = (self.points[k[between], i] for k in (first, second) for i in range(3))
-            points[between] = np.stack(quintic(share, span, *ends), axis=1)
+        is_between = self.t[first] != instants
+        points[is_between & (second == first), 1:] = 0.0
+        rows = np.flatnonzero(is_between & (second > first))
+        if len(rows):
+            first, second = first[rows], second[rows]
+            begin = self.t[first]
+            span: Any = (self.t[second] - begin)[:, np.newaxis] / NANOSECONDS
+            since = (instants[rows] - begin)[:, np.newaxis] / NANOSECONDS
+            ends = [*self.points[first].swapaxes(0, 1), *self.points[second].swapaxes(0, 1)]
+            points[rows] = np.stack(quintic(since / span, span, *ends), axis=1)
         return points
 
 
-class ReferenceSink:
-    """Takes the chunks of the reference for some joints."""
+def read_reference(bag: Bag, joints: tuple[str, ...]) -> RecordedReference:
+    """
+    Return the recorded reference of some joints.
 
-    name = topics.REFERENCE
-    message_type = topics.TOPICS[topics.REFERENCE].kind
-
-    def __init__(self, joints: tuple[str, ...]) -> None:
-        self._joints = joints
-        self._chunks: list[tuple[Instants, Array]] = []
-        self._layouts: dict[int, _ChunkLayout] = {}
-        #: Instant of the first point [ns].
-        self.start = 0
-
-    def take(self, bag: Bag, _t: int, data: bytes) -> None:
-        """Take a chunk, which replaces all points from its first instant on."""
-        layout = self._layouts.get(len(data))
-        chunk = layout and layout.read(data)
-        if not chunk:
-            try:
-                message = bag.deserialize(data, self.message_type)
-                chunk = _chunk(message, self._joints)
-            except Exception:  # Of arbitrary bytes, decoders raise arbitrary exceptions.
-                return
-            if layout := _ChunkLayout.of_message(data, message, self._joints):
-                self._layouts[len(data)] = layout
-        t, points = chunk
-        if not len(t) or (np.diff(t) <= 0).any() or not np.isfinite(points).all():
-            return
-        self.start = self.start if self._chunks else int(t[0])
-        _extend(self._chunks, t, points)
-
-    def reference(self) -> RecordedReference:
-        """Return what was taken."""
-        if not self._chunks:
-            return RecordedReference(
-                np.zeros(0, np.int64), np.zeros((0, 3, len(self._joints))))
-        return RecordedReference(*map(np.concatenate, zip(*self._chunks)))
+    Chunks that the controller refuses are left out.
+    """
+    chunks: list[tuple[Instants, Array]] = []
+    start = 0
+    message_type = TOPICS[REFERENCE].kind
+    connections = [x for x in bag.named(REFERENCE) if x.msgtype == message_type]
+    for _, message in bag.read(connections):
+        try:
+            t, points = _read_chunk(message, joints)
+        except CtcError:
+            continue
+        if not len(t) or (np.diff(t) <= 0).any():
+            continue
+        start = start if chunks else int(t[0])
+        _extend(chunks, t, points)
+    if not chunks:
+        no_points = np.zeros((0, 3, len(joints)))
+        return RecordedReference(0, np.zeros(0, np.int64), no_points)
+    return RecordedReference(start, *map(np.concatenate, zip(*chunks)))
 
 
 def _extend(chunks: list[tuple[Instants, Array]], t: Instants, points: Array) -> None:
-    """Add a chunk, which replaces all points from its first instant on."""
+    """Add a chunk in the place of all later points."""
     while chunks and chunks[-1][0][-1] >= t[0]:
         old_t, old_points = chunks.pop()
-        kept = int(np.searchsorted(old_t, t[0]))
-        if kept:
-            chunks.append((old_t[:kept], old_points[:kept]))
+        count = int(np.searchsorted(old_t, t[0]))
+        if count:
+            chunks.append((old_t[:count], old_points[:count]))
     chunks.append((t, points))
 
 
-def _chunk(message: Any, joints: tuple[str, ...]) -> tuple[Instants, Array]:
-    """Return instants and points of a message; raise `RejectedMessage` for other joints."""
+def _read_chunk(message: Any, joints: tuple[str, ...]) -> tuple[Instants, Array]:
+    """
+    Return instants and points of a message.
+
+    A message of other joints raises `RejectedMessage`.
+    """
     first = nanoseconds(message.header.stamp)
-    rows = [select(joints, message.joint_names, x.positions.tolist(), x.velocities.tolist(),
-                   x.accelerations.tolist()) for x in message.points]
-    return (np.array([first + nanoseconds(x.time_from_start) for x in message.points], np.int64),
-            np.array(rows, float).reshape(-1, 3, len(joints)))
-
-
-class _ChunkLayout(NamedTuple):
-    """Layout of a chunk, and times of its points after its stamp [ns]."""
-
-    layout: MessageLayout
-    time_from_start: Instants
-
-    @classmethod
-    def of_message(cls, data: bytes, message: Any, joints: tuple[str, ...]
-                   ) -> _ChunkLayout | None:
-        layout = MessageLayout.of_message(data, message, lambda marked: _chunk(marked, joints)[1])
-        times = [nanoseconds(x.time_from_start) for x in message.points]
-        return layout and cls(layout, np.array(times, np.int64))
-
-    def read(self, data: bytes) -> tuple[Instants, Array] | None:
-        """Return instants and points of a chunk; None if it has another layout."""
-        columns = self.layout.read([data])
-        return columns and (columns.stamps[0] + self.time_from_start, columns.values[0])
+    times, rows = [], []
+    for point in message.points:
+        times.append(first + nanoseconds(point.time_from_start))
+        rows.append(select(
+            joints,
+            message.joint_names,
+            point.positions.tolist(),
+            point.velocities.tolist(),
+            point.accelerations.tolist()))
+    points = np.array(rows, float).reshape(-1, 3, len(joints))
+    return np.array(times, np.int64), points

@@ -15,12 +15,14 @@
 """
 Opening bags, and repairing damaged ones.
 
-A file is repaired by itself: its damaged version stays beside it as ``NAME.mcap.damaged``. Other
+Every reader of a bag calls `open_bag`, and `ctc repair` calls `repair`. Each file is repaired by
+itself, from its whole chunks. The damaged version stays beside it as ``NAME.mcap.damaged``. Other
 files of the directory, whether of the bag or not, are left as they are.
 """
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator, Mapping
 from contextlib import closing, suppress
 import dataclasses
@@ -33,12 +35,12 @@ from typing import Any, NamedTuple
 
 from ctc_chattering.bags.bag import Bag, damaged, DamagedBag, is_cdr
 from ctc_chattering.bags.bag_files import (
+    BagFiles,
     check_one_recording,
-    FileSpan,
     find_recording,
+    list_files,
     METADATA,
-    named_files,
-    read_metadata,
+    Span,
     UnsupportedBag,
 )
 from ctc_chattering.bags.compression import ZSTD
@@ -47,15 +49,15 @@ from ctc_chattering.bags.mcap_file import (
     McapFile,
     NO_SCHEMA,
     QOS,
-    read_index,
+    read_qos,
+    read_summary,
     RECORD,
     unpack_chunk,
 )
 from ctc_chattering.bags.writer import (
-    CHUNK_SIZE,
+    CHUNK_SIZE_BYTES,
     NOT_COMPRESSED,
     RecordedTopic,
-    Span,
     write_metadata,
 )
 from ctc_chattering.errors import CtcError
@@ -64,14 +66,14 @@ from mcap.reader import make_reader
 from mcap.records import Channel, Message, Schema
 from mcap.stream_reader import breakup_chunk
 from mcap.writer import Writer
-from rosbags.rosbag2.metadata import dump_qos_v9, parse_qos
+from rosbags.rosbag2.metadata import dump_qos_v9
 import yaml
 
-#: A chunk: its length, times, size, checksum, and what it is packed with.
+#: Beginning of a chunk: opcode, length, times, size, checksum and compression.
 _CHUNK_START = re.compile(
     rb'\x06(?=.{5}\0{3}.{28}(?:\0{4}|\x04\0{3}zstd|\x03\0{3}lz4))', re.DOTALL)
-#: Ending of a file that a repaired one replaces.
-_KEPT = '.damaged'
+#: Ending of a damaged file that is kept.
+_KEPT_ENDING = '.damaged'
 
 
 class Repaired(NamedTuple):
@@ -118,7 +120,7 @@ def open_bag(path: Path) -> Bag:
 
 def repair(path: str | Path) -> Repaired | None:
     """
-    Replace each damaged file of a bag by one with all messages of its whole chunks.
+    Replace damaged files by the messages in whole chunks.
 
     Parameters
     ----------
@@ -135,80 +137,76 @@ def repair(path: str | Path) -> Repaired | None:
     UnsupportedBag
         If a directory has several recordings.
     CtcError
-        If there is no bag, or a file cannot be repaired; then nothing is changed.
+        If there is no bag, or a file cannot be repaired. Then nothing is changed.
 
     """
     path = Path(path).absolute()
     damage = _find_damage(path)
-    if damage is None and not _lacks_metadata(path):
+    has_mcap = path.suffix == '.mcap' or any(path.glob('*.mcap'))
+    lacks_metadata = path.is_dir() and not (path / METADATA).exists()
+    if damage is None and not (has_mcap and lacks_metadata):
         return None
+    if damage is not None and not has_mcap:
+        raise damage
+    files = _list_damaged_files(path)
+    if damage is not None and {file.suffix for file in files.paths} != {'.mcap'}:
+        raise damage
     folder = path if path.is_dir() else path.parent
-    if damage is not None and path.is_dir() and not any(path.glob('*.mcap')):
-        raise damage
-    files = _files_of_damaged(path)
-    if damage is not None and any(file.suffix != '.mcap' for file in files):
-        raise damage
     try:
         with tempfile.TemporaryDirectory(prefix='.repair', dir=folder) as scratch:
-            return _write_anew(path, files, Path(scratch))
+            return _replace_damaged(path, files, Path(scratch))
     except OSError as error:
         raise CtcError(f'{error.filename or path}: {error.strerror or error}') from None
 
 
-def _write_anew(path: Path, files: tuple[Path, ...], scratch: Path) -> Repaired:
-    """Replace the damaged ones of the files of a bag, and its metadata, by way of a directory."""
-    broken = [file for file in files if _find_damage(file)]
-    new = {file: scratch / file.name for file in broken}
+def _replace_damaged(path: Path, files: BagFiles, scratch: Path) -> Repaired:
+    """Replace damaged files and metadata by way of `scratch`."""
+    new = {file: scratch / file.name for file in files.paths if _find_damage(file)}
     recovered = sum(recover(file, version) for file, version in new.items())
-    if len(broken) == len(files) and not recovered:
+    if len(new) == len(files.paths) and not recovered:
         raise CtcError(f'{path}: no message in a whole chunk')
     if path.is_dir():
-        versions = {file: new.get(file, file) for file in files}
-        new[path / METADATA] = _write_metadata_of(path, versions, scratch, recovered)
+        versions = {file: new.get(file, file) for file in files.paths}
+        new[path / METADATA] = scratch / METADATA
+        _write_metadata_of(versions, files.metadata, new[path / METADATA], recovered)
     return Repaired(recovered, _put_in_place(new))
 
 
 def recover(file: Path, target: Path) -> int:
     """
-    Write the messages in whole chunks of an MCAP file into a new one; return how many there are.
+    Copy the messages in whole chunks and return their number.
 
     Every message, channel and definition is the same to the byte, whatever its format.
     """
     count = 0
     with target.open('xb') as stream:
-        writer: Any = Writer(stream, chunk_size=CHUNK_SIZE)
-        writer.start(_profile(file), 'ctc_chattering')
-        channels = _Channels(writer)
-        for schema, channel, message in _messages(file):
-            writer.add_message(channels.number(schema, channel), message.log_time,
-                               message.data, message.publish_time, message.sequence)
+        writer: Any = Writer(stream, chunk_size=CHUNK_SIZE_BYTES)
+        writer.start(_read_profile(file), 'ctc_chattering')
+        numbers: dict[tuple[object, ...], int] = {}
+        for schema, channel, message in _recover_messages(file):
+            definition = schema and (schema.name, schema.encoding, schema.data)
+            metadata = channel.metadata
+            key = definition, channel.topic, channel.message_encoding, *metadata.items()
+            if key not in numbers:
+                numbers[key] = writer.register_channel(
+                    channel.topic,
+                    channel.message_encoding,
+                    writer.register_schema(*definition) if definition else 0,
+                    metadata)
+            writer.add_message(
+                numbers[key],
+                message.log_time,
+                message.data,
+                message.publish_time,
+                message.sequence)
             count += 1
         writer.finish()
     return count
 
 
-class _Channels:
-    """The channels of a file that is written, each once."""
-
-    def __init__(self, writer: Any) -> None:
-        self._writer = writer
-        self._numbers: dict[tuple[object, ...], int] = {}
-
-    def number(self, schema: Schema | None, channel: Channel) -> int:
-        """Return the number of a channel, which is added where it is new."""
-        definition = schema and (schema.name, schema.encoding, schema.data)
-        metadata = channel.metadata
-        key = definition, channel.topic, channel.message_encoding, *metadata.items()
-        if key not in self._numbers:
-            self._numbers[key] = self._writer.register_channel(
-                channel.topic, channel.message_encoding,
-                self._writer.register_schema(*definition) if definition else 0, metadata)
-        return self._numbers[key]
-
-
 def _find_damage(path: Path) -> DamagedBag | None:
     """
-    Return what is wrong with a bag, or with a file of one, read to its end.
+    Read a bag to its end and return its damage.
 
     Raises
     ------
@@ -225,34 +223,19 @@ def _find_damage(path: Path) -> DamagedBag | None:
     return None
 
 
-def _lacks_metadata(path: Path) -> bool:
-    """Return whether a directory of MCAP files has no metadata, which other tools need."""
-    return path.is_dir() and not (path / METADATA).exists() and any(path.glob('*.mcap'))
-
-
-def _files_of_damaged(path: Path) -> tuple[Path, ...]:
-    """Return the files of a damaged bag: those that metadata name, or one recording."""
-    if not path.is_dir():
-        return (path,)
-    named: tuple[Path, ...] = ()
+def _list_damaged_files(path: Path) -> BagFiles:
+    """Return the files of a damaged bag."""
     with suppress(Exception):  # Damaged metadata may raise any exception.
-        named = tuple(x for x in named_files(path, read_metadata(path)) if x.is_file())
-    if named:
-        return named
-    files = find_recording(path)
-    check_one_recording(path, [_span(file) for file in files])
-    return files
-
-
-def _span(file: Path) -> FileSpan:
-    """Return the log times of the messages that are left in a file."""
-    times = [message.log_time for _, _, message in _messages(file)]
-    return FileSpan(file, min(times, default=0), max(times, default=-1) + 1)
+        files = list_files(path)
+        existing = tuple(x for x in files.paths if x.is_file())
+        if existing:
+            return files._replace(paths=existing)
+    return BagFiles(find_recording(path))
 
 
 def _put_in_place(new: Mapping[Path, Path]) -> tuple[Path, ...]:
-    """Move new files into their places, and those that are there aside; return where to."""
-    aside = {file: file.with_name(file.name + _KEPT) for file in new if file.exists()}
+    """Move new files into place and return the kept old ones."""
+    aside = {x: x.with_name(x.name + _KEPT_ENDING) for x in new if x.exists()}
     for kept in aside.values():
         if kept.exists():
             raise CtcError(f'{kept}: exists already, not overwritten')
@@ -266,98 +249,108 @@ def _put_in_place(new: Mapping[Path, Path]) -> tuple[Path, ...]:
     return tuple(aside.values())
 
 
-def _write_metadata_of(bag: Path, versions: Mapping[Path, Path], scratch: Path, recovered: int
-                       ) -> Path:
+def _write_metadata_of(
+        versions: Mapping[Path, Path],
+        metadata: dict[str, Any] | None,
+        target: Path,
+        recovered: int) -> None:
     """
     Write the metadata of a bag.
 
     Parameters
     ----------
-    bag : Path
-        Its directory.
     versions : mapping of Path to Path
         The files of the bag, and where they are now.
-    scratch : Path
-        Directory to write into.
+    metadata : dict or None
+        Content of the old metadata; None without any.
+    target : Path
+        File to write.
     recovered : int
         Messages in files that were written anew.
 
+    Raises
+    ------
+    UnsupportedBag
+        If there are no old metadata, and files of several recordings.
+
     """
-    metadata: dict[str, Any] = {}
-    with suppress(Exception):  # Damaged metadata may raise any exception.
-        metadata = read_metadata(bag)
-    spans: dict[str, Span] = {}
+    is_packed = False
+    spans: dict[Path, Span] = {}
+    counts: Counter[tuple[str, str]] = Counter()
     topics: dict[tuple[str, str], RecordedTopic] = {}
     for file, version in versions.items():
         with closing(McapFile(version)) as content:
-            spans[file.name] = Span(
-                content.message_count, content.start_time, content.end_time - 1)
+            spans[file] = content.span
+            is_packed |= _is_packed_by_message(content)
             for number, channel in content.channels.items():
                 schema = content.schemas.get(channel.schema_id, NO_SCHEMA)
-                counted = topics.get((channel.topic, schema.name))
-                topics[channel.topic, schema.name] = RecordedTopic(
-                    schema, _with_current_qos(channel),
-                    content.counts[number] + (counted.messages if counted else 0))
+                key = channel.topic, schema.name
+                counts[key] += content.counts[number]
+                topics[key] = RecordedTopic(schema, _with_current_qos(channel), counts[key])
+    if metadata is None:
+        check_one_recording(target.parent, spans)
+        metadata = {}
     notes = dict(metadata.get('custom_data') or {})
     if recovered:
         notes['repaired'] = f'{recovered} messages recovered'
     compression = {key: metadata.get(key) or '' for key in NOT_COMPRESSED}
-    if not metadata and any(map(_is_packed_by_message, versions.values())):
+    if not metadata and is_packed:
         compression = {'compression_format': 'zstd', 'compression_mode': 'MESSAGE'}
-    target = scratch / METADATA
-    write_metadata(target, spans, tuple(topics.values()), notes, compression)
-    return target
+    files = {file.name: span for file, span in spans.items()}
+    write_metadata(target, files, tuple(topics.values()), notes, compression)
 
 
-def _is_packed_by_message(file: Path) -> bool:
-    """Return whether the first message of ROS 2 in a file is compressed by itself."""
-    with closing(McapFile(file)) as content:
-        connections = [x for x in content.connections if is_cdr(x)]
-        first = islice(content.messages(connections), 1)
-        return any(data.startswith(ZSTD) for _, _, data in first)
+def _is_packed_by_message(content: McapFile) -> bool:
+    """Return whether the first ROS 2 message is compressed."""
+    connections = [x for x in content.connections if is_cdr(x)]
+    first = islice(content.messages(connections), 1)
+    return any(data.startswith(ZSTD) for _, _, data in first)
 
 
 def _with_current_qos(channel: Channel) -> Channel:
-    """Return a channel with QoS as ROS 2 Jazzy writes it; without any where it is no QoS."""
-    profiles = ''
-    with suppress(Exception):  # Of arbitrary text, any.
-        profiles = yaml.safe_dump(dump_qos_v9(parse_qos(channel.metadata[QOS])))
+    """
+    Return a channel with QoS as ROS 2 Jazzy writes it.
+
+    Text that is not QoS is left out.
+    """
+    profiles = yaml.safe_dump(dump_qos_v9(read_qos(channel)))
     return dataclasses.replace(channel, metadata={**channel.metadata, QOS: profiles})
 
 
-def _profile(file: Path) -> str:
-    """Return the profile that a file states; that of ROS 2 if it cannot be read."""
-    with suppress(Exception), file.open('rb') as stream:  # Of a damaged header, any.
+def _read_profile(file: Path) -> str:
+    """Return the profile in a file's header, else `ros2`."""
+    with suppress(Exception), file.open('rb') as stream:  # A damaged header may raise any.
         return str(make_reader(stream).get_header().profile)
     return 'ros2'
 
 
-def _messages(path: Path) -> Iterator[tuple[Schema | None, Channel, Message]]:
-    """Yield the messages in the whole chunks of a file, which are looked for byte by byte."""
-    data, end = map_file(path), 0
+def _recover_messages(path: Path) -> Iterator[tuple[Schema | None, Channel, Message]]:
+    """Yield the messages in whole chunks, searched byte by byte."""
+    data = map_file(path)
     schemas: dict[int, Schema] = {}
     channels: dict[int, Channel] = {}
-    with suppress(Exception):  # A damaged index may raise any exception; there may be none.
-        summary: Any = read_index(data)
+    with suppress(Exception):  # A damaged summary may raise any exception.
+        summary = read_summary(data)
         schemas, channels = summary.schemas, summary.channels
+    chunk_end = 0
     for match in _CHUNK_START.finditer(data):
         begin = match.start() + RECORD.size
-        stop = begin + RECORD.unpack_from(data, match.start())[1]
-        if match.start() < end or stop > len(data):
+        end = begin + RECORD.unpack_from(data, match.start())[1]
+        if match.start() < chunk_end or end > len(data):
             continue
         try:
-            chunk, content = unpack_chunk(data[begin:stop])
+            chunk, content = unpack_chunk(data[begin:end])
             records: list[Any] = breakup_chunk(
                 dataclasses.replace(chunk, compression='', data=content))
         except Exception:  # A damaged chunk may raise any exception.
             continue
-        end = stop
-        for x in records:
-            if isinstance(x, Schema):
-                schemas[x.id] = x
-            elif isinstance(x, Channel):
-                channels[x.id] = x
-            elif x.channel_id in channels:
-                channel = channels[x.channel_id]
+        chunk_end = end
+        for record in records:
+            if isinstance(record, Schema):
+                schemas[record.id] = record
+            elif isinstance(record, Channel):
+                channels[record.id] = record
+            elif record.channel_id in channels:
+                channel = channels[record.channel_id]
                 if not channel.schema_id or channel.schema_id in schemas:
-                    yield schemas.get(channel.schema_id), channel, x
+                    yield schemas.get(channel.schema_id), channel, record

@@ -12,7 +12,11 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Recorded messages, published again on their topics, each at its time."""
+"""
+Publishing recorded messages again, each at its time.
+
+`ctc replay` calls `replay`, which takes a bag of any recorder.
+"""
 
 from __future__ import annotations
 
@@ -38,7 +42,7 @@ from rosbags.interfaces import QosDurability
 
 def replay(bag: str | Path, rate: float = 1.0, delay: float = 1.0) -> int:
     """
-    Publish all messages of a bag with their timing over ROS.
+    Publish all messages of a bag, with their timing.
 
     Parameters
     ----------
@@ -69,22 +73,24 @@ def replay(bag: str | Path, rate: float = 1.0, delay: float = 1.0) -> int:
         raise ParameterError('delay', delay, 'a number >= 0')
     use_profile()
     with closing(open_bag(Path(bag))) as reader, stop_signals() as stop:
-        context = rclpy.Context()  # Of its own: a script may have nodes.
+        context = rclpy.Context()  # A script may have nodes in the default one.
         rclpy.init(args=[], context=context, signal_handler_options=SignalHandlerOptions.NO)
         node = rclpy.create_node('player', context=context)
         try:
-            return _published(reader, rate, delay, node, stop)
+            return _publish(reader, rate, delay, node, stop)
         finally:
             node.destroy_node()
             context.try_shutdown()
 
 
-def _published(reader: Bag, rate: float, delay: float, node: Any, stop: Sequence[int]) -> int:
+def _publish(reader: Bag, rate: float, delay: float, node: Any, stop: Sequence[int]) -> int:
     """Publish all messages by a node; return how many."""
-    count, publishers = 0, _create_publishers(reader, node)
+    publishers = _create_publishers(reader, node)
+    count = 0
     begin = time.monotonic() + delay
     for connection, t, data in reader.messages():
-        _sleep_until(begin + (t - reader.start_time) / NANOSECONDS / rate, stop)
+        since = (t - reader.start_time) / NANOSECONDS
+        _sleep_until(begin + since / rate, stop)
         if stop:
             break
         publisher = publishers.get((connection.topic, connection.msgtype))
@@ -96,10 +102,15 @@ def _published(reader: Bag, rate: float, delay: float, node: Any, stop: Sequence
 
 
 def _create_publishers(reader: Bag, node: Any) -> dict[tuple[str, str], Any]:
-    """Return a publisher for each topic and its type; say which topics are left out, and why."""
+    """
+    Return a publisher for each topic and type.
+
+    Topics that are left out are printed with the reason.
+    """
     publishers: dict[tuple[str, str], Any] = {}
     # Each file of the bag has the topics.
-    for x in {(x.topic, x.msgtype, is_cdr(x)): x for x in reader.connections}.values():
+    distinct = {(x.topic, x.msgtype, is_cdr(x)): x for x in reader.connections}
+    for x in distinct.values():
         # Subscribers match a reliable publisher, whatever they ask for.
         latched = any(profile.durability == QosDurability.TRANSIENT_LOCAL
                       for profile in getattr(x.ext, 'offered_qos_profiles', []))
@@ -107,20 +118,24 @@ def _create_publishers(reader: Bag, node: Any) -> dict[tuple[str, str], Any]:
         if not is_cdr(x):
             reason = f'its messages are {serialization(x)}, not of ROS 2'
         elif any(topic == x.topic for topic, _ in publishers):
-            reason = 'the topic has messages of another type, too'
+            reason = 'the topic also has messages of another type'
         else:
             try:
                 publishers[x.topic, x.msgtype] = node.create_publisher(
-                    message_type(x.msgtype), x.topic, qos(latched=latched))
+                    message_type(x.msgtype),
+                    x.topic,
+                    qos(latched=latched))
             except CtcError:
                 reason = 'its message type is not installed'
         if reason:
-            print(f'not replayed, because {reason}: {x.topic} ({x.msgtype})', file=sys.stderr,
-                  flush=True)
+            print(
+                f'not replayed, because {reason}: {x.topic} ({x.msgtype})',
+                file=sys.stderr,
+                flush=True)
     return publishers
 
 
 def _sleep_until(instant: float, stop: Sequence[int]) -> None:
-    """Wait until a time on the monotonic clock [s], or a signal."""
-    while not stop and (left := instant - time.monotonic()) > 0.0:
-        time.sleep(min(left, 0.05))  # A signal is seen after that.
+    """Wait for a monotonic time [s], or a signal."""
+    while not stop and (remaining := instant - time.monotonic()) > 0.0:
+        time.sleep(min(remaining, 0.05))  # A signal is noticed after 0.05 s.

@@ -13,17 +13,16 @@
 # limitations under the License.
 
 """
-Writing a rosbag2 bag: MCAP by `mcap`, with message definitions and QoS in it.
+Writing a rosbag2 bag as MCAP.
 
-Also what a recorder knows of the messages that arrive: their log time, and how many were lost
-before. Several publishers of one topic number their messages each for itself, and do not say who
-they are. What each of them would send next is remembered, also of those that have gone.
+`nodes/recorder.py` writes with a `BagWriter`, `repair.py` writes metadata. A file is cut into
+chunks with checksums, which `flush` brings to the disk, so that a killed recorder loses little.
 """
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import suppress
 import dataclasses
@@ -33,121 +32,84 @@ import time
 from typing import Any, BinaryIO, NamedTuple
 import zlib
 
-from ctc_chattering.bags.bag_files import METADATA
+from ctc_chattering.bags.bag_files import METADATA, Span
 from ctc_chattering.bags.mcap_file import QOS
 from ctc_chattering.errors import CtcError
-from ctc_chattering.numerics.time_grid import NANOSECONDS
 from mcap.data_stream import RecordBuilder
 from mcap.records import Channel, Chunk, Schema
 from mcap.writer import Writer
+from rosbags.interfaces import (
+    Qos,
+    QosDurability,
+    QosHistory,
+    QosLiveliness,
+    QosReliability,
+    QosTime,
+)
+from rosbags.rosbag2.metadata import dump_qos_v9
 from rosbags.typesys import get_typestore, Stores
 import yaml
 
-#: Largest difference between the stamps of two topics that is no jump of time [ns].
-_SKEW = NANOSECONDS
-
-
-class LogTime:
-    """
-    Follows the stamps of several topics, and does not go back because one of them is ahead.
-
-    A bag is read in the order of its log times, so they must not decrease if the order of arrival
-    is to be preserved. A jump of time, as when a simulation restarts, is accepted when the next
-    message of that topic follows it.
-
-    Attributes
-    ----------
-    now : int
-        The time [ns].
-
-    """
-
-    def __init__(self) -> None:
-        self.now = 0
-        self._last: dict[str, int] = {}
-
-    def note(self, topic: str, stamp: int) -> None:
-        """Take the stamp of a message of `topic` [ns]."""
-        before = self._last.get(topic, stamp + 1)
-        if not self._last or (abs(stamp - self.now) > _SKEW and 0 <= stamp - before <= _SKEW):
-            self.now = stamp
-        elif abs(stamp - self.now) <= _SKEW:
-            self.now = max(self.now, stamp)
-        self._last[topic] = stamp
-
-
-class SequenceTracker:
-    """Follows the numbers of one topic's messages."""
-
-    def __init__(self) -> None:
-        self._next: set[int] = set()
-
-    def lost(self, number: int, publishers: Callable[[], int]) -> int:
-        """
-        Return how many messages are missing before one.
-
-        Parameters
-        ----------
-        number : int
-            The publisher's number of the message.
-        publishers : callable
-            Returns how many there are now. With several, it is not known whose message is
-            missing, and a number never seen may be a new publisher's; then it is 0.
-
-        """
-        before = number if number in self._next else None
-        if before is None and publishers() == 1:
-            before = max((x for x in self._next if x < number), default=None)
-        self._next.discard(before or 0)
-        self._next.add(number + 1)
-        return 0 if before is None else number - before
-
-
-#: Age at which a file is ended and a new one begun [s]. The index of a file, about 1 kB for each
-#: chunk, is in memory until the file ends.
-_FILE_AGE = 600.0
+#: After this time a new file begins. The index of a file, about 1 kB for each chunk, stays in
+#: memory until its end.
+_MAX_FILE_AGE_S = 600.0
 #: Compression of a bag whose files and messages are not compressed as a whole.
 NOT_COMPRESSED = {'compression_format': '', 'compression_mode': ''}
-#: Size at which a chunk is ended [bytes]: compressing takes some times as much memory.
-CHUNK_SIZE = 1 << 18
+#: Size of a full chunk. Compressing takes some times as much memory.
+CHUNK_SIZE_BYTES = 1 << 18
+#: Duration without a limit, as ROS 2 writes it.
+_UNLIMITED = QosTime(9223372036, 854775807)
 
 
 def offered_qos(depth: int, latched: bool) -> str:
-    """Return the profile of a reliable publisher as a bag stores it, in YAML."""
-    unlimited = {'sec': 9223372036, 'nsec': 854775807}
-    return yaml.safe_dump([{
-        'history': 'keep_last', 'depth': depth, 'reliability': 'reliable',
-        'durability': 'transient_local' if latched else 'volatile', 'deadline': {**unlimited},
-        'lifespan': {**unlimited}, 'liveliness': 'automatic',
-        'liveliness_lease_duration': unlimited, 'avoid_ros_namespace_conventions': False}])
-
-
-@dataclasses.dataclass
-class Span:
-    """Number of messages, and the first and last log time [ns]."""
-
-    count: int = 0
-    begin: int = 2 ** 63 - 1  # Of a bag without messages, as of rosbag2.
-    end: int = 0
-
-    def entry(self) -> dict[str, Any]:
-        """Return the span as the metadata of a bag have it."""
-        return {'message_count': self.count,
-                'starting_time': {'nanoseconds_since_epoch': self.begin},
-                'duration': {'nanoseconds': max(0, self.end - self.begin)}}
+    """Return the QoS of a reliable publisher as YAML."""
+    durability = QosDurability.TRANSIENT_LOCAL if latched else QosDurability.VOLATILE
+    profile = Qos(
+        QosHistory.KEEP_LAST,
+        depth,
+        QosReliability.RELIABLE,
+        durability,
+        deadline=_UNLIMITED,
+        lifespan=_UNLIMITED,
+        liveliness=QosLiveliness.AUTOMATIC,
+        liveliness_lease_duration=_UNLIMITED,
+        avoid_ros_namespace_conventions=False)
+    return yaml.safe_dump(dump_qos_v9([profile]))
 
 
 class RecordedTopic(NamedTuple):
-    """A topic of a bag: schema and channel as in a file, and its number of messages."""
+    """Schema and channel of a topic, and its messages' number."""
 
     schema: Schema
     channel: Channel
-    messages: int
+    messages: int = 0
 
 
-def write_metadata(path: Path, files: Mapping[str, Span], topics: Sequence[RecordedTopic],
-                   notes: Mapping[str, str], compression: Mapping[str, str] = NOT_COMPRESSED
-                   ) -> None:
+def _entry(span: Span) -> dict[str, Any]:
+    """Return a span as metadata have it."""
+    return {
+        'message_count': span.count,
+        'starting_time': {'nanoseconds_since_epoch': span.begin},
+        'duration': {'nanoseconds': max(0, span.end - span.begin)}}
+
+
+def _topic_metadata(topic: RecordedTopic) -> dict[str, Any]:
+    """Return name, type and QoS of a topic as metadata have it."""
+    channel = topic.channel
+    return {
+        'name': channel.topic,
+        'type': topic.schema.name,
+        'serialization_format': channel.message_encoding,
+        'offered_qos_profiles': yaml.safe_load(channel.metadata[QOS] or '[]'),
+        'type_description_hash': channel.metadata.get('topic_type_hash', '')}
+
+
+def write_metadata(
+        path: Path,
+        files: Mapping[str, Span],
+        topics: Sequence[RecordedTopic],
+        notes: Mapping[str, str],
+        compression: Mapping[str, str] = NOT_COMPRESSED) -> None:
     """
     Write the metadata of a bag.
 
@@ -162,35 +124,36 @@ def write_metadata(path: Path, files: Mapping[str, Span], topics: Sequence[Recor
     notes : mapping of str to str
         Remarks on the recording.
     compression : mapping of str to str
-        Its mode and format, under the keys that metadata have for them.
+        Mode and format, under their keys in the metadata.
 
     """
     spans = files.values()
-    whole = Span(sum(x.count for x in spans), min(x.begin for x in spans),
-                 max(x.end for x in spans))
+    bag = Span(
+        sum(x.count for x in spans),
+        min(x.begin for x in spans),
+        max(x.end for x in spans))
     information = {
-        'version': 9, 'storage_identifier': 'mcap', 'ros_distro': 'jazzy', **whole.entry(),
+        'version': 9,
+        'storage_identifier': 'mcap',
+        'ros_distro': 'jazzy',
+        **_entry(bag),
         'relative_file_paths': list(files),
-        'files': [{'path': name, **span.entry()} for name, span in files.items()],
-        'topics_with_message_count': [{
-            'message_count': x.messages, 'topic_metadata': {
-                'name': x.channel.topic, 'type': x.schema.name,
-                'serialization_format': x.channel.message_encoding,
-                'offered_qos_profiles': yaml.safe_load(x.channel.metadata[QOS] or '[]'),
-                'type_description_hash': x.channel.metadata.get('topic_type_hash', '')}}
-            for x in topics],
-        **compression, 'custom_data': dict(notes) or None}
-    # Keys are sorted: of metadata that are cut off, the version is missing.
+        'files': [{'path': name, **_entry(span)} for name, span in files.items()],
+        'topics_with_message_count': [
+            {'message_count': x.messages, 'topic_metadata': _topic_metadata(x)} for x in topics],
+        **compression,
+        'custom_data': dict(notes) or None}
+    # Keys are sorted, so the version is last: it is missing where the file is cut off.
     path.write_text(
         yaml.safe_dump({'rosbag2_bagfile_information': information}), encoding='utf-8')
 
 
 class BagWriter:
     """
-    A bag being written.
+    Bag that is being written.
 
-    When the disk takes no more, `write`, `flush` or `close` raises an `OSError`; `abandon` is all
-    that is left to do then.
+    When the disk takes no more, `write`, `flush` or `close` raises an `OSError`. Only `abandon`
+    may be called then.
 
     Parameters
     ----------
@@ -199,32 +162,34 @@ class BagWriter:
 
     Attributes
     ----------
-    path, file : Path
-        As given, and the file that is being written.
+    path : Path
+        Directory.
+    file : Path
+        File that is being written.
     topics : dict
-        What is known of each topic; the numbers in the records do not matter.
+        Schema and channel of each topic. Their numbers do not matter.
     counts : Counter
         Number of messages by topic.
     notes : dict
-        What the bag's metadata say of the recording.
+        Remarks on the recording, for the metadata.
 
     Raises
     ------
     CtcError
-        If it exists or cannot be made.
+        If it exists or cannot be created.
 
     """
 
     def __init__(self, path: Path) -> None:
         self._store = get_typestore(Stores.ROS2_JAZZY)
-        self.topics: dict[str, tuple[Schema, Channel]] = {}
+        self.topics: dict[str, RecordedTopic] = {}
         self.notes: dict[str, str] = {}
         self._files: dict[str, Span] = {}
-        #: Of topics that are new since the last flush.
+        #: Chunks that describe the topics added since the last flush.
         self._descriptions = b''
         self.counts: Counter[str] = Counter()
         self.path = path
-        # A slow disk takes seconds for what it is asked to keep.
+        # Another thread waits for fsync, which takes seconds on a slow disk.
         self._pool = ThreadPoolExecutor(1)
         self._sync: Future[None] = Future()
         self._sync.set_result(None)
@@ -236,44 +201,44 @@ class BagWriter:
         except OSError as error:
             raise CtcError(f'{path}: {error.strerror or error}') from None
 
-    def write(self, topic: str, kind: str, t: int, data: bytes, qos: str) -> None:
+    def write(self, topic: str, message_type: str, t: int, data: bytes, qos: str) -> None:
         """
-        Add a message.
+        Add a message, and its topic if new.
 
         Parameters
         ----------
-        topic, kind : str
-            Full name and message type.
+        topic : str
+            Full name.
+        message_type : str
+            Type of the message.
         t : int
             Log time [ns].
         data : bytes
             Serialized message.
         qos : str
-            What the publishers offer; used for the first message of a topic.
+            QoS that the publishers offer. That of the first message of a topic is used.
 
         """
         if topic not in self.topics:
-            definition, _ = self._store.generate_msgdef(kind, ros_version=2)
-            metadata = {QOS: qos, 'topic_type_hash': self._store.hash_rihs01(kind)}
-            self.topics[topic] = (Schema(0, definition.encode(), 'ros2msg', kind),
-                                  Channel(0, topic, 'cdr', metadata, 0))
-        self.add_message(topic, t, data)
-
-    def add_message(self, topic: str, t: int, data: bytes) -> None:
-        """Add a message of one of `topics` with log time `t` [ns]."""
-        number = self._numbers.get(topic) or self._add_channel(*self.topics[topic])
+            definition, _ = self._store.generate_msgdef(message_type, ros_version=2)
+            metadata = {QOS: qos, 'topic_type_hash': self._store.hash_rihs01(message_type)}
+            self.topics[topic] = RecordedTopic(
+                Schema(0, definition.encode(), 'ros2msg', message_type),
+                Channel(0, topic, 'cdr', metadata, 0))
+        number = self._numbers.get(topic) or self._add_channel(self.topics[topic])
         self._writer.add_message(number, t, data, t)
         self.counts[topic] += 1
         span = self._span
         span.count += 1
-        span.begin, span.end = min(t, span.begin), max(t, span.end)
+        span.begin = min(t, span.begin)
+        span.end = max(t, span.end)
 
     def flush(self) -> None:
         """
-        Write all out, so that it can be read even if this process is killed.
+        Write all out, so that a killed process loses nothing.
 
-        The disk is asked to keep it, too. What comes of that is raised by a later call, as
-        `OSError`; as long as the disk takes, no more is asked of it, while writing goes on.
+        The disk is also asked to keep it (fsync), one request at a time, while writing goes on. An
+        `OSError` of that is raised by a later call.
         """
         self._writer.flush()
         self._stream.write(self._descriptions)
@@ -282,32 +247,31 @@ class BagWriter:
         if self._sync.done():
             self._sync.result()
             self._sync = self._pool.submit(os.fsync, self._stream.fileno())
-        if time.monotonic() - self._begun >= _FILE_AGE:
+        if time.monotonic() - self._begun >= _MAX_FILE_AGE_S:
             self._end_file()
             self._begin_file()
 
     def abandon(self) -> None:
-        """Close without index and metadata: the disk takes no more."""
+        """Close without index and metadata, on a full disk."""
         for action in (self._sync.result, self._stream.close,
                        (self.path / METADATA).unlink):
             with suppress(OSError):
                 action()
 
     def close(self) -> None:
-        """Write index and metadata; without them, tools cannot open the bag."""
+        """Write index and metadata, which other tools need."""
         self._end_file()
-        topics = [RecordedTopic(schema, channel, self.counts[topic])
-                  for topic, (schema, channel) in self.topics.items()]
+        topics = [x._replace(messages=self.counts[name]) for name, x in self.topics.items()]
         write_metadata(self.path / METADATA, self._files, topics, self.notes)
 
     def _begin_file(self) -> None:
-        """Begin a file, named as the recorder of ROS names it."""
+        """Begin a file, named as ROS does it."""
         self.file = self.path / f'{self.path.name}_{len(self._files)}.mcap'
         self._span = self._files[self.file.name] = Span()
         self._numbers: dict[str, int] = {}
         self._begun: float = time.monotonic()
         self._stream: BinaryIO = self.file.open('xb')
-        self._writer: Any = Writer(self._stream, chunk_size=CHUNK_SIZE)
+        self._writer: Any = Writer(self._stream, chunk_size=CHUNK_SIZE_BYTES)
         self._writer.start('ros2', 'ctc_chattering')
 
     def _end_file(self) -> None:
@@ -317,18 +281,19 @@ class BagWriter:
         self._sync.result()
         self._stream.close()
 
-    def _add_channel(self, schema: Schema, channel: Channel) -> int:
+    def _add_channel(self, topic: RecordedTopic) -> int:
         """
-        Describe a topic in the file; return its number.
+        Describe a topic in the file and return its number.
 
         The first chunk with messages of a topic has its description. A damaged chunk must not take
-        it along: it is in chunks without messages on both sides of that chunk as well.
+        it along. So it is also in chunks without messages on both sides of that chunk.
         """
-        kind = self._writer.register_schema(schema.name, schema.encoding, schema.data)
-        number = self._writer.register_channel(channel.topic, 'cdr', kind, channel.metadata)
+        schema, channel, _ = topic
+        schema_id = self._writer.register_schema(schema.name, schema.encoding, schema.data)
+        number = self._writer.register_channel(channel.topic, 'cdr', schema_id, channel.metadata)
         records: Any = RecordBuilder()
-        dataclasses.replace(schema, id=kind).write(records)
-        dataclasses.replace(channel, id=number, schema_id=kind).write(records)
+        dataclasses.replace(schema, id=schema_id).write(records)
+        dataclasses.replace(channel, id=number, schema_id=schema_id).write(records)
         data = records.end()
         Chunk('', data, 0, 0, zlib.crc32(data), len(data)).write(records)
         description = records.end()

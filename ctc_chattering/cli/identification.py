@@ -22,14 +22,13 @@ from math import inf
 from pathlib import Path
 
 from ctc_chattering.analysis.tables import fitted, paragraph
-from ctc_chattering.bags.motion import read_motion
-from ctc_chattering.bags.table import read_table, SUFFIX
 from ctc_chattering.cli.command_line import say
 from ctc_chattering.cli.options import add_declared, add_number, add_output, add_params_file, words
 from ctc_chattering.cli.presentation import print_page
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.configuration.package_share import find_config, read_description
 from ctc_chattering.errors import as_usage_error, CtcError
+from ctc_chattering.identification.bag_motion import read_motion
 from ctc_chattering.identification.effort import CURRENT, LINK, MOTOR
 from ctc_chattering.identification.excite import (
     EXCITE,
@@ -52,6 +51,7 @@ from ctc_chattering.identification.identified_robot import (
     write_identified,
 )
 from ctc_chattering.identification.random_motions import ExcitationConfig
+from ctc_chattering.identification.table_motion import read_table, SUFFIX
 from ctc_chattering.output_files import check_folder
 import numpy as np
 

@@ -34,12 +34,11 @@ from ctc_chattering.identification.prior import BodyPrior
 from ctc_chattering.identification.regression import (
     correlation_length,
     fit,
-    Flags,
     Observations,
     Unknowns,
 )
 from ctc_chattering.identification.selection import basic_terms
-from ctc_chattering.numerics.linear_algebra import Array
+from ctc_chattering.numerics.linear_algebra import Array, Flags
 import numpy as np
 from scipy.optimize import linear_sum_assignment  # type: ignore[import-untyped]
 

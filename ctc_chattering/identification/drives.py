@@ -23,15 +23,13 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import NamedTuple
 
-from ctc_chattering.bags.recording import Indices, Stretch
 from ctc_chattering.dynamics.drive_response import response
+from ctc_chattering.identification.stretches import Stretch
 from ctc_chattering.identification.weak_form import TestFunction
-from ctc_chattering.numerics.linear_algebra import Array
+from ctc_chattering.numerics.linear_algebra import Array, Flags, Indices
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
-import numpy.typing as npt
 
-Flags = npt.NDArray[np.bool_]
 #: Source of the torque: what was commanded.
 COMMAND = 'command'
 #: Source of the torque: what was measured.

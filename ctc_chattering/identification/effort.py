@@ -19,9 +19,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 import dataclasses
 
-from ctc_chattering.bags.recording import Recording, Stretch
 from ctc_chattering.errors import CtcError, ParameterError, UsageError
 from ctc_chattering.identification.drives import COMMAND, EFFORT, has
+from ctc_chattering.identification.recording import Recording
+from ctc_chattering.identification.stretches import Stretch
 from ctc_chattering.parameters import vector
 import numpy as np
 

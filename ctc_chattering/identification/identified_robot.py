@@ -24,7 +24,6 @@ from pathlib import Path
 from typing import Any
 
 from ctc_chattering.analysis.compilation import compile_setups, has_compiler
-from ctc_chattering.bags.recording import RecordedMotion, Recording
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.configuration.arm_knowledge import ASSUMED_ROTOR
 from ctc_chattering.control.controller_config import ControllerConfig
@@ -43,6 +42,7 @@ from ctc_chattering.identification.identify import Identification, TorqueSignal
 from ctc_chattering.identification.perturbation import perturbation
 from ctc_chattering.identification.prior import URDF_UNCERTAINTY
 from ctc_chattering.identification.recorder_faults import repair
+from ctc_chattering.identification.recording import RecordedMotion, Recording
 from ctc_chattering.identification.results import IdentificationResults, write_page
 from ctc_chattering.identification.sensors import velocity_noise
 from ctc_chattering.identification.trial_runs import (

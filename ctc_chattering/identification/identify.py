@@ -23,7 +23,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 import dataclasses
 
-from ctc_chattering.bags.recording import Recording, Stretch, stretches
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.errors import CtcError
 from ctc_chattering.identification.bodies import IdentifiedBodies
@@ -46,6 +45,7 @@ from ctc_chattering.identification.prior import (
     finite_efforts,
     URDF_UNCERTAINTY,
 )
+from ctc_chattering.identification.recording import Recording
 from ctc_chattering.identification.regression import Fit, Observations
 from ctc_chattering.identification.regressor import BodyRegressor
 from ctc_chattering.identification.selection import select
@@ -57,6 +57,7 @@ from ctc_chattering.identification.sensors import (
     velocity_noise,
     VelocityNoise,
 )
+from ctc_chattering.identification.stretches import Stretch, stretches
 from ctc_chattering.identification.timing import rate_limits, Timing, timing, timing_findings
 from ctc_chattering.identification.weak_form import TestFunction
 from ctc_chattering.identification.windows import joined, Windows

@@ -32,11 +32,9 @@ from ctc_chattering.identification.friction import JointFriction
 from ctc_chattering.identification.friction_terms import TermKind
 from ctc_chattering.identification.identify import Identification
 from ctc_chattering.identification.verdict import verdicts
-from ctc_chattering.numerics.linear_algebra import Array
+from ctc_chattering.numerics.linear_algebra import Array, Flags
 import numpy as np
-import numpy.typing as npt
 
-Flags = npt.NDArray[np.bool_]
 #: Bounds of what is unexplained beyond which a window is an outlier.
 OUTLIER_BOUNDS = 3.0
 #: Part of P beyond which it is.

@@ -11,14 +11,15 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
-"""
-Repair of recorded states: turns that are not counted, states that repeat, stamps that jitter.
 
-A driver may report the angle of a joint within a turn: where it jumps by a turn, turns are
-counted. A broadcaster that is faster than its robot repeats each state: repetitions are left out.
-States of another source between those of the robot are refused.
-Stamps of reception jitter, which shifts states in time and makes torque out of motion. Stamps that
-are coarser than the period are refused where a bag is read.
+"""
+Faults of recorders, repaired or refused.
+
+`repair` takes a checked `Recording` before anything is computed from it. A driver may report the
+angle of a joint within a turn: turns are counted where it jumps. A broadcaster that is faster than
+its robot repeats each state: repetitions are left out. States of another source between those of
+the robot are refused. Stamps of reception jitter, which shifts states in time and makes torque out
+of motion. Stamps coarser than the period are refused before, in `bags/state_order.py`.
 """
 
 from __future__ import annotations
@@ -27,81 +28,72 @@ from collections.abc import Iterator
 import dataclasses
 from typing import NamedTuple
 
-from ctc_chattering.bags.recording import Indices, Recording
 from ctc_chattering.errors import CtcError
 from ctc_chattering.identification.findings import ALL_JOINTS, Finding, note, Reason, Severity
+from ctc_chattering.identification.recording import Recording
 from ctc_chattering.numerics.angles import TURN
+from ctc_chattering.numerics.linear_algebra import Flags
 import numpy as np
-import numpy.typing as npt
-
-Flags = npt.NDArray[np.bool_]
-#: Time between two states, in periods, within which no joint turns by half a turn.
-NEXT_STATE = 1.5
-#: Part of the messages that may be dropped without care.
-MOST_DROPPED = 1e-3
-#: Part of a period by which stamps may jitter without care.
-MOST_JITTER = 0.2
 
 
 @dataclasses.dataclass(frozen=True)
-class RepetitionLimits:
+class RecorderLimits:
     """
-    Signs of a broadcaster that repeats states.
+    Limits beyond which a recorder has a fault.
 
     Attributes
     ----------
-    mean_run : float
-        Least mean number of equal states that follow each other in motion.
-    resting_run : int
-        Number from which on a robot rests.
-    alike : float
-        Least part of these numbers that differ by at most one from the usual one.
-    runs : int
-        Fewest runs that are judged.
+    next_state_periods : float
+        Within this time no joint turns by half a turn.
+    max_dropped_fraction : float
+        More dropped messages need care.
+    max_jitter_periods : float
+        More jitter of the stamps needs care.
 
-    """
+    min_mean_repetitions : float
+        Least mean number of equal states of a broadcaster that repeats them.
+    resting_repetitions : int
+        From this number on the robot rests.
+    min_even_fraction : float
+        Least fraction of these numbers that differ by at most one. A broadcaster repeats evenly,
+        slow positions in steps of an encoder do not.
+    min_runs : int
+        Fewest runs of equal states that are judged.
 
-    mean_run: float = 1.5
-    resting_run: int = 20
-    alike: float = 0.9
-    runs: int = 50
-
-
-LIMITS = RepetitionLimits()
-
-
-@dataclasses.dataclass(frozen=True)
-class SourceLimits:
-    """
-    Signs of a second source of states.
-
-    Attributes
-    ----------
-    jump : float
+    min_jump : float
         Least jump of a position to another source and back [rad].
-    motions : float
-        The same over the usual change in two states.
-    back : float
-        Difference of the positions before and after, as a part of the jump.
-    part : float
-        Least part of the states that jump.
-    fewest : int
-        Fewest such states.
+    min_jump_ratio : float
+        Least such jump, relative to the usual change in two states.
+    max_return_ratio : float
+        Largest difference of the positions before and after, relative to the jump.
+    min_jumping_fraction : float
+        Least fraction of the states that jump.
+    min_jumping_states : int
+        Least number of the states that jump.
 
     """
 
-    jump: float = 0.02
-    motions: float = 10.0
-    back: float = 0.3
-    part: float = 0.003
-    fewest: int = 10
+    next_state_periods: float = 1.5
+    max_dropped_fraction: float = 1e-3
+    max_jitter_periods: float = 0.2
+
+    min_mean_repetitions: float = 1.5
+    resting_repetitions: int = 20
+    min_even_fraction: float = 0.9
+    min_runs: int = 50
+
+    min_jump: float = 0.02
+    min_jump_ratio: float = 10.0
+    max_return_ratio: float = 0.3
+    min_jumping_fraction: float = 0.003
+    min_jumping_states: int = 10
 
 
-SOURCES = SourceLimits()
+LIMITS = RecorderLimits()
 
 
 class RepairedStates(NamedTuple):
-    """A repaired recording, and what was noticed."""
+    """Repaired recording, with its findings."""
 
     recording: Recording
     findings: tuple[Finding, ...] = ()
@@ -109,7 +101,7 @@ class RepairedStates(NamedTuple):
 
 def repair(recording: Recording) -> RepairedStates:
     """
-    Return a recording with turns counted and without repeated states, and findings.
+    Return a recording without the recorder's faults, and findings.
 
     Raises
     ------
@@ -117,120 +109,123 @@ def repair(recording: Recording) -> RepairedStates:
         If states of another source are between those of the robot.
 
     """
-    dropped = tuple(_dropped_findings(recording))
-    counted = count_turns(recording)
-    check_source(counted.recording)
-    single = leave_out_repetitions(counted.recording)
-    jitter = tuple(_jitter_findings(single.recording))
-    findings = (*dropped, *counted.findings, *single.findings, *jitter)
-    return RepairedStates(single.recording, findings)
+    findings = list(_find_dropped(recording))
+    recording, turns = _count_turns(recording)
+    _check_source(recording)
+    recording, repetitions = _remove_repetitions(recording)
+    findings += [*turns, *repetitions, *_find_jitter(recording)]
+    return RepairedStates(recording, tuple(findings))
 
 
-def count_turns(recording: Recording) -> RepairedStates:
-    """Return a recording in which no joint jumps by a turn from a state to the next one."""
+def _count_turns(recording: Recording) -> RepairedStates:
+    """Count the turns where a joint jumps by a turn."""
     step = np.diff(recording.t)
-    follows = step < NEXT_STATE * np.median(step)
-    position, findings = recording.q, []
-    for joint, name in enumerate(recording.joints):
-        change = np.diff(recording.q[:, joint])
-        turns = np.where(follows, np.rint(change / TURN), 0.0)
-        if not turns.any():
-            continue
-        if position is recording.q:
-            position = recording.q.copy()
-        position[1:, joint] -= TURN * np.cumsum(turns)
-        findings.append(note(
-            f'{recording.name}: the position of {name} jumps by a turn '
-            f'{np.count_nonzero(turns)} times; its turns are counted'))
-    return RepairedStates(dataclasses.replace(recording, q=position), tuple(findings))
+    is_next = step < LIMITS.next_state_periods * np.median(step)
+    turns = np.rint(np.diff(recording.q, axis=0) / TURN)
+    turns[~is_next] = 0.0
+    if not turns.any():
+        return RepairedStates(recording)
+    q = recording.q.copy()
+    q[1:] -= TURN * np.cumsum(turns, axis=0)
+    findings = []
+    for name, column in zip(recording.joints, turns.T):
+        count = np.count_nonzero(column)
+        if count:
+            findings.append(note(
+                f'{recording.name}: the position of {name} jumps by a turn {count} times; its '
+                'turns are counted'))
+    return RepairedStates(dataclasses.replace(recording, q=q), tuple(findings))
 
 
-def check_source(recording: Recording) -> None:
-    """Raise `CtcError` if positions often jump and come back: a second source publishes states."""
+def _check_source(recording: Recording) -> None:
+    """
+    Raise `CtcError` if a second source publishes states.
+
+    Positions then often jump and come back.
+    """
     q = recording.q
-    change = np.diff(q, axis=0)
-    over_two = np.abs(q[2:] - q[:-2])
-    smaller = np.minimum(np.abs(change[1:]), np.abs(change[:-1]))
-    least = np.maximum(SOURCES.jump, SOURCES.motions * np.median(over_two, axis=0))
-    jumps = (smaller > least) & (over_two < SOURCES.back * smaller)
-    count = int(jumps.any(axis=1).sum())
-    if count >= max(SOURCES.fewest, SOURCES.part * len(q)):
-        joint = int(np.argmax(np.where(jumps, smaller, 0.0).max(axis=0)))
-        raise CtcError(
-            f'{recording.name}: {count} of {len(q)} states jump and come back, those of '
-            f'{recording.joints[joint]} by {smaller[jumps[:, joint], joint].max():.3g} rad. A '
-            'second source, as a joint_state_publisher, publishes joint states beside the robot. '
-            "Stop it, or record the robot's own topic, and give --states")
+    change = np.abs(np.diff(q, axis=0))
+    double_change = np.abs(q[2:] - q[:-2])
+    jump = np.minimum(change[1:], change[:-1])
+    usual = np.median(double_change, axis=0)
+    smallest = np.maximum(LIMITS.min_jump, LIMITS.min_jump_ratio * usual)
+    is_jump = (jump > smallest) & (double_change < LIMITS.max_return_ratio * jump)
+    count = int(is_jump.any(axis=1).sum())
+    if count < max(LIMITS.min_jumping_states, LIMITS.min_jumping_fraction * len(q)):
+        return
+    largest = np.where(is_jump, jump, 0.0).max(axis=0)
+    joint = int(np.argmax(largest))
+    raise CtcError(
+        f'{recording.name}: {count} of {len(q)} states jump and come back, those of '
+        f'{recording.joints[joint]} by {largest[joint]:.3g} rad. A second source, as a '
+        'joint_state_publisher, publishes joint states beside the robot. '
+        "Stop it, or record the robot's own topic, and give --states")
 
 
-def leave_out_repetitions(recording: Recording) -> RepairedStates:
+def _remove_repetitions(recording: Recording) -> RepairedStates:
     """Return a recording without the repetitions of a broadcaster."""
-    repeats = repeats_the_state_before(recording)
-    count = repetition_count(repeats)
-    if count == 1.0:
+    repeats = _find_repetitions(recording)
+    mean_count = _mean_repetitions(repeats)
+    if mean_count == 1.0:
         return RepairedStates(recording)
     finding = note(
-        f'{recording.name}: each state is recorded about {count:.3g} times; '
+        f'{recording.name}: each state is recorded about {mean_count:.3g} times; '
         f'{int(repeats.sum())} of {len(repeats)} that repeat the one before are left out')
-    return RepairedStates(select(recording, np.flatnonzero(~repeats)), (finding,))
+    return RepairedStates(recording.select(np.flatnonzero(~repeats)), (finding,))
 
 
-def repeats_the_state_before(recording: Recording) -> Flags:
-    """Return which states say the same as the one before, shape (N,)."""
-    equal = np.ones(len(recording.t) - 1, bool)
+def _find_repetitions(recording: Recording) -> Flags:
+    """Flag states equal to the one before, shape (N,)."""
+    is_equal = np.ones(len(recording.t) - 1, bool)
     for values in (recording.q, recording.effort):
         if values is not None:
-            equal &= (values[1:] == values[:-1]).all(axis=1)
-    return np.append(False, equal)
+            is_equal &= (values[1:] == values[:-1]).all(axis=1)
+    return np.append(False, is_equal)
 
 
-def repetition_count(repeats: Flags) -> float:
+def _mean_repetitions(repeats: Flags) -> float:
     """
-    Return how often a state is recorded in motion; 1 for a recording without repetitions.
+    Return how often a state is recorded in motion.
+
+    It is 1 for a recording without repetitions.
 
     A broadcaster repeats all states equally often, but for one time. Positions that change slowly,
     in steps of an encoder, are equal for any number of times.
     """
     starts = np.flatnonzero(~repeats)
     runs = np.diff(np.append(starts, len(repeats)))
-    runs = runs[runs < LIMITS.resting_run]
-    if len(runs) < LIMITS.runs:
+    runs = runs[runs < LIMITS.resting_repetitions]
+    if len(runs) < LIMITS.min_runs:
         return 1.0
-    usual, count = int(np.median(runs)), float(np.mean(runs))
-    shorter = usual - int(count < usual)
-    alike = float(((runs == shorter) | (runs == shorter + 1)).mean())
-    return count if alike > LIMITS.alike and count >= LIMITS.mean_run else 1.0
+    usual = int(np.median(runs))
+    mean = float(np.mean(runs))
+    shorter = usual - int(mean < usual)
+    is_even = (runs == shorter) | (runs == shorter + 1)
+    repeats_evenly = float(is_even.mean()) > LIMITS.min_even_fraction
+    return mean if repeats_evenly and mean >= LIMITS.min_mean_repetitions else 1.0
 
 
-def select(recording: Recording, rows: Indices) -> Recording:
-    """Return a recording with some of its states."""
-    dq, effort, command = recording.dq, recording.effort, recording.command
-    return dataclasses.replace(
-        recording, t=recording.t[rows], q=recording.q[rows],
-        dq=None if dq is None else dq[rows[rows < len(dq)]],
-        effort=None if effort is None else effort[rows],
-        command=None if command is None else command[rows])
-
-
-def _dropped_findings(recording: Recording) -> Iterator[Finding]:
-    """Yield that the recorder lost messages."""
+def _find_dropped(recording: Recording) -> Iterator[Finding]:
+    """Yield a finding if the recorder lost messages."""
     if not recording.dropped:
         return
-    share = recording.dropped / (recording.dropped + 2 * len(recording.t))
+    recorded = 2 * len(recording.t)  # States and commands.
+    fraction = recording.dropped / (recording.dropped + recorded)
+    severity = Severity.CARE if fraction > LIMITS.max_dropped_fraction else Severity.NOTE
     yield Finding(
-        Reason.DROPPED, Severity.CARE if share > MOST_DROPPED else Severity.NOTE, ALL_JOINTS,
+        Reason.DROPPED, severity, ALL_JOINTS,
         f'The recorder of {recording.name} dropped {recording.dropped} messages with states or '
         'torques. Windows without them are left out',
         'Record again with less load on the computer')
 
 
-def _jitter_findings(recording: Recording) -> Iterator[Finding]:
-    """Yield that the stamps jitter."""
+def _find_jitter(recording: Recording) -> Iterator[Finding]:
+    """Yield a finding if the stamps jitter."""
     step = np.diff(recording.t)
     period = float(np.median(step))
-    near = step[np.abs(step - period) < period]
-    jitter = float(near.std()) / np.sqrt(2.0)
-    if jitter > MOST_JITTER * period:
+    regular = step[np.abs(step - period) < period]
+    jitter = float(regular.std()) / np.sqrt(2.0)
+    if jitter > LIMITS.max_jitter_periods * period:
         yield Finding(
             Reason.STAMPS, Severity.CARE, ALL_JOINTS, f'The stamps of {recording.name} jitter by '
             f'{1e3 * jitter:.2g} ms at a period of {1e3 * period:.3g} ms: they are those of '

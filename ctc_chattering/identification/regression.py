@@ -41,12 +41,11 @@ from typing import NamedTuple
 from ctc_chattering.identification.friction_terms import FrictionTerm, NOT_NEGATIVE, TermKind
 from ctc_chattering.identification.prior import BodyPrior, covariance_of, PhysicalBounds
 from ctc_chattering.identification.windows import Windows
-from ctc_chattering.numerics.linear_algebra import Array
+from ctc_chattering.numerics.linear_algebra import Array, Flags
 import numpy as np
 import numpy.typing as npt
 from scipy.special import stdtrit  # type: ignore[import-untyped]
 
-Flags = npt.NDArray[np.bool_]
 #: Blocks of time of which one is left out at a time.
 BLOCKS = 10
 #: Rounds in which noise and weights follow from what is not predicted.

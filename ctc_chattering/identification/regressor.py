@@ -27,10 +27,9 @@ from __future__ import annotations
 
 import dataclasses
 
-from ctc_chattering.bags.recording import Indices
 from ctc_chattering.dynamics.model import LinearModel, Model, rotors
 from ctc_chattering.identification.weak_form import TestFunction
-from ctc_chattering.numerics.linear_algebra import Array
+from ctc_chattering.numerics.linear_algebra import Array, Indices
 import numpy as np
 
 #: Longest step of the grid on which regressors are evaluated [s].

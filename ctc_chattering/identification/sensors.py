@@ -20,8 +20,8 @@ from collections.abc import Sequence
 import dataclasses
 from typing import NamedTuple
 
-from ctc_chattering.bags.recording import Recording, VELOCITIES
 from ctc_chattering.identification.findings import Estimate, Finding, Reason, Severity
+from ctc_chattering.identification.recording import KEPT_VELOCITY_ROWS, Recording
 from ctc_chattering.identification.weak_form import (
     deviation,
     position_noise,
@@ -167,7 +167,7 @@ def velocity_noise(recording: Recording, period: float) -> VelocityNoise:
     if recording.dq is None:
         unknown = Estimate.unknown('no velocities in the bag')
         return VelocityNoise([unknown] * len(recording.joints), [])
-    dq, q = recording.dq[:VELOCITIES], recording.q[:VELOCITIES]
+    dq, q = recording.dq[:KEPT_VELOCITY_ROWS], recording.q[:KEPT_VELOCITY_ROWS]
     known = velocity_deviation(period) * position_noise(q, period)
     estimates, findings = [], []
     for joint in range(len(recording.joints)):

@@ -27,7 +27,6 @@ from functools import cached_property
 from math import ceil, nan
 from typing import NamedTuple
 
-from ctc_chattering.bags.recording import Stretch
 from ctc_chattering.identification.drives import (
     COMMAND,
     complete,
@@ -44,14 +43,13 @@ from ctc_chattering.identification.findings import (
     Severity,
 )
 from ctc_chattering.identification.regression import correlation_length, Observations
+from ctc_chattering.identification.stretches import Stretch
 from ctc_chattering.identification.weak_form import TestFunction
 from ctc_chattering.identification.windows import joined, SETTLING_S, Windows
-from ctc_chattering.numerics.linear_algebra import Array
+from ctc_chattering.numerics.linear_algebra import Array, Flags
 import numpy as np
-import numpy.typing as npt
 from scipy.interpolate import CubicSpline  # type: ignore[import-untyped]
 
-Flags = npt.NDArray[np.bool_]
 #: Longest delay that is looked for [samples].
 MOST_SAMPLES = 20
 #: Longest delay that is looked for [s].

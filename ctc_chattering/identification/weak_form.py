@@ -30,9 +30,8 @@ from __future__ import annotations
 
 import dataclasses
 
-from ctc_chattering.bags.recording import Indices
 from ctc_chattering.dynamics.model import Model
-from ctc_chattering.numerics.linear_algebra import Array
+from ctc_chattering.numerics.linear_algebra import Array, Indices
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from scipy.interpolate import CubicSpline  # type: ignore[import-untyped]

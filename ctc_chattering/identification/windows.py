@@ -24,9 +24,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 import dataclasses
 
-from ctc_chattering.bags.recording import Indices, Stretch
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.identification.regressor import BodyRegressor
+from ctc_chattering.identification.stretches import Stretch
 from ctc_chattering.identification.weak_form import (
     Dynamics,
     position_noise,
@@ -35,7 +35,7 @@ from ctc_chattering.identification.weak_form import (
     TestFunction,
     velocity_deviation,
 )
-from ctc_chattering.numerics.linear_algebra import Array
+from ctc_chattering.numerics.linear_algebra import Array, Indices
 import numpy as np
 import numpy.typing as npt
 from scipy.interpolate import make_interp_spline  # type: ignore[import-untyped]

@@ -28,7 +28,8 @@ from pathlib import Path
 import time
 from typing import Any
 
-from ctc_chattering.bags.writer import BagWriter, LogTime, offered_qos, SequenceTracker
+from ctc_chattering.bags.arrivals import LogTime, SequenceTracker
+from ctc_chattering.bags.writer import BagWriter, offered_qos
 from ctc_chattering.configuration.loop_setup import Values
 from ctc_chattering.configuration.node_parameters import RecorderConfig
 from ctc_chattering.numerics.time_grid import NANOSECONDS

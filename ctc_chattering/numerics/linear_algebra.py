@@ -23,6 +23,8 @@ import numpy as np
 import numpy.typing as npt
 
 Array = npt.NDArray[np.float64]
+Flags = npt.NDArray[np.bool_]
+Indices = npt.NDArray[np.intp]
 Vector = Sequence[float]
 Rows = Sequence[Sequence[float]]
 

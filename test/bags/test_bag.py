@@ -16,32 +16,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from contextlib import closing
-import itertools
-from operator import itemgetter
 from pathlib import Path
-import random
-import sqlite3
 import struct
-import tracemalloc
-from typing import Any
 
-from ctc_chattering.bags import compression
-from ctc_chattering.bags.mcap_file import MAGIC, McapFile
-from ctc_chattering.bags.repair import open_bag, repair
+from ctc_chattering.bags.repair import open_bag
 from ctc_chattering.errors import CtcError
-from mcap.data_stream import RecordBuilder
-from mcap.reader import make_reader, NonSeekingReader
-from mcap.records import Chunk, DataEnd, Footer, Header
-from mcap.stream_reader import StreamReader
-from mcap.writer import CompressionType, IndexType, Writer
+from mcap.writer import Writer
 from motion_bags import joint_state
 from motion_bags import write as write_bag
 import numpy as np
 import pytest
 from rosbags.rosbag2 import StoragePlugin
-import zstandard
 
 PLUGINS = {'mcap': StoragePlugin.MCAP, 'db3': StoragePlugin.SQLITE3}
 #: Compressions that `rosbags` knows.
@@ -119,152 +105,3 @@ def test_a_type_that_only_the_bag_defines(
     with closing(open_bag(tmp_path / 'file.mcap')) as reader:
         ((t, found),) = reader.read(reader.named('thing'))
     assert (t, found.header.stamp.sec, found.x.tolist()) == (7, 1, [1.5, -2.5])
-
-
-# MCAP files of the mcap library.
-
-TOPICS = ('/a', '/b')
-WAYS: list[dict[str, Any]] = [
-    {}, {'use_statistics': False}, {'repeat_schemas': False, 'repeat_channels': False},
-    {'compression': CompressionType.LZ4}, {'compression': CompressionType.NONE},
-    {'enable_crcs': False, 'use_summary_offsets': False}, {'use_chunking': False},
-    {'index_types': IndexType.NONE}]
-#: How many of these have an index that `rosbags` needs to put messages in the order of time.
-INDEXED = 6
-
-
-def write(file: Path, times: list[int], **how: Any) -> Path:
-    """Return a file of the mcap library, with messages of two topics in turn."""
-    file.parent.mkdir(exist_ok=True)
-    with file.open('wb') as stream:
-        writer = Writer(stream, chunk_size=300, **how)
-        writer.start('ros2', 'test')
-        channels = [writer.register_channel(topic, 'cdr', writer.register_schema(
-            f'my_msgs/msg/{topic[1].upper()}', 'ros2msg', b'string data')) for topic in TOPICS]
-        for (i, t), channel in zip(enumerate(times), itertools.cycle(channels)):
-            writer.add_message(channel, t, bytes(i), t)
-        writer.finish()  # type: ignore[no-untyped-call]
-    return file
-
-
-@pytest.mark.parametrize('how', WAYS, ids=str)
-def test_what_the_library_reads(tmp_path: Path, how: dict[str, Any]) -> None:
-    """Check files whose times are not in order where an index has the chunks."""
-    times = random.Random(1).sample(range(1000), 60)
-    file = write(tmp_path / 'file.mcap', times if how in WAYS[:INDEXED] else sorted(times), **how)
-    for topics in (TOPICS, TOPICS[1:]):
-        with file.open('rb') as stream, closing(open_bag(file)) as bag:
-            expected = [(channel.topic, message.log_time, message.data) for _, channel, message
-                        in NonSeekingReader(stream).iter_messages(topics)]
-            found = [(x.topic, t, data) for x, t, data in bag.messages(
-                [x for x in bag.connections if x.topic in topics])]
-            assert sorted((x.topic, x.msgtype, x.msgdef.data) for x in bag.connections) == [
-                (topic, f'my_msgs/msg/{topic[1].upper()}', 'string data') for topic in TOPICS]
-        assert found == sorted(expected, key=itemgetter(1))
-        assert len(found) == 30 * len(topics)
-
-
-def test_an_index_of_chunks_alone_leads_to_all_messages(tmp_path: Path) -> None:
-    file = write(tmp_path / 'file.mcap', list(range(60)), index_types=IndexType.CHUNK)
-    with closing(open_bag(file)) as bag:
-        assert [t for _, t, _ in bag.messages()] == list(range(60))
-
-
-def test_an_index_that_counts_other_messages_is_refused(tmp_path: Path) -> None:
-    """Check one topic and the sum, where no checksum tells."""
-    bag = tmp_path / 'bag'
-    file = write(bag / 'file.mcap', list(range(60)), enable_crcs=False)
-    data = file.read_bytes()
-    with file.open('rb') as stream:
-        summary = make_reader(stream).get_summary()
-    assert summary is not None and summary.statistics is not None
-    counts = struct.pack('<HQ', 1, 30), struct.pack('<HQ', 1, 31)
-    sums = struct.pack('<QH', 60, 2), struct.pack('<QH', 61, 2)
-    place = data.rindex(counts[0])
-    both = (data[:place] + data[place:].replace(*counts)).replace(*sums)
-    file.write_bytes(both)
-    with closing(open_bag(bag)) as reader, pytest.raises(
-            CtcError, match=f'60 messages, 61 according to its index; "ctc repair {bag}"'):
-        list(reader.messages())
-    file.write_bytes(data.replace(*sums))
-    with pytest.raises(CtcError, match=r'the counts .* contradict each other; "ctc repair'):
-        open_bag(bag)
-    assert repair(bag) is not None
-    with closing(open_bag(bag)) as reader:
-        assert [t for _, t, _ in reader.messages()] == list(range(60))
-
-
-def test_what_is_wrong_with_an_index_is_found(tmp_path: Path) -> None:
-    """Check a wrong byte anywhere, a chunk that is not there, and an unknown compression."""
-    file = write(tmp_path / 'file.mcap', list(range(100)))
-    data = file.read_bytes()
-    McapFile(file).close()
-    with file.open('rb') as stream:
-        summary = make_reader(stream).get_summary()
-        stream.seek(0)
-        *_, footer = StreamReader(stream).records
-    assert isinstance(footer, Footer) and summary is not None
-    assert footer.summary_crc != 0
-    for place in range(footer.summary_start, len(data) - 8, 23):
-        file.write_bytes(data[:place] + bytes([data[place] ^ 1]) + data[place + 1:])
-        with pytest.raises(CtcError, match=r'the index has a wrong checksum|cut off'):
-            McapFile(file)
-    file.write_bytes(data[:-1])
-    with pytest.raises(CtcError, match='the file is cut off'):
-        McapFile(file)
-    unchecked = data[:-12] + bytes(4) + data[-8:]  # A checksum of 0 stands for none.
-    file.write_bytes(unchecked)
-    McapFile(file).close()
-    offset = struct.pack('<QQ', (x := summary.chunk_indexes[3]).chunk_start_offset, x.chunk_length)
-    place = unchecked.rindex(offset)
-    file.write_bytes(unchecked[:place] + bytes([unchecked[place] ^ 1]) + unchecked[place + 1:])
-    with pytest.raises(CtcError, match='the index has chunks that are not there'):
-        McapFile(file)
-    file.write_bytes(unchecked.replace(b'zstd', b'mine'))
-    with pytest.raises(CtcError, match="unknown compression 'mine'; allowed: zstd, lz4"):
-        open_bag(file)
-
-
-# What unpacks to too much.
-
-def chunk(size: int) -> Callable[[Path, bytes], None]:
-    """Return what makes a bag with a chunk that states to unpack to a size."""
-    def make(bag: Path, bomb: bytes) -> None:
-        builder: Any = RecordBuilder()
-        for record in (Header('ros2', 'test'), Chunk('zstd', bomb, 1, 0, 0, size), DataEnd(0),
-                       Footer(0, 0, 0)):
-            record.write(builder)
-        (made(bag.parent, 'mcap') / 'bag.mcap').write_bytes(
-            MAGIC + builder.end() + MAGIC)
-    return make
-
-
-def packed_message(bag: Path, bomb: bytes) -> None:
-    with sqlite3.connect(made(bag.parent, 'db3', 'message') / 'bag.db3') as database:
-        database.execute('UPDATE messages SET data = ?', (bomb,))
-
-
-def packed_file(bag: Path, bomb: bytes) -> None:
-    (made(bag.parent, 'db3', 'file') / 'bag.db3.zstd').write_bytes(bomb)
-
-
-@pytest.mark.parametrize(('make', 'message'), [
-    (chunk(1 << 27), r'\d+ bytes unpack to more than \d+ bytes, which is allowed'),
-    (chunk(100), r'\d+ bytes unpack to more than \d+ bytes, which is allowed'),
-    (packed_message, r'\d+ bytes unpack to more than \d+ bytes, which is allowed'),
-    (packed_file, r'bag.db3.zstd unpacks to more than \d+ bytes')])
-def test_what_unpacks_to_too_much_is_refused_by_its_name_and_costs_no_memory(
-        tmp_path: Path, make: Callable[[Path, bytes], None], message: str,
-        monkeypatch: pytest.MonkeyPatch) -> None:
-    """Check 128 MB where one is allowed, of a chunk that states its size, and of one that lies."""
-    monkeypatch.setattr(compression, 'MOST_UNPACKED', 1 << 20)
-    bag = tmp_path / 'bag'
-    make(bag, zstandard.ZstdCompressor().compress(bytes(1 << 27)))
-    tracemalloc.start()
-    with pytest.raises(CtcError, match=message) as error, closing(open_bag(bag)) as reader:
-        list(reader.messages())
-    assert str(bag) in str(error.value)
-    with pytest.raises(CtcError, match=str(bag)):
-        repair(bag)
-    assert tracemalloc.get_traced_memory()[1] < 1 << 26
-    tracemalloc.stop()

@@ -20,8 +20,8 @@ from pathlib import Path
 
 from ctc_chattering.bags.bag_files import (
     check_one_recording,
-    FileSpan,
     find_recording,
+    Span,
     UnsupportedBag,
 )
 from ctc_chattering.errors import CtcError
@@ -76,8 +76,9 @@ def test_a_directory_without_files_of_a_bag(tmp_path: Path) -> None:
 def test_numbered_files_that_do_not_follow_each_other_are_several_recordings(
         begin: float, reason: str) -> None:
     """A file without messages does not matter."""
-    spans = [FileSpan(Path('run_0.mcap'), 0, 10 * S), FileSpan(Path('run_2.mcap'), 2 ** 63 - 1, 0)]
-    spans.insert(1, FileSpan(Path('run_1.mcap'), round(begin * S), 40 * S))
+    spans = {Path('run_0.mcap'): Span(3, 0, 10 * S),
+             Path('run_1.mcap'): Span(3, round(begin * S), 40 * S),
+             Path('run_2.mcap'): Span()}
     if not reason:
         check_one_recording(Path('folder'), spans)
         return

@@ -27,12 +27,12 @@ from typing import Any
 from bags import entries, write_bag
 from ctc_chattering.analysis.result import simulate
 from ctc_chattering.bags.bag_files import UnsupportedBag
-from ctc_chattering.bags.motion import read_motion
 from ctc_chattering.bags.reader import read_bag
 from ctc_chattering.bags.repair import open_bag, repair
 from ctc_chattering.cli.ctc import main
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.errors import CtcError
+from ctc_chattering.identification.bag_motion import read_motion
 from identified_robots import record
 from mcap.reader import make_reader
 from mcap.writer import Writer

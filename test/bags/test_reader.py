@@ -386,7 +386,7 @@ def test_a_law_that_publishes_something_else_is_not_recomputed(tmp_path: Path, t
 
 
 def test_a_long_run_is_not_recomputed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr('ctc_chattering.bags.reader.MOST_REPLAYED', 200)
+    monkeypatch.setattr('ctc_chattering.bags.recorded_law.MAX_REPLAYED_SAMPLES', 200)
     result = read(tmp_path, messages() + STAMPED[::10])
     assert result.replay == Replay(ReplayVerdict.TOO_LONG)
     assert result.terms.t.tolist() == RESULT.run.t[::10].tolist()

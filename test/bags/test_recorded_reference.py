@@ -21,8 +21,7 @@ from pathlib import Path
 from typing import Any
 
 from bags import Entry, write_bag
-from ctc_chattering.bags.columns import read_topics
-from ctc_chattering.bags.recorded_reference import RecordedReference, ReferenceSink
+from ctc_chattering.bags.recorded_reference import read_reference, RecordedReference
 from ctc_chattering.bags.repair import open_bag
 from ctc_chattering.trajectory.buffer import Trajectory
 from motion_bags import point, trajectory
@@ -39,12 +38,10 @@ def chunk(first: int, steps: list[int], rng: np.random.Generator, names: list[st
         point(int(t), *rng.normal(size=(3, len(names)))) for t in after])
 
 
-def read(path: Path, chunks: list[Any]) -> tuple[RecordedReference, int]:
+def read(path: Path, chunks: list[Any]) -> RecordedReference:
     write_bag(path, [Entry('/reference', k, x) for k, x in enumerate(chunks)])
     with closing(open_bag(path)) as bag:
-        sink = ReferenceSink(('c', 'a'))
-        read_topics(bag, [sink])
-        return sink.reference(), sink.start
+        return read_reference(bag, ('c', 'a'))
 
 
 def test_points_and_between_to_the_last_bit(tmp_path: Path) -> None:
@@ -65,7 +62,8 @@ def test_points_and_between_to_the_last_bit(tmp_path: Path) -> None:
     broken.points[1].velocities[0] = np.nan
     refused = [broken, chunk(0, [5, 0, 5], rng), chunk(0, [1, 2], rng, ['a', 'b']),
                trajectory(START, NAMES, [])]
-    reference, start = read(tmp_path / 'bag', [refused[0], *chunks[:3], *refused, *chunks[3:]])
+    reference = read(tmp_path / 'bag', [refused[0], *chunks[:3], *refused, *chunks[3:]])
+    start = reference.start
     assert start == START + chunks[0].points[0].time_from_start.nanosec
     last = int(reference.t[-1])
     instants = np.unique(np.r_[reference.t, rng.integers(start, last, 500), last + 1, last + 900])
@@ -77,5 +75,5 @@ def test_points_and_between_to_the_last_bit(tmp_path: Path) -> None:
 
 def test_without_a_reference(tmp_path: Path) -> None:
     write_bag(tmp_path / 'bag', [Entry('/reference', 0, trajectory(0, ['other'], []))])
-    reference, start = read(tmp_path / 'none', [trajectory(START, ['other'], [])])
-    assert (len(reference.t), reference.points.shape, start) == (0, (0, 3, 2), 0)
+    reference = read(tmp_path / 'none', [trajectory(START, ['other'], [])])
+    assert (len(reference.t), reference.points.shape, reference.start) == (0, (0, 3, 2), 0)

@@ -169,7 +169,7 @@ def test_messages_of_other_encodings_and_types_of_a_topic_are_not_published(
         it.until(lambda: heard, 'the message')
     assert [x.data for x in heard] == ['hi']
     assert capsys.readouterr().err.splitlines() == [
-        'not replayed, because the topic has messages of another type, too: /news '
+        'not replayed, because the topic also has messages of another type: /news '
         '(std_msgs/msg/Float64)',
         'not replayed, because its messages are json, not of ROS 2: /news (std_msgs/msg/String)',
         'not replayed, because its messages are json, not of ROS 2: /raw ()']

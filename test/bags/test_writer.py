@@ -30,12 +30,9 @@ from unittest.mock import Mock
 from bags import entries, Entry, write_bag
 from ctc_chattering.analysis.result import simulate
 from ctc_chattering.bags.repair import open_bag, recover, repair
-from ctc_chattering.bags.writer import BagWriter, LogTime, offered_qos, SequenceTracker
+from ctc_chattering.bags.writer import BagWriter, offered_qos
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.errors import CtcError
-from ctc_chattering.numerics.time_grid import NANOSECONDS as S
-from hypothesis import given
-from hypothesis import strategies as st
 from mcap.reader import make_reader
 from mcap.records import Chunk
 from mcap.stream_reader import breakup_chunk, StreamReader
@@ -248,69 +245,3 @@ def test_an_error_of_the_disk_is_reported(
             flushed(recording, 1)
     recording.abandon()
     assert recover(tmp_path / 'flushed/flushed_0.mcap', tmp_path / 'new.mcap') > 0
-
-
-MS = S // 1000
-
-
-@given(st.lists(st.tuples(st.sampled_from('abc'), st.integers(0, S // 20)), max_size=100),
-       st.dictionaries(st.sampled_from('abc'), st.integers(0, S // 2)))
-def test_topics_that_are_behind_others_do_not_turn_it_back(
-        steps: list[tuple[str, int]], lags: dict[str, int]) -> None:
-    time, truth, before = LogTime(), S, 0
-    for topic, step in steps:
-        truth += step
-        time.note(topic, truth - lags.get(topic, 0))
-        assert before <= time.now <= truth
-        before = time.now
-    assert time.now >= truth - S // 2 or not steps
-
-
-@pytest.mark.parametrize('heard', [
-    [('states', 4999 * MS, 4999), ('states', 0, 4999), ('states', MS, 1), ('clock', 10 * MS, 10)],
-    [('states', 5 * S, 5000), ('states', 9 * S, 5000), ('states', 9 * S + MS, 9001)],
-    [('clock', 10 * S, 10_000), *(
-        (topic, t, 10_000) for stray in (0, 5 * S, 10 ** 9 * S, S, 20 * S, -S)
-        for t in (stray, 10 * S) for topic in ('clock', 'states'))]])
-def test_a_run_that_begins_again_is_believed_at_its_second_message(
-        heard: list[tuple[str, int, int]]) -> None:
-    """And what was not heard for a while; a stray message is not believed."""
-    time = LogTime()
-    for topic, stamp, now in heard:
-        time.note(topic, stamp)
-        assert time.now == now * MS
-
-
-def lost(numbering: SequenceTracker, number: int, publishers: int) -> int:
-    """Return what the recorder counts."""
-    return numbering.lost(number, lambda: publishers)
-
-
-def test_what_one_publisher_loses_is_counted() -> None:
-    rng = random.Random(1)
-    numbering, found, expected = SequenceTracker(), 0, 0
-    lost(numbering, 41, 1)  # Who comes late has missed nothing.
-    for number in range(42, 1000):
-        if number < 999 and rng.random() < 0.3:
-            expected += 1
-        else:
-            found += lost(numbering, number, 1)
-    assert found == expected > 100
-
-
-def test_a_second_publisher_loses_nothing_by_coming_and_going() -> None:
-    """The last messages of one that has left are not taken for those of the other."""
-    numbering = SequenceTracker()
-    assert not any(lost(numbering, k, 1) for k in range(1, 1000))
-    for k in range(1, 50):
-        assert lost(numbering, 999 + k, 2) == lost(numbering, k, 2) == 0
-    # Messages of both still arrive, but the second one has left the graph.
-    assert not any(lost(numbering, k, 1) for k in (50, 1049, 1050))
-    assert lost(numbering, 1054, 1) == 3
-
-
-def test_a_publisher_that_restarts_loses_nothing() -> None:
-    numbering = SequenceTracker()
-    for _ in range(40):
-        assert not any(lost(numbering, k, 1) for k in range(1, 20))
-    assert lost(numbering, 22, 1) == 2

@@ -16,7 +16,6 @@
 
 from __future__ import annotations
 
-from ctc_chattering.bags.recording import Stretch
 from ctc_chattering.dynamics.drive_response import response
 from ctc_chattering.identification.drives import (
     COMMAND,
@@ -25,6 +24,7 @@ from ctc_chattering.identification.drives import (
     known_torque,
     weak_torque,
 )
+from ctc_chattering.identification.stretches import Stretch
 from ctc_chattering.identification.weak_form import TestFunction
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np

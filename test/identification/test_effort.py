@@ -16,10 +16,11 @@
 
 from __future__ import annotations
 
-from ctc_chattering.bags.recording import Recording, Stretch
 from ctc_chattering.errors import CtcError, ParameterError
 from ctc_chattering.identification.drives import COMMAND, EFFORT
 from ctc_chattering.identification.effort import in_torques, torque_source
+from ctc_chattering.identification.recording import Recording
+from ctc_chattering.identification.stretches import Stretch
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
 import pytest

@@ -20,8 +20,8 @@ import dataclasses
 from functools import cache
 from math import sin
 
-from ctc_chattering.bags.recording import Recording
 from ctc_chattering.identification.findings import Estimate, Severity
+from ctc_chattering.identification.recording import Recording
 from faults_of_arms import case, FAULTS, OTHER_FAULTS, recorded
 from faulty_robots import Case, plain, plant_of, Played
 from identification_judge import judged, Number, Outcome, outcome

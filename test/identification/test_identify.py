@@ -20,11 +20,11 @@ import dataclasses
 from functools import cache
 from typing import Any
 
-from ctc_chattering.bags.recording import Recording
 from ctc_chattering.dynamics.two_link import TwoLink
 from ctc_chattering.errors import CtcError
 from ctc_chattering.identification.findings import Severity
 from ctc_chattering.identification.identify import Identification, identify, TorqueSignal
+from ctc_chattering.identification.recording import Recording
 from ctc_chattering.identification.verdict import verdicts
 from ctc_chattering.numerics.linear_algebra import Array, Rows, Vector
 from ctc_chattering.trajectory.waypoints import Route

@@ -21,8 +21,8 @@ from pathlib import Path
 import shutil
 from typing import Any
 
-from ctc_chattering.bags.motion import read_motion
 from ctc_chattering.errors import CtcError
+from ctc_chattering.identification.bag_motion import read_motion
 from ctc_chattering.identification.findings import Reason, Severity
 from ctc_chattering.identification.identified_robot import identify
 from ctc_chattering.identification.results import IdentificationResults

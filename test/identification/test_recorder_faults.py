@@ -17,10 +17,10 @@ from __future__ import annotations
 
 import dataclasses
 
-from ctc_chattering.bags.recording import Recording
 from ctc_chattering.errors import CtcError
 from ctc_chattering.identification.findings import ALL_JOINTS, Reason, Severity
 from ctc_chattering.identification.recorder_faults import repair
+from ctc_chattering.identification.recording import Recording
 import numpy as np
 import pytest
 

@@ -16,8 +16,8 @@
 
 from __future__ import annotations
 
-from ctc_chattering.bags.recording import RecordedMotion
 from ctc_chattering.identification.identified_robot import identify
+from ctc_chattering.identification.recording import RecordedMotion
 from faults_of_arms import case, recorded
 import numpy as np
 from real_recordings import outsider

@@ -16,8 +16,8 @@
 
 from __future__ import annotations
 
-from ctc_chattering.bags.recording import Recording
 from ctc_chattering.identification.findings import Reason, Severity
+from ctc_chattering.identification.recording import Recording
 from ctc_chattering.identification.sensors import (
     clock,
     encoder_step,

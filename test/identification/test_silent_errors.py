@@ -19,7 +19,6 @@ from __future__ import annotations
 from pathlib import Path
 
 from ctc_chattering.analysis.result import simulate
-from ctc_chattering.bags.recording import RecordedMotion, Recording
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.dynamics.two_link import TwoLink
 from ctc_chattering.dynamics.urdf_parser import Tree
@@ -27,6 +26,7 @@ from ctc_chattering.errors import CtcError
 from ctc_chattering.identification.findings import Reason, Severity
 from ctc_chattering.identification.identified_robot import identify as identified
 from ctc_chattering.identification.identify import identify
+from ctc_chattering.identification.recording import RecordedMotion, Recording
 from ctc_chattering.identification.verdict import next_step, verdicts
 from faults_of_arms import case, recorded
 from faulty_robots import plain, played, recording_of

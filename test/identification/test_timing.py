@@ -17,10 +17,10 @@ from __future__ import annotations
 
 import dataclasses
 
-from ctc_chattering.bags.recording import Stretch
 from ctc_chattering.dynamics.drive_response import response
 from ctc_chattering.identification.drives import COMMAND, EFFORT
 from ctc_chattering.identification.findings import Reason, Severity
+from ctc_chattering.identification.stretches import Stretch
 from ctc_chattering.identification.timing import (
     drives_in_words,
     lag_in_words,

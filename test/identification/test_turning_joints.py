@@ -18,8 +18,8 @@ from __future__ import annotations
 
 import dataclasses
 
-from ctc_chattering.bags.recording import RecordedMotion
 from ctc_chattering.identification.identified_robot import IdentifiedRobot, identify
+from ctc_chattering.identification.recording import RecordedMotion
 from ctc_chattering.numerics.angles import within_turn
 from identified_bags import short
 import numpy as np

@@ -17,11 +17,11 @@ from __future__ import annotations
 
 import tracemalloc
 
-from ctc_chattering.bags.recording import Stretch
 from ctc_chattering.dynamics.registry import make_model
 from ctc_chattering.dynamics.two_link import TwoLink
 from ctc_chattering.dynamics.urdf_model import UrdfModel
 from ctc_chattering.identification.regressor import BodyRegressor
+from ctc_chattering.identification.stretches import Stretch
 from ctc_chattering.identification.weak_form import TestFunction
 from ctc_chattering.identification.windows import joined, STRIBECK_VELOCITIES, Windows
 import numpy as np

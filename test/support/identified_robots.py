@@ -20,14 +20,15 @@ from collections.abc import Mapping
 from functools import cache
 from typing import Any, NamedTuple
 
-from ctc_chattering.bags.recording import Recording, stretches
 from ctc_chattering.control.controller import ControllerConfig
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.dynamics.registry import model_of
 from ctc_chattering.identification.drives import known_torque
 from ctc_chattering.identification.identify import Identification, identify
+from ctc_chattering.identification.recording import Recording
 from ctc_chattering.identification.regression import Observations
 from ctc_chattering.identification.regressor import BodyRegressor
+from ctc_chattering.identification.stretches import stretches
 from ctc_chattering.identification.weak_form import TestFunction
 from ctc_chattering.identification.windows import joined, Windows
 from ctc_chattering.simulation.closed_loop import Run, simulate

@@ -22,9 +22,9 @@ from pathlib import Path
 import sqlite3
 from typing import Any
 
-from ctc_chattering.bags.motion import read_motion
-from ctc_chattering.bags.recording import RecordedMotion
 from ctc_chattering.errors import CtcError
+from ctc_chattering.identification.bag_motion import read_motion
+from ctc_chattering.identification.recording import RecordedMotion
 from identified_robots import record, Recorded
 import motion_bags
 from motion_bags import header, joint_state, messages_of, point, STORE, torques, write

@@ -19,8 +19,8 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
-from ctc_chattering.bags.table import read_table
 from ctc_chattering.errors import CtcError
+from ctc_chattering.identification.table_motion import read_table
 import numpy as np
 import pytest
 import urdfs
@@ -65,7 +65,7 @@ def test_columns_stand_in_any_order_and_others_are_passed_over(tmp_path: Path) -
 @pytest.mark.parametrize(('heads', 'why'), [
     ('q_a,q_b,tau_a', 'the first column is q_a; allowed: t, time'),
     ('t,q_a,tau_a', 'no column q_b'),
-    ('t,q_x,tau_x', 'the description has the joints a, b; the table has x'),
+    ('t,q_x,tau_x', 'the description has the joints a, b; the states have x'),
     ('t,q1,tau1', '1 joints with numbers; the description has 2'),
     ('t,q_a', '2 names above 3 columns')])
 def test_what_is_no_such_table_is_refused_by_its_reason(

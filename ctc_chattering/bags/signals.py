@@ -1,0 +1,196 @@
+# Copyright 2026 The ctc_chattering maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+Joint values of a topic as arrays.
+
+A `SignalTopic` reads the numbers in some fields of each message. Joint names beside a field, or
+above it, say which column belongs to which joint. `bags/reader.py` reads runs with it,
+`identification/bag_motion.py` recordings of any robot.
+"""
+
+from __future__ import annotations
+
+from array import array
+import dataclasses
+from functools import cache
+from operator import attrgetter
+from typing import Any, NamedTuple
+
+from ctc_chattering.bags.bag import Bag
+from ctc_chattering.errors import CtcError, suggest
+from ctc_chattering.numerics.linear_algebra import Array, Flags, Indices
+from ctc_chattering.numerics.time_grid import nanoseconds
+import numpy as np
+import numpy.typing as npt
+from rosbags.interfaces import Connection
+
+JOINT_STATE = 'sensor_msgs/msg/JointState'
+MULTI_ARRAY = 'std_msgs/msg/Float64MultiArray'
+Instants = npt.NDArray[np.int64]
+#: Fields that have joint names, as messages call them.
+_NAME_FIELDS = ('name', 'names', 'joint_names', 'dof_names')
+
+
+class Signal(NamedTuple):
+    """
+    Values of a topic, of N messages and n joints.
+
+    Attributes
+    ----------
+    logged : ndarray of int, shape (N,)
+        Log times [ns].
+    stamps : ndarray of int, shape (N,)
+        Stamps of the messages [ns], 0 without any.
+    values : tuple of ndarray, shape (N, n)
+        An array for each field, nan where a value is missing.
+
+    """
+
+    logged: Instants
+    stamps: Instants
+    values: tuple[Array, ...]
+
+    def select(self, rows: Indices | Flags) -> Signal:
+        """Return some of the messages."""
+        values = tuple(x[rows] for x in self.values)
+        return Signal(self.logged[rows], self.stamps[rows], values)
+
+    def select_finite(self) -> Signal:
+        """Return the messages in which all values are finite."""
+        values = np.hstack(self.values)
+        is_finite = np.asarray(np.isfinite(values).all(axis=1))
+        return self if is_finite.all() else self.select(is_finite)
+
+
+class SignalLayout(NamedTuple):
+    """Joint names, if any, and number of values."""
+
+    joints: tuple[str, ...]
+    width: int
+
+
+class SignalTopic(NamedTuple):
+    """
+    Topic of one type in an open bag.
+
+    Attributes
+    ----------
+    bag : Bag
+    name, message_type : str
+    fields : tuple of str
+        Fields to read, as ``a.b.c``. Messages without the first one are left out.
+    connections : tuple of Connection
+        The topic in each file of the bag.
+
+    """
+
+    bag: Bag
+    name: str
+    message_type: str
+    fields: tuple[str, ...]
+    connections: tuple[Connection, ...]
+
+    def __str__(self) -> str:
+        """Return name, type and number of messages."""
+        count = sum(x.msgcount for x in self.connections)
+        return f'{self.name} ({self.message_type}, {count} messages)'
+
+    def read_layout(self) -> SignalLayout:
+        """
+        Return the layout of the first message.
+
+        Raises
+        ------
+        CtcError
+            If the first field has no numbers.
+
+        """
+        field = self.fields[0]
+        message = next((x for _, x in self.bag.read(self.connections)), None)
+        values = _numbers(message, field)
+        if values is None:
+            fields = [x.name for x in dataclasses.fields(message)] if message else []
+            raise CtcError(f'{self.bag.path}: {self.name} has no numbers in {field}; it has: '
+                           f'{", ".join(fields)}{suggest(field, fields)}')
+        return SignalLayout(_joint_names(message, field), len(values))
+
+    def read(self, joints: tuple[str, ...]) -> Signal:
+        """
+        Return the values of some joints.
+
+        Messages without one of them, or with one twice, are left out.
+        """
+        @cache
+        def find_columns(names: tuple[str, ...]) -> Indices:
+            distinct = set(names)
+            is_complete = distinct.issuperset(joints) and len(distinct) == len(names)
+            indices = [names.index(x) for x in joints] if is_complete else []
+            return np.array(indices, int)
+
+        logged, stamps = array('q'), array('q')
+        columns = [array('d') for _ in self.fields]
+        missing = [np.nan] * len(joints)
+        for t, message in self.bag.read(self.connections):
+            names = _joint_names(message, self.fields[0]) or joints
+            indices = find_columns(names)
+            rows = [_numbers(message, field) for field in self.fields]
+            if rows[0] is None or not len(indices):
+                continue
+            for column, row in zip(columns, rows):
+                if row is None or len(row) != len(names):
+                    column.extend(missing)
+                else:
+                    column.frombytes(row[indices].tobytes())
+            stamp = _value(message, 'header.stamp')
+            stamps.append(nanoseconds(stamp) if stamp else 0)
+            logged.append(t)
+        return Signal(np.array(logged), np.array(stamps), tuple(
+            np.frombuffer(x).reshape(-1, len(joints)) for x in columns))
+
+
+_getter = cache(attrgetter)
+
+
+def _value(message: Any, path: str) -> Any:
+    """Return the content of a field, or None."""
+    try:
+        return _getter(path)(message)
+    except AttributeError:
+        return None
+
+
+def _numbers(message: Any, field: str) -> Array | None:
+    """Return the numbers in a field, or None."""
+    value = _value(message, field)
+    if value is None:
+        return None
+    try:
+        numbers = np.asarray(value, float).reshape(-1)
+    except (TypeError, ValueError):
+        return None
+    return numbers if numbers.size else None
+
+
+def _joint_names(message: Any, field: str) -> tuple[str, ...]:
+    """Return the names beside a field, or above it."""
+    if field == 'data':
+        return tuple(x.label for x in _value(message, 'layout.dim') or ())
+    while field:
+        field, dot, _ = field.rpartition('.')
+        for name in _NAME_FIELDS:
+            names = _value(message, f'{field}{dot}{name}')
+            if names:
+                return (names,) if isinstance(names, str) else tuple(names)
+    return ()

@@ -1,0 +1,85 @@
+# Copyright 2026 The ctc_chattering maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Signals are the values of some joints, of messages that have each of them once."""
+
+from __future__ import annotations
+
+from contextlib import closing
+from pathlib import Path
+from typing import Any
+
+from bags import Entry, write_bag
+from ctc_chattering.bags.repair import open_bag
+from ctc_chattering.bags.signals import JOINT_STATE, MULTI_ARRAY, Signal, SignalTopic
+from ctc_chattering.errors import CtcError
+from motion_bags import joint_state, serialized, torques
+import numpy as np
+import pytest
+
+NAMES = ['a', 'finger', 'long_name_of_b']
+JOINTS = ('long_name_of_b', 'a')
+RNG = np.random.default_rng(3)
+
+
+def state(k: int, names: list[str] = NAMES) -> Any:
+    return joint_state(10 ** 18 + 7 * k, names, *RNG.normal(size=(3, len(names))))
+
+
+def read(path: Path, messages: list[Any], joints: tuple[str, ...] = JOINTS) -> Signal:
+    write_bag(path, [Entry('/joint_states', 10 ** 6 * k, x) for k, x in enumerate(messages)])
+    with closing(open_bag(path)) as bag:
+        return SignalTopic(bag, 'joint_states', JOINT_STATE, ('position', 'velocity'),
+                           tuple(bag.connections)).read(joints)
+
+
+def test_values_stand_in_the_order_of_the_joints(tmp_path: Path) -> None:
+    """Check names in several orders, and messages in the other order of bytes."""
+    messages = [state(0), state(1, NAMES[::-1]), state(2), state(3)]
+    found: list[Any] = [*messages[:3], (JOINT_STATE, serialized(messages[3], '>'))]
+    signal = read(tmp_path / 'bag', found)
+    assert signal.logged.tolist() == [0, 10 ** 6, 2 * 10 ** 6, 3 * 10 ** 6]
+    assert signal.stamps.tolist() == [10 ** 18 + 7 * k for k in range(4)]
+    for field, values in zip(('position', 'velocity'), signal.values):
+        for message, row in zip(messages, values):
+            by_name = dict(zip(message.name, getattr(message, field).tolist()))
+            assert row.tolist() == [by_name[x] for x in JOINTS]
+
+
+@pytest.mark.parametrize('message', [
+    state(0, ['a', 'finger', 'nothing_else_']), joint_state(1, ['a', 'a', 'long_name_of_b'],
+                                                            *np.ones((3, 3))),
+    (JOINT_STATE, b'\0\1\0\0'), (JOINT_STATE, b'\0\1\0\0' + bytes(9))],
+    ids=['joint missing', 'one joint twice', 'empty', 'cut'])
+def test_other_messages_are_left_out(tmp_path: Path, message: Any) -> None:
+    signal = read(tmp_path / 'bag', [state(0), message, state(2)])
+    assert signal.stamps.tolist() == [10 ** 18, 10 ** 18 + 14]
+
+
+def test_a_field_that_a_message_lacks_is_nan(tmp_path: Path) -> None:
+    signal = read(tmp_path / 'bag', [
+        state(0), joint_state(1, NAMES, np.ones(3), None, None), state(2)])
+    assert np.isnan(signal.values[1]).all(axis=1).tolist() == [False, True, False]
+    assert signal.select_finite().stamps.tolist() == [10 ** 18, 10 ** 18 + 14]
+
+
+def test_values_without_names_are_those_of_the_joints(tmp_path: Path) -> None:
+    """Check also that a field without numbers is named."""
+    write_bag(tmp_path / 'bag', [Entry('/commands', k, torques([k, -k])) for k in range(5)])
+    with closing(open_bag(tmp_path / 'bag')) as bag:
+        topic = SignalTopic(bag, 'commands', MULTI_ARRAY, ('data',), tuple(bag.connections))
+        assert topic.read(JOINTS).values[0].tolist() == [[k, -k] for k in range(5)]
+        assert topic.read_layout() == ((), 2)
+        with pytest.raises(CtcError, match=r'commands has no numbers in datum; it has: .*data'):
+            topic._replace(fields=('datum',)).read_layout()
