@@ -72,7 +72,7 @@ from math import exp
 from typing import NamedTuple
 
 from ctc_chattering.compiled.compilable import dot, every, record, solve, some
-from ctc_chattering.numerics.box_qp import nearest, nearest_and_rest
+from ctc_chattering.numerics.box_qp import nearest, nearest_and_motion
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.parameters import LARGEST
 import numpy as np
@@ -214,7 +214,7 @@ class StateObserver(NamedTuple):
         h = self.drives.period
         end, mean, weighted = self.drives.response(at.torque, command)
         load = mean - (bias + at.perturbation + 0.5 * h * at.slope)
-        _, rest = nearest_and_rest(mass, dot(mass, at.dq) / h + load, level)
+        _, rest = nearest_and_motion(mass, dot(mass, at.dq) / h + load, level)
         dq = h * rest
         other = weighted - mean + h / 6.0 * at.slope
         q = at.q + 0.5 * h * (at.dq + dq)
