@@ -29,7 +29,7 @@ import re
 import textwrap
 from typing import Any
 
-from ctc_chattering.compiled.machine_code import Code, memory_of
+from ctc_chattering.compiled.machine_code import argument_memory, Code
 from ctc_chattering.compiled.records import load, packed
 from ctc_chattering.control.controller import Controller, ControllerConfig
 from ctc_chattering.control.step import CompiledStep, ControlSettings, regained
@@ -92,7 +92,7 @@ class Block:
             A field of it, a field of that one, and so on, which then is what is sought.
 
         """
-        memory: Any = next(memory_of(part))
+        memory: Any = next(argument_memory(part))
         if memory.ctypes.data not in self._at:
             self._at[memory.ctypes.data] = len(self.words)
             content = memory.tobytes() + bytes(-memory.nbytes % _WORD)
@@ -103,10 +103,10 @@ class Block:
             found += offset // _WORD
         return found
 
-    def add(self, arguments: tuple[Any, ...], places: Any) -> int:
-        """Add arguments of a function, and their places; return where these are."""
-        targets = [x if x is None else self.at(x) for x in memory_of(arguments)]
-        start = self.at(places)
+    def add(self, arguments: tuple[Any, ...], addresses: Any) -> int:
+        """Add arguments of a function, and their addresses; return where these are."""
+        targets = [x if x is None else self.at(x) for x in argument_memory(arguments)]
+        start = self.at(addresses)
         self.pointers += [(k, x) for k, x in enumerate(targets, start) if x is not None]
         return start
 
@@ -144,8 +144,8 @@ def block_of(step: CompiledStep, gains: Code) -> tuple[Block, dict[str, int]]:
     settings, memories = records.settings, records.memories
     observes = 'oscillation' in memories.dtype['law'].names
     named = {
-        'PLACES': block.add(step.code.arguments, step.code.places),
-        'GAIN_PLACES': block.add(gains.arguments, gains.places),
+        'PLACES': block.add(step.code.arguments, step.code.addresses),
+        'GAIN_PLACES': block.add(gains.arguments, gains.addresses),
         'MEMORIES': block.at(memories), 'MEASURED': block.at(records.measured),
         'REFERENCE': block.at(points), 'MADE': block.at(records.made),
         'MASS_MATRIX': block.at(records.now, 'M'), 'KP': block.at(settings, 'kp'),

@@ -20,7 +20,7 @@ import dataclasses
 from typing import Any, NamedTuple
 
 from ctc_chattering.compiled.compilable import function, record, solve
-from ctc_chattering.compiled.machine_code import Code, invoke, places
+from ctc_chattering.compiled.machine_code import argument_addresses, Code, invoke
 from ctc_chattering.compiled.records import numpy_record, packed, record_of, value, write
 from ctc_chattering.dynamics import tree, two_link
 from ctc_chattering.dynamics.model import Model
@@ -160,7 +160,7 @@ class CompiledArm:
 
     def _call(self, called: Any, code: Code, arguments: tuple[Any, ...]) -> None:
         """Set the addresses by which compiled code calls another one, with these arguments."""
-        made = Call(called, code, arguments, places(arguments))
+        made = Call(called, code, arguments, argument_addresses(arguments))
         self.calls.append(made)
         if code.compiled:
             called['function'], called['places'] = code.address(), made.places.ctypes.data

@@ -23,10 +23,10 @@ from math import inf
 from pathlib import Path
 from typing import Any
 
-from ctc_chattering.analysis.compilation import compile_setups, has_compiler
 from ctc_chattering.bags.recording import RecordedMotion, Recording
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.configuration.arm_knowledge import ASSUMED_ROTOR
+from ctc_chattering.configuration.compilation import compile_setups, has_compiler
 from ctc_chattering.control.controller_config import ControllerConfig
 from ctc_chattering.dynamics.corrected_urdf import tip_of, with_payload, with_rotors
 from ctc_chattering.dynamics.model import Model

@@ -12,4 +12,4 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Numerical methods without any notion of a robot, for all folders above this one."""
+"""Numerical methods without any notion of a robot."""

@@ -13,11 +13,11 @@
 # limitations under the License.
 
 """
-Positions of joints that turn endlessly: only the fraction of a turn counts.
+Positions of joints that turn endlessly.
 
-Controller, reference and bags bring with it angles of a driver onto one continuous motion. An
-angle q that follows q0 after a time h stands for one of its representatives q + 2π k. It is the
-one nearest to the prediction of the mean velocity::
+Of such a position only the fraction of a turn counts. Controller, reference and bags bring angles
+of a driver onto one continuous motion. An angle q that follows q0 after a time h stands for one of
+its representatives q + 2π k. It is the one nearest to the prediction of the mean velocity::
 
     q + 2π k,  k = round((q0 + h (dq0 + dq) / 2 - q) / 2π)                                (AN1)
 """
@@ -43,7 +43,7 @@ def turns_to(angle: float, target: float) -> int:
 
 
 def turned(angle: float, turns: int) -> float:
-    """Add whole turns to an angle; without turns it is the same float."""
+    """Add whole turns to an angle, which none leaves unchanged."""
     return angle + TURN * turns if turns else angle
 
 
@@ -53,7 +53,7 @@ def nearest(angle: float, target: float) -> float:
 
 
 def expected(angle: float, velocity_before: float, velocity: float, h: float) -> float:
-    """Predict an angle after the time `h` [s] from the mean of two velocities."""
+    """Predict an angle after `h` [s] from two velocities."""
     return angle + 0.5 * h * (velocity_before + velocity)
 
 
@@ -64,7 +64,7 @@ def within_turn(angle: float, lower: float) -> float:
 
 def unwrapped(t: Array, q: Array, dq: Array | None, continuous: Sequence[bool]) -> Array:
     """
-    Return positions in which each angle follows the previous one, by (AN1).
+    Return positions with continuous angles, by (AN1).
 
     Parameters
     ----------
@@ -73,7 +73,7 @@ def unwrapped(t: Array, q: Array, dq: Array | None, continuous: Sequence[bool]) 
     q : ndarray, shape (N, n)
         Positions [rad or m]. They are not changed, and returned themselves if they are continuous.
     dq : ndarray, shape (M, n), or None
-        Velocities of the first M ≤ N positions [rad/s]; nan where they are unknown.
+        Velocities of the first M ≤ N positions [rad/s], with nan where they are unknown.
     continuous : sequence of bool, shape (n,)
         Flags of the joints that turn endlessly.
 
@@ -96,7 +96,9 @@ def unwrapped(t: Array, q: Array, dq: Array | None, continuous: Sequence[bool]) 
 def unwrapped_beside(t: Array, q: Array, dq: Array, target: Array, continuous: Sequence[bool],
                      gaps: Sequence[int]) -> Array:
     """
-    Return `unwrapped` positions that begin, also after gaps, nearest to a motion.
+    Return `unwrapped` positions beside a desired motion.
+
+    They begin, also after gaps, nearest to it.
 
     Parameters
     ----------

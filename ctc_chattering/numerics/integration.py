@@ -13,7 +13,7 @@
 # limitations under the License.
 
 """
-Integration of ddq = f(q, dq, u), and the instants of events.
+Integration of ddq = f(q, dq, u), and event location.
 
 `simulation/motion.py` moves the plant with it. `runge_kutta` is for motions that a step resolves.
 `extrapolated_euler` is for those with a damping that a step does not resolve: with that damping
@@ -34,7 +34,7 @@ Load = tuple[Array, Array]
 
 @function
 def simpson(x: Array, sixth: float, k1: Array, k2: Array, k3: Array, k4: Array) -> Array:
-    """Return x + sixth (k1 + 2 (k2 + k3) + k4), shape (n,)."""
+    """Add Simpson's mean of slopes, shape (n,)."""
     return x + sixth * (k1 + 2.0 * (k2 + k3) + k4)
 
 
@@ -42,7 +42,7 @@ def simpson(x: Array, sixth: float, k1: Array, k2: Array, k3: Array, k4: Array) 
 def runge_kutta(f: Callable[[Any, Array, Array, Array], Array], system: Any, q: Array, dq: Array,
                 ddq: Array, load: Load, h: float) -> tuple[Array, Array]:
     """
-    Return q and dq after `h`, by the classical method of Runge and Kutta of fourth order.
+    Return q and dq after `h`, by the classical Runge-Kutta method.
 
     Parameters
     ----------
@@ -79,7 +79,9 @@ _WEIGHTS = (-1.0 / 6.0, 4.0, -13.5, 32.0 / 3.0)
 def extrapolated_euler(f: Callable[[Any, Array, Array, Array, float], Array], system: Any,
                        q: Array, dq: Array, load: Array, h: float) -> tuple[Array, Array]:
     """
-    Return q and dq after `h`, to fourth order, by extrapolated Euler steps.
+    Return q and dq after `h`, by extrapolated Euler steps.
+
+    The result is of fourth order.
 
     Parameters
     ----------
@@ -120,11 +122,11 @@ _MAX_STEPS = 330
 def first_negative(f: Callable[[Any, float], float], system: Any, end: float, f_end: float,
                    tol: float) -> float:
     """
-    Return s in (0, end] with f(system, s) < 0 and a sign change within `tol` before it.
+    Return the first s at which f(system, s) < 0.
 
-    The method is the regula falsi with the Illinois rule, and bisection where that is slow. `f`
-    may be 0 at 0 and rise from there (a joint that starts to slide). The sign change after the
-    rise is the result.
+    It is in (0, end], with a sign change within `tol` before it. The method is the regula falsi
+    with the Illinois rule, and bisection where that is slow. `f` may be 0 at 0 and rise from there
+    (a joint that starts to slide). The sign change after the rise is the result.
 
     Parameters
     ----------

@@ -29,7 +29,7 @@ import numpy as np
 
 
 class CurvePoint(NamedTuple):
-    """Value of a polynomial with its first and second derivative by time."""
+    """Value and two derivatives of a polynomial."""
 
     x: Any
     dx: Any
@@ -43,7 +43,7 @@ def linear(s: float, h: float, x0: float, x1: float) -> CurvePoint:
 
 
 def cubic(s: float, h: float, x0: float, v0: float, x1: float, v1: float) -> CurvePoint:
-    """Evaluate the cubic with values `x0`, `x1` and velocities `v0`, `v1` at its ends."""
+    """Evaluate the cubic with these values and velocities at its ends."""
     v0, v1 = v0 * h, v1 * h
     d = x1 - x0
     c2 = 3.0 * d - 2.0 * v0 - v1
@@ -56,7 +56,7 @@ def cubic(s: float, h: float, x0: float, v0: float, x1: float, v1: float) -> Cur
 
 def quintic(s: Any, h: float, x0: float, v0: float, a0: float, x1: float, v1: float,
             a1: float) -> CurvePoint:
-    """Evaluate the quintic with accelerations `a0`, `a1` at its ends; `s` may be an array."""
+    """Evaluate the quintic with accelerations `a0`, `a1`, also for an array `s`."""
     v0, v1, a0, a1 = v0 * h, v1 * h, a0 * h * h, a1 * h * h
     d = x1 - x0
     c2 = 0.5 * a0
@@ -71,7 +71,7 @@ def quintic(s: Any, h: float, x0: float, v0: float, a0: float, x1: float, v1: fl
 
 def interpolated(t: Array, x: Array, new_t: Array) -> Array:
     """
-    Return a cubic spline through `x` at other times, shape (M, n).
+    Evaluate a cubic spline through `x`, shape (M, n).
 
     Parameters
     ----------

@@ -13,7 +13,7 @@
 # limitations under the License.
 
 """
-Types of vectors and matrices, and the H∞ norm of a sampled linear system.
+Types of arrays, and the H∞ norm of a sampled system.
 
 All folders annotate their arrays with these types. `runs/stability.py` bounds with the norm how
 much a loop tolerates.
@@ -32,7 +32,7 @@ Rows = Sequence[Sequence[float]]
 
 #: Relative amount by which `peak_gain` may exceed the norm.
 _RELATIVE_TOLERANCE = 1e-3
-#: The iteration converges quadratically; some five steps are usual.
+#: The iteration converges quadratically. Some five steps are usual.
 _MAX_ITERATIONS = 30
 #: Angles of the first grid on the upper half of the unit circle.
 _GRID_SIZE = 100
@@ -42,8 +42,9 @@ _CIRCLE_TOLERANCE = 1e-8
 
 def peak_gain(A: Array, B: Array, C: Array) -> float:
     """
-    Return the H∞ norm of C (z - A)⁻¹ B, from above, to 0.1 %; inf if A is not stable.
+    Return the H∞ norm of C (z - A)⁻¹ B.
 
+    The result is from above, to 0.1 %, and inf if A is not stable. The method is that of
     Bruinsma and Steinbuch, *A fast algorithm to compute the H∞ norm of a transfer function
     matrix*, Systems & Control Letters 14, 1990: γ is a singular value at z on the unit circle if
     and only if z is an eigenvalue of a pencil, so that above the norm there is none.
@@ -81,6 +82,6 @@ def peak_gain(A: Array, B: Array, C: Array) -> float:
 
 
 def _gain(A: Array, B: Array, C: Array, angles: Array) -> float:
-    """Return the largest singular value at z = exp(j angle) for any of the angles."""
+    """Return the largest singular value at exp(j angle)."""
     z = np.exp(1j * angles)[:, np.newaxis, np.newaxis] * np.eye(len(A))
     return float(np.linalg.svd(C @ np.linalg.solve(z - A, B), compute_uv=False).max())

@@ -13,10 +13,10 @@
 # limitations under the License.
 
 """
-The control grid: sample k lies at t = k h, with h a whole number of nanoseconds.
+The control grid, in whole nanoseconds.
 
-Nodes, plant and controller count time in integers and convert it here. So the same sample has the
-same float everywhere, and no error accumulates.
+Sample k lies at t = k h. Nodes, plant and controller count time in integers and convert it here.
+So the same sample has the same float everywhere, and no error accumulates.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ _PERIOD_TOLERANCE = 1e-9
 
 
 def nanoseconds(time: Any) -> int:
-    """Return a time or duration of a message, with `sec` and `nanosec`, in nanoseconds."""
+    """Return a time or duration of a message in nanoseconds."""
     return int(time.sec) * NANOSECONDS + int(time.nanosec)
 
 
@@ -55,7 +55,7 @@ def period_ns(control_period: float) -> int:
 
 
 def samples(duration: float, period: int) -> int:
-    """Return the last sample's index of a run of `duration` [s] with `period` [ns]."""
+    """Return the last index of a run, from [s] and [ns]."""
     return round(duration * NANOSECONDS) // period
 
 
@@ -66,7 +66,7 @@ def seconds(nanoseconds: int) -> float:
 
 def missing(t: npt.NDArray[np.float64], period: float) -> npt.NDArray[np.int64]:
     """
-    Return the number of samples missing after each but the last, shape (N - 1,).
+    Count the samples missing after each but the last, shape (N - 1,).
 
     Parameters
     ----------

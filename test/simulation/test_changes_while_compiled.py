@@ -18,8 +18,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from ctc_chattering.analysis.compilation import compile_setups
 from ctc_chattering.configuration import parameter_file
+from ctc_chattering.configuration.compilation import compile_setups
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.simulation.plant import Plant
 from ctc_chattering.simulation.plant_config import PlantConfig

@@ -68,7 +68,7 @@ def random_config(base: PlantConfig, rng: np.random.Generator) -> PlantConfig:
 
 def at(plant: Plant) -> Any:
     """Return the numbers of the plain plant as compiled code has its own."""
-    return packed(plant.state._replace(motion=plant.state.motion._replace(decided=1.0)))
+    return packed(plant.state._replace(motion=plant.state.motion._replace(decided=True)))
 
 
 def numbers(record: Any) -> Array:
@@ -99,8 +99,8 @@ def compared(config: PlantConfig, model: Model, rng: np.random.Generator) -> tup
     for k in range(STEPS):
         tau = weight + kf * rng.uniform(-1.6, 1.6, plain.n)
         for name in given.dtype.names:
-            made.given[name] = given[k][name]
-        made.given['tau'] = tau
+            made.received[name] = given[k][name]
+        made.received['tau'] = tau
         made.call()
         plain.step(tau.tolist())
         modes.add(plain.modes)
