@@ -155,7 +155,8 @@ def _call_address(_typing: Any, function: Any, addresses: Any) -> Any:
     """Return the result of the function at an address."""
     def emit(writer: InstructionWriter, function: Any, addresses: Any) -> Any:
         builder = writer.builder
-        result, error = writer.stack(INT), writer.stack(ir.IntType(8).as_pointer())
+        result = writer.stack(INT)
+        error = writer.stack(ir.IntType(8).as_pointer())
         prototype = ir.FunctionType(ir.IntType(32), [result.type, error.type, INT])
         builder.call(
             builder.inttoptr(function, prototype.as_pointer()), [result, error, addresses])

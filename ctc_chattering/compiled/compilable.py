@@ -122,7 +122,8 @@ def solve_where(chosen: Truths, matrix: Array, x: Array) -> Array:
     """
     if every(chosen):
         return solve(matrix, x)
-    rows, y = np.flatnonzero(chosen), np.zeros(len(x))
+    rows = np.flatnonzero(chosen)
+    y = np.zeros(len(x))
     if len(rows) == 1:  # A tenth of the time.
         y[rows] = x[rows] / matrix[rows, rows]
     else:

@@ -126,7 +126,9 @@ class Code:
 
     def __init__(self, function: Callable[..., int], arguments: tuple[Any, ...], name: str
                  ) -> None:
-        self.function, self.name, self.arguments = function, name, arguments
+        self.function = function
+        self.name = name
+        self.arguments = arguments
         self.layouts = tuple(map(layout, arguments))
 
     @cached_property
@@ -211,7 +213,8 @@ def invoke(function: int, addresses: int) -> int:
 
 def _prepared(function: int, addresses: int) -> Callable[[], int]:
     """Return such a call, whose preparation takes longer than the call."""
-    result, error = ctypes.c_int64(), ctypes.c_void_p()
+    result = ctypes.c_int64()
+    error = ctypes.c_void_p()
     call = _PROTOTYPE(function)
     pointers = ctypes.addressof(result), ctypes.addressof(error), addresses
 

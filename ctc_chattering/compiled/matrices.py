@@ -162,7 +162,9 @@ def _solve_damped(chosen: Any, matrix: Any, damping: Any, x: Any) -> Any:
 
     def solution(chosen: Any, matrix: Any, damping: Any, x: Any) -> Any:
         #: Row i has the reciprocal of the factor's diagonal at i.
-        lower, row, y = _scratch(x), x, x
+        lower = _scratch(x)
+        row = x
+        y = x
         for i in range(n):
             total = x[i] if chosen[i] else 0.0
             for j in range(i):

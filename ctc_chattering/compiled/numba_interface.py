@@ -75,7 +75,8 @@ class InstructionWriter:
     """
 
     def __init__(self, context: Any, builder: Any) -> None:
-        self._context, self.builder = context, builder
+        self._context = context
+        self.builder = builder
 
     def call_c(self, name: str, result: Any, *values: Any) -> Any:
         """Call a function of the C library or of LLVM."""

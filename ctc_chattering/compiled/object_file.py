@@ -84,9 +84,11 @@ def object_file(codes: Mapping[str, Code], processor: str = HOST) -> tuple[bytes
         Name as of ``llc -mcpu``, such as x86-64-v3, or `HOST`.
 
     """
-    cpu, features = processor, ''
+    cpu = processor
+    features = ''
     if processor == HOST:
-        cpu, features = binding.get_host_cpu_name(), binding.get_host_cpu_features().flatten()
+        cpu = binding.get_host_cpu_name()
+        features = binding.get_host_cpu_features().flatten()
     target = binding.Target.from_default_triple()
     machine = target.create_target_machine(cpu, features, opt=3, reloc='pic', codemodel='small')
     module, *modules = [_module(name, code) for name, code in codes.items()]
@@ -109,7 +111,9 @@ def _module(name: str, code: Code) -> binding.ModuleRef:
     module = binding.parse_assembly(function.llvm_text())
     for number, value in enumerate((*module.functions, *module.global_variables)):
         if value.name == function.symbol:
-            value.name, value.visibility = name, 'hidden'
+            value.name = name
+            value.visibility = 'hidden'
         elif not value.is_declaration:
-            value.name, value.linkage = f'{name}_{number}', 'internal'
+            value.name = f'{name}_{number}'
+            value.linkage = 'internal'
     return module

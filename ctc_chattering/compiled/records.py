@@ -105,7 +105,8 @@ def described(value: Any) -> tuple[Any, tuple[Any, ...]]:
 
     The layout is the class, and for each field type and shape, or the same of a record.
     """
-    layouts, values = [], []
+    layouts = []
+    values = []
     for x in value:
         layout: Any = float, ()
         if type(x) in compilable.RECORDS:

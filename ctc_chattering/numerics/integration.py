@@ -142,11 +142,13 @@ def first_negative(f: Callable[[Any, float], float], system: Any, end: float, f_
         Sufficient width of the bracket.
 
     """
-    high, f_high = end, f_end
+    high = end
+    f_high = f_end
     low = 0.5 * end
     f_low = f(system, low)
     while f_low < 0.0:
-        high, f_high = low, f_low
+        high = low
+        f_high = f_low
         low *= 0.5
         if low < tol:
             return high
@@ -161,12 +163,14 @@ def first_negative(f: Callable[[Any, float], float], system: Any, end: float, f_
             s = 0.5 * (low + high)
         value = f(system, s)
         if value < 0.0:
-            high, f_high = s, value
+            high = s
+            f_high = value
             if retained < 0:
                 f_low *= 0.5
             retained = -1
         else:
-            low, f_low = s, value
+            low = s
+            f_low = value
             if retained > 0:
                 f_high *= 0.5
             retained = 1

@@ -44,7 +44,8 @@ def linear(s: float, h: float, x0: float, x1: float) -> CurvePoint:
 
 def cubic(s: float, h: float, x0: float, v0: float, x1: float, v1: float) -> CurvePoint:
     """Evaluate the cubic with these values and velocities at its ends."""
-    v0, v1 = v0 * h, v1 * h
+    v0 = v0 * h
+    v1 = v1 * h
     d = x1 - x0
     c2 = 3.0 * d - 2.0 * v0 - v1
     c3 = v0 + v1 - 2.0 * d
@@ -57,7 +58,10 @@ def cubic(s: float, h: float, x0: float, v0: float, x1: float, v1: float) -> Cur
 def quintic(s: Any, h: float, x0: float, v0: float, a0: float, x1: float, v1: float,
             a1: float) -> CurvePoint:
     """Evaluate the quintic with accelerations `a0`, `a1`, also for an array `s`."""
-    v0, v1, a0, a1 = v0 * h, v1 * h, a0 * h * h, a1 * h * h
+    v0 = v0 * h
+    v1 = v1 * h
+    a0 = a0 * h * h
+    a1 = a1 * h * h
     d = x1 - x0
     c2 = 0.5 * a0
     c3 = 10.0 * d - 6.0 * v0 - 4.0 * v1 - 1.5 * a0 + 0.5 * a1

@@ -60,12 +60,14 @@ def peak_gain(A: Array, B: Array, C: Array) -> float:
         return np.inf
     m = len(A)
     A, (scale, _) = linalg.matrix_balance(A, permute=False, separate=True)
-    B, C = B / scale[:, np.newaxis], C * scale
+    B = B / scale[:, np.newaxis]
+    C = C * scale
     angles = np.concatenate([[0.0], np.geomspace(1e-5, np.pi, _GRID_SIZE)])
     level = _gain(A, B, C, angles)
     if level == 0.0:
         return 0.0
-    zero, identity = np.zeros((m, m)), np.eye(m)
+    zero = np.zeros((m, m))
+    identity = np.eye(m)
     pencil_left = np.block([[identity, zero], [C.T @ C, A.T]])
     pencil_right = np.block([[A, B @ B.T], [zero, identity]])
     for _ in range(_MAX_ITERATIONS):

@@ -165,7 +165,8 @@ def simulate(plant: PlantConfig, controller: ControllerConfig, reference: Refere
     """
     if plant.duration <= 0.0:
         raise CtcError('duration: a simulation must end; set the duration of the plant above 0')
-    robot, law = robot or make_plant(plant), Controller(controller, model)
+    robot = robot or make_plant(plant)
+    law = Controller(controller, model)
     start = tuple(zip(plant.joint_names, zip(*map(tuple, robot.measured))))
     endless = dict(zip(controller.joint_names, law.continuous))
     table = reference_table(
@@ -196,7 +197,8 @@ def compiled_loop_of(robot: Plant, law: Controller) -> CompiledLoop | None:
     one for the same class of law and robot, with other numbers filled in. So it must be run before
     it is requested again.
     """
-    arm, model = robot.arm, law.arm
+    arm = robot.arm
+    model = law.arm
     if arm is None or model is None:
         return None
     plant = robot.own_friction, robot.parameters, robot.state
@@ -228,7 +230,10 @@ class _Loop:
     """
 
     def __init__(self, robot: Plant, law: Controller, table: Array, truth: bool) -> None:
-        self._robot, self._law, self._table, self._truth = robot, law, table, truth
+        self._robot = robot
+        self._law = law
+        self._table = table
+        self._truth = truth
         #: Whole turns from the robot's angles to those nearest to the reference [rad].
         self._turns = TURN * np.array([
             turns_to(q, target) if continuous else 0
@@ -252,10 +257,12 @@ class _Loop:
 
     def by_plain_python(self, events: Sequence[Event], show: Callable[[float], None]) -> Run:
         """Return the run of plain Python."""
-        robot, truth = self._robot, self._truth
+        robot = self._robot
+        truth = self._truth
         due = deque(sorted(events, key=lambda event: event.time))
         nodes: dict[str, Any] = {'plant': robot, 'controller': self._law}
-        samples, count = empty_samples(robot.last + 1, robot.n), 0
+        samples = empty_samples(robot.last + 1, robot.n)
+        count = 0
         tau = robot.applied
         for k in range(robot.last + 1):
             t = seconds(k * robot.period_ns)
@@ -281,7 +288,8 @@ class _Loop:
 
     def _answer(self, k: int) -> Sample:
         """Return the law's sample at `k`; raise `CtcError` without a torque."""
-        robot, law = self._robot, self._law
+        robot = self._robot
+        law = self._law
         q, dq = robot.measured
         q = (q + self._turns).tolist()
         point: Point
@@ -305,7 +313,8 @@ class _Loop:
             stamps = on_grid
         elif (stamps != on_grid).any():
             s = (stamps - on_grid)[:, np.newaxis] / NANOSECONDS
-            q_d, dq_d = q_d + s * (dq_d + 0.5 * s * ddq_d), dq_d + s * ddq_d
+            q_d = q_d + s * (dq_d + 0.5 * s * ddq_d)
+            dq_d = dq_d + s * ddq_d
         return Run(stamps / NANOSECONDS, q, dq, q_d, dq_d, ddq_d, tau, v, compiled=compiled)
 
 

@@ -129,8 +129,10 @@ class CompiledLoop(Program):
     """
 
     def __init__(self, plant_step: CompiledPlantStep, step: CompiledStep) -> None:
-        self.step, self.plant_step = step, plant_step
-        self.measured, self.error = step.measured, step.made[E]
+        self.step = step
+        self.plant_step = plant_step
+        self.measured = step.measured
+        self.error = step.made[E]
         n = len(self.error)
         callees = packed(Callee(0, 0)), packed(Callee(0, 0))
         self._records = LoopRecords(
@@ -143,7 +145,8 @@ class CompiledLoop(Program):
         self.compiled &= step.compiled and plant_step.compiled
         if self.compiled:
             for callee, code in zip(callees, (step.code, plant_step.code)):
-                callee.function, callee.arguments = code.address(), code.addresses.ctypes.data
+                callee.function = code.address()
+                callee.arguments = code.addresses.ctypes.data
 
     def fill(self, numbers: Sequence[tuple[Any, ...]], *of_steps: tuple[Arm, Array]) -> None:
         """
@@ -244,18 +247,27 @@ def run_loop(p: CompiledPlant, c: LoopRecords, drawn: Any, points: Array, sample
         To be filled.
 
     """
-    state, status, tau = p.state, c.status, value(p.state.driven.received)
-    measured, result = rows(c.measured, tau), rows(c.result, tau)
-    table, ahead = rows(points, tau), rows(c.points, tau)
-    limit, turns = rows(c.error_limit, tau)[0], rows(c.turns, tau)[0]
-    q_column, dq_column = rows(samples.q, tau), rows(samples.dq, tau)
-    tau_column, v_column = rows(samples.tau, tau), rows(samples.v, tau)
+    state = p.state
+    status = c.status
+    tau = value(p.state.driven.received)
+    measured = rows(c.measured, tau)
+    result = rows(c.result, tau)
+    table = rows(points, tau)
+    ahead = rows(c.points, tau)
+    limit = rows(c.error_limit, tau)[0]
+    turns = rows(c.turns, tau)[0]
+    q_column = rows(samples.q, tau)
+    dq_column = rows(samples.dq, tau)
+    tau_column = rows(samples.tau, tau)
+    v_column = rows(samples.v, tau)
     period = p.parameters.mechanics.period_ns
-    previous, offset = -period, 0
+    previous = -period
+    offset = 0
     for k in range(p.parameters.last + 1):
         status.k = k
         if not state.lost_in_a_row:  # Else the plant takes the last torque again.
-            measured[0], measured[1] = value(state.shown.q) + turns, value(state.shown.dq)
+            measured[0] = value(state.shown.q) + turns
+            measured[1] = value(state.shown.dq)
             for j in range(len(c.points)):
                 ahead[j] = table[3 * k + j]
             stamp = k * period + round(1e9 * state.offset)
@@ -263,9 +275,11 @@ def run_loop(p: CompiledPlant, c: LoopRecords, drawn: Any, points: Array, sample
             for j in range(missed, -1, -1):
                 c.arrival.offset = offset / 1e9
                 c.arrival.after_points = (stamp - offset - (k + j) * period) / 1e9
-                c.arrival.measured, c.arrival.kept = 1 - min(j, 1), min(j, 1)
+                c.arrival.measured = 1 - min(j, 1)
+                c.arrival.kept = min(j, 1)
                 invoke(c.controller.function, c.controller.arguments)
-            previous, tau = stamp, result[TAU]
+            previous = stamp
+            tau = result[TAU]
             if not every(np.abs(tau) + np.abs(result[V]) < inf):
                 return NO_TORQUE
             beyond = ~(np.abs(result[E]) <= limit)
@@ -274,10 +288,13 @@ def run_loop(p: CompiledPlant, c: LoopRecords, drawn: Any, points: Array, sample
                 return BEYOND_LIMIT
             i = status.recorded
             samples.stamps[i] = stamp
-            q_column[i], dq_column[i] = measured[0], measured[1]
+            q_column[i] = measured[0]
+            dq_column[i] = measured[1]
             if status.truth:
-                q_column[i], dq_column[i] = value(state.motion.q) + turns, value(state.motion.dq)
-            tau_column[i], v_column[i] = tau, result[V]
+                q_column[i] = value(state.motion.q) + turns
+                dq_column[i] = value(state.motion.dq)
+            tau_column[i] = tau
+            v_column[i] = result[V]
             status.recorded += 1
         if k < p.parameters.last:
             store(c.received, load(drawn[k])._replace(tau=tau))

@@ -202,8 +202,10 @@ def load_period(mechanism: Mechanism, command: Array, gap: Array, k: int) -> Per
         Sample.
 
     """
-    mechanics, joints = mechanism.mechanics, mechanism.joints
-    drives, friction = mechanics.drives, mechanics.friction
+    mechanics = mechanism.mechanics
+    joints = mechanism.joints
+    drives = mechanics.drives
+    friction = mechanics.friction
     commanded = joints.on_motors(command)
     mean = commanded
     coulomb = friction.coulomb_friction
@@ -321,8 +323,11 @@ def acceleration(motion: SmoothMotion, q: Array, dq: Array, u: Array) -> Array:
 @function
 def advance(motion: SmoothMotion, h: float) -> tuple[Array, Array]:
     """Return q and dq after `h` [s] in the present modes."""
-    mechanism, load, u = motion.mechanism, motion.load, motion.onset.constant
-    q, dq = motion.start.q, motion.start.dq
+    mechanism = motion.mechanism
+    load = motion.load
+    u = motion.onset.constant
+    q = motion.start.q
+    dq = motion.start.dq
     middle = total_at_middle(mechanism, load, u, motion.t + 0.5 * h, 0.5 * h)
     end = total(mechanism, load, u, motion.t + h)
     if motion.onset.stiff:
@@ -364,7 +369,8 @@ def decide_modes(mechanism: Mechanism, load: PeriodLoad, q: Array, dq: Array, t:
 def integrate_step(mechanism: Mechanism, load: PeriodLoad, start: Motion, t: float, h: float
                    ) -> Motion:
     """Return the motion after `h` [s], through any change of mode."""
-    q, dq = start.q, start.dq
+    q = start.q
+    dq = start.dq
     for event in range(_MAX_EVENTS + 1):
         onset = begin_smooth(mechanism, load, start, t, h)
         motion = SmoothMotion(mechanism, load, start, t, onset)
@@ -376,6 +382,7 @@ def integrate_step(mechanism: Mechanism, load: PeriodLoad, start: Motion, t: flo
         q, dq = advance(motion, s)
         # The velocity of a joint that comes to rest is exactly 0.
         dq = np.where(dq * start.mode >= 0.0, dq, 0.0)
-        t, h = t + s, h - s
+        t = t + s
+        h = h - s
         start = decide_modes(mechanism, load, q, dq, t)
     return start._replace(q=q, dq=dq)

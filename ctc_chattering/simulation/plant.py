@@ -115,11 +115,13 @@ class Plant:
 
     def __init__(self, config: PlantConfig, model: Model | None = None) -> None:
         self.model = self._coupled = model or model_of(config)
-        self.n, self.k = len(config.joint_names), 0
+        self.n = len(config.joint_names)
+        self.k = 0
         if self.model.n != self.n:
             raise CtcError(f'joint_names: {list(config.joint_names)} are not allowed with a model '
                            f'of {self.model.n} joints')
-        q, dq = config.initial_position, config.initial_velocity
+        q = config.initial_position
+        dq = config.initial_velocity
         self._joints: RigidJoints | ElasticJoints = RigidJoints()
         max_step = config.integration_step
         if config.elastic:
@@ -143,7 +145,8 @@ class Plant:
         self.noise = Random(config.noise_seed)
         self.draws = {parameter: Random(f'{config.noise_seed} {name}')
                       for parameter, name in _DRAWS.items()}
-        zero, undecided = np.zeros(self.n), np.zeros(self._coupled.n)
+        zero = np.zeros(self.n)
+        undecided = np.zeros(self._coupled.n)
         motion = Motion(np.array(q), np.array(dq), undecided, undecided, undecided, False)
         shown = measured_at_start(self._encoders, self.noise, self._joints.seen(motion.q),
                                   self._joints.seen(motion.dq))
@@ -162,7 +165,8 @@ class Plant:
         self.parameters = PlantParameters(
             mechanics, self._encoders, config.sample_loss, config.sample_jitter, self.last)
         self._mechanism = self._mechanism_of(mechanics)
-        self.state, self.transit = state, transit
+        self.state = state
+        self.transit = transit
         self._compiled_step: CompiledPlantStep | None = None
         self._read_state()
 
@@ -172,7 +176,8 @@ class Plant:
 
     def _mechanics(self) -> Mechanics:
         """Return all that acts: a disturbance on links, friction on motors."""
-        config, joints = self.config, self._joints
+        config = self.config
+        joints = self._joints
         if config.disturbance_push != self._push:
             self._push = config.disturbance_push
             self._push_end = self.k + round(config.disturbance_push_duration / self._period)
@@ -205,17 +210,20 @@ class Plant:
             step = self._compiled_step = CompiledPlantStep(
                 self.arm, self.own_friction, self.parameters, self.state, self.transit)
             if step.compiled:
-                self.state, self.transit = step.state, step.transit
+                self.state = step.state
+                self.transit = step.transit
         return self._compiled_step
 
     def _read_state(self) -> None:
         """Set the attributes of the present sample."""
-        n, state = self.n, self.state
+        n = self.n
+        state = self.state
         self.q: Vector = state.motion.q[:n].tolist()  # Links come before motors.
         self.dq: Vector = state.motion.dq[:n].tolist()
         self.measured: tuple[Vector, Vector] = state.shown.q.tolist(), state.shown.dq.tolist()
         self.applied: Vector = state.driven.torque.tolist()
-        self.offset, self.lost = float(state.offset), bool(state.lost_in_a_row)
+        self.offset = float(state.offset)
+        self.lost = bool(state.lost_in_a_row)
 
     @property
     def computed_by(self) -> str:

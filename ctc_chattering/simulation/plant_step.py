@@ -103,12 +103,16 @@ def advance_plant(mechanism: Mechanism, p: PlantParameters, state: PlantState, t
         Torque and random numbers.
 
     """
-    k, joints, h = state.k, mechanism.joints, p.encoders.period
+    k = state.k
+    joints = mechanism.joints
+    h = p.encoders.period
     drives = driven(p.mechanics.drives, state.driven, transit, k, received.tau,
                     received.late_samples)
     load = load_period(mechanism, drives.commanded, drives.gap, k)
     motion = mechanism.integrate(load, state.motion)
-    q, dq, offset = joints.seen(motion.q), joints.seen(motion.dq), 0.0
+    q = joints.seen(motion.q)
+    dq = joints.seen(motion.dq)
+    offset = 0.0
     if p.sample_jitter > 0.0:
         shift = p.sample_jitter * (2.0 * received.sample_jitter - 1.0)
         offset = round(1e9 * shift) / 1e9  # Whole nanoseconds.
