@@ -48,14 +48,14 @@ RECORDS: list[type] = []
 
 
 def function(marked: F) -> F:
-    """Mark a function that may be compiled; return it unchanged."""
+    """Mark a function that may be compiled, and return it unchanged."""
     FUNCTIONS.append(marked)
     return marked
 
 
 def record(marked: type[T]) -> type[T]:
     """
-    Mark a NamedTuple whose methods may be compiled; return it unchanged.
+    Mark a NamedTuple whose methods may be compiled, and return it unchanged.
 
     Parameters
     ----------

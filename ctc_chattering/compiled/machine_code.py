@@ -47,7 +47,7 @@ _FOLDERS = ('compiled', 'numerics', 'dynamics', 'control', 'simulation')
 _PROTOTYPE: Any = ctypes.CFUNCTYPE(ctypes.c_int, *[ctypes.c_void_p] * 3)
 #: Mode bits with which others may change files in a directory.
 _OTHERS_WRITE = 0o022
-#: Those with which others may replace a directory in its parent; a group may.
+#: Those with which others may replace a directory in its parent. A group may.
 _OTHERS_REPLACE = 0o002
 #: Hint for a user whose run is plain Python.
 HOW_TO_COMPILE = ('running in plain Python; `ctc compile` with the same file makes it some 20 '
@@ -149,7 +149,7 @@ class Code:
         return False
 
     def keep(self, symbol: str, machine_code: bytes) -> None:
-        """Write an object file; raise `CtcError` if that fails."""
+        """Write an object file, or raise `CtcError` if that fails."""
         content = f'{symbol}\n'.encode() + machine_code
         write_bytes(self.path, f'{hashlib.sha256(content).hexdigest()}\n'.encode() + content)
 
@@ -276,7 +276,7 @@ def _origin(function: Callable[..., int], layouts: str) -> str:
 def _text(module: str) -> str:
     """Return the text of a module of the user."""
     path = getattr(sys.modules.get(module), '__file__', None)
-    if path is None:  # Typed in; two texts could not be told from each other.
+    if path is None:  # Typed in. Two texts could not be told from each other.
         raise ImportError(f'{module} is not a file: it cannot be compiled')
     return Path(path).read_text(encoding='utf-8')
 

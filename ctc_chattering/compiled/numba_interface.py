@@ -51,7 +51,7 @@ DOUBLE = ir.DoubleType()
 INT = ir.IntType(64)
 #: Options of functions that compiled code alone calls: an entry for C takes a tenth of the time.
 INTERNAL: Any = {'no_cfunc_wrapper': True}
-#: Options of overloads; strictly, numba would compare annotations.
+#: Options of overloads. Strictly, numba would compare annotations.
 OVERLOADED: Any = {'strict': False, 'jit_options': INTERNAL}
 #: Options of the whole: without numba's memory, what would allocate an array is refused.
 _ENTRY: Any = {'nogil': True, 'error_model': 'numpy', '_nrt': False,

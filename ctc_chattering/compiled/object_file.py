@@ -36,7 +36,7 @@ _LIBRARY = {'cbrt', 'cos', 'exp', 'floor', 'fmod', 'log', 'memcpy', 'memmove', '
             'sin', 'sqrt', 'tanh'}
 #: Name for the processor of this computer.
 HOST = 'host'
-#: Script that makes code for a processor; LLVM writes to stderr what is wrong with its name.
+#: Script that makes code for a processor. LLVM writes to stderr what is wrong with its name.
 _PROBE = """
 import sys
 from llvmlite import binding

@@ -33,7 +33,7 @@ import numpy.typing as npt
 
 #: First word of the name of the field whose further words name the class of the record.
 _IS = 'is '
-#: Types of numbers by their kinds in NumPy; all others are floats.
+#: Types of numbers by their kinds in NumPy. All others are floats.
 _NUMBERS: dict[str, type] = {'i': int, 'b': bool}
 
 

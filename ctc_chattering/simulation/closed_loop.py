@@ -84,7 +84,7 @@ class Event:
 @dataclasses.dataclass(frozen=True)
 class Run:
     """
-    The samples of a run; N samples, n joints.
+    The N samples of a run with n joints.
 
     For a prismatic joint rad is m, and N·m is N.
 

@@ -211,7 +211,8 @@ def load_period(mechanism: Mechanism, command: Array, gap: Array, k: int) -> Per
     coulomb = friction.coulomb_friction
     if some(friction.load_friction):
         if not drives.ideal:
-            area = response(gap, drives.lag, drives.rate, mechanics.period)[1]
+            area = response(
+                gap, drives.actuator_lag, drives.torque_rate_limit, mechanics.period)[1]
             mean = commanded + joints.on_motors(area) / mechanics.period
         coulomb = coulomb + friction.load_friction * np.abs(mean)
     return PeriodLoad(
@@ -235,7 +236,8 @@ def total(mechanism: Mechanism, load: PeriodLoad, u: Array, t: float) -> Array:
     drives = mechanism.mechanics.drives
     u = add_disturbance(mechanism.mechanics, load, u, t)
     if not drives.ideal:
-        error = response(load.gap, drives.lag, drives.rate, t - load.start)[0]
+        error = response(
+            load.gap, drives.actuator_lag, drives.torque_rate_limit, t - load.start)[0]
         u = u + mechanism.joints.on_motors(error)
     return u
 
@@ -252,7 +254,8 @@ def total_at_middle(mechanism: Mechanism, load: PeriodLoad, u: Array, t: float, 
     drives = mechanism.mechanics.drives
     u = add_disturbance(mechanism.mechanics, load, u, t)
     if not drives.ideal:
-        error = middle_error(load.gap, drives.lag, drives.rate, t - load.start, half)
+        error = middle_error(
+            load.gap, drives.actuator_lag, drives.torque_rate_limit, t - load.start, half)
         u = u + mechanism.joints.on_motors(error)
     return u
 

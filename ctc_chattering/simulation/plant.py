@@ -182,10 +182,9 @@ class Plant:
             self._push = config.disturbance_push
             self._push_end = self.k + round(config.disturbance_push_duration / self._period)
         ideal = not any(config.actuator_lag) and min(config.torque_rate_limit) == inf
-        drives = Drives(
-            self._period, config.input_delay, config.late_samples,
-            np.array(config.torque_resolution), np.array(config.torque_saturation),
-            np.array(config.actuator_lag), np.array(config.torque_rate_limit), float(ideal))
+        drives = config.select(
+            Drives, period=self._period, input_delay=config.input_delay,
+            late_samples=config.late_samples, ideal=ideal)
         amplitude, frequency, push = (joints.on_links(np.array(x)) for x in (
             config.disturbance_amplitude, config.disturbance_frequency, self._push))
         return Mechanics(
@@ -295,7 +294,7 @@ class Plant:
 
 
 def _elastic_step(config: PlantConfig, elastic: Elastic) -> float:
-    """Return the largest step [s]; raise `CtcError` if it is too small."""
+    """Return the largest step [s], or raise `CtcError` if it is too small."""
     step = _MAX_STEP_RATE / elastic.rate(config.initial_position)
     if step * _MAX_ELASTIC_STEPS < config.control_period:
         raise CtcError(

@@ -30,7 +30,7 @@ from ctc_chattering.compiled.records import load, packed, rows, store, views
 from ctc_chattering.dynamics.compiled_model import Arm, CompiledArm, CompiledModel
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.simulation.coordinates import RigidJoints
-from ctc_chattering.simulation.drive import Driven, driven
+from ctc_chattering.simulation.drive import advance_drives, Driven
 from ctc_chattering.simulation.motion import load_period, Mechanics, Mechanism, Motion
 from ctc_chattering.simulation.sensor import Encoders, Measured, measured, off_the_grid
 import numpy as np
@@ -41,7 +41,7 @@ _MAX_LOST = 2
 
 @record
 class PlantParameters(NamedTuple):
-    """Parameters of the robot; `plant.py` makes them from a `PlantConfig`."""
+    """Parameters of the robot, from a `PlantConfig`."""
 
     mechanics: Mechanics
     encoders: Encoders
@@ -106,8 +106,8 @@ def advance_plant(mechanism: Mechanism, p: PlantParameters, state: PlantState, t
     k = state.k
     joints = mechanism.joints
     h = p.encoders.period
-    drives = driven(p.mechanics.drives, state.driven, transit, k, received.tau,
-                    received.late_samples)
+    drives = advance_drives(
+        p.mechanics.drives, state.driven, transit, k, received.tau, received.late_samples)
     load = load_period(mechanism, drives.commanded, drives.gap, k)
     motion = mechanism.integrate(load, state.motion)
     q = joints.seen(motion.q)
