@@ -42,7 +42,8 @@ ROS.
 
 **Laws.** `laws` lists them. A law of your own is a class marked by `law`, its memory one marked by
 `record`; `State`, `Terms`, `Applied` and `dot` are for its methods, and `switching` marks a
-switching of law (6). The parameter ``law`` takes the class, or ``package.module:Name``.
+switching of law (6). The parameter ``law`` takes the class, or ``package.module:Name``. A
+`PoleRule` is the rule of its recommended gains.
 
 **Robots.** A `Model` of your own, `TwoLink`, or `UrdfModel`; `check_dynamics` tests one.
 

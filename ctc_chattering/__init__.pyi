@@ -34,9 +34,10 @@ from ctc_chattering.control.controller import ControllerConfig as ControllerConf
 from ctc_chattering.control.controller import Sample as Sample
 from ctc_chattering.control.laws.base import law as law
 from ctc_chattering.control.laws.base import laws as laws
-from ctc_chattering.control.step import Applied as Applied
-from ctc_chattering.control.step import State as State
-from ctc_chattering.control.step import Terms as Terms
+from ctc_chattering.control.recommended_gains import PoleRule as PoleRule
+from ctc_chattering.control.sample import Applied as Applied
+from ctc_chattering.control.sample import State as State
+from ctc_chattering.control.sample import Terms as Terms
 from ctc_chattering.control.switching import switching as switching
 from ctc_chattering.dynamics.model import Model as Model
 from ctc_chattering.dynamics.model_check import check_dynamics as check_dynamics

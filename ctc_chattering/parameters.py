@@ -33,6 +33,7 @@ import inspect
 import math
 import re
 from typing import Any, ClassVar, TypeVar
+import warnings
 
 from ctc_chattering.errors import CtcError, near, ParameterError, refused_as
 import numpy as np
@@ -416,6 +417,14 @@ def named_class(what: str, name: str, fits: Callable[[type], bool], wanted: str)
     if not (isinstance(found, type) and fits(found)):
         raise CtcError(f'the {what} {name} is no {wanted}')
     return found
+
+
+def accept_old_name(kind: type, old: str, new: str) -> None:
+    """Let a class of the user's have a method by its old name, with a warning."""
+    if not hasattr(kind, new) and hasattr(kind, old):
+        warnings.warn(f'{kind.__name__}.{old} is deprecated. Call it {new}.', FutureWarning,
+                      stacklevel=3)
+        setattr(kind, new, getattr(kind, old))
 
 
 def unit_text(unit: str) -> str:

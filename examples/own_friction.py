@@ -45,7 +45,7 @@ class Hyperbolic(NamedTuple):
     speed: Array
 
     @classmethod
-    def made(cls, joint_names: Sequence[str]) -> Hyperbolic:
+    def for_joints(cls, joint_names: Sequence[str]) -> Hyperbolic:
         """Return the friction of a robot with these joints."""
         return cls(np.full(len(joint_names), 3.0), np.full(len(joint_names), 0.05))
 

@@ -24,7 +24,8 @@ A law of your own: computed torque with an estimate that leaks.
 ``ctc``, put the module where Python finds it, and name the class: ``law: own_law:LeakyIntegral``.
 What a law has is in `ctc_chattering/control/laws/base.py`, what its methods may use in
 `ctc_chattering/compiled/compilable.py`. It runs in nodes and in `ctc simulate`, and compiled in
-maps, all from this text.
+maps, all from this text. The arguments of `law` are its traits: the parameters that it takes, what
+watches it, and the rule of its recommended gains.
 """
 
 from __future__ import annotations
@@ -37,6 +38,7 @@ from ctc_chattering import (
     dot,
     law,
     load_parameters,
+    PoleRule,
     record,
     simulate,
     State,
@@ -58,7 +60,8 @@ class Leaky(NamedTuple):
     perturbation: Array
 
 
-@law(symbol='-P̂')
+@law(symbol='-P̂', parameters=('ki',), is_watched=True, is_bounded=False,
+     gain_rule=PoleRule(0.3, times_p={'ki': 4.0}))
 class LeakyIntegral(NamedTuple):
     """The law with its gains."""
 
@@ -67,7 +70,7 @@ class LeakyIntegral(NamedTuple):
     gain: Array
 
     @classmethod
-    def made(cls, config: ControllerConfig, period: float) -> LeakyIntegral:
+    def from_config(cls, config: ControllerConfig, period: float) -> LeakyIntegral:
         """Return the law of a configuration."""
         return cls(period, period * np.array(config.ki))
 
@@ -75,9 +78,9 @@ class LeakyIntegral(NamedTuple):
         """Return P̂ = 0."""
         return Leaky(0.0 * self.gain)
 
-    def terms(self, memory: Leaky, at: State) -> tuple[Terms, Leaky]:
-        """Return nominal, compensation, robust term and what was clipped off it."""
-        return Terms(at.N, at.zero, -memory.perturbation, at.zero), memory
+    def terms(self, memory: Leaky, state: State) -> tuple[Terms, Leaky]:
+        """Return nominal term, compensation, robust term and clipping error."""
+        return Terms(state.N, state.zero, -memory.perturbation, state.zero), memory
 
     def advanced(self, memory: Leaky, now: State, applied: Applied) -> Leaky:
         """Return the memory a period later."""

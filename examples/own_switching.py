@@ -41,7 +41,7 @@ class Smooth(NamedTuple):
     width: float
 
     @classmethod
-    def made(cls, config: ControllerConfig, period: float) -> Smooth:
+    def from_config(cls, config: ControllerConfig, period: float) -> Smooth:
         """Return the switching of a configuration."""
         return cls(np.array(config.ka), config.boundary_layer)
 

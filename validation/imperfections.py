@@ -35,7 +35,7 @@ from ctc_chattering.configuration import parameter_file
 from ctc_chattering.configuration.loop_setup import Setup
 from ctc_chattering.configuration.package_share import config_directory
 from ctc_chattering.configuration.yaml_file import read_yaml
-from ctc_chattering.control.controller_config import LAWS, RIVALS
+from ctc_chattering.control.laws.registry import LAWS
 from ctc_chattering.runs.conditions import read_cases as cases_of
 from ctc_chattering.runs.pool import processes
 from ctc_chattering.runs.recommended import recommended_setup
@@ -100,8 +100,8 @@ CASES = read_cases()
 #: What the tables show: attribute, heading, unit, format.
 QUANTITIES = (('rms', 'RMS e', 'rad', '.2e'),
               ('variation', 'torque variation', 'N·m/s', '.0f'))
-#: Laws of the study: with the gains of the file, or those that are recommended.
-EVERY_LAW = tuple(law for law in LAWS if law not in RIVALS)
+#: Laws of the study, but those whose gains must be searched first.
+EVERY_LAW = tuple(law for law in LAWS if law not in ('pid_kalman', 'extended_state_observer'))
 #: Those of them whose gains are by the rule of `runs/recommended.py`.
 BY_RULE = ('observer_feedback', 'integral')
 #: Title of the table that sums up the others.

@@ -37,7 +37,7 @@ from ctc_chattering.analysis.page import FigureFile
 from ctc_chattering.analysis.result import LAW_COLOURS, simulate
 from ctc_chattering.analysis.tables import markdown, markdown_table, Table
 from ctc_chattering.configuration.compilation import compile_setups
-from ctc_chattering.control.controller_config import LAWS, SWITCHINGS
+from ctc_chattering.control.laws.registry import LAWS, SWITCHINGS
 from ctc_chattering.errors import shortened
 from ctc_chattering.output_files import write_text
 from imperfections import (

@@ -29,7 +29,7 @@ from ctc_chattering.configuration.loop_setup import Setup
 from ctc_chattering.configuration.package_share import config_directory
 from ctc_chattering.runs.compare import merged
 from ctc_chattering.runs.conditions import condition
-from ctc_chattering.runs.recommended import recommended
+from ctc_chattering.runs.recommended import gains_by_rule
 from ctc_chattering.runs.score import PER_JOINT, Score, score
 from independent_laws import Array, Gains, Known, Sliding
 import numpy as np
@@ -71,7 +71,7 @@ def setups(law: dict[str, Any], ka: str, column: str) -> list[Setup]:
     path, found = config_directory() / f'{file}.yaml', []
     for run in condition(name).overrides(parameter_file.load(path)):
         setup = parameter_file.load(path, run)
-        known = recommended(setup)
+        known = gains_by_rule(setup, 'observer_feedback')
         given = {**(known if law['law'] == 'observer_feedback' else {}), **law}
         given['ka'] = known['ka'] if KA[ka] == 'recommended' else [
             x if KA[ka] is None else KA[ka] for x in setup.controller.ka]

@@ -26,7 +26,7 @@ from ctc_chattering.analysis.drawing import legend_of
 from ctc_chattering.analysis.page import FigureFile
 from ctc_chattering.analysis.result import colour, colours, name, names, Result
 from ctc_chattering.analysis.signals import Series, SignalOrigin
-from ctc_chattering.control.laws.base import law_class
+from ctc_chattering.control.laws.registry import law_class
 from ctc_chattering.errors import CtcError
 from ctc_chattering.output_files import check_format, file_stem
 from ctc_chattering.simulation.closed_loop import Array
@@ -299,5 +299,5 @@ def _paper(result: Result, which: int) -> str:
     numbers = PAPER_FIGURES.get((result.experiment, result.law))
     config = result.config
     same = (not result.marks and config.model == 'two_link' and set(config.ka) == {10.0}
-            and (config.switching == 'sign' or config.law == 'compensation'))
+            and config.switching_in_force in ('', 'sign'))
     return f' (figure {numbers[which]} of the paper)' if numbers and same else ''

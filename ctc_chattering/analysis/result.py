@@ -41,7 +41,8 @@ from ctc_chattering.analysis.signals import PARTS, Series, SignalOrigin
 from ctc_chattering.analysis.tables import measured, number_text
 from ctc_chattering.analysis.terms import RunTerms, terms
 from ctc_chattering.configuration.loop_setup import Setup
-from ctc_chattering.control.controller import ControllerConfig, LAWS
+from ctc_chattering.control.controller import ControllerConfig
+from ctc_chattering.control.laws.registry import LAWS, OF_SWITCHING
 from ctc_chattering.controller.health import Saturation, term_saturation
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.dynamics.registry import model_of
@@ -121,8 +122,6 @@ class Replay(NamedTuple):
 _REACHING = 0.5
 #: Stands for the window that `window_of` chooses.
 _BY_THE_RUN = -inf, -inf
-#: Gains of one switching only.
-_OF_SWITCHING = {'boundary_layer': 'boundary_layer', 'observer_bandwidth': 'implicit_observer'}
 
 
 @dataclasses.dataclass(frozen=True, repr=False)
@@ -291,8 +290,8 @@ class Result(RunAttributes):
         values = config.as_mapping()
         names = ['kp', 'kv', *(
             name for name, spec in config.parameters().items()
-            if config.law in spec.laws and spec.kind.startswith('float')
-            and _OF_SWITCHING.get(name, config.switching) == config.switching)]
+            if name in config.law_parameters and spec.kind.startswith('float')
+            and OF_SWITCHING.get(name, config.switching) == config.switching)]
         return {name: list(x) if isinstance(x := values[name], tuple) else x for name in names}
 
     @cached_property
@@ -497,7 +496,8 @@ _SHADES = (0.0, 0.45, -0.45, 0.25, -0.25, 0.65)
 def name(result: Result) -> str:
     """Return experiment, laws, and the switching where it is not the paper's."""
     kinds = [kind for kind, _ in groupby(
-        config.switching for _, config in result.configs if config.law == 'chattering')]
+        config.switching for _, config in result.configs
+        if 'switching' in config.law_parameters)]
     if not kinds or kinds == ['sign']:
         return result.label
     return f'{result.label} ({" → ".join(kinds) if len(kinds) < 3 else "several switchings"})'

@@ -37,6 +37,7 @@ from ctc_chattering.analysis.result import (
 )
 from ctc_chattering.analysis.signals import by_times, compressed, PARTS, Series, SignalOrigin
 from ctc_chattering.analysis.tables import Table
+from ctc_chattering.control.laws.registry import BASELINE_LAW
 from ctc_chattering.errors import ParameterError
 from ctc_chattering.output_files import (
     check_format,
@@ -179,7 +180,6 @@ JOINT_COLUMNS = (('rms_error_rad', 'RMS error', 'rad'), ('rms_torque_nm', 'RMS t
                  ('max_torque_step_nm', 'Largest torque step', 'N·m'),
                  ('max_torque_rate_nm_per_s', 'Largest torque rate', 'N·m/s'))
 _LARGEST = 'max_error_norm1_rad'
-_BASE = 'compensation'
 _TITLE = 'Computed torque plus compensation plus chattering'
 _LEAD = ('A robot arm with friction that the controller does not know, under computed torque\n'
          'plus compensation, under the same law plus a chattering term Ka sgn(v), or under '
@@ -236,8 +236,8 @@ def _gain(pair: Pair) -> page.Card:
     result, run, base = pair
     unit = result.position_units[0]
     return page.Card(run['name'], _factor(base[_LARGEST], run[_LARGEST]), [
-        f'Largest error: {base[_LARGEST]:.3g} {unit} under {_BASE} → {run[_LARGEST]:.3g} {unit} '
-        f'with {result.law}.'])
+        f'Largest error: {base[_LARGEST]:.3g} {unit} under {BASELINE_LAW} → '
+        f'{run[_LARGEST]:.3g} {unit} with {result.law}.'])
 
 
 def _table(results: Sequence[Result], runs: Sequence[dict[str, Any]]) -> Table:
@@ -289,9 +289,9 @@ def _pairs(results: Sequence[Result], runs: Sequence[dict[str, Any]]) -> list[Pa
     whole = [(result, run) for result, run in zip(results, runs)
              if not result.changes and run[_LARGEST] is not None]
     base = {result.experiment: run for result, run in reversed(whole)
-            if result.law == _BASE}
+            if result.law == BASELINE_LAW}
     return [(result, run, base[result.experiment]) for result, run in whole
-            if result.law != _BASE and result.experiment in base]
+            if result.law != BASELINE_LAW and result.experiment in base]
 
 
 def _headline(pairs: Sequence[Pair]) -> str:

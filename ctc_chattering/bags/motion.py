@@ -42,8 +42,8 @@ from ctc_chattering.bags.recording import (
     VELOCITIES,
 )
 from ctc_chattering.bags.repair import open_bag
-from ctc_chattering.control.controller import ControllerConfig, LAWS
-from ctc_chattering.control.controller_config import SWITCHINGS
+from ctc_chattering.control.controller import ControllerConfig
+from ctc_chattering.control.laws.registry import LAWS, SWITCHINGS
 from ctc_chattering.dynamics.registry import locked_positions
 from ctc_chattering.dynamics.urdf_parser import Tree
 from ctc_chattering.errors import CtcError, near, refused_as, shortened

@@ -31,14 +31,15 @@ from typing import Any
 
 from ctc_chattering.compiled.machine_code import argument_memory, Code
 from ctc_chattering.compiled.records import load, packed
+from ctc_chattering.control.compiled_step import apply_gains, CompiledStep
 from ctc_chattering.control.controller import Controller, ControllerConfig
-from ctc_chattering.control.step import CompiledStep, ControlSettings, regained
+from ctc_chattering.control.laws.registry import law_class
+from ctc_chattering.control.settings import ControlSettings
 from ctc_chattering.controller.positions import LIMITS
 from ctc_chattering.controller.trips import (
     LARGEST_GROWTH,
     LIMIT_CYCLE_S,
     PATIENCE,
-    WATCHED,
 )
 from ctc_chattering.dynamics.compiled_model import set_mass_and_bias, set_terms
 from ctc_chattering.dynamics.model import Model
@@ -125,7 +126,7 @@ def step_of(config: ControllerConfig, model: Model) -> CompiledStep:
 
 
 def takes_gains(step: CompiledStep, config: ControllerConfig, model: Model) -> bool:
-    """Return whether `regained` gives what a controller with other gains is made of."""
+    """Return whether `apply_gains` gives what a controller with other gains is made of."""
     joints = np.arange(1.0, model.n + 1.0)
     gains = {name: k * joints for k, name in enumerate(_GAINS, 3)}
     other, now = Controller(config.changed(gains), model), load(step.code.arguments[0].law)
@@ -136,7 +137,7 @@ def takes_gains(step: CompiledStep, config: ControllerConfig, model: Model) -> b
 
 def block_of(step: CompiledStep, gains: Code) -> tuple[Block, dict[str, int]]:
     """
-    Return the memory of a step that has not been called, and of `regained`.
+    Return the memory of a step that has not been called, and of `apply_gains`.
 
     With it where steps read and write, by the names in ``ctc_law.c``; 0 for what a law lacks.
     """
@@ -147,7 +148,7 @@ def block_of(step: CompiledStep, gains: Code) -> tuple[Block, dict[str, int]]:
         'PLACES': block.add(step.code.arguments, step.code.addresses),
         'GAIN_PLACES': block.add(gains.arguments, gains.addresses),
         'MEMORIES': block.at(memories), 'MEASURED': block.at(records.measured),
-        'REFERENCE': block.at(points), 'MADE': block.at(records.made),
+        'REFERENCE': block.at(points), 'MADE': block.at(records.result),
         'MASS_MATRIX': block.at(records.now, 'M'), 'KP': block.at(settings, 'kp'),
         'KV': block.at(settings, 'kv'), 'KA': block.at(gains.arguments[1]),
         **{name.upper(): block.at(memories, 'law', 'oscillation', name) if observes else 0
@@ -210,7 +211,7 @@ def export(config: ControllerConfig, model: Model, out: Path, processor: str = '
     from ctc_chattering.compiled.object_file import check_processor, object_file
     check_processor(processor)
     step = step_of(config, model)
-    gains = Code(regained, (step.code.arguments[0], np.array(config.ka)), 'gains')
+    gains = Code(apply_gains, (step.code.arguments[0], np.array(config.ka)), 'gains')
     codes = {'ctc_control': step.code, **{
         _FUNCTIONS[x.code.function]: x.code for x in step.arm.calls}}
     if takes_gains(step, config, model):
@@ -258,7 +259,7 @@ def _data(block: Block, named: dict[str, int], functions: Sequence[str],
           config: ControllerConfig) -> str:
     """Return the numbers of a law in C."""
     constants = named | {
-        'WATCHED': int(config.law == WATCHED), 'LARGEST_GROWTH': LARGEST_GROWTH,
+        'WATCHED': int(law_class(config.law).is_watched), 'LARGEST_GROWTH': LARGEST_GROWTH,
         'PATIENCE': PATIENCE, 'LONGEST_CYCLE': LIMIT_CYCLE_S, 'POSITION_MARGIN': LIMITS.margin,
         'LARGEST_ACCELERATION': LIMITS.acceleration,
         'GAINS_FUNCTION': _SET if _SET in functions else 'NULL'}

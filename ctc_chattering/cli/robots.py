@@ -90,7 +90,7 @@ def run_new_robot(options: argparse.Namespace) -> int:
     from ctc_chattering.configuration import parameter_file
     from ctc_chattering.configuration.new_robot import KA, new_robot, Told
     from ctc_chattering.control.recommended_gains import FINE_RESOLUTION
-    from ctc_chattering.runs.arm_margins import arm_margins, with_stable_gains
+    from ctc_chattering.runs.arm_margins import arm_lines, arm_margins, with_stable_gains
 
     if options.joints and options.tip:
         raise UsageError('--tip: not allowed with --joints')
@@ -104,7 +104,7 @@ def run_new_robot(options: argparse.Namespace) -> int:
             location, options.joints, options.gravity, options.tip, options.center or (), told))
     margins = arm_margins(parameter_file.load(None, robot.values))
     lines = [one_line(line) for line in _described(robot, bool(options.center))]
-    lines += margins.lines() if margins else ()
+    lines += arm_lines(margins) if margins else ()
     comment = '\n'.join(textwrap.fill(
         line, 99, initial_indent='# ', subsequent_indent='#   ') for line in lines)
     write_text(out, _COMMENT.format(location=one_line(location), lines=comment, ka=KA,

@@ -33,7 +33,7 @@ from ctc_chattering.cli.options import (
 from ctc_chattering.cli.presentation import print_page, progress
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.configuration.package_share import find_config
-from ctc_chattering.control.controller import LAWS
+from ctc_chattering.control.laws.registry import LAWS
 from ctc_chattering.errors import CtcError, given_by_user, UsageError
 from ctc_chattering.output_files import check_file, check_folder, claim
 from ctc_chattering.parameters import LEAST
@@ -209,7 +209,7 @@ def run_stability(options: argparse.Namespace) -> int:
     """
     from ctc_chattering.analysis.tables import number_text, print_columns
     from ctc_chattering.control.recommended_gains import pole_over_resonance, RESONANCE_PART
-    from ctc_chattering.runs.arm_margins import arm_margins
+    from ctc_chattering.runs.arm_margins import arm_margins, arm_rows
     from ctc_chattering.runs.stability import rows, stability
 
     setup = load_setup(options)
@@ -221,7 +221,7 @@ def run_stability(options: argparse.Namespace) -> int:
                              ('robot', plant.actuator_lag, plant.input_delay)):
         print(f'{who}: lag {number_text(tuple(1e3 * x for x in lags))} ms, delay {delay}')
     margins = arm_margins(setup)
-    print_columns([*rows(found, config.control_period), *(margins.rows() if margins else ())])
+    print_columns([*rows(found, config.control_period), *(arm_rows(margins) if margins else ())])
     if (part := pole_over_resonance(config)) > RESONANCE_PART:
         print(f'warning: the pole is {part:.2g} of the resonance of {config.resonance:g} Hz; at '
               f'most {RESONANCE_PART:g} is calm with encoders at the motors')

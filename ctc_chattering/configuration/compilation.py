@@ -27,8 +27,8 @@ from importlib.util import find_spec
 
 from ctc_chattering.compiled.machine_code import Code, Program
 from ctc_chattering.configuration.loop_setup import Setup
-from ctc_chattering.control.controller import Controller, LAWS
-from ctc_chattering.control.controller_config import SWITCHINGS
+from ctc_chattering.control.controller import Controller
+from ctc_chattering.control.laws.registry import LAWS, switchings_of
 from ctc_chattering.dynamics.registry import model_of
 from ctc_chattering.errors import CtcError
 from ctc_chattering.simulation.closed_loop import compiled_loop_of
@@ -137,8 +137,10 @@ def compile_setup(setup: Setup, every: bool = False, show: Callable[[str], None]
                        'laws only if made of marked records')
     if not has_compiler():
         raise ModuleNotFoundError('No module named numba', name='numba')
-    changes = [{'law': law} for law in LAWS if law != 'chattering'] + [
-        {'law': 'chattering', 'switching': switching} for switching in SWITCHINGS]
-    setups = [dataclasses.replace(setup, controller=setup.controller.changed(values))
-              for values in (changes if every else [{}])]
+    config = setup.controller
+    laws = dict.fromkeys((*LAWS, config.law)) if every else (config.law,)
+    setups = [dataclasses.replace(setup, controller=config.changed(
+                  {'law': law, 'switching': switching}))
+              for law in laws
+              for switching in (every and switchings_of(law)) or (config.switching,)]
     return compile_setups(setups, show, for_nodes=True)

@@ -42,7 +42,12 @@ from ctc_chattering.configuration.holding_motion import (
 from ctc_chattering.configuration.loop_setup import Values
 from ctc_chattering.configuration.package_share import read_description
 from ctc_chattering.control.controller_config import ControllerConfig
-from ctc_chattering.control.recommended_gains import LAW, model_torque, recommended_gains
+from ctc_chattering.control.recommended_gains import (
+    KnownLoop,
+    model_torque,
+    recommended_gains,
+    RECOMMENDED_LAW,
+)
 from ctc_chattering.dynamics.corrected_urdf import with_payload
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.dynamics.registry import model_of
@@ -216,7 +221,8 @@ def new_robot(location: str, joints: Sequence[str] = (), gravity: float = 9.81, 
         {'torque_rate_limit': [rate.value for rate in rates]}
         if rates[0].source != Source.NOT_KNOWN else {})}
     resolution = max(PlantConfig().encoder_resolution)
-    gains = recommended_gains(config.changed(known), expected, resolution)
+    gains = recommended_gains(RECOMMENDED_LAW, KnownLoop(
+        config.changed(known), lambda: expected, resolution))
     if told.resonance < inf:
         gains['resonance'] = told.resonance
     if assumed:
@@ -229,7 +235,7 @@ def new_robot(location: str, joints: Sequence[str] = (), gravity: float = 9.81, 
                   'initial_position': motion.center,
                   'coulomb_friction': friction.coulomb.tolist(),
                   'viscous_friction': friction.viscous.tolist()},
-        'controller': {'law': LAW, **gains},
+        'controller': {'law': RECOMMENDED_LAW, **gains},
         'reference': {'center': motion.center, 'amplitude': motion.amplitude,
                       'frequency': motion.frequency, 'start_duration': START_S}}
     parameter_file.load(None, values)

@@ -22,7 +22,8 @@ of the package's files, and gives a law its gains (`with_gains`).
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import partial
 from math import inf
 from operator import itemgetter
 from pathlib import Path
@@ -33,7 +34,14 @@ from ctc_chattering.configuration.loop_setup import check_motion, Overrides, Set
 from ctc_chattering.configuration.node_parameters import LOOP, NODES
 from ctc_chattering.configuration.package_share import find_config, read_description
 from ctc_chattering.control.controller_config import ControllerConfig
-from ctc_chattering.control.recommended_gains import GainChoice, GAINS, LAW, model_torque
+from ctc_chattering.control.recommended_gains import (
+    GainChoice,
+    GAINS,
+    model_torque,
+    no_torque,
+    RECOMMENDED_LAW,
+    separate_gains,
+)
 from ctc_chattering.controller.trips import check_change
 from ctc_chattering.dynamics.registry import model_of
 from ctc_chattering.errors import CtcError, near, ParameterError, prefixed, UsageError
@@ -93,8 +101,8 @@ def load(path: Path | None, overrides: Overrides | None = None) -> Setup:
     descriptions = {node: read_description(config.description) for node, config in loop.items()
                     if config.described and config.description}
     lines = resolved['bringup']['events']
-    torque = known_model_torque(controller, descriptions) if LAW in ' '.join(lines) else None
-    events = parse_events(lines, {'plant': plant, 'controller': controller}, torque)
+    events = parse_events(lines, {'plant': plant, 'controller': controller},
+                          partial(known_model_torque, controller, descriptions))
     setup = Setup(plant, controller, reference, events, resolved, route, descriptions)
     check_motion(setup)
     return setup
@@ -203,8 +211,8 @@ def node_values(sections: Overrides, node: str, source: str) -> Values:
     return values
 
 
-def parse_events(lines: Sequence[str], configs: Mapping[str, Any], torque: Array | None = None
-                 ) -> tuple[Event, ...]:
+def parse_events(lines: Sequence[str], configs: Mapping[str, Any],
+                 torque: Callable[[], Array | None] = no_torque) -> tuple[Event, ...]:
     """
     Return the events that `lines` describe, each "time node parameter value".
 
@@ -216,8 +224,8 @@ def parse_events(lines: Sequence[str], configs: Mapping[str, Any], torque: Array
         The value is YAML; empty lines are ignored.
     configs : mapping
         Configuration of each node that can have events, at the start of the run.
-    torque : array, shape (n,), optional
-        `model_torque` of the controller; None while it is not known.
+    torque : callable, optional
+        Returns `model_torque` of the controller; None while it is not known.
 
     Raises
     ------
@@ -288,16 +296,17 @@ def with_gains(path: Path | None, overrides: Overrides, gains: str | None = None
     found = {node: dict(values) for node, values in overrides.items()}
     given = node_values(found, 'controller', 'overrides')
     in_file = node_values(read(path) if path else {}, 'controller', str(path))
-    own, of_own = given.get('law', in_file.get('law')) == LAW, in_file.get('law') == LAW
-    suit = own == of_own and not (own and in_file.keys().isdisjoint(GAINS))
+    of_file, own = _separate_gains(in_file), _separate_gains({**in_file, **given})
+    suit = own == of_file and not (own and in_file.keys().isdisjoint(GAINS))
     if gains == FROM_FILE or (gains is None and (suit or not given.keys().isdisjoint(GAINS))):
         return found, ''
     setup = load(path, found)
     law = setup.controller.law
     if gains is not None and not own:
-        raise UsageError(f'--gains {gains}: only --law {LAW} has recommended gains, not {law}')
-    torque = known_model_torque(setup.controller, setup.descriptions) if own else None
-    taken = GainChoice(torque).suitable(law, setup.controller)
+        raise UsageError(f'--gains {gains}: only --law {RECOMMENDED_LAW} has recommended gains, '
+                         f'not {law}')
+    choice = GainChoice(partial(known_model_torque, setup.controller, setup.descriptions))
+    taken = choice.suitable(law, setup.controller)
     found['controller'] = taken | given
     if own:
         found.setdefault('reference', {}).setdefault(
@@ -305,6 +314,13 @@ def with_gains(path: Path | None, overrides: Overrides, gains: str | None = None
     gained = ', '.join(f'{name} {x}' for name, x in taken.items() if name not in given)
     return found, (f'law {law} takes recommended gains{" and a smooth start" if own else ""}: '
                    f'{gained}; --gains file takes those of the file')
+
+
+def _separate_gains(values: Mapping[str, object]) -> str:
+    """Return `separate_gains` of the law in parameters of the controller."""
+    spec = ControllerConfig.parameters()['law']
+    with prefixed('controller: '):
+        return separate_gains(spec.checked(values.get('law', spec.default)))
 
 
 def load_parameters(path: str | Path = 'friction', overrides: Overrides | None = None,

@@ -12,21 +12,38 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The controller: one call of `step` per sample, by the law that its parameters name."""
+"""
+The controller: one call of `step` per sample, by the law that its parameters name.
+
+Nodes, simulation and users hold a `Controller`. It makes the law from a `ControllerConfig`, and
+has the control step computed as plain Python or machine code. Between samples it changes gains and
+laws, resets, and answers states that come late or not at all.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from enum import auto, Enum
 from itertools import chain, islice
 from math import isfinite
 from typing import Any, NamedTuple
 
 from ctc_chattering.compiled.compilable import RECORDS
 from ctc_chattering.compiled.machine_code import MACHINE_CODE, PLAIN_PYTHON
-from ctc_chattering.control import step as steps
-from ctc_chattering.control.controller_config import ControllerConfig, LAWS
-from ctc_chattering.control.laws.base import Law, law_class, Stability
-from ctc_chattering.control.step import Arrival, CompiledStep, Memories, PlainStep, REGULAR
+from ctc_chattering.control.compiled_step import CompiledStep
+from ctc_chattering.control.controller_config import ControllerConfig
+from ctc_chattering.control.handover import take_over
+from ctc_chattering.control.irregular_sample import (
+    locate_sample,
+    missing_state,
+    REGULAR,
+    SampleIrregularity,
+)
+from ctc_chattering.control.laws.base import Law, Stability
+from ctc_chattering.control.laws.registry import law_class
+from ctc_chattering.control.sample import ControlMemory, LastSample, Memories, TRANSIT_ROWS
+from ctc_chattering.control.settings import ControlSettings
+from ctc_chattering.control.step import PlainStep
 from ctc_chattering.dynamics.compiled_model import Arm, arm_of
 from ctc_chattering.dynamics.model import Model, Scaled
 from ctc_chattering.dynamics.registry import model_of
@@ -37,15 +54,15 @@ from ctc_chattering.parameters import vector
 from ctc_chattering.trajectory.buffer import Point
 import numpy as np
 
-__all__ = ['LAWS', 'Controller', 'ControllerConfig', 'Sample']
+__all__ = ['Controller', 'ControllerConfig', 'Sample']
 
 
 class Sample(NamedTuple):
     """
-    What one control step computed; every vector is a list of n floats.
+    Result of one control step; every vector is a list of n floats.
 
-    e, de and v belong to the state; what follows to the torque, which under an input delay is for
-    the state predicted over it.
+    e, de and v belong to the measured state, the terms to the torque. Under an input delay the
+    torque is for the state predicted over it.
 
     Attributes
     ----------
@@ -56,13 +73,13 @@ class Sample(NamedTuple):
     v : list of float
         Filtered error [rad/s].
     nominal : list of float
-        What model and feedback ask for: M [ddq_d + Kv de + Kp e] + C dq + G under most laws [N·m].
+        Torque by model and feedback: M [ddq_d + Kv de + Kp e] + C dq + G under most laws [N·m].
     compensation : list of float
         C v, which the laws (2) and (6) subtract; 0 under the others [N·m].
     robust : list of float
-        What is subtracted against the perturbation: Ka sgn(v) under (6), however switched [N·m].
+        Term subtracted against the perturbation: Ka sgn(v) under (6), however switched [N·m].
     saturation_error : list of float, or None
-        What the limits have taken from the torque [N·m]; None for nothing.
+        Torque that the limits have taken [N·m]; None for nothing.
 
     """
 
@@ -76,13 +93,59 @@ class Sample(NamedTuple):
     saturation_error: Vector | None
 
 
+class Phase(Enum):
+    """
+    Phase of a controller, which says how its next step begins.
+
+    `reset` leads to a start, a step to `RUNNING`. Another law leads from `RUNNING` to `HANDOVER`,
+    and the same law back.
+    """
+
+    #: With ξ = 0.
+    START = auto()
+    #: With v = 0.
+    BUMPLESS_START = auto()
+    #: From the last sample.
+    RUNNING = auto()
+    #: With the torque of another law (`handover.py`).
+    HANDOVER = auto()
+
+
+class ReplacedLaw(NamedTuple):
+    """The law before a hand-over, with its name and memory."""
+
+    name: str
+    law: Law
+    memory: Any
+
+
+class PredictedPeriod(NamedTuple):
+    """
+    A period that was answered without a state.
+
+    Attributes
+    ----------
+    rows : ndarray, shape (5 + 3 d, n)
+        Those that the step took.
+    reference_offset : int
+        Time from the instants of the reference to the sample [ns].
+    tau : ndarray, shape (n,)
+        Torque in force [N·m].
+
+    """
+
+    rows: Array
+    reference_offset: int
+    tau: Array
+
+
 class Controller:
     """
     The sampled controller: one call of `step` per state.
 
     Contract: `step` takes the state and the reference at sample k and returns the torque to hold
     until sample k + 1. It reads no clock. By the stamps of the states it goes on by as many
-    periods as have passed (`control.step`); without stamps that is one a call.
+    periods as have passed (`control.irregular_sample`); without stamps that is one a call.
 
     Parameters
     ----------
@@ -98,11 +161,11 @@ class Controller:
     model : Model
         With `inertia_scale` and `gravity_scale`.
     continuous : tuple of bool, shape (n,)
-        Which joints turn endlessly. Positions that `step` takes count turns all the same.
+        True for joints that turn endlessly. Positions that `step` takes count turns all the same.
     settings, law : ControlSettings, Law
-        What is common to all laws, and the law in force.
+        Settings common to all laws, and the law in force.
     memories : Memories
-        What is remembered: by the control step, by the law, and of the last sample.
+        Memory of the control step and of the law, and the last sample.
     transit : array, shape (4 input_delay, n)
         Torques in transit.
     compiled : bool
@@ -110,50 +173,66 @@ class Controller:
 
     """
 
+    _phase: Phase
+    #: The law before, until it is taken over.
+    _replaced: ReplacedLaw | None
+    #: Stamp of the last state, and its time after its sample [ns].
+    _stamp: int | None
+    _offset: int
+    #: Periods since then that were answered without a state, and memories and transit before them.
+    _predicted: list[PredictedPeriod]
+    _snapshot: tuple[Memories, Array]
+    #: Computes the steps until the next change, and holds the memories; made for the first step.
+    _stepper: PlainStep | CompiledStep | None
+    #: Until then, the memories.
+    _memories: Memories
+
     def __init__(self, config: ControllerConfig, model: Model | None = None) -> None:
-        n = len(config.joint_names)
-        self.model = known = model or model_of(config)
-        if self.model.n != n:
+        unscaled = model or model_of(config)
+        if unscaled.n != len(config.joint_names):
             raise CtcError(f'joint_names: {list(config.joint_names)} are not allowed with a model '
-                           f'of {self.model.n} joints')
-        if (config.inertia_scale, config.gravity_scale) != (1.0, 1.0):
-            self.model = Scaled(self.model, config.inertia_scale, config.gravity_scale)
-        self.continuous = config.which_are_continuous(known.continuous)
-        self._arm: Arm | None = None
-        if config.compiled:
-            self._arm = arm_of(known, config.inertia_scale, config.gravity_scale)
-        self.transit = np.zeros((steps.ROWS * config.input_delay, n))
+                           f'of {unscaled.n} joints')
+        scales = config.inertia_scale, config.gravity_scale
+        self.model = unscaled if scales == (1.0, 1.0) else Scaled(unscaled, *scales)
+        self.continuous = config.which_are_continuous(unscaled.continuous)
+        self._arm = arm_of(unscaled, *scales) if config.compiled else None
+        self.transit = np.zeros((TRANSIT_ROWS * config.input_delay, unscaled.n))
         self._period = period_ns(config.control_period)
-        #: Whether there was a step, and its law with name and memory if another one follows.
-        self._started = False
-        self._replaced: tuple[str, Law, Any] | None = None
         self._use(config)
         self.reset()
 
+    def _make_law(self, config: ControllerConfig) -> Law:
+        law: Law = law_class(config.law).from_config(config, seconds(self._period))
+        return law
+
     def _use(self, config: ControllerConfig) -> None:
-        self.law = law_class(config.law).made(config, seconds(self._period))
+        self.law = self._make_law(config)
         self.config = config
-        self.settings = steps.control_settings(config, self.model.effort_limits)
+        self.settings = ControlSettings.from_config(config, self.model.effort_limits)
 
     def check(self, config: ControllerConfig) -> None:
         """Raise `CtcError` if the law of a configuration cannot be made."""
         with refused_as(f'the law {config.law} cannot be made'):
-            law_class(config.law).made(config, seconds(self._period)).initial()
+            self._make_law(config).initial()
 
     def configure(self, config: ControllerConfig) -> None:
         """
         Use other gains or another law from the next step on.
 
         The filter state ξ is preserved, so that v has no step (unless b itself changes). The same
-        law keeps integrals and estimates; `taken_over` says how another one takes over.
+        law keeps integrals and estimates. Another one takes over (`control.handover`).
         """
         memories = self.memories
-        name, law, memory = self._replaced or (self.config.law, self.law, memories.law)
+        old = self._replaced or ReplacedLaw(self.config.law, self.law, memories.law)
         self._use(config)
-        goes_on = self._started and config.law == name
-        self._replaced = (name, law, memory) if self._started and not goes_on else None
-        self.memories = memories._replace(
-            law=self.law.reconfigured(memory) if goes_on else self.law.initial())
+        law_memory, self._replaced = self.law.initial(), None
+        if self._phase in (Phase.RUNNING, Phase.HANDOVER):
+            self._phase = Phase.RUNNING
+            if config.law == old.name:
+                law_memory = self.law.reconfigured(old.memory)
+            else:
+                self._phase, self._replaced = Phase.HANDOVER, old
+        self.memories = memories._replace(law=law_memory)
 
     def reset(self, bumpless: bool = False, held: Vector | None = None) -> None:
         """
@@ -167,50 +246,36 @@ class Controller:
             Torque that is still held, from which `effort_rate_limit` goes on; 0 if left out.
 
         """
-        n = self.model.n
+        zero = np.zeros(self.model.n)
+        tau = zero if held is None else vector('held', held, self.model.n)
         self.transit[:] = 0.0
-        self._started, self._replaced = False, None
-        self._bumpless = bumpless
-        #: Stamp of the last state, and how long after its sample it was measured [ns].
-        self._t: int | None = None
-        self._offset = 0
-        #: Periods after it that were answered without a state: the rows that the step took, how
-        #: long after their instant the sample was [ns], and the torque in force, shape (n,) [N·m];
-        #: memories and transit before them.
-        self._answered: list[tuple[Array, int, Array]] = []
-        self._measured: tuple[Memories, Array]
-        zero = np.zeros(n)
-        tau = zero if held is None else vector('held', held, n)
+        self._phase = Phase.BUMPLESS_START if bumpless else Phase.START
+        self._replaced, self._stamp, self._offset = None, None, 0
         self.memories = Memories(
-            steps.ControlMemory(zero, tau, zero, float(-self.config.input_delay), 0.0),
-            self.law.initial(), steps.LastSample(zero, zero, zero))
+            ControlMemory(zero, tau, zero, float(-self.config.input_delay), 0.0),
+            self.law.initial(), LastSample(zero, zero, zero))
 
     @property
     def memories(self) -> Memories:
-        """Return what is remembered; that which is set is used from the next step on."""
-        return self._memories if self._made is None else self._made.memories
+        """Return the memories after the last sample; they may be set."""
+        return self._memories if self._stepper is None else self._stepper.memories
 
     @memories.setter
     def memories(self, memories: Memories) -> None:
-        if self._t is not None:
-            self._t += len(self._answered) * self._period
-        self._answered = []
-        self._memories = memories
-        self._made: PlainStep | CompiledStep | None = None
+        if self._stamp is not None:
+            self._stamp += len(self._predicted) * self._period
+        self._memories, self._stepper, self._predicted = memories, None, []
 
-    @property
-    def _stepper(self) -> PlainStep | CompiledStep:
-        """Return what computes the steps until the next change; it is made for the first one."""
-        if self._made is None:
-            compiled = self.compiled_step()
-            self._made = (compiled if compiled is not None and compiled.compiled else PlainStep(
-                self.settings, self.law, self._memories, self.transit, self.model))
-        return self._made
+    def _make_stepper(self) -> PlainStep | CompiledStep:
+        compiled = self.compiled_step()
+        self._stepper = (compiled if compiled is not None and compiled.compiled else PlainStep(
+            self.settings, self.law, self._memories, self.transit, self.model))
+        return self._stepper
 
     def compiled_step(self) -> CompiledStep | None:
         """Return the step from now on as machine code takes it; None where it cannot."""
-        if isinstance(self._made, CompiledStep):
-            return self._made
+        if isinstance(self._stepper, CompiledStep):
+            return self._stepper
         arm = self.arm
         return None if arm is None else CompiledStep(
             self.settings, self.law, self.memories, self.transit, arm)
@@ -222,8 +287,8 @@ class Controller:
 
     @property
     def compiled(self) -> bool:
-        """Whether steps are machine code."""
-        return self._stepper.compiled
+        """Return whether steps are machine code."""
+        return (self._stepper or self._make_stepper()).compiled
 
     @property
     def computed_by(self) -> str:
@@ -232,30 +297,29 @@ class Controller:
 
     @property
     def stability(self) -> Stability:
-        """Return how the loop is doing, as the law sees it."""
-        return self.law.stability(self._stepper.law_memory)
+        """Return the stability of the loop, as the law sees it."""
+        return self.law.stability(self.memories.law)
 
     def _begin(self, rows: Array) -> None:
-        """Begin with v = 0, or take over from another law, for `rows` as of `step`."""
+        """Begin as the phase says, at the sample of `rows`."""
         memories = self.memories
-        if self._bumpless:
-            memories = memories._replace(control=memories.control._replace(
-                xi=self.settings.filter.b * (rows[3] - rows[1])))
-        if self._replaced:
-            memories = steps.taken_over(
-                self.settings, self._replaced[1:], self.law, memories, self.model, rows)
-        self._replaced, self._bumpless = None, False
-        self.memories = memories
+        if self._phase is Phase.BUMPLESS_START:
+            xi = self.settings.filter.b * (rows[3] - rows[1])
+            self.memories = memories._replace(control=memories.control._replace(xi=xi))
+        elif self._replaced:
+            self.memories = take_over(self.settings, self._replaced.law, self._replaced.memory,
+                                      self.law, memories, self.model, rows)
+        self._phase, self._replaced = Phase.RUNNING, None
 
     def step(self, q: Vector, dq: Vector, q_d: Vector, dq_d: Vector, ddq_d: Vector,
              ahead: Sequence[Point] = (), t: int | None = None, at: int | None = None,
              late: int = 0) -> Sample:
         """
-        Return the torque for this sample, and what it is made of.
+        Return the torque for this sample, with its terms.
 
         Where the period of a state is over, or has been answered by `predicted_step`, the law
-        takes the state as of its stamp, and the torque in force for that period; what is returned
-        is for the present period.
+        takes the state as of its stamp, and the torque in force for that period. The sample that
+        is returned is for the present period.
 
         Parameters
         ----------
@@ -272,47 +336,48 @@ class Controller:
 
         """
         rows = self._rows(q, dq, q_d, dq_d, ddq_d, ahead)
-        if self._bumpless or self._replaced:
+        if self._phase is not Phase.RUNNING:
             self._begin(rows)
-        self._started = True
-        answered = self.predicted_periods
-        #: Before which the next period begins, if none is late.
-        end = None if self._t is None else self._t + (answered + 1) * self._period
-        if t is None or (not late and (end is None or (t == end and not self._offset))):
-            self._t, self._answered = t, []
+        predicted, period = len(self._predicted), self._period
+        #: Stamp of the next state, if none is late.
+        due = None if self._stamp is None else self._stamp + (predicted + 1) * period
+        if t is None or (not late and (due is None or (t == due and not self._offset))):
+            self._stamp, self._offset, self._predicted = t, 0, []
             return self._step(rows, REGULAR)
-        missed, offset = self._follows(t)
-        after = t - offset - (t if at is None else at)
-        if missed < answered and end is not None and t < end:
-            sample = self._merged(missed, rows, offset, after, t)
+        missed, offset = self._locate(t)
+        reference_offset = t - offset - (t if at is None else at)
+        irregularity = SampleIrregularity(offset / 1e9, reference_offset / 1e9, 1.0, 1.0)
+        if due is not None and t < due and missed < predicted:
+            sample = self._merge(missed, rows, irregularity)
         else:
-            self._t, self._offset, self._answered = t, offset, []
-            for k in range(missed - answered, 0, -1):
-                self._step(rows, Arrival(0.0, (after - k * self._period) / 1e9, 0.0, 1.0))
-            sample = self._step(rows, Arrival(offset / 1e9, after / 1e9, 1.0, float(late > 0)))
-        for k in range(self.predicted_periods + 1, late + 1):
-            sample = self._predict(rows, after + k * self._period, k < late)
+            self._predicted = []
+            for k in range(missed - predicted, 0, -1):
+                self._step(rows, missing_state(reference_offset - k * period, True))
+            sample = self._step(rows, irregularity._replace(keeps_torque=float(late > 0)))
+        self._stamp, self._offset = t, offset
+        for k in range(len(self._predicted) + 1, late + 1):
+            sample = self._predict(rows, reference_offset + k * period, k < late)
         return sample
 
     def instant(self, t: int) -> int:
-        """Return at which instant the law takes a state of stamp `t` in `step` [ns]."""
-        return t - self._follows(t)[1]
+        """Return the instant at which the law takes a state of stamp `t` in `step` [ns]."""
+        return t - self._locate(t)[1]
 
-    def _follows(self, t: int) -> tuple[int, int]:
-        """Return the `periods` of a state of stamp `t` since the last one that was measured."""
-        if self._t is None:
+    def _locate(self, t: int) -> tuple[int, int]:
+        """Return `locate_sample` for a state of stamp `t`, after the last measured one."""
+        if self._stamp is None:
             return 0, 0
-        return steps.periods(self._period, self._offset, t - self._t)
+        return locate_sample(self._period, self._offset, t - self._stamp)
 
     @property
     def predicted_periods(self) -> int:
-        """Return how many periods after the last state `predicted_step` has answered."""
-        return len(self._answered)
+        """Return the number of periods after the last state that `predicted_step` has answered."""
+        return len(self._predicted)
 
     def predicted_step(self, q_d: Vector, dq_d: Vector, ddq_d: Vector,
                        ahead: Sequence[Point] = (), periods: int = 1) -> Sample | None:
         """
-        Return what `step` does for the state that is predicted some periods after the last one.
+        Return the sample of `step` for the state predicted some periods after the last one.
 
         None without a state with a stamp, where another law is to take over, or where it leaves
         the range of numbers.
@@ -327,58 +392,75 @@ class Controller:
         """
         zero = (0.0,) * self.model.n
         rows = self._rows(zero, zero, q_d, dq_d, ddq_d, ahead)
-        if self._t is None or self._replaced:
+        if self._stamp is None or self._phase is Phase.HANDOVER:
             return None
         for k in range(periods - 1, -1, -1):
             sample = self._finite(self._predict, rows, -k * self._period, k > 0)
         return sample
 
-    def _predict(self, rows: Array, after: int, kept: bool) -> Sample:
-        """Go on by a period without a state, at a sample `after` the instant of `rows` [ns]."""
-        if not self._answered:
-            self._measured = self.memories, self.transit.copy()
-        sample = self._step(rows, Arrival(0.0, after / 1e9, 0.0, float(kept)))
-        self._answered.append((rows, after, np.array(sample.tau)))
+    def _predict(self, rows: Array, reference_offset: int, keeps_torque: bool) -> Sample:
+        """Go on by a period without a state; offset of the sample from the reference [ns]."""
+        if not self._predicted:
+            self._snapshot = self.memories, self.transit.copy()
+        sample = self._step(rows, missing_state(reference_offset, keeps_torque))
+        self._predicted.append(PredictedPeriod(rows, reference_offset, np.array(sample.tau)))
         return sample
 
-    def _merged(self, missed: int, rows: Array, offset: int, after: int, t: int) -> Sample:
-        """Take a state whose period has been answered; return the sample of the last period."""
-        answered, (memories, self.transit[:]) = self._answered, self._measured
-        for k, (rows_before, after_before, tau) in enumerate(answered):
-            self._stepper.memories = memories._replace(
-                control=memories.control._replace(held=tau))
+    def _merge(self, missed: int, rows: Array, irregularity: SampleIrregularity) -> Sample:
+        """
+        Compute the predicted periods again with the state of one of them.
+
+        Parameters
+        ----------
+        missed : int
+            Index of the state's period.
+        rows, irregularity
+            Of the state, as of `_step`.
+
+        Returns
+        -------
+        Sample
+            Of the last period.
+
+        """
+        periods, (memories, self.transit[:]) = self._predicted, self._snapshot
+        stepper = self._stepper or self._make_stepper()
+        for k, period in enumerate(periods):
+            stepper.memories = memories._replace(
+                control=memories.control._replace(held=period.tau))
             if k == missed:
-                sample = self._step(rows, Arrival(offset / 1e9, after / 1e9, 1.0, 1.0))
-                self._measured = self.memories, self.transit.copy()
-                self._t, self._offset, self._answered = t, offset, answered[k + 1:]
+                sample = self._step(rows, irregularity)
+                self._snapshot = stepper.memories, self.transit.copy()
+                self._predicted = periods[k + 1:]
             else:
-                sample = self._step(rows_before, Arrival(0.0, after_before / 1e9, 0.0, 1.0))
-            memories = self.memories
+                sample = self._step(period.rows, missing_state(period.reference_offset, True))
+            memories = stepper.memories
         return sample
 
-    def _step(self, rows: Array, arrival: Arrival) -> Sample:
-        made = self._stepper.step(rows, arrival)
-        return Sample(*made[:7], made[7] if any(made[7]) else None)  # type: ignore[call-arg]
+    def _step(self, rows: Array, irregularity: SampleIrregularity) -> Sample:
+        stepper = self._stepper or self._make_stepper()
+        *values, saturation_error = stepper.step(rows, irregularity)
+        return Sample(*values, saturation_error if any(saturation_error) else None)  # type: ignore
 
     def _rows(self, q: Vector, dq: Vector, q_d: Vector, dq_d: Vector, ddq_d: Vector,
               ahead: Sequence[Point]) -> Array:
         """Return q, dq and all points as rows, shape (5 + 3 d, n); raise `CtcError` if wrong."""
-        delay, given = self.config.input_delay, (q, dq, q_d, dq_d, ddq_d)
+        delay, vectors = self.config.input_delay, (q, dq, q_d, dq_d, ddq_d)
         try:
-            rows = np.array((*given, *islice(chain.from_iterable(ahead), 3 * delay)), float)
+            rows = np.array((*vectors, *islice(chain.from_iterable(ahead), 3 * delay)), float)
             if rows.shape == (5 + 3 * delay, self.model.n):
                 return rows
         except (TypeError, ValueError, OverflowError):
             pass
         raise CtcError(str(ParameterError(
-            'q, dq, q_d, dq_d, ddq_d, ahead', (*given, ahead), f'{self.model.n} numbers each, and '
-            f'{delay} points ahead, as input_delay says')))
+            'q, dq, q_d, dq_d, ddq_d, ahead', (*vectors, ahead), f'{self.model.n} numbers each, '
+            f'and {delay} points ahead, as input_delay says')))
 
     def try_step(self, q: Vector, dq: Vector, q_d: Vector, dq_d: Vector, ddq_d: Vector,
                  ahead: Sequence[Point] = (), t: int | None = None, at: int | None = None,
                  late: int = 0) -> Sample | None:
         """
-        Return what `step` does; None where that leaves the range of numbers.
+        Return the sample of `step`; None where it leaves the range of numbers.
 
         The law must then be `reset`.
         """
@@ -386,7 +468,7 @@ class Controller:
 
     @staticmethod
     def _finite(step: Callable[..., Sample], *arguments: Any) -> Sample | None:
-        """Return the sample of a step; None where that leaves the range of numbers."""
+        """Return the sample of a step; None where it leaves the range of numbers."""
         try:
             sample = step(*arguments)
         except (ArithmeticError, ValueError, np.linalg.LinAlgError):  # 1 / 0, sin(inf)
@@ -395,5 +477,7 @@ class Controller:
 
     def lyapunov(self, q: Vector, v: Vector) -> float:
         """Return V = ½ vᵀ M(q) v of equation (9) [J]."""
-        at, x = (vector(name, values, self.model.n) for name, values in (('q', q), ('v', v)))
-        return 0.5 * float(x @ np.array(self.model.mass_matrix(at.tolist())) @ x)
+        n = self.model.n
+        position, error = vector('q', q, n), vector('v', v, n)
+        mass = np.array(self.model.mass_matrix(position.tolist()))
+        return 0.5 * float(error @ mass @ error)

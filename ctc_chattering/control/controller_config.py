@@ -17,32 +17,28 @@
 from __future__ import annotations
 
 import dataclasses
+from functools import cache
 from math import inf
 
+from ctc_chattering.control.laws.registry import (
+    law_class,
+    LAWS,
+    laws_by_parameter,
+    SWITCHINGS,
+    takes,
+)
 from ctc_chattering.dynamics.registry import RobotConfig
 from ctc_chattering.errors import ParameterError
 from ctc_chattering.numerics.linear_algebra import Vector
-from ctc_chattering.parameters import LEAST, parameter
+from ctc_chattering.parameters import LEAST, Parameter, parameter
 
-#: Values of the parameter ``law``, besides classes; each is a module of `control/laws`.
-LAWS = ('compensation', 'chattering', 'integral', 'momentum_observer', 'super_twisting',
-        'slotine_li', 'friction_feedforward', 'pd_gravity', 'pid_kalman',
-        'extended_state_observer', 'observer_feedback')
-#: Values of the parameter ``switching``, besides classes.
-SWITCHINGS = ('sign', 'boundary_layer', 'implicit', 'implicit_observer')
-#: Laws that serve for comparison: they say nothing before their gains are searched.
-RIVALS = ('pid_kalman', 'extended_state_observer')
 #: Lag of drives of which it is not known [s]: too much costs little, too little much.
 ASSUMED_LAG = 3e-3
-_PAPER = ('compensation', 'chattering')
-#: Laws that observe a state, and those that know the drives.
-_OBSERVING = ('extended_state_observer', 'observer_feedback')
-_OF_DRIVES = ('pid_kalman', *_OBSERVING)
 
 
 @dataclasses.dataclass(frozen=True)
 class ControllerConfig(RobotConfig):
-    """Parameters of the laws, of the filter (3) and of the limits."""
+    """Parameters of the laws (`laws` says which takes which), of filter (3) and of the limits."""
 
     law: str = parameter('chattering', 'Control law: docs/laws.md.', choices=LAWS, own=True)
     kp: tuple[float, ...] = parameter(
@@ -52,63 +48,50 @@ class ControllerConfig(RobotConfig):
     ka: tuple[float, ...] = parameter(
         10.0, 'Chattering gain Ka; must exceed friction plus disturbance. Of laws that observe a '
         'state, the bound of the estimate; must also exceed the error of the model.', 'N*m',
-        usual=(0.1, 1e3), laws=('chattering', *_OBSERVING))
+        usual=(0.1, 1e3))
     lambda_: float = parameter(
-        10.0, 'Pole of the filter (3).', '1/s', name='lambda', minimum=LEAST, usual=(0.1, 1e3),
-        laws=(*_PAPER, 'super_twisting'))
+        10.0, 'Pole of the filter (3).', '1/s', name='lambda', minimum=LEAST, usual=(0.1, 1e3))
     b: float = parameter(
-        1.0, 'Gain of the filter (3); 1 in the paper.', minimum=1e-3, maximum=1e3,
-        laws=(*_PAPER, 'super_twisting'))
+        1.0, 'Gain of the filter (3); 1 in the paper.', minimum=1e-3, maximum=1e3)
     switching: str = parameter(
-        'sign', 'How the chattering term is evaluated.', choices=SWITCHINGS, own=True,
-        laws=('chattering',))
+        'sign', 'How the chattering term is evaluated.', choices=SWITCHINGS, own=True)
     boundary_layer: float = parameter(
-        0.05, 'Switching boundary_layer: half the width of the layer.', 'rad/s', minimum=LEAST,
-        laws=('chattering',))
+        0.05, 'Switching boundary_layer: half the width of the layer.', 'rad/s', minimum=LEAST)
     observer_bandwidth: float = parameter(
         200.0, 'Switching implicit_observer: bandwidth of the estimate, at most 0.3 / lag of the '
-        'drives; .inf for one sample.', 'rad/s', minimum=LEAST, infinite=True,
-        laws=('chattering',), usual=(10.0, 1e4))
+        'drives; .inf for one sample.', 'rad/s', minimum=LEAST, infinite=True, usual=(10.0, 1e4))
     estimator_bandwidth: float = parameter(
         100.0, 'Bandwidth of the observer, or of the Kalman filter.', 'rad/s', minimum=LEAST,
-        maximum=1e4, laws=_OF_DRIVES)
+        maximum=1e4)
     estimator_slope: bool = parameter(
         True, 'Whether the observer has a slope of the perturbation: more accurate, but the '
-        'inertia of the model must be known better.', laws=('observer_feedback',))
+        'inertia of the model must be known better.')
     actuator_lag: tuple[float, ...] = parameter(
-        inf, 'Time constant of the drives; .inf if unknown: 3 ms.', 's', maximum=1.0,
-        laws=_OF_DRIVES)
+        inf, 'Time constant of the drives; .inf if unknown: 3 ms.', 's', maximum=1.0)
     torque_rate_limit: tuple[float, ...] = parameter(
-        inf, 'Rate limit of the drives; .inf if unknown.', 'N*m/s', minimum=LEAST, laws=_OF_DRIVES)
+        inf, 'Rate limit of the drives; .inf if unknown.', 'N*m/s', minimum=LEAST)
     friction_learning: float = parameter(
-        20.0, 'Learning rate of the level of friction; 0 for none.', '1/s', maximum=1e3,
-        laws=('observer_feedback',))
+        20.0, 'Learning rate of the level of friction; 0 for none.', '1/s', maximum=1e3)
     ki: tuple[float, ...] = parameter(
-        100.0, 'Integral gain Ki, less than Kv Kp; docs/laws.md.', '1/s^3',
-        laws=('integral', 'pid_kalman'))
+        100.0, 'Integral gain Ki, less than Kv Kp; docs/laws.md.', '1/s^3')
     lead_ratio: float = parameter(
         0.5, 'Fraction of the lag that the lead leaves; 1 for no lead.', minimum=LEAST,
-        maximum=1.0, laws=('pid_kalman',))
+        maximum=1.0)
     momentum_gain: float = parameter(
-        200.0, 'Bandwidth of the estimate of the perturbation.', '1/s', minimum=LEAST,
-        laws=('momentum_observer',))
+        200.0, 'Bandwidth of the estimate of the perturbation.', '1/s', minimum=LEAST)
     super_twisting_k1: tuple[float, ...] = parameter(
-        60.0, 'Gain of sqrt(|v|).', 'sqrt(rad/s^3)', minimum=LEAST, laws=('super_twisting',))
+        60.0, 'Gain of sqrt(|v|).', 'sqrt(rad/s^3)', minimum=LEAST)
     super_twisting_k2: tuple[float, ...] = parameter(
         2000.0, 'Gain of the integral of sgn(v); must exceed the rate of change of the '
-        'acceleration by the perturbation.', 'rad/s^3', minimum=LEAST, laws=('super_twisting',))
+        'acceleration by the perturbation.', 'rad/s^3', minimum=LEAST)
     adaptation_gain: tuple[float, ...] = parameter(
-        100.0, 'Adaptation rate of the level of friction; less than D Kv / h.', 'N*m/rad',
-        laws=('slotine_li',))
+        100.0, 'Adaptation rate of the level of friction; less than D Kv / h.', 'N*m/rad')
     friction_level: tuple[float, ...] = parameter(
-        0.0, 'Known Coulomb friction; slotine_li and observer_feedback adapt it.', 'N*m',
-        laws=('slotine_li', 'friction_feedforward', *_OF_DRIVES))
+        0.0, 'Known Coulomb friction; slotine_li and observer_feedback adapt it.', 'N*m')
     friction_velocity: float = parameter(
-        0.05, 'Velocity over which this friction changes sign.', 'rad/s', minimum=LEAST,
-        laws=('slotine_li', 'friction_feedforward', 'pid_kalman', 'extended_state_observer'))
+        0.05, 'Velocity over which this friction changes sign.', 'rad/s', minimum=LEAST)
     friction_lead: float = parameter(
-        0.0, 'Time before a reversal at which this friction changes sign.', 's', maximum=0.1,
-        laws=('pid_kalman', 'extended_state_observer'))
+        0.0, 'Time before a reversal at which this friction changes sign.', 's', maximum=0.1)
     resonance: float = parameter(
         inf, 'Lowest resonance of the arm while its drives hold it; .inf for stiff joints. The '
         'recommended gains and `ctc stability` take it.', 'Hz', minimum=LEAST, infinite=True)
@@ -125,16 +108,22 @@ class ControllerConfig(RobotConfig):
         inf, 'Rate limit of the torque sent, from 0 at the start; .inf for unlimited.', 'N*m/s',
         minimum=LEAST)
     anti_windup: bool = parameter(
-        True, 'Filter (3) and integrals do not wind up at the effort limits.',
-        laws=(*_PAPER, 'integral', 'super_twisting', 'slotine_li', 'pid_kalman'))
+        True, 'Filter (3) and integrals do not wind up at the effort limits.')
     error_limit: tuple[float, ...] = parameter(
         inf, 'Position error beyond which no torque is sent until ~/reset; .inf for never, but '
         'under observer_feedback where it has grown by 1 rad.', 'rad', minimum=LEAST)
 
+    @classmethod
+    @cache
+    def parameters(cls) -> dict[str, Parameter]:
+        """Return the declared parameters by name, with the laws that take them."""
+        takers = laws_by_parameter()
+        return {name: dataclasses.replace(spec, laws=takers.get(name, ()))
+                for name, spec in super().parameters().items()}
+
     def takes(self, name: str) -> bool:
-        """Return whether the law in force takes the parameter `name`; a user's takes all."""
-        laws = self.parameters()[name].laws
-        return not laws or self.law in laws or ':' in self.law
+        """Return whether the law in force takes the parameter `name`."""
+        return takes(self.law, name)
 
     def largest_torque(self, of_model: Vector) -> tuple[float, ...]:
         """
@@ -167,6 +156,11 @@ class ControllerConfig(RobotConfig):
     def assumed_lag(self) -> tuple[float, ...]:
         """Return the lag of the drives, `ASSUMED_LAG` where it is not known, shape (n,) [s]."""
         return tuple(ASSUMED_LAG if x == inf else x for x in self.actuator_lag)
+
+    @property
+    def law_parameters(self) -> tuple[str, ...]:
+        """Return the parameters that the law in force declares as its own."""
+        return law_class(self.law).parameters or ()
 
     @property
     def switching_in_force(self) -> str:

@@ -13,56 +13,202 @@
 # limitations under the License.
 
 """
-Gains of `observer_feedback` that drives, delay and encoders allow; see docs/theory.md.
+Recommended gains of every law, from what is known of the arm, its drives and its sensors.
 
-Its gains are its own: those of the other laws do not suit it, nor its own them. `GainChoice` is
-the one place that decides which gains a law takes where a user chooses it and gives none.
+A law declares its rule (`Law.gain_rule`), and every rule takes a `KnownLoop`. New robots,
+comparisons, tuning, maps and a law that is chosen without gains all take `recommended_gains`. With
+the lateness l = T + h (1 + d) of lag, period and delay, and F / R, the joints' largest friction
+over the rate limit of the drives, most laws follow::
+
+    p = min(fastest, speed / (l + r F / R)),    kp = a p²,  kv = b p,  ki = c p³          (RU1)
+
+`ObserverRule` does not depend on friction, see docs/theory.md. `SwitchingRule` keeps Kp and Kv.
+The numbers of (RU1) were chosen on the draws of seeds 1 and 2 of `held_out_conditions`, by the
+worst of these.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
+import dataclasses
 from math import inf, pi
-from typing import Any
+from typing import Any, NamedTuple
 
 from ctc_chattering.control.controller_config import ControllerConfig
+from ctc_chattering.control.laws.registry import COMMON_GAINS, law_class, takes
 from ctc_chattering.dynamics.model import Model
+from ctc_chattering.errors import CtcError
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.parameters import matrix
 import numpy as np
 
-#: The law with gains of its own, and which of its parameters these are.
-LAW = 'observer_feedback'
+#: The law for real arms: recommended where nothing chooses one.
+RECOMMENDED_LAW = 'observer_feedback'
+#: The switching for law (6), which rattles least.
+RECOMMENDED_SWITCHING = 'implicit_observer'
+#: Gains that a change of the law exchanges, see `GainChoice`.
 GAINS = ('kp', 'kv', 'ka', 'estimator_bandwidth')
 #: Double pole of the error, unless drives or delay are slower [rad/s].
 POLE = 100.0
-#: Most that the pole times lag and delay may be.
+#: Largest product of pole and lateness.
 SLOWNESS = 0.4
 #: Pole over the lowest resonance of elastic joints, whose encoders are at the motors.
 RESONANCE_PART = 0.2
 #: Resolution of positions up to which the observer is fast [rad].
 FINE_RESOLUTION = 2e-5
-#: ω over the pole, for fine positions, and for coarser or unknown ones.
-_FAST, _SLOW = 2.0, 1.0
-#: How much faster an observer without a slope may be, for the same noise of P̂ or less.
-_WITHOUT_SLOPE = 2.0
-#: Part of the model's torque that may be wrong, the acceleration that this torque is taken for
-#: [rad/s²], and the number of positions at which it is.
-MODEL_ERROR, _ACCELERATION, _POSITIONS = 0.2, 20.0, 100
+#: Fraction of the model's torque that may be wrong.
+MODEL_ERROR = 0.2
+#: Largest product of the bandwidth of a switching's observer and the lag of the drives.
+BANDWIDTH_LAG = 0.3
 
 
 def lateness(lag: float, period: float, delay: int) -> float:
-    """Return T + h (1 + d) [s]: after which time a torque acts, with the sample it waits for."""
+    """Return T + h (1 + d) [s]: when a torque acts, including the sample it waits for."""
     return lag + period * (1 + delay)
+
+
+def no_torque() -> None:
+    """Return None, where the torque of the model is not known and `ka` has no share for it."""
+
+
+class KnownLoop(NamedTuple):
+    """
+    Facts about drives, sensors and an arm of n joints, from which gains follow.
+
+    Attributes
+    ----------
+    config : ControllerConfig
+        Its period, delay, drives, friction and resonance, and a `ka` that exceeds friction and
+        disturbance.
+    torque : callable
+        Returns the largest torque of the model, shape (n,) [N·m], or None for a model without
+        numbers. It is called where the gains depend on it.
+    resolution : float
+        Step of the encoders, or noise of the positions if that is more [rad]. Unknown encoders
+        count as coarse.
+
+    """
+
+    config: ControllerConfig
+    torque: Callable[[], Array | None] = no_torque
+    resolution: float = inf
+
+    @property
+    def lag(self) -> float:
+        """Lag of the slowest drive [s]."""
+        return max(self.config.assumed_lag)
+
+    @property
+    def lateness(self) -> float:
+        """Time after which a torque acts [s]."""
+        return lateness(self.lag, self.config.control_period, self.config.input_delay)
+
+    @property
+    def reversal(self) -> float:
+        """Longest time in which drives reverse half of a joint's friction, F / R [s]."""
+        limits = self.config.torque_rate_limit
+        return max(f / r for f, r in zip(self.config.friction_level, limits))
+
+    def ka_for_model_errors(self) -> tuple[float, ...]:
+        """Return ka with room for the error of the model, shape (n,) [N·m]."""
+        torque = self.torque()
+        error = 0.0 if torque is None else MODEL_ERROR * torque
+        return tuple(float(f'{x:.3g}') for x in np.add(self.config.ka, error))
+
+
+class GainRule:
+    """Rule by which gains of a law follow from a `KnownLoop`."""
+
+    #: Whether gains of other laws do not suit the law, nor its gains them.
+    is_separate = False
+    #: Whether the law needs the Coulomb friction in `friction_level`.
+    knows_friction = False
+    #: Shortest smooth start for these gains [s].
+    start_duration = 0.0
+
+    def gains(self, loop: KnownLoop) -> dict[str, Any]:
+        """Return parameters of the controller; a number stands for all joints."""
+        raise NotImplementedError
+
+
+@dataclasses.dataclass(frozen=True)
+class PoleRule(GainRule):
+    """
+    Rule by which gains follow from one pole p, (RU1).
+
+    Attributes
+    ----------
+    speed, fastest : float
+        Of p; `fastest` in rad/s.
+    kp, kv, ki, reversal : float
+        a, b, c and r.
+    times_p, fixed : mapping
+        Further parameters: factors of p, and values.
+    knows_friction : bool
+        Whether the law needs the Coulomb friction in `friction_level`.
+    start_duration : float
+        Shortest smooth start for these gains [s].
+
+    """
+
+    speed: float
+    fastest: float = 60.0
+    kp: float = 1.0
+    kv: float = 2.0
+    ki: float = 0.0
+    reversal: float = 0.7
+    times_p: Mapping[str, float] = dataclasses.field(default_factory=dict)
+    fixed: Mapping[str, float] = dataclasses.field(default_factory=dict)
+    knows_friction: bool = False
+    start_duration: float = 0.0
+
+    def gains(self, loop: KnownLoop) -> dict[str, Any]:
+        """Return gains for the pole p."""
+        late, reversal = loop.lateness, loop.reversal
+        p = min(self.fastest, self.speed / (late + self.reversal * reversal))
+        return {
+            'kp': self.kp * p ** 2, 'kv': self.kv * p,
+            **({'ki': self.ki * p ** 3} if self.ki else {}),
+            'friction_velocity': 0.1,
+            'friction_lead': min(0.1, 1.25 * late + 0.45 * reversal),
+            **{name: factor * p for name, factor in self.times_p.items()}, **self.fixed}
+
+
+class SwitchingRule(GainRule):
+    """Ka and observer of law (6), which keeps Kp and Kv, of the paper for example."""
+
+    def gains(self, loop: KnownLoop) -> dict[str, Any]:
+        """Return 1.2 times the friction, where it is known, and the observer's bandwidth."""
+        config = loop.config
+        ka = tuple(1.2 * f if f else bound for f, bound in zip(config.friction_level, config.ka))
+        return {'ka': ka, 'observer_bandwidth': observer_bandwidth(loop.lag, 200.0)}
+
+
+class ObserverRule(GainRule):
+    """Gains of `observer_feedback`, which do not depend on friction."""
+
+    is_separate = True
+
+    def gains(self, loop: KnownLoop) -> dict[str, Any]:
+        """Return gains for a double pole of the error, and the observer's bandwidth."""
+        pole = largest_pole(loop.lateness, loop.config.resonance)
+        return {'kp': pole ** 2, 'kv': 2.0 * pole, 'estimator_bandwidth': estimator_bandwidth(
+            pole, loop.resolution, loop.config.estimator_slope)}
+
+
+def observer_bandwidth(lag: float, largest: float) -> float:
+    """Return the bandwidth of a switching's observer [rad/s] for a lag [s], within a bound."""
+    return min(largest, BANDWIDTH_LAG / lag) if lag else largest
 
 
 def largest_pole(late: float, resonance: float = inf) -> float:
     """
-    Return p [rad/s] of kp = p², kv = 2 p.
+    Return p [rad/s] of kp = p², kv = 2 p for `ObserverRule`.
 
     Parameters
     ----------
     late : float
-        Time after which a torque acts [s].
+        Lateness of the torque [s].
     resonance : float
         Lowest one of elastic joints [Hz].
 
@@ -76,67 +222,80 @@ def pole_over_resonance(config: ControllerConfig) -> float:
     return float(np.sqrt(stiffness.max()) / (2.0 * pi * config.resonance))
 
 
-def estimator_bandwidth(pole: float, resolution: float, slope: bool = True) -> float:
+def estimator_bandwidth(pole: float, resolution: float, has_slope: bool = True) -> float:
     """
     Return ω of the observer [rad/s].
+
+    Fine positions allow twice the pole. Without a slope another factor of two gives the same
+    noise of P̂, or less.
 
     Parameters
     ----------
     pole : float
         p [rad/s].
     resolution : float
-        Step of the encoders, or noise of the positions, if that is more [rad].
-    slope : bool
-        Whether the observer has one, `estimator_slope`.
+        As in `KnownLoop`.
+    has_slope : bool
+        `estimator_slope`.
 
     """
-    ratio = _FAST if resolution <= FINE_RESOLUTION else _SLOW
-    return ratio * pole * (1.0 if slope else _WITHOUT_SLOPE)
+    ratio = 2.0 if resolution <= FINE_RESOLUTION else 1.0
+    return ratio * pole * (1.0 if has_slope else 2.0)
 
 
 def model_torque(config: ControllerConfig, model: Model) -> Array | None:
     """
     Return the largest torque of the model that is to be expected, shape (n,) [N·m].
 
-    At positions that are drawn it holds the robot and accelerates one joint by 20 rad/s²; it is
-    within the limits of the torque. None for a model of the user's that has none at such a
+    At 100 positions that are drawn, the robot is held and one joint accelerates by 20 rad/s². The
+    limits of the torque bound it. None for a model of the user's that has no number at such a
     position.
     """
-    positions = np.random.default_rng(0).uniform(-np.pi, np.pi, (_POSITIONS, model.n)).tolist()
+    positions = np.random.default_rng(0).uniform(-np.pi, np.pi, (100, model.n)).tolist()
     try:
-        torques = [np.abs(model.gravity_torque(q))
-                   + _ACCELERATION * np.diagonal(model.mass_matrix(q)) for q in positions]
+        torques = [np.abs(model.gravity_torque(q)) + 20.0 * np.diagonal(model.mass_matrix(q))
+                   for q in positions]
     except (ArithmeticError, ValueError):
         return None
-    found: Array = np.minimum(np.max(torques, axis=0), config.largest_torque(model.effort_limits))
-    return found
+    largest: Array = np.minimum(
+        np.max(torques, axis=0), config.largest_torque(model.effort_limits))
+    return largest
 
 
-def recommended_gains(config: ControllerConfig, torque: Array | None = None,
-                      resolution: float = inf) -> dict[str, Any]:
+def gain_rule(law: str) -> GainRule:
+    """Return the rule of a law; raise `CtcError` if it declares none."""
+    rule: GainRule | None = law_class(law).gain_rule
+    if rule is None:
+        raise CtcError(f'law {law} has no recommended gains, because it declares no gain_rule; '
+                       'choose the gains, or give the law a rule (docs/laws.md)')
+    return rule
+
+
+def recommended_gains(law: str, loop: KnownLoop) -> dict[str, Any]:
     """
-    Return the gains of `observer_feedback` from what is known, by parameter.
+    Return the recommended gains of a law, by parameter.
 
-    The one rule: of `ctc new-robot`, of `recommended` in `ctc compare` and `ctc tune`, and of a
-    law that is chosen without gains.
-
-    Parameters
-    ----------
-    config : ControllerConfig
-        Its lag of the drives, delay and period, and a `ka` that exceeds the friction.
-    torque : array, shape (n,), optional
-        `model_torque`; without it `ka` has no share for the error of the model.
-    resolution : float
-        As `estimator_bandwidth` takes it; unknown encoders count as coarse.
+    Raises
+    ------
+    CtcError
+        If the law declares no rule.
 
     """
-    n = len(config.joint_names)
-    pole = largest_pole(lateness(
-        max(config.assumed_lag), config.control_period, config.input_delay), config.resonance)
-    error = MODEL_ERROR * np.array([0.0] * n if torque is None else torque)
-    return {'kp': (pole ** 2,) * n, 'kv': (2.0 * pole,) * n,
-            'ka': tuple(float(f'{x:.3g}') for x in np.add(config.ka, error)),
-            'estimator_bandwidth': estimator_bandwidth(pole, resolution, config.estimator_slope)}
+    values = gain_rule(law).gains(loop)
+    if 'ka' not in values and takes(law, 'ka'):
+        values['ka'] = loop.ka_for_model_errors()
+    # In the order of their declaration, for files and messages.
+    gains = {}
+    for name, spec in loop.config.parameters().items():
+        if name in values and takes(law, name):
+            gains[name] = spec.coerce(values[name], len(loop.config.joint_names))
+    return gains
+
+
+def separate_gains(law: str) -> str:
+    """Return the law if gains of other laws do not suit it; '' if it shares them."""
+    rule = law_class(law).gain_rule
+    return law if rule is not None and rule.is_separate else ''
 
 
 class GainChoice:
@@ -145,33 +304,33 @@ class GainChoice:
 
     Attributes
     ----------
-    torque : array, shape (n,), or None
-        As `recommended_gains` takes it.
+    torque : callable
+        Returns `model_torque`, or None. It is called where the gains depend on it.
 
     """
 
-    def __init__(self, torque: Array | None = None) -> None:
+    def __init__(self, torque: Callable[[], Array | None] = no_torque) -> None:
         self.torque = torque
-        #: The gains in force when a law with gains of its own, or one without, was left.
-        self._left: dict[bool, dict[str, Any]] = {}
+        #: Gains in force when a law with separate gains, or one without ('') was replaced.
+        self._previous: dict[str, dict[str, Any]] = {}
 
     def suitable(self, law: str, config: ControllerConfig) -> dict[str, Any]:
-        """Return the gains of a law of the other kind than that of `config`, by parameter."""
-        if law == LAW:
-            return recommended_gains(config, self.torque)
-        known, n = config.parameters(), len(config.joint_names)
-        return {name: known[name].default_for(n) for name in ('kp', 'kv')}
+        """Return gains of a law that those of `config` do not suit, by parameter."""
+        if separate_gains(law):
+            return recommended_gains(law, KnownLoop(config, self.torque))
+        declared, n = config.parameters(), len(config.joint_names)
+        return {name: declared[name].default_for(n) for name in COMMON_GAINS}
 
     def of_law(self, law: str, config: ControllerConfig) -> dict[str, Any]:
         """
         Return the gains that `law` takes in place of those of `config`, by parameter.
 
-        None where the law of `config` has the same ones. Else those that it had before, the
-        recommended ones, or, without its own, the defaults of kp and kv.
+        None if both laws share gains. Else those that it had before. Else the recommended ones,
+        or, for laws that share gains, the defaults of kp and kv.
         """
-        own, before = law == LAW, config.law == LAW
-        if own == before:
+        after, before = separate_gains(law), separate_gains(config.law)
+        if after == before:
             return {}
         values = config.as_mapping()
-        self._left[before] = {name: values[name] for name in GAINS}
-        return self._left.get(own) or self.suitable(law, config)
+        self._previous[before] = {name: values[name] for name in GAINS}
+        return self._previous.get(after) or self.suitable(law, config)

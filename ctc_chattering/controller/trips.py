@@ -45,6 +45,7 @@ from math import inf
 from ctc_chattering.control.controller import Controller, Sample
 from ctc_chattering.control.controller_config import ControllerConfig
 from ctc_chattering.control.laws.base import Stability
+from ctc_chattering.control.laws.registry import law_class
 from ctc_chattering.errors import ParameterError
 from ctc_chattering.numerics.linear_algebra import Vector
 from ctc_chattering.numerics.time_grid import NANOSECONDS
@@ -78,8 +79,6 @@ LIMIT_CYCLE_S = 1.0
 LEAST_FREQUENCY_HZ = 1.0
 #: Part of the bandwidth below which it is worth a word.
 _WORTH_A_WORD = 0.7
-#: The law whose errors must not grow, where `error_limit` is not set.
-WATCHED = 'observer_feedback'
 #: Why the error of a joint grows, or the feedback oscillates.
 _CAUSES = ('the drives may be slower than torque_rate_limit, or later than actuator_lag and '
            'input_delay say, ka too small, joints elastic, or a rotor far from that of the model')
@@ -122,7 +121,7 @@ class TripMonitor:
         if config.law != self._law:
             self._law = config.law
             self.restart()
-        if config.law == WATCHED and min(config.error_limit) == inf:
+        if law.law.is_watched and min(config.error_limit) == inf:
             self._least = [min(abs(x), least) for x, least in zip(e, self._least)]
             grown, joint = max(
                 (abs(x) - least, i) for i, (x, least) in enumerate(zip(e, self._least)))
@@ -153,8 +152,6 @@ class TripMonitor:
 
 #: Largest factor by which a number changes at once.
 FACTOR = 100.0
-#: Laws without a bound of what they estimate.
-UNBOUNDED = ('integral', 'momentum_observer', 'super_twisting')
 
 
 def low_bandwidth(law: Controller) -> list[str]:
@@ -167,13 +164,11 @@ def low_bandwidth(law: Controller) -> list[str]:
 
 def unsafe_settings(config: ControllerConfig) -> Iterator[str]:
     """Yield a line for each condition of this module that `config` meets."""
-    if config.law == 'integral':
-        n, lag = len(config.joint_names), np.array(config.known_lag)
-        kp, kv = (np.array(matrix(x, n)).diagonal() for x in (config.kp, config.kv))
-        for name, ki, most in zip(config.joint_names, config.ki, kp * (kv - lag * kp)):
-            if ki >= most:
-                yield f'{name}: ki is {ki:g}; the loop is unstable from {max(most, 0.0):g} on'
-    if config.law in UNBOUNDED and any(
+    law = law_class(config.law)
+    for name, ki, largest in zip(config.joint_names, config.ki, law.largest_ki(config)):
+        if ki >= largest:
+            yield f'{name}: ki is {ki:g}; the loop is unstable from {max(largest, 0.0):g} on'
+    if not law.is_bounded and any(
             ours > drives for ours, drives in zip(
                 config.effort_rate_limit, config.torque_rate_limit)):
         yield ('effort_rate_limit exceeds torque_rate_limit; where drives are slower than the '

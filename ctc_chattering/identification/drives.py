@@ -24,6 +24,7 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 from ctc_chattering.bags.recording import Indices, Stretch
+from ctc_chattering.dynamics.drive_response import response
 from ctc_chattering.identification.weak_form import TestFunction
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
@@ -107,20 +108,15 @@ def driven(values: Array, lag: Array, rate: Array | float, period: float) -> Arr
     commands = sliding_window_view(padded, memory + length, axis=0)[::length].transpose(2, 0, 1)
     # Of one shape without gaps, for the speed of the loop.
     shape = (*lag.shape[:-1], chunks, n)
-    rate = np.broadcast_to(np.minimum(rate, UNLIMITED_RATE), shape).copy()
+    rates = np.broadcast_to(np.minimum(rate, UNLIMITED_RATE), shape).copy()
     lag = np.broadcast_to(np.maximum(lag, 1e-9 * period)[..., None, :], shape).copy()
     mean = np.empty((*shape[:-1], length, n))
     torque = np.broadcast_to(commands[0], shape)
     for k, command in enumerate(commands):
-        gap = command - torque
-        ramp = np.minimum(np.maximum(np.abs(gap) / rate - lag, 0.0), period)
-        risen = np.copysign(rate * ramp, gap)
-        remaining = gap - risen
-        end = remaining * np.exp((ramp - period) / lag)
+        error, area = response(command - torque, lag, rates, period)
         if k >= memory:
-            mean[..., k - memory, :] = command - (
-                ramp * (gap - 0.5 * risen) + lag * (remaining - end)) / period
-        torque = command - end
+            mean[..., k - memory, :] = command + area / period
+        torque = command + error
     return mean.reshape(*shape[:-2], -1, n)[..., :len(values), :]
 
 

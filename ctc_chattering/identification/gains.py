@@ -23,9 +23,13 @@ from typing import Any, NamedTuple
 
 from ctc_chattering.analysis.tables import rounded
 from ctc_chattering.control.recommended_gains import (
+    BANDWIDTH_LAG,
     estimator_bandwidth,
     largest_pole,
     lateness,
+    observer_bandwidth,
+    RECOMMENDED_LAW,
+    RECOMMENDED_SWITCHING,
     SLOWNESS,
 )
 from ctc_chattering.dynamics.model import Model
@@ -53,8 +57,6 @@ CARRIED_S = 0.03
 KNOWN_LAG_S = 0.003
 #: Least rate to ask for [N·m/s].
 LEAST_RATE = 1.0
-#: Largest product of observer bandwidth and lag.
-BANDWIDTH_LAG = 0.3
 #: Largest observer bandwidth [rad/s].
 MOST_BANDWIDTH = 1200.0
 #: Parts of the fastest pole that are tried in turn.
@@ -186,14 +188,14 @@ def recommend(identified: Identification, run: MeasuredPerturbation, model: Mode
         return ([rounded(float(x), 6) if good else None for x, good in zip(values, usable)],
                 reason)
 
-    bandwidth = min(MOST_BANDWIDTH, BANDWIDTH_LAG / longest) if longest else MOST_BANDWIDTH
+    bandwidth = observer_bandwidth(longest, MOST_BANDWIDTH)
     delays = ' or '.join(map(str, identified.timing.delays))
     shared: Gains = {
-        'law': ('observer_feedback', 'it inverts the lag of drives, and needs no velocities'),
+        'law': (RECOMMENDED_LAW, 'it inverts the lag of drives, and needs no velocities'),
         'input_delay': (int(delay) if isfinite(delay) else 0,
                         f'samples from a torque to the motion: {delays or "not known"}'),
         'actuator_lag': ([rounded(x) for x in lag], 'the lag of the drives'),
-        'switching': ('implicit_observer', 'if you choose law chattering'),
+        'switching': (RECOMMENDED_SWITCHING, 'if you choose law chattering'),
         'observer_bandwidth': (
             in_digits(bandwidth, 2, np.floor),
             f'if you choose it: {BANDWIDTH_LAG:g} / T with the longest lag of the drives that is '

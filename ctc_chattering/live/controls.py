@@ -32,8 +32,8 @@ import time
 from typing import Annotated, Any, Literal, NamedTuple
 
 from ctc_chattering.analysis.tables import in_field
-from ctc_chattering.control.controller import ControllerConfig, LAWS
-from ctc_chattering.control.controller_config import SWITCHINGS
+from ctc_chattering.control.controller import ControllerConfig
+from ctc_chattering.control.laws.registry import LAWS, laws_by_parameter, SWITCHINGS
 from ctc_chattering.errors import CtcError
 from ctc_chattering.launch.child_process import Child, node_command, stop
 from ctc_chattering.live.graph_reader import GraphReader
@@ -123,7 +123,7 @@ def gains_of(parameters: Mapping[str, Any], names: Sequence[str]) -> dict[str, G
     law, found = str(parameters.get('law')), {}
     for name in GAINS:
         spec = ControllerConfig.parameters()[name]
-        if spec.laws and law not in spec.laws and ':' not in law:
+        if spec.laws and law not in spec.laws and ':' not in law:  # No own law is imported here.
             continue
         with suppress(CtcError):  # What is no gain is left out.
             value = spec.checked(parameters.get(name), len(names))
@@ -216,7 +216,7 @@ class Controls:
         pacing = plant.get('pacing')
         return {
             'law': law, 'laws': LAWS, 'switchings': SWITCHINGS,
-            'switching': switching if law == 'chattering' else None,
+            'switching': switching if law in laws_by_parameter()['switching'] else None,
             'joints': self._reader.names,
             'gains': [x.shown() for x in gains_of(self._in_force, self._reader.names).values()],
             'record': self._recording.shown(), 'answered': self._answered,

@@ -25,8 +25,14 @@ from typing import Any
 from ctc_chattering.compiled.machine_code import HOW_TO_COMPILE
 from ctc_chattering.configuration.loop_setup import Values
 from ctc_chattering.configuration.node_parameters import ControllerNodeConfig
-from ctc_chattering.control.controller import Controller, ControllerConfig, LAWS
-from ctc_chattering.control.recommended_gains import GainChoice, GAINS, LAW, model_torque
+from ctc_chattering.control.controller import Controller, ControllerConfig
+from ctc_chattering.control.laws.registry import LAWS
+from ctc_chattering.control.recommended_gains import (
+    GainChoice,
+    GAINS,
+    model_torque,
+    separate_gains,
+)
 from ctc_chattering.controller.answers import Rehearsal
 from ctc_chattering.controller.loop import Answer, ControlLoop
 from ctc_chattering.controller.positions import JointSample
@@ -36,7 +42,6 @@ from ctc_chattering.controller.trips import check_change, missing_limits
 from ctc_chattering.dynamics.registry import model_of
 from ctc_chattering.errors import RejectedMessage
 from ctc_chattering.numerics.time_grid import nanoseconds, seconds
-from ctc_chattering.parameters import OWN_CLASS
 from ctc_chattering.ros.messages import (
     effort_writer,
     LATEST,
@@ -112,7 +117,8 @@ class ControllerNode(LoopNode[ControllerNodeConfig]):
         """Make the law for a robot, and begin to listen."""
         model = model_of(self.config, description)
         law = self._loop.law = Controller(self.config, model)
-        self._gains.torque = model_torque(self.config, model)
+        torque = model_torque(self.config, model)
+        self._gains.torque = lambda: torque
         self._take_recommended_gains()
         self._loop.rehearsal = Rehearsal(
             Controller(self.config, model), self._loop.period, self._loop.watchdog.timeout)
@@ -281,7 +287,8 @@ class ControllerNode(LoopNode[ControllerNodeConfig]):
     def completed(self, values: Mapping[str, Any]) -> Mapping[str, Any]:
         """Return the gains that go with a law which is set without any; see `GainChoice`."""
         law, named = values.get('law'), {*values, *self.parameter_service.names}
-        if (law in LAWS or OWN_CLASS.fullmatch(str(law))) and named.isdisjoint(GAINS):
+        allowed = (*LAWS, self.given.get('law'))  # No other class is imported.
+        if law is not None and law in allowed and named.isdisjoint(GAINS):
             self._of_law = self._gains.of_law(str(law), self.config)
         if self._of_law:
             self.get_logger().info(f'law {law} is set without gains, and takes its own, not those '
@@ -290,8 +297,9 @@ class ControllerNode(LoopNode[ControllerNodeConfig]):
 
     def _take_recommended_gains(self) -> None:
         """Set those of a law that the node was started with and that has gains of its own."""
-        if self.config.law == LAW and self.given.keys().isdisjoint(GAINS):
-            self._of_law = self._gains.suitable(LAW, self.config)
+        law = self.config.law
+        if separate_gains(law) and self.given.keys().isdisjoint(GAINS):
+            self._of_law = self._gains.suitable(law, self.config)
             self.parameters.assign(self._of_law)
 
     def on_change(self) -> None:

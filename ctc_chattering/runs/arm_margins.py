@@ -13,21 +13,15 @@
 # limitations under the License.
 
 """
-Rotors and masses with which the sampled loop of an arm is stable.
+Rotors and masses with which the sampled loop of an arm is stable, as tables and for new gains.
 
-A loop whose joints have the same gains is stable for the eigenvalues ρ of M̂ M⁻¹ in an interval
-(`runs/stability.py`). With M̂ = B + R of bodies and rotors, at positions of the motion::
-
-    rotors x R:  ρ of (B + R) (B + x R)⁻¹       masses x B:  ρ of (B + R) (x B + R)⁻¹     (AM1)
-    rotors that the model lacks, per effort limit E:  ρ of M̂ (M̂ + x E)⁻¹                 (AM2)
+`ctc stability` and `ctc new-robot` print them. `control/margins.py` computes them.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator
 import dataclasses
-from math import inf
-from typing import NamedTuple
 
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.configuration.arm_knowledge import (
@@ -38,76 +32,11 @@ from ctc_chattering.configuration.arm_knowledge import (
 )
 from ctc_chattering.configuration.loop_setup import Setup
 from ctc_chattering.configuration.new_robot import NewRobot
+from ctc_chattering.control.margins import ArmInertia, ArmMargins, StableRange
 from ctc_chattering.dynamics.registry import model_of
 from ctc_chattering.dynamics.urdf_model import UrdfModel
-from ctc_chattering.numerics.linear_algebra import Array
-from ctc_chattering.runs.stability import (
-    loops_of,
-    masses_of,
-    outside,
-    span_text,
-    stable,
-    StableRange,
-)
+from ctc_chattering.runs.stability import loops_of, masses_of, range_text
 import numpy as np
-
-#: Factors that are looked at, and rotors per effort limit [kg·m² per N·m].
-_FACTORS = np.geomspace(0.01, 100.0, 200)
-_ROTORS = np.geomspace(1e-6, 0.1, 200)
-#: By what the pole is lowered until the assumed rotors are within the margins, and its least.
-_LOWER, _LEAST_POLE = 0.8, 10.0
-
-
-class ArmMargins(NamedTuple):
-    """
-    What an arm may be for a stable loop; None where it does not apply, or nothing is stable.
-
-    Attributes
-    ----------
-    rotors : StableRange or None
-        Rotors over those of the model.
-    lacking : float or None
-        Largest rotors per effort limit where the model has none [kg·m² per N·m].
-    masses : StableRange or None
-        Masses of all bodies over those of the model.
-
-    """
-
-    rotors: StableRange | None
-    lacking: float | None
-    masses: StableRange | None
-
-    def rows(self) -> Iterator[tuple[str, str]]:
-        """Yield rows of a table, rounded inwards."""
-        if self.rotors:
-            yield 'rotors / rotors of the model', span_text(self.rotors)
-        if self.lacking is not None:
-            yield ('rotors that the model lacks',
-                   f'{span_text(StableRange(0.0, self.lacking))} kg*m^2 per N*m of effort')
-        if self.masses:
-            yield 'masses / masses of the model', span_text(self.masses)
-
-    def lines(self) -> Iterator[str]:
-        """Yield what these margins are, in words."""
-        for span, what in ((self.rotors, 'rotors'), (self.masses, 'masses')):
-            if span:
-                yield f'the sampled loop is stable with {span_text(span)} times these {what}'
-
-
-class _Inertia(NamedTuple):
-    """M of the bodies at positions, and diagonal matrices of rotors and of effort limits."""
-
-    bodies: Sequence[Array]
-    rotors: Array
-    effort: Array
-
-    def within(self, span: StableRange, change: Callable[[Array, float], Array], start: float,
-               grid: Array) -> StableRange | None:
-        """Return for which numbers the eigenvalues of M̂ M⁻¹ are within `span`, M changed."""
-        def excess(x: float) -> float:
-            return max(outside(span, bodies + self.rotors, change(bodies, x))
-                       for bodies in self.bodies)
-        return stable(excess, start, grid)
 
 
 def arm_margins(setup: Setup) -> ArmMargins | None:
@@ -118,19 +47,27 @@ def arm_margins(setup: Setup) -> ArmMargins | None:
     loops = loops_of(setup)
     if not loops.joints_are_equal:
         return None
-    span = loops.ratios()
-    if span is None:
-        return ArmMargins(None, None, None)
-    rotors, effort = np.diag(model.rotor_inertias), np.array(model.effort_limits)
-    arm = _Inertia([mass - rotors for mass in masses_of(setup)], rotors, np.diag(effort))
-    lacking = None
-    if not rotors.any() and (effort < inf).all():
-        found = arm.within(span, lambda bodies, x: bodies + x * arm.effort, _ROTORS[0], _ROTORS)
-        lacking = found.high if found else 0.0
-    return ArmMargins(
-        arm.within(span, lambda bodies, x: bodies + x * rotors, 1.0, _FACTORS)
-        if rotors.any() else None, lacking,
-        arm.within(span, lambda bodies, x: x * bodies + rotors, 1.0, _FACTORS))
+    rotors = np.diag(model.rotor_inertias)
+    bodies = [mass - rotors for mass in masses_of(setup)]
+    return ArmInertia(bodies, rotors, np.diag(model.effort_limits)).margins(loops.ratios())
+
+
+def arm_rows(margins: ArmMargins) -> Iterator[tuple[str, str]]:
+    """Yield rows of a table, rounded inwards."""
+    if margins.rotors:
+        yield 'rotors / rotors of the model', range_text(margins.rotors)
+    if margins.lacking is not None:
+        lacking = range_text(StableRange(0.0, margins.lacking))
+        yield 'rotors that the model lacks', f'{lacking} kg*m^2 per N*m of effort'
+    if margins.masses:
+        yield 'masses / masses of the model', range_text(margins.masses)
+
+
+def arm_lines(margins: ArmMargins) -> Iterator[str]:
+    """Yield the margins in words."""
+    for factors, name in ((margins.rotors, 'rotors'), (margins.masses, 'masses')):
+        if factors:
+            yield f'the sampled loop is stable with {range_text(factors)} times these {name}'
 
 
 def with_stable_gains(robot: NewRobot) -> NewRobot:
@@ -143,17 +80,21 @@ def with_stable_gains(robot: NewRobot) -> NewRobot:
     if not any(rotor.source == Source.ASSUMED for rotor in robot.knowledge.rotors):
         return robot
     gains = robot.values['controller']
-    pole, n = 0.5 * gains['kv'][0], len(robot.joints)
-    lower = pole
-    while lower >= _LEAST_POLE:
+    pole = lower = 0.5 * gains['kv'][0]
+    n = len(robot.joints)
+    while lower >= 10.0:  # [rad/s]
         values = {**robot.values, 'controller': {
             **gains, 'kp': [lower ** 2] * n, 'kv': [2.0 * lower] * n,
             'estimator_bandwidth': gains['estimator_bandwidth'] * lower / pole}}
         changed = robot if lower == pole else dataclasses.replace(robot, values=values)
         margins = arm_margins(parameter_file.load(None, changed.values))
-        if margins is None or (margins.rotors and (
-                margins.rotors.low <= LEAST_ROTOR / ASSUMED_ROTOR
-                and margins.rotors.high >= MOST_ROTOR / ASSUMED_ROTOR)):
+        if margins is None or _covers_assumed_rotors(margins.rotors):
             return changed
-        lower *= _LOWER
+        lower *= 0.8
     return robot
+
+
+def _covers_assumed_rotors(rotors: StableRange | None) -> bool:
+    """Return whether a range has the rotors that may be, over those that are assumed."""
+    return (rotors is not None and rotors.low <= LEAST_ROTOR / ASSUMED_ROTOR
+            and rotors.high >= MOST_ROTOR / ASSUMED_ROTOR)

@@ -24,8 +24,7 @@ from typing import Any
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.configuration.loop_setup import Overrides, Setup
 from ctc_chattering.configuration.package_share import find_config
-from ctc_chattering.control.controller import ControllerConfig, LAWS
-from ctc_chattering.control.controller_config import SWITCHINGS
+from ctc_chattering.control.laws.registry import LAWS, switchings_of
 from ctc_chattering.errors import CtcError, near, ParameterError
 from ctc_chattering.output_files import check_format, finite
 from ctc_chattering.parameters import check_some, whole
@@ -33,7 +32,15 @@ from ctc_chattering.runs.conditions import chosen, Condition, HeldOut, read_case
 from ctc_chattering.runs.conditions import held_out as drawn
 from ctc_chattering.runs.map import computed
 from ctc_chattering.runs.points import Points
-from ctc_chattering.runs.recommended import BASE, BEST, by_rule, FILE, GAINS, RECOMMENDED, Variant
+from ctc_chattering.runs.recommended import (
+    BASE,
+    BEST,
+    FILE,
+    GAINS,
+    gains_by_rule,
+    RECOMMENDED,
+    Variant,
+)
 from ctc_chattering.runs.score import over_simulation, Runner
 import pandas  # type: ignore[import-untyped]
 
@@ -41,8 +48,8 @@ import pandas  # type: ignore[import-untyped]
 def variants(laws: Sequence[str] = LAWS, gains: str = FILE) -> list[Variant]:
     """Return the rows of a table: `BASE`, all laws and switchings, and what is recommended."""
     found = [Variant(law, switching, gains) for law in LAWS if law in laws for switching in (
-        SWITCHINGS if ControllerConfig(law=law).takes('switching') else ('',))]
-    if 'observer_feedback' in laws:
+        switchings_of(law) or ('',))]
+    if BEST.law in laws:
         found.append(BEST)
     return list(dict.fromkeys([BASE, *found]))
 
@@ -80,7 +87,7 @@ def tasks(paths: Iterable[Path], conditions: Sequence[str], laws: Sequence[str] 
             for variant in variants(laws, gains):
                 values = variant.values
                 if variant.settings == RECOMMENDED:
-                    values |= by_rule(parameter_file.load(
+                    values |= gains_by_rule(parameter_file.load(
                         path, merged(under[0], {'controller': values})))
                 for factor, run in zip(condition.factors, under):
                     run = merged(run, {'controller': values})

@@ -21,6 +21,7 @@ import itertools
 from typing import Any, NamedTuple
 
 from ctc_chattering.analysis.tables import Table, two_lines
+from ctc_chattering.control.laws.registry import BASELINE_LAW
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.parameters import unit_text
 import numpy as np
@@ -31,8 +32,6 @@ from scipy.special import ndtri, stdtrit  # type: ignore[import-untyped]
 Counts = npt.NDArray[np.int64]
 #: Failure probability of the boundary, and confidence of all intervals.
 LEVEL, CONFIDENCE = 0.5, 0.95
-#: Law whose error is the measure of the others'.
-BASE = 'compensation'
 #: Kinds of failure, the worst first.
 KINDS = ('diverged', 'error', 'saturated', 'slips', 'not reached', 'refused')
 #: Columns of the results that are read, besides axes and uncertain parameters.
@@ -184,7 +183,7 @@ class MapData:
     variants, laws : tuple of str, V each
         Names in the order of the rows, and the law of each.
     base : int or None
-        Index of the first variant under law `BASE`, if there is one.
+        Index of the first variant under law `BASELINE_LAW`, if there is one.
     runs, failed : array, shape (V, *shape)
         How many runs there are at each point, and how many of them failed in any way.
     probability : array, shape (V, *shape)
@@ -206,7 +205,7 @@ class MapData:
         self.uncertain, self.refined, self.saltelli = tuple(uncertain), tuple(refined), saltelli
         first = rows.drop_duplicates('variant')
         self.variants, self.laws = tuple(first['variant']), tuple(first['law'])
-        self.base = self.laws.index(BASE) if BASE in self.laws else None
+        self.base = self.laws.index(BASELINE_LAW) if BASELINE_LAW in self.laws else None
 
         def labels(name: str, values: Sequence[Any]) -> Any:
             # A column: of plain categories, as many as there are rows, pandas takes the list of

@@ -30,11 +30,12 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from ctc_chattering.configuration.compilation import compile_setups
+from ctc_chattering.control.recommended_gains import RECOMMENDED_LAW
 from ctc_chattering.errors import CtcError, ParameterError, UsageError
 from ctc_chattering.parameters import whole
 from ctc_chattering.runs.points import Runs
 from ctc_chattering.runs.pool import processes, serially
-from ctc_chattering.runs.recommended import recommended
+from ctc_chattering.runs.recommended import gains_by_rule
 from ctc_chattering.runs.score import PER_JOINT
 from ctc_chattering.runs.store import compute
 from ctc_chattering.runs.tune_spec import Limits, Range, starts, tune_spec, TuneSpec
@@ -313,7 +314,7 @@ def searched(spec: TuneSpec, trials: int, percentile: float = 95.0, seed: int = 
         return [over_draws(x.to_pandas(), spec.limits, percentile) for x in tables[-len(chunks):]]
 
     first = starts(spec.setup.controller, spec.setup.plant.coulomb_friction,
-                   recommended(spec.setup), spec.ranges)
+                   gains_by_rule(spec.setup, RECOMMENDED_LAW), spec.ranges)
     found: list[Trial] = []
     others = spec.references
     of_others = scores(others, drawn)

@@ -35,6 +35,8 @@ from ctc_chattering.configuration.loop_setup import Setup, Values
 from ctc_chattering.configuration.package_share import find_config
 from ctc_chattering.configuration.yaml_file import FileKind, kind_of, mapping, read_yaml
 from ctc_chattering.control.controller import ControllerConfig
+from ctc_chattering.control.laws.registry import laws_by_parameter, OF_SWITCHING
+from ctc_chattering.control.recommended_gains import RECOMMENDED_LAW, RECOMMENDED_SWITCHING
 from ctc_chattering.errors import CtcError, ParameterError, prefixed
 from ctc_chattering.input_files import read_text
 from ctc_chattering.parameters import LEAST
@@ -60,19 +62,16 @@ DRAWS = 32
 _FRESH = 4
 #: Shortest smooth start [s]: a start with a large error is no measure of gains.
 _START = 2.0
-#: Law that docs/laws.md recommends for real arms, and that is tuned where nothing says which.
-BEST = 'observer_feedback'
 #: Keys of the section `tune`, and of the spec: those of `ctc map` that have a meaning here.
 _OF_TUNE = ('law', 'switching', 'torque_limit', 'torque_rate_limit', 'search')
 _KEYS = tuple(x for x in KEYS if x not in ('axes', 'laws', 'failure', 'refine'))
 
 
 class Range(NamedTuple):
-    """Where a number is searched, on a logarithmic scale, and the law or switching that has it."""
+    """Range of a number that is searched, on a logarithmic scale."""
 
     low: float
     high: float
-    of: tuple[str, ...] = ()
 
 
 #: What is searched. `pole` is p and `damping` d in ``kp = p²``, ``kv = 2 d p``; `ka` and
@@ -81,28 +80,27 @@ class Range(NamedTuple):
 SPACE: dict[str, Range] = {
     'pole': Range(5.0, 500.0),
     'damping': Range(0.4, 4.0),
-    'lambda': Range(1.0, 100.0, ('compensation', 'chattering', 'super_twisting')),
-    'ka': Range(0.5, 20.0, ('chattering', 'extended_state_observer', 'observer_feedback')),
-    'boundary_layer': Range(1e-3, 1.0, ('boundary_layer',)),
-    'observer_bandwidth': Range(20.0, 2000.0, ('implicit_observer',)),
-    'ki': Range(1e-3, 0.5, ('integral', 'pid_kalman')),
-    'lead_ratio': Range(0.05, 1.0, ('pid_kalman',)),
-    'momentum_gain': Range(10.0, 1000.0, ('momentum_observer',)),
-    'super_twisting_k1': Range(1.0, 1000.0, ('super_twisting',)),
-    'super_twisting_k2': Range(10.0, 1e5, ('super_twisting',)),
-    'adaptation_gain': Range(0.1, 1e4, ('slotine_li',)),
-    'friction_velocity': Range(2e-3, 1.0, (
-        'slotine_li', 'friction_feedforward', 'pid_kalman', 'extended_state_observer')),
-    'friction_lead': Range(3e-4, 0.03, ('pid_kalman', 'extended_state_observer')),
-    'estimator_bandwidth': Range(30.0, 600.0, (
-        'pid_kalman', 'extended_state_observer', 'observer_feedback')),
-    'friction_learning': Range(1.0, 100.0, ('observer_feedback',))}
+    'lambda': Range(1.0, 100.0),
+    'ka': Range(0.5, 20.0),
+    'boundary_layer': Range(1e-3, 1.0),
+    'observer_bandwidth': Range(20.0, 2000.0),
+    'ki': Range(1e-3, 0.5),
+    'lead_ratio': Range(0.05, 1.0),
+    'momentum_gain': Range(10.0, 1000.0),
+    'super_twisting_k1': Range(1.0, 1000.0),
+    'super_twisting_k2': Range(10.0, 1e5),
+    'adaptation_gain': Range(0.1, 1e4),
+    'friction_velocity': Range(2e-3, 1.0),
+    'friction_lead': Range(3e-4, 0.03),
+    'estimator_bandwidth': Range(30.0, 600.0),
+    'friction_learning': Range(1.0, 100.0)}
 
 
 def space(config: ControllerConfig) -> dict[str, Range]:
-    """Return what is searched for the law and switching in force."""
-    mine = (config.law, config.switching_in_force)
-    return {name: x for name, x in SPACE.items() if not x.of or set(x.of) & set(mine)}
+    """Return what is searched: kp and kv, and what law and switching in force declare."""
+    names = ('pole', 'damping', *config.law_parameters)
+    return {name: x for name, x in SPACE.items() if name in names
+            and OF_SWITCHING.get(name, config.switching) == config.switching}
 
 
 def gains(numbers: Mapping[str, float], config: ControllerConfig, friction: tuple[float, ...]
@@ -215,7 +213,7 @@ class TuneSpec(MapSpec):
         """Return the gains of the file, the first, and recommended ones, by name."""
         law, tuned = self.setup.controller.law, self.setup.controller.as_mapping()
         setups = {'file': self.file, **{f'recommended {name}': recommended_setup(self.file, name)
-                                        for name in dict.fromkeys((law, BEST))}}
+                                        for name in dict.fromkeys((law, RECOMMENDED_LAW))}}
         found = {}
         for name, setup in setups.items():
             config = setup.controller
@@ -256,9 +254,9 @@ def parse_tune(tree: object, path: Path) -> TuneSpec:
     if spec.repeats.sampling == 'saltelli':
         raise ParameterError('sampling', 'saltelli', 'random | latin_hypercube | sobol')
     section = mapping('tune', given.get('tune') or {}, _OF_TUNE)
-    law = {'law': section.get('law', BEST)}
-    if 'switching' in section or law['law'] == 'chattering':
-        law['switching'] = section.get('switching', 'implicit_observer')
+    law = {'law': section.get('law', RECOMMENDED_LAW)}
+    if 'switching' in section or law['law'] in laws_by_parameter()['switching']:
+        law['switching'] = section.get('switching', RECOMMENDED_SWITCHING)
     start = max(spec.setup.reference.start_duration, _START)
     file = dataclasses.replace(
         spec.setup.changed({'reference': {'start_duration': start}}), events=())

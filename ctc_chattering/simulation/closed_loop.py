@@ -30,8 +30,8 @@ from threading import get_ident
 from typing import Any
 
 from ctc_chattering.compiled.records import described
+from ctc_chattering.control.compiled_step import CompiledStep
 from ctc_chattering.control.controller import Controller, ControllerConfig, Sample
-from ctc_chattering.control.step import CompiledStep
 from ctc_chattering.controller.trips import joint_beyond
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.errors import CtcError

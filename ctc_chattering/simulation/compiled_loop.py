@@ -32,7 +32,8 @@ from typing import Any, NamedTuple
 from ctc_chattering.compiled.compilable import every, first, function, record, some
 from ctc_chattering.compiled.machine_code import argument_addresses, Callee, invoke, Program
 from ctc_chattering.compiled.records import fill, load, packed, rows, store, value
-from ctc_chattering.control.step import CompiledStep, E, periods, TAU, V
+from ctc_chattering.control.compiled_step import CompiledStep
+from ctc_chattering.control.irregular_sample import locate_sample
 from ctc_chattering.dynamics.compiled_model import Arm
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.simulation.plant import Plant
@@ -95,11 +96,11 @@ class LoopRecords(NamedTuple):
     plant: Any
     #: `PlantInput` of the plant's step.
     received: Any
-    #: Memory of `CompiledStep`.
+    #: As of `CompiledStep` and its records.
     measured: Array
     points: Array
-    arrival: Any
-    result: Array
+    irregularity: Any
+    result: Any
     #: Largest position error, inf for any, shape (n,) [rad].
     error_limit: Array
     #: Whole turns that are added to the measured positions, shape (n,) [rad].
@@ -131,13 +132,14 @@ class CompiledLoop(Program):
     def __init__(self, plant_step: CompiledPlantStep, step: CompiledStep) -> None:
         self.step = step
         self.plant_step = plant_step
-        self.measured = step.measured
-        self.error = step.made[E]
+        control = step.records
+        self.measured = control.measured
+        self.error = control.result.e
         n = len(self.error)
         callees = packed(Callee(0, 0)), packed(Callee(0, 0))
         self._records = LoopRecords(
-            *callees, plant_step.received, step.measured, step.points, step.arrival, step.made,
-            np.zeros(n), np.zeros(n), packed(LoopStatus(0, 0, 0, False)))
+            *callees, plant_step.received, control.measured, step.points, control.irregularity,
+            control.result, np.zeros(n), np.zeros(n), packed(LoopStatus(0, 0, 0, False)))
         # The machine code is the same for any number of samples.
         super().__init__((*step.codes, *plant_step.codes), run_loop, (
             plant_step.records, self._records, no_inputs(n, 1), np.zeros((3, n)),
@@ -251,7 +253,6 @@ def run_loop(p: CompiledPlant, c: LoopRecords, drawn: Any, points: Array, sample
     status = c.status
     tau = value(p.state.driven.received)
     measured = rows(c.measured, tau)
-    result = rows(c.result, tau)
     table = rows(points, tau)
     ahead = rows(c.points, tau)
     limit = rows(c.error_limit, tau)[0]
@@ -271,18 +272,19 @@ def run_loop(p: CompiledPlant, c: LoopRecords, drawn: Any, points: Array, sample
             for j in range(len(c.points)):
                 ahead[j] = table[3 * k + j]
             stamp = k * period + round(1e9 * state.offset)
-            missed, offset = periods(period, offset, stamp - previous)
+            missed, offset = locate_sample(period, offset, stamp - previous)
             for j in range(missed, -1, -1):
-                c.arrival.offset = offset / 1e9
-                c.arrival.after_points = (stamp - offset - (k + j) * period) / 1e9
-                c.arrival.measured = 1 - min(j, 1)
-                c.arrival.kept = min(j, 1)
+                c.irregularity.offset = offset / 1e9
+                c.irregularity.reference_offset = (stamp - offset - (k + j) * period) / 1e9
+                c.irregularity.is_measured = 1 - min(j, 1)
+                c.irregularity.keeps_torque = min(j, 1)
                 invoke(c.controller.function, c.controller.arguments)
             previous = stamp
-            tau = result[TAU]
-            if not every(np.abs(tau) + np.abs(result[V]) < inf):
+            tau = value(c.result.tau)
+            v = value(c.result.v)
+            if not every(np.abs(tau) + np.abs(v) < inf):
                 return NO_TORQUE
-            beyond = ~(np.abs(result[E]) <= limit)
+            beyond = ~(np.abs(value(c.result.e)) <= limit)
             if some(beyond):
                 status.joint = first(beyond)
                 return BEYOND_LIMIT
@@ -294,7 +296,7 @@ def run_loop(p: CompiledPlant, c: LoopRecords, drawn: Any, points: Array, sample
                 q_column[i] = value(state.motion.q) + turns
                 dq_column[i] = value(state.motion.dq)
             tau_column[i] = tau
-            v_column[i] = result[V]
+            v_column[i] = v
             status.recorded += 1
         if k < p.parameters.last:
             store(c.received, load(drawn[k])._replace(tau=tau))

@@ -15,14 +15,9 @@
 """
 The drives between the torque that is sent and the one that acts.
 
-A torque may come late, is in transit for some samples, is quantised and saturated: that is the
-command c, held over a period. The torque τ of a drive follows it, with the lag T and the rate
-limit R::
-
-    dτ/dt = (c - τ) / T, within ±R                                                        (DR1)
-
-It rises at the rate R until |c - τ| = R T, then exponentially; without a lag it rises to c.
-Both parts have a closed form, so that no integrator is needed and T may be shorter than its step.
+A torque may come late, is in transit for some samples, is quantised and saturated. That is the
+command c, held over a period. The torque of a drive follows it by (DM1) of
+`dynamics/drive_response.py`.
 """
 
 from __future__ import annotations
@@ -30,11 +25,10 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from ctc_chattering.compiled.compilable import function, record, some
+from ctc_chattering.dynamics.drive_response import response
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.simulation.sensor import quantised
 import numpy as np
-
-_TINY = 1e-300
 
 
 @record
@@ -70,42 +64,6 @@ class Driven(NamedTuple):
     gap: Array
     #: τ at its end.
     torque: Array
-
-
-@function
-def response(gap: Array, lag: Array, rate: Array, s: float) -> tuple[Array, Array]:
-    """
-    Return τ - c [N·m] of (DR1) at `s`, and its integral from 0 to `s` [N·m·s], each (n,).
-
-    Parameters
-    ----------
-    gap : array, shape (n,)
-        c - τ at 0 [N·m].
-    lag, rate : array, shape (n,)
-        T [s], 0 for none; R [N·m/s], inf for none.
-    s : float
-        Time since the command came [s].
-
-    """
-    s = max(s, 0.0)  # Rounding apart, it is never less.
-    ramp = np.maximum(np.abs(gap) / rate - lag, 0.0)
-    slope, r = np.where(ramp > 0.0, np.sign(gap) * rate, 0.0), np.minimum(ramp, s)
-    rest, area = slope * r - gap, r * (0.5 * slope * r - gap)
-    now = rest * np.where(lag > 0.0, np.exp((r - s) / np.maximum(lag, _TINY)),
-                          np.where(ramp > s, 1.0, 0.0))
-    return now, area + lag * (rest - now)
-
-
-@function
-def middle_error(gap: Array, lag: Array, rate: Array, s: float, half: float) -> Array:
-    """
-    Return τ - c, shape (n,), for the middle of a step from `s` - `half` to `s` + `half` [s].
-
-    With it, Simpson's rule has the exact integral over the step, whatever the lag.
-    """
-    start, before = response(gap, lag, rate, s - half)
-    end, after = response(gap, lag, rate, s + half)
-    return 0.75 * (after - before) / half - 0.25 * (start + end)
 
 
 @function

@@ -42,7 +42,7 @@ from ctc_chattering.compiled.compilable import (
 from ctc_chattering.errors import CtcError, refused_as
 from ctc_chattering.numerics.box_qp import nearest
 from ctc_chattering.numerics.linear_algebra import Array
-from ctc_chattering.parameters import named_class
+from ctc_chattering.parameters import accept_old_name, named_class
 import numpy as np
 
 #: Factor of Kf: a load that rounding alone lifts above Kf breaks no joint away.
@@ -72,7 +72,7 @@ class NoFriction(NamedTuple):
     none: float = 0.0
 
     @classmethod
-    def made(cls, _joint_names: Sequence[str]) -> NoFriction:
+    def for_joints(cls, _joint_names: Sequence[str]) -> NoFriction:
         """Return the friction of a robot with these joints."""
         return cls()
 
@@ -113,7 +113,8 @@ def own_friction(name: str, joint_names: Sequence[str]) -> Any:
     own, n = named_class('friction_model', name, lambda x: x in RECORDS and hasattr(
         x, 'resistance'), 'class marked by @record with a method resistance'), len(joint_names)
     with refused_as(f'the friction_model {name} cannot be made'):
-        made = own.made(tuple(joint_names))
+        accept_old_name(own, 'made', 'for_joints')
+        made = own.for_joints(tuple(joint_names))
         at_rest = made.resistance(np.zeros(n), np.zeros(n), np.ones(n))
         if len(at_rest) != n or any(at_rest):
             raise CtcError(f'its resistance at rest is {list(at_rest)}; allowed: {n} times 0')

@@ -54,6 +54,7 @@ from ctc_chattering.compiled.compilable import (
     some,
     Truths,
 )
+from ctc_chattering.dynamics.drive_response import middle_error, response
 from ctc_chattering.numerics.integration import (
     extrapolated_euler,
     first_negative,
@@ -61,7 +62,7 @@ from ctc_chattering.numerics.integration import (
     simpson,
 )
 from ctc_chattering.numerics.linear_algebra import Array
-from ctc_chattering.simulation.drive import Drives, middle_error, response
+from ctc_chattering.simulation.drive import Drives
 from ctc_chattering.simulation.friction import Friction, modes, stick_margin
 import numpy as np
 

@@ -26,7 +26,7 @@ from typing import Any
 
 from broken_arm import Broken
 from ctc_chattering.c_export.library import c_string, export
-from ctc_chattering.control.controller_config import SWITCHINGS
+from ctc_chattering.control.laws.registry import SWITCHINGS
 from ctc_chattering.controller.trips import LARGEST_GROWTH, PATIENCE, TripMonitor
 from ctc_chattering.errors import CtcError, UsageError
 from ctc_chattering.numerics.linear_algebra import Array

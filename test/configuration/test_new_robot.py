@@ -29,7 +29,7 @@ from ctc_chattering.configuration.package_share import find_file
 from ctc_chattering.dynamics.registry import model_of
 from ctc_chattering.dynamics.urdf_parser import Tree
 from ctc_chattering.errors import CtcError, ParameterError
-from ctc_chattering.runs.recommended import recommended
+from ctc_chattering.runs.recommended import gains_by_rule
 from ctc_commands import ctc, refused
 import numpy as np
 import pytest
@@ -296,7 +296,7 @@ def test_the_rate_of_a_known_arm_and_of_a_told_one(tmp_path: Path) -> None:
 def test_the_file_has_the_gains_that_compare_and_tune_recommend(
         values: dict[str, Any], tmp_path: Path) -> None:
     setup = parameter_file.load(None, told(tmp_path, **values).values)
-    expected, config = recommended(setup), setup.controller
+    expected, config = gains_by_rule(setup, 'observer_feedback'), setup.controller
     assert (config.law, config.kp, config.kv, config.estimator_bandwidth) == (
         expected['law'], expected['kp'], expected['kv'], expected['estimator_bandwidth'])
 

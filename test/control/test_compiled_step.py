@@ -16,12 +16,16 @@
 
 from __future__ import annotations
 
+import inspect
 from typing import Any
 
+from ctc_chattering.compiled import compilable
 from ctc_chattering.compiled.build import build
-from ctc_chattering.control.controller import Controller, ControllerConfig, LAWS
-from ctc_chattering.control.controller_config import SWITCHINGS
-from ctc_chattering.control.step import Arrival, CompiledStep, PlainStep, REGULAR
+from ctc_chattering.control.compiled_step import CompiledStep
+from ctc_chattering.control.controller import Controller, ControllerConfig
+from ctc_chattering.control.irregular_sample import REGULAR, SampleIrregularity
+from ctc_chattering.control.laws.registry import law_class, LAWS, SWITCHINGS
+from ctc_chattering.control.step import PlainStep
 from ctc_chattering.dynamics.compiled_model import arm_of
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.dynamics.two_link import TwoLink
@@ -36,8 +40,8 @@ VARIANTS = [(law, switching) for law in LAWS
 COMPILED = [('compensation', 'sign'), ('chattering', 'sign'), ('chattering', 'implicit_observer'),
             ('observer_feedback', 'sign')]
 #: At its sample; before it; lost, with another reference; not come; late.
-ARRIVALS = (REGULAR, Arrival(-3e-4, 0.0, 1.0, 0.0), Arrival(0.0, -2e-3, 0.0, 1.0),
-            Arrival(0.0, 0.0, 0.0, 0.0), Arrival(2e-4, 1e-4, 1.0, 1.0))
+SAMPLES = (REGULAR, *(SampleIrregularity(*x) for x in (
+    (-3e-4, 0.0, 1.0, 0.0), (0.0, -2e-3, 0.0, 1.0), (0.0, 0.0, 0.0, 0.0), (2e-4, 1e-4, 1.0, 1.0))))
 
 
 def random_values(rng: np.random.Generator, n: int) -> dict[str, Any]:
@@ -113,9 +117,10 @@ def check(law: str, switching: str, n: int, seed: int) -> None:
             step = compiled_step(plain, model)
             transit = plain.transit.copy()
             right = PlainStep(plain.settings, plain.law, plain.memories, transit, plain.model)
-            arrival = ARRIVALS[k % len(ARRIVALS)]
+            irregularity = SAMPLES[k % len(SAMPLES)]
             rows = np.concatenate(((q, dq), points.reshape(-1, n)))
-            for found, wanted in zip(step.step(rows, arrival), right.step(rows, arrival)):
+            for found, wanted in zip(
+                    step.step(rows, irregularity), right.step(rows, irregularity)):
                 np.testing.assert_allclose(
                     found, wanted, rtol=0.0, atol=1e-10 * max(1.0, np.abs(wanted).max()))
             for records in zip(step.memories, right.memories):
@@ -123,6 +128,20 @@ def check(law: str, switching: str, n: int, seed: int) -> None:
             np.testing.assert_allclose(step.records.transit, transit, rtol=1e-10, atol=1e-9)
         plain.step(q, dq, points[0, 0], points[0, 1], points[0, 2], points[1:].tolist())
         assert not plain.compiled
+
+
+def test_compiled_code_can_tell_methods_from_fields_and_from_each_other() -> None:
+    """Compiled, a method is found by its name: no field has it, and all take as much."""
+    assert all(map(law_class, LAWS))
+    records = [x for x in compilable.RECORDS if x.__module__.startswith('ctc_chattering.')]
+    fields = {name for x in records for name in x._fields}  # type: ignore[attr-defined]
+    taken: dict[str, set[int]] = {}
+    for x in records:
+        for name, method in inspect.getmembers(x, inspect.isfunction):
+            if not name.startswith('_'):
+                taken.setdefault(name, set()).add(len(inspect.signature(method).parameters))
+    assert not fields & set(taken)
+    assert not {name: counts for name, counts in taken.items() if len(counts) > 1}
 
 
 # What other tests need is compiled, too; the rest, half a minute each, by `.ci/run`.

@@ -16,17 +16,22 @@
 
 from __future__ import annotations
 
-from ctc_chattering.control.controller_config import ControllerConfig, LAWS
+from ctc_chattering.control.controller_config import ControllerConfig
+from ctc_chattering.control.laws.registry import LAWS
 from ctc_chattering.control.recommended_gains import (
     estimator_bandwidth,
     GainChoice,
     GAINS,
+    KnownLoop,
     largest_pole,
     lateness,
-    LAW,
     model_torque,
+    no_torque,
     POLE,
     recommended_gains,
+)
+from ctc_chattering.control.recommended_gains import (
+    RECOMMENDED_LAW as LAW,
 )
 from ctc_chattering.dynamics.two_link import TwoLink
 import numpy as np
@@ -61,9 +66,10 @@ def test_ka_has_room_for_a_fifth_of_the_torque_that_the_model_takes_within_the_l
     found = model_torque(config, arm)
     assert found is not None
     assert found == pytest.approx([most[0], 10.0], rel=0.03)
-    assert recommended_gains(config, found)['ka'] == pytest.approx(
+    known, unknown = (KnownLoop(config, x) for x in (lambda: found, no_torque))
+    assert recommended_gains(LAW, known)['ka'] == pytest.approx(
         [10.0 + 0.2 * most[0], 7.0], rel=0.03)
-    assert recommended_gains(config)['ka'] == (10.0, 5.0)
+    assert recommended_gains(LAW, unknown)['ka'] == (10.0, 5.0)
 
 
 def test_a_law_takes_gains_of_its_own_kind_and_gets_those_it_had_again() -> None:
@@ -72,7 +78,7 @@ def test_a_law_takes_gains_of_its_own_kind_and_gets_those_it_had_again() -> None
     others = [law for law in LAWS if law != LAW]
     assert {law for law in others if choice.of_law(law, config)} == set()
     own = choice.of_law(LAW, config)
-    assert own == recommended_gains(config)
+    assert own == recommended_gains(LAW, KnownLoop(config))
     tuned = config.changed({**own, 'law': LAW, 'kp': 8100.0, 'estimator_bandwidth': 90.0})
     assert choice.of_law(LAW, tuned) == {}
     back = choice.of_law('integral', tuned)

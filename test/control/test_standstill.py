@@ -19,8 +19,13 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from ctc_chattering.control.adaptation import Desired, Rest, Standstill, standstill
 from ctc_chattering.control.controller_config import ControllerConfig
+from ctc_chattering.control.feasible_reference import Desired
+from ctc_chattering.control.standstill import (
+    design_detector,
+    Standstill,
+    StandstillDetector,
+)
 from ctc_chattering.simulation.closed_loop import simulate
 from ctc_chattering.simulation.plant_config import PlantConfig
 from ctc_chattering.trajectory.reference import ReferenceConfig, Trapezoid
@@ -31,7 +36,7 @@ import pytest
 H, BANDWIDTH, ZERO = 1e-3, 200.0, np.zeros(2)
 #: Ka, M_ii, K̂.
 BOUND, INERTIA, LEVEL = np.array([60.0, 30.0]), np.array([9.0, 0.62]), np.full(2, 10.0)
-STILL, MOVING = Desired(ZERO, ZERO, ZERO), Rest(ZERO, ZERO, ZERO, ZERO)
+STILL, MOVING = Desired(ZERO, ZERO, ZERO), Standstill(ZERO, ZERO, ZERO, ZERO)
 
 
 def slips(law: dict[str, Any], plant: dict[str, Any]) -> int:
@@ -55,21 +60,21 @@ def test_a_stop_with_higher_friction_at_rest_is_one(monkeypatch: pytest.MonkeyPa
     law = {'inertia_scale': 0.9, 'gravity_scale': 0.9}
     plant = {'stribeck_friction': [5.0, 5.0], 'stribeck_velocity': [1e-2, 1e-2]}
     assert slips(law, plant) == 0
-    monkeypatch.setattr('ctc_chattering.control.adaptation._PATIENCE', math.inf)
+    monkeypatch.setattr('ctc_chattering.control.standstill.OBSERVER_PERIODS', math.inf)
     assert slips(law, plant) > 0
 
 
-def made(rate: float = math.inf) -> Standstill:
-    return standstill(BANDWIDTH, BOUND, np.full(2, rate), H)
+def detector(rate: float = math.inf) -> StandstillDetector:
+    return design_detector(BANDWIDTH, BOUND, np.full(2, rate), H)
 
 
-def after(samples: int, at: Desired = STILL, q: Array = ZERO, rate: float = math.inf,
-          rest: Rest | None = None, level: Array = LEVEL) -> Rest:
-    """Return the rest after samples at one measured position."""
-    rest = rest or MOVING
+def after(samples: int, point: Desired = STILL, q: Array = ZERO, rate: float = math.inf,
+          last: Standstill = MOVING, level: Array = LEVEL) -> Standstill:
+    """Return the standstill after samples at one measured position."""
     for _ in range(samples):
-        rest = made(rate).judged(made(rate).placed_at(rest, q), at, INERTIA, level)
-    return rest
+        tracked = detector(rate).track_position(last, q)
+        last = detector(rate).detect_standstill(tracked, point, INERTIA, level)
+    return last
 
 
 @pytest.mark.parametrize(('rate', 'samples'), [(math.inf, (30, 30)), (1e3, (90, 60))])
@@ -94,16 +99,16 @@ def test_none_is_held_that_the_learned_friction_cannot_hold() -> None:
 def test_the_longer_slips_go_on_the_shorter_a_stop_serves() -> None:
     """Check that stops of s₁ are held after W² / s₁, and none that is shorter than 2 / ω."""
     for stop, latest in ((9, math.inf), (11, 900 / 11), (28, 900 / 28)):
-        rest, k = MOVING, 0
-        while not rest.held.any() and k < 1000:
+        last, k = MOVING, 0
+        while not last.held.any() and k < 1000:
             k += 1
-            rest = after(1, q=np.full(2, 1e-3 * (k // stop % 2)), rest=rest, level=1e2 * LEVEL)
+            last = after(1, q=np.full(2, 1e-3 * (k // stop % 2)), last=last, level=1e2 * LEVEL)
         assert k <= latest + 2 * stop if latest < math.inf else k == 1000
 
 
 def test_a_joint_that_moves_is_released_and_the_time_begins_again() -> None:
     held = after(100)
-    assert after(1, q=np.array([0.9e-4, -0.9e-4]), rest=held).held.all()
-    moved = after(1, q=np.array([0.0, 1.1e-4]), rest=held)
+    assert after(1, q=np.array([0.9e-4, -0.9e-4]), last=held).held.all()
+    moved = after(1, q=np.array([0.0, 1.1e-4]), last=held)
     np.testing.assert_array_equal(moved.held, [1.0, 0.0])
-    np.testing.assert_allclose(moved.reference, [0.101, 0.001])
+    np.testing.assert_allclose(moved.reference_time, [0.101, 0.001])

@@ -12,11 +12,14 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The ways to evaluate the chattering term."""
+"""The ways to evaluate the chattering term, and the estimate of the perturbation."""
 
+from collections.abc import Iterator
+import math
 from typing import Any
 
-from ctc_chattering.control.step import error_filter, State
+from ctc_chattering.control.filter import design_filter
+from ctc_chattering.control.sample import Applied, State
 from ctc_chattering.control.switching import (
     BoundaryLayer,
     Implicit,
@@ -27,7 +30,7 @@ from ctc_chattering.control.switching import (
 from hypothesis import given, settings
 from hypothesis import strategies as st
 import numpy as np
-from oracles import Array, inclusion_by_enumeration, random_spd
+from oracles import Array, box_by_enumeration, inclusion_by_enumeration, random_spd
 import pytest
 
 
@@ -62,7 +65,7 @@ def _implicit(mass: Array, wanted: Array, ka: Array) -> Array:
     """Return the term without errors, where C v is all that it has to undo."""
     zero = np.zeros(len(ka))
     z, clipping = term(
-        Implicit(ka, error_filter(10.0, 1.0, 1e-3)), zero, zero, mass, -wanted)
+        Implicit(ka, design_filter(10.0, 1.0, 1e-3)), zero, zero, mass, -wanted)
     assert not clipping.any()
     return z
 
@@ -117,7 +120,7 @@ def test_implicit_never_exceeds_the_gain(n: int, seed: int, decades: float, size
 def test_implicit_is_for_v_of_the_next_sample(n: int) -> None:
     """Check M y / (b h) - C v - P̂ - z = M v⁺ / (b h), with y from the filter run ahead."""
     rng, h = np.random.default_rng(n), 2e-3
-    filter_, ka, clipped = error_filter(7.0, 1.3, h), np.full(n, 8.0), 0
+    filter_, ka, clipped = design_filter(7.0, 1.3, h), np.full(n, 8.0), 0
     observing = ImplicitObserver(ka, filter_, 1.0)
     for _ in range(50):
         mass, v, u, product = (random_spd(rng, n), 0.02 * rng.normal(size=n),
@@ -134,3 +137,52 @@ def test_implicit_is_for_v_of_the_next_sample(n: int) -> None:
                 np.testing.assert_allclose(clipping, wanted - z, atol=1e-9)
                 clipped += bool(clipping.any())
     assert 5 < clipped < 50
+
+
+H, B = 2e-3, 1.3
+
+
+def estimates(bandwidth: float, bound: Array, mass: Array, force: Array, rng: np.random.Generator
+              ) -> Iterator[Array]:
+    """Yield P̂ sample by sample: v⁺ = y - b h M⁻¹ (N - τ + P), with y and N - τ at random."""
+    observer = ImplicitObserver(bound, design_filter(5.0, B, H), 1.0 - math.exp(-bandwidth * H))
+    zero, square = np.zeros(3), np.zeros((3, 3))
+    memory = Perturbation(zero, square, zero, zero, 0.0)
+    while True:
+        nominal, residual = rng.normal(size=3), rng.normal(size=3) * 20.0
+        now = State(*(zero,) * 7, v=nominal / observer.filter.decay, M=mass, C=mass, G=zero,
+                    bias=zero, N=residual, zero=zero)
+        memory = observer.advanced(
+            memory, now, Applied(0.3 * residual, zero, -0.3 * residual, zero))
+        memory = observer.updated(memory, now._replace(
+            v=nominal - B * H * np.linalg.solve(mass, residual + force)))
+        yield memory.perturbation
+
+
+@pytest.mark.parametrize('bandwidth', [math.inf, 3000.0, 1.0])
+def test_constant_perturbation(bandwidth: float) -> None:
+    """Check the error exp(-ω h)^k after k samples, which for ω = ∞ is 0 after the first."""
+    rng = np.random.default_rng(1)
+    mass, force = random_spd(rng, 3), np.array([5.0, -7.0, 0.3])
+    for k, found in zip(range(1, 30), estimates(bandwidth, np.full(3, 1e6), mass, force, rng)):
+        left = math.exp(-bandwidth * H) ** k
+        np.testing.assert_allclose(force - found, left * force, atol=1e-9)
+
+
+def test_bound_bites_in_the_metric_of_the_inverse_inertia() -> None:
+    """Check min (P̂ - P)ᵀ M⁻¹ (P̂ - P) within ±Ka by enumeration, and that clipping is worse."""
+    rng = np.random.default_rng(3)
+    bitten = shared = 0
+    for _ in range(60):
+        mass, force = random_spd(rng, 3), rng.normal(size=3) * 8.0
+        bound = rng.uniform(1.0, 15.0, 3)
+        found = next(estimates(math.inf, bound, mass, force, rng))
+        inverse = np.linalg.inv(mass).astype(np.float64)
+        best = box_by_enumeration(inverse, -inverse @ force, bound)
+        np.testing.assert_allclose(found, best, atol=1e-8)
+        assert (np.abs(found) <= bound).all()
+        bitten += bool((np.abs(force) > bound).any())
+        miss, clipped = best - force, np.clip(force, -bound, bound) - force
+        shared += bool(miss @ inverse @ miss < 0.9 * (clipped @ inverse @ clipped))
+    assert 10 < bitten < 60
+    assert shared > 5

@@ -19,7 +19,8 @@ from __future__ import annotations
 from math import inf
 from typing import Any
 
-from ctc_chattering.control.controller import ControllerConfig, LAWS
+from ctc_chattering.control.controller import ControllerConfig
+from ctc_chattering.control.laws.registry import LAWS
 from ctc_chattering.controller.trips import (
     check_change,
     FACTOR,

@@ -20,7 +20,6 @@ import math
 import re
 from typing import Any
 
-from ctc_chattering.control.adaptation import Oscillation, oscillation_guard
 from ctc_chattering.control.controller import Controller, ControllerConfig, Sample
 from ctc_chattering.control.laws.observer_feedback import Memory
 from ctc_chattering.controller.trips import joint_beyond, low_bandwidth, TripMonitor
@@ -48,17 +47,6 @@ def at(part: float, strained: float = 0.0, law: str = 'observer_feedback', cycli
     return made
 
 
-def test_how_long_a_strong_feedback_was_not_helped() -> None:
-    """Check that it counts where f exceeds 3 Ka, from s = 0.2 on, and from 0 after a weak one."""
-    zero, ka = np.zeros(2), np.array([60.0, 30.0])
-    guard = oscillation_guard(ka, np.array([5e3, 1e3]), np.full(2, 100.0), 1e-3)
-    state = Oscillation(zero, zero, zero, zero, math.log(0.15), 0.0, zero, 0.0, 0.0)
-    for _ in range(100):
-        state = guard.noticed(state, np.array([0.0, 91.0]), zero)
-    assert state.strained == pytest.approx(0.1)
-    assert guard.noticed(state, np.array([0.0, 89.0]), zero).strained == 0.0
-
-
 def checked(monitor: TripMonitor, law: Controller, samples: int) -> str:
     """Return the first trip within some samples."""
     for _ in range(samples):
@@ -83,30 +71,6 @@ def test_a_second_of_a_limit_cycle_trips_with_joint_and_frequency() -> None:
         'the feedback of observer_feedback found no bandwidth at which it is calm: b oscillates '
         'at 21 Hz; the joints are elastic, or an inertia is far from that of the model, often a '
         "rotor's; set resonance, or correct rotor_inertia (docs/safety.md#limit-cycles)")
-
-
-def limit_cycle(retreat: float, amplitude: float, frequency: float, duration: float
-                ) -> Oscillation:
-    """Return what a guard remembers of a feedback of joint b that oscillates at a bandwidth."""
-    zero, ka = np.zeros(2), np.array([60.0, 30.0])
-    guard = oscillation_guard(ka, np.array([5e3, 1e9]), np.full(2, 100.0), 1e-3)
-    state = Oscillation(zero, zero, zero, zero, retreat, 0.0, zero, 0.0, 0.0)
-    for k in range(round(duration * 1e3)):
-        f = amplitude * math.sin(2.0 * math.pi * frequency * 1e-3 * k)
-        state = guard.noticed(state, np.array([0.0, f]), zero)._replace(retreat=retreat)
-    assert guard.cycling_joint(state) == 1
-    return state
-
-
-@pytest.mark.parametrize('frequency', [21.0, 60.0])
-def test_a_limit_cycle_is_timed_and_its_frequency_measured(frequency: float) -> None:
-    """A quarter of Ka, a wave after which a half-wave has faded; less, or more bandwidth, not."""
-    least = 0.25 * 30.0 * math.exp(10.0 / frequency)
-    state = limit_cycle(math.log(0.5), 1.3 * least, frequency, 2.0)
-    assert state.cycling == pytest.approx(2.0, abs=0.4)
-    assert state.frequency[1] == pytest.approx(frequency, rel=0.15)
-    assert limit_cycle(math.log(0.5), 0.7 * least, frequency, 2.0).cycling == 0.0
-    assert limit_cycle(math.log(0.8), 1.3 * least, frequency, 2.0).cycling == 0.0
 
 
 def test_a_loop_that_found_its_bandwidth_goes_on_with_a_warning() -> None:

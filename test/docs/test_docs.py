@@ -29,12 +29,12 @@ from ctc_chattering.cli.ctc import COMMANDS
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.configuration.node_parameters import NODE_DESCRIPTIONS
 from ctc_chattering.configuration.package_share import find_config
-from ctc_chattering.control.controller import ControllerConfig, LAWS
-from ctc_chattering.control.laws.base import law_class
-from ctc_chattering.control.step import FADE
+from ctc_chattering.control.controller import ControllerConfig
+from ctc_chattering.control.laws.registry import law_class, LAWS
+from ctc_chattering.control.settings import HANDOVER_DURATION_S
 from ctc_chattering.ros.topics import TOPICS
 from ctc_chattering.runs.conditions import condition
-from ctc_chattering.runs.recommended import by_rule
+from ctc_chattering.runs.recommended import gains_by_rule
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -53,7 +53,7 @@ def test_the_pages_name_what_the_code_has() -> None:
         assert f'`{name}`' in page, name
     for command in (*(f'ctc {name}' for name in COMMANDS), 'bringup', *NODE_DESCRIPTIONS):
         assert f'`{command}`' in README, command
-    assert f'fades linearly within {FADE:g} s' in PAGE
+    assert f'fades linearly within {HANDOVER_DURATION_S:g} s' in PAGE
     assert len(README.splitlines()) <= 100
 
 
@@ -186,4 +186,4 @@ def test_the_pole_of_integral_on_the_paper_s_arm() -> None:
     given = condition('real_arm').overrides(parameter_file.load(friction))[0]
     setup = parameter_file.load(friction, {**given, 'controller': {
         **given['controller'], 'law': 'integral', 'friction_level': [9.9, 9.9]}})
-    assert by_rule(setup)['ki'] == pytest.approx([p ** 3] * 2)
+    assert gains_by_rule(setup)['ki'] == pytest.approx([p ** 3] * 2)

@@ -29,7 +29,7 @@ from ctc_chattering.analysis.metrics import metrics
 from ctc_chattering.analysis.result import simulate
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.configuration.package_share import EXPERIMENTS, find_config
-from ctc_chattering.control.controller_config import SWITCHINGS
+from ctc_chattering.control.laws.registry import SWITCHINGS
 from ctc_chattering.runs.conditions import ALL, CONDITIONS
 from ctc_chattering.runs.score import Score
 import imperfections as cases

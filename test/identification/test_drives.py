@@ -17,6 +17,7 @@
 from __future__ import annotations
 
 from ctc_chattering.bags.recording import Stretch
+from ctc_chattering.dynamics.drive_response import response
 from ctc_chattering.identification.drives import (
     COMMAND,
     Drive,
@@ -26,7 +27,6 @@ from ctc_chattering.identification.drives import (
 )
 from ctc_chattering.identification.weak_form import TestFunction
 from ctc_chattering.numerics.linear_algebra import Array
-from ctc_chattering.simulation.drive import response
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp  # type: ignore[import-untyped]

@@ -18,6 +18,7 @@ from __future__ import annotations
 import dataclasses
 
 from ctc_chattering.bags.recording import Stretch
+from ctc_chattering.dynamics.drive_response import response
 from ctc_chattering.identification.drives import COMMAND, EFFORT
 from ctc_chattering.identification.findings import Reason, Severity
 from ctc_chattering.identification.timing import (
@@ -32,7 +33,6 @@ from ctc_chattering.identification.timing import (
 )
 from ctc_chattering.identification.weak_form import TestFunction
 from ctc_chattering.numerics.linear_algebra import Array
-from ctc_chattering.simulation.drive import response
 from made_up_windows import windows
 import numpy as np
 import pytest

@@ -24,7 +24,7 @@ from ctc_chattering.analysis.result import simulate
 from ctc_chattering.bags.reader import read_bag
 from ctc_chattering.bags.repair import open_bag
 from ctc_chattering.configuration import parameter_file
-from ctc_chattering.control.controller import LAWS
+from ctc_chattering.control.laws.registry import LAWS
 from ctc_chattering.launch.child_process import Child
 from faults import Diagnostics, ERROR
 from mujoco_plant import simulated_by_mujoco

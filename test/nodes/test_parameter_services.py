@@ -78,10 +78,10 @@ from own_law import LeakyIntegral
 class Law(NamedTuple):
     own: LeakyIntegral
     @classmethod
-    def made(cls, config, period):
+    def from_config(cls, config, period):
         if config.ki[0] > 500.0:
             raise ValueError('too much')
-        return cls(LeakyIntegral.made(config, period))
+        return cls(LeakyIntegral.from_config(config, period))
     def initial(self):
         return self.own.initial()
     def terms(self, memory, at):

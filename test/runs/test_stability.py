@@ -25,11 +25,13 @@ from ctc_chattering.configuration import parameter_file
 from ctc_chattering.configuration.package_share import find_config
 from ctc_chattering.control.controller import Controller
 from ctc_chattering.control.controller_config import ControllerConfig
+from ctc_chattering.control.linear_law import Frozen
+from ctc_chattering.control.margins import Loops, stable_range
 from ctc_chattering.errors import CtcError
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.runs.score import score
 from ctc_chattering.runs.spec import read_spec
-from ctc_chattering.runs.stability import Frozen, linear_law, Loops, loops_of, stable
+from ctc_chattering.runs.stability import loops_of
 import numpy as np
 import pytest
 from scipy.linalg import expm  # type: ignore[import-untyped]
@@ -179,7 +181,7 @@ def test_lags_and_delays() -> None:
         assert (slow.radius() > 1.0) == grows
     assert 1 in found.delays()
     assert 9 not in found.delays()
-    assert stable(lambda x: abs(x), 2.0, np.array([0.0, 2.0])) is None
+    assert stable_range(lambda x: abs(x), 2.0, np.array([0.0, 2.0])) is None
 
 
 def test_what_is_refused() -> None:
@@ -190,31 +192,3 @@ def test_what_is_refused() -> None:
     with pytest.raises(CtcError, match='velocity_sensor: filtered is not allowed'):
         loops({'law': 'compensation'}, velocity_sensor='filtered', velocity_cutoff=500.0)
     assert loops(REAL_ARM, velocity_sensor='filtered', velocity_cutoff=500.0).radius() < 1.0
-
-
-#: A reference at rest.
-REST = (0.0, 0.0), (0.0, 0.0), (0.0, 0.0)
-MASS = np.array([[3.0, 0.8], [0.8, 0.5]])
-
-
-def test_computed_torque_has_its_gains() -> None:
-    found = linear_law(ControllerConfig(law='compensation'), MASS)
-    assert found.A.shape == (0, 0)
-    assert np.allclose(found.D, -MASS @ np.kron([[100.0, 50.0]], np.eye(2)), rtol=1e-5)
-
-
-@pytest.mark.parametrize('delay', [0, 2, 3])
-def test_it_answers_as_the_law_does(delay: int) -> None:
-    """Small noise on the positions of a robot at rest, through the law and through (LL1)."""
-    config = ControllerConfig().changed({
-        'law': 'observer_feedback', 'kp': [1e4] * 2, 'kv': [200.0] * 2, 'ka': [60.0, 30.0],
-        'actuator_lag': [2e-3, 1e-3], 'input_delay': delay, 'torque_rate_limit': [5000.0, 1000.0]})
-    found, controller = linear_law(config, MASS), Controller(config, Frozen(MASS))
-    assert len(found.A) == 2 * (5 + delay)
-    rng = np.random.default_rng(0)
-    x = np.zeros(len(found.A))
-    for k in range(40):
-        y = np.concatenate([1e-8 * rng.standard_normal(2), [0.0, 0.0]]) * (k > 5)
-        tau = controller.step(y[:2].tolist(), (0.0, 0.0), *REST, [REST] * delay).tau
-        assert tau == pytest.approx(found.C @ x + found.D @ y, rel=1e-3, abs=1e-7)
-        x = found.A @ x + found.B @ y

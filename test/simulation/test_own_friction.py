@@ -82,7 +82,7 @@ def test_a_friction_at_rest_is_refused(at_rest: list[float], monkeypatch: pytest
         none: float = 0.0
 
         @classmethod
-        def made(cls, _joint_names: Sequence[str]) -> Wrong:
+        def for_joints(cls, _joint_names: Sequence[str]) -> Wrong:
             return cls()
 
         def resistance(self, *_: object) -> list[float]:
@@ -90,3 +90,19 @@ def test_a_friction_at_rest_is_refused(at_rest: list[float], monkeypatch: pytest
     monkeypatch.setitem(sys.modules, 'wrong', SimpleNamespace(Friction=Wrong))
     with pytest.raises(CtcError, match='at rest'):
         own_friction('wrong:Friction', ('a', 'b'))
+
+
+def test_a_friction_with_the_old_name_of_its_constructor(monkeypatch: pytest.MonkeyPatch) -> None:
+    @record
+    class Old(NamedTuple):
+        none: float = 0.0
+
+        @classmethod
+        def made(cls, _joint_names: Sequence[str]) -> Old:
+            return cls(2.0)
+
+        def resistance(self, velocity: Array, *_: object) -> Array:
+            return 0.0 * velocity
+    monkeypatch.setitem(sys.modules, 'old', SimpleNamespace(Friction=Old))
+    with pytest.warns(FutureWarning, match='Call it for_joints'):
+        assert own_friction('old:Friction', ('a', 'b')) == Old(2.0)

@@ -205,7 +205,7 @@ def test_an_own_friction_that_is_steep_is_followed(monkeypatch: pytest.MonkeyPat
         none: float = 0.0
 
         @classmethod
-        def made(cls, _joint_names: Sequence[str]) -> Steep:
+        def for_joints(cls, _joint_names: Sequence[str]) -> Steep:
             return cls()
 
         def resistance(self, velocity: Array, _load: Array, _mode: Array) -> Array:

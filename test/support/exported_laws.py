@@ -24,7 +24,8 @@ from typing import Any, NamedTuple
 from ctc_chattering.configuration.package_share import find_config
 from ctc_chattering.configuration.parameter_file import load
 from ctc_chattering.control.controller import Controller
-from ctc_chattering.control.controller_config import ControllerConfig, SWITCHINGS
+from ctc_chattering.control.controller_config import ControllerConfig
+from ctc_chattering.control.laws.registry import SWITCHINGS
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.dynamics.registry import model_of
 from machine_code import compile_step

@@ -22,8 +22,7 @@ import random
 from typing import Any, TypeVar
 
 from ctc_chattering.configuration.node_parameters import LOOP, NODES
-from ctc_chattering.control.controller import LAWS
-from ctc_chattering.control.controller_config import SWITCHINGS
+from ctc_chattering.control.laws.registry import LAWS, SWITCHINGS
 from ctc_chattering.parameters import Parameter
 from ctc_chattering.ros.topics import CLOCK, COMMANDS, JOINT_STATES, JOINT_TRAJECTORY, REFERENCE
 

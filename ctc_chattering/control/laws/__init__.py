@@ -12,4 +12,4 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The control laws, one a module; `base.law_class` finds them by name."""
+"""Control laws, one a module. `registry.law_class` finds them by name."""

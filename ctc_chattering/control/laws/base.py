@@ -13,47 +13,69 @@
 # limitations under the License.
 
 """
-The contract of a law: a torque for an evaluated state, and what the law remembers.
+The interface of a control law, and the decorator that marks one.
 
-A law is a NamedTuple of its gains, marked by `law`; what it remembers is another one. Its methods
-are pure: a memory goes in, and comes out as it is afterwards. At every sample the control step
-calls `corrected`, `updated`, `answer` and `advanced`, in this order. `terms` is all that a law
-must have; the rest is as in `Law` unless it says otherwise. Numbers are floats, 1.0 and 0.0 for
-truth, and no method has the name of a field: both can then be compiled.
+A law is a NamedTuple of its gains. What it remembers from sample to sample is another one, its
+memory. Its methods are pure: a memory goes in, and comes out as it is afterwards. `Controller`
+builds the law from a configuration, and `control/step.py` calls it at every sample::
+
+    memory, q, dq = corrected(memory, q, dq, held)    the state as the law takes it
+    memory = updated(memory, now)                     the estimate, from the evaluated state
+    terms, memory = answer(memory, now, context)      the terms of the torque
+    memory = advanced(memory, now, applied)           the prediction of the next sample
+
+Only `terms` has no default. Numbers are floats, truth values 1.0 and 0.0, and no method has the
+name of a field, so that both can be compiled.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 import inspect
-from typing import Any, cast, NamedTuple, TypeVar
+from math import inf
+from typing import Any, NamedTuple, TypeVar
 
-from ctc_chattering.compiled.compilable import function, record, RECORDS
-from ctc_chattering.control import step
-from ctc_chattering.control.controller_config import ControllerConfig, LAWS
-from ctc_chattering.control.step import Applied, Context, LastSample, State, Terms
+from ctc_chattering.compiled.compilable import function, record
+from ctc_chattering.control.controller_config import ControllerConfig
+from ctc_chattering.control.delay import predict_arrival
+from ctc_chattering.control.laws.registry import COMMON_GAINS, LAWS
+from ctc_chattering.control.recommended_gains import GainRule
+from ctc_chattering.control.sample import (
+    Applied,
+    Context,
+    evaluate_state,
+    LastSample,
+    predict_state,
+    State,
+    Terms,
+)
 from ctc_chattering.numerics.linear_algebra import Array
-from ctc_chattering.parameters import named_class, Parameter
+from ctc_chattering.parameters import accept_old_name, Parameter
+import numpy as np
 
 T = TypeVar('T')
 
 
 @record
 class Nothing(NamedTuple):
-    """The memory of a law without one; a record has a field."""
+    """Memory of a law that remembers nothing; a record needs a field."""
 
     nothing: float = 0.0
 
 
 class Estimator:
-    """What law and switching have for an estimate of the perturbation; by default, none."""
+    """
+    Interface of a perturbation estimator. The default estimates nothing.
 
-    #: Whether there is one.
+    Laws and the switchings of law (6) have it.
+    """
+
+    #: Whether `estimate` is one. It is set where a class defines `estimate`.
     estimates = False
 
     def with_gains(self, kp: Array, kv: Array, ka: Array) -> Any:
         """
-        Return the same with other gains; by default none of its numbers depends on them.
+        Return a copy with other gains. The default depends on none of them.
 
         Parameters
         ----------
@@ -66,7 +88,7 @@ class Estimator:
         return self
 
     def updated(self, memory: T, now: State) -> T:
-        """Return the memory improved by what the measured state has become."""
+        """Return the memory, corrected with the measured state."""
         return memory
 
     def advanced(self, memory: T, now: State, applied: Applied) -> T:
@@ -78,25 +100,26 @@ class Estimator:
         memory
             After `answer`.
         now : State
-            The measured state.
+            Measured at the sample.
         applied : Applied
-            Held over the period that begins.
+            Torque that is held over the period.
 
         """
         return memory
 
     def estimate(self, memory: Any, now: State) -> Array:
-        """Return the estimate of the perturbation P, shape (n,) [N·m]; 0 for none."""
+        """Return the estimate of the perturbation P, shape (n,) [N·m]."""
         return now.zero
 
 
 class Stability(NamedTuple):
-    """What a law says of its own loop; by default, that nothing is wrong."""
+    """A law's report on its own loop. By default nothing is wrong."""
 
-    #: The part of its bandwidth in use, and for how long its feedback was too strong with it [s].
+    #: Fraction of the configured bandwidth in use, s of (OG1).
     bandwidth: float = 1.0
+    #: Time for which the feedback oscillated at the least bandwidth [s].
     strained: float = 0.0
-    #: How long there has been a limit cycle [s], of which joint, and its frequency [Hz].
+    #: Duration of a limit cycle [s], its joint and its frequency [Hz].
     cycling: float = 0.0
     joint: int = 0
     frequency: float = 0.0
@@ -104,41 +127,57 @@ class Stability(NamedTuple):
 
 class Law(Estimator):
     """
-    What a law has, and what it is where a law does not say.
+    Base class of control laws, with defaults.
 
-    A law is no subclass, since a NamedTuple has no base: `law` gives it what it lacks.
+    A NamedTuple has no base class, so `law` copies what a law does not define. The attributes are
+    its traits, which the rest of the package asks for. `law` sets them.
     """
 
-    #: The robust term in symbols, for figures; empty for a law without one.
+    #: Robust term in symbols, for figures; empty for a law without one.
     symbol = ''
-    #: Whether it is law (2) or (6), and whether the filtered error v acts in it.
+    #: Whether it is law (2) or (6).
     of_the_paper = False
+    #: Whether the filtered error v acts in it.
     acts_on_v = False
+    #: Parameters of `ControllerConfig` that it takes, besides those of all laws; None for all.
+    parameters: tuple[str, ...] | None = None
+    #: Whether an error that grows ends the torques where `error_limit` is not set, (TR1).
+    is_watched = False
+    #: Whether its estimate has a bound. Without one it grows where drives lose torque.
+    is_bounded = True
+    #: Rule of its recommended gains; None for a law without one.
+    gain_rule: GainRule | None = None
 
     @classmethod
-    def made(cls, config: ControllerConfig, period: float) -> Law:
-        """Return the law of a configuration, with the sample period [s]; by default no gains."""
+    def from_config(cls, config: ControllerConfig, period: float) -> Law:
+        """Return the law of a configuration for a sample period [s]."""
         return cls()
+
+    @classmethod
+    def largest_ki(cls, config: ControllerConfig) -> Array:
+        """Return the integral gain at which the loop becomes unstable, shape (n,) [1/s³]."""
+        return np.full(len(config.joint_names), inf)
 
     def initial(self) -> Any:
         """Return the memory at the start."""
         return Nothing()
 
     def reconfigured(self, memory: T) -> T:
-        """Return the memory that goes on after the same law with other gains."""
+        """Return the memory that continues after a change of this law's gains."""
         return memory
 
     def initialized(self, now: State, estimate: Array) -> Any:
         """
         Return the memory that takes over from another law, before the first sample.
 
+        After a law that estimates nothing, `initial` is used instead.
+
         Parameters
         ----------
         now : State
-            The measured state.
+            Measured.
         estimate : array, shape (n,)
-            Perturbation as the other law estimates it [N·m]. After one that estimates none, the
-            memory is `initial`.
+            Perturbation as the other law estimates it [N·m].
 
         """
         return self.initial()
@@ -162,7 +201,7 @@ class Law(Estimator):
 
     def corrected(self, memory: T, q: Array, dq: Array, held: Array) -> tuple[T, Array, Array]:
         """
-        Return memory, position and velocity as the law takes them.
+        Return the memory, and the position and velocity with which the law computes.
 
         Parameters
         ----------
@@ -178,57 +217,62 @@ class Law(Estimator):
 
     def answer(self, memory: T, now: State, context: Context) -> tuple[Terms, T]:
         """
-        Return the terms of the torque of a sample, and the memory: `terms` at `arriving`.
+        Return the terms of a sample's torque, and the memory.
 
         Parameters
         ----------
         memory
             After `updated`.
         now : State
-            The measured state.
+            Measured.
         context : Context
             Of the sample.
 
         """
-        return self.terms(memory, step.arriving(self, memory, now, context))
+        return self.terms(memory, predict_arrival(self, memory, now, context))
 
-    def terms(self, memory: T, at: State) -> tuple[Terms, T]:
-        """Return the terms of the torque for a state, and the memory; every law has its own."""
+    def terms(self, memory: T, state: State) -> tuple[Terms, T]:
+        """Return the terms of the torque for the state in which it arrives, and the memory."""
         raise NotImplementedError
 
     def acting(self, memory: Any, now: State) -> Array:
-        """Return what the delay prediction takes for P."""
+        """Return the perturbation for the delay prediction, shape (n,) [N·m]."""
         return self.estimate(memory, now)
 
     def stability(self, memory: Any) -> Stability:
-        """Return how the loop is doing."""
+        """Return the report on the loop."""
         return Stability()
 
 
 @function
 def next_state(law: Any, memory: Any, last: LastSample, context: Context) -> tuple[Array, Array]:
-    """Return `Law.predicted_state` by the model, with the torque and P of the last sample."""
+    """Return the next q and dq by the model, with the torque and P of the last sample."""
     settings, model = context.settings, context.models.now
-    at = step.evaluated(settings, model, last.q, last.dq, context.points, 0, context.memory.xi)
-    return step.predict(model, at, last.applied - law.acting(memory, at), settings.period)
+    state = evaluate_state(
+        settings, model, last.q, last.dq, context.points, 0, context.memory.xi)
+    torque = last.applied - law.acting(memory, state)
+    return predict_state(model, state, torque, settings.period)
 
 
 @function
 def observed_state(law: Any, memory: Any, last: LastSample, context: Context, q: Array, dq: Array
                    ) -> tuple[Array, Array]:
-    """Return q and dq as an observer has predicted them; at first, `next_state`."""
+    """Return q and dq as an observer predicted them; at the first sample, `next_state`."""
     if memory.known == 0.0:
         return next_state(law, memory, last, context)
     return q, dq
 
 
-def law(symbol: str = '', of_the_paper: bool = False, acts_on_v: bool = False
+def law(symbol: str = '', of_the_paper: bool = False, acts_on_v: bool = False, *,
+        parameters: tuple[str, ...] | None = None, is_watched: bool = False,
+        is_bounded: bool = True, gain_rule: GainRule | None = None
         ) -> Callable[[type[T]], type[T]]:
     """
     Mark a law of your own, a NamedTuple of its gains; a decorator with arguments.
 
     It returns the class with the methods of `Law` that it lacks. The parameter ``law`` takes the
-    class itself, or its name ``package.module:Name``, which nodes need.
+    class itself, or its name ``package.module:Name``, which nodes need. The arguments are the
+    traits of `Law`; a law that declares them is treated as those of the package.
 
     Parameters
     ----------
@@ -236,48 +280,51 @@ def law(symbol: str = '', of_the_paper: bool = False, acts_on_v: bool = False
         The robust term in symbols, for figures; empty for a law without one.
     of_the_paper, acts_on_v : bool
         Whether it is law (2) or (6), and whether the filtered error v acts in it.
+    parameters : tuple of str, optional
+        Names of the parameters of `ControllerConfig` that it takes, besides those that all laws
+        take, such as kp and kv. These alone are shown, and searched by `tune`. By default it
+        takes all, and `tune` searches kp and kv.
+    is_watched : bool
+        Whether a position error that has grown by 1 rad ends the torques where ``error_limit`` is
+        not set.
+    is_bounded : bool
+        Whether its estimate of the perturbation has a bound. If not, a warning says so where
+        drives may lose torque.
+    gain_rule : GainRule, optional
+        Rule by which gains are recommended for it.
 
     Examples
     --------
     >>> from typing import NamedTuple
     >>> from ctc_chattering import Controller, ControllerConfig, law, record, State, Terms
-    >>> @law()
+    >>> @law(parameters=())
     ... class Pd(NamedTuple):
     ...     nothing: float = 0.0
-    ...     def terms(self, memory, at):
-    ...         return Terms(at.u + at.G, at.zero, at.zero, at.zero), memory
+    ...     def terms(self, memory, state):
+    ...         return Terms(state.u + state.G, state.zero, state.zero, state.zero), memory
     >>> config = ControllerConfig().changed({'law': Pd})
     >>> config.law.endswith(':Pd')
     True
 
     """
-    def marked(kind: type[T]) -> type[T]:
-        made: Any = with_defaults(kind, Law)
-        made.symbol, made.of_the_paper, made.acts_on_v = symbol, of_the_paper, acts_on_v
+    def mark(kind: type[T]) -> type[T]:
+        marked: Any = with_defaults(kind, Law)
+        marked.symbol, marked.of_the_paper, marked.acts_on_v = symbol, of_the_paper, acts_on_v
+        marked.parameters, marked.gain_rule = parameters, gain_rule
+        marked.is_watched, marked.is_bounded = is_watched, is_bounded
         return kind
-    return marked
+    return mark
 
 
 def with_defaults(kind: type[T], defaults: type) -> type[T]:
-    """Return a class, marked as a record, with what it lacks of a class of defaults."""
+    """Return a class as a record, with the attributes of `defaults` that it lacks."""
+    accept_old_name(kind, 'made', 'from_config')
     if 'estimate' in vars(kind) and 'estimates' not in vars(kind):
         setattr(kind, 'estimates', True)  # noqa: B010
     for name in dir(defaults):
         if not name.startswith('__') and name not in vars(kind):
             setattr(kind, name, inspect.getattr_static(defaults, name))
     return record(kind)
-
-
-def class_name(name: str) -> str:
-    """Return the name of the class that a name in a parameter file stands for."""
-    return name.title().replace('_', '')
-
-
-def law_class(name: str) -> type[Law]:
-    """Return the class of a law: one of `LAWS`, or ``package.module:Name``."""
-    own = name if ':' in name else f'ctc_chattering.control.laws.{name}:{class_name(name)}'
-    return cast('type[Law]', named_class(
-        'law', own, lambda x: x in RECORDS and hasattr(x, 'answer'), 'class marked by @law'))
 
 
 def laws() -> dict[str, tuple[Parameter, ...]]:
@@ -288,7 +335,7 @@ def laws() -> dict[str, tuple[Parameter, ...]]:
     -------
     dict of str to tuple of Parameter
         Each with ``name``, ``default``, ``unit``, ``description`` and ``allowed``. A law of your
-        own (`law`) takes them all.
+        own (`law`) takes those that it declares, or all.
 
     Examples
     --------
@@ -304,6 +351,6 @@ def laws() -> dict[str, tuple[Parameter, ...]]:
     anti_windup True
 
     """
-    known = ControllerConfig.parameters().values()
-    return {name: tuple(x for x in known if x.name in ('kp', 'kv') or name in x.laws)
-            for name in LAWS}
+    declared = ControllerConfig.parameters().values()
+    return {law: tuple(x for x in declared if x.name in COMMON_GAINS or law in x.laws)
+            for law in LAWS}

@@ -15,13 +15,13 @@
 """
 Law `chattering`, equation (6) of the paper: computed torque, compensation and chattering.
 
-::
+Its state is that of `control/sample.py`, with v of the filter (3)::
 
     τ = M (ddq_d + Kv de + Kp e) + C dq + G - C v - z                                         (6)
 
-with z in the place of Ka sgn(v), evaluated by one of `control/switching.py`. v reaches 0 and stays
-there if Ka exceeds the perturbation on every joint. docs/theory.md derives the sampled loop, and
-what it tolerates.
+A switching (`control/switching.py`) evaluates z, which is Ka sgn(v) in the paper. v reaches 0 and
+stays there if Ka exceeds the perturbation on every joint. docs/theory.md derives the sampled loop
+and its tolerances.
 """
 
 from __future__ import annotations
@@ -31,14 +31,18 @@ from typing import NamedTuple
 from ctc_chattering.compiled.compilable import dot
 from ctc_chattering.control.controller_config import ControllerConfig
 from ctc_chattering.control.laws.base import law
-from ctc_chattering.control.step import Applied, State, Terms
-from ctc_chattering.control.switching import Perturbation, Switching, switching_class
+from ctc_chattering.control.laws.registry import switching_class
+from ctc_chattering.control.recommended_gains import SwitchingRule
+from ctc_chattering.control.sample import Applied, State, Terms
+from ctc_chattering.control.switching import Perturbation, Switching
 from ctc_chattering.numerics.box_qp import nearest
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
 
 
-@law(symbol='chattering term z', of_the_paper=True, acts_on_v=True)
+@law(symbol='chattering term z', of_the_paper=True, acts_on_v=True, gain_rule=SwitchingRule(),
+     parameters=('ka', 'lambda', 'b', 'switching', 'boundary_layer', 'observer_bandwidth',
+                 'anti_windup'))
 class Chattering(NamedTuple):
     """Law (6)."""
 
@@ -47,9 +51,10 @@ class Chattering(NamedTuple):
     switching: Switching
 
     @classmethod
-    def made(cls, config: ControllerConfig, period: float) -> Chattering:
+    def from_config(cls, config: ControllerConfig, period: float) -> Chattering:
         """Return the law of a configuration."""
-        return cls(np.array(config.ka), switching_class(config.switching).made(config, period))
+        switching = switching_class(config.switching).from_config(config, period)
+        return cls(np.array(config.ka), switching)
 
     def with_gains(self, kp: Array, kv: Array, ka: Array) -> Chattering:
         """Return the law with another Ka."""
@@ -57,7 +62,7 @@ class Chattering(NamedTuple):
 
     @property
     def estimates(self) -> bool:
-        """Whether the switching has an estimate."""
+        """True if the switching has an estimate."""
         return self.switching.estimates
 
     def initial(self) -> Perturbation:
@@ -70,18 +75,18 @@ class Chattering(NamedTuple):
         return memory._replace(known=0.0)
 
     def initialized(self, now: State, estimate: Array) -> Perturbation:
-        """Go on from the estimate of the other law, within ±Ka."""
+        """Continue from the estimate of the other law, within ±Ka."""
         return self.initial()._replace(perturbation=nearest(now.M, estimate, self.ka))
 
     def updated(self, memory: Perturbation, now: State) -> Perturbation:
-        """Improve the estimate, if the switching has one."""
+        """Correct the estimate, if the switching has one."""
         return self.switching.updated(memory, now)
 
-    def terms(self, memory: Perturbation, at: State) -> tuple[Terms, Perturbation]:
+    def terms(self, memory: Perturbation, state: State) -> tuple[Terms, Perturbation]:
         """Return the terms of (6)."""
-        compensation = dot(at.C, at.v)
-        z, clipping_error = self.switching.term(memory, at, compensation)
-        return Terms(at.N, compensation, z, clipping_error), memory
+        compensation = dot(state.C, state.v)
+        z, clipping_error = self.switching.term(memory, state, compensation)
+        return Terms(state.N, compensation, z, clipping_error), memory
 
     def advanced(self, memory: Perturbation, now: State, applied: Applied) -> Perturbation:
         """Predict the next sample, if the switching has an estimate."""

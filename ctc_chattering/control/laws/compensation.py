@@ -15,11 +15,11 @@
 """
 Law `compensation`, equation (2) of the paper: computed torque and compensation.
 
-::
+Its state is that of `control/sample.py`, with v of the filter (3)::
 
     τ = M (ddq_d + Kv de + Kp e) + C dq + G - C v                                             (2)
 
-With M̂ = c M in the place of M the sampled linear part is stable for c h Kv < 2 and h Kp < 2 Kv.
+With M̂ = c M instead of M, the sampled linear part is stable if c h Kv < 2 and h Kp < 2 Kv.
 Friction is not cancelled: v settles where λ M v balances it.
 """
 
@@ -29,16 +29,18 @@ from typing import NamedTuple
 
 from ctc_chattering.compiled.compilable import dot
 from ctc_chattering.control.laws.base import law, Nothing
-from ctc_chattering.control.step import State, Terms
+from ctc_chattering.control.recommended_gains import PoleRule
+from ctc_chattering.control.sample import State, Terms
 
 
-@law(of_the_paper=True, acts_on_v=True)
+@law(of_the_paper=True, acts_on_v=True, parameters=('lambda', 'b', 'anti_windup'),
+     gain_rule=PoleRule(0.5))
 class Compensation(NamedTuple):
     """Law (2)."""
 
-    #: Its gains are in the state, and a record has a field.
+    #: Its gains are in the state. A record needs a field.
     nothing: float = 0.0
 
-    def terms(self, memory: Nothing, at: State) -> tuple[Terms, Nothing]:
+    def terms(self, memory: Nothing, state: State) -> tuple[Terms, Nothing]:
         """Return the terms of (2)."""
-        return Terms(at.N, dot(at.C, at.v), at.zero, at.zero), memory
+        return Terms(state.N, dot(state.C, state.v), state.zero, state.zero), memory

@@ -17,12 +17,12 @@ Law `friction_feedforward`: computed torque plus the friction of the desired vel
 
 Armstrong-Hélouvry, Dupont & Canudas de Wit, *A survey of models, analysis tools and compensation
 methods for the control of machines with friction*, Automatica 30(7), 1994. Coulomb's friction has
-a given level f and is smoothed::
+the configured level f and is smoothed::
 
     τ = M (ddq_d + Kv de + Kp e) + C dq + G + f tanh(dq_d / ε)                               (FF1)
 
-The added term depends on the reference only, so it cannot make the loop unstable, whatever f. The
-linear part is stable if, sampled and with M̂ = c M::
+The added term depends on the reference only, so no f makes the loop unstable. With M̂ = c M, the
+sampled linear part is stable if::
 
     c h Kv < 2     and     h Kp < 2 Kv                                                       (FF2)
 """
@@ -31,29 +31,56 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+from ctc_chattering.compiled.compilable import record
 from ctc_chattering.control.controller_config import ControllerConfig
 from ctc_chattering.control.laws.base import law, Nothing
-from ctc_chattering.control.step import State, Terms
+from ctc_chattering.control.recommended_gains import PoleRule
+from ctc_chattering.control.sample import State, Terms
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
 
 
-@law(symbol='-f tanh(dq_d / ε)')
+@record
+class FrictionAhead(NamedTuple):
+    """Smoothed friction that is fed forward with a lead t: f tanh((dq_d + t ddq_d) / ε)."""
+
+    #: f [N·m], shape (n,).
+    level: Array
+    #: ε [rad/s].
+    width: float
+    #: t [s].
+    lead: float
+
+    def friction_torque(self, dq_d: Array, ddq_d: Array) -> Array:
+        """Return the friction, shape (n,) [N·m]."""
+        return self.level * np.tanh((dq_d + self.lead * ddq_d) / self.width)
+
+
+def friction_ahead(config: ControllerConfig) -> FrictionAhead:
+    """Return the friction of a configuration."""
+    return FrictionAhead(
+        np.array(config.friction_level), config.friction_velocity, config.friction_lead)
+
+
+@law(symbol='-f tanh(dq_d / ε)', parameters=('friction_level', 'friction_velocity'),
+     gain_rule=PoleRule(0.5, knows_friction=True))
 class FrictionFeedforward(NamedTuple):
     """Computed torque with the feedforward (FF1)."""
 
-    #: f [N·m], shape (n,), and ε [rad/s].
+    #: f [N·m], shape (n,).
     friction: Array
+    #: ε [rad/s].
     width: float
 
     @classmethod
-    def made(cls, config: ControllerConfig, period: float) -> FrictionFeedforward:
+    def from_config(cls, config: ControllerConfig, period: float) -> FrictionFeedforward:
         """Return the law of a configuration."""
         return cls(np.array(config.friction_level), config.friction_velocity)
 
-    def terms(self, memory: Nothing, at: State) -> tuple[Terms, Nothing]:
+    def terms(self, memory: Nothing, state: State) -> tuple[Terms, Nothing]:
         """Return the terms of (FF1)."""
-        return Terms(at.N, at.zero, -self.estimate(memory, at), at.zero), memory
+        robust = -self.estimate(memory, state)
+        return Terms(state.N, state.zero, robust, state.zero), memory
 
     def estimate(self, memory: Nothing, now: State) -> Array:
         """Return f tanh(dq_d / ε)."""

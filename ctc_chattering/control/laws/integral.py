@@ -22,14 +22,14 @@ Siciliano, Sciavicco, Villani & Oriolo, *Robotics: Modelling, Planning and Contr
     τ[k]   = M (ddq_d + Kv de + Kp e + x[k]) + C dq + G                                      (I1)
     x[k+1] = x[k] + h Ki e[k] - (1 - exp(-h / T)) M⁻¹ s[k],      T_i = Kp_ii / Ki_i          (I2)
 
-s is the saturation error, what the limits took from the torque: x tracks what they allow within
-the integral time T. Without saturation and friction, e obeys ddde + Kv dde + Kp de + Ki e = 0,
-which is stable if and only if, on every joint (Hurwitz)::
+s is the saturation error, by which the limits changed the torque. Within the integral time T, x
+tracks a torque that they allow. Without saturation and friction, e obeys
+ddde + Kv dde + Kp de + Ki e = 0. This is stable if and only if, on every joint (Hurwitz)::
 
-    Ki < Kv Kp                                                                               (I3)
+    Ki < Kv Kp,     behind drives with the lag L:  Ki < Kp (Kv - L Kp)                       (I3)
 
-A triple pole at -p has Kv = 3 p, Kp = 3 p², Ki = p³. In a sampled loop (I1) with M̂ = c M needs
-c h Kv < 2 as well.
+A triple pole at -p has Kv = 3 p, Kp = 3 p², Ki = p³. A sampled loop with M̂ = c M also needs
+c h Kv < 2.
 """
 
 from __future__ import annotations
@@ -39,7 +39,8 @@ from typing import NamedTuple
 from ctc_chattering.compiled.compilable import dot, record, solve, some
 from ctc_chattering.control.controller_config import ControllerConfig
 from ctc_chattering.control.laws.base import law
-from ctc_chattering.control.step import Applied, State, Terms
+from ctc_chattering.control.recommended_gains import PoleRule
+from ctc_chattering.control.sample import Applied, State, Terms
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.parameters import matrix
 import numpy as np
@@ -47,46 +48,73 @@ import numpy as np
 
 @record
 class Integrated(NamedTuple):
-    """The memory of the law."""
+    """Memory of the law."""
 
     #: x [rad/s²], shape (n,).
     x: Array
 
 
-@law(symbol='-M ∫ Ki e dt')
+@record
+class IntegralAction(NamedTuple):
+    """The integral of e with back-calculation, (I2)."""
+
+    #: h Ki [1/s²], shape (n,).
+    gain: Array
+    #: 1 - exp(-h / T), shape (n,); 0 for no anti-windup.
+    tracking: Array
+
+    def relieved(self, x: Array, M: Array, lost: Array) -> Array:
+        """Return x, which tracks the torque less what is `lost` at limits, shape (n,) [N·m]."""
+        return x - self.tracking * solve(M, lost) if some(lost) else x
+
+    def integrated(self, x: Array, now: State, lost: Array) -> Array:
+        """Return x a period later by (I2)."""
+        return self.relieved(x + self.gain * now.e, now.M, lost)
+
+
+def integral_action(config: ControllerConfig, period: float) -> IntegralAction:
+    """Return the integral of a configuration, with the sample period [s]."""
+    ki = np.array(config.ki)
+    tracking = -np.expm1(-period * ki / np.diag(matrix(config.kp, len(ki))))
+    return IntegralAction(period * ki, tracking if config.anti_windup else 0.0 * tracking)
+
+
+@law(symbol='-M ∫ Ki e dt', parameters=('ki', 'anti_windup'), is_bounded=False,
+     gain_rule=PoleRule(0.24, kp=3.0, kv=3.0, ki=1.0, reversal=1.0, start_duration=2.0))
 class Integral(NamedTuple):
     """Computed torque with an integral."""
 
-    #: h Ki [1/s²], and 1 - exp(-h / T), 0 for no anti-windup, shape (n,).
-    gain: Array
-    tracking: Array
+    action: IntegralAction
 
     @classmethod
-    def made(cls, config: ControllerConfig, period: float) -> Integral:
+    def from_config(cls, config: ControllerConfig, period: float) -> Integral:
         """Return the law of a configuration."""
-        ki, kp = np.array(config.ki), matrix(config.kp, len(config.joint_names))
-        tracking = -np.expm1(-period * ki / np.diag(kp))
-        return cls(period * ki, tracking if config.anti_windup else 0.0 * tracking)
+        return cls(integral_action(config, period))
+
+    @classmethod
+    def largest_ki(cls, config: ControllerConfig) -> Array:
+        """Return the bound of (I3), shape (n,) [1/s³]."""
+        n, lag = len(config.joint_names), np.array(config.known_lag)
+        kp, kv = (np.array(matrix(x, n)).diagonal() for x in (config.kp, config.kv))
+        bound: Array = kp * (kv - lag * kp)
+        return bound
 
     def initial(self) -> Integrated:
         """Return x = 0."""
-        return Integrated(0.0 * self.gain)
+        return Integrated(0.0 * self.action.gain)
 
     def initialized(self, now: State, estimate: Array) -> Integrated:
         """Set x so that it cancels the estimated perturbation."""
         return Integrated(solve(now.M, estimate))
 
-    def terms(self, memory: Integrated, at: State) -> tuple[Terms, Integrated]:
+    def terms(self, memory: Integrated, state: State) -> tuple[Terms, Integrated]:
         """Return the terms of (I1)."""
-        return Terms(at.N, at.zero, -dot(at.M, memory.x), at.zero), memory
+        return Terms(state.N, state.zero, -dot(state.M, memory.x), state.zero), memory
 
     def advanced(self, memory: Integrated, now: State, applied: Applied) -> Integrated:
         """Advance x by (I2)."""
-        x = memory.x + self.gain * now.e
-        if some(applied.saturation_error):
-            x = x - self.tracking * solve(now.M, applied.saturation_error)
-        return Integrated(x)
+        return Integrated(self.action.integrated(memory.x, now, applied.saturation_error))
 
     def estimate(self, memory: Integrated, now: State) -> Array:
-        """Return M x, which is P where e is at rest."""
+        """Return M x, which is P while e is constant."""
         return dot(now.M, memory.x)

@@ -20,15 +20,15 @@ The momentum p = M dq of the plant M ddq + C dq + G + P = τ obeys, since dM/dt 
 
     dp/dt = τ + β - P,     β = Cᵀ dq - G                                                     (MO1)
 
-Their residual r = -P̂ follows -P with the gain K. Sampled, with τ held, β by the trapezoidal rule
-and the filter exact for its pole::
+Their residual r = -P̂ follows -P with the gain K. Sampled, τ is held, β is integrated by the
+trapezoidal rule, and the filter is exact for its pole::
 
     P[k-1] = τ[k-1] + ½ (β[k-1] + β[k]) - (p[k] - p[k-1]) / h                                (MO2)
     P̂[k]   = P̂[k-1] + (1 - exp(-K h)) (P[k-1] - P̂[k-1])                                    (MO3)
     τ[k]   = M (ddq_d + Kv de + Kp e) + C dq + G + P̂[k]                                      (MO4)
 
-τ in (MO2) is the torque that was applied, so the limits do not wind it up. With M̂ = c M, (MO2)
-to (MO4) give P̂[k] = (1 - c (1 - exp(-K h))) P̂[k-1] + ..., which is stable if::
+τ in (MO2) is the torque that was applied, so limits do not wind P̂ up. With M̂ = c M, (MO2) to
+(MO4) give P̂[k] = (1 - c (1 - exp(-K h))) P̂[k-1] + ..., which is stable if::
 
     c (1 - exp(-K h)) < 2                                                                    (MO5)
 """
@@ -41,36 +41,41 @@ from typing import NamedTuple
 from ctc_chattering.compiled.compilable import dot, record, transposed_dot
 from ctc_chattering.control.controller_config import ControllerConfig
 from ctc_chattering.control.laws.base import law
-from ctc_chattering.control.step import Applied, State, Terms
+from ctc_chattering.control.recommended_gains import PoleRule
+from ctc_chattering.control.sample import Applied, State, Terms
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
 
 
 @record
 class Momentum(NamedTuple):
-    """The memory of the law; arrays of shape (n,)."""
+    """Memory of the law; arrays of shape (n,)."""
 
     #: P̂ [N·m].
     perturbation: Array
-    #: Of the last sample: M dq [N·m·s], β and τ [N·m]; whether there was one, 1.0 or 0.0.
+    #: M dq of the last sample [N·m·s].
     p: Array
+    #: β and τ of the last sample [N·m].
     beta: Array
     tau: Array
+    #: 1.0 after the first sample, else 0.0.
     known: float
 
 
-@law(symbol='-P̂')
+@law(symbol='-P̂', parameters=('momentum_gain',), is_bounded=False,
+     gain_rule=PoleRule(0.3, times_p={'momentum_gain': 1.0}))
 class MomentumObserver(NamedTuple):
     """Computed torque plus the estimate P̂."""
 
-    #: 1 - exp(-K h), and h [s].
+    #: 1 - exp(-K h).
     gain: float
+    #: h [s].
     period: float
     #: n zeros.
     zero: Array
 
     @classmethod
-    def made(cls, config: ControllerConfig, period: float) -> MomentumObserver:
+    def from_config(cls, config: ControllerConfig, period: float) -> MomentumObserver:
         """Return the law of a configuration."""
         return cls(1.0 - exp(-config.momentum_gain * period), period,
                    np.zeros(len(config.joint_names)))
@@ -80,20 +85,22 @@ class MomentumObserver(NamedTuple):
         return Momentum(self.zero, self.zero, self.zero, self.zero, 0.0)
 
     def initialized(self, now: State, estimate: Array) -> Momentum:
-        """Go on from the estimate of the other law."""
+        """Continue from the estimate of the other law."""
         return self.initial()._replace(perturbation=estimate)
 
     def updated(self, memory: Momentum, now: State) -> Momentum:
-        """Improve P̂ by (MO2) and (MO3)."""
-        p, beta, P = dot(now.M, now.dq), transposed_dot(now.C, now.dq) - now.G, memory.perturbation
+        """Correct P̂ by (MO2) and (MO3)."""
+        p = dot(now.M, now.dq)
+        beta = transposed_dot(now.C, now.dq) - now.G
+        P = memory.perturbation
         if memory.known != 0.0:
-            found = memory.tau + 0.5 * (memory.beta + beta) - (p - memory.p) / self.period
-            P = P + self.gain * (found - P)
+            last_P = memory.tau + 0.5 * (memory.beta + beta) - (p - memory.p) / self.period
+            P = P + self.gain * (last_P - P)
         return memory._replace(perturbation=P, p=p, beta=beta)
 
-    def terms(self, memory: Momentum, at: State) -> tuple[Terms, Momentum]:
+    def terms(self, memory: Momentum, state: State) -> tuple[Terms, Momentum]:
         """Return the terms of (MO4)."""
-        return Terms(at.N, at.zero, -memory.perturbation, at.zero), memory
+        return Terms(state.N, state.zero, -memory.perturbation, state.zero), memory
 
     def advanced(self, memory: Momentum, now: State, applied: Applied) -> Momentum:
         """Remember the torque for the next sample."""

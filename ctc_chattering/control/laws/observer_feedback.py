@@ -13,26 +13,27 @@
 # limitations under the License.
 
 """
-Law `observer_feedback`: computed torque on an observed state, for drives and encoders as they are.
+Law `observer_feedback`: computed torque on an observed state, for real drives and encoders.
 
-An observer that has the perturbation as a state (Han, *From PID to active disturbance rejection
-control*, IEEE TIE 56, 2009), with the bound Ka of the paper's law (6). At every sample, with what
-`state_observer`, `feasible_reference`, `friction_level` and `drive_model` define::
+An observer has the perturbation as a state (Han, *From PID to active disturbance rejection
+control*, IEEE TIE 56, 2009), with the bound Ka of the paper's law (6). `control/observer.py` has
+the observer, `dynamics/drive_response.py` the drives. `control/feasible_reference.py`,
+`friction_learning.py`, `standstill.py` and `oscillation.py` adapt the law. At every sample::
 
     q̂, dq̂, P̂, Ṗ̂:  corrected by the measured q, then predicted until the torque arrives   (OF1)
     τ* = M (ddq_r + Kv (dq_r - dq̂) + Kp (q_r - q̂)) + C dq̂ + G - z                       (OF2)
     z  = -(P̂ + F), the nearest within ±Ka in the metric of M⁻¹                           (OF3)
     τ  = the command by which the drives give τ* at arrival and a period later           (OF4)
 
-q_r is the reference with the deviation that the drives need, F the friction it makes. τ is within
-R (T + h) of the torque of the drives, in the metric of M⁻¹: beyond it they are no faster. The
-measured velocity is not used after the first sample. At a joint that comes to rest P̂ is kept
-(`standstill`). Drives that are not as known make the feedback oscillate; `oscillation` then
-gives the bandwidths of feedback, P̂, deviation and learning a factor s, and P̂ the bound √s Ka::
+q_r is the reference with the deviation that the drives need. F is the friction that it causes. In
+the metric of M⁻¹, τ is within R (T + h) of the torque of the drives: beyond it they are no faster.
+The measured velocity is used at the first sample only. P̂ is kept at a joint that comes to rest.
+
+Drives that differ from the configured ones make the feedback oscillate. `OscillationGuard` then
+gives the bandwidths of feedback, P̂, deviation and learning a factor s, and P̂ the bound √s Ka. The
+feedback keeps 10 rad/s of its bandwidth::
 
     f = M (k Kv (dq_r - dq̂) + k² Kp (q_r - q̂)),     k = max(s, 10 / √Kp_ii), at most 1     (OF5)
-
-so that the feedback keeps 10 rad/s of its bandwidth.
 
 With M̂ = c M, drives without lag and limits, and no friction, (OF1) to (OF3) are linear. Their
 poles are within the unit circle, for Kp = p², Kv = 2 p, p = ω = 100 rad/s, h = 1 ms, if::
@@ -46,124 +47,174 @@ from math import exp
 from typing import NamedTuple
 
 from ctc_chattering.compiled.compilable import diagonal, dot, function, record
-from ctc_chattering.control import adaptation
-from ctc_chattering.control.adaptation import Desired, Deviation
 from ctc_chattering.control.controller_config import ControllerConfig
+from ctc_chattering.control.feasible_reference import (
+    design_reference,
+    Desired,
+    Deviation,
+    FeasibleReference,
+    next_point,
+)
+from ctc_chattering.control.friction_learning import (
+    design_learner,
+    FrictionLearner,
+    LearnedFriction,
+)
 from ctc_chattering.control.laws.base import law, observed_state, Stability
-from ctc_chattering.control.observer import drive_model, Observed, state_observer, StateObserver
-from ctc_chattering.control.step import Applied, Context, LastSample, State, Terms
+from ctc_chattering.control.observer import design_observer, Observed, StateObserver
+from ctc_chattering.control.oscillation import (
+    design_guard,
+    Oscillation,
+    OscillationGuard,
+    START_GRACE_S,
+)
+from ctc_chattering.control.recommended_gains import ObserverRule
+from ctc_chattering.control.sample import Applied, Context, LastSample, State, Terms
+from ctc_chattering.control.standstill import (
+    design_detector,
+    hold_standing,
+    Standstill,
+    StandstillDetector,
+)
+from ctc_chattering.dynamics.drive_response import discretize_drives
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.numerics.box_qp import nearest
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.parameters import matrix
 import numpy as np
 
-#: ln s from which on the law is as configured; what the feedback keeps of bandwidth [rad/s].
-_NO_RETREAT, _STIFF = -1e-3, 10.0
+#: ln s above which the law is as configured: less is rounding of the guard.
+_FULL_BANDWIDTH = -1e-3
+#: Bandwidth that the feedback keeps [rad/s].
+_LEAST_POLE = 10.0
 
 
 @record
 class Memory(NamedTuple):
-    """What the law remembers from sample to sample; truth values are 1.0 and 0.0."""
+    """Memory of the law."""
 
-    #: The state, predicted from the last sample with M, (n, n), and ddq_d [rad/s²], shape (n,),
-    #: there; x and dx of the reference; and whether there was such a sample.
+    #: State, predicted from the last sample.
     observed: Observed
+    #: M of the last sample [kg·m²], shape (n, n).
     mass: Array
+    #: ddq_d at the arrival of the last torque [rad/s²], shape (n,).
     ddq: Array
+    #: x and dx of the reference.
     deviation: Deviation
+    #: 1.0 after the first sample, else 0.0.
     known: float
-    #: K̂ as learned so far.
-    learned: adaptation.Learned
-    #: Which joints are held.
-    rest: adaptation.Rest
-    #: Of the feedback, and with it s of `oscillation`.
-    oscillation: adaptation.Oscillation
+    #: K̂ and its filters.
+    learned: LearnedFriction
+    #: Joints at which P̂ is held.
+    standing: Standstill
+    #: s of (OG1), and the half-waves of the feedback.
+    oscillation: Oscillation
 
 
 @record
-class Place(NamedTuple):
-    """A state of robot and drives with M, shape (n, n), and C dq + G, shape (n,), there."""
+class ModelTerms(NamedTuple):
+    """Dynamics in a state of robot and drives."""
 
-    at: Observed
+    state: Observed
+    #: M [kg·m²], shape (n, n).
     M: Array
+    #: C dq + G [N·m], shape (n,).
     bias: Array
 
 
-@law(symbol='-(P̂ + F)')
+@record
+class DesiredTorque(NamedTuple):
+    """Torque by (OF2) and its parts; arrays of shape (n,)."""
+
+    #: τ* [N·m].
+    torque: Array
+    #: z [N·m].
+    z: Array
+    #: -2 w dx - w² x of (FR3) [rad/s²].
+    returning: Array
+    #: f of (OF5) [N·m].
+    feedback: Array
+
+
+@law(symbol='-(P̂ + F)', is_watched=True, gain_rule=ObserverRule(),
+     parameters=('ka', 'estimator_bandwidth', 'estimator_slope', 'actuator_lag',
+                 'torque_rate_limit', 'friction_learning', 'friction_level'))
 class ObserverFeedback(NamedTuple):
     """Computed torque on an observed state."""
 
-    #: Kp [1/s²] and Kv [1/s], shape (n, n), and Ka [N·m], shape (n,).
+    #: Kp [1/s²] and Kv [1/s], shape (n, n).
     kp: Array
     kv: Array
+    #: Ka [N·m], shape (n,).
     ka: Array
-    #: The level of friction at the start, shape (n,) [N·m].
-    given: Array
+    #: K̂ at the start [N·m], shape (n,).
+    initial_level: Array
     observer: StateObserver
-    reference: adaptation.FeasibleReference
-    learning: adaptation.FrictionLevel
-    standstill: adaptation.Standstill
-    guard: adaptation.OscillationGuard
-    #: k of (OF5), for the law of a sample (`slowed_down`), and the least of it.
-    part: float
-    least: float
+    reference: FeasibleReference
+    learning: FrictionLearner
+    standstill: StandstillDetector
+    guard: OscillationGuard
+    #: k of (OF5).
+    feedback_scale: float
+    #: Least k.
+    least_scale: float
 
     @classmethod
-    def made(cls, config: ControllerConfig, period: float) -> ObserverFeedback:
+    def from_config(cls, config: ControllerConfig, period: float) -> ObserverFeedback:
         """Return the law of a configuration."""
         n, bandwidth, ka = len(config.joint_names), config.estimator_bandwidth, np.array(config.ka)
-        drives = drive_model(np.array(config.assumed_lag), np.array(config.torque_rate_limit),
-                             period)
+        drives = discretize_drives(
+            np.array(config.assumed_lag), np.array(config.torque_rate_limit), period)
         return with_parts(
             np.array(matrix(config.kp, n)), np.array(matrix(config.kv, n)), ka,
             np.array(config.friction_level),
-            state_observer(drives, bandwidth, ka, config.estimator_slope),
-            adaptation.friction_level(config.friction_learning, bandwidth, period, ka), bandwidth)
+            design_observer(drives, bandwidth, ka, config.estimator_slope),
+            design_learner(config.friction_learning, bandwidth, period, ka), bandwidth)
 
     def with_gains(self, kp: Array, kv: Array, ka: Array) -> ObserverFeedback:
-        """Return the law with other gains, and with what depends on them."""
+        """Return the law with other gains, and the parts that depend on them."""
         return with_parts(
-            kp, kv, ka, self.given, self.observer._replace(bound=ka),
+            kp, kv, ka, self.initial_level, self.observer._replace(bound=ka),
             self.learning._replace(bound=ka), self.standstill.bandwidth)
 
     def stability(self, memory: Memory) -> Stability:
-        """Return s of (OG1), how long less of it has not helped, and L of (OG2)."""
-        seen = memory.oscillation
-        joint = self.guard.cycling_joint(seen)
-        return Stability(exp(seen.retreat), seen.strained, seen.cycling, joint,
-                         float(seen.frequency[joint]))
+        """Return s of (OG1), for how long less of it did not help, and the limit cycle (OG2)."""
+        guarded = memory.oscillation
+        joint = self.guard.find_cycling_joint(guarded)
+        return Stability(exp(guarded.retreat), guarded.strained, guarded.cycling, joint,
+                         float(guarded.frequency[joint]))
 
     def slowed_down(self, memory: Memory) -> ObserverFeedback:
-        """Return the law with the part of its bandwidths that it may use."""
-        if memory.oscillation.retreat > _NO_RETREAT:
+        """Return the law with the fraction s of its bandwidths."""
+        if memory.oscillation.retreat > _FULL_BANDWIDTH:
             return self
-        part = exp(memory.oscillation.retreat)
+        s = exp(memory.oscillation.retreat)
         return self._replace(
-            observer=self.observer.slowed(part), reference=self.reference.slowed(part),
-            learning=self.learning.slowed(part), part=max(part, self.least))
+            observer=self.observer.slow_down(s), reference=self.reference.slow_down(s),
+            learning=self.learning.slow_down(s), feedback_scale=max(s, self.least_scale))
 
     def reconfigured(self, memory: Memory) -> Memory:
-        """Return the memory without a slope if the observer has none now."""
+        """Return the memory, without a slope of P̂ if the observer has none now."""
         if self.observer.jerk != 0.0:
             return memory
-        return memory._replace(observed=memory.observed._replace(slope=0.0 * self.given))
+        return memory._replace(
+            observed=memory.observed._replace(slope=0.0 * self.initial_level))
 
     def initial(self) -> Memory:
-        """Return the memory with nothing observed or learned."""
-        zero = 0.0 * self.given
+        """Return the memory before any sample."""
+        zero = 0.0 * self.initial_level
         return Memory(
             observed=Observed(*(zero,) * 5), mass=np.zeros_like(self.kp), ddq=zero,
             deviation=Deviation(zero, zero), known=0.0,
-            learned=adaptation.Learned(self.given, *(zero,) * 5),
-            rest=adaptation.Rest(*(zero,) * 4),
-            oscillation=adaptation.Oscillation(
-                *(zero,) * 4, retreat=0.0, strained=-adaptation.GRACE, frequency=zero, calm=0.0,
+            learned=LearnedFriction(self.initial_level, *(zero,) * 5),
+            standing=Standstill(*(zero,) * 4),
+            oscillation=Oscillation(
+                *(zero,) * 4, retreat=0.0, strained=-START_GRACE_S, frequency=zero, calm=0.0,
                 cycling=0.0))
 
     def initialized(self, now: State, estimate: Array) -> Memory:
-        """Begin with what the other law estimates beside friction."""
-        P = nearest(now.M, estimate - self.given * np.sign(now.dq), self.ka)
+        """Begin with the other law's estimate, beside friction."""
+        P = nearest(now.M, estimate - self.initial_level * np.sign(now.dq), self.ka)
         return self.initial()._replace(
             observed=Observed(now.q, now.dq, now.zero, P, now.zero))
 
@@ -175,75 +226,77 @@ class ObserverFeedback(NamedTuple):
     def corrected(self, memory: Memory, q: Array, dq: Array, held: Array
                   ) -> tuple[Memory, Array, Array]:
         """Return q̂ and dq̂, corrected by the measured position; at first the measured ones."""
-        rest = self.standstill.placed_at(memory.rest, q)
+        standing = self.standstill.track_position(memory.standing, q)
+        state = memory.observed._replace(q=q, dq=dq, torque=held)
         if memory.known != 0.0:
-            at = adaptation.kept(rest, memory.observed, self.slowed_down(memory).observer.correct(
+            observer = self.slowed_down(memory).observer
+            state = hold_standing(standing, memory.observed, observer.correct(
                 memory.observed, memory.mass, q))
-        else:
-            at = memory.observed._replace(q=q, dq=dq, torque=held)
-        return memory._replace(observed=at, rest=rest), at.q, at.dq
+        return memory._replace(observed=state, standing=standing), state.q, state.dq
 
     def answer(self, memory: Memory, now: State, context: Context) -> tuple[Terms, Memory]:
         """Return the terms of (OF4), for the state in which the torque arrives."""
-        return self.slowed_down(memory).answered(memory, now, context)
+        return self.slowed_down(memory).respond(memory, now, context)
 
-    def answered(self, memory: Memory, now: State, context: Context) -> tuple[Terms, Memory]:
+    def respond(self, memory: Memory, now: State, context: Context) -> tuple[Terms, Memory]:
         """Return `answer` with the bandwidths of this law."""
         points, delay = context.points, int(context.settings.delay)
-        place = Place(memory.observed, now.M, now.bias)
+        model = ModelTerms(memory.observed, now.M, now.bias)
         for j in range(delay):
-            arrived = self.predicted(memory, place, context.in_transit(j))
-            place = placed(context.models.arriving, arrived)
+            arriving = self.predict_state(memory, model, context.in_transit(j))
+            model = evaluate_model(context.models.arriving, arriving)             # (OF1)
         point = Desired(points[3 * delay], points[3 * delay + 1], points[3 * delay + 2])
-        by = memory.deviation
+        deviation, inertia = memory.deviation, diagonal(model.M)
         if memory.known == 0.0:
-            by = Deviation(place.at.q - point.q, place.at.dq - point.dq)
-        held, level = place.at.torque, memory.learned.level
-        tau, z, back, feedback = self.wanted(memory, place, point, by)
-        by = self.reference.following(point, by, back, diagonal(place.M), level)
-        half = 0.5 * (held + tau)                              # The drives are half way to τ*.
-        half_way = place._replace(at=place.at._replace(torque=half))
-        after = placed(context.models.after, self.predicted(memory, half_way, half))
-        step = memory.known * (point.ddq - memory.ddq)
-        later, _, _, _ = self.wanted(
-            memory, after, adaptation.next_point(point, step, self.reference.period), by)
-        tau = self.observer.drives.command(tau, later)
-        sent = held + nearest(place.M, tau - held, self.observer.drives.reach)
-        by = self.reference.relieved(by, tau - sent, place.M)
-        return Terms(sent + z, now.zero, z, now.zero), memory._replace(
-            deviation=by, ddq=point.ddq,
-            rest=self.standstill.judged(memory.rest, point, diagonal(place.M), level),
-            oscillation=self.guard.noticed(memory.oscillation, feedback, tau - sent))
+            deviation = Deviation(model.state.q - point.q, model.state.dq - point.dq)
+        desired = self.desired_torque(memory, model, point, deviation)            # (OF2)
+        level, tau = memory.learned.level, desired.torque
+        deviation = self.reference.advance(point, deviation, desired.returning, inertia, level)
+        # The torque a period later, for which the drives are half way to τ* meanwhile.
+        held, drives = model.state.torque, self.observer.drives
+        half = 0.5 * (held + tau)
+        half_way = model._replace(state=model.state._replace(torque=half))
+        later = evaluate_model(
+            context.models.after, self.predict_state(memory, half_way, half))
+        point_after = next_point(
+            point, memory.known * (point.ddq - memory.ddq), self.reference.period)
+        after = self.desired_torque(memory, later, point_after, deviation)
+        tau = drives.command_for(tau, after.torque)                                   # (OF4)
+        sent = held + nearest(model.M, tau - held, drives.reach)
+        deviation = self.reference.relieve(deviation, tau - sent, model.M)
+        return Terms(sent + desired.z, now.zero, desired.z, now.zero), memory._replace(
+            deviation=deviation, ddq=point.ddq,
+            standing=self.standstill.detect_standstill(memory.standing, point, inertia, level),
+            oscillation=self.guard.update_oscillation(
+                memory.oscillation, desired.feedback, tau - sent))
 
-    def predicted(self, memory: Memory, place: Place, command: Array) -> Observed:
+    def predict_state(self, memory: Memory, model: ModelTerms, command: Array) -> Observed:
         """Return the state a period later, under a command to the drives."""
         return self.observer.predict(
-            place.at, place.M, place.bias, memory.learned.level, command)
+            model.state, model.M, model.bias, memory.learned.level, command)
 
-    def wanted(self, memory: Memory, place: Place, point: Desired, by: Deviation
-               ) -> tuple[Array, Array, Array, Array]:
-        """
-        Return τ* [N·m], z [N·m], -2 w dx - w² x [rad/s²] and f [N·m], each of shape (n,).
-
-        By (OF2), (OF3), (FR3) and (OF5); parameters are the memory, the state, a point of the
-        reference there, and its deviation.
-        """
-        at, M, level = place.at, place.M, memory.learned.level
-        back = self.reference.returning(by, diagonal(M), level)
-        r = self.reference.shifted(point, by, back)
-        z = -nearest(M, at.perturbation + self.reference.feedforward(point, level, 0.0), self.ka)
-        u = self.part * (dot(self.kv, r.dq - at.dq) + self.part * dot(self.kp, r.q - at.q))
+    def desired_torque(self, memory: Memory, model: ModelTerms, point: Desired,
+                       deviation: Deviation) -> DesiredTorque:
+        """Return τ* in a state by (OF2), (OF3), (FR3) and (OF5), for a point of the reference."""
+        state, M, level, k = model.state, model.M, memory.learned.level, self.feedback_scale
+        returning = self.reference.compute_recovery(deviation, diagonal(M), level)
+        F = self.reference.feed_forward(point, level, 0.0)
+        z = -nearest(M, state.perturbation + F, self.ka)
+        u = k * (dot(self.kv, point.dq + deviation.dx - state.dq)
+                 + k * dot(self.kp, point.q + deviation.x - state.q))
         feedback = dot(M, u)
-        return dot(M, r.ddq) + feedback + place.bias - z, z, back, feedback
+        torque = dot(M, point.ddq + returning) + feedback + model.bias - z
+        return DesiredTorque(torque, z, returning, feedback)
 
     def advanced(self, memory: Memory, now: State, applied: Applied) -> Memory:
         """Learn the level of friction, and predict the next sample."""
-        at = memory.observed
-        learned = self.slowed_down(memory).learning.learn(memory.learned, at.dq, at.perturbation)
-        by = self.reference.relieved(memory.deviation, applied.saturation_error, now.M)
-        after = self.observer.predict(at, now.M, now.bias, learned.level, applied.tau)
+        state = memory.observed
+        learning = self.slowed_down(memory).learning
+        learned = learning.learn(memory.learned, state.dq, state.perturbation)
+        deviation = self.reference.relieve(memory.deviation, applied.saturation_error, now.M)
+        later = self.observer.predict(state, now.M, now.bias, learned.level, applied.tau)
         return memory._replace(
-            observed=after, mass=now.M, known=1.0, learned=learned, deviation=by)
+            observed=later, mass=now.M, known=1.0, learned=learned, deviation=deviation)
 
     def estimate(self, memory: Memory, now: State) -> Array:
         """Return P̂ with the friction of sliding."""
@@ -251,21 +304,21 @@ class ObserverFeedback(NamedTuple):
 
 
 @function
-def with_parts(kp: Array, kv: Array, ka: Array, given: Array, observer: StateObserver,
-               learning: adaptation.FrictionLevel, bandwidth: float) -> ObserverFeedback:
-    """Return the law with its gains, and ω [rad/s] of the observer; the rest follows from them."""
+def with_parts(kp: Array, kv: Array, ka: Array, initial_level: Array, observer: StateObserver,
+               learning: FrictionLearner, bandwidth: float) -> ObserverFeedback:
+    """Return the law for its gains, and for ω [rad/s] of the observer."""
     drives, stiffness = observer.drives, diagonal(kp)
     pole, h, rate = np.sqrt(stiffness), drives.period, drives.rate
     return ObserverFeedback(
-        kp=kp, kv=kv, ka=ka, given=given, observer=observer,
-        reference=adaptation.feasible_reference(stiffness, diagonal(kv), rate, drives.lag, h),
-        learning=learning, standstill=adaptation.standstill(bandwidth, ka, rate, h),
-        guard=adaptation.oscillation_guard(ka, rate, pole, h),
-        part=1.0, least=min(1.0, float(_STIFF / pole.max())))
+        kp=kp, kv=kv, ka=ka, initial_level=initial_level, observer=observer,
+        reference=design_reference(stiffness, diagonal(kv), rate, drives.lag, h),
+        learning=learning, standstill=design_detector(bandwidth, ka, rate, h),
+        guard=design_guard(ka, rate, pole, h),
+        feedback_scale=1.0, least_scale=min(1.0, float(_LEAST_POLE / pole.max())))
 
 
 @function
-def placed(model: Model, at: Observed) -> Place:
-    """Return a state with its dynamics."""
-    M, C, G = model.evaluate(at.q, at.dq)
-    return Place(at, M, dot(C, at.dq) + G)
+def evaluate_model(model: Model, state: Observed) -> ModelTerms:
+    """Return the dynamics in a state."""
+    M, C, G = model.evaluate(state.q, state.dq)
+    return ModelTerms(state, M, dot(C, state.dq) + G)

@@ -16,15 +16,14 @@
 Law `pd_gravity`: a PD controller for each joint, with gravity compensated.
 
 Takegaki & Arimoto, *A new feedback method for dynamic control of manipulators*, ASME J. Dynamic
-Systems, Measurement and Control 103, 1981. The gains are Kp and Kv times the inertia
-D_i = 1 / (M⁻¹)_ii that a joint has while the others are free, so that the same numbers suit every
-robot::
+Systems, Measurement and Control 103, 1981. Kp and Kv are multiplied by the inertia
+D_i = 1 / (M⁻¹)_ii that a joint has while the others are free. So the same gains suit every robot::
 
     τ = diag(D) (Kp e + Kv de) + G                                                           (PG1)
 
-At a constant q_d all positive definite Kp, Kv make e = 0 asymptotically stable (locally; globally
-where D is constant). In motion e is not 0, since M ddq_d + C dq is left out. The eigenvalues of
-M⁻¹ diag(D) are n or less, so that sampled, with diagonal gains, the loop is stable if::
+At a constant q_d all positive definite Kp, Kv make e = 0 asymptotically stable: locally, and
+globally where D is constant. In motion e is not 0, since M ddq_d + C dq is left out. The
+eigenvalues of M⁻¹ diag(D) are n or less. So the sampled loop with diagonal gains is stable if::
 
     h Kv < 2 / n     and     h Kp < 2 Kv                                                     (PG2)
 """
@@ -35,17 +34,18 @@ from typing import NamedTuple
 
 from ctc_chattering.compiled.compilable import inverse_diagonal
 from ctc_chattering.control.laws.base import law, Nothing
-from ctc_chattering.control.step import State, Terms
+from ctc_chattering.control.recommended_gains import PoleRule
+from ctc_chattering.control.sample import State, Terms
 
 
-@law()
+@law(parameters=(), gain_rule=PoleRule(0.5))
 class PdGravity(NamedTuple):
     """PD with gravity."""
 
-    #: Its gains are in the state, and a record has a field.
+    #: Its gains are in the state. A record needs a field.
     nothing: float = 0.0
 
-    def terms(self, memory: Nothing, at: State) -> tuple[Terms, Nothing]:
+    def terms(self, memory: Nothing, state: State) -> tuple[Terms, Nothing]:
         """Return the terms of (PG1)."""
-        nominal = at.u / inverse_diagonal(at.M) + at.G
-        return Terms(nominal, at.zero, at.zero, at.zero), memory
+        nominal = state.u / inverse_diagonal(state.M) + state.G
+        return Terms(nominal, state.zero, state.zero, state.zero), memory

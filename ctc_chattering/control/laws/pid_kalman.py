@@ -15,97 +15,101 @@
 """
 Law `pid_kalman`: PID with inverse dynamics, Kalman velocity, lead and friction fed forward.
 
-The velocity is that of a steady-state Kalman filter of the measured position, for a random jerk
-(Kalata, *The tracking index*, IEEE TAES 20, 1984). Over a period, with the jerk j, h = 1, and a
-position error of variance 1, σ = (ω h)³ being the deviation of j::
+A steady-state Kalman filter of the measured position, for a random jerk, gives the velocity
+(Kalata, *The tracking index*, IEEE TAES 20, 1984). Over a period h = 1, with the jerk j, the
+position error has the variance 1 and j the deviation σ = (ω h)³::
 
     x = (q, dq, ddq)⁺ = A x + g j,     A = [1 1 ½; 0 1 1; 0 0 1],     g = (1/6, ½, 1)     (PK1)
     x̂ += k (q - q̂),     k = Π c / (c' Π c + 1),     c = (1, 0, 0)                        (PK2)
 
-Π from the Riccati equation. For ω h « 1 its poles are those of a Butterworth filter of the
-bandwidth ω. The torque, with y the integral, T and R of the drives and their torque τ_d::
+Π solves the Riccati equation. For ω h « 1 the poles are those of a Butterworth filter of the
+bandwidth ω. With the integral y, and T, R and torque τ_d of the drives, the torque is::
 
     τ* = M (ddq_d + Kv (dq_d - dq̂) + Kp e + y) + C dq̂ + G + F                             (PK3)
     τ[k] = D τ[k-1] + (1 - D) (τ*[k] - E τ*[k-1]) / (1 - E), within τ_d ± R (T + h)       (PK4)
     y[k+1] = y[k] + h Ki e[k] - (1 - exp(-h Ki_ii / Kp_ii)) M⁻¹ s[k]                      (PK5)
 
-F = f tanh((dq_d + t ddq_d) / ε) is friction, fed forward with the lead t. (PK4) is the lead of the
-torque: E = exp(-h / T) is the pole of the drives, in whose place it puts
-D = exp(-h / (a T)), 0 < a <= 1. s is what bounds have taken from the torque.
+F = f tanh((dq_d + t ddq_d) / ε) is friction, fed forward with the lead t. (PK4) replaces the pole
+of the drives, E = exp(-h / T), by D = exp(-h / (a T)), 0 < a <= 1. s is the torque lost at bounds.
 """
 
 from __future__ import annotations
 
 from typing import NamedTuple
 
-from ctc_chattering.compiled.compilable import dot, record, solve, some
+from ctc_chattering.compiled.compilable import dot, record, solve
 from ctc_chattering.control.controller_config import ControllerConfig
+from ctc_chattering.control.delay import predict_arrival
 from ctc_chattering.control.laws.base import law, observed_state
-from ctc_chattering.control.observer import drive_model, DriveModel
-from ctc_chattering.control.step import Applied, arriving, Context, LastSample, State, Terms
+from ctc_chattering.control.laws.friction_feedforward import friction_ahead, FrictionAhead
+from ctc_chattering.control.laws.integral import integral_action, IntegralAction
+from ctc_chattering.control.recommended_gains import PoleRule
+from ctc_chattering.control.sample import Applied, Context, LastSample, State, Terms
+from ctc_chattering.dynamics.drive_response import discretize_drives, DriveModel
 from ctc_chattering.numerics.linear_algebra import Array
-from ctc_chattering.parameters import matrix
 import numpy as np
-from scipy.linalg import solve_discrete_are  # type: ignore[import-untyped]
 
 
 @record
 class Kinematics(NamedTuple):
-    """What the law remembers; arrays of shape (n,)."""
+    """Memory of the law; arrays of shape (n,)."""
 
-    #: q̂ [rad], dq̂ [rad/s] and its slope [rad/s²], predicted from the last sample.
+    #: q̂ [rad], dq̂ [rad/s] and ddq̂ [rad/s²], predicted from the last sample.
     q: Array
     dq: Array
     ddq: Array
-    #: y of (PK3) [rad/s²]; τ_d, and of the last sample τ* and τ [N·m].
+    #: y [rad/s²].
     integral: Array
+    #: τ_d [N·m].
     torque: Array
-    asked: Array
+    #: τ* and τ of the last sample [N·m].
+    desired: Array
     sent: Array
-    #: Whether there was a sample, 1.0 or 0.0.
+    #: 1.0 after the first sample, else 0.0.
     known: float
 
 
-@law(symbol='-(M ∫ Ki e dt + F)')
+@law(symbol='-(M ∫ Ki e dt + F)',
+     parameters=('estimator_bandwidth', 'actuator_lag', 'torque_rate_limit', 'ki', 'lead_ratio',
+                 'friction_level', 'friction_velocity', 'friction_lead', 'anti_windup'),
+     gain_rule=PoleRule(0.41, 41.0, 3.3, 2.4, 1.5, times_p={'estimator_bandwidth': 8.6}))
 class PidKalman(NamedTuple):
     """PID on the velocity of a Kalman filter."""
 
-    #: Gains of (PK2) in s, and h [s].
+    #: k of (PK2) in seconds: [1], [1/s] and [1/s²].
     position: float
     velocity: float
     acceleration: float
+    #: h [s].
     period: float
-    #: h Ki [1/s²], and 1 - exp(-h Ki / Kp), 0 for no anti-windup, shape (n,).
-    gain: Array
-    tracking: Array
-    #: f [N·m], shape (n,), ε [rad/s] and t [s].
-    friction: Array
-    width: float
-    ahead: float
+    #: y of (PK5).
+    action: IntegralAction
+    #: F of (PK3).
+    friction: FrictionAhead
     #: D of (PK4), shape (n,).
     lead: Array
     drives: DriveModel
 
     @classmethod
-    def made(cls, config: ControllerConfig, period: float) -> PidKalman:
+    def from_config(cls, config: ControllerConfig, period: float) -> PidKalman:
         """Return the law of a configuration."""
-        n, h, ki = len(config.joint_names), period, np.array(config.ki)
-        drives = drive_model(np.array(config.assumed_lag), np.array(config.torque_rate_limit), h)
-        k = kalman_gains(config.estimator_bandwidth * h)
-        tracking = -np.expm1(-h * ki / np.diag(matrix(config.kp, n)))
-        return cls(float(k[0]), float(k[1]) / h, float(k[2]) / h ** 2, h, h * ki,
-                   tracking if config.anti_windup else 0.0 * tracking,
-                   np.array(config.friction_level), config.friction_velocity,
-                   config.friction_lead, np.exp(-h / (config.lead_ratio * drives.lag)), drives)
+        h = period
+        drives = discretize_drives(
+            np.array(config.assumed_lag), np.array(config.torque_rate_limit), h)
+        k1, k2, k3 = kalman_gains(config.estimator_bandwidth * h).tolist()
+        return cls(
+            position=k1, velocity=k2 / h, acceleration=k3 / h ** 2, period=h,
+            action=integral_action(config, h), friction=friction_ahead(config),
+            lead=np.exp(-h / (config.lead_ratio * drives.lag)), drives=drives)
 
     def initial(self) -> Kinematics:
-        """Return the memory of no sample."""
-        zero = 0.0 * self.gain
+        """Return the memory before any sample."""
+        zero = 0.0 * self.lead
         return Kinematics(*(zero,) * 7, known=0.0)
 
     def initialized(self, now: State, estimate: Array) -> Kinematics:
-        """Set y so that it cancels what the other law estimates beside friction."""
-        y = solve(now.M, estimate - self.friction_ahead(now))
+        """Set y so that it cancels the other law's estimate, beside friction."""
+        y = solve(now.M, estimate - self.friction.friction_torque(now.dq_d, now.ddq_d))
         return self.initial()._replace(integral=y)
 
     def predicted_state(self, memory: Kinematics, last: LastSample, context: Context
@@ -116,58 +120,52 @@ class PidKalman(NamedTuple):
     def corrected(self, memory: Kinematics, q: Array, dq: Array, held: Array
                   ) -> tuple[Kinematics, Array, Array]:
         """Return q and dq̂ of (PK2); at first the measured velocity."""
-        ddq, torque = memory.ddq, memory.torque
-        if memory.known != 0.0:
-            error = q - memory.q
-            dq = memory.dq + self.velocity * error
-            ddq = ddq + self.acceleration * error
-            q_hat = memory.q + self.position * error
-        else:
-            q_hat, torque = q, held
-        return memory._replace(q=q_hat, dq=dq, ddq=ddq, torque=torque), q, dq
-
-    def friction_ahead(self, at: State) -> Array:
-        """Return F, shape (n,) [N·m]."""
-        return self.friction * np.tanh((at.dq_d + self.ahead * at.ddq_d) / self.width)
+        if memory.known == 0.0:
+            return memory._replace(q=q, dq=dq, torque=held), q, dq
+        error = q - memory.q
+        dq_hat = memory.dq + self.velocity * error
+        corrected = memory._replace(
+            q=memory.q + self.position * error, dq=dq_hat,
+            ddq=memory.ddq + self.acceleration * error)
+        return corrected, q, dq_hat
 
     def answer(self, memory: Kinematics, now: State, context: Context
                ) -> tuple[Terms, Kinematics]:
         """Return the terms of (PK4), for the state in which the torque arrives."""
-        at, held = arriving(self, memory, now, context), memory.torque
+        state, held = predict_arrival(self, memory, now, context), memory.torque
         for j in range(int(context.settings.delay)):
-            held, _, _ = self.drives.response(held, context.in_transit(j))
-        z = -self.estimate(memory, at)
-        wanted, E, reach = at.N - z, self.drives.decay, self.drives.reach
-        command = wanted
+            held = self.drives.follow(held, context.in_transit(j)).end
+        z = -self.estimate(memory, state)
+        desired, D, E = state.N - z, self.lead, self.drives.decay
+        command = desired
         if memory.known != 0.0:
-            command = self.lead * memory.sent + (1.0 - self.lead) / (1.0 - E) * (
-                wanted - E * memory.asked)
+            command = D * memory.sent + (1.0 - D) / (1.0 - E) * (desired - E * memory.desired)
+        reach = self.drives.reach
         sent = np.minimum(np.maximum(command, held - reach), held + reach)
-        y = memory.integral
-        if some(command - sent):
-            y = y - self.tracking * solve(at.M, command - sent)
+        y = self.action.relieved(memory.integral, state.M, command - sent)
         return Terms(sent + z, now.zero, z, now.zero), memory._replace(
-            integral=y, asked=wanted, sent=sent)
+            integral=y, desired=desired, sent=sent)
 
     def advanced(self, memory: Kinematics, now: State, applied: Applied) -> Kinematics:
         """Predict the next sample by (PK1), and advance y by (PK5)."""
-        h, y = self.period, memory.integral + self.gain * now.e
-        if some(applied.saturation_error):
-            y = y - self.tracking * solve(now.M, applied.saturation_error)
-        torque, _, _ = self.drives.response(memory.torque, applied.tau)
+        h = self.period
+        y = self.action.integrated(memory.integral, now, applied.saturation_error)
+        torque = self.drives.follow(memory.torque, applied.tau).end
         return memory._replace(
             q=memory.q + h * (memory.dq + 0.5 * h * memory.ddq), dq=memory.dq + h * memory.ddq,
             integral=y, torque=torque, known=1.0)
 
     def estimate(self, memory: Kinematics, now: State) -> Array:
-        """Return M y with the friction."""
-        return dot(now.M, memory.integral) + self.friction_ahead(now)
+        """Return M y + F."""
+        return dot(now.M, memory.integral) + self.friction.friction_torque(now.dq_d, now.ddq_d)
 
 
 def kalman_gains(bandwidth: float) -> Array:
     """Return k of (PK2), shape (3,), for ω h; (PK1) is scaled by h."""
+    from scipy.linalg import solve_discrete_are  # type: ignore[import-untyped]  # Slow to import.
     A = np.array(((1.0, 1.0, 0.5), (0.0, 1.0, 1.0), (0.0, 0.0, 1.0)))
-    g, c = bandwidth ** 3 * np.array((1.0 / 6.0, 0.5, 1.0)), np.array((1.0, 0.0, 0.0))
+    g = bandwidth ** 3 * np.array((1.0 / 6.0, 0.5, 1.0))
+    c = np.array((1.0, 0.0, 0.0))
     variance = solve_discrete_are(A.T, c[:, np.newaxis], np.outer(g, g), np.eye(1))
     gains: Array = variance @ c / (variance[0, 0] + 1.0)
     return gains

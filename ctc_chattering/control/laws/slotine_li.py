@@ -13,7 +13,7 @@
 # limitations under the License.
 
 """
-Law `slotine_li`: the passivity-based adaptive law; what it adapts is the level of friction.
+Law `slotine_li`: the passivity-based adaptive law, which adapts the level of friction.
 
 Slotine & Li, *On the adaptive control of robot manipulators*, IJRR 6(3), 1987, with Coulomb's
 friction f as the one unknown parameter of each joint::
@@ -22,15 +22,15 @@ friction f as the one unknown parameter of each joint::
     τ[k] = M ddq_r + C dq_r + G + K s + f̂[k] tanh(dq_r / ε)                                  (SL2)
     f̂[k+1] = max(0, f̂[k] + h Γ tanh(dq_r / ε) s[k])                                         (SL3)
 
-Λ = Kv⁻¹ Kp and K = diag(D) Kv, so that K s = diag(D) (Kv de + Kp e), with the inertia
-D_i = 1 / (M⁻¹)_ii that a joint has while the others are free: the same gains suit every robot. A
-joint whose torque is at its limit does not adapt. The regressor has the velocity dq_r, not the
-measured one, whose sign rattles near rest. V = ½ sᵀ M s + ½ Σ (f - f̂)² / Γ falls for ε → 0::
+Λ = Kv⁻¹ Kp and K = diag(D) Kv, so that K s = diag(D) (Kv de + Kp e). D_i = 1 / (M⁻¹)_ii is the
+inertia that a joint has while the others are free, so the same gains suit every robot. A joint
+whose torque is at its limit does not adapt. The regressor has the velocity dq_r, since the sign of
+the measured one rattles near rest. V = ½ sᵀ M s + ½ Σ (f - f̂)² / Γ falls for ε → 0::
 
     dV/dt = -sᵀ K s + Σ f_i (sgn dq_i - sgn dq_r,i) (dq_r,i - dq_i)  ≤  -sᵀ K s              (SL4)
 
-since sgn is monotone; with ε > 0 a rest of at most 0.28 f ε per joint remains. The eigenvalues of
-M⁻¹ diag(D) are n or less: sampled, with diagonal gains, s and f̂ are stable if::
+since sgn is monotone. With ε > 0 at most 0.28 f ε per joint remains. The eigenvalues of
+M⁻¹ diag(D) are n or less. So s and f̂, sampled and with diagonal gains, are stable if::
 
     h Γ < K_ii     and     h Kv < 2 / n                                                      (SL5)
 """
@@ -42,38 +42,39 @@ from typing import NamedTuple
 from ctc_chattering.compiled.compilable import dot, inverse_diagonal, record
 from ctc_chattering.control.controller_config import ControllerConfig
 from ctc_chattering.control.laws.base import law
-from ctc_chattering.control.step import Applied, State, Terms
+from ctc_chattering.control.recommended_gains import PoleRule
+from ctc_chattering.control.sample import Applied, State, Terms
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.parameters import matrix
 import numpy as np
 
-#: Part of the level that the friction of a joint must show for the level to be taken from it.
-_MOVING = 0.5
-
 
 @record
 class Adapted(NamedTuple):
-    """The memory of the law."""
+    """Memory of the law."""
 
     #: f̂ [N·m], shape (n,).
     level: Array
 
 
-@law(symbol='-f̂ tanh(dq_r / ε)')
+@law(symbol='-f̂ tanh(dq_r / ε)', gain_rule=PoleRule(0.5, knows_friction=True),
+     parameters=('adaptation_gain', 'friction_level', 'friction_velocity', 'anti_windup'))
 class SlotineLi(NamedTuple):
-    """The adaptive law."""
+    """Adaptive law."""
 
-    #: Λ [1/s], shape (n, n), and ε [rad/s].
+    #: Λ [1/s], shape (n, n).
     ratio: Array
+    #: ε [rad/s].
     width: float
-    #: h Γ [N·m·s/rad] and the given f [N·m], shape (n,).
+    #: h Γ [N·m·s/rad], shape (n,).
     gain: Array
-    given: Array
-    #: Whether a joint at its limit does not adapt, 1.0 or 0.0.
+    #: f̂ at the start [N·m], shape (n,).
+    initial_level: Array
+    #: 1.0 if a joint at its limit does not adapt, else 0.0.
     anti_windup: float
 
     @classmethod
-    def made(cls, config: ControllerConfig, period: float) -> SlotineLi:
+    def from_config(cls, config: ControllerConfig, period: float) -> SlotineLi:
         """Return the law of a configuration."""
         n = len(config.joint_names)
         return cls(np.linalg.pinv(matrix(config.kv, n)).dot(matrix(config.kp, n)),
@@ -81,25 +82,27 @@ class SlotineLi(NamedTuple):
                    np.array(config.friction_level), float(config.anti_windup))
 
     def initial(self) -> Adapted:
-        """Return the given level."""
-        return Adapted(self.given)
+        """Return the configured level."""
+        return Adapted(self.initial_level)
 
     def initialized(self, now: State, estimate: Array) -> Adapted:
-        """Take f̂ from the estimate on joints that move, and as it is given on the others."""
+        """Take f̂ from the estimate on joints that move, the configured level on others."""
         y = self.regressor(now)
-        moving = np.abs(y) > _MOVING
-        return Adapted(np.where(
-            moving, np.maximum(estimate / np.where(moving, y, 1.0), 0.0), self.given))
+        is_moving = np.abs(y) > 0.5
+        level = np.maximum(estimate / np.where(is_moving, y, 1.0), 0.0)
+        return Adapted(np.where(is_moving, level, self.initial_level))
 
-    def regressor(self, at: State) -> Array:
+    def regressor(self, state: State) -> Array:
         """Return tanh(dq_r / ε), shape (n,)."""
-        return np.tanh((at.dq_d + dot(self.ratio, at.e)) / self.width)
+        return np.tanh((state.dq_d + dot(self.ratio, state.e)) / self.width)
 
-    def terms(self, memory: Adapted, at: State) -> tuple[Terms, Adapted]:
+    def terms(self, memory: Adapted, state: State) -> tuple[Terms, Adapted]:
         """Return the terms of (SL2)."""
-        ddq_r, dq_r = at.ddq_d + dot(self.ratio, at.de), at.dq_d + dot(self.ratio, at.e)
-        model = dot(at.M, ddq_r) + dot(at.C, dq_r) + at.G + at.u / inverse_diagonal(at.M)
-        return Terms(model, at.zero, -memory.level * np.tanh(dq_r / self.width), at.zero), memory
+        M, ddq_r = state.M, state.ddq_d + dot(self.ratio, state.de)
+        dq_r = state.dq_d + dot(self.ratio, state.e)
+        nominal = dot(M, ddq_r) + dot(state.C, dq_r) + state.G + state.u / inverse_diagonal(M)
+        robust = -memory.level * np.tanh(dq_r / self.width)
+        return Terms(nominal, state.zero, robust, state.zero), memory
 
     def advanced(self, memory: Adapted, now: State, applied: Applied) -> Adapted:
         """Adapt f̂ by (SL3)."""

@@ -21,19 +21,18 @@ Joint by joint, with τ = N - M a and N = M (ddq_d + Kv de + Kp e) + C dq + G::
 
     a = k1 √|v| sgn(v) + w,     dw/dt = k2 sgn(v)                                            (ST1)
 
-v then obeys dv/dt = -λ v - b (a + M⁻¹ P); sampled, v[k+1] = y - b h a - b h M⁻¹ P with y as in
-docs/theory.md. All of (ST1) is taken at v⁺, the next v without a perturbation::
+v then obeys dv/dt = -λ v - b (a + M⁻¹ P). Sampled, v[k+1] = y - b h a - b h M⁻¹ P with y of
+docs/theory.md. All of (ST1) is evaluated at v⁺, the next v without a perturbation::
 
     v⁺ + b h k1 √|v⁺| sgn(v⁺) + b h² k2 ξ = r,     r = y - b h w[k],     ξ ∈ Sgn(v⁺)         (ST2)
     w[k+1] = w[k] + h k2 ξ,     a = k1 √|v⁺| sgn(v⁺) + w[k+1]                                (ST3)
 
-(ST2) has one solution: v⁺ = 0 and ξ = r / (b h² k2) if that is within ±1; otherwise ξ = sgn(r) and
-√|v⁺| is the positive root of s² + b h k1 s + b h² k2 - |r| = 0. While v⁺ = 0, v is -b h M⁻¹ P.
+(ST2) has one solution: v⁺ = 0 and ξ = r / (b h² k2) if that is within ±1. Otherwise ξ = sgn(r),
+and √|v⁺| is the positive root of s² + b h k1 s + b h² k2 - |r| = 0. While v⁺ = 0, v is -b h M⁻¹ P.
 
-With |d(M⁻¹ P)/dt| ≤ L on every joint, v stays there if k2 > L; k1 > √(k2 + L) brings it there
-(Seeber & Horn 2017). With M̂ = c M the sampled v is multiplied by 1 - c at each sample: c < 2.
-Under an input delay -M w is no part of the prediction: w follows v within a sample, and both would
-correct the same error.
+With |d(M⁻¹ P)/dt| ≤ L on every joint, k1 > √(k2 + L) brings v there, and k2 > L keeps it there
+(Seeber & Horn 2017). With M̂ = c M each sample multiplies v by 1 - c, so c < 2. The prediction of
+an input delay leaves -M w out: w follows v within a sample, and both would correct the same error.
 """
 
 from __future__ import annotations
@@ -42,34 +41,40 @@ from typing import NamedTuple
 
 from ctc_chattering.compiled.compilable import dot, record, solve
 from ctc_chattering.control.controller_config import ControllerConfig
+from ctc_chattering.control.filter import design_filter, ErrorFilter
 from ctc_chattering.control.laws.base import law
-from ctc_chattering.control.step import Applied, error_filter, ErrorFilter, State, Terms
+from ctc_chattering.control.recommended_gains import PoleRule
+from ctc_chattering.control.sample import Applied, State, Terms
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
 
 
 @record
 class Twisted(NamedTuple):
-    """The memory of the law; arrays of shape (n,)."""
+    """Memory of the law; arrays of shape (n,)."""
 
-    #: w, and w of the next sample [rad/s²].
+    #: w [rad/s²].
     w: Array
-    coming: Array
+    #: w of the next sample [rad/s²].
+    next_w: Array
 
 
-@law(symbol='M (k₁ √|v⁺| sgn(v⁺) + w)', acts_on_v=True)
+@law(symbol='M (k₁ √|v⁺| sgn(v⁺) + w)', acts_on_v=True, is_bounded=False,
+     parameters=('lambda', 'b', 'super_twisting_k1', 'super_twisting_k2', 'anti_windup'),
+     gain_rule=PoleRule(0.3, fixed={'super_twisting_k1': 3.0, 'super_twisting_k2': 10.0}))
 class SuperTwisting(NamedTuple):
     """Super-twisting with the integrator w."""
 
     filter: ErrorFilter  # noqa: A003
-    #: k1 and h k2, shape (n,).
+    #: k1 [√(rad/s³)], shape (n,).
     k1: Array
+    #: Largest change of w in a sample, h k2 [rad/s²], shape (n,).
     jump: Array
 
     @classmethod
-    def made(cls, config: ControllerConfig, period: float) -> SuperTwisting:
+    def from_config(cls, config: ControllerConfig, period: float) -> SuperTwisting:
         """Return the law of a configuration."""
-        return cls(error_filter(config.lambda_, config.b, period),
+        return cls(design_filter(config.lambda_, config.b, period),
                    np.array(config.super_twisting_k1), period * np.array(config.super_twisting_k2))
 
     def initial(self) -> Twisted:
@@ -81,26 +86,26 @@ class SuperTwisting(NamedTuple):
         w = -solve(now.M, estimate)
         return Twisted(w, w)
 
-    def terms(self, memory: Twisted, at: State) -> tuple[Terms, Twisted]:
+    def terms(self, memory: Twisted, state: State) -> tuple[Terms, Twisted]:
         """Return the terms of N - M a, and remember w of the next sample."""
-        scale = self.filter.scale
-        r = self.filter.nominal_response(at.v, at.u) - scale * memory.w
-        linear, bound = scale * self.k1, scale * self.jump
-        rest = np.maximum(np.abs(r) - bound, 0.0)
-        root = 2.0 * rest / (linear + np.sqrt(linear * linear + 4.0 * rest))    # √|v⁺|
+        bh = self.filter.scale
+        r = self.filter.nominal_response(state.v, state.u) - bh * memory.w
+        linear, bound = bh * self.k1, bh * self.jump
+        excess = np.maximum(np.abs(r) - bound, 0.0)
+        root = 2.0 * excess / (linear + np.sqrt(linear * linear + 4.0 * excess))    # √|v⁺|
         xi = np.minimum(np.maximum(r / bound, -1.0), 1.0)
-        coming = memory.w + self.jump * xi                                      # (ST3)
-        a = self.k1 * root * np.sign(r) + coming
-        return Terms(at.N, at.zero, dot(at.M, a), at.zero), Twisted(memory.w, coming)
+        w = memory.w + self.jump * xi                                               # (ST3)
+        a = self.k1 * root * np.sign(r) + w
+        return Terms(state.N, state.zero, dot(state.M, a), state.zero), Twisted(memory.w, w)
 
     def advanced(self, memory: Twisted, now: State, applied: Applied) -> Twisted:
         """Advance w."""
-        return Twisted(memory.coming, memory.coming)
+        return Twisted(memory.next_w, memory.next_w)
 
     def estimate(self, memory: Twisted, now: State) -> Array:
         """Return -M w, which is P while v⁺ = 0."""
         return -dot(now.M, memory.w)
 
     def acting(self, memory: Twisted, now: State) -> Array:
-        """Return 0; see the module."""
+        """Return 0, since w is no part of the delay prediction."""
         return now.zero

@@ -23,7 +23,7 @@ from typing import Any
 
 from ctc_chattering.analysis.result import simulate
 from ctc_chattering.configuration import parameter_file
-from ctc_chattering.control.controller import LAWS
+from ctc_chattering.control.laws.registry import LAWS
 from laws import error, run, variation
 import numpy as np
 from oracles import Array

@@ -19,7 +19,8 @@ from __future__ import annotations
 from functools import cache
 from typing import Any
 
-from ctc_chattering.control.controller import Controller, ControllerConfig, LAWS
+from ctc_chattering.control.controller import Controller, ControllerConfig
+from ctc_chattering.control.laws.registry import LAWS
 from ctc_chattering.parameters import Parameter
 from laws import inputs
 import numpy as np

@@ -20,9 +20,10 @@ from contextlib import nullcontext
 import math
 from typing import Any
 
-from ctc_chattering.control import adaptation
+from ctc_chattering.control import oscillation
 from ctc_chattering.control.controller import ControllerConfig
-from ctc_chattering.control.observer import drive_model, Observed, state_observer
+from ctc_chattering.control.observer import design_observer, Observed
+from ctc_chattering.dynamics.drive_response import discretize_drives
 from ctc_chattering.errors import CtcError
 from ctc_chattering.simulation import closed_loop
 from ctc_chattering.simulation.closed_loop import Run
@@ -50,8 +51,8 @@ GAINS: dict[str, Any] = {
 
 def poles(scale: float) -> Array:
     """Return the poles of one joint without friction, for M̂ = scale M, by unit vectors."""
-    drives = drive_model(np.zeros(1), np.full(1, math.inf), H)
-    observer = state_observer(drives, W, np.full(1, 1e12))
+    drives = discretize_drives(np.zeros(1), np.full(1, math.inf), H)
+    observer = design_observer(drives, W, np.full(1, 1e12))
     mass, none = np.full((1, 1), scale), np.zeros(1)
     columns = []
     for q, dq, q_o, dq_o, P, slope in np.eye(6):
@@ -96,7 +97,7 @@ def test_drives_that_are_slower_than_configured(
         wrong: float, guarded: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     """Check that the law loses bandwidth and not the robot; without the guard it diverges."""
     if not guarded:
-        monkeypatch.setattr(adaptation, '_RETREAT', 0.0)
+        monkeypatch.setattr(oscillation, 'RETREAT_RATE_RAD_S', 0.0)
     law = {**GAINS, **KNOWN, 'estimator_bandwidth': 200.0, 'error_limit': [3.0, 3.0],
            'torque_rate_limit': (wrong * RATE).tolist(), 'compiled': guarded}
     with nullcontext() if guarded else pytest.raises(CtcError, match='exceeds error_limit'):

@@ -16,7 +16,8 @@
 
 import math
 
-from ctc_chattering.control.observer import drive_model, Observed, state_observer, StateObserver
+from ctc_chattering.control.observer import design_observer, Observed, StateObserver
+from ctc_chattering.dynamics.drive_response import discretize_drives
 import numpy as np
 from oracles import Array, box_by_enumeration, random_spd
 import pytest
@@ -29,7 +30,7 @@ NONE = np.zeros(2)
 
 
 def observer(bound: Array = WIDE) -> StateObserver:
-    return state_observer(drive_model(NONE, np.full(2, math.inf), H), BANDWIDTH, bound)
+    return design_observer(discretize_drives(NONE, np.full(2, math.inf), H), BANDWIDTH, bound)
 
 
 def at(q: Array = NONE, dq: Array = NONE, P: Array = NONE, slope: Array = NONE) -> Observed:
@@ -60,7 +61,8 @@ def test_all_poles_are_where_the_bandwidth_says() -> None:
 
 def test_without_a_slope_three_poles_are_where_the_bandwidth_says() -> None:
     """Check (A - θ)³ = 0 as above; the slope stays 0."""
-    made = state_observer(drive_model(NONE, np.full(2, math.inf), H), BANDWIDTH, WIDE, False)
+    made = design_observer(
+        discretize_drives(NONE, np.full(2, math.inf), H), BANDWIDTH, WIDE, False)
     columns, scale = [], np.eye(6)
     for i, unit in enumerate((np.eye(2), np.eye(2) / H, MASS / H ** 2)):
         scale[2 * i:2 * i + 2, 2 * i:2 * i + 2] = unit

@@ -22,9 +22,9 @@ import itertools
 import math
 from typing import Any
 
-from ctc_chattering.control.controller import Controller, ControllerConfig, LAWS
-from ctc_chattering.control.laws.base import law_class
-from ctc_chattering.control.step import FADE
+from ctc_chattering.control.controller import Controller, ControllerConfig
+from ctc_chattering.control.laws.registry import law_class, LAWS
+from ctc_chattering.control.settings import HANDOVER_DURATION_S
 from ctc_chattering.simulation.plant import Plant
 from ctc_chattering.simulation.plant_config import PlantConfig
 from ctc_chattering.trajectory.reference import ReferenceConfig, Sinusoid
@@ -108,8 +108,9 @@ def test_the_torque_does_not_jump(switching: str, delay: int) -> None:
 # From each law, to each law: all pairs are above, at the sample of the change.
 @pytest.mark.parametrize(('before', 'after'), NEXT)
 def test_the_difference_fades(before: str, after: str) -> None:
-    """Check what is added to the new law: straight to 0 within FADE, and nothing from then on."""
-    loop, count = changed(before, after, 'implicit_observer', 0, 220), round(FADE / 1e-3)
+    """Check the offset of the new law: straight to 0 within its time, and nothing from then on."""
+    loop = changed(before, after, 'implicit_observer', 0, 220)
+    count = round(HANDOVER_DURATION_S / 1e-3)
     added = np.array(loop.tau[700:]) - loop.parts[700:]
     share = np.maximum(1.0 - np.arange(220) / count, 0.0)[:, np.newaxis]
     np.testing.assert_allclose(added, share * added[0], atol=1e-9)

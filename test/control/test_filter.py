@@ -12,12 +12,9 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The filter (3), the level of friction, and the limits of the torque."""
+"""The filter (3) against its continuous equation."""
 
-import math
-
-from ctc_chattering.control.adaptation import friction_level, Learned
-from ctc_chattering.control.step import error_filter
+from ctc_chattering.control.filter import design_filter
 import numpy as np
 from oracles import Array, random_spd
 import pytest
@@ -50,39 +47,10 @@ def test_three_joints_with_full_gains_against_the_continuous_equation() -> None:
                       atol=1e-12).y[:, -1]
     errors = []
     for h in (2e-3, 1e-3):
-        made, xi = error_filter(lambda_, b, h), np.zeros(3)
+        error_filter, xi = design_filter(lambda_, b, h), np.zeros(3)
         for k in range(round(2.0 / h)):
             e, de, _ = _signals(k * h)
-            xi = made.next_state(xi, de, kv @ de + kp @ e)
-        errors.append(np.abs(made.output(_signals(2.0)[1], xi) - exact).max())
+            xi = error_filter.next_state(xi, de, kv @ de + kp @ e)
+        errors.append(np.abs(error_filter.output(_signals(2.0)[1], xi) - exact).max())
     assert errors[0] < 0.05 * np.abs(exact).max()
     assert errors[0] / errors[1] == pytest.approx(2.0, rel=0.1)
-
-
-H, BANDWIDTH, BOUND = 1e-3, 100.0, np.array([30.0, 30.0])
-
-
-@pytest.mark.parametrize('start', [[0.0, 0.0], [14.0, 1.0]])
-def test_the_level_is_found(start: list[float]) -> None:
-    """Check K̂ after 8 s of a sinusoid of 1 Hz, from what an observer has of the rest of it."""
-    true, lags = np.array([9.9, 2.0]), [np.zeros(2)] * 3
-    made, memory = friction_level(20.0, BANDWIDTH, H, BOUND), Learned(
-        np.array(start), *[np.zeros(2)] * 5)
-    for k in range(8000):
-        dq = np.full(2, math.pi * math.cos(2.0 * math.pi * k * H))
-        x = (true - memory.level) * np.sign(dq)
-        for i in range(3):
-            lags[i] = x = lags[i] + (1.0 - math.exp(-BANDWIDTH * H)) * (x - lags[i])
-        memory = made.learn(memory, dq, x)
-    np.testing.assert_allclose(memory.level, true, rtol=0.02)
-
-
-def test_the_level_is_bounded() -> None:
-    made = friction_level(20.0, BANDWIDTH, H, np.array([3.0, 3.0]))
-    memory = Learned(np.array([1.0, 1.0]), *[np.zeros(2)] * 5)
-    for k in range(4000):
-        sign = 1.0 if k // 500 % 2 else -1.0
-        memory = made.learn(memory, np.full(2, sign), sign * np.array([50.0, -50.0]))
-        assert (memory.level >= 0.0).all()
-        assert (memory.level <= 3.0).all()
-    np.testing.assert_allclose(memory.level, [3.0, 0.0])
