@@ -41,7 +41,7 @@ from ctc_chattering.controller.trips import (
     LIMIT_CYCLE_S,
     PATIENCE,
 )
-from ctc_chattering.dynamics.compiled_model import set_mass_and_bias, set_terms
+from ctc_chattering.dynamics.compiled_model import ARM_FUNCTIONS
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.errors import CtcError, UsageError
 from ctc_chattering.numerics.time_grid import period_ns
@@ -54,7 +54,8 @@ _TEMPLATES = Path(__file__).with_name('templates')
 #: The command that writes a library.
 EXPORT = 'ctc export-c'
 #: What compiled code calls, by its name in C.
-_FUNCTIONS = {set_terms: 'ctc_dynamics', set_mass_and_bias: 'ctc_mass'}
+_FUNCTIONS = {function: name for functions in ARM_FUNCTIONS.values()
+              for function, name in zip(functions, ('ctc_dynamics', 'ctc_mass'))}
 #: Parts of the block are words of so many bytes.
 _WORD = 8
 #: What `ctc_set_gains` takes, and its function.
@@ -154,7 +155,7 @@ def block_of(step: CompiledStep, gains: Code) -> tuple[Block, dict[str, int]]:
         **{name.upper(): block.at(memories, 'law', 'oscillation', name) if observes else 0
            for name in ('strained', 'cycling')}}
     for record, code, arguments, places in step.arm.calls:
-        block.pointers.append((block.at(record, 'places'), block.add(arguments, places)))
+        block.pointers.append((block.at(record, 'arguments'), block.add(arguments, places)))
         block.calls.append((block.at(record, 'function'), _FUNCTIONS[code.function]))
     for at, _ in (*block.pointers, *block.calls):
         block.words[at] = 0

@@ -240,7 +240,7 @@ def _print_knowledge(tree: Tree, joints: Sequence[str]) -> None:
     knowledge = ArmKnowledge(
         tuple(joints), rotors_of(tree, joints), torque_rates_of(tree.name, joints),
         Known(inf, Source.NOT_KNOWN), Known(inf, Source.NOT_KNOWN),
-        tuple(name for name in joints if tree.joints[name].kind == 'continuous'))
+        tuple(name for name in joints if tree.joints[name].continuous))
     print('what `ctc new-robot` takes besides the bodies:')
     print('\n'.join(fitted(list(knowledge.rows()))))
     print('\n'.join(f'  {line}' for line in knowledge.lines()))

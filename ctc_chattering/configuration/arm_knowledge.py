@@ -177,7 +177,7 @@ def rotors_of(tree: Tree, joints: Sequence[str], given: Sequence[float] = ()) ->
             rotors.append(Known(given[k], Source.USER))
         elif joint.rotor_inertia > 0.0:
             rotors.append(Known(joint.rotor_inertia, Source.URDF))
-        elif joint.kind != 'prismatic' and joint.effort < NO_LIMIT:
+        elif not joint.prismatic and joint.effort < NO_LIMIT:
             rotors.append(Known(ASSUMED_ROTOR * joint.effort, Source.ASSUMED))
         else:
             rotors.append(Known(0.0, Source.NOT_KNOWN))

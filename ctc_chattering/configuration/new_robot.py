@@ -48,8 +48,8 @@ from ctc_chattering.control.recommended_gains import (
     recommended_gains,
     RECOMMENDED_LAW,
 )
-from ctc_chattering.dynamics.corrected_urdf import with_payload
 from ctc_chattering.dynamics.model import Model
+from ctc_chattering.dynamics.payload import with_payload
 from ctc_chattering.dynamics.registry import model_of
 from ctc_chattering.dynamics.serial_chain import chain_to, longest_chain
 from ctc_chattering.dynamics.urdf_model import UrdfModel
@@ -246,7 +246,7 @@ def new_robot(location: str, joints: Sequence[str] = (), gravity: float = 9.81, 
         ArmKnowledge(
             names, rotors, rates,
             Known(told.resonance, Source.USER if told.resonance < inf else Source.NOT_KNOWN),
-            payload, tuple(name for name in names if tree.joints[name].kind == 'continuous')),
+            payload, tuple(name for name in names if tree.joints[name].continuous)),
         friction, motion)
 
 

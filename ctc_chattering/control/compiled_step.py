@@ -34,7 +34,12 @@ from ctc_chattering.control.irregular_sample import (
 from ctc_chattering.control.sample import Context, Memories, Models
 from ctc_chattering.control.settings import ControlSettings
 from ctc_chattering.control.step import ControlOutput, step
-from ctc_chattering.dynamics.compiled_model import Arm, CompiledArm, CompiledModel, EvaluatedModel
+from ctc_chattering.dynamics.compiled_model import (
+    ArmNumbers,
+    CompiledArm,
+    CompiledModel,
+    EvaluatedModel,
+)
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
 
@@ -85,7 +90,7 @@ class CompiledStep(Program):
     ----------
     settings, law, memories, transit
         As of `PlainStep`.
-    arm : Arm
+    arm : ArmNumbers
         Model.
 
     Attributes
@@ -100,7 +105,7 @@ class CompiledStep(Program):
     """
 
     def __init__(self, settings: ControlSettings, law: Any, memories: Memories, transit: Array,
-                 arm: Arm) -> None:
+                 arm: ArmNumbers) -> None:
         n = len(settings.zero)
         self.points = np.zeros((3 + 3 * int(settings.delay), n))
         self.arm, self._irregularity = CompiledArm(arm, n), REGULAR
@@ -108,7 +113,7 @@ class CompiledStep(Program):
         self._output_rows = np.frombuffer(result, float, 8 * n).reshape(8, n)
         self.records = ControlRecords(
             packed(settings), packed(law), packed(memories), packed(REGULAR), *self.arm.model,
-            *(self.arm.place() for _ in range(3)),  # type: ignore[call-arg]
+            *(self.arm.add_terms() for _ in range(3)),  # type: ignore[call-arg]
             transit, np.zeros_like(self.points), np.zeros((2, n)), result)
         super().__init__(self.arm.codes, run_step, (self.records, self.points),
                          f'control-{type(law).__name__}-{n}'.lower())

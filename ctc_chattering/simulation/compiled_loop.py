@@ -34,7 +34,7 @@ from ctc_chattering.compiled.machine_code import argument_addresses, Callee, inv
 from ctc_chattering.compiled.records import fill, load, packed, rows, store, value
 from ctc_chattering.control.compiled_step import CompiledStep
 from ctc_chattering.control.irregular_sample import locate_sample
-from ctc_chattering.dynamics.compiled_model import Arm
+from ctc_chattering.dynamics.compiled_model import ArmNumbers
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.simulation.plant import Plant
 from ctc_chattering.simulation.plant_step import CompiledPlant, CompiledPlantStep, no_inputs
@@ -150,7 +150,8 @@ class CompiledLoop(Program):
                 callee.function = code.address()
                 callee.arguments = code.addresses.ctypes.data
 
-    def fill(self, numbers: Sequence[tuple[Any, ...]], *of_steps: tuple[Arm, Array]) -> None:
+    def fill(self, numbers: Sequence[tuple[Any, ...]], *of_steps: tuple[ArmNumbers, Array]
+             ) -> None:
         """
         Begin with a plant and a controller of these layouts.
 

@@ -28,10 +28,10 @@ from random import Random
 
 from ctc_chattering.compiled.compilable import RECORDS
 from ctc_chattering.compiled.machine_code import MACHINE_CODE, PLAIN_PYTHON
-from ctc_chattering.dynamics.compiled_model import Arm, arm_of
-from ctc_chattering.dynamics.corrected_urdf import with_payload
+from ctc_chattering.dynamics.compiled_model import arm_of, ArmNumbers
 from ctc_chattering.dynamics.elastic_model import Elastic
 from ctc_chattering.dynamics.model import Model
+from ctc_chattering.dynamics.payload import with_payload
 from ctc_chattering.dynamics.registry import model_of
 from ctc_chattering.errors import CtcError, ParameterError
 from ctc_chattering.numerics.linear_algebra import Array, Vector
@@ -102,7 +102,7 @@ class Plant:
         Those of `config`, as `plant_step.py` takes them.
     own_friction : record
         Friction of `friction_model`.
-    arm : Arm or None
+    arm : ArmNumbers or None
         Numbers of the model, if the plant can be machine code.
     transit : array, shape (delay, n)
         Torques in transit [N·m], at least one row.
@@ -131,7 +131,7 @@ class Plant:
             max_step = min(max_step, _elastic_step(config, elastic))
             q, dq = map(tuple, elastic.start(q, dq))
         self.own_friction = own_friction(config.friction_model, config.joint_names)
-        self.arm: Arm | None = None
+        self.arm: ArmNumbers | None = None
         if config.compiled and not config.elastic and type(self.own_friction) in RECORDS:
             self.arm = arm_of(self.model)
         self.braking = False

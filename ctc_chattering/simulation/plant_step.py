@@ -27,7 +27,7 @@ from typing import Any, NamedTuple
 from ctc_chattering.compiled.compilable import function, record
 from ctc_chattering.compiled.machine_code import Program
 from ctc_chattering.compiled.records import load, packed, rows, store, views
-from ctc_chattering.dynamics.compiled_model import Arm, CompiledArm, CompiledModel
+from ctc_chattering.dynamics.compiled_model import ArmNumbers, CompiledArm, CompiledModel
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.simulation.coordinates import RigidJoints
 from ctc_chattering.simulation.drive import advance_drives, Driven
@@ -151,7 +151,7 @@ class CompiledPlantStep(Program):
 
     Parameters
     ----------
-    arm : Arm
+    arm : ArmNumbers
         Model.
     own_friction : record
         Friction of `friction_model`.
@@ -175,7 +175,7 @@ class CompiledPlantStep(Program):
 
     """
 
-    def __init__(self, arm: Arm, own_friction: Any, parameters: PlantParameters,
+    def __init__(self, arm: ArmNumbers, own_friction: Any, parameters: PlantParameters,
                  state: PlantState, transit: Array) -> None:
         n = len(state.motion.q)
         self.arm = CompiledArm(arm, n)

@@ -144,7 +144,7 @@ def continuous_joints(config: DescribedConfig, description: str) -> tuple[bool, 
 def _limits_of(name: str, joint: Joint | None) -> JointLimits:
     """Return the limits of a joint of a URDF; none without one."""
     return JointLimits(name) if joint is None else JointLimits(
-        name, 'm' if joint.kind == 'prismatic' else 'rad', joint.position,
+        name, joint.position_unit, joint.position,
         (-joint.velocity, joint.velocity), (-joint.acceleration, joint.acceleration))
 
 
