@@ -118,11 +118,11 @@ class EvaluatedModel(NamedTuple):
     """The model of the control step, with its own terms."""
 
     model: CompiledModel
-    terms: Any
+    state_terms: Any
 
     def evaluate(self, q: Any, dq: Any) -> Any:
         """Return M, C and G. The next call changes them."""
-        terms = self.terms
+        terms = self.state_terms
         write(terms.q, q)
         write(terms.dq, dq)
         invoke(terms.function, terms.arguments)
