@@ -55,7 +55,7 @@ def function(marked: F) -> F:
 
 def record(marked: type[T]) -> type[T]:
     """
-    Mark a NamedTuple whose methods may be compiled, and return it unchanged.
+    Mark a NamedTuple with methods, and return it unchanged.
 
     Parameters
     ----------

@@ -91,7 +91,7 @@ def argument_addresses(arguments: tuple[Any, ...]) -> npt.NDArray[np.int64]:
 
 
 def argument_memory(argument: Any) -> Iterator[npt.NDArray[Any] | None]:
-    """Yield the memory of each record and array, and None for a length."""
+    """Yield memory of records and arrays, None for a length."""
     if isinstance(argument, tuple):
         for item in argument:
             yield from argument_memory(item)
@@ -252,7 +252,7 @@ def cache_directory() -> Path:
 
 
 def _belongs_to_user(directory: Path, mode: int) -> bool:
-    """Return true for a directory of the user without these mode bits."""
+    """Return true for the user's directory without these bits."""
     status = directory.stat()
     return status.st_uid == os.getuid() and not status.st_mode & mode
 

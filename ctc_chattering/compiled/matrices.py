@@ -41,7 +41,7 @@ import numpy as np
 
 
 class MatrixType(types.Type):
-    """Type of a matrix with rows of `n` floats, usually `n` rows."""
+    """Type of a matrix with rows of `n` floats."""
 
     def __init__(self, n: int) -> None:
         self.n = n

@@ -21,8 +21,8 @@ compiles the operations of `compilable.py`. Beside these helpers they use what n
 
 - `numba.core.cgutils`: memory on the stack, elements of tuples and functions of C. numba documents
   no other way to write them.
-- `numba.np.arrayobj`: an array over memory of ours. What numba documents (`carray`) takes the
-  shape from C alone, and refuses records.
+- `numba.np.arrayobj`: an array over memory of ours. numba documents `carray` for pointers that C
+  passes, not for addresses that are numbers.
 - `numba.core.typing.templates`: the method ``_replace`` of NamedTuples takes keywords, which
   `overload_method` cannot declare.
 - The library of a compiled function: numba documents no object file of a single function.

@@ -100,7 +100,7 @@ def _is_number(argument: Any) -> bool:
 
 def _declare_binary(function: Any, emit: Callable[..., Any], operand: Any = VectorType,
                     result: Any = VectorType) -> None:
-    """Compile a function of two operands, or of one and a number."""
+    """Compile a function of two operands or numbers."""
     @lowered
     def operation(_typing: Any, a: Any, b: Any) -> Any:
         n = (a if type(a) is operand else b).n
@@ -163,23 +163,50 @@ def _sign(writer: InstructionWriter, x: Any) -> Any:
     return builder.select(builder.fcmp_ordered('>', x, zero), plus, negative)
 
 
-for _function, _name in ((operator.add, 'fadd'), (operator.sub, 'fsub'),
-                         (operator.mul, 'fmul'), (operator.truediv, 'fdiv')):
+_ARITHMETIC = {
+    operator.add: 'fadd',
+    operator.sub: 'fsub',
+    operator.mul: 'fmul',
+    operator.truediv: 'fdiv',
+}
+_LOGIC = {
+    operator.and_: 'and_',
+    operator.or_: 'or_',
+}
+_COMPARISONS = {
+    operator.lt: '<',
+    operator.le: '<=',
+    operator.gt: '>',
+    operator.ge: '>=',
+    operator.eq: '==',
+    operator.ne: '!=',
+}
+_FUNCTIONS_OF_LLVM = {
+    np.abs: 'fabs',
+    np.sqrt: 'sqrt',
+    np.rint: 'rint',
+}
+_FUNCTIONS_OF_C = {
+    np.exp: 'exp',
+    np.cbrt: 'cbrt',
+    np.sin: 'sin',
+    np.tanh: 'tanh',
+}
+for _function, _name in _ARITHMETIC.items():
     _declare_binary(_function, partial(_write, _name))
-for _function, _name in ((operator.and_, 'and_'), (operator.or_, 'or_')):
+for _function, _name in _LOGIC.items():
     _declare_binary(_function, partial(_write, _name), MaskType, MaskType)
-for _function, _name in ((operator.lt, '<'), (operator.le, '<='), (operator.gt, '>'),
-                         (operator.ge, '>='), (operator.eq, '=='), (operator.ne, '!=')):
+for _function, _name in _COMPARISONS.items():
     _declare_binary(_function, partial(_compare, _name), result=MaskType)
+for _ufunc, _name in _FUNCTIONS_OF_LLVM.items():
+    _declare_unary(_ufunc, partial(_call_llvm, _name))
+for _ufunc, _name in _FUNCTIONS_OF_C.items():
+    _declare_unary(_ufunc, partial(_call_library, _name))
 _declare_binary(np.minimum, partial(_extreme, '<'))
 _declare_binary(np.maximum, partial(_extreme, '>'))
 _declare_unary(operator.neg, lambda writer, x: writer.builder.fneg(x))
 _declare_unary(operator.invert, lambda writer, x: writer.builder.not_(x), MaskType)
 _declare_unary(np.sign, _sign)
-for _function, _name in ((np.abs, 'fabs'), (np.sqrt, 'sqrt'), (np.rint, 'rint')):
-    _declare_unary(_function, partial(_call_llvm, _name))
-for _function in (np.exp, np.cbrt, np.sin, np.tanh):
-    _declare_unary(_function, partial(_call_library, _function.__name__))
 
 
 @lowered

@@ -17,7 +17,7 @@ Polynomials between two states, and cubic splines through long series.
 
 `trajectory/` and `bags/` interpolate desired motions with the polynomials, `bags/recording.py`
 resamples recordings with the spline. A polynomial spans a time h [s] and is evaluated at a share
-s in [0, 1] of it. At s = 0 its value is the start value to the last bit.
+s in [0, 1] of it, or at an array of them. At s = 0 its value is the start value to the last bit.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ def cubic(s: float, h: float, x0: float, v0: float, x1: float, v1: float) -> Cur
 
 def quintic(s: Any, h: float, x0: float, v0: float, a0: float, x1: float, v1: float,
             a1: float) -> CurvePoint:
-    """Evaluate the quintic with accelerations `a0`, `a1`, also for an array `s`."""
+    """Evaluate the quintic with accelerations `a0`, `a1` at its ends."""
     v0 = v0 * h
     v1 = v1 * h
     a0 = a0 * h * h

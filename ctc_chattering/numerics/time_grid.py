@@ -66,7 +66,7 @@ def seconds(nanoseconds: int) -> float:
 
 def missing(t: npt.NDArray[np.float64], period: float) -> npt.NDArray[np.int64]:
     """
-    Count the samples missing after each but the last, shape (N - 1,).
+    Count the samples missing after each, shape (N - 1,).
 
     Parameters
     ----------

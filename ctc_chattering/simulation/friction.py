@@ -110,15 +110,17 @@ def own_friction(name: str, joint_names: Sequence[str]) -> Any:
     """
     if not name:
         return NoFriction()
-    own, n = named_class('friction_model', name, lambda x: x in RECORDS and hasattr(
-        x, 'resistance'), 'class marked by @record with a method resistance'), len(joint_names)
+    n = len(joint_names)
+    marked = named_class(
+        'friction_model', name, lambda x: x in RECORDS and hasattr(x, 'resistance'),
+        'class marked by @record with a method resistance')
     with refused_as(f'the friction_model {name} cannot be made'):
-        accept_old_name(own, 'made', 'for_joints')
-        made = own.for_joints(tuple(joint_names))
-        at_rest = made.resistance(np.zeros(n), np.zeros(n), np.ones(n))
+        accept_old_name(marked, 'made', 'for_joints')
+        friction = marked.for_joints(tuple(joint_names))
+        at_rest = friction.resistance(np.zeros(n), np.zeros(n), np.ones(n))
         if len(at_rest) != n or any(at_rest):
             raise CtcError(f'its resistance at rest is {list(at_rest)}; allowed: {n} times 0')
-    return made
+    return friction
 
 
 @function

@@ -288,9 +288,10 @@ def damping(mechanism: Mechanism, load: PeriodLoad, dq: Array, mode: Array) -> A
     """Return D, the positive slope of friction [N·m·s/rad]."""
     slope = mechanism.mechanics.friction.viscous_friction
     if mechanism.mechanics.has_own_friction:
-        own = mechanism.own_friction
+        friction = mechanism.own_friction
         step = _VELOCITY_STEP * (1.0 + np.abs(dq))
-        change = own.resistance(dq + step, load.mean, mode) - own.resistance(dq, load.mean, mode)
+        change = (friction.resistance(dq + step, load.mean, mode)
+                  - friction.resistance(dq, load.mean, mode))
         slope = slope + np.maximum(change / step, 0.0)
     return slope
 
