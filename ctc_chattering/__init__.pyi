@@ -13,7 +13,6 @@
 # limitations under the License.
 
 # The public names and the modules that define them: type checkers read it, and `__init__.py`.
-from ctc_chattering.analysis.compilation import compile_setup as compile_setup
 from ctc_chattering.analysis.figures import save_figures as save_figures
 from ctc_chattering.analysis.result import export as export
 from ctc_chattering.analysis.result import Result as Result
@@ -24,6 +23,7 @@ from ctc_chattering.bags.repair import repair as repair
 from ctc_chattering.bags.replay import replay as replay
 from ctc_chattering.compiled.compilable import dot as dot
 from ctc_chattering.compiled.compilable import record as record
+from ctc_chattering.configuration.compilation import compile_setup as compile_setup
 from ctc_chattering.configuration.loop_setup import Setup as Setup
 from ctc_chattering.configuration.parameter_file import load_parameters as load_parameters
 from ctc_chattering.control.controller import Controller as Controller

@@ -16,9 +16,9 @@
 
 from multiprocessing import get_context
 
-from ctc_chattering.analysis.compilation import missing
 from ctc_chattering.compiled.build import build
 from ctc_chattering.configuration import parameter_file
+from ctc_chattering.configuration.compilation import missing
 
 
 def compile_plant() -> None:

@@ -31,9 +31,9 @@ import tempfile
 from typing import Any, NamedTuple
 import xml.etree.ElementTree as ET
 
-from ctc_chattering.analysis.compilation import compile_setups
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.configuration.arm_knowledge import ArmFacts
+from ctc_chattering.configuration.compilation import compile_setups
 from ctc_chattering.configuration.loop_setup import Setup
 from ctc_chattering.configuration.new_robot import new_robot
 from ctc_chattering.control.controller import Controller

@@ -34,7 +34,7 @@ import tempfile
 import traceback
 from typing import Any
 
-from ctc_chattering.analysis.compilation import compile_setups
+from ctc_chattering.configuration.compilation import compile_setups
 from ctc_chattering.control.controller import Controller, ControllerConfig
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.identification.gains import Recommendation

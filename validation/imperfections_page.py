@@ -30,13 +30,13 @@ from textwrap import fill
 from typing import Any
 
 from ctc_chattering.analysis import drawing
-from ctc_chattering.analysis.compilation import compile_setups
 from ctc_chattering.analysis.drawing import legend
 from ctc_chattering.analysis.markup import Markup
 from ctc_chattering.analysis.metrics import within
 from ctc_chattering.analysis.page import FigureFile
 from ctc_chattering.analysis.result import LAW_COLOURS, simulate
 from ctc_chattering.analysis.tables import markdown, markdown_table, Table
+from ctc_chattering.configuration.compilation import compile_setups
 from ctc_chattering.control.laws.registry import LAWS, SWITCHINGS
 from ctc_chattering.errors import shorten
 from ctc_chattering.output_files import write_text

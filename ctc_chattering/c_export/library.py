@@ -29,7 +29,7 @@ import re
 import textwrap
 from typing import Any
 
-from ctc_chattering.compiled.machine_code import Code, memory_of
+from ctc_chattering.compiled.machine_code import argument_memory, Code
 from ctc_chattering.compiled.records import load, packed
 from ctc_chattering.control.compiled_step import apply_gains, CompiledStep
 from ctc_chattering.control.controller import Controller, ControllerConfig
@@ -37,7 +37,7 @@ from ctc_chattering.control.laws.registry import law_class
 from ctc_chattering.control.settings import ControlSettings
 from ctc_chattering.controller.positions import LIMITS
 from ctc_chattering.controller.trips import TRIP_LIMITS
-from ctc_chattering.dynamics.compiled_model import set_mass_and_bias, set_terms
+from ctc_chattering.dynamics.compiled_model import ARM_FUNCTIONS
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.errors import CtcError, UsageError
 from ctc_chattering.numerics.time_grid import period_ns
@@ -50,7 +50,8 @@ _TEMPLATES = Path(__file__).with_name('templates')
 #: The command that writes a library.
 EXPORT = 'ctc export-c'
 #: What compiled code calls, by its name in C.
-_FUNCTIONS = {set_terms: 'ctc_dynamics', set_mass_and_bias: 'ctc_mass'}
+_FUNCTIONS = {function: name for functions in ARM_FUNCTIONS.values()
+              for function, name in zip(functions, ('ctc_dynamics', 'ctc_mass'))}
 #: Parts of the block are words of so many bytes.
 _WORD = 8
 #: What `ctc_set_gains` takes, and its function.
@@ -89,7 +90,7 @@ class Block:
             A field of it, a field of that one, and so on, which then is what is sought.
 
         """
-        memory: Any = next(memory_of(part))
+        memory: Any = next(argument_memory(part))
         if memory.ctypes.data not in self._at:
             self._at[memory.ctypes.data] = len(self.words)
             content = memory.tobytes() + bytes(-memory.nbytes % _WORD)
@@ -100,10 +101,10 @@ class Block:
             found += offset // _WORD
         return found
 
-    def add(self, arguments: tuple[Any, ...], places: Any) -> int:
-        """Add arguments of a function, and their places; return where these are."""
-        targets = [x if x is None else self.at(x) for x in memory_of(arguments)]
-        start = self.at(places)
+    def add(self, arguments: tuple[Any, ...], addresses: Any) -> int:
+        """Add arguments of a function, and their addresses; return where these are."""
+        targets = [x if x is None else self.at(x) for x in argument_memory(arguments)]
+        start = self.at(addresses)
         self.pointers += [(k, x) for k, x in enumerate(targets, start) if x is not None]
         return start
 
@@ -141,8 +142,8 @@ def block_of(step: CompiledStep, gains: Code) -> tuple[Block, dict[str, int]]:
     settings, memories = records.settings, records.memories
     observes = 'oscillation' in memories.dtype['law'].names
     named = {
-        'PLACES': block.add(step.code.arguments, step.code.places),
-        'GAIN_PLACES': block.add(gains.arguments, gains.places),
+        'PLACES': block.add(step.code.arguments, step.code.addresses),
+        'GAIN_PLACES': block.add(gains.arguments, gains.addresses),
         'MEMORIES': block.at(memories), 'MEASURED': block.at(records.measured),
         'REFERENCE': block.at(points), 'MADE': block.at(records.result),
         'MASS_MATRIX': block.at(records.now, 'M'), 'KP': block.at(settings, 'kp'),

@@ -48,9 +48,9 @@ def run_simulate(options: argparse.Namespace) -> int:
     Write metrics.json and trajectory.npz (t, q, dq, q_d, dq_d, ddq_d, tau, v, names, units,
     gains).
     """
-    from ctc_chattering.analysis.compilation import compile_setups, missing
     from ctc_chattering.analysis.result import export, METRICS, simulate, write_metrics
     from ctc_chattering.compiled.machine_code import HOW_TO_COMPILE
+    from ctc_chattering.configuration.compilation import compile_setups, missing
 
     setup = load_setup(options)
     if setup.plant.duration == 0.0:
@@ -114,8 +114,8 @@ def run_compile(options: argparse.Namespace) -> int:
     Nodes, ctc simulate and all other commands then use it and run about 20 times as fast. It
     serves all files with this law and number of joints.
     """
-    from ctc_chattering.analysis.compilation import compile_setup
     from ctc_chattering.compiled.machine_code import cache_directory
+    from ctc_chattering.configuration.compilation import compile_setup
 
     start, setup = time.monotonic(), load_setup(options)
     made = compile_setup(setup, options.all, say)

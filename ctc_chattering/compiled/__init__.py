@@ -12,4 +12,4 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What `compilable` marks, compiled by numba, with vectors of the processor."""
+"""Compilation of marked functions and records to machine code."""

@@ -13,17 +13,18 @@
 # limitations under the License.
 
 """
-What an equation is written with so that one text runs as plain Python and compiled.
+The language of equations that run as plain Python and compiled.
 
-`function` marks a function, `record` a NamedTuple with methods. Both are ordinary Python: their
-vectors are arrays of shape (n,), their matrices arrays of shape (n, n). Compiled (`build`), a
-vector is one value of the processor, and the same text runs without an array being made.
+Laws, plant, dynamics and numerics mark their functions with `function`, and NamedTuples with
+methods with `record`. Both are ordinary Python: vectors are arrays of shape (n,), matrices arrays
+of shape (n, n). In compiled code (`build`) a vector is one value of the processor, and no array is
+made.
 
 Such code uses on vectors: arithmetic, comparisons, ``&``, ``|``, ``[i]``, ``.max()``, ``.min()``,
 `numpy.abs`, `sign`, `sqrt`, `cbrt`, `exp`, `sin`, `tanh`, `rint`, `minimum`, `maximum` and
 `where`, and the functions of this module. It changes nothing in place: memory goes in and comes
 out as a record, with other fields by ``record._replace(name=value)``. The one exception are rows
-that outlive a call: of an array of shape (k, n), ``rows[i]`` is a vector and ``rows[i] = x`` sets
+that outlive a call: of an array of shape (k, n), ``rows[i]`` is a vector, and ``rows[i] = x`` sets
 it.
 """
 
@@ -40,25 +41,26 @@ Truths = npt.NDArray[np.bool_]
 F = TypeVar('F', bound=Callable[..., Any])
 T = TypeVar('T')
 
-#: What has been marked.
+#: Marked functions.
 FUNCTIONS: list[Callable[..., Any]] = []
+#: Marked records.
 RECORDS: list[type] = []
 
 
 def function(marked: F) -> F:
-    """Mark a function that may be compiled; return it as it is."""
+    """Mark a function that may be compiled, and return it unchanged."""
     FUNCTIONS.append(marked)
     return marked
 
 
 def record(marked: type[T]) -> type[T]:
     """
-    Mark a NamedTuple whose methods may be compiled; return it as it is.
+    Mark a NamedTuple with methods, and return it unchanged.
 
     Parameters
     ----------
     marked : type
-        Its fields are numbers, arrays and other records; its methods change nothing.
+        Its fields are numbers, arrays and other records. Its methods change nothing.
 
     """
     RECORDS.append(marked)
@@ -67,7 +69,7 @@ def record(marked: type[T]) -> type[T]:
 
 def dot(matrix: Array, x: Array) -> Array:
     """
-    Return the product of a matrix and a vector, also in compiled code.
+    Return the product of a matrix and a vector.
 
     Parameters
     ----------
@@ -98,63 +100,73 @@ def diagonal(matrix: Array) -> Array:
 
 
 def inverse_diagonal(matrix: Array) -> Array:
-    """Return the diagonal of M⁻¹, shape (n,), for M symmetric positive definite."""
+    """Return the diagonal of M⁻¹ for M positive definite, shape (n,)."""
     return np.asarray(np.linalg.inv(matrix), float).diagonal()
 
 
 def solve(matrix: Array, x: Array) -> Array:
-    """Return M⁻¹ x, shape (n,), for M symmetric positive definite."""
+    """Return M⁻¹ x for M positive definite, shape (n,)."""
     if len(x) == 2:  # A tenth of the time.
         (a, b), (_, c) = matrix.tolist()
         x0, x1 = x.tolist()
-        rest = c - b * b / a
-        y1 = (x1 - b / a * x0) / rest
+        y1 = (x1 - b / a * x0) / (c - b * b / a)
         return np.array(((x0 - b * y1) / a, y1))
     return np.asarray(np.linalg.solve(matrix, x), float)
 
 
 def solve_where(chosen: Truths, matrix: Array, x: Array) -> Array:
-    """Return y, shape (n,), with M y = x in the rows and columns `chosen`, and 0 elsewhere."""
+    """
+    Solve M y = x in the rows and columns `chosen`.
+
+    The solution, shape (n,), is 0 elsewhere.
+    """
     if every(chosen):
         return solve(matrix, x)
-    at, y = np.flatnonzero(chosen), np.zeros(len(x))
-    if len(at) == 1:  # A tenth of the time.
-        y[at] = x[at] / matrix[at, at]
+    rows = np.flatnonzero(chosen)
+    y = np.zeros(len(x))
+    if len(rows) == 1:  # A tenth of the time.
+        y[rows] = x[rows] / matrix[rows, rows]
     else:
-        y[at] = solve(matrix[np.ix_(at, at)], x[at])
+        y[rows] = solve(matrix[np.ix_(rows, rows)], x[rows])
     return y
 
 
 def solve_damped(chosen: Truths, matrix: Array, damping: Array, x: Array) -> Array:
-    """Return what `solve_where` does of ``M + diag(damping)``, shape (n,)."""
+    """Return `solve_where` of ``M + diag(damping)``, shape (n,)."""
     return solve_where(chosen, matrix + np.diag(damping), x)
 
 
 def outweighs(chosen: Truths, matrix: Array, weights: Array) -> bool:
-    """Return whether ``M - diag(weights)`` is positive definite in rows and columns `chosen`."""
+    """
+    Return true if ``M - diag(weights)`` is positive definite.
+
+    Only the rows and columns `chosen` count.
+    """
+    rows = np.flatnonzero(chosen)
     remainder = matrix - np.diag(weights)
-    if not every(chosen):
-        at = np.flatnonzero(chosen)
-        remainder = remainder[np.ix_(at, at)]
     try:
-        np.linalg.cholesky(remainder)
+        np.linalg.cholesky(remainder[np.ix_(rows, rows)])
     except np.linalg.LinAlgError:
         return False
     return True
 
 
 def some(condition: Truths | Array) -> bool:
-    """Return whether any element is true, or not 0; a fifth of the time of ``.any()``."""
+    """
+    Return true if any element is true, or not 0.
+
+    It takes a fifth of the time of ``.any()``.
+    """
     return any(condition.tolist())
 
 
 def every(condition: Truths) -> bool:
-    """Return whether all elements are true."""
+    """Return true if all elements are true."""
     return all(condition.tolist())
 
 
 def first(condition: Truths) -> int:
-    """Return the index of the first element that is true; of none, 0."""
+    """Return the index of the first true element, 0 without any."""
     return int(condition.argmax())
 
 

@@ -12,7 +12,12 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Matrices of compiled code: rows of n numbers, one after the other in memory."""
+"""
+Matrices of compiled code: rows of n floats in memory.
+
+`build` imports this module. Then numba compiles the functions of `compilable.py` for arrays of
+shape (n, n) to loops over rows, each of which is a vector of `vectors.py`.
+"""
 
 from __future__ import annotations
 
@@ -20,25 +25,23 @@ import operator
 from typing import Any
 
 from ctc_chattering.compiled import compilable
-from ctc_chattering.compiled.vectors import (
+from ctc_chattering.compiled.numba_interface import (
+    DOUBLE,
+    instructions,
+    InstructionWriter,
+    INT,
     lowered,
     overloaded,
-    read,
-    VectorType,
-    with_element,
-    write,
 )
+from ctc_chattering.compiled.vectors import read, VectorType, with_element, write
 from llvmlite import ir
 from numba import types
-from numba.core import cgutils
 from numba.extending import models, register_model
 import numpy as np
 
-_DOUBLE = ir.DoubleType()
-
 
 class MatrixType(types.Type):
-    """Rows of `n` floats, one after the other in memory: `n` of them, unless it is said."""
+    """Type of a matrix with rows of `n` floats."""
 
     def __init__(self, n: int) -> None:
         self.n = n
@@ -48,40 +51,38 @@ class MatrixType(types.Type):
 @register_model(MatrixType)
 class _MatrixModel(models.PrimitiveModel):
 
-    def __init__(self, manager: Any, kind: MatrixType) -> None:
-        super().__init__(manager, kind, _DOUBLE.as_pointer())
+    def __init__(self, manager: Any, matrix: MatrixType) -> None:
+        super().__init__(manager, matrix, DOUBLE.as_pointer())
 
 
-def _start(context: Any, builder: Any, n: int, row: Any, kind: Any, matrix: Any) -> Any:
-    """Return the pointer to a row of a matrix, its number being of a type of integers."""
-    i = context.cast(builder, row, kind, types.intp)
-    return builder.gep(matrix, [builder.mul(i, ir.Constant(i.type, n))])
-
-
-@overloaded(operator.getitem)
-def _item(matrix: Any, place: Any) -> Any:
-    if isinstance(matrix, MatrixType) and isinstance(place, types.BaseTuple):
-        return lambda matrix, place: _row(matrix, place[0])[place[1]]
-    if isinstance(matrix, MatrixType) and isinstance(place, types.Integer):
-        return lambda matrix, place: _row(matrix, place)
-    return None
+def _row_pointer(writer: InstructionWriter, matrix: Any, i: Any, n: int) -> Any:
+    """Return the pointer to row i."""
+    return writer.builder.gep(matrix, [writer.builder.mul(i, INT(n))])
 
 
 @lowered
 def _row(_typing: Any, matrix: Any, i: Any) -> Any:
-    def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
-        row = _start(context, builder, matrix.n, values[1], signature.args[1], values[0])
-        return read(builder, row, matrix.n)
-    return VectorType(matrix.n)(matrix, i), generate
+    del i
+    return instructions(
+        VectorType(matrix.n), (matrix, types.intp), lambda writer, pointer, i: read(
+            writer.builder, _row_pointer(writer, pointer, i, matrix.n), matrix.n))
 
 
 @lowered
 def _set_row(_typing: Any, matrix: Any, i: Any, x: Any) -> Any:
-    def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
-        row = _start(context, builder, matrix.n, values[1], signature.args[1], values[0])
-        write(builder, values[2], row)
-        return context.get_dummy_value()
-    return types.none(matrix, i, x), generate
+    del i
+    return instructions(
+        types.none, (matrix, types.intp, x), lambda writer, pointer, i, vector: write(
+            writer.builder, vector, _row_pointer(writer, pointer, i, matrix.n)))
+
+
+@overloaded(operator.getitem)
+def _item(matrix: Any, index: Any) -> Any:
+    if isinstance(matrix, MatrixType) and isinstance(index, types.BaseTuple):
+        return lambda matrix, index: _row(matrix, index[0])[index[1]]
+    if isinstance(matrix, MatrixType) and isinstance(index, types.Integer):
+        return lambda matrix, index: _row(matrix, index)
+    return None
 
 
 @overloaded(operator.setitem)
@@ -93,11 +94,11 @@ def _set_item(matrix: Any, i: Any, x: Any) -> Any:
 
 @lowered
 def _scratch(_typing: Any, x: Any) -> Any:
-    """Return a matrix for vectors like `x`, for as long as the function runs."""
-    def generate(_context: Any, builder: Any, _signature: Any, _values: Any) -> Any:
-        pointer = cgutils.alloca_once(builder, ir.ArrayType(_DOUBLE, x.n ** 2))
-        return builder.bitcast(pointer, _DOUBLE.as_pointer())
-    return MatrixType(x.n)(x), generate
+    """Return a matrix that lasts as long as the function runs."""
+    def emit(writer: InstructionWriter, _x: Any) -> Any:
+        memory = writer.stack(ir.ArrayType(DOUBLE, x.n ** 2))
+        return writer.builder.bitcast(memory, DOUBLE.as_pointer())
+    return instructions(MatrixType(x.n), (x,), emit)
 
 
 @overloaded(compilable.dot)
@@ -155,24 +156,27 @@ def _solve_where(chosen: Any, matrix: Any, x: Any) -> Any:
 
 @overloaded(compilable.solve_damped)
 def _solve_damped(chosen: Any, matrix: Any, damping: Any, x: Any) -> Any:
-    """Eliminate by Cholesky's method, with the identity in rows and columns that are left out."""
+    """Eliminate by Cholesky's method; other rows are the identity's."""
     del damping
     n = x.n
 
     def solution(chosen: Any, matrix: Any, damping: Any, x: Any) -> Any:
-        lower, row, y = _scratch(x), x, x
+        #: Row i has the reciprocal of the factor's diagonal at i.
+        lower = _scratch(x)
+        row = x
+        y = x
         for i in range(n):
             total = x[i] if chosen[i] else 0.0
             for j in range(i):
-                rest = matrix[i, j] if chosen[i] and chosen[j] else 0.0
+                pivot = matrix[i, j] if chosen[i] and chosen[j] else 0.0
                 for k in range(j):
-                    rest -= row[k] * lower[j, k]
-                row = with_element(row, j, rest * lower[j, j])
+                    pivot -= row[k] * lower[j, k]
+                row = with_element(row, j, pivot * lower[j, j])
                 total -= row[j] * y[j]
-            rest = matrix[i, i] + damping[i] if chosen[i] else 1.0
+            pivot = matrix[i, i] + damping[i] if chosen[i] else 1.0
             for k in range(i):
-                rest -= row[k] * row[k]
-            row = with_element(row, i, 1.0 / np.sqrt(rest))
+                pivot -= row[k] * row[k]
+            row = with_element(row, i, 1.0 / np.sqrt(pivot))
             lower[i] = row
             y = with_element(y, i, total * row[i])
         for i in range(n - 1, -1, -1):
@@ -186,7 +190,7 @@ def _solve_damped(chosen: Any, matrix: Any, damping: Any, x: Any) -> Any:
 
 @overloaded(compilable.outweighs)
 def _outweighs(chosen: Any, matrix: Any, weights: Any) -> Any:
-    """Try the elimination: it meets a number that is not positive where there is no solution."""
+    """Try the elimination, which needs positive pivots."""
     del chosen, matrix, weights
 
     def definite(chosen: Any, matrix: Any, weights: Any) -> Any:

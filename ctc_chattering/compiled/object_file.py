@@ -12,7 +12,13 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""One object file for C of several functions, which needs nothing but the C library."""
+"""
+One object file of several functions, for C.
+
+`c_export/library.py` makes libraries of laws with it. It takes functions as `build` compiles them
+for this computer. LLVM links them, and writes code for the processor of the library, which needs
+nothing but the C library.
+"""
 
 from __future__ import annotations
 
@@ -25,12 +31,12 @@ from ctc_chattering.compiled.machine_code import Code
 from ctc_chattering.errors import CtcError, UsageError
 from llvmlite import binding
 
-#: What compiled code calls of the C library.
+#: Functions of the C library that compiled code may call.
 _LIBRARY = {'cbrt', 'cos', 'exp', 'floor', 'fmod', 'log', 'memcpy', 'memmove', 'memset', 'pow',
             'sin', 'sqrt', 'tanh'}
-#: The processor of this computer.
+#: Name for the processor of this computer.
 HOST = 'host'
-#: Makes code for a processor. LLVM writes to stderr what is wrong with its name, or ends.
+#: Script that makes code for a processor. LLVM writes to stderr what is wrong with its name.
 _PROBE = """
 import sys
 from llvmlite import binding
@@ -46,7 +52,7 @@ machine.emit_object(binding.parse_assembly('define void @f() { ret void }'))
 
 def check_processor(processor: str) -> None:
     """
-    Raise unless code can be made for a processor: LLVM would end this process.
+    Raise unless LLVM knows a processor, which else ends this process.
 
     Raises
     ------
@@ -65,29 +71,29 @@ def check_processor(processor: str) -> None:
 
 def object_file(codes: Mapping[str, Code], processor: str = HOST) -> tuple[bytes, str]:
     """
-    Return an object file of functions, and the same in the language of LLVM.
+    Return an object file of functions, and its LLVM text.
 
-    The code is independent of its position. No other names are visible; the same functions give
-    the same bytes. Numbers are those of `build`: nothing is computed in another order.
+    The code is independent of its position. No other names are visible. The same functions give
+    the same bytes. Numbers are those of `build`, since nothing is computed in another order.
 
     Parameters
     ----------
     codes : mapping of str to Code
         Functions by their names in C: ``int name(int64_t *result, void **error, int64_t places)``.
     processor : str
-        As ``llc -mcpu`` names them, such as x86-64-v3; `HOST` for this one.
+        Name as of ``llc -mcpu``, such as x86-64-v3, or `HOST`.
 
     """
-    parts = [_part(name, code) for name, code in codes.items()]
+    cpu = processor
+    features = ''
     if processor == HOST:
-        cpu, features = binding.get_host_cpu_name(), binding.get_host_cpu_features().flatten()
-    else:
-        cpu, features = processor, ''
+        cpu = binding.get_host_cpu_name()
+        features = binding.get_host_cpu_features().flatten()
     target = binding.Target.from_default_triple()
     machine = target.create_target_machine(cpu, features, opt=3, reloc='pic', codemodel='small')
-    module, *others = parts
-    for part in others:
-        module.link_in(part)
+    module, *modules = [_module(name, code) for name, code in codes.items()]
+    for linked in modules:
+        module.link_in(linked)
     passes = binding.create_new_module_pass_manager()
     passes.add_global_dead_code_eliminate_pass()
     passes.run(module, binding.create_pass_builder(
@@ -99,13 +105,15 @@ def object_file(codes: Mapping[str, Code], processor: str = HOST) -> tuple[bytes
     return machine.emit_object(module), str(module)
 
 
-def _part(name: str, code: Code) -> binding.ModuleRef:
-    """Return the module of a function, all others in it being internal and numbered."""
-    made = compiled(code)
-    part = binding.parse_assembly(made.library.get_llvm_str())
-    for number, value in enumerate((*part.functions, *part.global_variables)):
-        if value.name == made.fndesc.llvm_func_name:
-            value.name, value.visibility = name, 'hidden'
+def _module(name: str, code: Code) -> binding.ModuleRef:
+    """Return the module of a function, with internal names otherwise."""
+    function = compiled(code)
+    module = binding.parse_assembly(function.llvm_text())
+    for number, value in enumerate((*module.functions, *module.global_variables)):
+        if value.name == function.symbol:
+            value.name = name
+            value.visibility = 'hidden'
         elif not value.is_declaration:
-            value.name, value.linkage = f'{name}_{number}', 'internal'
-    return part
+            value.name = f'{name}_{number}'
+            value.linkage = 'internal'
+    return module

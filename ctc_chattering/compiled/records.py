@@ -13,9 +13,11 @@
 # limitations under the License.
 
 """
-Records in the memory of NumPy records, in which compiled code finds and leaves them.
+Records in memory, as machine code reads and writes them.
 
-A record in a record is a NumPy record in a NumPy record. What is here is plain Python; `build`
+A marked NamedTuple becomes a NumPy record. `packed` makes one before the first call, `load` and
+`store` bring values out and in. A record in a record is a NumPy record in a NumPy record. A float
+is a float there, an int an int, a bool a bool, and an array an array of floats. `record_types.py`
 does the same in compiled code.
 """
 
@@ -29,23 +31,25 @@ from ctc_chattering.compiled import compilable
 import numpy as np
 import numpy.typing as npt
 
-#: In the name of the field that says of which class a record is.
+#: First word of the name of the field whose further words name the class of the record.
 _IS = 'is '
+#: Types of numbers by their kinds in NumPy. All others are floats.
+_NUMBERS: dict[str, type] = {'i': int, 'b': bool}
 
 
 def rows(array: Any, like: Any) -> Any:
-    """Return an array whose rows are one after the other as rows of the length of `like`."""
+    """Return an array as rows of the length of `like`."""
     return array.reshape(-1, len(like))
 
 
 def load(fields: Any) -> Any:
-    """Return the record of which `packed` made the fields."""
-    kind = kind_of(fields.dtype.names)
-    return kind(*(value(fields[name]) for name in kind._fields))
+    """Return the record in a NumPy record."""
+    marked = kind_of(fields.dtype.names)
+    return marked(*(value(fields[name]) for name in marked._fields))
 
 
 def store(fields: Any, value: Any) -> None:
-    """Write a record back into the fields that it was loaded from."""
+    """Write a record into a NumPy record."""
     for name, x in zip(value._fields, value):
         if type(x) in compilable.RECORDS:
             store(fields[name], x)
@@ -55,7 +59,9 @@ def store(fields: Any, value: Any) -> None:
 
 def views(fields: Any) -> Any:
     """
-    Return the record of `load`, with views of the fields; numbers are arrays of shape ().
+    Return the record in a NumPy record, with views of its fields.
+
+    Numbers are arrays of shape ().
 
     Parameters
     ----------
@@ -65,75 +71,80 @@ def views(fields: Any) -> Any:
     """
     if isinstance(fields, np.void):
         fields = np.frombuffer(fields, fields.dtype).reshape(())
-    kind = kind_of(fields.dtype.names)
-    return kind(*(views(fields[name]) if fields.dtype[name].names else fields[name]
-                  for name in kind._fields))
+    marked = kind_of(fields.dtype.names)
+    return marked(*(views(fields[name]) if fields.dtype[name].names else fields[name]
+                  for name in marked._fields))
 
 
 def value(field: Any) -> Any:
-    """Return the number, vector, matrix or record of a field of a NumPy record."""
+    """Return the value of a field of a NumPy record."""
     if isinstance(field, np.void):
         return load(field)
     return field.copy() if field.ndim else field.item()
 
 
 def write(field: Any, x: Any) -> None:
-    """Write a vector or matrix into a field of a NumPy record."""
+    """Write a vector or matrix into a field."""
     field[...] = x
 
 
 def packed(value: Any) -> Any:
-    """Return the numbers of a record, and of those in it, as a NumPy record for `load`."""
-    kinds, values = described(value)
-    made = np.zeros(1, _packed_layout(kinds))
-    made[0] = values
-    return made[0]
+    """Return a record, and those in it, as a NumPy record."""
+    layout, values = described(value)
+    return _record(_packed_layout(layout), values)
 
 
 def fill(record: Any, values: tuple[Any, ...]) -> None:
-    """Set what `packed` has made to other values, as `described` returns them."""
+    """Set the values of a NumPy record, as `described` returns them."""
     record.base[0] = values
 
 
 def described(value: Any) -> tuple[Any, tuple[Any, ...]]:
     """
-    Return what the layout of a record as a NumPy record depends on, and its values.
+    Return layout and values of a record.
 
-    The first is the class, and of each field type and shape, or the same of a record.
+    The layout is the class, and for each field type and shape, or the same of a record.
     """
-    kinds, values = [], []
+    layouts = []
+    values = []
     for x in value:
-        kind: Any = (float, ())
+        layout: Any = float, ()
         if type(x) in compilable.RECORDS:
-            kind, x = described(x)
+            layout, x = described(x)
         elif type(x) is not float:
             x = np.asarray(x)
-            kind = (int if x.dtype.kind == 'i' and not x.ndim else float, x.shape)
-        kinds.append(kind)
+            layout = float if x.ndim else _NUMBERS.get(x.dtype.kind, float), x.shape
+        layouts.append(layout)
         values.append(x)
-    return (type(value), *kinds), (*values, 0)
+    return (type(value), *layouts), (*values, 0)
 
 
 @lru_cache(256)
 def _packed_layout(described: tuple[Any, ...]) -> Any:
-    """Return the layout of a NumPy record of the kinds that `described` returns."""
-    kind, *kinds = described
-    return _layout((*((name, *((_packed_layout(x), ()) if x[0] in compilable.RECORDS else x))
-                      for name, x in zip(kind._fields, kinds)), (_IS + _name(kind), int, ())))
+    """Return the layout of a NumPy record of what `described` returns."""
+    marked, *layouts = described
+    fields = [(name, *((_packed_layout(x), ()) if x[0] in compilable.RECORDS else x))
+              for name, x in zip(marked._fields, layouts)]
+    return _layout((*fields, (_IS + _name(marked), int, ())))
 
 
 def record_of(values: Any) -> Any:
-    """Return a NumPy record of the fields of `values`, a data class."""
+    """Return the fields of a data class as a NumPy record."""
     fields = {name: np.asarray(x) for name, x in vars(values).items()}
     return numpy_record({
         name: x.astype(np.int8) if x.dtype == bool else x for name, x in fields.items()})
 
 
 def numpy_record(fields: Mapping[str, npt.NDArray[Any]]) -> Any:
-    """Return a NumPy record with fields of these names, types, shapes and values."""
-    made = np.zeros(1, _layout(tuple((name, x.dtype, x.shape) for name, x in fields.items())))
-    made[0] = tuple(fields.values())
-    return made[0]
+    """Return a NumPy record with these fields."""
+    layout = _layout(tuple((name, x.dtype, x.shape) for name, x in fields.items()))
+    return _record(layout, tuple(fields.values()))
+
+
+def _record(layout: Any, values: tuple[Any, ...]) -> Any:
+    record = np.zeros(1, layout)
+    record[0] = values
+    return record[0]
 
 
 @lru_cache(256)
@@ -143,10 +154,10 @@ def _layout(fields: tuple[tuple[str, Any, tuple[int, ...]], ...]) -> Any:
 
 @lru_cache(256)
 def kind_of(names: tuple[str, ...]) -> Any:
-    """Return the class of a record by the names of its fields."""
+    """Return the class of a NumPy record with these fields."""
     name, = (name.removeprefix(_IS) for name in names if name.startswith(_IS))
-    return next(kind for kind in compilable.RECORDS if _name(kind) == name)
+    return next(marked for marked in compilable.RECORDS if _name(marked) == name)
 
 
-def _name(kind: type) -> str:
-    return f'{kind.__module__}.{kind.__qualname__}'
+def _name(marked: type) -> str:
+    return f'{marked.__module__}.{marked.__qualname__}'

@@ -13,224 +13,242 @@
 # limitations under the License.
 
 """
-Vectors of compiled code: n numbers, or n truth values, are one value of the processor.
+Vectors of compiled code: n floats or booleans in one value.
 
-Arithmetic is one instruction for all joints, nothing is allocated, and n is a constant.
+`build` imports this module. Then numba compiles the operations that `compilable.py` allows on
+arrays of shape (n,) to instructions for whole vectors. Nothing is allocated, and n is a constant.
+Each operation has two declarations: an intrinsic writes its instructions, and an overload chooses
+the intrinsic by the types of the arguments.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 import operator
 from typing import Any
 
 from ctc_chattering.compiled import compilable
+from ctc_chattering.compiled.numba_interface import (
+    Decorator,
+    DOUBLE,
+    instructions,
+    InstructionWriter,
+    lowered,
+    OVERLOADED,
+    overloaded,
+)
 from llvmlite import ir
 from numba import types
-from numba.core import cgutils
-from numba.extending import intrinsic, models, overload, overload_method, register_model
+from numba.extending import lower_cast, models, overload_method, register_model
 import numpy as np
 
-DOUBLE, BIT, INT = ir.DoubleType(), ir.IntType(1), ir.IntType(32)
-#: Of functions that compiled code alone calls: an entry for C takes a tenth of the compilation.
-INTERNAL: Any = {'no_cfunc_wrapper': True}
-#: Of what is overloaded; strictly, numba would compare annotations.
-OVERLOADED: Any = {'strict': False, 'jit_options': INTERNAL}
-Decorator = Callable[[Callable[..., Any]], Any]
-#: The decorated function says to which instructions it is compiled.
-lowered: Decorator = intrinsic
-#: The decorated function returns, by its types, what compiled code calls for another one.
-overloaded: Callable[[Any], Decorator] = partial(overload, **OVERLOADED)
+_BIT = ir.IntType(1)
+_INDEX = ir.IntType(32)
+#: In memory vectors are arrays of floats, at any multiple of so many bytes.
+_ALIGNMENT = 8
 
 
 class VectorType(types.Type):
-    """`n` floats, or as many truth values."""
+    """Type of `n` floats."""
 
-    def __init__(self, n: int, truth: bool = False) -> None:
-        self.n, self.truth = n, truth
-        super().__init__(f'{"truths" if truth else "vector"}({n})')
+    element: Any = DOUBLE
+    scalar: Any = types.float64
+
+    def __init__(self, n: int) -> None:
+        self.n = n
+        super().__init__(f'{type(self).__name__}({n})')
+
+
+class MaskType(VectorType):
+    """Type of `n` booleans."""
+
+    element = _BIT
+    scalar = types.boolean
 
 
 @register_model(VectorType)
+@register_model(MaskType)
 class _VectorModel(models.PrimitiveModel):
 
-    def __init__(self, manager: Any, kind: VectorType) -> None:
-        super().__init__(manager, kind, ir.VectorType(BIT if kind.truth else DOUBLE, kind.n))
+    def __init__(self, manager: Any, vector: VectorType) -> None:
+        super().__init__(manager, vector, ir.VectorType(vector.element, vector.n))
 
 
 #: As `overloaded`, for a method of vectors.
 method: Callable[[str], Decorator] = partial(overload_method, VectorType, **OVERLOADED)
 
 
-def is_vector(kind: Any) -> bool:
-    return isinstance(kind, VectorType) and not kind.truth
+def _vector(builder: Any, elements: Sequence[Any]) -> Any:
+    """Return the vector of these floats."""
+    vector = ir.Constant(ir.VectorType(DOUBLE, len(elements)), ir.Undefined)
+    for i, element in enumerate(elements):
+        vector = builder.insert_element(vector, element, _INDEX(i))
+    return vector
 
 
-def _is_truths(kind: Any) -> bool:
-    return isinstance(kind, VectorType) and kind.truth
+@lower_cast(types.Number, VectorType)  # type: ignore[untyped-decorator]
+@lower_cast(types.Boolean, VectorType)  # type: ignore[untyped-decorator]
+def _broadcast(context: Any, builder: Any, number: Any, vector: Any, value: Any) -> Any:
+    """Return a number as all elements of a vector."""
+    return _vector(builder, [context.cast(builder, value, number, types.float64)] * vector.n)
 
 
-def _is_number(kind: Any) -> bool:
-    return isinstance(kind, types.Number | types.Boolean)
+def _is_number(argument: Any) -> bool:
+    return isinstance(argument, types.Number | types.Boolean)
 
 
-def constant(n: int, value: float) -> Any:
-    return ir.Constant(ir.VectorType(DOUBLE, n), [ir.Constant(DOUBLE, value)] * n)
-
-
-def _broadcast(context: Any, builder: Any, kind: Any, value: Any, n: int) -> Any:
-    """Return a vector; a number in all its elements."""
-    if isinstance(kind, VectorType):
-        return value
-    number = context.cast(builder, value, kind, types.float64)
-    made = ir.Constant(ir.VectorType(DOUBLE, n), ir.Undefined)
-    for i in range(n):
-        made = builder.insert_element(made, number, ir.Constant(INT, i))
-    return made
-
-
-def _elementwise(function: Any, emit: Callable[..., Any], truth: bool = False,
-                 takes: Callable[[Any], bool] = is_vector) -> None:
-    """Have `function` take two vectors, or a vector and a number; `emit` writes it."""
+def _declare_binary(function: Any, emit: Callable[..., Any], operand: Any = VectorType,
+                    result: Any = VectorType) -> None:
+    """Compile a function of two operands or numbers."""
     @lowered
-    def made(_typing: Any, a: Any, b: Any) -> Any:
-        n = a.n if isinstance(a, VectorType) else b.n
-        left, right = (x if isinstance(x, VectorType) else types.float64 for x in (a, b))
-
-        def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
-            return emit(builder, *(_broadcast(context, builder, kind, value, n)
-                                   for kind, value in zip(signature.args, values)))
-        return VectorType(n, truth)(left, right), generate
+    def operation(_typing: Any, a: Any, b: Any) -> Any:
+        n = (a if type(a) is operand else b).n
+        return instructions(
+            result(n), (operand(n),) * 2, lambda writer, x, y: emit(writer.builder, x, y))
 
     @overloaded(function)
-    def chosen(a: Any, b: Any) -> Any:
-        if any(map(takes, (a, b))) and all(takes(x) or _is_number(x) for x in (a, b)):
-            return lambda a, b: made(a, b)
+    def choose(a: Any, b: Any) -> Any:
+        operands = [type(x) is operand for x in (a, b)]
+        if any(operands) and all(map(operator.or_, operands, map(_is_number, (a, b)))):
+            return lambda a, b: operation(a, b)
         return None
 
 
-def _of_one(function: Any, emit: Callable[..., Any], takes: Callable[[Any], bool] = is_vector
-            ) -> None:
-    """Have `function` take a vector and return one; `emit` writes it."""
+def _declare_unary(function: Any, emit: Callable[..., Any], operand: Any = VectorType) -> None:
+    """Compile a function of one operand."""
     @lowered
-    def made(_typing: Any, a: Any) -> Any:
-        return a(a), lambda _context, builder, _signature, values: emit(builder, values[0], a.n)
+    def operation(_typing: Any, x: Any) -> Any:
+        return instructions(x, (x,), emit)
 
     @overloaded(function)
-    def chosen(a: Any) -> Any:
-        return (lambda a: made(a)) if takes(a) else None
+    def choose(x: Any) -> Any:
+        return (lambda x: operation(x)) if type(x) is operand else None
 
 
-def _built_in(name: str) -> Callable[..., Any]:
-    """Return what calls a function of LLVM for whole vectors."""
-    def emit(builder: Any, value: Any, n: int) -> Any:
-        kind = ir.FunctionType(value.type, [value.type])
-        return builder.call(cgutils.get_or_insert_function(
-            builder.module, kind, f'llvm.{name}.v{n}f64'), [value])
-    return emit
+def _write(name: str, builder: Any, *values: Any) -> Any:
+    """Write the instruction of this name."""
+    return getattr(builder, name)(*values)
 
 
-def _each(name: str) -> Callable[..., Any]:
-    """Return what calls a function of the C library for each element."""
-    def emit(builder: Any, value: Any, n: int) -> Any:
-        called = cgutils.get_or_insert_function(
-            builder.module, ir.FunctionType(DOUBLE, [DOUBLE]), name)
-        made = ir.Constant(value.type, ir.Undefined)
-        for place in (ir.Constant(INT, i) for i in range(n)):
-            one = builder.call(called, [builder.extract_element(value, place)])
-            made = builder.insert_element(made, one, place)
-        return made
-    return emit
+def _compare(sign: str, builder: Any, a: Any, b: Any) -> Any:
+    compare = builder.fcmp_unordered if sign == '!=' else builder.fcmp_ordered
+    return compare(sign, a, b)
 
 
-def _sign(builder: Any, value: Any, n: int) -> Any:
-    zero = constant(n, 0.0)
-    negative = builder.select(
-        builder.fcmp_ordered('<', value, zero), constant(n, -1.0), value)  # nan and 0 are kept
-    return builder.select(builder.fcmp_ordered('>', value, zero), constant(n, 1.0), negative)
+def _extreme(sign: str, builder: Any, a: Any, b: Any) -> Any:
+    """Return the elements of a that compare so with b, or are nan."""
+    extreme = builder.select(builder.fcmp_ordered(sign, a, b), a, b)
+    return builder.select(builder.fcmp_unordered('uno', a, a), a, extreme)
 
 
-def _extreme(comparison: str) -> Callable[..., Any]:
-    def emit(builder: Any, a: Any, b: Any) -> Any:
-        chosen = builder.select(builder.fcmp_ordered(comparison, a, b), a, b)
-        return builder.select(builder.fcmp_unordered('uno', a, a), a, chosen)  # nan is kept
-    return emit
+def _call_llvm(name: str, writer: InstructionWriter, x: Any) -> Any:
+    """Call a function of LLVM for the whole vector."""
+    return writer.call_c(f'llvm.{name}.v{x.type.count}f64', x.type, x)
 
 
-def _comparison(sign: str) -> Callable[..., Any]:
-    def emit(builder: Any, a: Any, b: Any) -> Any:
-        compare = builder.fcmp_unordered if sign == '!=' else builder.fcmp_ordered
-        return compare(sign, a, b)
-    return emit
+def _call_library(name: str, writer: InstructionWriter, x: Any) -> Any:
+    """Call a function of the C library for each element."""
+    return _vector(writer.builder, [
+        writer.call_c(name, DOUBLE, writer.builder.extract_element(x, _INDEX(i)))
+        for i in range(x.type.count)])
 
 
-for _function, _instruction in ((operator.add, 'fadd'), (operator.sub, 'fsub'),
-                                (operator.mul, 'fmul'), (operator.truediv, 'fdiv')):
-    _elementwise(_function, lambda builder, a, b, name=_instruction: getattr(builder, name)(a, b))
-for _function, _instruction in ((operator.lt, '<'), (operator.le, '<='), (operator.gt, '>'),
-                                (operator.ge, '>='), (operator.eq, '=='), (operator.ne, '!=')):
-    _elementwise(_function, _comparison(_instruction), truth=True)
-_elementwise(np.minimum, _extreme('<'))
-_elementwise(np.maximum, _extreme('>'))
-for _function, _instruction in ((operator.and_, 'and_'), (operator.or_, 'or_')):
-    _elementwise(_function, lambda builder, a, b, name=_instruction: getattr(builder, name)(a, b),
-                 truth=True, takes=_is_truths)
-_of_one(operator.neg, lambda builder, value, _n: builder.fneg(value))
-_of_one(operator.invert, lambda builder, value, _n: builder.not_(value), _is_truths)
-_of_one(np.abs, _built_in('fabs'))
-_of_one(np.sqrt, _built_in('sqrt'))
-_of_one(np.rint, _built_in('rint'))
-_of_one(np.sign, _sign)
-for _function in (np.exp, np.cbrt, np.sin, np.tanh):
-    _of_one(_function, _each(_function.__name__))
+def _sign(writer: InstructionWriter, x: Any) -> Any:
+    builder = writer.builder
+    zero, plus, minus = (
+        ir.Constant(x.type, [value] * x.type.count) for value in (0.0, 1.0, -1.0))
+    # Neither branch takes 0 and what is not a number: they are their own sign.
+    negative = builder.select(builder.fcmp_ordered('<', x, zero), minus, x)
+    return builder.select(builder.fcmp_ordered('>', x, zero), plus, negative)
+
+
+_ARITHMETIC = {
+    operator.add: 'fadd',
+    operator.sub: 'fsub',
+    operator.mul: 'fmul',
+    operator.truediv: 'fdiv',
+}
+_LOGIC = {
+    operator.and_: 'and_',
+    operator.or_: 'or_',
+}
+_COMPARISONS = {
+    operator.lt: '<',
+    operator.le: '<=',
+    operator.gt: '>',
+    operator.ge: '>=',
+    operator.eq: '==',
+    operator.ne: '!=',
+}
+_FUNCTIONS_OF_LLVM = {
+    np.abs: 'fabs',
+    np.sqrt: 'sqrt',
+    np.rint: 'rint',
+}
+_FUNCTIONS_OF_C = {
+    np.exp: 'exp',
+    np.cbrt: 'cbrt',
+    np.sin: 'sin',
+    np.tanh: 'tanh',
+}
+for _function, _name in _ARITHMETIC.items():
+    _declare_binary(_function, partial(_write, _name))
+for _function, _name in _LOGIC.items():
+    _declare_binary(_function, partial(_write, _name), MaskType, MaskType)
+for _function, _name in _COMPARISONS.items():
+    _declare_binary(_function, partial(_compare, _name), result=MaskType)
+for _ufunc, _name in _FUNCTIONS_OF_LLVM.items():
+    _declare_unary(_ufunc, partial(_call_llvm, _name))
+for _ufunc, _name in _FUNCTIONS_OF_C.items():
+    _declare_unary(_ufunc, partial(_call_library, _name))
+_declare_binary(np.minimum, partial(_extreme, '<'))
+_declare_binary(np.maximum, partial(_extreme, '>'))
+_declare_unary(operator.neg, lambda writer, x: writer.builder.fneg(x))
+_declare_unary(operator.invert, lambda writer, x: writer.builder.not_(x), MaskType)
+_declare_unary(np.sign, _sign)
 
 
 @lowered
 def _select(_typing: Any, condition: Any, a: Any, b: Any) -> Any:
-    n = condition.n
-    left, right = (x if isinstance(x, VectorType) else types.float64 for x in (a, b))
-
-    def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
-        return builder.select(values[0], *(
-            _broadcast(context, builder, kind, value, n)
-            for kind, value in zip(signature.args[1:], values[1:])))
-    return VectorType(n, any(map(_is_truths, (a, b))))(condition, left, right), generate
+    chosen = MaskType if MaskType in map(type, (a, b)) else VectorType
+    result = chosen(condition.n)
+    return instructions(result, (condition, result, result),
+                        lambda writer, *values: writer.builder.select(*values))
 
 
 @overloaded(np.where)
 def _where(condition: Any, a: Any, b: Any) -> Any:
-    if _is_truths(condition):
+    if isinstance(condition, MaskType):
         return lambda condition, a, b: _select(condition, a, b)
     return None
 
 
 @lowered
 def _any_of(_typing: Any, condition: Any) -> Any:
-    def generate(_context: Any, builder: Any, _signature: Any, values: Any) -> Any:
-        bits = builder.bitcast(values[0], ir.IntType(condition.n))
-        return builder.icmp_unsigned('!=', bits, ir.Constant(bits.type, 0))
-    return types.boolean(condition), generate
+    def emit(writer: InstructionWriter, mask: Any) -> Any:
+        bits = writer.builder.bitcast(mask, ir.IntType(condition.n))
+        return writer.builder.icmp_unsigned('!=', bits, bits.type(0))
+    return instructions(types.boolean, (condition,), emit)
 
 
 @overloaded(compilable.some)
 def _some(condition: Any) -> Any:
-    if condition.truth:
+    if isinstance(condition, MaskType):
         return lambda condition: _any_of(condition)
     return lambda condition: _any_of(condition != 0.0)
 
 
 @overloaded(compilable.every)
 def _every(condition: Any) -> Any:
-    return (lambda condition: not _any_of(~condition)) if condition.truth else None
+    return (lambda condition: not _any_of(~condition)) if type(condition) is MaskType else None
 
 
 @lowered
 def _element(_typing: Any, x: Any, i: Any) -> Any:
-    def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
-        place = context.cast(builder, values[1], signature.args[1], types.int32)
-        return builder.extract_element(values[0], place)
-    return (types.boolean if x.truth else types.float64)(x, i), generate
+    del i
+    return instructions(x.scalar, (x, types.int32),
+                        lambda writer, *values: writer.builder.extract_element(*values))
 
 
 @overloaded(operator.getitem)
@@ -242,10 +260,17 @@ def _item(x: Any, i: Any) -> Any:
 
 @lowered
 def with_element(_typing: Any, x: Any, i: Any, value: Any) -> Any:
-    def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
-        place = context.cast(builder, values[1], signature.args[1], types.int32)
-        return builder.insert_element(values[0], values[2], place)
-    return x(x, i, types.float64), generate
+    """Return x with another element i."""
+    del i, value
+    return instructions(
+        x, (x, types.int32, types.float64),
+        lambda writer, vector, i, value: writer.builder.insert_element(vector, value, i))
+
+
+@overloaded(compilable.replaced)
+def _replaced(x: Any, i: Any, value: Any) -> Any:
+    del x, i, value
+    return lambda x, i, value: with_element(x, i, float(value))
 
 
 @method('max')
@@ -253,11 +278,11 @@ def _max(x: Any) -> Any:
     n = x.n
 
     def largest(x: Any) -> Any:
-        found = x[0]
+        result = x[0]
         for i in range(1, n):
-            if x[i] > found or x[i] != x[i]:  # nan is kept.
-                found = x[i]
-        return found
+            if x[i] > result or x[i] != x[i]:  # What is not a number is kept.
+                result = x[i]
+        return result
     return largest
 
 
@@ -279,19 +304,15 @@ def _first(condition: Any) -> Any:
     return index
 
 
-@overloaded(compilable.replaced)
-def _replaced(x: Any, i: Any, value: Any) -> Any:
-    del x, i, value
-    return lambda x, i, value: with_element(x, i, float(value))
-
-
 def read(builder: Any, pointer: Any, n: int) -> Any:
     """Return the vector at a pointer."""
-    made = builder.load(builder.bitcast(pointer, ir.VectorType(DOUBLE, n).as_pointer()))
-    made.align = 8
-    return made
+    source = builder.bitcast(pointer, ir.VectorType(DOUBLE, n).as_pointer())
+    vector = builder.load(source)
+    vector.align = _ALIGNMENT
+    return vector
 
 
 def write(builder: Any, vector: Any, pointer: Any) -> None:
     """Write a vector to a pointer."""
-    builder.store(vector, builder.bitcast(pointer, vector.type.as_pointer())).align = 8
+    target = builder.bitcast(pointer, vector.type.as_pointer())
+    builder.store(vector, target).align = _ALIGNMENT

@@ -31,7 +31,12 @@ from ctc_chattering.control.irregular_sample import REGULAR, SampleIrregularity
 from ctc_chattering.control.sample import Context, Memories, Models
 from ctc_chattering.control.settings import ControlSettings
 from ctc_chattering.control.step import ControlOutput, step
-from ctc_chattering.dynamics.compiled_model import Arm, CompiledArm, CompiledModel, EvaluatedModel
+from ctc_chattering.dynamics.compiled_model import (
+    ArmNumbers,
+    CompiledArm,
+    CompiledModel,
+    EvaluatedModel,
+)
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
 
@@ -81,7 +86,7 @@ class CompiledStep(Program):
     ----------
     settings, law, memories, transit
         As of `PlainStep`.
-    arm : Arm
+    arm : ArmNumbers
         Model.
 
     Attributes
@@ -96,7 +101,7 @@ class CompiledStep(Program):
     """
 
     def __init__(self, settings: ControlSettings, law: Any, memories: Memories, transit: Array,
-                 arm: Arm) -> None:
+                 arm: ArmNumbers) -> None:
         n = len(settings.zero)
         self.points = np.zeros((3 + 3 * int(settings.delay), n))
         self.arm, self._irregularity = CompiledArm(arm, n), REGULAR

@@ -44,7 +44,7 @@ from ctc_chattering.control.laws.registry import law_class
 from ctc_chattering.control.sample import ControlMemory, LastSample, Memories, TRANSIT_ROWS
 from ctc_chattering.control.settings import ControlSettings
 from ctc_chattering.control.step import PlainStep
-from ctc_chattering.dynamics.compiled_model import Arm, arm_of
+from ctc_chattering.dynamics.compiled_model import arm_of, ArmNumbers
 from ctc_chattering.dynamics.model import Model, Scaled
 from ctc_chattering.dynamics.registry import model_of
 from ctc_chattering.errors import as_ctc_error, CtcError, ParameterError
@@ -281,8 +281,8 @@ class Controller:
             self.settings, self.law, self.memories, self.transit, arm)
 
     @property
-    def arm(self) -> Arm | None:
-        """Return the model for machine code, or None if model or law cannot be compiled."""
+    def arm(self) -> ArmNumbers | None:
+        """Return the numbers of the model; None if it or the law cannot be machine code."""
         return self._arm if type(self.memories.law) in RECORDS else None
 
     @property

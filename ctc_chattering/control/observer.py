@@ -56,7 +56,7 @@ from typing import NamedTuple
 
 from ctc_chattering.compiled.compilable import dot, record, solve, some
 from ctc_chattering.dynamics.drive_response import DriveModel
-from ctc_chattering.numerics.box_qp import nearest, nearest_and_rest
+from ctc_chattering.numerics.box_qp import nearest, nearest_and_motion
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
 
@@ -132,7 +132,7 @@ class StateObserver(NamedTuple):
         h = self.drives.period
         drive = self.drives.follow(state.torque, command)
         load = drive.mean - (bias + state.perturbation + 0.5 * h * state.slope)
-        _, dq_over_h = nearest_and_rest(mass, dot(mass, state.dq) / h + load, level)
+        _, dq_over_h = nearest_and_motion(mass, dot(mass, state.dq) / h + load, level)
         dq = h * dq_over_h
         q = state.q + 0.5 * h * (state.dq + dq)
         asymmetry = drive.weighted - drive.mean + h / 6.0 * state.slope

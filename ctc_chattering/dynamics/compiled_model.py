@@ -22,30 +22,38 @@ come from `arm_of`.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 import dataclasses
 from typing import Any, NamedTuple
 
 from ctc_chattering.compiled.compilable import function, record, solve
-from ctc_chattering.compiled.machine_code import Code, invoke, places
-from ctc_chattering.compiled.records import (
-    numpy_record,
-    packed,
-    record_of,
-    value,
-    write,
-)
+from ctc_chattering.compiled.machine_code import argument_addresses, Callee, Code, invoke
+from ctc_chattering.compiled.records import packed, record_of, value, write
 from ctc_chattering.dynamics import tree, two_link
 from ctc_chattering.dynamics.model import Model
-from ctc_chattering.dynamics.tree import Arm as Arm
+from ctc_chattering.dynamics.tree import Arm
 from ctc_chattering.dynamics.two_link import TwoLink
 from ctc_chattering.dynamics.urdf_model import UrdfModel
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
 
 
-def arm_of(
-    model: Model, inertia_scale: float = 1.0, gravity_scale: float = 1.0
-) -> Arm | None:
+@dataclasses.dataclass
+class TwoLinkArm:
+    """Numbers of the two-link arm, which is in closed form."""
+
+    #: Acceleration of gravity, downwards [m/s²].
+    gravity: float
+    #: Factor of M, C and G.
+    scale: float
+
+
+#: Numbers of a model that can be machine code.
+ArmNumbers = Arm | TwoLinkArm
+
+
+def arm_of(model: Model, inertia_scale: float = 1.0, gravity_scale: float = 1.0
+           ) -> ArmNumbers | None:
     """
     Return the numbers of a `TwoLink` or `UrdfModel`, or None.
 
@@ -61,7 +69,7 @@ def arm_of(
     """
     gravity_ratio = gravity_scale / inertia_scale
     if type(model) is TwoLink:
-        return Arm.two_link(gravity_ratio * model.gravity, inertia_scale)
+        return TwoLinkArm(gravity_ratio * model.gravity, inertia_scale)
     if type(model) is not UrdfModel:
         return None
     arm = model.bodies
@@ -150,7 +158,7 @@ class CompiledArm:
 
     Parameters
     ----------
-    arm : Arm
+    arm : ArmNumbers
         Numbers of the model.
     n : int
         Number of joints.
@@ -166,27 +174,26 @@ class CompiledArm:
 
     """
 
-    def __init__(self, arm: Arm, n: int) -> None:
+    def __init__(self, arm: ArmNumbers, n: int) -> None:
         self._n = n
         self._arm = record_of(arm)
         body = record_of(tree.body_scratch(n))
-        call = numpy_record({'function': np.array(0), 'arguments': np.array(0)})
+        call = packed(Callee(0, 0))
         self.model = CompiledModel(call, body)
-        self._set_terms = Code(
-            set_terms, (self._arm, body, _empty_terms(n)), f'dynamics-{n}'
-        )
+        set_terms, set_mass_and_bias = ARM_FUNCTIONS[type(arm)]
+        self._set_terms = Code(set_terms, (self._arm, body, _empty_terms(n)), f'dynamics-{n}')
         set_mass = Code(set_mass_and_bias, (self._arm, body), f'mass-{n}')
         self.codes = self._set_terms, set_mass
         self.calls: list[Call] = []
         self._add_call(call, set_mass, (self._arm, body))
 
-    def fill(self, arm: Arm) -> None:
+    def fill(self, arm: ArmNumbers) -> None:
         """Take the numbers of another arm."""
         self._arm.base[0] = tuple(vars(arm).values())
 
     def _add_call(self, addresses: Any, code: Code, arguments: tuple[Any, ...]) -> None:
         """Set the addresses by which compiled code calls a function."""
-        call = Call(addresses, code, arguments, places(arguments))
+        call = Call(addresses, code, arguments, argument_addresses(arguments))
         self.calls.append(call)
         if code.compiled:
             addresses['function'] = code.address()
@@ -200,46 +207,61 @@ class CompiledArm:
 
 
 @function
-def set_terms(arm: Any, body: Any, terms: Any) -> int:
+def set_tree_terms(arm: Any, body: Any, terms: Any) -> int:
     """Set M, C and G of a `StateTerms`."""
-    evaluate(arm, terms.q, terms.dq, body, terms.M, terms.C, terms.G)
+    tree.evaluate(arm, terms.q, terms.dq, body, terms.M, terms.C, terms.G)
     return 0
 
 
 @function
-def set_mass_and_bias(arm: Any, s: Any) -> int:
+def set_tree_mass_and_bias(arm: Any, s: Any) -> int:
     """Set M and C dq + G of a scratch."""
-    if arm.closed:
-        evaluate(arm, s.q, s.dq, s, s.M, s.C, s.bias)
-        C = s.C
-        v1 = s.dq[0]
-        v2 = s.dq[1]
-        for i in range(2):
-            s.bias[i] += C[i, 0] * v1 + C[i, 1] * v2
-    else:
-        tree.place(arm, s.q, s)
-        tree.weigh(arm, s)
-        tree.move(arm, s.dq, s)
-        tree.bias(arm, s, s.dq, s.bias)
-        tree.mass_matrix(arm, s, s.M)
+    tree.place(arm, s.q, s)
+    tree.weigh(arm, s)
+    tree.move(arm, s.dq, s)
+    tree.bias(arm, s, s.dq, s.bias)
+    tree.mass_matrix(arm, s, s.M)
     return 0
 
 
 @function
-def evaluate(arm: Any, q: Any, dq: Any, s: Any, M: Any, C: Any, G: Any) -> None:
-    """Set M, C and G of an arm at a state."""
-    if arm.closed:
-        t = two_link.terms(arm.gravity, q)
-        scale = arm.scale
-        M[0, 0] = scale * t.m11
-        M[0, 1] = M[1, 0] = scale * t.m12
-        M[1, 1] = scale * t.m22
-        k = scale * t.coupling
-        C[0, 0] = -k * dq[1]
-        C[0, 1] = -k * (dq[0] + dq[1])
-        C[1, 0] = k * dq[0]
-        C[1, 1] = 0.0
-        G[0] = scale * t.g1
-        G[1] = scale * t.g2
-    else:
-        tree.evaluate(arm, q, dq, s, M, C, G)
+def set_two_link_terms(arm: Any, _body: Any, terms: Any) -> int:
+    """Set M, C and G of a `StateTerms`."""
+    evaluate_two_link(arm, terms.q, terms.dq, terms.M, terms.C, terms.G)
+    return 0
+
+
+@function
+def set_two_link_mass_and_bias(arm: Any, s: Any) -> int:
+    """Set M and C dq + G of a scratch."""
+    evaluate_two_link(arm, s.q, s.dq, s.M, s.C, s.bias)
+    C = s.C
+    v1 = s.dq[0]
+    v2 = s.dq[1]
+    for i in range(2):
+        s.bias[i] += C[i, 0] * v1 + C[i, 1] * v2
+    return 0
+
+
+@function
+def evaluate_two_link(arm: Any, q: Any, dq: Any, M: Any, C: Any, G: Any) -> None:
+    """Set M, C and G of the two-link arm at a state."""
+    t = two_link.terms(arm.gravity, q)
+    scale = arm.scale
+    M[0, 0] = scale * t.m11
+    M[0, 1] = M[1, 0] = scale * t.m12
+    M[1, 1] = scale * t.m22
+    k = scale * t.coupling
+    C[0, 0] = -k * dq[1]
+    C[0, 1] = -k * (dq[0] + dq[1])
+    C[1, 0] = k * dq[0]
+    C[1, 1] = 0.0
+    G[0] = scale * t.g1
+    G[1] = scale * t.g2
+
+
+#: Functions of a `CompiledArm` by its numbers: terms for the control step, and for the plant.
+ARM_FUNCTIONS: dict[type, tuple[Callable[..., int], Callable[..., int]]] = {
+    Arm: (set_tree_terms, set_tree_mass_and_bias),
+    TwoLinkArm: (set_two_link_terms, set_two_link_mass_and_bias),
+}

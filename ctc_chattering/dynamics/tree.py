@@ -51,18 +51,14 @@ import numpy.typing as npt
 @dataclasses.dataclass
 class Arm:
     """
-    Numbers of a tree of bodies, or the two-link arm.
+    Numbers of a tree of n bodies, parents first.
 
-    A tree has n bodies, parents first. The frame of a body is at its joint, with the axis of the
+    The frame of a body is at its joint, with the axis of the
     joint along z.
     """
 
-    #: True for the two-link arm, which is in closed form and has no bodies.
-    closed: bool
     #: Acceleration of gravity, downwards [m/s²].
     gravity: float
-    #: Factor of M, C and G of the two-link arm. A tree has it in its masses.
-    scale: float
     #: Body that carries each body, -1 for the base, shape (n,).
     parent: npt.NDArray[np.int64]
     #: True for a prismatic joint, shape (n,).
@@ -81,28 +77,6 @@ class Arm:
     inertia: Array
     #: Inertia of each joint's rotor, on the diagonal of M alone, shape (n,) [kg·m²].
     rotor: Array
-
-    @classmethod
-    def two_link(cls, gravity: float, scale: float) -> Arm:
-        """Return the two-link arm."""
-        zeros = np.zeros(2)
-        indices = np.zeros(2, np.int64)
-        rows = np.zeros((2, 3))
-        squares = np.zeros((2, 3, 3))
-        return cls(
-            closed=True,
-            gravity=gravity,
-            scale=scale,
-            parent=indices,
-            prismatic=np.zeros(2, np.bool_),
-            joint=indices,
-            rotation=squares,
-            offset=rows,
-            mass=zeros,
-            center=rows,
-            inertia=squares,
-            rotor=zeros,
-        )
 
 
 @dataclasses.dataclass

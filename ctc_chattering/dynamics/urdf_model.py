@@ -172,9 +172,7 @@ class UrdfModel(Model, LinearModel):
         offsets = np.array([placement.translation for placement in placements])
         centers = np.array([body.lever for body in inertias])
         return Arm(
-            closed=False,
             gravity=self.gravity,
-            scale=1.0,
             parent=parents,
             prismatic=prismatic,
             joint=self._order,

@@ -23,9 +23,9 @@ from math import inf
 from pathlib import Path
 from typing import Any
 
-from ctc_chattering.analysis.compilation import compile_setups, has_compiler
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.configuration.arm_knowledge import ASSUMED_ROTOR
+from ctc_chattering.configuration.compilation import compile_setups, has_compiler
 from ctc_chattering.control.controller_config import ControllerConfig
 from ctc_chattering.dynamics.corrected_urdf import with_rotors
 from ctc_chattering.dynamics.model import Model

@@ -12,4 +12,4 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Numerical methods that know nothing of robots."""
+"""Numerical methods without any notion of a robot."""

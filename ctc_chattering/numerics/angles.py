@@ -13,10 +13,11 @@
 # limitations under the License.
 
 """
-Positions of joints that turn endlessly: only the part beyond whole turns counts.
+Positions of joints that turn endlessly.
 
-An angle q that follows another one stands for the representative of q modulo 2π that is nearest
-to where the mean of both velocities leads within the time h in between::
+Of such a position only the fraction of a turn counts. Controller, reference and bags bring angles
+of a driver onto one continuous motion. An angle q that follows q0 after a time h stands for one of
+its representatives q + 2π k. It is the one nearest to the prediction of the mean velocity::
 
     q + 2π k,  k = round((q0 + h (dq0 + dq) / 2 - q) / 2π)                                (AN1)
 """
@@ -31,18 +32,18 @@ import numpy as np
 
 #: A turn [rad].
 TURN = 2.0 * pi
-#: Turns beyond which an angle has no digits left for its part.
-_MOST_TURNS = 2.0 ** 52
+#: From this number of turns on, the fraction of a turn is below the resolution of a float.
+_MAX_TURNS = 2.0 ** 52
 
 
 def turns_to(angle: float, target: float) -> int:
-    """Return the whole turns to add to an angle that bring it nearest to `target`."""
+    """Return the whole turns that bring an angle nearest to `target`."""
     turns = (target - angle) / TURN
-    return round(turns) if -_MOST_TURNS < turns < _MOST_TURNS else 0
+    return round(turns) if -_MAX_TURNS < turns < _MAX_TURNS else 0
 
 
 def turned(angle: float, turns: int) -> float:
-    """Return an angle and so many whole turns; the angle itself, bit by bit, for none."""
+    """Add whole turns to an angle, which none leaves unchanged."""
     return angle + TURN * turns if turns else angle
 
 
@@ -52,33 +53,33 @@ def nearest(angle: float, target: float) -> float:
 
 
 def expected(angle: float, velocity_before: float, velocity: float, h: float) -> float:
-    """Return where the mean of two velocities leads from an angle within the time `h` [s]."""
+    """Predict an angle after `h` [s] from two velocities."""
     return angle + 0.5 * h * (velocity_before + velocity)
 
 
-def within_turn(angle: float, least: float) -> float:
-    """Return the representative of an angle from `least` on to before `least` + 2π."""
-    return angle - TURN * floor((angle - least) / TURN)
+def within_turn(angle: float, lower: float) -> float:
+    """Return the representative of an angle in [`lower`, `lower` + 2π)."""
+    return angle - TURN * floor((angle - lower) / TURN)
 
 
 def unwrapped(t: Array, q: Array, dq: Array | None, continuous: Sequence[bool]) -> Array:
     """
-    Return positions in which each angle follows the one before, by (AN1).
+    Return positions with continuous angles, by (AN1).
 
     Parameters
     ----------
     t : ndarray, shape (N,)
         Times, rising [s].
     q : ndarray, shape (N, n)
-        Positions [rad or m]; they are not changed.
+        Positions [rad or m]. They are not changed, and returned themselves if they are continuous.
     dq : ndarray, shape (M, n), or None
-        Velocities of the first M ≤ N positions [rad/s]; nan where they are unknown.
+        Velocities of the first M ≤ N positions [rad/s], with nan where they are unknown.
     continuous : sequence of bool, shape (n,)
-        Which joints turn endlessly.
+        Flags of the joints that turn endlessly.
 
     """
     result = q
-    # Joint by joint, for long series.
+    # Joint by joint, to save memory with long series.
     for joint in np.flatnonzero(continuous).tolist():
         step = np.diff(q[:, joint])
         if dq is not None:
@@ -95,24 +96,26 @@ def unwrapped(t: Array, q: Array, dq: Array | None, continuous: Sequence[bool]) 
 def unwrapped_beside(t: Array, q: Array, dq: Array, target: Array, continuous: Sequence[bool],
                      gaps: Sequence[int]) -> Array:
     """
-    Return `unwrapped` positions that begin, also after gaps, nearest to a motion.
+    Return `unwrapped` positions beside a desired motion.
+
+    They begin, also after gaps, nearest to it.
 
     Parameters
     ----------
     t, q, dq, continuous
-        As of `unwrapped`, with all velocities.
+        As in `unwrapped`, with all velocities.
     target : ndarray, shape (N, n)
         Desired positions [rad or m].
     gaps : sequence of int
-        Indices of the samples before which many are missing.
+        Indices of the samples behind a gap of many samples.
 
     """
     if not any(continuous):
         return q
     result: Array = q.copy()
-    for part in np.split(np.arange(len(t)), gaps):
-        result[part] = unwrapped(t[part], q[part], dq[part], continuous)
+    for rows in np.split(np.arange(len(t)), gaps):
+        result[rows] = unwrapped(t[rows], q[rows], dq[rows], continuous)
         for joint in np.flatnonzero(continuous).tolist():
-            first = part[0], joint
-            result[part, joint] += TURN * turns_to(float(result[first]), float(target[first]))
+            start = rows[0], joint
+            result[rows, joint] += TURN * turns_to(float(result[start]), float(target[start]))
     return result

@@ -13,20 +13,21 @@
 # limitations under the License.
 
 """
-The point of a box that is nearest to a given one in the metric of an inverse inertia.
+The point of a box that is nearest to another point.
 
-For M symmetric positive definite, find the z with ``|z_i| <= bound_i`` that makes
-½ (z - point)ᵀ M⁻¹ (z - point) least. It exists and is unique. With ``M x = point - z`` its
-optimality conditions read, for every i::
+The metric is that of an inverse inertia. For M symmetric positive definite, find the z with
+``|z_i| <= bound_i`` that minimises ½ (z - point)ᵀ M⁻¹ (z - point). It exists and is unique. With
+``M x = point - z`` its optimality conditions read, for every i::
 
     x_i = 0 where |z_i| < bound_i,   x_i >= 0 where z_i = bound_i,   x_i <= 0 where z_i = -bound_i
 
-These are the set-valued friction of joints at rest, and the chattering term of an implicit
-switching: `bound` is what a joint can hold, `point` what holds all of them, x how they move.
+Two set-valued terms are such problems: the friction of joints at rest (`simulation/friction.py`)
+and the chattering term of an implicit switching (`control/switching.py`). `bound` is what a joint
+can hold, `point` what holds all of them, x how they move.
 
 The method is principal pivoting with the least-index rule, which for a positive definite matrix
 visits no set of active bounds twice (Murty, *Linear Complementarity, Linear and Nonlinear
-Programming*, 1988; with upper bounds, Júdice & Pires, 1994).
+Programming*, 1988, and with upper bounds, Júdice & Pires, 1994).
 """
 
 from __future__ import annotations
@@ -45,27 +46,31 @@ from ctc_chattering.compiled.compilable import (
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
 
-#: Changes of the set of active bounds; only rounding can lead beyond.
-_MOST_CHANGES = 200
+#: Changes of the set of active bounds. Only rounding can lead beyond.
+_MAX_PIVOTS = 200
+#: Size of a point beyond which elimination would overflow. It is then clipped.
+_MAX_SIZE = 1e280
+#: Relative error of a sign that rounding explains.
+_ROUNDING = 1e-13
 
 
 @function
 def nearest(mass: Array, point: Array, bound: Array) -> Array:
-    """Return the solution z of this module's problem, as `nearest_and_rest` has it."""
-    return nearest_and_rest(mass, point, bound)[0]
+    """Return z; see `nearest_and_motion`."""
+    return nearest_and_motion(mass, point, bound)[0]
 
 
 @function
-def nearest_and_rest(mass: Array, point: Array, bound: Array) -> tuple[Array, Array]:
+def nearest_and_motion(mass: Array, point: Array, bound: Array) -> tuple[Array, Array]:
     """
-    Return the solution z of this module's problem, and x.
+    Return the solution of this module's problem, z and x.
 
     Parameters
     ----------
     mass : array, shape (n, n)
         M, symmetric positive definite.
     point : array, shape (n,)
-        Any values; within the box it is returned itself.
+        Any values. Within the box it is returned itself.
     bound : array, shape (n,)
         Not negative.
 
@@ -75,18 +80,18 @@ def nearest_and_rest(mass: Array, point: Array, bound: Array) -> tuple[Array, Ar
     if every(inside):
         return point, 0.0 * point
     side = np.sign(point)
-    if not every(size < 1e280):  # The elimination below would overflow.
+    if not every(size < _MAX_SIZE):
         return side * bound, point
-    if not some(inside):  # Most often all of them are at their bounds.
+    if not some(inside):  # Usually all of them are at their bounds.
         z = side * bound
         x = solve(mass, point - z)
         if every(side * x >= 0.0):
             return z, x
-    #: The bound at which a joint is; 0 for none.
+    #: Sign of the bound at which a joint is, 0 without one.
     side = np.where(inside, 0.0, side)
-    rounding = -1e-13 * (size + bound).max() / diagonal(mass)
+    rounding = -_ROUNDING * (size + bound).max() / diagonal(mass)
     z = x = point
-    for _ in range(_MOST_CHANGES):
+    for _ in range(_MAX_PIVOTS):
         active = side != 0.0
         z = np.where(active, side * bound, point)
         x = solve_where(active, mass, point - z)

@@ -12,12 +12,12 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-
 """
-Integration of ddq = f(q, dq, u), and the instants of events.
+Integration of ddq = f(q, dq, u), and event location.
 
-`runge_kutta` is for motions that a step resolves. `extrapolated_euler` is for those with a damping
-that a step does not resolve: with that damping implicit it is stable for any step.
+`simulation/motion.py` moves the plant with it. `runge_kutta` is for motions that a step resolves.
+`extrapolated_euler` is for those with a damping that a step does not resolve: with that damping
+implicit it is stable for any step.
 """
 
 from __future__ import annotations
@@ -28,12 +28,13 @@ from typing import Any
 from ctc_chattering.compiled.compilable import function
 from ctc_chattering.numerics.linear_algebra import Array
 
+#: Torques in the middle and at the end of a step, each of shape (n,) [N·m].
 Load = tuple[Array, Array]
 
 
 @function
 def simpson(x: Array, sixth: float, k1: Array, k2: Array, k3: Array, k4: Array) -> Array:
-    """Return x + sixth (k1 + 2 (k2 + k3) + k4), shape (n,)."""
+    """Add Simpson's mean of slopes, shape (n,)."""
     return x + sixth * (k1 + 2.0 * (k2 + k3) + k4)
 
 
@@ -41,32 +42,33 @@ def simpson(x: Array, sixth: float, k1: Array, k2: Array, k3: Array, k4: Array) 
 def runge_kutta(f: Callable[[Any, Array, Array, Array], Array], system: Any, q: Array, dq: Array,
                 ddq: Array, load: Load, h: float) -> tuple[Array, Array]:
     """
-    Return q and dq after `h`, by the classical method of Runge and Kutta of fourth order.
+    Return q and dq after `h`, by the classical Runge-Kutta method.
 
     Parameters
     ----------
     f : callable
         ddq = f(system, q, dq, u).
     system : Any
-        Handed on to `f`.
+        First argument of `f`.
     q, dq : array, shape (n,)
         Position [rad] and velocity [rad/s].
     ddq : array, shape (n,)
         f(system, q, dq, load) at the start [rad/s²].
-    load : (u(t + h/2), u(t + h))
-        Torques, each of shape (n,) [N·m].
+    load : Load
+        Torques u(t + h/2) and u(t + h).
     h : float
         Step [s].
 
     """
     half = 0.5 * h
+    middle, end = load
     v2 = dq + half * ddq
-    b = f(system, q + half * dq, v2, load[0])
-    v3 = dq + half * b
-    c = f(system, q + half * v2, v3, load[0])
-    v4 = dq + h * c
-    d = f(system, q + h * v3, v4, load[1])
-    return simpson(q, h / 6.0, dq, v2, v3, v4), simpson(dq, h / 6.0, ddq, b, c, d)
+    a2 = f(system, q + half * dq, v2, middle)
+    v3 = dq + half * a2
+    a3 = f(system, q + half * v2, v3, middle)
+    v4 = dq + h * a3
+    a4 = f(system, q + h * v3, v4, end)
+    return simpson(q, h / 6.0, dq, v2, v3, v4), simpson(dq, h / 6.0, ddq, a2, a3, a4)
 
 
 #: Weights of the results of 1, 2, 3 and 4 steps that cancel the errors in h, h² and h³.
@@ -77,7 +79,9 @@ _WEIGHTS = (-1.0 / 6.0, 4.0, -13.5, 32.0 / 3.0)
 def extrapolated_euler(f: Callable[[Any, Array, Array, Array, float], Array], system: Any,
                        q: Array, dq: Array, load: Array, h: float) -> tuple[Array, Array]:
     """
-    Return q and dq after `h`, to fourth order, by Euler steps that are extrapolated.
+    Return q and dq after `h`, by extrapolated Euler steps.
+
+    The result is of fourth order.
 
     Parameters
     ----------
@@ -85,7 +89,7 @@ def extrapolated_euler(f: Callable[[Any, Array, Array, Array, float], Array], sy
         (dq(t + s) - dq(t)) / s = f(system, q, dq, u, s) of an Euler step s, implicit in the
         damping. A damping D of an inertia M multiplies dq by 1 / (1 + s D / M).
     system : Any
-        Handed on to `f`.
+        First argument of `f`.
     q, dq : array, shape (n,)
         Position [rad] and velocity [rad/s].
     load : array, shape (n,)
@@ -94,18 +98,23 @@ def extrapolated_euler(f: Callable[[Any, Array, Array, Array, float], Array], sy
         Step [s].
 
     """
-    end_q, end_dq = q, 0.0 * dq
+    end_q = q
+    end_dq = 0.0 * dq
     for i in range(4):
-        s, way, v = h / (i + 1), 0.0 * q, dq
+        s = h / (i + 1)
+        moved = 0.0 * q
+        v = dq
         for _ in range(i + 1):
-            v = v + s * f(system, q + way, v, load, s)
-            way = way + s * v
-        end_q = end_q + _WEIGHTS[i] * way
+            v = v + s * f(system, q + moved, v, load, s)
+            moved = moved + s * v
+        end_q = end_q + _WEIGHTS[i] * moved
         end_dq = end_dq + _WEIGHTS[i] * v
     return end_q, end_dq
 
 
-#: Enough for 40 bisections, one step in eight.
+#: Every eighth step of the root search bisects, which ends a slow regula falsi.
+_BISECTION_INTERVAL = 8
+#: Enough steps for 40 bisections.
 _MAX_STEPS = 330
 
 
@@ -113,49 +122,56 @@ _MAX_STEPS = 330
 def first_negative(f: Callable[[Any, float], float], system: Any, end: float, f_end: float,
                    tol: float) -> float:
     """
-    Return s in (0, end] with f(system, s) < 0 and a sign change within `tol` before it.
+    Return the first s at which f(system, s) < 0.
 
-    The regula falsi with the Illinois rule, bisecting where that is slow. `f` may be 0 at 0 and
-    rise from there (a joint that starts to slide): the sign change after the rise is found.
+    It is in (0, end], with a sign change within `tol` before it. The method is the regula falsi
+    with the Illinois rule, and bisection where that is slow. `f` may be 0 at 0 and rise from there
+    (a joint that starts to slide). The sign change after the rise is the result.
 
     Parameters
     ----------
     f : callable
         Not negative just after 0.
     system : Any
-        Handed on to `f`.
+        First argument of `f`.
     end : float
         Where `f` is negative.
     f_end : float
         f(system, end).
     tol : float
-        Width of the bracket that is small enough.
+        Sufficient width of the bracket.
 
     """
-    high, f_high = end, f_end
-    low, f_low = 0.5 * end, f(system, 0.5 * end)
+    high = end
+    f_high = f_end
+    low = 0.5 * end
+    f_low = f(system, low)
     while f_low < 0.0:
-        high, f_high = low, f_low
+        high = low
+        f_high = f_low
         low *= 0.5
         if low < tol:
             return high
         f_low = f(system, low)
-    kept = 0
+    retained = 0  # Side of the bracket that the last step kept: -1 low, +1 high.
     for step in range(_MAX_STEPS):
         if high - low <= tol:
             break
-        s = low + (high - low) * (0.5 if step % 8 == 7 else f_low / (f_low - f_high))
+        bisects = step % _BISECTION_INTERVAL == _BISECTION_INTERVAL - 1
+        s = low + (high - low) * (0.5 if bisects else f_low / (f_low - f_high))
         if not low < s < high:
             s = 0.5 * (low + high)
         value = f(system, s)
         if value < 0.0:
-            high, f_high = s, value
-            if kept < 0:
+            high = s
+            f_high = value
+            if retained < 0:
                 f_low *= 0.5
-            kept = -1
+            retained = -1
         else:
-            low, f_low = s, value
-            if kept > 0:
+            low = s
+            f_low = value
+            if retained > 0:
                 f_high *= 0.5
-            kept = 1
+            retained = 1
     return high

@@ -12,65 +12,79 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-
 """
-Interpolation: polynomials that meet given values at both ends of a span, and long cubic splines.
+Polynomials between two states, and cubic splines through long series.
 
-Each polynomial is evaluated at a share s in [0, 1] of the span h [s] and returns value, first and
-second derivative by time. At s = 0 the value is the given one, to the last bit.
+`trajectory/` and `bags/` interpolate desired motions with the polynomials, `bags/recording.py`
+resamples recordings with the spline. A polynomial spans a time h [s] and is evaluated at a share
+s in [0, 1] of it, or at an array of them. At s = 0 its value is the start value to the last bit.
 """
 
 from __future__ import annotations
 
-from typing import Any, TypeVar
+from typing import Any, NamedTuple
 
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
 
-T = TypeVar('T', bound=Any)
+
+class CurvePoint(NamedTuple):
+    """Value and two derivatives of a polynomial."""
+
+    x: Any
+    dx: Any
+    ddx: Any
 
 
-def linear(s: float, h: float, x0: float, x1: float) -> tuple[float, float, float]:
-    """Return the straight line from `x0` to `x1`."""
+def linear(s: float, h: float, x0: float, x1: float) -> CurvePoint:
+    """Evaluate the straight line from `x0` to `x1`."""
     d = x1 - x0
-    return x0 + s * d, d / h, 0.0
+    return CurvePoint(x0 + s * d, d / h, 0.0)
 
 
-def cubic(s: float, h: float, x0: float, v0: float, x1: float,
-          v1: float) -> tuple[float, float, float]:
-    """Return the cubic with values `x0`, `x1` and velocities `v0`, `v1` at its ends."""
-    v0, v1 = v0 * h, v1 * h
+def cubic(s: float, h: float, x0: float, v0: float, x1: float, v1: float) -> CurvePoint:
+    """Evaluate the cubic with these values and velocities at its ends."""
+    v0 = v0 * h
+    v1 = v1 * h
     d = x1 - x0
     c2 = 3.0 * d - 2.0 * v0 - v1
     c3 = v0 + v1 - 2.0 * d
-    return (x0 + s * (v0 + s * (c2 + s * c3)),
-            (v0 + s * (2.0 * c2 + s * 3.0 * c3)) / h,
-            (2.0 * c2 + s * 6.0 * c3) / (h * h))
+    return CurvePoint(
+        x0 + s * (v0 + s * (c2 + s * c3)),
+        (v0 + s * (2.0 * c2 + s * 3.0 * c3)) / h,
+        (2.0 * c2 + s * 6.0 * c3) / (h * h))
 
 
-def quintic(s: T, h: float, x0: float, v0: float, a0: float, x1: float, v1: float,
-            a1: float) -> tuple[T, T, T]:
-    """Return the quintic that has accelerations `a0` and `a1` at its ends; `s` may be an array."""
-    v0, v1, a0, a1 = v0 * h, v1 * h, a0 * h * h, a1 * h * h
+def quintic(s: Any, h: float, x0: float, v0: float, a0: float, x1: float, v1: float,
+            a1: float) -> CurvePoint:
+    """Evaluate the quintic with accelerations `a0`, `a1` at its ends."""
+    v0 = v0 * h
+    v1 = v1 * h
+    a0 = a0 * h * h
+    a1 = a1 * h * h
     d = x1 - x0
     c2 = 0.5 * a0
     c3 = 10.0 * d - 6.0 * v0 - 4.0 * v1 - 1.5 * a0 + 0.5 * a1
     c4 = -15.0 * d + 8.0 * v0 + 7.0 * v1 + 1.5 * a0 - a1
     c5 = 6.0 * d - 3.0 * (v0 + v1) - 0.5 * (a0 - a1)
-    return (x0 + s * (v0 + s * (c2 + s * (c3 + s * (c4 + s * c5)))),
-            (v0 + s * (2.0 * c2 + s * (3.0 * c3 + s * (4.0 * c4 + s * 5.0 * c5)))) / h,
-            (2.0 * c2 + s * (6.0 * c3 + s * (12.0 * c4 + s * 20.0 * c5))) / (h * h))
+    return CurvePoint(
+        x0 + s * (v0 + s * (c2 + s * (c3 + s * (c4 + s * c5)))),
+        (v0 + s * (2.0 * c2 + s * (3.0 * c3 + s * (4.0 * c4 + s * 5.0 * c5)))) / h,
+        (2.0 * c2 + s * (6.0 * c3 + s * (12.0 * c4 + s * 20.0 * c5))) / (h * h))
 
 
-def interpolated(t: Array, x: Array, at: Array) -> Array:
+def interpolated(t: Array, x: Array, new_t: Array) -> Array:
     """
-    Return a cubic spline through x, shape (N, n), at the times `at`, shape (M,): shape (M, n).
+    Evaluate a cubic spline through `x`, shape (M, n).
 
-    Both times rise.
+    Parameters
+    ----------
+    t, x : array, shape (N,) and (N, n)
+        Times, rising, and values.
+    new_t : array, shape (M,)
+        Times, rising.
+
     """
     from scipy.interpolate import CubicSpline  # type: ignore[import-untyped]  # Takes time.
-    found = np.empty((len(at), x.shape[1]))
-    # Joint by joint, for long series.
-    for i, column in enumerate(x.T):
-        found[:, i] = CubicSpline(t, column)(at)
-    return found
+    # Column by column, since coefficients of all columns of a long series need much memory.
+    return np.column_stack([CubicSpline(t, column)(new_t) for column in x.T])

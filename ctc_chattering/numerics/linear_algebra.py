@@ -12,8 +12,12 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
+"""
+Types of arrays, and the H∞ norm of a sampled system.
 
-"""Types of vectors and matrices, and the H∞ norm of a sampled linear system."""
+All folders annotate their arrays with these types. `runs/stability.py` bounds with the norm how
+much a loop tolerates.
+"""
 
 from __future__ import annotations
 
@@ -28,17 +32,21 @@ Indices = npt.NDArray[np.intp]
 Vector = Sequence[float]
 Rows = Sequence[Sequence[float]]
 
-
-#: How much more than the norm may be returned, relatively, and steps until that is so.
-_MORE, _STEPS = 1e-3, 30
-#: Frequencies at which to begin, and the distance from the unit circle that is rounding.
-_GRID, _ON_CIRCLE = 100, 1e-8
+#: Relative amount by which `peak_gain` may exceed the norm.
+_RELATIVE_TOLERANCE = 1e-3
+#: The iteration converges quadratically. Some five steps are usual.
+_MAX_ITERATIONS = 30
+#: Angles of the first grid on the upper half of the unit circle.
+_GRID_SIZE = 100
+#: Distance of an eigenvalue from the unit circle that rounding explains.
+_CIRCLE_TOLERANCE = 1e-8
 
 
 def peak_gain(A: Array, B: Array, C: Array) -> float:
     """
-    Return the H∞ norm of C (z - A)⁻¹ B, from above, to 0.1 %; inf if A is not stable.
+    Return the H∞ norm of C (z - A)⁻¹ B.
 
+    The result is from above, to 0.1 %, and inf if A is not stable. The method is that of
     Bruinsma and Steinbuch, *A fast algorithm to compute the H∞ norm of a transfer function
     matrix*, Systems & Control Letters 14, 1990: γ is a singular value at z on the unit circle if
     and only if z is an eigenvalue of a pencil, so that above the norm there is none.
@@ -46,7 +54,7 @@ def peak_gain(A: Array, B: Array, C: Array) -> float:
     Parameters
     ----------
     A, B, C : array, shape (m, m), (m, k) and (l, m)
-        Of the system.
+        Matrices of the system.
 
     """
     from scipy import linalg  # type: ignore[import-untyped]
@@ -54,26 +62,30 @@ def peak_gain(A: Array, B: Array, C: Array) -> float:
         return np.inf
     m = len(A)
     A, (scale, _) = linalg.matrix_balance(A, permute=False, separate=True)
-    B, C = B / scale[:, np.newaxis], C * scale
-    angles = np.concatenate([[0.0], np.geomspace(1e-5, np.pi, _GRID)])
+    B = B / scale[:, np.newaxis]
+    C = C * scale
+    angles = np.concatenate([[0.0], np.geomspace(1e-5, np.pi, _GRID_SIZE)])
     level = _gain(A, B, C, angles)
     if level == 0.0:
         return 0.0
-    zero, one = np.zeros((m, m)), np.eye(m)
-    left, right = np.block([[one, zero], [C.T @ C, A.T]]), np.block([[A, B @ B.T], [zero, one]])
-    for _ in range(_STEPS):
-        level *= 1.0 + _MORE
-        right[:m, m:] = B @ B.T / level ** 2
-        found = linalg.eigvals(right, left)
-        angles = np.sort(np.abs(np.angle(found[np.abs(np.abs(found) - 1.0) < _ON_CIRCLE])))
-        if not len(angles):
+    zero = np.zeros((m, m))
+    identity = np.eye(m)
+    pencil_left = np.block([[identity, zero], [C.T @ C, A.T]])
+    pencil_right = np.block([[A, B @ B.T], [zero, identity]])
+    for _ in range(_MAX_ITERATIONS):
+        level *= 1.0 + _RELATIVE_TOLERANCE
+        pencil_right[:m, m:] = B @ B.T / level ** 2
+        roots = linalg.eigvals(pencil_right, pencil_left)
+        on_circle = np.abs(np.abs(roots) - 1.0) < _CIRCLE_TOLERANCE
+        if not on_circle.any():
             break
-        level = max(level, _gain(A, B, C, np.concatenate(
-            [angles, 0.5 * (angles[1:] + angles[:-1])])))
+        angles = np.sort(np.abs(np.angle(roots[on_circle])))
+        midpoints = 0.5 * (angles[1:] + angles[:-1])
+        level = max(level, _gain(A, B, C, np.concatenate([angles, midpoints])))
     return level
 
 
 def _gain(A: Array, B: Array, C: Array, angles: Array) -> float:
-    """Return the largest singular value at z = exp(j angle) for any of the angles."""
+    """Return the largest singular value at exp(j angle)."""
     z = np.exp(1j * angles)[:, np.newaxis, np.newaxis] * np.eye(len(A))
     return float(np.linalg.svd(C @ np.linalg.solve(z - A, B), compute_uv=False).max())

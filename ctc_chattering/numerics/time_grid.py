@@ -12,8 +12,12 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
+"""
+The control grid, in whole nanoseconds.
 
-"""The control grid: sample k lies at t = k h, with h a whole number of nanoseconds."""
+Sample k lies at t = k h. Nodes, plant and controller count time in integers and convert it here.
+So the same sample has the same float everywhere, and no error accumulates.
+"""
 
 from __future__ import annotations
 
@@ -24,10 +28,12 @@ import numpy as np
 import numpy.typing as npt
 
 NANOSECONDS = 1_000_000_000
+#: Relative deviation of a period from whole nanoseconds that is rounding of its decimal text.
+_PERIOD_TOLERANCE = 1e-9
 
 
 def nanoseconds(time: Any) -> int:
-    """Return a time or duration of a message, with `sec` and `nanosec`, in nanoseconds."""
+    """Return a time or duration of a message in nanoseconds."""
     return int(time.sec) * NANOSECONDS + int(time.nanosec)
 
 
@@ -42,25 +48,25 @@ def period_ns(control_period: float) -> int:
 
     """
     ns = round(control_period * NANOSECONDS) if 0.0 < control_period < 1e9 else 0
-    if ns < 1 or abs(control_period * NANOSECONDS - ns) > 1e-9 * ns:
+    if ns < 1 or abs(control_period * NANOSECONDS - ns) > _PERIOD_TOLERANCE * ns:
         raise ParameterError(
             'control_period', control_period, 'a positive whole number of nanoseconds')
     return ns
 
 
 def samples(duration: float, period: int) -> int:
-    """Return the index of the last sample of a run of `duration` [s] with `period` [ns]."""
+    """Return the last index of a run, from [s] and [ns]."""
     return round(duration * NANOSECONDS) // period
 
 
 def seconds(nanoseconds: int) -> float:
-    """Return integer nanoseconds in seconds, the same float for the same instant everywhere."""
+    """Return integer nanoseconds in seconds, as the nearest float."""
     return nanoseconds / NANOSECONDS
 
 
 def missing(t: npt.NDArray[np.float64], period: float) -> npt.NDArray[np.int64]:
     """
-    Return how many samples are missing after each sample but the last, shape (N - 1,).
+    Count the samples missing after each, shape (N - 1,).
 
     Parameters
     ----------

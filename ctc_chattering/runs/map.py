@@ -23,8 +23,8 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
 
-from ctc_chattering.analysis.compilation import codes, compile_setups
 from ctc_chattering.analysis.tables import counted
+from ctc_chattering.configuration.compilation import codes, compile_setups
 from ctc_chattering.configuration.package_share import find_config
 from ctc_chattering.errors import CtcError
 from ctc_chattering.output_files import check_format, OutputFolder

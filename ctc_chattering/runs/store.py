@@ -32,7 +32,7 @@ from pathlib import Path
 from typing import Any, BinaryIO
 
 import ctc_chattering
-from ctc_chattering.analysis.compilation import compile_setups
+from ctc_chattering.configuration.compilation import compile_setups
 from ctc_chattering.errors import as_ctc_error, CtcError
 from ctc_chattering.input_files import read_bytes, read_text
 from ctc_chattering.output_files import (

@@ -29,7 +29,7 @@ import math
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from ctc_chattering.analysis.compilation import compile_setups
+from ctc_chattering.configuration.compilation import compile_setups
 from ctc_chattering.control.recommended_gains import RECOMMENDED_LAW
 from ctc_chattering.errors import CtcError, ParameterError, UsageError
 from ctc_chattering.parameters import whole

@@ -12,7 +12,14 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The closed loop without ROS: the same plant, controller and reference that the nodes run."""
+"""
+The closed loop without ROS.
+
+`analysis.result.simulate`, and with it `ctc simulate`, maps and searches, calls `simulate`. Plant,
+controller and reference are those of the nodes. They come in as configurations, or ready made.
+At every sample the controller answers the state, and the plant takes that torque until the next.
+A `CompiledLoop` does so where it can, else plain Python.
+"""
 
 from __future__ import annotations
 
@@ -30,16 +37,14 @@ from ctc_chattering.dynamics.model import Model
 from ctc_chattering.errors import CtcError
 from ctc_chattering.numerics.angles import TURN, turns_to
 from ctc_chattering.numerics.linear_algebra import Vector
-from ctc_chattering.numerics.time_grid import seconds
+from ctc_chattering.numerics.time_grid import NANOSECONDS, seconds
 from ctc_chattering.simulation.compiled_loop import (
-    BEYOND,
+    BEYOND_LIMIT,
     CompiledLoop,
     DIVERGED,
-    DQ,
-    FILTERED,
+    empty_samples,
     NO_TORQUE,
-    Q,
-    SENT,
+    Samples,
 )
 from ctc_chattering.simulation.plant import diverged, make_plant, Plant
 from ctc_chattering.simulation.plant_config import PlantConfig
@@ -51,6 +56,8 @@ import numpy as np
 import numpy.typing as npt
 
 Array = npt.NDArray[np.float64]
+#: Calls of `progress` during a run of plain Python.
+_PROGRESS_CALLS = 100
 
 
 @dataclasses.dataclass(frozen=True)
@@ -77,7 +84,7 @@ class Event:
 @dataclasses.dataclass(frozen=True)
 class Run:
     """
-    The samples of a run; N samples, n joints.
+    The N samples of a run with n joints.
 
     For a prismatic joint rad is m, and N·m is N.
 
@@ -126,15 +133,15 @@ def simulate(plant: PlantConfig, controller: ControllerConfig, reference: Refere
              route: Route | None = None, robot: Plant | None = None,
              model: Model | None = None) -> Run:
     """
-    Return the samples of the closed loop from t = 0 to the plant's `duration`, both included.
+    Return the samples of the closed loop.
 
-    At every sample the controller answers the state, and the plant takes that torque until the
-    next; that is the lockstep of the nodes. A sample whose state is lost is not in the result.
+    They are from t = 0 to the plant's `duration`, both included, without lost ones. This is the
+    lockstep of the nodes.
 
     Parameters
     ----------
     plant, controller, reference
-        Configurations that agree (`configuration.loop_setup.check_agreement`); the joints of all
+        Configurations that agree (`configuration.loop_setup.check_agreement`). The joints of all
         three are the same, in any order for the reference.
     events : sequence of Event
         Changes of parameters during the run.
@@ -145,7 +152,7 @@ def simulate(plant: PlantConfig, controller: ControllerConfig, reference: Refere
     route : Route, optional
         Waypoints in place of the reference's sinusoid.
     robot : Plant, optional
-        At its start, made from `plant`; in place of the one that `plant` describes.
+        At its start, made from `plant`, in place of the one that `plant` describes.
     model : Model, optional
         Of the controller, in place of the one that its configuration names.
 
@@ -158,26 +165,24 @@ def simulate(plant: PlantConfig, controller: ControllerConfig, reference: Refere
     """
     if plant.duration <= 0.0:
         raise CtcError('duration: a simulation must end; set the duration of the plant above 0')
-    robot, law = robot or make_plant(plant), Controller(controller, model)
+    robot = robot or make_plant(plant)
+    law = Controller(controller, model)
     start = tuple(zip(plant.joint_names, zip(*map(tuple, robot.measured))))
     endless = dict(zip(controller.joint_names, law.continuous))
     table = reference_table(
         reference, route, start if reference.start_duration or route is not None else (),
         controller.joint_names, robot.period_ns, robot.last + 1 + controller.input_delay,
         tuple(endless.get(name, False) for name in reference.joint_names))
-    #: What the angles of the robot lack to those nearest to the reference [rad].
-    lacking = TURN * np.array([turns_to(q, target) if turns else 0 for q, target, turns in zip(
-        robot.measured[0], table[0, 0].tolist(), law.continuous)])
+    loop = _Loop(robot, law, table, truth)
     show = progress or (lambda _: None)
     show(0.0)
-    loop = None if events else compiled_loop_of(robot, law)
-    compiled = loop is not None and loop.compiled
-    stamps, rows = (
-        _by_machine_code(loop, table, robot, law, truth, lacking)
-        if loop is not None and compiled
-        else _by_steps(robot, law, table, events, show, truth, lacking))
+    machine_code = None if events else compiled_loop_of(robot, law)
+    if machine_code is not None and machine_code.compiled:
+        run = loop.by_machine_code(machine_code)
+    else:
+        run = loop.by_plain_python(events, show)
     show(plant.duration)
-    return _run_of(stamps, rows, table, robot.period_ns, truth, compiled)
+    return run
 
 
 #: Loops that are compiled, by thread and by what their layouts depend on.
@@ -186,18 +191,20 @@ _LOOPS: dict[Any, CompiledLoop] = {}
 
 def compiled_loop_of(robot: Plant, law: Controller) -> CompiledLoop | None:
     """
-    Return the loop as machine code takes it, before its first sample; None where it cannot.
+    Return the loop for machine code, or None where that cannot be.
 
-    It may have to be compiled first. In a thread it is the same one for the same kind of law and
-    robot, with other numbers filled in: it must be run before it is asked for again.
+    It is before its first sample, and may have to be compiled first. In a thread it is the same
+    one for the same class of law and robot, with other numbers filled in. So it must be run before
+    it is requested again.
     """
-    arm, model = robot.arm, law.arm
+    arm = robot.arm
+    model = law.arm
     if arm is None or model is None:
         return None
-    plant, control = ((robot.own, robot.parameters, robot.state),
-                      (law.settings, law.law, law.memories))
-    kinds, numbers = zip(*map(described, (*plant, *control)))
-    key = get_ident(), len(robot.transit), len(law.transit), kinds
+    plant = robot.own_friction, robot.parameters, robot.state
+    control = law.settings, law.law, law.memories
+    layouts, numbers = zip(*map(described, (*plant, *control)))
+    key = get_ident(), len(robot.transit), len(law.transit), layouts
     loop = _LOOPS.get(key) or CompiledLoop(
         CompiledPlantStep(arm, *plant, robot.transit),
         CompiledStep(*control, law.transit.copy(), model))
@@ -207,94 +214,115 @@ def compiled_loop_of(robot: Plant, law: Controller) -> CompiledLoop | None:
     return loop
 
 
-def _by_machine_code(loop: CompiledLoop, table: Array, robot: Plant, law: Controller, truth: bool,
-                     lacking: Array) -> tuple[Any, Array]:
-    """Return what `_by_steps` does, of machine code."""
-    end, last, joint, stamps, rows = loop.run(
-        robot, table, np.array(law.config.error_limit), truth, lacking)
-    t = seconds(last * robot.period_ns)
-    if end == DIVERGED:
-        raise diverged(t, loop.plant_step.state.driven.commanded)
-    if end == BEYOND:
-        raise CtcError(_beyond(law.config, joint, t, loop.error[joint]))
-    if end == NO_TORQUE:
-        raise CtcError(_no_torque(t, *loop.measured.tolist()))
-    return stamps, rows
-
-
-def _by_steps(robot: Plant, law: Controller, table: Array, events: Sequence[Event],
-              show: Callable[[float], None], truth: bool, lacking: Array) -> tuple[Any, Array]:
+class _Loop:
     """
-    Return stamp [ns], and q, dq, tau and v, of each sample not lost, (N,) and (N, 4, n).
+    A closed loop at its start.
 
     Parameters
     ----------
     robot, law
         At their start.
     table : array, shape (N + delay, 3, n)
-        Of `reference_table`.
-    events, show, truth
+        Points of the reference, of `reference_table`.
+    truth : bool
         As of `simulate`.
-    lacking : array, shape (n,)
-        What is added to the robot's positions [rad].
 
     """
-    period, last, delay = robot.period_ns, robot.last, law.config.input_delay
-    due = deque(sorted(events, key=lambda event: event.time))
-    changed: dict[str, Any] = {'plant': robot, 'controller': law}
-    stamps, rows = np.zeros(last + 1, np.int64), np.empty((last + 1, 4, robot.n))
-    tau, count = robot.applied, 0
-    for k in range(last + 1):
-        t = seconds(k * period)
-        while due and t >= due[0].time:
-            event = due.popleft()
-            changed[event.node].configure(changed[event.node].config.changed(event.values))
-        if not robot.lost:
-            point, *ahead = table[k:k + delay + 1].tolist()
-            q, dq = robot.measured
-            sample = _step(law, robot.stamp, k * period, (q + lacking).tolist(), dq, point, ahead)
-            tau = sample.tau
-            stamps[count] = robot.stamp
-            rows[count] = *((robot.q, robot.dq) if truth else (q, dq)), tau, sample.v
-            rows[count, Q] += lacking
-            count += 1
-        if k < last:
-            robot.step(tau)
-        if k % max(1, last // 100) == 0:
-            show(t)
-    return stamps[:count], rows[:count]
+
+    def __init__(self, robot: Plant, law: Controller, table: Array, truth: bool) -> None:
+        self._robot = robot
+        self._law = law
+        self._table = table
+        self._truth = truth
+        #: Whole turns from the robot's angles to those nearest to the reference [rad].
+        self._turns = TURN * np.array([
+            turns_to(q, target) if continuous else 0
+            for q, target, continuous in zip(
+                robot.measured[0], table[0, 0].tolist(), law.continuous)])
+
+    def by_machine_code(self, loop: CompiledLoop) -> Run:
+        """Return the run of machine code."""
+        config = self._law.config
+        end, samples = loop.run(
+            self._robot, self._table, np.array(config.error_limit), self._turns, self._truth)
+        t = seconds(loop.status.k * self._robot.period_ns)
+        if end == DIVERGED:
+            raise diverged(t, loop.plant_step.state.driven.commanded)
+        if end == BEYOND_LIMIT:
+            joint = loop.status.joint
+            raise _beyond_limit(config, joint, t, loop.error[joint])
+        if end == NO_TORQUE:
+            raise _no_torque(t, *loop.measured.tolist())
+        return self._run_of(samples, compiled=True)
+
+    def by_plain_python(self, events: Sequence[Event], show: Callable[[float], None]) -> Run:
+        """Return the run of plain Python."""
+        robot = self._robot
+        truth = self._truth
+        due = deque(sorted(events, key=lambda event: event.time))
+        nodes: dict[str, Any] = {'plant': robot, 'controller': self._law}
+        samples = empty_samples(robot.last + 1, robot.n)
+        count = 0
+        tau = robot.applied
+        for k in range(robot.last + 1):
+            t = seconds(k * robot.period_ns)
+            while due and t >= due[0].time:
+                event = due.popleft()
+                node = nodes[event.node]
+                node.configure(node.config.changed(event.values))
+            if not robot.lost:
+                sample = self._answer(k)
+                tau = sample.tau
+                samples.stamps[count] = robot.stamp
+                q, dq = (robot.q, robot.dq) if truth else robot.measured
+                samples.q[count] = q + self._turns
+                samples.dq[count] = dq
+                samples.tau[count] = tau
+                samples.v[count] = sample.v
+                count += 1
+            if k < robot.last:
+                robot.step(tau)
+            if k % max(1, robot.last // _PROGRESS_CALLS) == 0:
+                show(t)
+        return self._run_of(samples.head(count), compiled=False)
+
+    def _answer(self, k: int) -> Sample:
+        """Return the law's sample at `k`; raise `CtcError` without a torque."""
+        robot = self._robot
+        law = self._law
+        q, dq = robot.measured
+        q = (q + self._turns).tolist()
+        point: Point
+        point, *ahead = self._table[k:k + law.config.input_delay + 1].tolist()
+        sample = law.try_step(q, dq, *point, ahead, robot.stamp, k * robot.period_ns)
+        t = seconds(robot.stamp)
+        if sample is None:
+            raise _no_torque(t, q, dq)
+        joint = joint_beyond(sample.e, law.config.error_limit)
+        if joint is not None:
+            raise _beyond_limit(law.config, joint, t, sample.e[joint])
+        return sample
+
+    def _run_of(self, samples: Samples, compiled: bool) -> Run:
+        """Return the run, with the reference at its stamps."""
+        stamps, q, dq, tau, v = samples
+        k = np.rint(stamps / self._robot.period_ns).astype(int)
+        on_grid = k * self._robot.period_ns
+        q_d, dq_d, ddq_d = self._table[k].transpose(1, 0, 2)
+        if self._truth:
+            stamps = on_grid
+        elif (stamps != on_grid).any():
+            s = (stamps - on_grid)[:, np.newaxis] / NANOSECONDS
+            q_d = q_d + s * (dq_d + 0.5 * s * ddq_d)
+            dq_d = dq_d + s * ddq_d
+        return Run(stamps / NANOSECONDS, q, dq, q_d, dq_d, ddq_d, tau, v, compiled=compiled)
 
 
-def _run_of(stamps: Any, rows: Array, table: Array, period: int, truth: bool, compiled: bool
-            ) -> Run:
-    """Return the run of what `_by_steps` returns, under a reference."""
-    at = np.rint(stamps / period).astype(int)
-    q_d, dq_d, ddq_d = table[at].transpose(1, 0, 2)
-    if truth:
-        stamps = at * period
-    elif (stamps != at * period).any():
-        s = (stamps - at * period)[:, np.newaxis] / 1e9
-        q_d, dq_d = q_d + s * (dq_d + 0.5 * s * ddq_d), dq_d + s * ddq_d
-    return Run(stamps / 1e9, rows[:, Q], rows[:, DQ], q_d, dq_d, ddq_d, rows[:, SENT],
-               rows[:, FILTERED], compiled=compiled)
+def _no_torque(t: float, q: Vector, dq: Vector) -> CtcError:
+    return CtcError(f'no torque can be computed at t = {t:g} s for {list(q)}, {list(dq)}')
 
 
-def _no_torque(t: float, q: Vector, dq: Vector) -> str:
-    return f'no torque can be computed at t = {t:g} s for {list(q)}, {list(dq)}'
-
-
-def _beyond(config: ControllerConfig, joint: int, t: float, error: float) -> str:
-    return (f'the position error of {config.joint_names[joint]} at t = {t:g} s, {error:.4g} rad, '
-            f'exceeds error_limit, {config.error_limit[joint]:g} rad')
-
-
-def _step(law: Controller, stamp: int, at: int, q: Vector, dq: Vector, point: Point,
-          ahead: Sequence[Point]) -> Sample:
-    """Return the law's sample at a stamp; raise `CtcError` if no torque may be sent for it."""
-    sample, t = law.try_step(q, dq, *point, ahead, stamp, at), seconds(stamp)
-    if sample is None:
-        raise CtcError(_no_torque(t, q, dq))
-    i = joint_beyond(sample.e, law.config.error_limit)
-    if i is not None:
-        raise CtcError(_beyond(law.config, i, t, sample.e[i]))
-    return sample
+def _beyond_limit(config: ControllerConfig, joint: int, t: float, error: float) -> CtcError:
+    return CtcError(
+        f'the position error of {config.joint_names[joint]} at t = {t:g} s, {error:.4g} rad, '
+        f'exceeds error_limit, {config.error_limit[joint]:g} rad')

@@ -12,7 +12,14 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The closed loop sample by sample as machine code, for simulation that takes milliseconds."""
+"""
+The closed loop as one piece of machine code.
+
+`closed_loop.simulate` runs a `CompiledLoop` where plant and controller can be machine code, and
+its own loop in plain Python elsewhere. `run_loop` is that loop once more, over records in memory,
+from the first sample to the last. It calls the steps of plant and controller by their addresses,
+so that these are compiled once for all loops. A run then takes milliseconds.
+"""
 
 from __future__ import annotations
 
@@ -22,41 +29,84 @@ from math import inf
 from random import Random
 from typing import Any, NamedTuple
 
-from ctc_chattering.compiled.compilable import every, first, function, some
-from ctc_chattering.compiled.machine_code import invoke, places, Program
-from ctc_chattering.compiled.records import fill, load, numpy_record, rows, store, value
+from ctc_chattering.compiled.compilable import every, first, function, record, some
+from ctc_chattering.compiled.machine_code import argument_addresses, Callee, invoke, Program
+from ctc_chattering.compiled.records import fill, load, packed, rows, store, value
 from ctc_chattering.control.compiled_step import CompiledStep
 from ctc_chattering.control.irregular_sample import locate_sample
-from ctc_chattering.dynamics.compiled_model import Arm
+from ctc_chattering.dynamics.compiled_model import ArmNumbers
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.simulation.plant import Plant
 from ctc_chattering.simulation.plant_step import CompiledPlant, CompiledPlantStep, no_inputs
 import numpy as np
 import numpy.typing as npt
 
-#: How a run ends, and the sample: at its end, without a finite torque, with a position error
-#: beyond its limit (and its joint), with a state that is not finite.
-FINISHED, NO_TORQUE, BEYOND, DIVERGED = range(4)
-#: Rows of a sample.
-Q, DQ, SENT, FILTERED = range(4)
+# Ends of a run, as `run_loop` returns them.
+#: At the last sample.
+FINISHED = 0
+#: Without a finite torque.
+NO_TORQUE = 1
+#: With a position error beyond its limit.
+BEYOND_LIMIT = 2
+#: With a state that is not finite.
+DIVERGED = 3
 
 
-class Control(NamedTuple):
-    """The steps of controller and plant, which machine code calls by their addresses."""
+class Samples(NamedTuple):
+    """The N samples of a run that are not lost."""
 
-    #: Addresses of the two functions, and of those of their arguments.
-    call: Any
+    #: Time of measurement [ns], shape (N,).
+    stamps: npt.NDArray[np.int64]
+    #: Position [rad], velocity [rad/s], torque sent [N·m] and v [rad/s], each of shape (N, n).
+    q: Array
+    dq: Array
+    tau: Array
+    v: Array
+
+    def head(self, count: int) -> Samples:
+        """Return the first `count` samples."""
+        return Samples._make(column[:count] for column in self)
+
+
+def empty_samples(count: int, n: int) -> Samples:
+    """Return memory for `count` samples of `n` joints."""
+    q, dq, tau, v = np.empty((4, count, n))
+    return Samples(np.zeros(count, np.int64), q, dq, tau, v)
+
+
+@record
+class LoopStatus(NamedTuple):
+    """Progress of a run."""
+
+    #: Number of samples that are not lost.
+    recorded: int
+    #: The last sample.
+    k: int
+    #: Joint with the error of `BEYOND_LIMIT`.
+    joint: int
+    #: True to record the true state in place of the measured one.
+    truth: bool
+
+
+class LoopRecords(NamedTuple):
+    """Memory of the loop, beside that of the plant."""
+
+    #: NumPy records: `Callee` of the steps of controller and plant.
+    controller: Any
+    plant: Any
     #: `PlantInput` of the plant's step.
-    given: Any
+    received: Any
     #: As of `CompiledStep` and its records.
     measured: Array
     points: Array
     irregularity: Any
     result: Any
-    #: Largest position error, shape (n,) [rad]; inf for any.
+    #: Largest position error, inf for any, shape (n,) [rad].
     error_limit: Array
-    #: What is added to the measured positions: whole turns of continuous joints, shape (n,) [rad].
-    lacking: Array
+    #: Whole turns that are added to the measured positions, shape (n,) [rad].
+    turns: Array
+    #: `LoopStatus`.
+    status: Any
 
 
 class CompiledLoop(Program):
@@ -73,34 +123,35 @@ class CompiledLoop(Program):
     Attributes
     ----------
     step, plant_step
-        As given.
+        The same.
     measured, error : array, shape (2, n) and (n,)
         q and dq [rad, rad/s], and the position error [rad], of the last sample.
 
     """
 
     def __init__(self, plant_step: CompiledPlantStep, step: CompiledStep) -> None:
-        records = step.records
-        self.measured, self.error, self.step = records.measured, records.result.e, step
-        self.plant_step, self._error_limit = plant_step, np.zeros_like(self.error)
-        self._lacking = np.zeros_like(self.error)
-        n = len(self._error_limit)
-        self._result = numpy_record(dict.fromkeys(('rows', 'last', 'joint', 'truth'), np.array(0)))
-        calls = numpy_record(dict.fromkeys(
-            ('control', 'control_places', 'plant', 'plant_places'), np.array(0)))
-        kept = plant_step.records, Control(
-            calls, plant_step.given, records.measured, step.points, records.irregularity,
-            records.result, self._error_limit, self._lacking), self._result
-        super().__init__((*step.codes, *plant_step.codes), run, (
-            *kept, *_arrays(no_inputs(n, 1), np.zeros((3, n)))), f'loop-{n}')
+        self.step = step
+        self.plant_step = plant_step
+        control = step.records
+        self.measured = control.measured
+        self.error = control.result.e
+        n = len(self.error)
+        callees = packed(Callee(0, 0)), packed(Callee(0, 0))
+        self._records = LoopRecords(
+            *callees, plant_step.received, control.measured, step.points, control.irregularity,
+            control.result, np.zeros(n), np.zeros(n), packed(LoopStatus(0, 0, 0, False)))
+        # The machine code is the same for any number of samples.
+        super().__init__((*step.codes, *plant_step.codes), run_loop, (
+            plant_step.records, self._records, no_inputs(n, 1), np.zeros((3, n)),
+            empty_samples(1, n)), f'loop-{n}')
         self.compiled &= step.compiled and plant_step.compiled
         if self.compiled:
-            self._places = places(kept)
-            for name, code in (('control', step.code), ('plant', plant_step.code)):
-                calls[name] = code.address()
-                calls[f'{name}_places'] = code.places.ctypes.data
+            for callee, code in zip(callees, (step.code, plant_step.code)):
+                callee.function = code.address()
+                callee.arguments = code.addresses.ctypes.data
 
-    def fill(self, numbers: Sequence[tuple[Any, ...]], *of_steps: tuple[Arm, Array]) -> None:
+    def fill(self, numbers: Sequence[tuple[Any, ...]], *of_steps: tuple[ArmNumbers, Array]
+             ) -> None:
         """
         Begin with a plant and a controller of these layouts.
 
@@ -113,7 +164,7 @@ class CompiledLoop(Program):
             Model and torques in transit of the plant, then of the controller.
 
         """
-        records = *self.plant_step.records[2:5], *self.step.records[:3]
+        records = *self.plant_step.records[1:4], *self.step.records[:3]
         for fields, values in zip(records, numbers):
             fill(fields, values)
         steps: tuple[Any, ...] = self.plant_step, self.step
@@ -121,10 +172,10 @@ class CompiledLoop(Program):
             step.arm.fill(arm)
             step.records.transit[:] = transit
 
-    def run(self, plant: Plant, table: Array, error_limit: Array, truth: bool, lacking: Array
-            ) -> tuple[int, int, int, Any, Array]:
+    def run(self, plant: Plant, table: Array, error_limit: Array, turns: Array, truth: bool
+            ) -> tuple[int, Samples]:
         """
-        Run it.
+        Run the loop, and return its end and samples.
 
         Parameters
         ----------
@@ -133,117 +184,124 @@ class CompiledLoop(Program):
         table : array, shape (N + delay, 3, n)
             q_d, dq_d and ddq_d at each sample.
         error_limit : array, shape (n,)
-            Largest position error [rad]; inf for any.
+            Largest position error, inf for any [rad].
+        turns : array, shape (n,)
+            Whole turns that are added to the positions of continuous joints [rad].
         truth : bool
             Record the true state in place of the one that the sensors show.
-        lacking : array, shape (n,)
-            What is added to the positions: whole turns of continuous joints [rad].
-
-        Returns
-        -------
-        end, last, joint : int
-            How the run ended, at which sample, with which joint.
-        stamps : array of int, shape (N,)
-            Of each sample that is not lost [ns].
-        rows : array, shape (N, 4, n)
-            Its q, dq, tau, v.
 
         """
-        fill(self._result, (0, 0, 0, truth))
-        self._error_limit[:], self._lacking[:] = error_limit, lacking
+        fill(self._records.status, (0, 0, 0, truth, 0))
+        self._records.error_limit[:] = error_limit
+        self._records.turns[:] = turns
         count = plant.last + 1
-        arrays = _arrays(inputs(plant, count), table.reshape(-1, plant.n))
-        at = np.concatenate((self._places, places(arrays)))
-        end, (found, last, joint, _) = invoke(self.code.address(), at.ctypes.data), self._result
-        _, _, stamps, out = arrays
-        return (end, int(last), int(joint), stamps[:found], out.reshape(count, 4, -1)[:found])
+        samples = empty_samples(count, plant.n)
+        # Both have names, since their memory must last until the end of the call.
+        arguments = (self.plant_step.records, self._records, inputs(plant, count),
+                     table.reshape(-1, plant.n), samples)
+        addresses = argument_addresses(arguments)
+        end = invoke(self.code.address(), addresses.ctypes.data)
+        return end, samples.head(self.status.recorded)
 
-
-def _arrays(drawn: Any, points: Array) -> tuple[Any, ...]:
-    """Return the last arguments of `run`."""
-    count, n = len(drawn), points.shape[1]
-    return drawn, points, np.zeros(count, np.int64), np.empty((4 * count, n))
+    @property
+    def status(self) -> LoopStatus:
+        """Return the progress of the last run."""
+        status: LoopStatus = load(self._records.status)
+        return status
 
 
 def inputs(plant: Plant, count: int) -> Any:
-    """Return `count` records of `PlantInput` with the random numbers that `plant` would draw."""
-    made = no_inputs(plant.n, count)
-    for name, random in plant.chances.items():
-        made[name] = ([random.random() for _ in range(count)] if getattr(plant.config, name)
-                      else 1.0)
+    """Return `PlantInput`s with the numbers that `plant` would draw."""
+    drawn = no_inputs(plant.n, count)
+    for name, random in plant.draws.items():
+        drawn[name] = ([random.random() for _ in range(count)] if getattr(plant.config, name)
+                       else 1.0)
     noisy = [(name, i) for name in ('position_noise', 'velocity_noise')
              for i, deviation in enumerate(getattr(plant.config, name)) if deviation > 0.0]
-    numbers = normal_numbers(plant.sensor.random.getstate(), count * len(noisy))
+    numbers = normal_numbers(plant.noise.getstate(), count * len(noisy))
     for (name, i), column in zip(noisy, numbers.reshape(count, -1).T):
-        made[name][:, i] = column
-    return made
+        drawn[name][:, i] = column
+    return drawn
 
 
 @lru_cache(128)  # The runs of a map have the same seeds at every point.
 def normal_numbers(state: Any, count: int) -> Array:
-    """Return the next `count` numbers of ``gauss(0.0, 1.0)`` of a `Random` in this state."""
+    """Return the next ``gauss(0.0, 1.0)`` of a `Random` in this state."""
     random = Random()
     random.setstate(state)
     return np.array([random.gauss(0.0, 1.0) for _ in range(count)])
 
 
 @function
-def run(p: CompiledPlant, c: Control, result: Any, drawn: Any, points: Array,
-        stamps: npt.NDArray[np.int64], out: Array) -> int:
+def run_loop(p: CompiledPlant, c: LoopRecords, drawn: Any, points: Array, samples: Samples
+             ) -> int:
     """
-    Run the closed loop from the first sample to the last; return how it ended.
+    Run the closed loop, and return its end.
 
     Parameters
     ----------
     p, c
-        Plant and controller.
-    result : record
-        To be filled: the number of rows, the last sample, the joint that is concerned.
+        Memory of the plant, and of the loop.
     drawn : array of records, shape (N,)
         `PlantInput` of each sample but for the torque.
     points : array, shape (3 (N + delay), n)
         q_d, dq_d and ddq_d of one sample after the other.
-    stamps, out : array, shape (N,) and (4 N, n)
-        To be filled with stamp [ns], and with q, dq, tau, v, of each sample that is not lost.
+    samples : Samples
+        To be filled.
 
     """
-    s, tau = p.state, value(p.state.driven.received)
-    measured, ahead = rows(c.measured, tau), rows(c.points, tau)
-    table, kept, limit = rows(points, tau), rows(out, tau), rows(c.error_limit, tau)
-    lacking = rows(c.lacking, tau)[0]
-    last, period = p.parameters.last, p.parameters.mechanics.period_ns
-    before, offset = -period, 0
-    for k in range(last + 1):
-        result.last = k
-        if not s.lost_in_a_row:  # Else the plant takes the last torque again.
-            measured[0], measured[1] = value(s.shown.q) + lacking, value(s.shown.dq)
+    state = p.state
+    status = c.status
+    tau = value(p.state.driven.received)
+    measured = rows(c.measured, tau)
+    table = rows(points, tau)
+    ahead = rows(c.points, tau)
+    limit = rows(c.error_limit, tau)[0]
+    turns = rows(c.turns, tau)[0]
+    q_column = rows(samples.q, tau)
+    dq_column = rows(samples.dq, tau)
+    tau_column = rows(samples.tau, tau)
+    v_column = rows(samples.v, tau)
+    period = p.parameters.mechanics.period_ns
+    previous = -period
+    offset = 0
+    for k in range(p.parameters.last + 1):
+        status.k = k
+        if not state.lost_in_a_row:  # Else the plant takes the last torque again.
+            measured[0] = value(state.shown.q) + turns
+            measured[1] = value(state.shown.dq)
             for j in range(len(c.points)):
                 ahead[j] = table[3 * k + j]
-            stamp = k * period + round(1e9 * s.offset)
-            missed, offset = locate_sample(period, offset, stamp - before)
+            stamp = k * period + round(1e9 * state.offset)
+            missed, offset = locate_sample(period, offset, stamp - previous)
             for j in range(missed, -1, -1):
                 c.irregularity.offset = offset / 1e9
                 c.irregularity.reference_offset = (stamp - offset - (k + j) * period) / 1e9
                 c.irregularity.is_measured = 1 - min(j, 1)
                 c.irregularity.keeps_torque = min(j, 1)
-                invoke(c.call.control, c.call.control_places)
-            before, tau, v = stamp, value(c.result.tau), value(c.result.v)
+                invoke(c.controller.function, c.controller.arguments)
+            previous = stamp
+            tau = value(c.result.tau)
+            v = value(c.result.v)
             if not every(np.abs(tau) + np.abs(v) < inf):
                 return NO_TORQUE
-            beyond = ~(np.abs(value(c.result.e)) <= limit[0])
+            beyond = ~(np.abs(value(c.result.e)) <= limit)
             if some(beyond):
-                result.joint = first(beyond)
-                return BEYOND
-            i = 4 * result.rows
-            kept[i + Q], kept[i + DQ] = measured[0], measured[1]
-            if result.truth:
-                kept[i + Q], kept[i + DQ] = value(s.motion.q) + lacking, value(s.motion.dq)
-            kept[i + SENT], kept[i + FILTERED] = tau, v
-            stamps[result.rows] = stamp
-            result.rows += 1
-        if k < last:
-            store(c.given, load(drawn[k])._replace(tau=tau))
-            invoke(c.call.plant, c.call.plant_places)
-            if not every(np.abs(value(s.motion.q)) + np.abs(value(s.motion.dq)) < inf):
+                status.joint = first(beyond)
+                return BEYOND_LIMIT
+            i = status.recorded
+            samples.stamps[i] = stamp
+            q_column[i] = measured[0]
+            dq_column[i] = measured[1]
+            if status.truth:
+                q_column[i] = value(state.motion.q) + turns
+                dq_column[i] = value(state.motion.dq)
+            tau_column[i] = tau
+            v_column[i] = v
+            status.recorded += 1
+        if k < p.parameters.last:
+            store(c.received, load(drawn[k])._replace(tau=tau))
+            invoke(c.plant.function, c.plant.arguments)
+            if not every(np.abs(value(state.motion.q)) + np.abs(value(state.motion.dq)) < inf):
                 return DIVERGED
     return FINISHED

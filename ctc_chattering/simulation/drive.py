@@ -33,25 +33,28 @@ import numpy as np
 
 @record
 class Drives(NamedTuple):
-    """The drives of all joints; vectors of shape (n,), truth values 1.0 and 0.0."""
+    """Drives, with parameters of `PlantConfig` by name, shape (n,)."""
 
-    #: h [s]; samples in transit; probability of a late one.
+    #: h [s].
     period: float
-    delay: int
+    #: Samples in transit.
+    input_delay: int
+    #: Probability of a late torque.
     late_samples: float
-    #: Step of the command, 0 for none, and its largest, inf for none [N·m].
-    resolution: Array
-    saturation: Array
+    #: Step of the command, 0 for none [N·m].
+    torque_resolution: Array
+    #: Largest command, inf for none [N·m].
+    torque_saturation: Array
     #: T [s] and R [N·m/s].
-    lag: Array
-    rate: Array
-    #: Whether no joint has a lag or a rate limit.
-    ideal: float
+    actuator_lag: Array
+    torque_rate_limit: Array
+    #: True if no joint has a lag or a rate limit.
+    ideal: bool
 
 
 @record
 class Driven(NamedTuple):
-    """What the drives do over a period; vectors of shape (n,) [N·m]."""
+    """Torques of the drives over a period, shape (n,) [N·m]."""
 
     #: Torque that was sent for it.
     received: Array
@@ -64,17 +67,19 @@ class Driven(NamedTuple):
 
 
 @function
-def driven(drives: Drives, before: Driven, transit: Array, k: int, tau: Array,
-           chance: float) -> Driven:
+def advance_drives(drives: Drives, previous: Driven, transit: Array, k: int, tau: Array,
+                   chance: float) -> Driven:
     """
-    Return what the drives do over the period after sample `k`.
+    Return the torques over the period after sample `k`.
 
     Parameters
     ----------
-    drives, before : Drives, Driven
-        Parameters, and the period before.
+    drives : Drives
+        Parameters.
+    previous : Driven
+        The period before.
     transit : array, shape (delay, n)
-        Torques in transit; `tau` takes the place of the one that arrives.
+        Torques in transit. `tau` takes the place of the one that arrives.
     k : int
         Sample.
     tau : array, shape (n,)
@@ -85,17 +90,17 @@ def driven(drives: Drives, before: Driven, transit: Array, k: int, tau: Array,
     """
     command = tau
     if chance < drives.late_samples:
-        command = before.received
-    if drives.delay > 0:
-        i = k % drives.delay
+        command = previous.received
+    if drives.input_delay > 0:
+        i = k % drives.input_delay
         arriving = 1.0 * transit[i]
         transit[i] = command
         command = arriving
-    if some(drives.resolution):
-        command = quantised(command, drives.resolution)
-    command = np.minimum(np.maximum(command, -drives.saturation), drives.saturation)
+    if some(drives.torque_resolution):
+        command = quantised(command, drives.torque_resolution)
+    command = np.minimum(np.maximum(command, -drives.torque_saturation), drives.torque_saturation)
     if drives.ideal:
-        return Driven(tau, command, before.gap, command)
-    gap = command - before.torque
-    return Driven(tau, command, gap,
-                  command + response(gap, drives.lag, drives.rate, drives.period)[0])
+        return Driven(tau, command, previous.gap, command)
+    gap = command - previous.torque
+    error = response(gap, drives.actuator_lag, drives.torque_rate_limit, drives.period)[0]
+    return Driven(tau, command, gap, command + error)

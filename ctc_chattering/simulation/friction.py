@@ -13,14 +13,15 @@
 # limitations under the License.
 
 """
-Coulomb friction as a set: F(dq) = Kf sgn(dq), and at dq = 0 any value in [-Kf, Kf].
+Coulomb friction as a set.
 
-A joint is in one of three modes: sliding forwards (+1), sliding backwards (-1), or at rest (0).
-At rest it sticks until the load exceeds Kf; which joints stick and which break away is one
-problem for all joints at rest together, because M couples them.
+It is F(dq) = Kf sgn(dq), and at dq = 0 any value in [-Kf, Kf]. `motion.py` asks here which joints
+stick. A joint is in one of three modes: it slides forwards
+(+1) or backwards (-1), or it is at rest (0). At rest it sticks until the load exceeds Kf. All
+joints at rest are one problem, because M couples them (`numerics/box_qp.py`).
 
-What friction is, at a velocity, beyond its value near rest is a function of velocity, load and
-mode; `friction_model` adds one of your own.
+The parameter `friction_model` names a class of the user with further friction. It depends on
+velocity, load and mode, and is 0 at rest.
 """
 
 from __future__ import annotations
@@ -44,29 +45,29 @@ from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.parameters import accept_old_name, named_class
 import numpy as np
 
-#: A load that rounding alone lifts above Kf breaks no joint away.
+#: Factor of Kf: a load that rounding alone lifts above Kf breaks no joint away.
 _HOLD = 1.0 + 1e-12
 
 
 @record
 class Friction(NamedTuple):
-    """Parameters of friction; vectors of shape (n,)."""
+    """Parameters of `PlantConfig`, over the coordinates."""
 
-    #: Kf [N·m], part of the load that adds to it, asymmetry.
-    coulomb: Array
-    share: Array
-    asymmetry: Array
-    #: Viscous [N·m·s/rad], Stribeck [N·m] and its velocity [rad/s].
-    viscous: Array
-    stribeck: Array
+    #: Kf [N·m].
+    coulomb_friction: Array
+    #: Share of the load that adds to Kf, and asymmetry.
+    load_friction: Array
+    friction_asymmetry: Array
+    #: Coefficient [N·m·s/rad].
+    viscous_friction: Array
+    #: Further friction at rest [N·m], and the velocity at which it has faded to 1/e [rad/s].
+    stribeck_friction: Array
     stribeck_velocity: Array
-    #: 1.0 with an own friction, else 0.0.
-    own: float
 
 
 @record
 class NoFriction(NamedTuple):
-    """In the place of an own friction; what it has, an own one must have."""
+    """No friction of the user, with the methods of one."""
 
     none: float = 0.0
 
@@ -77,7 +78,7 @@ class NoFriction(NamedTuple):
 
     def resistance(self, velocity: Array, _load: Array, _mode: Array) -> Array:
         """
-        Return what friction at the velocity is beyond that of the parameters, (n,) [N·m].
+        Return the further friction at a velocity, (n,) [N·m].
 
         Parameters
         ----------
@@ -91,7 +92,7 @@ class NoFriction(NamedTuple):
         Returns
         -------
         array, shape (n,)
-            Against the velocity; 0 where that is 0, since the parameters have what holds a joint.
+            Against the velocity. It is 0 at rest, since the parameters have what holds a joint.
 
         """
         return 0.0 * velocity
@@ -99,7 +100,7 @@ class NoFriction(NamedTuple):
 
 def own_friction(name: str, joint_names: Sequence[str]) -> Any:
     """
-    Return what the class `name`, ``package.module:Name``, makes of the names of the joints.
+    Return the friction of the class `name`, ``package.module:Name``.
 
     Raises
     ------
@@ -109,33 +110,39 @@ def own_friction(name: str, joint_names: Sequence[str]) -> Any:
     """
     if not name:
         return NoFriction()
-    own, n = named_class('friction_model', name, lambda x: x in RECORDS and hasattr(
-        x, 'resistance'), 'class marked by @record with a method resistance'), len(joint_names)
+    n = len(joint_names)
+    marked = named_class(
+        'friction_model', name, lambda x: x in RECORDS and hasattr(x, 'resistance'),
+        'class marked by @record with a method resistance')
     with as_ctc_error(f'the friction_model {name} cannot be made'):
-        accept_old_name(own, 'made', 'for_joints')
-        made = own.for_joints(tuple(joint_names))
-        at_rest = made.resistance(np.zeros(n), np.zeros(n), np.ones(n))
+        accept_old_name(marked, 'made', 'for_joints')
+        friction = marked.for_joints(tuple(joint_names))
+        at_rest = friction.resistance(np.zeros(n), np.zeros(n), np.ones(n))
         if len(at_rest) != n or any(at_rest):
             raise CtcError(f'its resistance at rest is {list(at_rest)}; allowed: {n} times 0')
-    return made
+    return friction
 
 
 @function
-def margin_of_rest(M: Array, bias: Array, load: Array, breakaway: Array, stuck: Truths) -> float:
+def stick_margin(M: Array, load: Array, breakaway: Array, stuck: Truths) -> float:
     """
-    Return how far the most loaded joint at rest is from breaking away [N·m]; negative if it does.
+    Return the torque by which the weakest stuck joint holds [N·m].
+
+    It is negative if the joint breaks away.
 
     Parameters
     ----------
-    M, bias : array, shape (n, n) and (n,)
-        Of the model at the state [kg·m², N·m].
-    load, breakaway : array, shape (n,)
-        Torque without friction of the joints at rest, and breakaway torque Kf [N·m].
+    M : array, shape (n, n)
+        Mass matrix [kg·m²].
+    load : array, shape (n,)
+        Torque less C dq + G, without the friction of joints at rest [N·m].
+    breakaway : array, shape (n,)
+        Breakaway torque Kf [N·m].
     stuck : array of bool, shape (n,)
-        Which joints are at rest; inf is returned for none.
+        Joints at rest. Without any, the margin is inf.
 
     """
-    held = load - bias - dot(M, solve_where(~stuck, M, load - bias))
+    held = load - dot(M, solve_where(~stuck, M, load))
     margin: float = np.where(stuck, _HOLD * breakaway - np.abs(held), inf).min()
     return margin
 
@@ -143,7 +150,7 @@ def margin_of_rest(M: Array, bias: Array, load: Array, breakaway: Array, stuck: 
 @function
 def modes(model: Any, q: Array, dq: Array, u: Array, breakaway: Array) -> tuple[Array, Truths]:
     """
-    Decide for every joint between sticking (0) and sliding (+1 or -1).
+    Decide for each joint between sticking (0) and sliding (±1).
 
     Parameters
     ----------
@@ -152,16 +159,16 @@ def modes(model: Any, q: Array, dq: Array, u: Array, breakaway: Array) -> tuple[
     q, dq, u : array, shape (n,)
         Position [rad], velocity [rad/s], torque without friction [N·m].
     breakaway : array, shape (n,)
-        Breakaway torque Kf [N·m]; a joint for which it is 0 is reported as 0 and never sticks.
+        Breakaway torque Kf [N·m]. A joint for which it is 0 has the mode 0 and never sticks.
 
     Returns
     -------
-    array, shape (n,)
+    mode : array, shape (n,)
         A moving joint slides the way it moves. A joint at rest has the mode for which either
         its acceleration is 0 and the friction that this takes is within ±Kf, or its friction is
         ±Kf and it accelerates that way.
-    array of bool, shape (n,)
-        The joints that stick.
+    stuck : array of bool, shape (n,)
+        Joints that stick.
 
     """
     rubbing = breakaway > 0.0
@@ -169,9 +176,9 @@ def modes(model: Any, q: Array, dq: Array, u: Array, breakaway: Array) -> tuple[
     stuck = rubbing & (mode == 0.0)
     if some(stuck):
         M, bias = model.mass_and_bias(q, dq)
-        load = u - breakaway * mode
-        if margin_of_rest(M, bias, load, breakaway, stuck) < 0.0:
-            held = nearest(M, load - bias, np.where(stuck, breakaway, 0.0))
+        load = u - breakaway * mode - bias
+        if stick_margin(M, load, breakaway, stuck) < 0.0:
+            held = nearest(M, load, np.where(stuck, breakaway, 0.0))
             mode = np.where(stuck & (np.abs(held) >= breakaway), np.sign(held), mode)
             stuck = rubbing & (mode == 0.0)
     return mode, stuck

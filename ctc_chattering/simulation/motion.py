@@ -13,16 +13,30 @@
 # limitations under the License.
 
 """
-Equation (1) over one sample period, with set-valued Coulomb friction, under a held torque.
+Motion over one sample period under a held torque.
 
-Between changes of stick and slide the motion is smooth and a Runge-Kutta step of fourth order
-follows it. Where a step h is longer than the time constants of damping, as of brakes on a light
-link, that is where M - h D is not positive definite, a method that is implicit in D replaces it.
-Where a sliding joint comes to rest, or a stuck one is overloaded, the instant is
-located within the step, the modes are determined again there, and the rest of the step goes on.
+It is equation (1) with set-valued Coulomb friction. `plant_step.advance_plant` calls
+`Mechanism.integrate`, which leads from one `Motion` to the next. With the command c, the torque τ
+of the drives and the disturbance d::
+
+    M(q) ddq + C(q, dq) dq + G(q) = c + (τ - c)(t) + d(t) - F                             (PM1)
+
+F is set-valued: a joint sticks, or it slides with the mode m = ±1. With the breakaway torque F₀,
+the Stribeck friction Fs that is part of it, and the asymmetry a of the Coulomb friction Fc::
+
+    F = m F₀ + a Fc + [viscous dq - m Fs (1 - exp(-(dq / v_s)²)) + own(dq)]               (PM2)
+
+The bracket is 0 at rest. Between changes of mode the motion is smooth, and a Runge-Kutta step of
+fourth order follows it. A step h may be longer than the time constants of a damping D, as of
+brakes on a light link. A method that is implicit in D then replaces it, that is, where ::
+
+    M - h D is not positive definite                                                      (PM3)
+
+A sliding joint may come to rest, and a stuck one may be overloaded. That instant is located within
+the step, the modes are decided again there, and the remaining step follows.
 
 The coordinates are the positions of the joints or, with elastic joints, of links and motors
-(`dynamics/elastic_model.py`); drives and friction act on the motors, the disturbance on the links.
+(`coordinates.py`). Drives and friction act on the motors, the disturbance on the links.
 """
 
 from __future__ import annotations
@@ -48,132 +62,126 @@ from ctc_chattering.numerics.integration import (
     simpson,
 )
 from ctc_chattering.numerics.linear_algebra import Array
-from ctc_chattering.simulation.friction import Friction, margin_of_rest, modes
+from ctc_chattering.simulation.drive import Drives
+from ctc_chattering.simulation.friction import Friction, modes, stick_margin
 import numpy as np
 
-#: Changes of mode that one step may hold; beyond it the step ends in the mode it is in.
+#: Changes of mode in one step. Then the step ends in its present mode.
 _MAX_EVENTS = 50
-#: Rotation in a step from which on it is divided [rad], and into how many parts at the most: with
-#: half a turn in a step, Coriolis forces would add energy.
-_MOST_TURN, _MOST_PARTS = 0.5, 1000
-#: Change of velocity over which the slope of an own friction is taken, relative to 1 + |dq|.
+#: Width of the interval in which an event is located, relative to the step.
+_EVENT_TOLERANCE = 1e-12
+#: Rotation in one step [rad]. With half a turn, Coriolis forces would add energy.
+_MAX_ROTATION = 0.5
+#: Divisions of one step. A motion that needs more diverges.
+_MAX_DIVISIONS = 1000
+#: Change of velocity for the slope of an own friction, relative to 1 + |dq|.
 _VELOCITY_STEP = 1e-6
 
 
 @record
 class Mechanics(NamedTuple):
-    """What acts on the robot; vectors over the coordinates, truth values 1.0 and 0.0."""
+    """Parameters of all that acts, over the coordinates."""
 
-    #: h [ns] and [s]; steps of the integrator in it.
+    #: h [ns] and [s].
     period_ns: int
     period: float
+    #: Integration steps in a period.
     steps: int
-    #: d(t) = amplitude sin(frequency t) [N·m, rad/s].
+    #: Disturbance d(t) = amplitude sin(frequency t) [N·m, rad/s].
     amplitude: Array
     frequency: Array
-    #: A push [N·m], and the first sample after it.
+    #: A constant push [N·m], and the first sample after it.
     push: Array
     push_end: int
-    #: Lag [s] and rate limit [N·m/s] of the drives, and whether none has either.
-    lag: Array
-    rate: Array
-    ideal: float
+    #: Over the joints.
+    drives: Drives
     friction: Friction
-
-
-@record
-class Rigid(NamedTuple):
-    """Joints that are the coordinates."""
-
-    rigid: float = 1.0
-
-    def on_motors(self, x: Array) -> Array:
-        """Return values of the joints, shape (n,), as those of the coordinates of their motors."""
-        return x
-
-    def seen(self, x: Array) -> Array:
-        """Return what the encoders see of values of the coordinates, shape (n,)."""
-        return x
+    has_own_friction: bool
 
 
 @record
 class Mechanism(NamedTuple):
     """A model with what acts on it."""
 
-    #: The arm, as `Model` is, and own friction, as `NoFriction` is.
+    #: M, C and G of the coordinates: a `Model`, or its compiled counterpart.
     model: Any
-    own: Any
+    #: A `NoFriction`, or a friction with the same methods.
+    own_friction: Any
     mechanics: Mechanics
-    #: Between joints and coordinates, as `Rigid` is.
+    #: A `RigidJoints` or `ElasticJoints`.
     joints: Any
 
-    def integrate(self, now: Acting, motion: Motion) -> Motion:
+    def integrate(self, load: PeriodLoad, motion: Motion) -> Motion:
         """Return the motion a sample period later."""
-        p, t = self.mechanics, now.start
-        if not motion.decided or some(motion.stuck) or some(p.friction.share) or some(
-                motion.dq == 0.0):
-            motion = decided(self, now, motion.q, motion.dq, t)
-        h = p.period / p.steps
-        for i in range(p.steps):
-            fastest = np.abs(motion.dq).max()
-            parts = 1 + int(min(h * fastest / _MOST_TURN, _MOST_PARTS))
-            for j in range(parts):
-                s = h / parts
-                motion = integrated(self, now, motion, t + i * h + j * s, s)
+        mechanics = self.mechanics
+        if not motion.decided or some(motion.stuck) or some(
+                mechanics.friction.load_friction) or some(motion.dq == 0.0):
+            motion = decide_modes(self, load, motion.q, motion.dq, load.start)
+        h = mechanics.period / mechanics.steps
+        for i in range(mechanics.steps):
+            rotation = h * np.abs(motion.dq).max()
+            divisions = 1 + int(min(rotation / _MAX_ROTATION, _MAX_DIVISIONS))
+            for j in range(divisions):
+                s = h / divisions
+                motion = integrate_step(self, load, motion, load.start + i * h + j * s, s)
         return motion
 
 
 @record
 class Motion(NamedTuple):
-    """Where the robot is and which joints stick; vectors over the coordinates."""
+    """State of the coordinates, with their modes."""
 
     #: Position [rad] and velocity [rad/s].
     q: Array
     dq: Array
-    #: As `modes` returns them, 1.0 for a joint that sticks; friction of sliding near rest [N·m];
-    #: whether this is decided.
+    #: m of each joint that slides, else 0, as `modes` returns it.
     mode: Array
+    #: 1.0 for a joint that sticks, else 0.0.
     stuck: Array
+    #: m F₀ [N·m].
     friction: Array
-    decided: float
+    #: False until `decide_modes` has set the modes.
+    decided: bool
 
 
 @record
-class Acting(NamedTuple):
-    """What acts over one period; vectors over the coordinates."""
+class PeriodLoad(NamedTuple):
+    """Load over one period, over the coordinates."""
 
     #: Time of its start [s].
     start: float
-    #: Command less the constant part of uneven friction, friction at rest, command less torque
-    #: of the drives at the start, and mean torque of the drives [N·m].
+    #: c - a Fc [N·m].
     commanded: Array
+    #: F₀ [N·m].
     breakaway: Array
+    #: c - τ of the drives at the start, over the joints [N·m].
     gap: Array
+    #: Mean torque of the drives [N·m].
     mean: Array
-    #: Whether the push is on.
-    pushed: float
+    #: True while a push acts.
+    pushed: bool
 
 
 @record
 class Onset(NamedTuple):
-    """What a motion in which no mode changes begins with; vectors over the coordinates."""
+    """Start of a motion in which no mode changes."""
 
-    #: Command less the friction of sliding near rest [N·m].
-    load: Array
-    #: Which joints do not stick.
+    #: c - a Fc - m F₀ [N·m].
+    constant: Array
+    #: Joints that do not stick.
     free: Truths
     #: Acceleration [rad/s²].
     ddq: Array
-    #: Whether a step is longer than a time constant of the damping.
+    #: True where (PM3) asks for the implicit method.
     stiff: bool
 
 
 @record
-class Smooth(NamedTuple):
+class SmoothMotion(NamedTuple):
     """A motion in which no mode changes."""
 
     mechanism: Mechanism
-    forces: Acting
+    load: PeriodLoad
     start: Motion
     #: Time of its start [s].
     t: float
@@ -181,172 +189,205 @@ class Smooth(NamedTuple):
 
 
 @function
-def acting(mechanics: Mechanics, commanded: Array, gap: Array, k: int) -> Acting:
+def load_period(mechanism: Mechanism, command: Array, gap: Array, k: int) -> PeriodLoad:
     """
-    Return what acts over the period after sample `k`.
+    Return the load over the period after sample `k`.
 
     Parameters
     ----------
-    mechanics : Mechanics
-        In force.
-    commanded, gap : array
-        Of `Driven`, over the coordinates.
+    mechanism : Mechanism
+        Robot.
+    command, gap : array
+        c, and c - τ at the start, over the joints [N·m].
     k : int
         Sample.
 
     """
-    p, rubbing = mechanics, mechanics.friction
-    coulomb, mean = rubbing.coulomb, commanded
-    if some(rubbing.share):
-        if not p.ideal:
-            mean = commanded + response(gap, p.lag, p.rate, p.period)[1] / p.period
-        coulomb = coulomb + rubbing.share * np.abs(mean)
-    return Acting(k * p.period_ns / 1e9, commanded - rubbing.asymmetry * coulomb,
-                  coulomb + rubbing.stribeck, gap, mean, 1.0 if k < p.push_end else 0.0)
+    mechanics = mechanism.mechanics
+    joints = mechanism.joints
+    drives = mechanics.drives
+    friction = mechanics.friction
+    commanded = joints.on_motors(command)
+    mean = commanded
+    coulomb = friction.coulomb_friction
+    if some(friction.load_friction):
+        if not drives.ideal:
+            area = response(
+                gap, drives.actuator_lag, drives.torque_rate_limit, mechanics.period)[1]
+            mean = commanded + joints.on_motors(area) / mechanics.period
+        coulomb = coulomb + friction.load_friction * np.abs(mean)
+    return PeriodLoad(
+        k * mechanics.period_ns / 1e9, commanded - friction.friction_asymmetry * coulomb,
+        coulomb + friction.stribeck_friction, gap, mean, k < mechanics.push_end)
 
 
 @function
-def total(mechanics: Mechanics, now: Acting, load: Array, t: float, half: float) -> Array:
+def add_disturbance(mechanics: Mechanics, load: PeriodLoad, u: Array, t: float) -> Array:
+    """Return `u` plus d(t) and the push [N·m]."""
+    if some(mechanics.amplitude):
+        u = u + mechanics.amplitude * np.sin(mechanics.frequency * t)
+    if load.pushed:
+        u = u + mechanics.push
+    return u
+
+
+@function
+def total(mechanism: Mechanism, load: PeriodLoad, u: Array, t: float) -> Array:
+    """Return `u` plus d(t) and (τ - c)(t) [N·m]."""
+    drives = mechanism.mechanics.drives
+    u = add_disturbance(mechanism.mechanics, load, u, t)
+    if not drives.ideal:
+        error = response(
+            load.gap, drives.actuator_lag, drives.torque_rate_limit, t - load.start)[0]
+        u = u + mechanism.joints.on_motors(error)
+    return u
+
+
+@function
+def total_at_middle(mechanism: Mechanism, load: PeriodLoad, u: Array, t: float, half: float
+                    ) -> Array:
     """
-    Return `load` plus disturbance and error of the drives at `t`, shape (n,) [N·m].
+    Return `total` for the middle `t` of a step.
 
-    Parameters
-    ----------
-    mechanics, now : Mechanics, Acting
-        In force.
-    load : array, shape (n,)
-        Command, less what is subtracted of it [N·m].
-    t : float
-        Time [s].
-    half : float
-        If not 0, `t` is the middle of a step of twice this length [s], and Simpson's rule
-        over it must have the impulse of the drives.
-
+    Its error of the drives gives Simpson's rule their exact impulse over the step, which is twice
+    `half` [s] long.
     """
-    p = mechanics
-    if some(p.amplitude):
-        load = load + p.amplitude * np.sin(p.frequency * t)
-    if now.pushed:
-        load = load + p.push
-    if not p.ideal:
-        s = t - now.start
-        if half:
-            load = load + middle_error(now.gap, p.lag, p.rate, s, half)
-        else:
-            load = load + response(now.gap, p.lag, p.rate, s)[0]
-    return load
+    drives = mechanism.mechanics.drives
+    u = add_disturbance(mechanism.mechanics, load, u, t)
+    if not drives.ideal:
+        error = middle_error(
+            load.gap, drives.actuator_lag, drives.torque_rate_limit, t - load.start, half)
+        u = u + mechanism.joints.on_motors(error)
+    return u
 
 
 @function
-def in_motion(mechanism: Mechanism, now: Acting, load: Array, dq: Array, mode: Array) -> Array:
-    """Return `load` less what friction at the velocity exceeds its value near rest by."""
-    rubbing = mechanism.mechanics.friction
-    load = load - rubbing.viscous * dq
-    if some(rubbing.stribeck):
-        r = dq / rubbing.stribeck_velocity
-        load = load + rubbing.stribeck * mode * (1.0 - np.exp(-r * r))
-    if rubbing.own:
-        load = load - mechanism.own.resistance(dq, now.mean, mode)
-    return load
+def subtract_friction(mechanism: Mechanism, load: PeriodLoad, u: Array, dq: Array, mode: Array
+                      ) -> Array:
+    """Return `u` less the bracket of (PM2) [N·m]."""
+    friction = mechanism.mechanics.friction
+    u = u - friction.viscous_friction * dq
+    if some(friction.stribeck_friction):
+        r = dq / friction.stribeck_velocity
+        u = u + friction.stribeck_friction * mode * (1.0 - np.exp(-r * r))
+    if mechanism.mechanics.has_own_friction:
+        u = u - mechanism.own_friction.resistance(dq, load.mean, mode)
+    return u
 
 
 @function
-def damping(mechanism: Mechanism, now: Acting, dq: Array, mode: Array) -> Array:
-    """Return the slope of friction over velocity, where it damps, shape (n,) [N·m·s/rad]."""
-    slope = mechanism.mechanics.friction.viscous
-    if mechanism.mechanics.friction.own:
+def net_torque(mechanism: Mechanism, load: PeriodLoad, u: Array, q: Array, dq: Array, mode: Array
+               ) -> tuple[Array, Array]:
+    """Return M, and `u` less the bracket and C dq + G."""
+    M, bias = mechanism.model.mass_and_bias(q, dq)
+    return M, subtract_friction(mechanism, load, u, dq, mode) - bias
+
+
+@function
+def damping(mechanism: Mechanism, load: PeriodLoad, dq: Array, mode: Array) -> Array:
+    """Return D, the positive slope of friction [N·m·s/rad]."""
+    slope = mechanism.mechanics.friction.viscous_friction
+    if mechanism.mechanics.has_own_friction:
+        friction = mechanism.own_friction
         step = _VELOCITY_STEP * (1.0 + np.abs(dq))
-        change = mechanism.own.resistance(dq + step, now.mean, mode) - mechanism.own.resistance(
-            dq, now.mean, mode)
+        change = (friction.resistance(dq + step, load.mean, mode)
+                  - friction.resistance(dq, load.mean, mode))
         slope = slope + np.maximum(change / step, 0.0)
     return slope
 
 
 @function
-def onset(mechanism: Mechanism, now: Acting, start: Motion, t: float, h: float) -> Onset:
-    """Return what a motion of `h` [s] begins with at `t` [s]."""
-    load, free = now.commanded - start.friction, start.stuck == 0.0
-    u = in_motion(mechanism, now, total(mechanism.mechanics, now, load, t, 0.0), start.dq,
-                  start.mode)
-    slope = damping(mechanism, now, start.dq, start.mode)
-    M, bias = mechanism.model.mass_and_bias(start.q, start.dq)
-    ddq = solve_where(free, M, u - bias)
+def begin_smooth(mechanism: Mechanism, load: PeriodLoad, start: Motion, t: float, h: float
+                 ) -> Onset:
+    """Return the start of a motion of `h` [s] in the present modes."""
+    constant = load.commanded - start.friction
+    free = start.stuck == 0.0
+    u = total(mechanism, load, constant, t)
+    M, torque = net_torque(mechanism, load, u, start.q, start.dq, start.mode)
+    slope = damping(mechanism, load, start.dq, start.mode)
     stiff = some(slope) and not outweighs(free, M, h * slope)
-    return Onset(load, free, ddq, stiff)
+    return Onset(constant, free, solve_where(free, M, torque), stiff)
 
 
 @function
-def damped_acceleration(at: Smooth, q: Array, dq: Array, u: Array, s: float) -> Array:
-    """Return the mean ddq of an Euler step `s`, implicit in the damping, shape (n,) [rad/s²]."""
-    slope = damping(at.mechanism, at.forces, dq, at.start.mode)
-    u = in_motion(at.mechanism, at.forces, u, dq, at.start.mode)
-    M, bias = at.mechanism.model.mass_and_bias(q, dq)
-    return solve_damped(at.onset.free, M, s * slope, u - bias)
+def damped_acceleration(motion: SmoothMotion, q: Array, dq: Array, u: Array, s: float) -> Array:
+    """Return the mean ddq of an Euler step, implicit in D [rad/s²]."""
+    mode = motion.start.mode
+    M, torque = net_torque(motion.mechanism, motion.load, u, q, dq, mode)
+    slope = damping(motion.mechanism, motion.load, dq, mode)
+    return solve_damped(motion.onset.free, M, s * slope, torque)
 
 
 @function
-def acceleration(at: Smooth, q: Array, dq: Array, u: Array) -> Array:
-    """Return ddq of (1), shape (n,) [rad/s²]; `u` has the friction near rest subtracted."""
-    u = in_motion(at.mechanism, at.forces, u, dq, at.start.mode)
-    M, bias = at.mechanism.model.mass_and_bias(q, dq)
-    return solve_where(at.onset.free, M, u - bias)
+def acceleration(motion: SmoothMotion, q: Array, dq: Array, u: Array) -> Array:
+    """Return ddq of (PM1), with m F₀ subtracted from `u` [rad/s²]."""
+    M, torque = net_torque(motion.mechanism, motion.load, u, q, dq, motion.start.mode)
+    return solve_where(motion.onset.free, M, torque)
 
 
 @function
-def after(at: Smooth, h: float) -> tuple[Array, Array]:
-    """Return q and dq after `h` [s] in the present modes, to fourth order."""
-    p, load, q, dq = at.mechanism.mechanics, at.onset.load, at.start.q, at.start.dq
-    middle = total(p, at.forces, load, at.t + 0.5 * h, 0.5 * h)
-    end = total(p, at.forces, load, at.t + h, 0.0)
-    if at.onset.stiff:
-        start = total(p, at.forces, load, at.t, 0.0)
-        mean = simpson(0.0 * load, 1.0 / 6.0, start, middle, middle, end)
-        return extrapolated_euler(damped_acceleration, at, q, dq, mean, h)
-    return runge_kutta(acceleration, at, q, dq, at.onset.ddq, (middle, end), h)
+def advance(motion: SmoothMotion, h: float) -> tuple[Array, Array]:
+    """Return q and dq after `h` [s] in the present modes."""
+    mechanism = motion.mechanism
+    load = motion.load
+    u = motion.onset.constant
+    q = motion.start.q
+    dq = motion.start.dq
+    middle = total_at_middle(mechanism, load, u, motion.t + 0.5 * h, 0.5 * h)
+    end = total(mechanism, load, u, motion.t + h)
+    if motion.onset.stiff:
+        start = total(mechanism, load, u, motion.t)
+        mean = simpson(0.0 * u, 1.0 / 6.0, start, middle, middle, end)
+        return extrapolated_euler(damped_acceleration, motion, q, dq, mean, h)
+    return runge_kutta(acceleration, motion, q, dq, motion.onset.ddq, (middle, end), h)
 
 
 @function
-def margin(at: Smooth, h: float, q: Array, dq: Array) -> float:
-    """Return how far the joint nearest to it is from leaving its mode; negative if it has."""
-    mode = at.start.mode
+def mode_margin(motion: SmoothMotion, h: float, q: Array, dq: Array) -> float:
+    """Return the distance from the next change of mode."""
+    mode = motion.start.mode
     sliding: float = np.where(mode != 0.0, dq * mode, inf).min()
-    if every(at.onset.free):
+    if every(motion.onset.free):
         return sliding
-    u = total(at.mechanism.mechanics, at.forces, at.onset.load, at.t + h, 0.0)
-    u = in_motion(at.mechanism, at.forces, u, dq, mode)
-    M, bias = at.mechanism.model.mass_and_bias(q, dq)
-    return min(sliding, margin_of_rest(M, bias, u, at.forces.breakaway, ~at.onset.free))
+    u = total(motion.mechanism, motion.load, motion.onset.constant, motion.t + h)
+    M, torque = net_torque(motion.mechanism, motion.load, u, q, dq, mode)
+    return min(sliding, stick_margin(M, torque, motion.load.breakaway, ~motion.onset.free))
 
 
 @function
-def margin_after(at: Smooth, h: float) -> float:
-    """Return the margin after `h` [s]."""
-    q, dq = after(at, h)
-    return margin(at, h, q, dq)
+def margin_after(motion: SmoothMotion, h: float) -> float:
+    """Return `mode_margin` after `h` [s]."""
+    q, dq = advance(motion, h)
+    return mode_margin(motion, h, q, dq)
 
 
 @function
-def decided(mechanism: Mechanism, now: Acting, q: Array, dq: Array, t: float) -> Motion:
-    """Return the motion with modes that are decided from the state and the load at `t` [s]."""
-    u = total(mechanism.mechanics, now, now.commanded, t, 0.0)
-    u = in_motion(mechanism, now, u, dq, np.sign(dq))
-    mode, stuck = modes(mechanism.model, q, dq, u, now.breakaway)
-    return Motion(q, dq, mode, np.where(stuck, 1.0, 0.0), now.breakaway * mode, 1.0)
+def decide_modes(mechanism: Mechanism, load: PeriodLoad, q: Array, dq: Array, t: float) -> Motion:
+    """Return the motion with modes from state and load."""
+    u = total(mechanism, load, load.commanded, t)
+    u = subtract_friction(mechanism, load, u, dq, np.sign(dq))
+    mode, stuck = modes(mechanism.model, q, dq, u, load.breakaway)
+    return Motion(q, dq, mode, np.where(stuck, 1.0, 0.0), load.breakaway * mode, True)
 
 
 @function
-def integrated(mechanism: Mechanism, now: Acting, start: Motion, t: float, h: float) -> Motion:
-    """Return the motion after `h` [s] from `t` [s], through any change of mode."""
-    q, dq = start.q, start.dq
+def integrate_step(mechanism: Mechanism, load: PeriodLoad, start: Motion, t: float, h: float
+                   ) -> Motion:
+    """Return the motion after `h` [s], through any change of mode."""
+    q = start.q
+    dq = start.dq
     for event in range(_MAX_EVENTS + 1):
-        at = Smooth(mechanism, now, start, t, onset(mechanism, now, start, t, h))
-        q, dq = after(at, h)
-        held = margin(at, h, q, dq)
-        if not held < 0.0 or event == _MAX_EVENTS:  # Not a number: the motion has diverged.
+        onset = begin_smooth(mechanism, load, start, t, h)
+        motion = SmoothMotion(mechanism, load, start, t, onset)
+        q, dq = advance(motion, h)
+        margin = mode_margin(motion, h, q, dq)
+        if not margin < 0.0 or event == _MAX_EVENTS:  # Not a number: the motion has diverged.
             break
-        s = first_negative(margin_after, at, h, held, 1e-12 * h)
-        q, dq = after(at, s)
-        # A joint that may have come to rest has.
-        start = decided(mechanism, now, q, np.where(dq * start.mode >= 0.0, dq, 0.0), t + s)
-        t, h = t + s, h - s
+        s = first_negative(margin_after, motion, h, margin, _EVENT_TOLERANCE * h)
+        q, dq = advance(motion, s)
+        # The velocity of a joint that comes to rest is exactly 0.
+        dq = np.where(dq * start.mode >= 0.0, dq, 0.0)
+        t = t + s
+        h = h - s
+        start = decide_modes(mechanism, load, q, dq, t)
     return start._replace(q=q, dq=dq)

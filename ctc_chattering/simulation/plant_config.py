@@ -12,21 +12,30 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Parameters of the simulated plant and of the run."""
+"""
+Parameters of the simulated plant and of the run.
+
+This is their one declaration. Parameter files, nodes and `ctc` read and check them here. Records
+of `drive.py`, `friction.py` and `sensor.py` take them by name with `PlantConfig.select`.
+"""
 
 from __future__ import annotations
 
 import dataclasses
 from math import inf
+from typing import Any, TypeVar
 
 from ctc_chattering.dynamics.registry import RobotConfig
 from ctc_chattering.errors import ParameterError
 from ctc_chattering.numerics.time_grid import period_ns, samples
 from ctc_chattering.parameters import LEAST, parameter
-from ctc_chattering.simulation.sensor import VELOCITY_SENSORS
+import numpy as np
 
+#: Values of the parameter ``velocity_sensor``.
+VELOCITY_SENSORS = ('exact', 'difference', 'filtered')
 #: Values of the parameter ``pacing``.
 PACINGS = ('real_time', 'lockstep')
+R = TypeVar('R', bound=tuple[Any, ...])
 
 
 @dataclasses.dataclass(frozen=True)
@@ -125,7 +134,7 @@ class PlantConfig(RobotConfig):
         read_only=True)
 
     def validate(self) -> None:
-        """Check the model's number of joints, its friction, and that the run ends on the grid."""
+        """Check parameters that depend on each other."""
         super().validate()
         if self.friction_model and self.elastic:
             raise ParameterError('friction_model', self.friction_model,
@@ -150,5 +159,21 @@ class PlantConfig(RobotConfig):
 
     @property
     def elastic(self) -> bool:
-        """Whether there is an elastic joint."""
+        """Return true if there is an elastic joint."""
         return min(self.joint_stiffness) < inf
+
+    def select(self, record: type[R], **derived: Any) -> R:
+        """
+        Return a record of parameters as arrays of shape (n,).
+
+        Parameters
+        ----------
+        record : type
+            A NamedTuple whose fields have names of parameters.
+        **derived
+            Its further fields.
+
+        """
+        fields: Any = record._fields  # type: ignore[attr-defined]
+        return record(**derived, **{
+            name: np.array(getattr(self, name)) for name in fields if name not in derived})

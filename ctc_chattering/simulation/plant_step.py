@@ -13,9 +13,11 @@
 # limitations under the License.
 
 """
-The simulated robot from sample to sample: drives, motion, sensors, and what is lost.
+The simulated robot from one sample to the next.
 
-`stepped` says what happens; `CompiledPlantStep` runs it as machine code, on records in memory.
+`advance_plant` says what happens: drives, motion, sensors, lost samples. `plant.py` calls it as
+plain Python, or a `CompiledPlantStep` that runs it as machine code. Everything random comes in
+with `PlantInput`.
 """
 
 from __future__ import annotations
@@ -25,106 +27,110 @@ from typing import Any, NamedTuple
 from ctc_chattering.compiled.compilable import function, record
 from ctc_chattering.compiled.machine_code import Program
 from ctc_chattering.compiled.records import load, packed, rows, store, views
-from ctc_chattering.dynamics.compiled_model import Arm, CompiledArm, CompiledModel
+from ctc_chattering.dynamics.compiled_model import ArmNumbers, CompiledArm, CompiledModel
 from ctc_chattering.numerics.linear_algebra import Array
-from ctc_chattering.simulation.drive import Driven, driven, Drives
-from ctc_chattering.simulation.motion import acting, Mechanics, Mechanism, Motion, Rigid
+from ctc_chattering.simulation.coordinates import RigidJoints
+from ctc_chattering.simulation.drive import advance_drives, Driven
+from ctc_chattering.simulation.motion import load_period, Mechanics, Mechanism, Motion
 from ctc_chattering.simulation.sensor import Encoders, Measured, measured, off_the_grid
 import numpy as np
 
-#: Most samples in a row that are lost: the controller takes a gap of three periods for no outage.
-_MOST_LOST = 2
+#: Most consecutive lost samples: the controller takes a gap of three periods for no outage.
+_MAX_LOST = 2
 
 
 @record
 class PlantParameters(NamedTuple):
-    """Parameters of a robot with rigid joints."""
+    """Parameters of the robot, from a `PlantConfig`."""
 
     mechanics: Mechanics
-    drives: Drives
     encoders: Encoders
-    #: Probability that a measurement is lost, how far it is off the grid at the most [s], and the
-    #: last sample of the run.
+    #: Probability that a measurement is lost.
     sample_loss: float
+    #: Largest time from a sample to its measurement [s].
     sample_jitter: float
+    #: Last sample of the run.
     last: int
 
 
 @record
 class PlantState(NamedTuple):
-    """State of a robot at sample `k`."""
+    """State of the robot at sample `k`."""
 
     k: int
     driven: Driven
     motion: Motion
     shown: Measured
-    #: How long after the sample that was measured [s].
+    #: Time from the sample to its measurement [s].
     offset: float
-    #: Measurements that are lost with this one; 0 if it is sent.
+    #: Consecutive measurements that are lost, up to this one, 0 if it is sent.
     lost_in_a_row: int
 
 
 @record
 class PlantInput(NamedTuple):
-    """What a robot receives at a sample; vectors of shape (n,)."""
+    """Torque and random numbers for a sample."""
 
-    #: Torque [N·m].
+    #: Torque, shape (n,) [N·m].
     tau: Array
-    #: Numbers in [0, 1) that decide whether it is late, the next measurement lost, and when that
-    #: is made; by the parameter that says how often or how far.
+    #: Numbers in [0, 1), each for the parameter of its name: is this torque late, is the next
+    #: measurement lost, and when is it made.
     late_samples: float
     sample_loss: float
     sample_jitter: float
-    #: Noise of the next measurement, of the deviation 1.
+    #: Standard normal numbers, shape (n,), for the noise of the next measurement.
     position_noise: Array
     velocity_noise: Array
 
 
 @function
-def lost_in_a_row(probability: float, chance: float, before: int, k: int, last: int) -> int:
+def advance_plant(mechanism: Mechanism, p: PlantParameters, state: PlantState, transit: Any,
+                  received: PlantInput) -> PlantState:
     """
-    Return how many measurements have been lost in a row with that of sample `k`; 0 if it is sent.
+    Return the state a sample later.
 
     Parameters
     ----------
-    probability : float
-        Of losing one.
-    chance : float
-        Number in [0, 1): below the probability, this one is lost.
-    before, k, last : int
-        What was returned for the sample before; the sample; the last one, which is sent.
+    mechanism : Mechanism
+        Model with what acts on it.
+    p : PlantParameters
+        Parameters in force.
+    state : PlantState
+        State at the sample.
+    transit : array, shape (delay, n)
+        Torques in transit [N·m]. The one that arrives is replaced by the one received.
+    received : PlantInput
+        Torque and random numbers.
 
     """
-    return before + 1 if chance < probability and before < _MOST_LOST and k != last else 0
-
-
-@function
-def stepped(mechanism: Mechanism, p: PlantParameters, state: PlantState, transit: Any,
-            given: PlantInput) -> PlantState:
-    """Return the state a sample later; `transit` as of `driven`."""
-    k, joints, drives = state.k, mechanism.joints, driven(
-        p.drives, state.driven, transit, state.k, given.tau, given.late_samples)
-    motion = mechanism.integrate(
-        acting(p.mechanics, joints.on_motors(drives.commanded), joints.on_motors(drives.gap), k),
-        state.motion)
-    q, dq, offset, h = joints.seen(motion.q), joints.seen(motion.dq), 0.0, p.encoders.period
+    k = state.k
+    joints = mechanism.joints
+    h = p.encoders.period
+    drives = advance_drives(
+        p.mechanics.drives, state.driven, transit, k, received.tau, received.late_samples)
+    load = load_period(mechanism, drives.commanded, drives.gap, k)
+    motion = mechanism.integrate(load, state.motion)
+    q = joints.seen(motion.q)
+    dq = joints.seen(motion.dq)
+    offset = 0.0
     if p.sample_jitter > 0.0:
-        # Whole nanoseconds.
-        offset = round(1e9 * p.sample_jitter * (2.0 * given.sample_jitter - 1.0)) / 1e9
+        shift = p.sample_jitter * (2.0 * received.sample_jitter - 1.0)
+        offset = round(1e9 * shift) / 1e9  # Whole nanoseconds.
         q, dq = off_the_grid(q, dq, joints.seen(state.motion.dq), offset, h)
     shown = measured(p.encoders, state.shown, q, dq, h + offset - state.offset,
-                     given.position_noise, given.velocity_noise)
-    return PlantState(k + 1, drives, motion, shown, offset, lost_in_a_row(
-        p.sample_loss, given.sample_loss, state.lost_in_a_row, k + 1, p.last))
+                     received.position_noise, received.velocity_noise)
+    may_be_lost = state.lost_in_a_row < _MAX_LOST and k + 1 != p.last  # The last one never is.
+    lost = received.sample_loss < p.sample_loss and may_be_lost
+    return PlantState(
+        k + 1, drives, motion, shown, offset, state.lost_in_a_row + 1 if lost else 0)
 
 
 class CompiledPlant(NamedTuple):
-    """A plant as compiled code takes it."""
+    """A plant in the memory of machine code."""
 
-    #: As of `CompiledModel`; own friction, `PlantParameters`, `PlantState`: NumPy records.
-    call: Any
-    body: Any
-    own: Any
+    model: CompiledModel
+    #: NumPy records: friction of the user, `PlantParameters` and `PlantState`.
+    own_friction: Any
     parameters: Any
     state: Any
     #: Torques in transit, shape (delay, n), at least one row [N·m].
@@ -139,63 +145,68 @@ def no_inputs(n: int, count: int) -> Any:
 
 class CompiledPlantStep(Program):
     """
-    The step of a plant between two changes of its parameters.
+    The step of a plant as machine code.
+
+    Another one takes its place when parameters change.
 
     Parameters
     ----------
-    arm : Arm
+    arm : ArmNumbers
         Model.
-    own
-        Own friction.
+    own_friction : record
+        Friction of `friction_model`.
     parameters, state : PlantParameters, PlantState
-        As they are now.
+        Those at present.
     transit : array, shape (delay, n)
         Torques in transit [N·m], at least one row.
 
     Attributes
     ----------
     arm : CompiledArm
-        Of the model.
+        The model.
     records : CompiledPlant
         Parameters and state.
     state : PlantState
-        The present one: views of the records.
+        Present state, views of the records.
     transit : array, shape (delay, n)
         Torques in transit [N·m].
-    given : record
-        `PlantInput` of the next sample; at first without noise and faults.
+    received : record
+        `PlantInput` of the next sample. At first it has no noise and no faults.
 
     """
 
-    def __init__(self, arm: Arm, own: Any, parameters: PlantParameters, state: PlantState,
-                 transit: Array) -> None:
+    def __init__(self, arm: ArmNumbers, own_friction: Any, parameters: PlantParameters,
+                 state: PlantState, transit: Array) -> None:
         n = len(state.motion.q)
-        self.arm, self.given = CompiledArm(arm, n), no_inputs(n, 1)[0]
+        self.arm = CompiledArm(arm, n)
+        self.received = no_inputs(n, 1)[0]
         self.set_input(PlantInput(np.zeros(n), 1.0, 1.0, 1.0, np.zeros(n), np.zeros(n)))
-        self._tau = self.given['tau']
+        self._torque = self.received['tau']
         self.transit = transit.copy()
-        self.records = CompiledPlant(
-            *self.arm.model, packed(own), packed(parameters), packed(state), self.transit)
+        self.records = CompiledPlant(self.arm.model, packed(own_friction), packed(parameters),
+                                     packed(state), self.transit)
         self.state: PlantState = views(self.records.state)
-        super().__init__(self.arm.codes, called, (self.records, self.given), f'plant-{n}')
+        super().__init__(
+            self.arm.codes, advance_records, (self.records, self.received), f'plant-{n}')
 
-    def set_input(self, given: PlantInput) -> None:
+    def set_input(self, received: PlantInput) -> None:
         """Use noise and faults of an input from now on."""
-        for name, x in zip(given._fields, given):
-            self.given[name] = x
+        for name, x in zip(received._fields, received):
+            self.received[name] = x
 
-    def go_on(self, tau: Array) -> None:
+    def advance(self, torque: Array) -> None:
         """Go on by a sample with a torque, shape (n,) [N·m]."""
-        self._tau[:] = tau
+        self._torque[:] = torque
         self.call()
 
 
 @function
-def called(p: CompiledPlant, given: Any) -> int:
-    """Go on by one control period, as a function that is called by its address."""
-    parameters, state = load(p.parameters), load(p.state)
+def advance_records(p: CompiledPlant, received: Any) -> int:
+    """Apply `advance_plant` to records in memory."""
+    parameters = load(p.parameters)
+    state = load(p.state)
     mechanism = Mechanism(
-        CompiledModel(p.call, p.body), load(p.own), parameters.mechanics, Rigid(1.0))
-    store(p.state, stepped(
-        mechanism, parameters, state, rows(p.transit, state.motion.q), load(given)))
+        p.model, load(p.own_friction), parameters.mechanics, RigidJoints(True))
+    transit = rows(p.transit, state.motion.q)
+    store(p.state, advance_plant(mechanism, parameters, state, transit, load(received)))
     return 0

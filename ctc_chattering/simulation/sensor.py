@@ -12,7 +12,16 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What a robot's sensors make of its state: encoders, velocity and noise, reproducibly."""
+"""
+Measurement of the robot's state.
+
+`plant_step.advance_plant` measures each sample with `measured`, from the true state and from
+random numbers that `plant.py` draws. The position is rounded to multiples of the resolution.
+The velocity x is the true one (`exact`), or the difference of two measured positions over one
+period (`difference`), each with noise. `filtered` is the latter behind a low-pass of first order::
+
+    y[k] = y[k-1] + (1 - exp(-ω h)) (x[k] - y[k-1]),   y[0] = x[0]                        (SE1)
+"""
 
 from __future__ import annotations
 
@@ -21,139 +30,124 @@ from random import Random
 from typing import NamedTuple
 
 from ctc_chattering.compiled.compilable import function, record, some
-from ctc_chattering.numerics.linear_algebra import Array, Vector
+from ctc_chattering.numerics.linear_algebra import Array
+from ctc_chattering.simulation.plant_config import PlantConfig
 import numpy as np
 
-#: Values of the parameter ``velocity_sensor``.
-VELOCITY_SENSORS = ('exact', 'difference', 'filtered')
+#: A smaller step of an encoder is none: dividing by it would overflow.
+_MIN_RESOLUTION = 1e-300
+#: From this number of steps on, rounding is finer than a float resolves.
+_MAX_STEPS = 1e15
 
 
 @record
 class Encoders(NamedTuple):
-    """Parameters of the sensors; vectors of shape (n,), truth values 1.0 and 0.0."""
+    """Sensors, with parameters of `PlantConfig` by name, shape (n,)."""
 
-    #: Step of the position [rad], 0 for none, and standard deviations of noise [rad, rad/s].
-    resolution: Array
+    #: Step of the position, 0 for none [rad].
+    encoder_resolution: Array
+    #: Standard deviations [rad, rad/s].
     position_noise: Array
     velocity_noise: Array
-    #: 1 - exp(-ω h) of the low-pass, 1 for none, and h [s].
+    #: 1 - exp(-ω h) of (SE1), 1 without a low-pass.
     gain: float
+    #: h [s].
     period: float
-    #: Whether the velocity is the true one, but for noise.
-    exact: float
+    #: True where the velocity is the true one, apart from noise.
+    exact: bool
 
 
 @record
 class Measured(NamedTuple):
-    """Position [rad] and velocity [rad/s] as measured, each of shape (n,)."""
+    """Measured position [rad] and velocity [rad/s], each of shape (n,)."""
 
     q: Array
     dq: Array
 
 
+def encoders_of(config: PlantConfig, period: float) -> Encoders:
+    """Return the sensors of a configuration."""
+    filtered = config.velocity_sensor == 'filtered'
+    return config.select(
+        Encoders, gain=-expm1(-config.velocity_cutoff * period) if filtered else 1.0,
+        period=period, exact=config.velocity_sensor == 'exact')
+
+
+def draw_noise(random: Random, deviation: Array) -> Array:
+    """Draw a normal number for each deviation that is not 0."""
+    return np.array([random.gauss(0.0, 1.0) if x else 0.0 for x in deviation.tolist()])
+
+
+def measured_at_start(encoders: Encoders, random: Random, q: Array, dq: Array) -> Measured:
+    """
+    Return the first measurement.
+
+    The measurement before it is of the position that leads here at this velocity.
+    """
+    previous = Measured(q, dq)
+    if not encoders.exact:
+        noise = draw_noise(random, encoders.position_noise)
+        position = q - encoders.period * dq + encoders.position_noise * noise
+        previous = Measured(quantised(position, encoders.encoder_resolution), dq)
+    return measured(encoders._replace(gain=1.0), previous, q, dq, encoders.period,
+                    draw_noise(random, encoders.position_noise),
+                    draw_noise(random, encoders.velocity_noise))
+
+
 @function
 def quantised(x: Array, step: Array) -> Array:
-    """Return the multiples of `step` nearest to x; x where rounding is coarser, or without one."""
-    ratio = x / np.where(step > 1e-300, step, 1.0)
-    return np.where((step > 1e-300) & (np.abs(ratio) < 1e15), step * np.rint(ratio), x)
+    """Return the multiples of `step` nearest to x."""
+    rounds = step > _MIN_RESOLUTION
+    ratio = x / np.where(rounds, step, 1.0)
+    return np.where(rounds & (np.abs(ratio) < _MAX_STEPS), step * np.rint(ratio), x)
 
 
 @function
-def off_the_grid(q: Array, dq: Array, before: Array, offset: float, period: float
+def off_the_grid(q: Array, dq: Array, previous_dq: Array, offset: float, period: float
                  ) -> tuple[Array, Array]:
     """
-    Return q and dq, shape (n,), at `offset` [s] after a sample.
+    Return q and dq at `offset` after a sample.
 
     Parameters
     ----------
-    q, dq, before : array, shape (n,)
-        Position [rad] and velocity [rad/s] at the sample, and the velocity a period before; the
-        mean acceleration in between goes on.
+    q, dq : array, shape (n,)
+        Position [rad] and velocity [rad/s] at the sample.
+    previous_dq : array, shape (n,)
+        Velocity a period earlier [rad/s]. The mean acceleration since then goes on.
     offset, period : float
-        [s].
+        Times [s].
 
     """
-    change = offset / period * (dq - before)
+    change = offset / period * (dq - previous_dq)
     return q + offset * (dq + 0.5 * change), dq + change
 
 
 @function
-def measured(sensor: Encoders, before: Measured, q: Array, dq: Array, elapsed: float,
+def measured(encoders: Encoders, previous: Measured, q: Array, dq: Array, elapsed: float,
              position_noise: Array, velocity_noise: Array) -> Measured:
     """
-    Return what the sensors show.
+    Return what the sensors show of a state.
 
     Parameters
     ----------
-    sensor, before : Encoders, Measured
-        Parameters, and what they showed a sample before.
+    encoders : Encoders
+        Parameters.
+    previous : Measured
+        The measurement a sample earlier.
     q, dq : array, shape (n,)
         Position [rad] and velocity [rad/s].
     elapsed : float
-        Since the measurement before [s].
+        Time since the previous measurement [s].
     position_noise, velocity_noise : array, shape (n,)
-        Noise of the deviation 1.
+        Standard normal numbers.
 
     """
-    q = q + sensor.position_noise * position_noise
-    if some(sensor.resolution):
-        q = quantised(q, sensor.resolution)
-    if not sensor.exact:
-        dq = (q - before.q) / elapsed
-    dq = dq + sensor.velocity_noise * velocity_noise
-    if sensor.gain < 1.0:
-        dq = before.dq + sensor.gain * (dq - before.dq)
+    q = q + encoders.position_noise * position_noise
+    if some(encoders.encoder_resolution):
+        q = quantised(q, encoders.encoder_resolution)
+    if not encoders.exact:
+        dq = (q - previous.q) / elapsed
+    dq = dq + encoders.velocity_noise * velocity_noise
+    if encoders.gain < 1.0:
+        dq = previous.dq + encoders.gain * (dq - previous.dq)                         # (SE1)
     return Measured(q, dq)
-
-
-class Sensor:
-    """
-    The sensors of a robot: their parameters, noise and first measurement.
-
-    The velocity is the true one (`exact`), or the difference of two measured positions over one
-    period (`difference`), then with noise, and `filtered` behind a low-pass of first order::
-
-        y[k] = y[k-1] + (1 - exp(-ω h)) (x[k] - y[k-1]),   y[0] = x[0]
-
-    The position before the first is where the state at the start comes from at its velocity.
-
-    Parameters
-    ----------
-    resolution : sequence of float, shape (n,)
-        Step of the position encoders [rad]; 0 for none.
-    position_noise, velocity_noise : sequence of float, shape (n,)
-        Standard deviations of white Gaussian noise [rad, rad/s].
-    seed : int
-        The same seed gives the same noise.
-    velocity : str
-        One of `VELOCITY_SENSORS`.
-    cutoff : float
-        ω of the low-pass [rad/s].
-    period : float
-        h [s].
-
-    """
-
-    def __init__(self, resolution: Vector, position_noise: Vector, velocity_noise: Vector,
-                 seed: int, velocity: str = 'exact', cutoff: float = 1.0, period: float = 1.0
-                 ) -> None:
-        self.encoders = Encoders(
-            np.array(resolution), np.array(position_noise), np.array(velocity_noise),
-            -expm1(-cutoff * period) if velocity == 'filtered' else 1.0, period,
-            float(velocity == 'exact'))
-        self.random = Random(seed)
-
-    def first(self, q: Array, dq: Array) -> Measured:
-        """Return what is measured of the state at the start, with noise of its own."""
-        sensor = self.encoders
-        before = Measured(q, dq)
-        if not sensor.exact:
-            last = q - sensor.period * dq + sensor.position_noise * self.noise(
-                sensor.position_noise)
-            before = Measured(quantised(last, sensor.resolution), dq)
-        return measured(sensor._replace(gain=1.0), before, q, dq, sensor.period,
-                        self.noise(sensor.position_noise), self.noise(sensor.velocity_noise))
-
-    def noise(self, deviation: Array) -> Array:
-        """Return noise of the deviation 1 where there is any; nothing else is drawn."""
-        return np.array([self.random.gauss(0.0, 1.0) if s else 0.0 for s in deviation.tolist()])

@@ -24,11 +24,11 @@ import sys
 from typing import Any
 
 from ctc_chattering import replay
-from ctc_chattering.analysis.compilation import compile_setups
 from ctc_chattering.analysis.result import simulate
 from ctc_chattering.bags.reader import read_bag
 from ctc_chattering.bags.repair import open_bag
 from ctc_chattering.configuration import parameter_file
+from ctc_chattering.configuration.compilation import compile_setups
 from ctc_chattering.ros.messages import read_stamp
 from ctc_chattering.ros.process import STOP
 from ctc_chattering.ros.subscription import with_info

@@ -19,11 +19,10 @@ from __future__ import annotations
 from pathlib import Path
 from shutil import copy
 
-from ctc_chattering.analysis import compilation
-from ctc_chattering.analysis.compilation import codes
 from ctc_chattering.cli import experiments
 from ctc_chattering.compiled.machine_code import HOW_TO_COMPILE
-from ctc_chattering.configuration import parameter_file
+from ctc_chattering.configuration import compilation, parameter_file
+from ctc_chattering.configuration.compilation import codes
 from ctc_chattering.runs.stability import stability
 from ctc_commands import ctc, ctc_process
 from machine_code import compile_runs

@@ -19,7 +19,7 @@ from __future__ import annotations
 from typing import Any
 
 from ctc_chattering.compiled.records import packed, record_of
-from ctc_chattering.dynamics.compiled_model import arm_of, set_mass_and_bias, set_terms, StateTerms
+from ctc_chattering.dynamics.compiled_model import ARM_FUNCTIONS, arm_of, StateTerms
 from ctc_chattering.dynamics.model import Model, Scaled
 from ctc_chattering.dynamics.tree import body_scratch
 from ctc_chattering.dynamics.two_link import TwoLink
@@ -47,7 +47,9 @@ def test_the_terms_of_the_model(name: str, scales: tuple[float, float]) -> None:
     model = robots()[name]
     scaled = model if scales == (1.0, 1.0) else Scaled(model, *scales)
     n, rng = model.n, np.random.default_rng(5)
-    arm = record_of(arm_of(model, *scales))
+    numbers = arm_of(model, *scales)
+    set_terms, set_mass_and_bias = ARM_FUNCTIONS[type(numbers)]
+    arm = record_of(numbers)
     body, place = record_of(body_scratch(n)), place_of(n)
     for _ in range(5):
         q, dq = rng.uniform(-2.0, 2.0, (2, n))

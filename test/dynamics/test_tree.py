@@ -38,7 +38,7 @@ def test_products_are_those_of_numpy() -> None:
 
 def test_newton_and_euler_give_the_sum_of_coriolis_and_gravity() -> None:
     arm = arm_of(UrdfModel(panda(), PANDA))
-    assert arm is not None
+    assert isinstance(arm, tree.Arm)
     s = tree.body_scratch(7)
     q, dq = np.random.default_rng(2).uniform(-2.0, 2.0, (2, 7))
     G, bias = np.zeros((2, 7))
@@ -61,7 +61,7 @@ def test_joints_that_do_not_carry_each_other_have_0_whatever_the_last_arm_had() 
     alone = np.zeros((4, 4))
     for model in (UrdfModel(panda(), PANDA[:4]), branching):
         arm = arm_of(model)
-        assert arm is not None
+        assert isinstance(arm, tree.Arm)
         tree.evaluate(arm, q, dq, s, s.M, s.C, G)
         tree.place(arm, q, s)
         tree.weigh(arm, s)

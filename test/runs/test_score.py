@@ -20,11 +20,11 @@ from math import inf
 from pathlib import Path
 from typing import Any
 
-from ctc_chattering.analysis.compilation import compile_setups
 from ctc_chattering.analysis.metrics import metrics
 from ctc_chattering.analysis.result import Result, simulate
 from ctc_chattering.compiled.machine_code import MACHINE_CODE, PLAIN_PYTHON
 from ctc_chattering.configuration import parameter_file
+from ctc_chattering.configuration.compilation import compile_setups
 from ctc_chattering.configuration.loop_setup import Setup
 from ctc_chattering.errors import CtcError, MachineError
 from ctc_chattering.runs.points import row_of

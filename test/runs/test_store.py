@@ -77,7 +77,7 @@ def test_another_version_does_not_compute() -> None:
 def test_every_module_of_the_package_is_in_the_version(monkeypatch: pytest.MonkeyPatch) -> None:
     """Change one byte of any of the modules that were once left out."""
     whole = store.version.__wrapped__()
-    for name in ('controller/trips.py', 'parameters.py', 'analysis/compilation.py'):
+    for name in ('controller/trips.py', 'parameters.py', 'configuration/compilation.py'):
         read = Path.read_bytes
         monkeypatch.setattr(Path, 'read_bytes', lambda path, name=name: read(path) + (
             b'#' if path.as_posix().endswith(name) else b''))

@@ -36,7 +36,7 @@ from machine_code import compile_runs
 import numpy as np
 import pytest
 
-#: Some of what test_compiled_plant.py and test_compiled_step.py have by turns.
+#: Some of what test_plant_step.py and test_compiled_step.py have by turns.
 PLANT: dict[str, Any] = {
     'viscous_friction': [1.0, 0.5], 'stribeck_friction': [2.0, 1.0], 'load_friction': [0.03, 0.02],
     'disturbance.amplitude': [1.0, 2.0], 'disturbance.frequency': [3.0, 9.0],

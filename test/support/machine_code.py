@@ -16,8 +16,8 @@
 
 from __future__ import annotations
 
-from ctc_chattering.analysis.compilation import compile_setups
 from ctc_chattering.compiled.build import build
+from ctc_chattering.configuration.compilation import compile_setups
 from ctc_chattering.configuration.loop_setup import Setup
 from ctc_chattering.control.controller import Controller
 

@@ -32,7 +32,14 @@ from ctc_chattering.dynamics.payload import with_payload
 from ctc_chattering.dynamics.urdf_parser import Tree
 from ctc_chattering.errors import CtcError
 from ctc_chattering.numerics.linear_algebra import Array, Rows, Vector
-from ctc_chattering.simulation.motion import Acting, Mechanics, Motion, Rigid, total
+from ctc_chattering.simulation.coordinates import RigidJoints
+from ctc_chattering.simulation.motion import (
+    Mechanics,
+    Motion,
+    PeriodLoad,
+    total,
+    total_at_middle,
+)
 from ctc_chattering.simulation.plant import Plant
 from ctc_chattering.simulation.plant_config import PlantConfig
 import mujoco
@@ -117,10 +124,10 @@ class MujocoPlant(Plant):
         data.qvel[self._order] = config.initial_velocity
         super().__init__(config, Joints(len(config.joint_names)))
 
-    def _mechanism(self, mechanics: Mechanics) -> Any:
+    def _mechanism_of(self, mechanics: Mechanics) -> Any:
         """Return what moves: this plant itself, as `Mechanism`."""
-        self._acting, self.joints = mechanics, Rigid()
-        self.mjmodel.dof_damping[self._order] = mechanics.friction.viscous
+        self.mechanics, self.joints = mechanics, RigidJoints()
+        self.mjmodel.dof_damping[self._order] = mechanics.friction.viscous_friction
         return self
 
     @property
@@ -128,31 +135,29 @@ class MujocoPlant(Plant):
         """Return what computes the next step."""
         return 'MuJoCo'
 
-    def integrate(self, now: Acting, motion: Motion) -> Motion:
+    def integrate(self, load: PeriodLoad, motion: Motion) -> Motion:
         """Return the motion a sample period later, in as many steps as the plant's."""
-        order, data, p = self._order, self.mjdata, self._acting
-        self.mjmodel.dof_frictionloss[order] = now.breakaway
-        if some(p.amplitude) or now.pushed or not p.ideal:
+        order, data, p = self._order, self.mjdata, self.mechanics
+        self.mjmodel.dof_frictionloss[order] = load.breakaway
+        if some(p.amplitude) or load.pushed or not p.drives.ideal:
             for i in range(p.steps):
                 data.qfrc_applied[order] = self._mean_torque(
-                    now, now.start + (i + 0.5) * p.period / p.steps)
+                    load, load.start + (i + 0.5) * p.period / p.steps)
                 mujoco.mj_step(self.mjmodel, data)
         else:
-            data.qfrc_applied[order] = now.commanded
+            data.qfrc_applied[order] = load.commanded
             mujoco.mj_step(self.mjmodel, data, p.steps)
         if any(data.warning.number.tolist()):
-            raise CtcError(f'MuJoCo: the motion diverged at t = {now.start:g} s')
+            raise CtcError(f'MuJoCo: the motion diverged at t = {load.start:g} s')
         return motion._replace(q=data.qpos[order].copy(), dq=data.qvel[order].copy())
 
-    def _mean_torque(self, now: Acting, t: float) -> Array:
+    def _mean_torque(self, load: PeriodLoad, t: float) -> Array:
         """Return the torque for the step whose middle is at `t` [s], shape (n,) [N·m]."""
-        p, command = self._acting, now.commanded
-        half = 0.5 * p.period / p.steps
-        middle = total(p, now, command, t, half)
-        if p.ideal:
-            return middle
-        return (total(p, now, command, t - half, 0.0) + 4.0 * middle
-                + total(p, now, command, t + half, 0.0)) / 6.0
+        mechanism: Any = self
+        half = 0.5 * self.mechanics.period / self.mechanics.steps
+        start, end = (total(mechanism, load, load.commanded, t + s) for s in (-half, half))
+        middle = total_at_middle(mechanism, load, load.commanded, t, half)
+        return middle if self.mechanics.drives.ideal else (start + 4.0 * middle + end) / 6.0
 
 
 def simulated_by_mujoco(setup: Setup, truth: bool = False) -> Result:

@@ -30,8 +30,8 @@ import sys
 import tempfile
 import time
 
-from ctc_chattering.analysis.compilation import compile_setups
 from ctc_chattering.configuration import parameter_file
+from ctc_chattering.configuration.compilation import compile_setups
 from ctc_chattering.configuration.package_share import config_directory
 from ctc_chattering.control.controller import Controller
 from ctc_chattering.dynamics.registry import model_of

@@ -34,10 +34,10 @@ import sys
 import time
 from typing import Any, NamedTuple
 
-from ctc_chattering.analysis.compilation import compile_setups
 from ctc_chattering.analysis.metrics import rms, within
 from ctc_chattering.analysis.result import simulate
 from ctc_chattering.configuration import parameter_file
+from ctc_chattering.configuration.compilation import compile_setups
 from ctc_chattering.configuration.loop_setup import Setup
 from ctc_chattering.configuration.package_share import config_directory
 from ctc_chattering.runs.points import row_of

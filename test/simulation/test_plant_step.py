@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""One step of the compiled plant is one of the plain one; the memory of machine code."""
+"""Steps of the compiled plant are those of the plain one, also where parameters change."""
 
 from __future__ import annotations
 
@@ -22,6 +22,7 @@ from typing import Any
 from ctc_chattering.compiled.build import build
 from ctc_chattering.compiled.records import packed
 from ctc_chattering.configuration import parameter_file
+from ctc_chattering.configuration.compilation import compile_setups
 from ctc_chattering.configuration.package_share import config_directory
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.dynamics.registry import model_of
@@ -68,7 +69,7 @@ def random_config(base: PlantConfig, rng: np.random.Generator) -> PlantConfig:
 
 def at(plant: Plant) -> Any:
     """Return the numbers of the plain plant as compiled code has its own."""
-    return packed(plant.state._replace(motion=plant.state.motion._replace(decided=1.0)))
+    return packed(plant.state._replace(motion=plant.state.motion._replace(decided=True)))
 
 
 def numbers(record: Any) -> Array:
@@ -99,8 +100,8 @@ def compared(config: PlantConfig, model: Model, rng: np.random.Generator) -> tup
     for k in range(STEPS):
         tau = weight + kf * rng.uniform(-1.6, 1.6, plain.n)
         for name in given.dtype.names:
-            made.given[name] = given[k][name]
-        made.given['tau'] = tau
+            made.received[name] = given[k][name]
+        made.received['tau'] = tau
         made.call()
         plain.step(tau.tolist())
         modes.add(plain.modes)
@@ -128,3 +129,41 @@ def test_one_step_is_the_same(name: str, own: str, count: int, monkeypatch: pyte
         assert largest < 1e-10
         modes += seen
     assert modes > count
+
+
+#: A plant whose parameters change.
+CHANGING = parameter_file.load(None, {'plant': {
+    'position_noise': [1e-5, 0.0], 'velocity_noise': [0.0, 1e-3], 'velocity_sensor': 'filtered',
+    'encoder_resolution': [1e-4, 0.0], 'sample_loss': 0.1, 'late_samples': 0.1, 'input_delay': 2,
+    'actuator_lag': [1e-3, 2e-3], 'torque_rate_limit': [3e4, 2e4], 'duration': 1.0}})
+TAU = np.random.default_rng(1).normal([0.0, 0.0], [60.0, 20.0], (400, 2))
+
+
+def run(config: PlantConfig, changes: dict[int, dict[str, Any]]) -> Array:
+    """Return what is seen of a plant, with the brakes on from sample 300 to 350."""
+    plant, seen = Plant(config), []
+    for k, tau in enumerate(TAU):
+        if k in changes:
+            plant.configure(plant.config.changed(changes[k]))
+        plant.brake(300 <= k < 350)
+        assert plant.computed_by == ('machine code' if config.compiled else 'plain Python')
+        plant.step(tau)
+        seen.append([*plant.q, *plant.dq, *plant.measured[0], *plant.measured[1], *plant.applied,
+                     *plant.modes, plant.lost, plant.k, plant.t])
+    return np.array(seen, float)
+
+
+def test_changes_of_parameters_are_those_of_plain_python() -> None:
+    compile_setups([CHANGING], print)
+    changes = {100: {'coulomb_friction': [3.0, 1.0]}, 200: {'disturbance.push': [40.0, 0.0]}}
+    right = run(CHANGING.plant.changed({'compiled': False}), changes)
+    np.testing.assert_allclose(run(CHANGING.plant, changes), right, rtol=1e-9, atol=1e-9)
+    assert np.abs(run(CHANGING.plant, {}) - right).max() > 1e-3
+    assert right[:, 12].sum() > 10
+
+
+def test_a_change_of_nothing_changes_nothing() -> None:
+    """The state that is read back is the whole state, to the last bit."""
+    compile_setups([CHANGING], print)
+    changes: dict[int, dict[str, Any]] = {k: {} for k in range(3, 290, 7)}
+    np.testing.assert_array_equal(run(CHANGING.plant, changes), run(CHANGING.plant, {}))

@@ -18,7 +18,6 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from ctc_chattering.compiled.build import register
 from ctc_chattering.compiled.compilable import (
     diagonal,
     dot,
@@ -33,6 +32,7 @@ from ctc_chattering.compiled.compilable import (
     solve_where,
     some,
 )
+from ctc_chattering.compiled.record_types import register
 from ctc_chattering.compiled.records import load, packed, store
 from ctc_chattering.numerics.box_qp import nearest
 import numba

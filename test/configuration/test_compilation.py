@@ -21,12 +21,11 @@ import json
 from pathlib import Path
 from typing import Any
 
-from ctc_chattering.analysis import compilation
-from ctc_chattering.analysis.compilation import codes, compile_setups, missing
 from ctc_chattering.analysis.result import simulate
 from ctc_chattering.compiled import machine_code
 from ctc_chattering.compiled.machine_code import Code
 from ctc_chattering.configuration import parameter_file
+from ctc_chattering.configuration.compilation import codes, compile_setups, missing
 from ctc_chattering.configuration.loop_setup import Setup
 from ctc_chattering.configuration.package_share import find_config
 from ctc_chattering.errors import CtcError
@@ -86,7 +85,7 @@ def test_each_function_is_compiled_once(monkeypatch: pytest.MonkeyPatch, tmp_pat
         made.extend(code.name for code in todo)
         yield from made
 
-    monkeypatch.setattr(compilation, '_build', noted)
+    monkeypatch.setattr('ctc_chattering.compiled.build.build_all', noted)
     assert compile_setups([setup(ELASTIC), setup(compiled=False)], said.append) == 0
     assert said == [] == [*tmp_path.iterdir()]
     names = ['dynamics-2', 'mass-2', 'control-chattering-2', 'plant-2', 'loop-2']
@@ -118,7 +117,7 @@ def test_without_numba_plain_python_runs(tmp_path: Path) -> None:
     (tmp_path / 'numba.py').write_text(f'raise ImportError({reason!r})\n')
     found = python('-c', (
         f'import os; os.environ["HOME"] = {str(tmp_path)!r}\n'
-        'from ctc_chattering.analysis.compilation import compile_setups\n'
+        'from ctc_chattering.configuration.compilation import compile_setups\n'
         'from ctc_chattering.analysis.result import simulate\n'
         'from ctc_chattering.configuration import parameter_file\n'
         'setup = parameter_file.load(None, {"plant": {"duration": 0.01}})\n'
